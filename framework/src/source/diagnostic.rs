@@ -1,18 +1,23 @@
+//! What is wrong, where, and what to do about it; drawn under the offending text as a compiler would.
+
 use std::fmt;
+use std::ops::Range;
 
-use super::{SourceMap, Span};
+use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
 
-/// A place, and what is to be said of it.
+use super::{FileId, SourceMap, Span};
+
+/// A place, and what is to be said of it. The text may be empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
     pub span: Span,
     pub text: String,
 }
 
-/// An error in a file. There are no warnings: what a graph may not say, it may not say.
+/// An error in a file. There are no warnings: a graph either means something or it does not.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
-    /// One sentence without a full stop, lower case, as a compiler would put it.
+    /// What is wrong, as a sentence without a full stop that starts in lower case.
     pub message: String,
     /// Where the mistake is.
     pub primary: Label,
@@ -23,16 +28,19 @@ pub struct Diagnostic {
 }
 
 impl Diagnostic {
+    /// `label` is drawn under the span; it may be empty.
     pub fn new(message: impl Into<String>, span: Span, label: impl Into<String>) -> Self {
         let primary = Label { span, text: label.into() };
         Diagnostic { message: message.into(), primary, secondary: Vec::new(), help: Vec::new() }
     }
 
+    /// Points at another place too.
     pub fn with_label(mut self, span: Span, text: impl Into<String>) -> Self {
         self.secondary.push(Label { span, text: text.into() });
         self
     }
 
+    /// Adds a hint.
     pub fn with_help(mut self, text: impl Into<String>) -> Self {
         self.help.push(text.into());
         self
@@ -47,10 +55,100 @@ impl fmt::Display for Diagnostic {
 
 impl std::error::Error for Diagnostic {}
 
-pub fn render(_files: &SourceMap, diagnostics: &[Diagnostic], _colour: bool) -> String {
-    diagnostics.iter().map(|d| d.to_string()).collect()
+/// Draws diagnostics, one after the other with a blank line between, ending in a line break.
+///
+/// ```text
+/// error: unknown field `shadr` in `Dispatch`
+///   --> pipelines/splat.ron:12:31
+///    |
+/// 12 |     Dispatch(name: "scatter", shadr: "scatter.comp"),
+///    |                               ^^^^^ did you mean `shader`?
+/// ```
+///
+/// Any span can be drawn: what is beyond the text, inside a character or the wrong way round is moved to the nearest place
+/// that exists. `colour` adds ANSI escapes.
+pub fn render(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
+    let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
+    let mut out = String::new();
+    for diagnostic in diagnostics {
+        if !out.is_empty() {
+            out.push('\n');
+        }
+        out.push_str(&render_one(files, diagnostic, &renderer));
+        out.push('\n');
+    }
+    out
 }
 
-pub fn nearest<'a>(_name: &str, _candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    None
+fn render_one(files: &SourceMap, diagnostic: &Diagnostic, renderer: &Renderer) -> String {
+    // One snippet per file, that of the primary label first, the others as they come.
+    let mut snippets: Vec<(FileId, Vec<(AnnotationKind, &Label)>)> = Vec::new();
+    let primary = (AnnotationKind::Primary, &diagnostic.primary);
+    let secondary = diagnostic.secondary.iter().map(|label| (AnnotationKind::Context, label));
+    for (kind, label) in std::iter::once(primary).chain(secondary) {
+        match snippets.iter_mut().find(|s| s.0 == label.span.file) {
+            Some(snippet) => snippet.1.push((kind, label)),
+            None => snippets.push((label.span.file, vec![(kind, label)])),
+        }
+    }
+    let mut group = Group::with_title(Level::ERROR.primary_title(diagnostic.message.as_str()));
+    for (file, labels) in &snippets {
+        let text = files.text(*file);
+        let mut snippet = Snippet::source(text).path(files.path(*file));
+        for (kind, label) in labels {
+            let annotation = kind.span(drawable(text, label.span));
+            snippet = snippet.annotation(match label.text.as_str() {
+                "" => annotation,
+                text => annotation.label(text),
+            });
+        }
+        group = group.element(snippet);
+    }
+    for help in &diagnostic.help {
+        // Messages are printed as they are, so nothing from a file may reach the terminal as an escape sequence.
+        let help = annotate_snippets::normalize_untrusted_str(help);
+        group = group.element(Level::HELP.message(help));
+    }
+    renderer.render(&[group])
+}
+
+/// The part of a span that exists in the text, on character boundaries.
+fn drawable(text: &str, span: Span) -> Range<usize> {
+    let on_boundary = |offset: usize| {
+        let mut offset = offset.min(text.len());
+        while !text.is_char_boundary(offset) {
+            offset -= 1;
+        }
+        offset
+    };
+    let start = on_boundary(span.start);
+    start..on_boundary(span.end).max(start)
+}
+
+/// Names longer than this are nobody's typing mistake, and comparing them would take long.
+const LONGEST_NAME: usize = 256;
+
+/// The candidate that was probably meant by `name`: the nearest by Damerau-Levenshtein distance (a change, an insertion, a
+/// removal or a swap of neighbours each count one), the first of equally near ones. `None` if more than a third of the
+/// name, and more than one character, would have to change, or if nothing of it would stay.
+pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let length = name.chars().count();
+    if length > LONGEST_NAME {
+        return None;
+    }
+    let limit = (length / 3).max(1);
+    let mut best: Option<(usize, &str)> = None;
+    for candidate in candidates {
+        let candidate_length = candidate.chars().count();
+        // The distance is at least the difference in length.
+        if candidate_length.abs_diff(length) > limit {
+            continue;
+        }
+        let distance = strsim::damerau_levenshtein(name, candidate);
+        let something_stays = distance < length.max(candidate_length);
+        if distance <= limit && something_stays && best.is_none_or(|(least, _)| distance < least) {
+            best = Some((distance, candidate));
+        }
+    }
+    best.map(|(_, candidate)| candidate)
 }

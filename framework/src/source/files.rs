@@ -1,6 +1,17 @@
-use std::collections::BTreeMap;
-use std::fmt;
+//! Files by name: found once, read once, remembered for as long as spans point into them.
+//!
+//! A name is looked for in three places, in this order: in memory (what tests and editors hold), on disk, and among the
+//! files built into the binary. In memory and in the binary, paths are those of the repository: graphs in `pipelines/`,
+//! shaders in `shaders/`. On disk the two folders are looked for around the file that names another, so that a graph finds
+//! its shaders wherever the pair of folders was copied to.
 
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap};
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+use std::{fmt, fs};
+
+use super::{Diagnostic, nearest};
 use crate::plan;
 
 /// A file of a [`SourceMap`].
@@ -18,13 +29,31 @@ pub struct Span {
 /// What a file is looked for as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
-    /// A graph or a preset, kept in `pipelines`.
+    /// A graph or a preset, kept in `pipelines`. Its name may lack the `.ron`.
     Graph,
     /// A shader or what a shader includes, kept in `shaders`.
     Shader,
 }
 
-/// Where files come from.
+impl Kind {
+    fn folder(self) -> &'static str {
+        match self {
+            Kind::Graph => "pipelines",
+            Kind::Shader => "shaders",
+        }
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Kind::Graph => "graph",
+            Kind::Shader => "shader",
+        })
+    }
+}
+
+/// Where files come from, besides the disk.
 #[derive(Clone, Debug, Default)]
 pub struct Library {
     /// Path and text of the files built into the binary: `pipelines/splat.ron`, `shaders/sort/scatter.comp`.
@@ -33,58 +62,405 @@ pub struct Library {
     pub memory: BTreeMap<String, String>,
 }
 
-/// See the module's documentation.
+/// The files that were opened so far. See the module's documentation for how they are found.
 #[derive(Debug, Default)]
 pub struct SourceMap {
     library: Library,
-    files: Vec<(String, String)>,
+    files: Vec<File>,
+    known: HashMap<Identity, FileId>,
 }
 
-/// No file of this name, or one that is no text.
+#[derive(Debug)]
+struct File {
+    /// As people see it; for files on disk, also as they can be opened.
+    path: String,
+    text: Cow<'static, str>,
+    /// Offset at which each line starts; the first is 0.
+    lines: Vec<usize>,
+    on_disk: bool,
+}
+
+/// What makes two names the same file.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+enum Identity {
+    /// Normalised path in the library.
+    Memory(String),
+    /// Absolute, with links followed.
+    Disk(PathBuf),
+    /// Index in [`Library::builtin`].
+    BuiltIn(usize),
+}
+
+/// There is no such file, or there is one that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NotFound {
     pub name: String,
+    pub kind: Kind,
     /// Everywhere it was looked for, in order.
     pub tried: Vec<String>,
     /// The name that was probably meant.
     pub nearest: Option<String>,
-    /// Where a file of that name exists and cannot be used: why.
+    /// The last of `tried` exists and cannot be read, and this is why.
     pub why: Option<String>,
+}
+
+impl NotFound {
+    /// The same as an error in the file that names it, at the name.
+    pub fn at(&self, span: Span) -> Diagnostic {
+        if self.why.is_some() {
+            return Diagnostic::new(self.to_string(), span, "");
+        }
+        let label = match &self.nearest {
+            Some(near) => format!("did you mean `{near}`?"),
+            None => "no such file".to_string(),
+        };
+        Diagnostic::new(self.sentence(), span, label)
+            .with_help(format!("it was looked for in {}", self.tried.join(", ")))
+    }
+
+    fn sentence(&self) -> String {
+        format!("there is no {} `{}`", self.kind, self.name)
+    }
 }
 
 impl fmt::Display for NotFound {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{}", self.name)
+        if let Some(why) = &self.why {
+            let path = self.tried.last().unwrap_or(&self.name);
+            return write!(f, "the {} `{}` cannot be used: {path} {why}", self.kind, self.name);
+        }
+        write!(f, "{}", self.sentence())?;
+        if let Some(near) = &self.nearest {
+            write!(f, "; did you mean `{near}`?")?;
+        }
+        if !self.tried.is_empty() {
+            write!(f, " (looked for {})", self.tried.join(", "))?;
+        }
+        Ok(())
     }
 }
+
 impl std::error::Error for NotFound {}
 
 impl SourceMap {
-    pub fn new(library: Library) -> Self {
-        SourceMap { library, files: Vec::new() }
+    pub fn new(mut library: Library) -> Self {
+        let memory = std::mem::take(&mut library.memory);
+        library.memory = memory.into_iter().map(|(path, text)| (normalised(&path), text)).collect();
+        SourceMap { library, ..SourceMap::default() }
     }
+
+    /// Adds a text with no file behind it. Every call makes a new file, whatever its path, and [`SourceMap::find`] does not
+    /// find it; but what it names is found as if it stood in memory at that path.
     pub fn add(&mut self, path: impl Into<String>, text: impl Into<String>) -> FileId {
-        self.files.push((path.into(), text.into()));
-        FileId(self.files.len() as u32 - 1)
+        self.insert(path.into(), Cow::Owned(text.into()), false)
     }
-    pub fn find(&mut self, _from: Option<FileId>, name: &str, _kind: Kind) -> Result<FileId, NotFound> {
-        let _ = &self.library;
-        Err(NotFound { name: name.into(), tried: Vec::new(), nearest: None, why: None })
+
+    /// Finds the file called `name` in the file `from`, or on the command line if `from` is `None`, and reads it if it was
+    /// not read before. The first of these that exists:
+    ///
+    /// 1. in memory: beside `from`, at exactly `name`, in the folder of its kind;
+    /// 2. on disk, if `from` is: beside `from`, then in the folder of its kind (`pipelines` or `shaders`) beside the one
+    ///    that `from` is in. Without a `from`: at `name`, then in that folder;
+    /// 3. built in, with the same paths as in memory.
+    ///
+    /// A graph's name may lack its `.ron`. A file that exists and cannot be read, or is no UTF-8 text, ends the search.
+    pub fn find(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Result<FileId, NotFound> {
+        let mut tried = Vec::new();
+        for spelling in spellings(name, kind) {
+            match self.find_spelling(from, &spelling, kind, &mut tried) {
+                Ok(Some(file)) => return Ok(file),
+                Ok(None) => {}
+                Err(why) => {
+                    let (name, nearest) = (name.to_string(), None);
+                    return Err(NotFound { name, kind, tried, nearest, why: Some(why) });
+                }
+            }
+        }
+        let nearest = self.nearest_name(from, name, kind);
+        Err(NotFound { name: name.to_string(), kind, tried, nearest, why: None })
     }
+
+    /// The path of a file, as it was found.
     pub fn path(&self, file: FileId) -> &str {
-        &self.files[file.0 as usize].0
+        self.file(file).map_or("<unknown file>", |f| &f.path)
     }
+
+    /// The text of a file, without the byte order mark that it may start with.
     pub fn text(&self, file: FileId) -> &str {
-        &self.files[file.0 as usize].1
+        self.file(file).map_or("", |f| &f.text)
     }
-    pub fn line_column(&self, _span: Span) -> (u32, u32) {
-        (1, 1)
+
+    /// Line and column at which a span starts. Both count from 1, columns in characters.
+    pub fn line_column(&self, span: Span) -> (u32, u32) {
+        let Some(file) = self.file(span.file) else { return (1, 1) };
+        let start = span.start.min(file.text.len());
+        let line = file.lines.partition_point(|line_start| *line_start <= start) - 1;
+        let from = file.lines[line];
+        let column = file.text[from..].char_indices().take_while(|(offset, _)| from + offset < start).count();
+        (line as u32 + 1, column as u32 + 1)
     }
+
+    /// The start of a span, as plans hold it.
     pub fn origin(&self, span: Span) -> plan::Origin {
         let (line, column) = self.line_column(span);
         plan::Origin { file: self.path(span.file).to_string(), line, column }
     }
+
+    /// Every file that was opened, with its path, and whether it is on disk (where it can change).
     pub fn opened(&self) -> impl Iterator<Item = (FileId, &str, bool)> {
-        self.files.iter().enumerate().map(|(i, f)| (FileId(i as u32), f.0.as_str(), false))
+        self.files.iter().enumerate().map(|(i, f)| (FileId(i as u32), f.path.as_str(), f.on_disk))
+    }
+
+    fn file(&self, file: FileId) -> Option<&File> {
+        self.files.get(file.0 as usize)
+    }
+
+    fn insert(&mut self, path: String, text: Cow<'static, str>, on_disk: bool) -> FileId {
+        let lines = std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect();
+        self.files.push(File { path, text, lines, on_disk });
+        FileId(self.files.len() as u32 - 1)
+    }
+
+    /// One spelling of a name in all places. An error is why a file that exists cannot be used.
+    fn find_spelling(
+        &mut self,
+        from: Option<FileId>,
+        name: &str,
+        kind: Kind,
+        tried: &mut Vec<String>,
+    ) -> Result<Option<FileId>, String> {
+        let library_paths = self.library_paths(from, name, kind);
+        for path in &library_paths {
+            if let Some(text) = self.library.memory.get(path) {
+                let identity = Identity::Memory(path.clone());
+                if let Some(file) = self.known.get(&identity) {
+                    return Ok(Some(*file));
+                }
+                let file = self.insert(path.clone(), Cow::Owned(text.clone()), false);
+                self.known.insert(identity, file);
+                return Ok(Some(file));
+            }
+        }
+        for folder in self.disk_folders(from, kind) {
+            let path = Path::new(&folder).join(name);
+            push_new(tried, displayed(&path));
+            if let Some(file) = self.open(&path)? {
+                return Ok(Some(file));
+            }
+        }
+        for path in &library_paths {
+            if let Some(index) = self.library.builtin.iter().position(|(builtin, _)| builtin == path) {
+                let identity = Identity::BuiltIn(index);
+                if let Some(file) = self.known.get(&identity) {
+                    return Ok(Some(*file));
+                }
+                let file = self.insert(path.clone(), Cow::Borrowed(self.library.builtin[index].1), false);
+                self.known.insert(identity, file);
+                return Ok(Some(file));
+            }
+        }
+        for path in library_paths.into_iter().filter(|path| !path.starts_with("..")) {
+            push_new(tried, format!("{path} (built in)"));
+        }
+        Ok(None)
+    }
+
+    /// Where a name may be in memory and among the built-in files, as normalised paths.
+    fn library_paths(&self, from: Option<FileId>, name: &str, kind: Kind) -> Vec<String> {
+        let mut paths = Vec::new();
+        if let Some(from) = from {
+            let folder = parent(self.path(from));
+            push_new(&mut paths, joined(folder, name));
+            // A file on disk in `/home/me/shaders/sort` has what the library keeps in `shaders/sort` beside it.
+            if let Some((_, rest)) = root_and_rest(folder) {
+                push_new(&mut paths, joined(rest, name));
+            }
+        }
+        push_new(&mut paths, normalised(name));
+        push_new(&mut paths, joined(kind.folder(), name));
+        paths
+    }
+
+    /// The folders on disk in which a name may be, nearest first.
+    fn disk_folders(&self, from: Option<FileId>, kind: Kind) -> Vec<String> {
+        let Some(from) = from else { return vec![String::new(), kind.folder().to_string()] };
+        let Some(file) = self.file(from).filter(|f| f.on_disk) else { return Vec::new() };
+        let folder = parent(&file.path);
+        let mut folders = vec![folder.to_string()];
+        if let Some((root, _)) = root_and_rest(folder) {
+            push_new(&mut folders, appended(root, kind.folder()));
+        }
+        push_new(&mut folders, appended(&appended(folder, ".."), kind.folder()));
+        folders
+    }
+
+    /// Reads a file from disk, unless it was read before. `None` if there is none.
+    fn open(&mut self, path: &Path) -> Result<Option<FileId>, String> {
+        let Some(identity) = identity_on_disk(path)? else { return Ok(None) };
+        let identity = Identity::Disk(identity);
+        if let Some(file) = self.known.get(&identity) {
+            return Ok(Some(*file));
+        }
+        let text = read_text(path)?;
+        let file = self.insert(displayed(path), Cow::Owned(text), true);
+        self.known.insert(identity, file);
+        Ok(Some(file))
+    }
+
+    /// Of everything that could have been named, what comes nearest to `name`.
+    fn nearest_name(&self, from: Option<FileId>, name: &str, kind: Kind) -> Option<String> {
+        let mut candidates: Vec<String> = Vec::new();
+        let mut offer = |path: &str| {
+            let short = match kind {
+                Kind::Graph if !name.ends_with(".ron") => path.strip_suffix(".ron").unwrap_or(path),
+                _ => path,
+            };
+            candidates.push(short.to_string());
+        };
+        let built_in = self.library.builtin.iter().map(|(path, _)| *path);
+        for path in self.library.memory.keys().map(String::as_str).chain(built_in) {
+            let in_folder = path.strip_prefix(kind.folder()).and_then(|rest| rest.strip_prefix('/'));
+            // A bare name in memory can be of either kind; a path into the other kind's folder cannot.
+            if let Some(short) = in_folder.or((!path.contains('/')).then_some(path)) {
+                offer(short);
+            }
+        }
+        for folder in self.disk_folders(from, kind) {
+            // Names with folders in them are compared with what is in those folders.
+            let within = name.rsplit_once('/').map(|(within, _)| within);
+            let listed = within.map_or(PathBuf::from(&folder), |within| Path::new(&folder).join(within));
+            let listed = if listed.as_os_str().is_empty() { Path::new(".") } else { &listed };
+            let Ok(entries) = fs::read_dir(listed) else { continue };
+            for entry in entries.flatten().take(MOST_LISTED) {
+                let Ok(file) = entry.file_name().into_string() else { continue };
+                if (kind == Kind::Graph) == file.ends_with(".ron") {
+                    offer(&within.map_or(file.clone(), |within| format!("{within}/{file}")));
+                }
+            }
+        }
+        candidates.sort();
+        if let Some(near) = nearest(name, candidates.iter().map(String::as_str)) {
+            return Some(near.to_string());
+        }
+        // The right file in the wrong folder.
+        let last = |path: &str| path.rsplit('/').next().unwrap_or_default().to_string();
+        candidates.into_iter().find(|candidate| !name.is_empty() && last(candidate) == last(name))
+    }
+}
+
+/// Entries of a folder that are looked at for a similar name.
+const MOST_LISTED: usize = 1000;
+
+/// Larger files are not graphs or shaders; reading one by mistake must not fill the memory.
+const LARGEST_FILE: u64 = 16 << 20;
+
+/// The ways to write a file's name, likelier ones first.
+fn spellings(name: &str, kind: Kind) -> Vec<String> {
+    let last = name.rsplit('/').next().unwrap_or_default();
+    if kind == Kind::Shader || last.is_empty() || name.ends_with(".ron") {
+        return vec![name.to_string()];
+    }
+    let full = format!("{name}.ron");
+    // `splat` is a graph's short name, even where a file or a program called `splat` lies about. `splat.old` is a file.
+    if last.contains('.') { vec![name.to_string(), full] } else { vec![full, name.to_string()] }
+}
+
+/// An absolute path with links followed, if there is a file (and not a folder) at `path`.
+fn identity_on_disk(path: &Path) -> Result<Option<PathBuf>, String> {
+    match fs::metadata(path) {
+        Ok(metadata) if metadata.is_dir() => Ok(None),
+        // What is no regular file (a pipe, say) has no other name that matters.
+        Ok(_) => Ok(Some(fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf()))),
+        Err(error) => match error.kind() {
+            ErrorKind::NotFound
+            | ErrorKind::NotADirectory
+            | ErrorKind::InvalidInput
+            | ErrorKind::InvalidFilename => Ok(None),
+            _ => Err(format!("cannot be read ({error})")),
+        },
+    }
+}
+
+fn read_text(path: &Path) -> Result<String, String> {
+    let cannot = |error: std::io::Error| format!("cannot be read ({error})");
+    let mut bytes = Vec::new();
+    fs::File::open(path).map_err(cannot)?.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(cannot)?;
+    if bytes.len() as u64 > LARGEST_FILE {
+        return Err(format!("is larger than {} MiB", LARGEST_FILE >> 20));
+    }
+    let text = String::from_utf8(bytes).map_err(|error| {
+        format!("is not UTF-8 text (the first wrong byte is at offset {})", error.utf8_error().valid_up_to())
+    })?;
+    Ok(match text.strip_prefix('\u{feff}') {
+        Some(text) => text.to_string(),
+        None => text,
+    })
+}
+
+/// A path without `.` and `..` where that leaves the same file, for people to read.
+fn displayed(path: &Path) -> String {
+    let plain = path.to_string_lossy();
+    let short = normalised(&plain);
+    // Behind a link to a folder, `..` is not the folder before it in the path.
+    match (fs::canonicalize(path), fs::canonicalize(&short)) {
+        (Ok(a), Ok(b)) if a != b => plain.into_owned(),
+        _ => short,
+    }
+}
+
+/// A path with `.`, `..` and doubled slashes taken out, as text; `..` stays where it leads out of the path.
+fn normalised(path: &str) -> String {
+    let mut parts: Vec<&str> = Vec::new();
+    let absolute = path.starts_with('/');
+    for part in path.split('/') {
+        match part {
+            "" | "." => {}
+            ".." if parts.last().is_some_and(|last| *last != "..") => {
+                parts.pop();
+            }
+            ".." if absolute => {}
+            _ => parts.push(part),
+        }
+    }
+    format!("{}{}", if absolute { "/" } else { "" }, parts.join("/"))
+}
+
+/// `name` as seen from `folder`, normalised.
+fn joined(folder: &str, name: &str) -> String {
+    if name.starts_with('/') { normalised(name) } else { normalised(&appended(folder, name)) }
+}
+
+fn appended(folder: &str, name: &str) -> String {
+    match folder {
+        "" => name.to_string(),
+        _ if folder.ends_with('/') => format!("{folder}{name}"),
+        _ => format!("{folder}/{name}"),
+    }
+}
+
+/// The folder of a path, `""` where it has none.
+fn parent(path: &str) -> &str {
+    match path.rsplit_once('/') {
+        Some(("", _)) => "/",
+        Some((folder, _)) => folder,
+        None => "",
+    }
+}
+
+/// Splits a folder before its last part that is called `pipelines` or `shaders`.
+fn root_and_rest(folder: &str) -> Option<(&str, &str)> {
+    let mut end = folder.len();
+    loop {
+        let start = folder[..end].rfind('/').map_or(0, |slash| slash + 1);
+        if matches!(&folder[start..end], "pipelines" | "shaders") {
+            return Some(folder.split_at(start));
+        }
+        end = start.checked_sub(1)?;
+    }
+}
+
+fn push_new(list: &mut Vec<String>, item: String) {
+    if !list.contains(&item) {
+        list.push(item);
     }
 }

@@ -1,0 +1,364 @@
+//! Text to tree, by precedence climbing: an operand, then as many operators as bind at least as tightly as asked for, each
+//! with the right-hand side that binds more tightly than it.
+
+use std::ops::Range;
+
+use super::{BinaryOp, ExprError, Function, Node, NodeKind, UnaryOp};
+use crate::plan::Value;
+use crate::source::nearest;
+
+/// Deepest tree. It bounds the recursion of everything that walks one: parsing, evaluating, dropping.
+const MAX_DEPTH: usize = 128;
+
+pub(super) fn parse(text: &str) -> Result<Node, ExprError> {
+    let mut parser = Parser { text, at: 0, token: Token::End, start: 0, end: 0, last_end: 0, depth: 0 };
+    parser.advance()?;
+    if parser.token == Token::End {
+        return Err(ExprError::new("the expression is empty", 0..text.len()));
+    }
+    let tree = parser.expression()?;
+    match parser.token {
+        Token::End => Ok(tree.node),
+        Token::Symbol(")") => Err(parser.error_here("this `)` closes nothing")),
+        _ => Err(parser.error_here(format!("expected an operator, found {}", parser.found()))),
+    }
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Token {
+    /// The digits' value. `i64::MIN` has no positive counterpart, so the sign is left to the parser.
+    Int(u64),
+    Float(f64),
+    Text(String),
+    Name(String),
+    Symbol(&'static str),
+    End,
+}
+
+/// Longer ones first, so that `<<` is not read as two `<`.
+const SYMBOLS: [&str; 21] = [
+    "<<", ">>", "==", "!=", "<=", ">=", "&&", "||", "+", "-", "*", "/", "%", "<", ">", "!", "?", ":", "(", ")", ",",
+];
+
+/// A tree with its height, which must not pass [`MAX_DEPTH`], and its place with the parentheses around it: an operation
+/// on `(a + b)` is pointed at with them, the sum alone without.
+struct Tree {
+    node: Node,
+    height: usize,
+    place: Range<usize>,
+}
+
+impl Tree {
+    /// From the start of this to the end of `other`.
+    fn through(&self, other: &Tree) -> Range<usize> {
+        self.place.start..other.place.end
+    }
+}
+
+struct Parser<'a> {
+    text: &'a str,
+    /// Where the next token starts, before white space.
+    at: usize,
+    /// The token ahead, and its place.
+    token: Token,
+    start: usize,
+    end: usize,
+    /// Where the token before it ended.
+    last_end: usize,
+    /// How many parentheses, arguments, choices, `-` and `!` are open.
+    depth: usize,
+}
+
+impl Parser<'_> {
+    /// `a || b ? c : d`
+    fn expression(&mut self) -> Result<Tree, ExprError> {
+        self.enter()?;
+        let condition = self.binary(1)?;
+        let tree = if self.take("?")? {
+            let yes = self.expression()?;
+            if !self.take(":")? {
+                let message = format!("expected `:` and what holds otherwise, found {}", self.found());
+                return Err(self.error_here(message).with_help("a choice is written `condition ? a : b`"));
+            }
+            let no = self.expression()?;
+            let place = condition.through(&no);
+            let height = condition.height.max(yes.height).max(no.height);
+            let parts = Box::new([condition.node, yes.node, no.node]);
+            self.tree(NodeKind::Conditional(parts), place, height)?
+        } else {
+            condition
+        };
+        self.depth -= 1;
+        Ok(tree)
+    }
+
+    /// Operands joined by operators that bind at least as tightly as `min_binding`.
+    fn binary(&mut self, min_binding: u8) -> Result<Tree, ExprError> {
+        let mut left = self.operand()?;
+        while let Token::Symbol(symbol) = self.token
+            && let Some(&(op, _, binding)) = BinaryOp::TABLE.iter().find(|entry| entry.1 == symbol)
+            && binding >= min_binding
+        {
+            self.advance()?;
+            let right = self.binary(binding + 1)?;
+            let place = left.through(&right);
+            let height = left.height.max(right.height);
+            left = self.tree(NodeKind::Binary(op, Box::new([left.node, right.node])), place, height)?;
+        }
+        Ok(left)
+    }
+
+    /// A literal, a name, a call, a parenthesis, or one of these behind `-` or `!`.
+    fn operand(&mut self) -> Result<Tree, ExprError> {
+        let place = self.start..self.end;
+        let tree = match self.token.clone() {
+            Token::Symbol("-") => {
+                self.advance()?;
+                if let Token::Int(digits) = self.token {
+                    // `-9223372036854775808` is an integer; its digits alone are not.
+                    let place = place.start..self.end;
+                    self.advance()?;
+                    let value = 0i64.checked_sub_unsigned(digits).ok_or_else(|| too_large(place.clone()))?;
+                    self.tree(NodeKind::Literal(Value::Int(value)), place, 0)?
+                } else {
+                    self.unary(UnaryOp::Negate, place.start)?
+                }
+            }
+            Token::Symbol("!") => {
+                self.advance()?;
+                self.unary(UnaryOp::Not, place.start)?
+            }
+            Token::Symbol("(") => {
+                self.advance()?;
+                let inner = self.expression()?;
+                self.close(place.clone())?;
+                Tree { place: place.start..self.last_end, ..inner }
+            }
+            Token::Int(digits) => {
+                self.advance()?;
+                let value = i64::try_from(digits).map_err(|_| too_large(place.clone()))?;
+                self.tree(NodeKind::Literal(Value::Int(value)), place, 0)?
+            }
+            Token::Float(value) => {
+                self.advance()?;
+                self.tree(NodeKind::Literal(Value::Float(value)), place, 0)?
+            }
+            Token::Text(value) => {
+                self.advance()?;
+                self.tree(NodeKind::Literal(Value::Text(value)), place, 0)?
+            }
+            Token::Name(name) => {
+                self.advance()?;
+                match name.as_str() {
+                    "true" => self.tree(NodeKind::Literal(Value::Bool(true)), place, 0)?,
+                    "false" => self.tree(NodeKind::Literal(Value::Bool(false)), place, 0)?,
+                    _ if self.token == Token::Symbol("(") => self.call(&name, place)?,
+                    _ => self.tree(NodeKind::Name(name), place, 0)?,
+                }
+            }
+            Token::Symbol(_) | Token::End => {
+                return Err(self.error_here(format!("expected a value, found {}", self.found())));
+            }
+        };
+        Ok(tree)
+    }
+
+    /// What stands behind a `-` or `!` at `start`.
+    fn unary(&mut self, op: UnaryOp, start: usize) -> Result<Tree, ExprError> {
+        self.enter()?;
+        let operand = self.operand()?;
+        self.depth -= 1;
+        let place = start..operand.place.end;
+        self.tree(NodeKind::Unary(op, Box::new(operand.node)), place, operand.height)
+    }
+
+    /// The arguments of a call; `name` stands at `place`, the token ahead is its `(`.
+    fn call(&mut self, name: &str, place: Range<usize>) -> Result<Tree, ExprError> {
+        let Some(function) = Function::named(name) else {
+            let names = || Function::TABLE.iter().map(|f| f.1);
+            let help = match nearest(name, names()) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!("the functions are {}", names().collect::<Vec<_>>().join(", ")),
+            };
+            return Err(ExprError::new(format!("there is no function `{name}`"), place).with_help(help));
+        };
+        let open = self.start..self.end;
+        self.advance()?;
+        let (mut arguments, mut height) = (Vec::new(), 0);
+        if self.token != Token::Symbol(")") {
+            loop {
+                let argument = self.expression()?;
+                height = height.max(argument.height);
+                arguments.push(argument.node);
+                if !self.take(",")? {
+                    break;
+                }
+            }
+        }
+        self.close(open)?;
+        let place = place.start..self.last_end;
+        let (_, _, fewest, most) = Function::TABLE[function as usize];
+        if !(fewest..=most).contains(&arguments.len()) {
+            let wanted = match (fewest, most) {
+                (1, 1) => "1 argument".to_string(),
+                (1, usize::MAX) => "at least 1 argument".to_string(),
+                _ => format!("{fewest} arguments"),
+            };
+            let message = format!("`{name}` takes {wanted}, not {}", arguments.len());
+            return Err(ExprError::new(message, place));
+        }
+        self.tree(NodeKind::Call(function, arguments), place, height)
+    }
+
+    /// Takes the `)` that belongs to the `(` at `open`.
+    fn close(&mut self, open: Range<usize>) -> Result<(), ExprError> {
+        if self.take(")")? {
+            return Ok(());
+        }
+        if self.token == Token::End {
+            return Err(ExprError::new("this `(` is not closed", open));
+        }
+        Err(self.error_here(format!("expected an operator or `)`, found {}", self.found())))
+    }
+
+    fn tree(&self, kind: NodeKind, place: Range<usize>, height_below: usize) -> Result<Tree, ExprError> {
+        let height = height_below + 1;
+        if height > MAX_DEPTH {
+            return Err(too_deep(place));
+        }
+        Ok(Tree { node: Node { kind, start: place.start, end: place.end }, height, place })
+    }
+
+    fn enter(&mut self) -> Result<(), ExprError> {
+        self.depth += 1;
+        if self.depth > MAX_DEPTH { Err(too_deep(self.start..self.end)) } else { Ok(()) }
+    }
+
+    fn take(&mut self, symbol: &'static str) -> Result<bool, ExprError> {
+        let there = self.token == Token::Symbol(symbol);
+        if there {
+            self.advance()?;
+        }
+        Ok(there)
+    }
+
+    fn error_here(&self, message: impl Into<String>) -> ExprError {
+        ExprError::new(message, self.start..self.end)
+    }
+
+    /// The token ahead, as a sentence names it.
+    fn found(&self) -> String {
+        match self.token {
+            Token::End => "the end of the expression".to_string(),
+            _ => format!("`{}`", &self.text[self.start..self.end]),
+        }
+    }
+
+    /// Reads the next token.
+    fn advance(&mut self) -> Result<(), ExprError> {
+        self.last_end = self.end;
+        let rest = self.text[self.at..].trim_start();
+        self.start = self.text.len() - rest.len();
+        let (token, length) = match rest.chars().next() {
+            None => (Token::End, 0),
+            Some(c) if c.is_ascii_digit() => self.number(rest)?,
+            Some('.') if rest[1..].starts_with(|c: char| c.is_ascii_digit()) => self.number(rest)?,
+            Some(c) if starts_name(c) => {
+                let length = rest.find(|c| !continues_name(c) && c != '.').unwrap_or(rest.len());
+                let name = &rest[..length];
+                if name.split('.').any(|part| !part.starts_with(starts_name)) {
+                    let place = self.start..self.start + length;
+                    return Err(ExprError::new(format!("`{name}` is not a name"), place)
+                        .with_help("names are written like `digits` or `scene.count`"));
+                }
+                (Token::Name(name.to_string()), length)
+            }
+            Some('\'') => match rest[1..].find('\'') {
+                Some(length) => (Token::Text(rest[1..1 + length].to_string()), length + 2),
+                None => {
+                    let place = self.start..self.text.len();
+                    return Err(ExprError::new("this text is not closed", place)
+                        .with_help("a text stands between single quotes: `'over'`"));
+                }
+            },
+            Some(c) => match SYMBOLS.iter().find(|symbol| rest.starts_with(**symbol)) {
+                Some(symbol) => (Token::Symbol(symbol), symbol.len()),
+                None => return Err(self.unexpected(c)),
+            },
+        };
+        self.token = token;
+        self.end = self.start + length;
+        self.at = self.end;
+        Ok(())
+    }
+
+    fn unexpected(&self, c: char) -> ExprError {
+        let error =
+            ExprError::new(format!("unexpected `{}`", c.escape_debug()), self.start..self.start + c.len_utf8());
+        match c {
+            '=' => error.with_help("values are compared with `==`"),
+            '&' => error.with_help("and is written `&&`"),
+            '|' => error.with_help("or is written `||`"),
+            '"' => error.with_help("a text stands between single quotes: `'over'`"),
+            '^' => error.with_help("a power of two is written `1 << n`"),
+            _ => error,
+        }
+    }
+
+    /// `rest` starts with a digit, or with a point and a digit.
+    fn number(&self, rest: &str) -> Result<(Token, usize), ExprError> {
+        let bytes = rest.as_bytes();
+        let hexadecimal = rest.starts_with("0x") || rest.starts_with("0X");
+        // Everything that sticks to the number belongs to it, so that `12ab` is one bad number and not two tokens.
+        let mut length = 0;
+        while let Some(&byte) = bytes.get(length) {
+            let after_exponent = length > 0 && !hexadecimal && matches!(bytes[length - 1], b'e' | b'E');
+            if !(byte.is_ascii_alphanumeric()
+                || matches!(byte, b'_' | b'.')
+                || after_exponent && matches!(byte, b'+' | b'-'))
+            {
+                break;
+            }
+            length += 1;
+        }
+        let written = &rest[..length];
+        let place = self.start..self.start + length;
+        let plain = written.replace('_', "");
+        let (digits, radix) = match plain.get(..2) {
+            Some("0x" | "0X") => (&plain[2..], 16),
+            Some("0b" | "0B") => (&plain[2..], 2),
+            _ => (plain.as_str(), 10),
+        };
+        if !digits.is_empty() && digits.chars().all(|c| c.is_digit(radix)) {
+            return match u64::from_str_radix(digits, radix) {
+                Ok(value) if value <= 1 << 63 => Ok((Token::Int(value), length)),
+                _ => Err(too_large(place)),
+            };
+        }
+        let is_float = radix == 10
+            && plain.bytes().all(|b| b.is_ascii_digit() || matches!(b, b'.' | b'e' | b'E' | b'+' | b'-'))
+            && !plain.ends_with('.');
+        match plain.parse::<f64>() {
+            Ok(value) if is_float && value.is_finite() => Ok((Token::Float(value), length)),
+            Ok(_) if is_float => Err(ExprError::new("this float is too large", place)),
+            _ => Err(ExprError::new(format!("`{written}` is not a number"), place)),
+        }
+    }
+}
+
+fn starts_name(c: char) -> bool {
+    c == '_' || c.is_alphabetic()
+}
+
+fn continues_name(c: char) -> bool {
+    c == '_' || c.is_alphanumeric()
+}
+
+fn too_large(place: Range<usize>) -> ExprError {
+    ExprError::new("this integer does not fit into 64 bits", place)
+}
+
+fn too_deep(place: Range<usize>) -> ExprError {
+    ExprError::new(format!("the expression is nested more than {MAX_DEPTH} levels deep"), place)
+        .with_help("name a part of it in `let`")
+}
