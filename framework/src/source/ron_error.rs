@@ -1,5 +1,248 @@
-use super::{Diagnostic, FileId, Span};
+//! The `ron` crate's errors as diagnostics.
+//!
+//! The crate says where its cursor was when it gave up. Depending on the error this is before the value that it did not
+//! want, behind the name that it did not know, or at the end of the struct that lacks a field. Here the place that a person
+//! would point at is found again, with the help of the [`Outline`]; and where the text is not even balanced, the outline's own
+//! error is the better one, because it knows which bracket was opened where.
 
-pub fn ron_error(file: FileId, _text: &str, error: &ron::error::SpannedError) -> Diagnostic {
-    Diagnostic::new(error.code.to_string(), Span { file, start: 0, end: 0 }, "")
+use std::ops::Range;
+
+use ron::error::{Error, Position, SpannedError};
+
+use super::outline::{Content, Node};
+use super::{Diagnostic, FileId, Outline, Span, nearest};
+
+/// What an error of the `ron` crate (0.12), met while reading `text`, means: in words and at the place where it would be
+/// mended. Unknown fields and variants come with the nearest name that exists.
+pub fn ron_error(file: FileId, text: &str, error: &SpannedError) -> Diagnostic {
+    let outline = match Outline::parse(file, text) {
+        Ok(outline) => Some(outline),
+        // What is wrong with a name or a value is wrong whether or not a bracket is missing further on.
+        Err(_) if is_about_a_name_or_value(&error.code) => None,
+        Err(diagnostic) => return diagnostic,
+    };
+    let start = offset(text, error.span.start);
+    let end = offset(text, error.span.end).max(start);
+    Translator { file, text, outline, start, end }.diagnostic(&error.code)
+}
+
+fn is_about_a_name_or_value(error: &Error) -> bool {
+    matches!(
+        error,
+        Error::NoSuchStructField { .. }
+            | Error::NoSuchEnumVariant { .. }
+            | Error::DuplicateStructField { .. }
+            | Error::ExpectedDifferentStructName { .. }
+            | Error::InvalidValueForType { .. }
+            | Error::Message(_)
+    )
+}
+
+/// The byte that a line and a column (both from 1, in characters) stand for, or the nearest there is.
+fn offset(text: &str, position: Position) -> usize {
+    let line_start = match position.line {
+        0 | 1 => 0,
+        line => text.match_indices('\n').nth(line - 2).map_or(text.len(), |(at, _)| at + 1),
+    };
+    let line = text[line_start..].split('\n').next().unwrap_or_default();
+    let column = position.col.saturating_sub(1);
+    line_start + line.char_indices().nth(column).map_or(line.len(), |(at, _)| at)
+}
+
+struct Translator<'a> {
+    file: FileId,
+    text: &'a str,
+    outline: Option<Outline>,
+    /// The crate's cursor, before and after its last step.
+    start: usize,
+    end: usize,
+}
+
+impl Translator<'_> {
+    fn diagnostic(&self, error: &Error) -> Diagnostic {
+        match error {
+            Error::NoSuchStructField { expected, found, outer } => {
+                let of = outer.as_deref().map(|outer| format!(" in `{outer}`")).unwrap_or_default();
+                let message = format!("unknown field `{found}`{of}");
+                self.unknown_name(message, found, expected, "fields")
+            }
+            Error::NoSuchEnumVariant { expected, found, outer } => {
+                let of = outer.as_deref().map(|outer| format!(" of {outer}")).unwrap_or_default();
+                let message = format!("unknown variant `{found}`{of}");
+                self.unknown_name(message, found, expected, "variants")
+            }
+            Error::MissingStructField { field, outer } => {
+                let of = outer.as_deref().map(|outer| format!(" in `{outer}`")).unwrap_or_default();
+                let place = self.outline.as_ref().map(|outline| outline.enclosing(self.end).shallow());
+                let place = place.unwrap_or(self.end..self.end);
+                self.error(format!("the field `{field}` is missing{of}"), place, &format!("this has no `{field}`"))
+            }
+            Error::DuplicateStructField { field, .. } => {
+                let again = self.name_before_cursor(field).unwrap_or(self.start..self.end);
+                let error = self.error(format!("the field `{field}` is given twice"), again.clone(), "again here");
+                let first =
+                    self.outline.as_ref().and_then(|outline| outline.field_of(outline.enclosing(again.start), field));
+                match first.filter(|first| *first != again) {
+                    Some(first) => error.with_label(self.span(first), "first here"),
+                    None => error,
+                }
+            }
+            Error::ExpectedDifferentStructName { expected, found } => {
+                let place = self.name_before_cursor(found).unwrap_or(self.start..self.end);
+                let label = format!("write `{expected}`, or nothing, before the `(`");
+                self.error(format!("expected `{expected}`, found `{found}`"), place, &label)
+            }
+            Error::InvalidValueForType { expected, found } => {
+                let (message, place) = (format!("expected {expected}, found {found}"), self.value_at_cursor());
+                self.error(message, place, &format!("expected {expected}"))
+            }
+            Error::ExpectedDifferentLength { expected, found } => {
+                let elements = if *found == 1 { "element" } else { "elements" };
+                let place = self.outline.as_ref().map(|outline| outline.enclosing(self.end).shallow());
+                let place = place.unwrap_or(self.start..self.end);
+                let label = format!("this has {found} {elements}");
+                self.error(format!("expected {expected}, found {found} {elements}"), place, &label)
+            }
+            Error::IntegerOutOfBounds => {
+                let label = "too large or too small";
+                self.error("this integer is out of the range of its type", self.value_at_cursor(), label)
+            }
+            Error::Message(message) => self.error(message.as_str(), self.value_at_cursor(), ""),
+            Error::ExceededRecursionLimit => {
+                self.error("the file is nested too deeply", self.value_at_cursor(), "this level is one too many")
+            }
+            Error::NoSuchExtension(name) => {
+                let place = self.name_before_cursor(name).unwrap_or(self.start..self.end);
+                self.error(format!("there is no RON extension `{name}`"), place, "")
+            }
+            Error::TrailingCharacters => {
+                self.error("expected the end of the file", self.cursor(), "nothing may come after the value")
+            }
+            Error::ExpectedStructLikeEnd if self.node_at_cursor().is_some() => {
+                let label = "one element too many";
+                self.error("expected `)`", self.value_at_cursor(), label)
+            }
+            _ => match wanted(error) {
+                Some(wanted) => self.wrong_kind(&wanted),
+                None => {
+                    let message = error.to_string();
+                    let mut letters = message.chars();
+                    let first = letters.next().map(|c| c.to_lowercase().to_string()).unwrap_or_default();
+                    self.error(first + letters.as_str(), self.cursor(), "")
+                }
+            },
+        }
+    }
+
+    fn unknown_name(&self, message: String, found: &str, expected: &[&str], what: &str) -> Diagnostic {
+        let place = self.name_before_cursor(found).unwrap_or_else(|| self.value_at_cursor());
+        let near = nearest(found, expected.iter().copied());
+        let label = match near {
+            Some(near) => format!("did you mean `{near}`?"),
+            None => "no such name".to_string(),
+        };
+        let help = match expected {
+            [] => format!("there are no {what} here"),
+            [only] => format!("there is only `{only}`"),
+            _ => format!("the {what} are {}", expected.join(", ")),
+        };
+        self.error(message, place, &label).with_help(help)
+    }
+
+    /// A value of another kind stands where `wanted` should.
+    fn wrong_kind(&self, wanted: &str) -> Diagnostic {
+        let place = self.value_at_cursor();
+        let Some((node, outline)) = self.node_at_cursor() else {
+            return self.error(format!("expected {wanted}"), place, &format!("expected {wanted} here"));
+        };
+        let head = &self.text[node.head.clone()];
+        let found = match &node.content {
+            Content::Text(_) => "a text".to_string(),
+            Content::Scalar | Content::Record { bracket: '(', .. } | Content::List { bracket: '(', .. }
+                if !head.starts_with('(') =>
+            {
+                format!("`{head}`")
+            }
+            Content::Record { bracket: '{', .. } => "a map".to_string(),
+            Content::List { bracket: '[', .. } => "a list".to_string(),
+            _ => "`(`".to_string(),
+        };
+        let error = self.error(format!("expected {wanted}, found {found}"), place, &format!("expected {wanted}"));
+        let Content::Text(text) = &node.content else { return error };
+        let _ = outline;
+        if wanted == NAME {
+            return error.with_help(format!("names have no quotes: `{}`", text.value));
+        }
+        error
+    }
+
+    fn error(&self, message: impl Into<String>, place: Range<usize>, label: &str) -> Diagnostic {
+        Diagnostic::new(message, self.span(place), label)
+    }
+
+    fn span(&self, place: Range<usize>) -> Span {
+        Span { file: self.file, start: place.start, end: place.end }
+    }
+
+    /// The character at the cursor.
+    fn cursor(&self) -> Range<usize> {
+        let width = self.text[self.end..].chars().next().filter(|c| *c != '\n').map_or(0, char::len_utf8);
+        self.end..self.end + width
+    }
+
+    /// Where `name` stands that the crate has just read.
+    fn name_before_cursor(&self, name: &str) -> Option<Range<usize>> {
+        // White space and quotes may lie between; the last occurrence is the one that was read.
+        let start = self.text[..self.end].rfind(name)?;
+        let between = &self.text[start + name.len()..self.end];
+        let is_near = between.chars().all(|c| c.is_whitespace() || c == '"');
+        (!name.is_empty() && is_near).then_some(start..start + name.len())
+    }
+
+    /// The element that the crate was about to read, if one starts at the cursor.
+    fn node_at_cursor(&self) -> Option<(&Node, &Outline)> {
+        let outline = self.outline.as_ref()?;
+        outline.starting_at(self.end).map(|node| (node, outline))
+    }
+
+    /// The element that the crate was about to read, or has just read.
+    fn value_at_cursor(&self) -> Range<usize> {
+        let Some(outline) = &self.outline else { return self.start..self.end };
+        if let Some((node, _)) = self.node_at_cursor() {
+            return node.shallow();
+        }
+        // The cursor skips the comma and the white space behind a value.
+        let before = self.text[..self.end].trim_end_matches(|c: char| c.is_whitespace() || c == ',');
+        outline.innermost(before.len()).shallow()
+    }
+}
+
+const NAME: &str = "a name";
+
+/// What the crate would have liked to read, for the errors that say no more.
+fn wanted(error: &Error) -> Option<String> {
+    let wanted = match error {
+        Error::ExpectedArray => "a list `[...]`",
+        Error::ExpectedBoolean => "`true` or `false`",
+        Error::ExpectedChar => "a character in single quotes",
+        Error::ExpectedByteString => "a byte string",
+        Error::ExpectedFloat => "a number",
+        Error::ExpectedInteger => "an integer",
+        Error::ExpectedOption => "`Some(...)` or `None`",
+        Error::ExpectedMap => "a map `{...}`",
+        Error::ExpectedStructLike => "`(`",
+        Error::ExpectedNamedStructLike("") => "`(...)`",
+        Error::ExpectedNamedStructLike(name) => return Some(format!("`{name}(...)`")),
+        Error::ExpectedUnit => "`()`",
+        Error::ExpectedString => "a text in double quotes",
+        Error::ExpectedIdentifier => NAME,
+        Error::ExpectedComma => "a comma",
+        Error::ExpectedArrayEnd => "`]`",
+        Error::ExpectedMapEnd => "`}`",
+        Error::ExpectedMapColon => "`:`",
+        Error::ExpectedStructLikeEnd => "`)`",
+        Error::Eof => "more, but the file ends",
+        _ => return None,
+    };
+    Some(wanted.to_string())
 }

@@ -1,0 +1,416 @@
+//! The tokens of RON, with their places. Numbers, characters and identifiers are only delimited, not judged: the `ron` crate
+//! reads the values, this is here to know where they stood. Texts are read in full, because errors point into them.
+
+use std::ops::Range;
+
+use super::{Diagnostic, FileId, Span};
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Token {
+    pub kind: TokenKind,
+    pub start: usize,
+    pub end: usize,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum TokenKind {
+    /// `(`, `[` or `{`
+    Open(char),
+    /// `)`, `]` or `}`
+    Close(char),
+    Comma,
+    Colon,
+    Identifier,
+    /// A number, a range of numbers, a character, a byte or a byte string.
+    Scalar,
+    Text(Text),
+    /// `#![enable(...)]`, whole.
+    Attribute,
+}
+
+/// A text between double quotes, as written and as meant.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Text {
+    /// What the escapes stand for.
+    pub value: String,
+    /// The bytes between the quotes.
+    pub inside: Range<usize>,
+    /// Where value and file run in step: from (offset in the value, offset in the file) on, up to the next such pair.
+    pub steps: Vec<(usize, usize)>,
+}
+
+impl Text {
+    /// The offset in the file of a byte of the value.
+    pub fn file_offset(&self, offset: usize) -> usize {
+        let next = self.steps.partition_point(|(value, _)| *value <= offset);
+        let (value, file) = self.steps[next - 1];
+        // Inside a character that an escape stands for, the file may have fewer bytes than the value.
+        let end = self.steps.get(next).map_or(self.inside.end, |(_, file)| *file);
+        (file + (offset - value)).min(end)
+    }
+}
+
+/// Reads all tokens. On an error, those before it come with it.
+pub(super) fn tokens(file: FileId, text: &str) -> (Vec<Token>, Option<Diagnostic>) {
+    let mut lexer = Lexer { file, text, at: 0 };
+    let mut tokens = Vec::new();
+    loop {
+        match lexer.next() {
+            Ok(Some(token)) => tokens.push(token),
+            Ok(None) => return (tokens, None),
+            Err(error) => return (tokens, Some(*error)),
+        }
+    }
+}
+
+struct Lexer<'a> {
+    file: FileId,
+    text: &'a str,
+    at: usize,
+}
+
+/// Boxed, because a diagnostic is much larger than a token.
+type Result<T> = std::result::Result<T, Box<Diagnostic>>;
+
+impl<'a> Lexer<'a> {
+    fn rest(&self) -> &'a str {
+        &self.text[self.at..]
+    }
+
+    fn error(&self, place: Range<usize>, message: impl Into<String>, label: &str) -> Box<Diagnostic> {
+        let span = Span { file: self.file, start: place.start, end: place.end };
+        Box::new(Diagnostic::new(message, span, label))
+    }
+
+    fn next(&mut self) -> Result<Option<Token>> {
+        self.skip_space()?;
+        let start = self.at;
+        let rest = self.rest();
+        let Some(c) = rest.chars().next() else { return Ok(None) };
+        let kind = match c {
+            '(' | '[' | '{' => self.single(TokenKind::Open(c)),
+            ')' | ']' | '}' => self.single(TokenKind::Close(c)),
+            ',' => self.single(TokenKind::Comma),
+            ':' => self.single(TokenKind::Colon),
+            '"' => {
+                self.at += 1;
+                TokenKind::Text(self.escaped(start, false)?)
+            }
+            '\'' => self.character(start, 1)?,
+            '#' => self.attribute()?,
+            '0'..='9' | '+' | '-' | '.' => self.number(),
+            'b' if rest.starts_with("b'") => self.character(start, 2)?,
+            'b' if rest.starts_with("b\"") => {
+                self.at += 2;
+                self.escaped(start, true)?;
+                TokenKind::Scalar
+            }
+            'b' if rest.starts_with("br\"") || rest.starts_with("br#") => {
+                self.at += 2;
+                self.raw(start)?;
+                TokenKind::Scalar
+            }
+            'r' if raw_text_ahead(&rest[1..]) => {
+                self.at += 1;
+                TokenKind::Text(self.raw(start)?)
+            }
+            'r' if rest.starts_with("r#") => {
+                // `r#type`: an identifier that may hold more characters than others.
+                self.at += 2;
+                self.take_while(|c| continues_identifier(c) || matches!(c, '.' | '+' | '-'));
+                TokenKind::Identifier
+            }
+            c if starts_identifier(c) => {
+                self.take_while(continues_identifier);
+                TokenKind::Identifier
+            }
+            c => {
+                let mut error = self.error(
+                    start..start + c.len_utf8(),
+                    format!("unexpected `{}`", c.escape_debug()),
+                    "this means nothing here",
+                );
+                match c {
+                    '=' => error.help.push("a field is written `name: value`".into()),
+                    ';' => error.help.push("items are separated by `,`".into()),
+                    _ => {}
+                }
+                return Err(error);
+            }
+        };
+        Ok(Some(Token { kind, start, end: self.at }))
+    }
+
+    fn single(&mut self, kind: TokenKind) -> TokenKind {
+        self.at += 1;
+        kind
+    }
+
+    fn take_while(&mut self, holds: impl Fn(char) -> bool) {
+        self.at += self.rest().find(|c| !holds(c)).unwrap_or(self.rest().len());
+    }
+
+    /// White space and comments.
+    fn skip_space(&mut self) -> Result<()> {
+        loop {
+            self.take_while(is_space);
+            let rest = self.rest();
+            if rest.starts_with("//") {
+                self.take_while(|c| c != '\n');
+            } else if rest.starts_with("/*") {
+                self.block_comment()?;
+            } else {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Block comments nest.
+    fn block_comment(&mut self) -> Result<()> {
+        let start = self.at;
+        let mut depth = 0;
+        loop {
+            let rest = self.rest();
+            if rest.starts_with("/*") {
+                (depth, self.at) = (depth + 1, self.at + 2);
+            } else if rest.starts_with("*/") {
+                (depth, self.at) = (depth - 1, self.at + 2);
+                if depth == 0 {
+                    return Ok(());
+                }
+            } else {
+                match rest.chars().next() {
+                    Some(c) => self.at += c.len_utf8(),
+                    None => {
+                        return Err(self.error(
+                            start..start + 2,
+                            "a comment is not closed",
+                            "it starts here and has no `*/`",
+                        ));
+                    }
+                }
+                self.take_while(|c| c != '/' && c != '*');
+            }
+        }
+    }
+
+    fn attribute(&mut self) -> Result<TokenKind> {
+        let start = self.at;
+        let wrong = |lexer: &Lexer| {
+            lexer
+                .error(start..start + 1, "unexpected `#`", "this does not start an attribute")
+                .with_help("an attribute is written `#![enable(implicit_some)]`, a comment `// ...`")
+        };
+        for expected in ['#', '!', '['] {
+            self.skip_space()?;
+            if !self.rest().starts_with(expected) {
+                return Err(Box::new(wrong(self)));
+            }
+            self.at += 1;
+        }
+        loop {
+            self.skip_space()?;
+            match self.rest().chars().next() {
+                Some(']') => return Ok(self.single(TokenKind::Attribute)),
+                Some('(' | ')' | ',' | '=') => self.at += 1,
+                Some(c) if c == '"' || starts_identifier(c) => {
+                    self.next()?;
+                }
+                _ => return Err(Box::new(wrong(self))),
+            }
+        }
+    }
+
+    /// Everything that sticks together and starts like a number, ranges (`0..=9`) with both ends.
+    fn number(&mut self) -> TokenKind {
+        let bytes = self.text.as_bytes();
+        let start = self.at;
+        while let Some(&byte) = bytes.get(self.at) {
+            let before = &self.text[start..self.at];
+            let sign_fits = before.is_empty()
+                || before.ends_with("..")
+                || before.ends_with("..=")
+                || before.ends_with(['e', 'E']) && !before.contains("0x");
+            let fits = match byte {
+                b'+' | b'-' => sign_fits,
+                b'=' => before.ends_with(".."),
+                _ => byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'.'),
+            };
+            if !fits {
+                break;
+            }
+            self.at += 1;
+        }
+        TokenKind::Scalar
+    }
+
+    /// `'c'` or `b'c'`, `prefix` bytes before the character.
+    fn character(&mut self, start: usize, prefix: usize) -> Result<TokenKind> {
+        self.at += prefix;
+        match self.rest().chars().next() {
+            Some('\\') => {
+                self.at += 1;
+                self.escape(prefix == 2)?;
+            }
+            Some(c) => self.at += c.len_utf8(),
+            None => {}
+        }
+        if !self.rest().starts_with('\'') {
+            let line = self.text[start..].lines().next().unwrap_or_default();
+            let end = line[1..].find('\'').map_or(line.len(), |at| at + 2);
+            return Err(Box::new(
+                self.error(start..start + end, "this is not one character", "single quotes hold one character")
+                    .with_help("a text stands between double quotes"),
+            ));
+        }
+        self.at += 1;
+        Ok(TokenKind::Scalar)
+    }
+
+    /// The rest of a text whose opening quote was read. Of byte strings only the place is of use.
+    fn escaped(&mut self, start: usize, binary: bool) -> Result<Text> {
+        let inside = self.at;
+        let mut text = Text { value: String::new(), inside: inside..inside, steps: vec![(0, inside)] };
+        loop {
+            let Some(length) = self.rest().find(['"', '\\']) else {
+                return Err(self.unclosed(start, inside));
+            };
+            text.value.push_str(&self.rest()[..length]);
+            self.at += length + 1;
+            if self.text.as_bytes()[self.at - 1] == b'"' {
+                text.inside.end = self.at - 1;
+                return Ok(text);
+            }
+            let before = (text.value.len(), self.at - 1);
+            if let Some(line) = self.rest().strip_prefix("\r\n").or(self.rest().strip_prefix('\n')) {
+                // A backslash at the end of a line leaves out the break and the indentation after it.
+                self.at = self.text.len() - line.trim_start_matches([' ', '\t', '\n', '\r']).len();
+            } else if self.rest().is_empty() {
+                return Err(self.unclosed(start, inside));
+            } else {
+                text.value.push(self.escape(binary)?);
+            }
+            push_step(&mut text.steps, before);
+            push_step(&mut text.steps, (text.value.len(), self.at));
+        }
+    }
+
+    fn unclosed(&self, start: usize, inside: usize) -> Box<Diagnostic> {
+        let quote = start..inside;
+        self.error(quote, "a text is not closed", "it starts here and has no closing quote")
+    }
+
+    /// What comes behind a backslash.
+    fn escape(&mut self, binary: bool) -> Result<char> {
+        let start = self.at - 1;
+        let wrong = |lexer: &Lexer, end: usize, label: &str| {
+            let end = (start + 1..=lexer.text.len()).find(|i| *i >= end && lexer.text.is_char_boundary(*i));
+            lexer.error(start..end.unwrap_or(lexer.text.len()), "this escape means nothing", label)
+        };
+        let Some(c) = self.rest().chars().next() else {
+            return Err(wrong(self, start + 1, "the text ends here"));
+        };
+        self.at += c.len_utf8();
+        Ok(match c {
+            '\'' | '"' | '\\' => c,
+            'n' => '\n',
+            'r' => '\r',
+            't' => '\t',
+            '0' => '\0',
+            'x' => {
+                let first = self.hex_byte().ok_or_else(|| wrong(self, start + 4, "`\\x` takes two hex digits"))?;
+                if binary || first < 0x80 {
+                    return Ok(char::from(first));
+                }
+                // Several escapes may spell the bytes of one character.
+                let mut bytes = vec![first];
+                loop {
+                    if let Ok(decoded) = std::str::from_utf8(&bytes) {
+                        return Ok(decoded.chars().next().unwrap_or_default());
+                    }
+                    let more = bytes.len() < 4 && self.rest().starts_with("\\x");
+                    if more {
+                        self.at += 2;
+                    }
+                    match self.hex_byte().filter(|_| more) {
+                        Some(byte) => bytes.push(byte),
+                        None => return Err(wrong(self, self.at, "these bytes are no UTF-8 character")),
+                    }
+                }
+            }
+            'u' => {
+                let label = "a character is written `\\u{1f642}`";
+                let digits = self.rest().strip_prefix('{').and_then(|rest| rest.split_once('}')).map(|r| r.0);
+                let digits = digits.filter(|d| (1..=6).contains(&d.len()) && d.bytes().all(|b| b.is_ascii_hexdigit()));
+                let code = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok()).and_then(char::from_u32);
+                match (digits, code) {
+                    (Some(digits), Some(c)) => {
+                        self.at += digits.len() + 2;
+                        c
+                    }
+                    _ => return Err(wrong(self, start + 2, label)),
+                }
+            }
+            _ => {
+                return Err(Box::new(
+                    wrong(self, self.at, "no such escape").with_help("a backslash itself is written `\\\\`"),
+                ));
+            }
+        })
+    }
+
+    fn hex_byte(&mut self) -> Option<u8> {
+        let digits = self.rest().get(..2).filter(|d| d.bytes().all(|b| b.is_ascii_hexdigit()))?;
+        self.at += 2;
+        u8::from_str_radix(digits, 16).ok()
+    }
+
+    /// The rest of a raw text, from its hashes or its quote on.
+    fn raw(&mut self, start: usize) -> Result<Text> {
+        let hashes = self.rest().len() - self.rest().trim_start_matches('#').len();
+        self.at += hashes;
+        let closing = format!("\"{}", "#".repeat(hashes));
+        if !self.rest().starts_with('"') {
+            return Err(self.unclosed(start, self.at));
+        }
+        self.at += 1;
+        let inside = self.at;
+        let Some(length) = self.rest().find(&closing) else {
+            return Err(Box::new(
+                self.unclosed(start, inside).with_help(format!("this text ends with `{closing}`")),
+            ));
+        };
+        let value = self.rest()[..length].to_string();
+        self.at += length + closing.len();
+        Ok(Text { value, inside: inside..inside + length, steps: vec![(0, inside)] })
+    }
+}
+
+/// Keeps the last pair for every offset in the value, so that an offset behind an escape is behind it in the file too.
+fn push_step(steps: &mut Vec<(usize, usize)>, step: (usize, usize)) {
+    match steps.last_mut() {
+        Some(last) if last.0 == step.0 => *last = step,
+        _ => steps.push(step),
+    }
+}
+
+/// Behind an `r`: a quote, with or without hashes before it.
+fn raw_text_ahead(rest: &str) -> bool {
+    rest.trim_start_matches('#').starts_with('"')
+}
+
+// Letters outside ASCII are left to the `ron` crate to judge.
+fn starts_identifier(c: char) -> bool {
+    c == '_' || c.is_ascii_alphabetic() || !c.is_ascii() && !is_space(c)
+}
+
+fn continues_identifier(c: char) -> bool {
+    starts_identifier(c) || c.is_ascii_digit()
+}
+
+fn is_space(c: char) -> bool {
+    matches!(
+        c,
+        ' ' | '\t' | '\n' | '\r' | '\x0B' | '\x0C' | '\u{85}' | '\u{200E}' | '\u{200F}' | '\u{2028}' | '\u{2029}'
+    )
+}

@@ -1,0 +1,149 @@
+//! What the application sees of a backend: a device that loads a plan and renders frames of it.
+//!
+//! A backend executes [`splatgraph_framework::Plan`]s. It owns the device, the plan's memory and pipelines, and the
+//! uploads of the scene; it decides nothing about order or barriers. The order of calls is: open the device (each
+//! backend's own constructor), [`Device::load`] a plan with the scene's data, then [`Device::submit`] frames and
+//! [`Device::wait`] for their results, with up to [`FRAMES_IN_FLIGHT`] submitted and not yet waited for.
+
+use serde::{Deserialize, Serialize};
+use splatgraph_framework::plan::{Plan, Value};
+use std::collections::BTreeMap;
+
+/// Frames that may be submitted before the oldest is waited for.
+pub const FRAMES_IN_FLIGHT: usize = 2;
+
+/// A physical device that a backend could open.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DeviceInfo {
+    pub index: usize,
+    pub name: String,
+    /// For instance `discrete`, `integrated`, `cpu`.
+    pub kind: String,
+    pub driver: String,
+    /// Facts that graphs can use, by their full names: `device.subgroup_size` (lanes that compute shaders run with),
+    /// `device.max_storage_bytes` (largest storage binding), `device.max_groups_x`, `device.shared_bytes`,
+    /// `device.max_invocations` (per workgroup), all integers.
+    pub facts: BTreeMap<String, Value>,
+    /// Why it cannot run plans, if it cannot.
+    pub unfit: Option<String>,
+}
+
+/// Gives the bytes of the scene's attributes, as a plan asks for them.
+pub trait SceneData: Sync {
+    /// Writes plane `plane` of `attribute`, whole, into `target` (its length is the plan's stride * count). An error
+    /// names what is missing. Called once per plane while loading.
+    fn write(&self, attribute: &str, plane: u32, target: &mut [u8]) -> Result<(), String>;
+
+    /// A number that differs whenever the data does: what was uploaded under the same identity is kept.
+    fn identity(&self) -> u64;
+}
+
+/// Everything that the host gives to one frame.
+#[derive(Clone, Debug, Default)]
+pub struct FrameInputs {
+    /// Bytes of each uniform block with source `Frame`, by name (`frame.camera`).
+    pub uniforms: BTreeMap<String, Vec<u8>>,
+    /// Bytes of the live uniform block.
+    pub live: Vec<u8>,
+    /// Read the output image back.
+    pub read_output: bool,
+    /// Read resources back, each right after a pass of the frame (by index into the plan's passes), or after a pass of the
+    /// prologue in the frame that runs it.
+    pub inspect: Vec<Inspect>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inspect {
+    pub resource: splatgraph_framework::plan::ResourceId,
+    pub after: splatgraph_framework::plan::PassId,
+}
+
+/// A submitted frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FrameId(pub u64);
+
+/// What a frame gave.
+#[derive(Clone, Debug, Default)]
+pub struct FrameResult {
+    /// GPU milliseconds per pass that ran, in order of execution (prologue included in the frame that ran it).
+    /// `None` where the device has no timestamps.
+    pub pass_ms: Vec<(splatgraph_framework::plan::PassId, Option<f64>)>,
+    /// GPU milliseconds from the first to the last command of the frame.
+    pub total_ms: Option<f64>,
+    /// Host milliseconds spent recording and submitting.
+    pub record_ms: f64,
+    /// The plan's statistics, in the plan's order.
+    pub stats: Vec<(String, u32)>,
+    /// The output, if it was asked for.
+    pub output: Option<Pixels>,
+    /// The bytes of what was inspected, in the order asked.
+    pub inspected: Vec<Vec<u8>>,
+}
+
+/// An image as the GPU holds it, row 0 at the top, rows tightly packed.
+#[derive(Clone, Debug)]
+pub struct Pixels {
+    pub format: splatgraph_framework::plan::Format,
+    pub width: u32,
+    pub height: u32,
+    pub bytes: Vec<u8>,
+}
+
+/// What of a load takes time, for a progress bar.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Progress<'a> {
+    Pipeline { done: usize, of: usize, shader: &'a str },
+    Upload { done_bytes: u64, of_bytes: u64 },
+}
+
+/// An opened device, and the plan that it executes.
+pub trait Device {
+    fn info(&self) -> &DeviceInfo;
+
+    /// Makes the plan the current one: creates what it needs, uploads the scene attributes that it reads, and lets the
+    /// next frame run its prologue. On an error the former plan stays current.
+    fn load(
+        &mut self,
+        plan: Plan,
+        scene: &dyn SceneData,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<(), BackendError>;
+
+    /// Records and submits a frame. Blocks only while [`FRAMES_IN_FLIGHT`] frames are still being executed.
+    fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
+
+    /// Blocks until the frame is done. Each frame's result can be taken once.
+    fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError>;
+
+    /// Bytes of device memory allocated: (name, bytes), the plan's resources first, then scene attributes, then the
+    /// backend's own staging.
+    fn memory(&self) -> Vec<(String, u64)>;
+
+    /// Validation messages since the last call (empty when validation is off).
+    fn take_messages(&mut self) -> Vec<String>;
+}
+
+/// Why a backend could not do what it was asked to.
+#[derive(Debug, thiserror::Error)]
+pub enum BackendError {
+    /// No driver, no device of that name, no layer.
+    #[error("{0}")]
+    Unavailable(String),
+    /// The plan asks for more than the device has.
+    #[error("{0}")]
+    Limit(String),
+    #[error("out of device memory: {0}")]
+    OutOfMemory(String),
+    /// The plan contradicts itself, or a frame was asked for with inputs that do not fit the plan.
+    #[error("{0}")]
+    Invalid(String),
+    /// The scene lacks an attribute that the plan reads.
+    #[error("the scene cannot give {0}")]
+    Scene(String),
+    /// The device stopped; says which pass ran last.
+    #[error("device lost: {0}")]
+    DeviceLost(String),
+    /// Any other answer of the API to a call.
+    #[error("{call} failed: {answer}")]
+    Api { call: &'static str, answer: String },
+}

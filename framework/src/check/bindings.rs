@@ -1,0 +1,351 @@
+//! Blocks, images and push constants against what the graph binds.
+
+use super::{Checker, LIVE_BLOCK, describe, touch};
+use crate::lower::{FlatBind, FlatPass, FlatWork};
+use crate::plan::{
+    Accesses, Binding, DescriptorKind, Layout, ResourceId, ShaderId, Shape, Source, Stages, Touch, Value,
+};
+use crate::shader::{MemberKind, ReflectedBinding, ReflectedKind};
+use crate::source::{Diagnostic, FileId, Kind, Span, nearest};
+
+impl Checker<'_> {
+    /// The descriptors of a pass, over all its stages; adds what the shaders do to `touches`.
+    pub(super) fn bindings(&mut self, pass: &FlatPass, stages: &[(ShaderId, Stages)], touches: &mut Vec<Touch>) -> Vec<Binding> {
+        let mut bindings: Vec<Binding> = Vec::new();
+        let mut used = vec![false; pass.bind.len()];
+        for (shader, stage) in stages {
+            let reflection = self.shaders[shader.index()].reflection.clone();
+            for block in &reflection.bindings {
+                let (resources, span) = if block.name == LIVE_BLOCK {
+                    (vec![self.flat.live], pass.span)
+                } else if let Some(i) = pass.bind.iter().position(|b| b.block == block.name) {
+                    used[i] = true;
+                    (pass.bind[i].resources.clone(), pass.bind[i].resource_span)
+                } else {
+                    self.unbound(pass, *shader, block);
+                    continue;
+                };
+                let Some(kind) = self.fits(*shader, block, &resources, span) else { continue };
+                self.describe_touches(block, kind, &resources, *stage, touches);
+                for (element, resource) in resources.iter().enumerate() {
+                    let binding = Binding {
+                        name: block.name.clone(),
+                        binding: block.binding,
+                        element: element as u32,
+                        kind,
+                        resource: *resource,
+                    };
+                    match bindings.iter().find(|b| b.binding == binding.binding && b.element == binding.element) {
+                        None => bindings.push(binding),
+                        Some(same) if *same == binding => {}
+                        Some(other) => self.errors.push(Diagnostic::new(
+                            format!("`{}` and `{}` are both binding {}", other.name, block.name, block.binding),
+                            pass.span,
+                            "the two shaders of this draw share their bindings",
+                        )),
+                    }
+                }
+            }
+        }
+        for (bind, used) in pass.bind.iter().zip(used) {
+            if !used {
+                self.unknown(pass, stages, bind);
+            }
+        }
+        bindings.sort_by_key(|b| (b.binding, b.element));
+        bindings
+    }
+
+    /// A block that the shader touches and the graph does not bind.
+    fn unbound(&mut self, pass: &FlatPass, shader: ShaderId, block: &ReflectedBinding) {
+        let shader = &self.shaders[shader.index()].name;
+        let what = match block.kind {
+            ReflectedKind::StorageImage { .. } => "image",
+            _ => "block",
+        };
+        let diagnostic = Diagnostic::new(
+            format!("nothing is bound to the {what} `{}` of `{shader}`", block.name),
+            pass.span,
+            "in this pass",
+        );
+        let unknown: Vec<&str> = pass.bind.iter().map(|b| b.block.as_str()).collect();
+        self.errors.push(match nearest(&block.name, unknown) {
+            Some(near) => diagnostic.with_help(format!("`bind` has `{near}`: is `{}` meant?", block.name)),
+            None => diagnostic.with_help(format!("add `\"{}\": \"name of a resource\"` to `bind`", block.name)),
+        });
+    }
+
+    /// An entry of `bind` that no shader of the pass touches. It is a mistake unless a shader declares the block and its
+    /// code, with the constants of now, does without: then nothing is bound and nothing need be.
+    fn unknown(&mut self, pass: &FlatPass, stages: &[(ShaderId, Stages)], bind: &FlatBind) {
+        let declared = shader_files(pass).iter().any(|name| {
+            match self.files.find(Some(pass.file), name, Kind::Shader) {
+                Ok(file) => self.mentions(file, &bind.block, 0),
+                Err(_) => false,
+            }
+        });
+        if declared {
+            return;
+        }
+        let names: Vec<&str> = stages.iter().map(|(s, _)| self.shaders[s.index()].name.as_str()).collect();
+        let blocks: Vec<&str> = stages
+            .iter()
+            .flat_map(|(s, _)| &self.shaders[s.index()].reflection.bindings)
+            .map(|b| b.name.as_str())
+            .filter(|n| *n != LIVE_BLOCK)
+            .collect();
+        let diagnostic =
+            Diagnostic::new(format!("{} has no block `{}`", quoted(&names), bind.block), bind.block_span, "bound here");
+        self.errors.push(match nearest(&bind.block, blocks.iter().copied()) {
+            Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+            None if blocks.is_empty() => diagnostic.with_help("it binds nothing"),
+            None => diagnostic.with_help(format!("it has {}", quoted(&blocks))),
+        });
+    }
+
+    /// Whether the word stands in the text of a shader or of what it includes.
+    fn mentions(&mut self, file: FileId, word: &str, depth: usize) -> bool {
+        let text = self.files.text(file).to_string();
+        if text.split(|c: char| !c.is_alphanumeric() && c != '_').any(|w| w == word) {
+            return true;
+        }
+        depth < 8
+            && text.lines().filter_map(|l| l.trim().strip_prefix("#include")).any(|name| {
+                let name = name.trim().trim_matches(['"', '<', '>']);
+                match self.files.find(Some(file), name, Kind::Shader) {
+                    Ok(included) => self.mentions(included, word, depth + 1),
+                    Err(_) => false,
+                }
+            })
+    }
+
+    /// The kind of descriptor for a block, or `None` after an error.
+    fn fits(&mut self, shader: ShaderId, block: &ReflectedBinding, resources: &[ResourceId], span: Span) -> Option<DescriptorKind> {
+        let shader = self.shaders[shader.index()].name.clone();
+        let error = |message: String, label: String| Some(Diagnostic::new(message, span, label));
+        let name = &block.name;
+        let first = self.resource(resources[0]).clone();
+        let mut wrong = None;
+        if block.set != 0 {
+            wrong = error(format!("`{name}` of `{shader}` is in set {}", block.set), "everything is in set 0".into());
+        } else if block.count as usize != resources.len() {
+            wrong = error(
+                format!("`{name}` of `{shader}` is an array of {}", block.count),
+                format!("`{}` has {} planes", first.name, resources.len()),
+            );
+        }
+        let kind = match (&block.kind, first.shape) {
+            (ReflectedKind::StorageBuffer { stride, fixed_bytes }, Shape::Buffer { stride: ours, count }) => {
+                if !matches!(first.source, Source::Scene { .. } | Source::Transient) {
+                    wrong = wrong.or(error(
+                        format!("`{}` is a uniform block", first.name),
+                        format!("`{name}` of `{shader}` is a storage buffer"),
+                    ));
+                } else if let Some(theirs) = stride.filter(|s| *s as u64 != ours) {
+                    wrong = wrong.or(error(
+                        format!("`{name}` of `{shader}` has elements of {theirs} bytes"),
+                        format!("`{}` has elements of {ours} bytes", first.name),
+                    ));
+                } else if *fixed_bytes as u64 > ours * count {
+                    wrong = wrong.or(error(
+                        format!("`{name}` of `{shader}` has {fixed_bytes} bytes"),
+                        format!("`{}` has {}", first.name, ours * count),
+                    ));
+                }
+                for id in resources {
+                    let bytes = self.resource(*id).bytes();
+                    if bytes > self.limits.storage_bytes {
+                        let mib = |b: u64| b.div_ceil(1 << 20);
+                        let limit = self.limits.storage_bytes;
+                        let diagnostic = Diagnostic::new(
+                            format!("`{}` has {} MiB, and the device binds at most {}", first.name, mib(bytes), mib(limit)),
+                            self.flat.resource_spans[id.index()],
+                            describe(self.resource(*id)),
+                        );
+                        self.errors.push(diagnostic.with_help("fewer splats, or a device with a larger storage range"));
+                        break;
+                    }
+                }
+                if block.writes && first.source != Source::Transient {
+                    wrong = wrong.or(error(
+                        format!("`{shader}` writes to `{name}`"),
+                        format!("`{}` is the scene's and cannot be written", first.name),
+                    ));
+                }
+                DescriptorKind::StorageBuffer
+            }
+            (ReflectedKind::UniformBuffer { bytes, .. }, Shape::Buffer { stride, count }) => {
+                if !matches!(first.source, Source::Frame { .. } | Source::Live) {
+                    wrong = wrong.or(error(
+                        format!("`{name}` of `{shader}` is a uniform block"),
+                        format!("`{}` is a storage buffer", first.name),
+                    ));
+                } else if *bytes as u64 > stride * count {
+                    wrong = wrong.or(error(
+                        format!("`{name}` of `{shader}` has {bytes} bytes"),
+                        format!("`{}` has {}", first.name, stride * count),
+                    ));
+                }
+                DescriptorKind::UniformBuffer
+            }
+            (ReflectedKind::StorageImage { format }, Shape::Image { format: ours, .. }) => {
+                if let Some(theirs) = format.filter(|f| *f != ours) {
+                    wrong = wrong.or(error(
+                        format!("`{name}` of `{shader}` is of the format {theirs:?}"),
+                        format!("`{}` is of the format {ours:?}", first.name),
+                    ));
+                }
+                DescriptorKind::StorageImage
+            }
+            (theirs, ours) => {
+                let kind = |image| if image { "an image" } else { "a buffer" };
+                wrong = error(
+                    format!("`{name}` of `{shader}` is {}", kind(matches!(theirs, ReflectedKind::StorageImage { .. }))),
+                    format!("`{}` is {}", first.name, kind(matches!(ours, Shape::Image { .. }))),
+                );
+                DescriptorKind::StorageBuffer
+            }
+        };
+        match wrong {
+            None => Some(kind),
+            Some(diagnostic) => {
+                let declared = self.flat.resource_spans[resources[0].index()];
+                self.errors.push(diagnostic.with_label(declared, "declared here"));
+                None
+            }
+        }
+    }
+
+    fn describe_touches(
+        &self,
+        block: &ReflectedBinding,
+        kind: DescriptorKind,
+        resources: &[ResourceId],
+        stage: Stages,
+        touches: &mut Vec<Touch>,
+    ) {
+        let mut accesses = Accesses::empty();
+        accesses.set(Accesses::STORAGE_READ, block.reads);
+        accesses.set(Accesses::STORAGE_WRITE, block.writes);
+        let layout = match kind {
+            DescriptorKind::UniformBuffer => {
+                accesses = Accesses::UNIFORM_READ;
+                None
+            }
+            DescriptorKind::StorageBuffer => None,
+            DescriptorKind::StorageImage => Some(Layout::General),
+        };
+        for resource in resources {
+            touch(touches, *resource, stage, accesses, layout, false);
+        }
+    }
+
+    /// The bytes of the push constants.
+    pub(super) fn push(&mut self, pass: &FlatPass, stages: &[(ShaderId, Stages)]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut known = Vec::new();
+        for (shader, _) in stages {
+            let shader = self.shaders[shader.index()].clone();
+            let Some(block) = &shader.reflection.push else { continue };
+            bytes.resize(bytes.len().max(block.bytes as usize), 0);
+            for member in &block.members {
+                known.push(member.name.clone());
+                let Some(push) = pass.push.iter().find(|p| p.name == member.name) else {
+                    self.errors.push(
+                        Diagnostic::new(
+                            format!("the push constant `{}` of `{}` is not given", member.name, shader.name),
+                            pass.span,
+                            "in this pass",
+                        )
+                        .with_help(format!("add `push: {{\"{}\": ...}}`", member.name)),
+                    );
+                    continue;
+                };
+                let word = match (member.kind, &push.value) {
+                    (MemberKind::Uint, Value::Int(v)) => u32::try_from(*v).ok().map(u32::to_le_bytes),
+                    (MemberKind::Uint, Value::Bool(v)) => Some(u32::from(*v).to_le_bytes()),
+                    (MemberKind::Int, Value::Int(v)) => i32::try_from(*v).ok().map(i32::to_le_bytes),
+                    (MemberKind::Float, Value::Float(v)) => Some((*v as f32).to_le_bytes()),
+                    (MemberKind::Float, Value::Int(v)) => Some((*v as f32).to_le_bytes()),
+                    _ => None,
+                };
+                let at = member.offset as usize;
+                match word {
+                    Some(word) if at + 4 <= bytes.len() => bytes[at..at + 4].copy_from_slice(&word),
+                    _ => self.errors.push(Diagnostic::new(
+                        format!("`{}` of `{}` is {}", member.name, shader.name, kind_name(member.kind)),
+                        push.value_span,
+                        format!("the value {} does not fit", push.value),
+                    )),
+                }
+            }
+        }
+        for push in &pass.push {
+            if !known.contains(&push.name) {
+                let diagnostic = Diagnostic::new(
+                    format!("no shader of this pass has a push constant `{}`", push.name),
+                    push.name_span,
+                    "given here",
+                );
+                self.errors.push(match nearest(&push.name, known.iter().map(String::as_str)) {
+                    Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+                    None => diagnostic,
+                });
+            }
+        }
+        bytes
+    }
+
+    /// A resource must not be bound twice to a pass that writes it: its invocations run in any order.
+    pub(super) fn conflicts(&mut self, pass: &FlatPass, touches: &[Touch]) {
+        for (i, bind) in pass.bind.iter().enumerate() {
+            for id in &bind.resources {
+                let written = touches.iter().any(|t| t.resource == *id && t.accesses.writes());
+                let twice = pass.bind[..i].iter().find(|b| b.resources.contains(id));
+                if let (true, Some(other)) = (written, twice) {
+                    self.errors.push(
+                        Diagnostic::new(
+                            format!("`{}` is written and bound twice", self.resource(*id).name),
+                            bind.resource_span,
+                            "bound here",
+                        )
+                        .with_label(other.resource_span, "and here"),
+                    );
+                }
+            }
+        }
+        if let FlatWork::Draw { targets, .. } = &pass.work {
+            for (target, span) in targets {
+                if let Some(bind) = pass.bind.iter().find(|b| b.resources.contains(&target.image)) {
+                    let name = &self.resource(target.image).name;
+                    self.errors.push(
+                        Diagnostic::new(format!("`{name}` is drawn to and bound in the same pass"), *span, "drawn to here")
+                            .with_label(bind.resource_span, "bound here"),
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// The shader files of a pass, as named.
+fn shader_files(pass: &FlatPass) -> Vec<String> {
+    match &pass.work {
+        FlatWork::Dispatch { shader, .. } => vec![shader.name.clone()],
+        FlatWork::Draw { vertex, fragment, .. } => vec![vertex.name.clone(), fragment.name.clone()],
+        FlatWork::Fill { .. } => Vec::new(),
+    }
+}
+
+fn kind_name(kind: MemberKind) -> &'static str {
+    match kind {
+        MemberKind::Uint => "a uint",
+        MemberKind::Int => "an int",
+        MemberKind::Float => "a float",
+        MemberKind::Other => "not a single number: push constants are uint, int or float",
+    }
+}
+
+fn quoted(names: &[&str]) -> String {
+    names.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,67 @@
+//! What draws have beyond bindings: the interface between their two stages, and their targets.
+
+use super::{Checker, describe, touch};
+use crate::plan::{Accesses, Layout, Load, ShaderId, Shape, Source, Stages, Target, Touch};
+use crate::source::{Diagnostic, Span};
+
+impl Checker<'_> {
+    /// Every input of the fragment shader is an output of the vertex shader, of the same type. The two are compiled apart,
+    /// so that nobody else would notice.
+    pub(super) fn interface(&mut self, vertex: ShaderId, fragment: ShaderId, span: Span) {
+        let (from, to) = (&self.shaders[vertex.index()], &self.shaders[fragment.index()]);
+        for input in &to.reflection.inputs {
+            let output = from.reflection.outputs.iter().find(|o| o.location == input.location);
+            let wrong = match output {
+                None => format!("`{}` has no output at location {}", from.name, input.location),
+                Some(o) if o.glsl_type != input.glsl_type => {
+                    format!("`{}` gives it as `{} {}`", from.name, o.glsl_type, o.name)
+                }
+                Some(_) => continue,
+            };
+            let message = format!("the input `{} {}` of `{}` has no source", input.glsl_type, input.name, to.name);
+            self.errors.push(Diagnostic::new(message, span, wrong));
+        }
+    }
+
+    pub(super) fn targets(
+        &mut self,
+        fragment: ShaderId,
+        targets: &[(Target, Span)],
+        pass: Span,
+        touches: &mut Vec<Touch>,
+    ) {
+        let shader = self.shaders[fragment.index()].clone();
+        let outputs = shader.reflection.outputs.len();
+        if outputs != targets.len() || targets.is_empty() {
+            self.errors.push(Diagnostic::new(
+                format!("`{}` has {outputs} outputs", shader.name),
+                pass,
+                format!("this pass has {} targets", targets.len()),
+            ));
+            return;
+        }
+        let mut size = None;
+        for (i, (target, span)) in targets.iter().enumerate() {
+            let image = self.resource(target.image).clone();
+            let Shape::Image { width, height, .. } = image.shape else {
+                self.errors.push(Diagnostic::new(format!("`{}` is a buffer", image.name), *span, "a target is an image"));
+                continue;
+            };
+            if image.source != Source::Transient {
+                self.errors.push(Diagnostic::new(format!("`{}` cannot be drawn to", image.name), *span, "not the graph's own"));
+            }
+            if targets[..i].iter().any(|(t, _)| t.image == target.image) {
+                self.errors.push(Diagnostic::new(format!("`{}` is a target twice", image.name), *span, "the second time"));
+            }
+            if *size.get_or_insert((width, height)) != (width, height) {
+                self.errors.push(Diagnostic::new("the targets of a pass are of one size", *span, describe(&image)));
+            }
+            // A cleared target is only written: what blending reads of it, the pass wrote itself.
+            let (accesses, discards) = match target.load {
+                Load::Clear(..) => (Accesses::COLOR_WRITE, true),
+                Load::Keep => (Accesses::COLOR_READ | Accesses::COLOR_WRITE, false),
+            };
+            touch(touches, target.image, Stages::COLOR_OUTPUT, accesses, Some(Layout::ColorTarget), discards);
+        }
+    }
+}

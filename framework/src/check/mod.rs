@@ -1,0 +1,280 @@
+//! The graph held against its shaders.
+//!
+//! Each pass's shaders are compiled and reflected; then every block that a shader touches must be bound, every entry of
+//! `bind` and `push` must exist in a shader, and kinds, strides, sizes and formats must fit. What a pass reads and writes
+//! comes out of this: it is what the shaders' code does, not what somebody wrote down. The result is the plan's passes,
+//! still in the order of the file, with their [`Touch`]es.
+
+mod bindings;
+mod draws;
+
+use crate::build::Request;
+use crate::lower::{Flat, FlatPass, FlatSize, FlatWork, ShaderName};
+use crate::plan::{
+    Accesses, DrawCall, Groups, Layout, LeftOut, Pass, Resource, ResourceId, Shader, ShaderId, Shape, Stages, Touch, Value, Work,
+};
+use crate::shader::{Compiled, ShaderCompiler, ShaderRequest, ShaderStage};
+use crate::source::{Diagnostic, Kind, SourceMap, Span};
+
+/// The binding number of the generated block of live parameters.
+pub const LIVE_BINDING: u32 = 31;
+/// Its block name.
+pub const LIVE_BLOCK: &str = "Live";
+
+/// A graph whose passes fit their shaders.
+#[derive(Clone, Debug)]
+pub struct Checked {
+    pub flat: Flat,
+    pub shaders: Vec<Shader>,
+    /// In the order of the file; those of `Once` and of every frame are still mixed.
+    pub passes: Vec<Pass>,
+    /// Of each pass, its name in the file.
+    pub spans: Vec<Span>,
+    pub left_out: Vec<LeftOut>,
+}
+
+/// Compiles the shaders of every pass and checks the pass against them.
+pub fn check(
+    flat: Flat,
+    request: &Request,
+    files: &mut SourceMap,
+    compiler: &mut dyn ShaderCompiler,
+) -> Result<Checked, Vec<Diagnostic>> {
+    let mut checker = Checker {
+        limits: Limits::of(request),
+        generated: vec![("live.glsl".to_string(), flat.live_glsl.clone())],
+        shaders: Vec::new(),
+        errors: Vec::new(),
+        files,
+        compiler,
+        flat: &flat,
+    };
+    let mut passes = Vec::with_capacity(flat.passes.len());
+    for pass in &flat.passes {
+        if let Some(pass) = checker.pass(pass) {
+            passes.push(pass);
+        }
+        // A mistake in a repeated pass or in a shared include is one mistake.
+        if checker.errors.len() >= 20 {
+            break;
+        }
+    }
+    let Checker { mut errors, shaders, .. } = checker;
+    if !errors.is_empty() {
+        let mut seen: Vec<Diagnostic> = Vec::new();
+        errors.retain(|e| {
+            let new = !seen.iter().any(|s| s.primary.span == e.primary.span && s.message == e.message);
+            if new {
+                seen.push(e.clone());
+            }
+            new
+        });
+        return Err(errors);
+    }
+    let spans = flat.passes.iter().map(|p| p.span).collect();
+    let left_out = flat.left_out.clone();
+    Ok(Checked { flat, shaders, passes, spans, left_out })
+}
+
+/// The device's limits, where they are known.
+struct Limits {
+    groups_x: u64,
+    invocations: u64,
+    shared_bytes: u64,
+    storage_bytes: u64,
+}
+
+impl Limits {
+    fn of(request: &Request) -> Limits {
+        let fact = |name: &str, otherwise: u64| match request.facts.get(name) {
+            Some(Value::Int(v)) => *v as u64,
+            _ => otherwise,
+        };
+        // Without facts: what Vulkan promises of every device, or no limit.
+        Limits {
+            groups_x: fact("device.max_groups_x", 65_535).max(1),
+            invocations: fact("device.max_invocations", u64::MAX),
+            shared_bytes: fact("device.shared_bytes", u64::MAX),
+            storage_bytes: fact("device.max_storage_bytes", u64::MAX),
+        }
+    }
+}
+
+struct Checker<'a> {
+    flat: &'a Flat,
+    limits: Limits,
+    files: &'a mut SourceMap,
+    compiler: &'a mut dyn ShaderCompiler,
+    generated: Vec<(String, String)>,
+    shaders: Vec<Shader>,
+    errors: Vec<Diagnostic>,
+}
+
+impl Checker<'_> {
+    fn resource(&self, id: ResourceId) -> &Resource {
+        &self.flat.resources[id.index()]
+    }
+
+    /// The plan's pass, or `None` after at least one error.
+    fn pass(&mut self, pass: &FlatPass) -> Option<Pass> {
+        let before = self.errors.len();
+        let mut touches = Vec::new();
+        let (work, stages): (Work, Vec<(ShaderId, Stages)>) = match &pass.work {
+            FlatWork::Fill { buffer, value } => {
+                touch(&mut touches, *buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE, None, false);
+                (Work::Fill { buffer: *buffer, value: *value }, Vec::new())
+            }
+            FlatWork::Dispatch { shader, size, size_span } => {
+                let id = self.shader(pass, shader, ShaderStage::Compute)?;
+                self.workgroup(id, shader.span);
+                let groups = self.groups(id, *size, *size_span)?;
+                if let Groups::Indirect { buffer, .. } = groups {
+                    touch(&mut touches, buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None, false);
+                }
+                (Work::Dispatch { shader: id, groups }, vec![(id, Stages::COMPUTE)])
+            }
+            FlatWork::Draw { vertex, fragment, topology, call, targets, .. } => {
+                let vertex_id = self.shader(pass, vertex, ShaderStage::Vertex);
+                let fragment_id = self.shader(pass, fragment, ShaderStage::Fragment);
+                let (vertex_id, fragment_id) = (vertex_id?, fragment_id?);
+                self.interface(vertex_id, fragment_id, fragment.span);
+                self.targets(fragment_id, targets, pass.span, &mut touches);
+                if let DrawCall::Indirect { buffer, .. } = *call {
+                    touch(&mut touches, buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None, false);
+                }
+                let work = Work::Draw {
+                    vertex: vertex_id,
+                    fragment: fragment_id,
+                    topology: *topology,
+                    call: *call,
+                    targets: targets.iter().map(|(t, _)| *t).collect(),
+                };
+                (work, vec![(vertex_id, Stages::VERTEX), (fragment_id, Stages::FRAGMENT)])
+            }
+        };
+        let bindings = self.bindings(pass, &stages, &mut touches);
+        let push = self.push(pass, &stages);
+        self.conflicts(pass, &touches);
+        (self.errors.len() == before).then(|| Pass {
+            name: pass.name.clone(),
+            phase: pass.phase.clone(),
+            run: pass.run,
+            work,
+            bindings,
+            push,
+            touches,
+            origin: self.files.origin(pass.span),
+        })
+    }
+
+    /// Compiles a shader, or finds it among those compiled for other passes.
+    fn shader(&mut self, pass: &FlatPass, name: &ShaderName, stage: ShaderStage) -> Option<ShaderId> {
+        if ShaderStage::of_file(&name.name) != Some(stage) {
+            let ending = match stage {
+                ShaderStage::Compute => ".comp",
+                ShaderStage::Vertex => ".vert",
+                ShaderStage::Fragment => ".frag",
+            };
+            self.errors.push(Diagnostic::new(
+                format!("`{}` is not a {} shader", name.name, format!("{stage:?}").to_lowercase()),
+                name.span,
+                format!("the name of one ends in `{ending}`"),
+            ));
+            return None;
+        }
+        let file = match self.files.find(Some(pass.file), &name.name, Kind::Shader) {
+            Ok(file) => file,
+            Err(error) => {
+                let diagnostic = Diagnostic::new(format!("there is no shader `{}`", name.name), name.span, "named here");
+                let diagnostic = match &error.nearest {
+                    Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+                    None => diagnostic,
+                };
+                self.errors.push(diagnostic.with_help(error.to_string()));
+                return None;
+            }
+        };
+        let request = ShaderRequest { file, stage, defines: &pass.defines, generated: &self.generated };
+        match self.compiler.compile(self.files, &request) {
+            Ok(Compiled { spirv, defines, reflection }) => {
+                let shader = Shader { name: name.name.clone(), defines, spirv, reflection };
+                let at = self.shaders.iter().position(|s| *s == shader).unwrap_or_else(|| {
+                    self.shaders.push(shader);
+                    self.shaders.len() - 1
+                });
+                Some(ShaderId(at as u32))
+            }
+            Err(errors) => {
+                self.errors.extend(errors);
+                None
+            }
+        }
+    }
+
+    /// Checks a compute shader's workgroup against the device.
+    fn workgroup(&mut self, id: ShaderId, span: Span) {
+        let reflection = &self.shaders[id.index()].reflection;
+        let invocations: u64 = reflection.local_size.iter().map(|s| *s as u64).product();
+        if invocations > self.limits.invocations {
+            self.errors.push(Diagnostic::new(
+                format!("the device has workgroups of at most {} invocations", self.limits.invocations),
+                span,
+                format!("this shader has {invocations}"),
+            ));
+        }
+        if reflection.shared_bytes as u64 > self.limits.shared_bytes {
+            self.errors.push(Diagnostic::new(
+                format!("the device has {} bytes of shared memory", self.limits.shared_bytes),
+                span,
+                format!("this shader uses {}", reflection.shared_bytes),
+            ));
+        }
+    }
+
+    fn groups(&mut self, id: ShaderId, size: FlatSize, span: Span) -> Option<Groups> {
+        let local = self.shaders[id.index()].reflection.local_size;
+        let groups = match size {
+            FlatSize::Indirect { buffer, offset } => return Some(Groups::Indirect { buffer, offset }),
+            FlatSize::Groups(groups) => groups,
+            FlatSize::Threads(threads) => threads.div_ceil(local[0] as u64),
+        };
+        let limit = self.limits.groups_x;
+        if groups <= limit {
+            return Some(Groups::Direct([groups as u32, 1, 1]));
+        }
+        // Rows as short as they can be for their number, so that few groups are idle.
+        let rows = groups.div_ceil(limit);
+        if rows > limit {
+            self.errors.push(Diagnostic::new(
+                "this dispatch is larger than the device can do at once",
+                span,
+                format!("{groups} workgroups; {limit} in x and {limit} in y are possible"),
+            ));
+            return None;
+        }
+        Some(Groups::Direct([groups.div_ceil(rows) as u32, rows as u32, 1]))
+    }
+}
+
+/// Adds to a pass's touches: one entry per resource and stage.
+fn touch(
+    touches: &mut Vec<Touch>,
+    resource: ResourceId,
+    stages: Stages,
+    accesses: Accesses,
+    layout: Option<Layout>,
+    discards: bool,
+) {
+    match touches.iter_mut().find(|t| t.resource == resource && t.stages == stages) {
+        Some(touch) => touch.accesses |= accesses,
+        None => touches.push(Touch { resource, stages, accesses, layout, discards }),
+    }
+}
+
+/// "12 x 4 bytes" or "960 x 540 Rgba16Float".
+fn describe(resource: &Resource) -> String {
+    match resource.shape {
+        Shape::Buffer { stride, count } => format!("{count} elements of {stride} bytes"),
+        Shape::Image { format, width, height } => format!("an image of {width} x {height}, {format:?}"),
+    }
+}

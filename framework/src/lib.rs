@@ -1,0 +1,31 @@
+//! From the text of a render graph to a plan that a GPU backend can execute.
+//!
+//! A graph is a RON file that declares parameters, resources, dispatches and draws. This crate reads it and
+//! produces a [`plan::Plan`]: the passes in order, the barriers between them, the memory they need. Nothing here
+//! touches a GPU: the plan is a pure function of the files, the parameters, the facts of the scene and the facts
+//! of the device, so it can be built, dumped and tested anywhere.
+//!
+//! Data walks through the folders of this crate in this order:
+//!
+//! 1. [`source`] holds the texts, knows the byte span of every element and draws diagnostics under them;
+//! 2. [`expr`] evaluates the small expressions that a graph may hold in place of numbers;
+//! 3. [`schema`] is the graph as written, a typed tree;
+//! 4. [`lower`] resolves presets, includes, conditions, repeats and swaps to a flat list of passes;
+//! 5. [`shader`] compiles GLSL to SPIR-V and reads back what each shader binds and touches;
+//! 6. [`check`] holds the flat list against the shaders;
+//! 7. [`solve`] orders the passes and places the barriers;
+//! 8. [`plan`] is the result, [`dump`] writes it for people and programs.
+
+pub mod build;
+pub mod check;
+pub mod dump;
+pub mod expr;
+pub mod lower;
+pub mod plan;
+pub mod schema;
+pub mod shader;
+pub mod solve;
+pub mod source;
+
+pub use build::{Catalog, Facts, Request, build};
+pub use plan::Plan;

@@ -1,0 +1,112 @@
+//! Loading of graph files, and the chain of presets that leads to one.
+
+use indexmap::IndexMap;
+use std::rc::Rc;
+
+use crate::schema::{Document, GRAPH_VERSION, Graph, Number};
+use crate::source::{Diagnostic, FileId, Kind, NotFound, Outline, Path, SourceMap, Span, ron_error};
+
+/// A graph with what presets changed of it.
+#[derive(Clone, Debug)]
+pub(super) struct Opened {
+    pub file: FileId,
+    pub graph: Rc<Graph>,
+    pub outline: Rc<Outline>,
+    /// Of the outermost preset, or of the graph.
+    pub summary: String,
+    /// Settings of the presets, outer ones already laid over inner ones.
+    pub set: IndexMap<String, Setting>,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Setting {
+    pub number: Number,
+    pub outline: Rc<Outline>,
+    pub path: Path,
+}
+
+/// How deep presets and includes may nest: enough for any sense, and short of a stack's end.
+pub(super) const MAX_DEPTH: usize = 16;
+
+/// Opens a graph named on the command line, through its presets.
+pub(super) fn open(files: &mut SourceMap, name: &str) -> Result<Opened, Vec<Diagnostic>> {
+    let file = files.find(None, name, Kind::Graph).map_err(|e| vec![not_found(files, "--pipeline", name, e)])?;
+    follow(files, file)
+}
+
+/// A name that was given on the command line has no file to point into: it is shown as a text of its own.
+fn not_found(files: &mut SourceMap, option: &str, name: &str, error: NotFound) -> Diagnostic {
+    let file = files.add(option, name);
+    let diagnostic = Diagnostic::new(
+        format!("there is no graph `{name}`"),
+        Span { file, start: 0, end: name.len() },
+        "named here",
+    );
+    tried(diagnostic, &error)
+}
+
+/// Adds to a diagnostic where a file was looked for and what was probably meant.
+pub(super) fn tried(diagnostic: Diagnostic, error: &NotFound) -> Diagnostic {
+    let diagnostic = match &error.nearest {
+        Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+        None => diagnostic,
+    };
+    diagnostic.with_help(error.to_string())
+}
+
+/// Reads a file; where it is a preset, goes on to its graph.
+pub(super) fn follow(files: &mut SourceMap, mut file: FileId) -> Result<Opened, Vec<Diagnostic>> {
+    let mut set = IndexMap::new();
+    let mut summary = None;
+    let mut chain: Vec<(FileId, Span)> = Vec::new();
+    loop {
+        let (document, outline) = parse(files, file)?;
+        match document {
+            Document::Graph(graph) => {
+                if graph.version != GRAPH_VERSION {
+                    let at = outline.value(&Path::root().field("version"));
+                    return Err(vec![Diagnostic::new(
+                        format!("this graph is of version {}", graph.version),
+                        at,
+                        format!("this program reads version {GRAPH_VERSION}"),
+                    )]);
+                }
+                let summary = summary.unwrap_or_else(|| graph.summary.clone());
+                return Ok(Opened { file, graph: Rc::new(graph), outline, summary, set });
+            }
+            Document::Preset(preset) => {
+                let base = outline.value(&Path::root().field("graph"));
+                chain.push((file, base));
+                summary.get_or_insert(preset.summary);
+                for (name, number) in preset.set {
+                    let path = Path::root().field("set").key(&name);
+                    set.entry(name).or_insert(Setting { number, outline: outline.clone(), path });
+                }
+                let next = files.find(Some(file), &preset.graph, Kind::Graph).map_err(|e| {
+                    vec![tried(Diagnostic::new(format!("there is no graph `{}`", preset.graph), base, "named here"), &e)]
+                })?;
+                if chain.iter().any(|(seen, _)| *seen == next) || chain.len() > MAX_DEPTH {
+                    let mut diagnostic = Diagnostic::new("these presets are based on each other", base, "leads back");
+                    for (_, span) in &chain[..chain.len() - 1] {
+                        diagnostic = diagnostic.with_label(*span, "based on this");
+                    }
+                    return Err(vec![diagnostic]);
+                }
+                file = next;
+            }
+        }
+    }
+}
+
+/// Reads one file, without following anything.
+pub(super) fn parse(files: &SourceMap, file: FileId) -> Result<(Document, Rc<Outline>), Vec<Diagnostic>> {
+    let text = files.text(file);
+    // The outline is made first because it limits the depth of nesting, which the RON parser recurses into.
+    let outline = Outline::parse(file, text).map_err(|e| vec![e])?;
+    let options = ron::Options::default().with_default_extension(
+        ron::extensions::Extensions::UNWRAP_VARIANT_NEWTYPES | ron::extensions::Extensions::IMPLICIT_SOME,
+    );
+    let document = options.from_str(text).map_err(|e| vec![ron_error(file, text, &e)])?;
+    let twice = outline.duplicates();
+    if twice.is_empty() { Ok((document, Rc::new(outline))) } else { Err(twice) }
+}

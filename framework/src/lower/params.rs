@@ -1,0 +1,321 @@
+//! Parameters: from their declarations, presets and `--set` to values.
+
+use super::document::{Opened, Setting};
+use super::scope::{Names, Place, describe};
+use crate::build::Request;
+use crate::plan::{Domain, Param, ParamBinding, Value};
+use crate::schema::{Number, ParamDecl, ParamKind};
+use crate::source::{Diagnostic, Path, SourceMap, Span, nearest};
+
+/// What a graph's parameters come to.
+pub(super) struct Resolved {
+    pub params: Vec<Param>,
+    /// Facts and constants, ready for `let`s and passes.
+    pub names: Names,
+    pub live_bytes: u64,
+}
+
+/// A setting from the command line: the text and where it is shown.
+struct Text<'a> {
+    value: &'a str,
+    span: Span,
+}
+
+/// Gives the parameters of the root graph their values: defaults, then presets, then the request's settings.
+pub(super) fn resolve(
+    root: &Opened,
+    request: &Request,
+    files: &mut SourceMap,
+    errors: &mut Vec<Diagnostic>,
+) -> Resolved {
+    let known = |name: &str| root.graph.params.contains_key(name);
+    let offer = |diagnostic: Diagnostic, name: &str| {
+        let names = root.graph.params.keys().map(String::as_str);
+        match nearest(name, names) {
+            Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+            None => diagnostic.with_help(match root.graph.params.is_empty() {
+                true => "this graph has no parameters".to_string(),
+                false => {
+                    let all: Vec<_> = root.graph.params.keys().map(|k| format!("`{k}`")).collect();
+                    format!("it has {}", all.join(", "))
+                }
+            }),
+        }
+    };
+    for (name, setting) in &root.set {
+        if !known(name) {
+            let span = setting.outline.key(&setting.path);
+            errors.push(offer(Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here"), name));
+        }
+    }
+    let mut texts = Vec::new();
+    for (name, value) in request.set {
+        let file = files.add("--set", format!("{name}={value}"));
+        if !known(name) {
+            let span = Span { file, start: 0, end: name.len() };
+            errors.push(offer(Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here"), name));
+        }
+        let span = Span { file, start: name.len() + 1, end: name.len() + 1 + value.len() };
+        texts.push((name.as_str(), Text { value, span }));
+    }
+
+    let mut names = Names { values: request.facts.clone(), live: Default::default() };
+    let mut params = Vec::new();
+    let mut live_bytes = 0;
+    for (name, declaration) in &root.graph.params {
+        let place = Place::new(&root.outline, Path::root().field("params").key(name));
+        let text = texts.iter().rev().find(|(n, _)| n == name).map(|(_, t)| t);
+        match one(name, declaration, &place, root.set.get(name), text, &names, live_bytes, files) {
+            Ok(param) => {
+                match param.binding {
+                    ParamBinding::Const => drop(names.values.insert(name.clone(), param.value.clone())),
+                    ParamBinding::Live { .. } => {
+                        names.live.insert(name.clone());
+                        live_bytes += 4;
+                    }
+                }
+                params.push(param);
+            }
+            Err(diagnostic) => errors.push(diagnostic),
+        }
+    }
+    Resolved { params, names, live_bytes }
+}
+
+#[allow(clippy::too_many_arguments)]
+fn one(
+    name: &str,
+    declaration: &ParamDecl,
+    place: &Place,
+    setting: Option<&Setting>,
+    text: Option<&Text>,
+    names: &Names,
+    offset: u64,
+    files: &SourceMap,
+) -> Result<Param, Diagnostic> {
+    let (kind, binding) = match declaration {
+        ParamDecl::Const(kind) => (kind, ParamBinding::Const),
+        ParamDecl::Live(kind) => (kind, ParamBinding::Live { offset: offset as u32 }),
+    };
+    if !is_identifier(name) {
+        return Err(Diagnostic::new(
+            format!("`{name}` cannot name a parameter"),
+            place.key(),
+            "letters, digits and `_`, not a digit first",
+        ));
+    }
+    let kind_place = place.index(0);
+    let (domain, default, exact, label, help) = domain(kind, &kind_place, names)?;
+    let value = match (text, setting) {
+        (Some(text), _) => parse(text.value, &domain)
+            .and_then(|v| within(v, &domain))
+            .map_err(|m| Diagnostic::new(format!("`{name}` cannot be set to this"), text.span, m))?,
+        (None, Some(setting)) => {
+            let at = Place { outline: setting.outline.clone(), path: setting.path.clone() };
+            given(&setting.number, &domain, names, &at)?
+        }
+        (None, None) => default.clone(),
+    };
+    let label = if label.is_empty() { name.replace('_', " ") } else { label.clone() };
+    let origin = files.origin(place.key());
+    Ok(Param { name: name.into(), label, help: help.clone(), value, default, exact, domain, binding, origin })
+}
+
+/// The domain, default, exact value, label and help of a declaration.
+fn domain<'a>(
+    kind: &'a ParamKind,
+    place: &Place,
+    names: &Names,
+) -> Result<(Domain, Value, Option<Value>, &'a String, &'a String), Diagnostic> {
+    let value = |number: &Number, field: &str, domain: &Domain| given(number, domain, names, &place.field(field));
+    let bound = |number: &Number, index: usize| -> Result<f64, Diagnostic> {
+        let at = place.field("range").index(index);
+        match names.evaluate(number, &at)? {
+            Value::Int(v) => Ok(v as f64),
+            Value::Float(v) => Ok(v),
+            other => Err(at.error("a range is between numbers", format!("this is {}", describe(&other)))),
+        }
+    };
+    let empty = |at: Place| Err(at.error("this range is empty", "its end is below its start"));
+    let (domain, default, exact, label, help) = match kind {
+        ParamKind::Bool { default, exact, label, help } => (Domain::Bool, default, exact, label, help),
+        ParamKind::Int { default, range, exact, label, help } => {
+            let at = place.field("range");
+            let min = names.integer(&range.0, &at.index(0))?;
+            let max = names.integer(&range.1, &at.index(1))?;
+            if max < min {
+                return empty(at);
+            }
+            (Domain::Int { min, max }, default, exact, label, help)
+        }
+        ParamKind::Float { default, range, step, exact, label, help } => {
+            let (min, max) = (bound(&range.0, 0)?, bound(&range.1, 1)?);
+            if max < min {
+                return empty(place.field("range"));
+            }
+            let step = match step {
+                None => (max - min) / 100.0,
+                Some(number) => match names.evaluate(number, &place.field("step"))? {
+                    Value::Int(v) => v as f64,
+                    Value::Float(v) => v,
+                    other => return Err(place.field("step").error("a step is a number", describe(&other))),
+                },
+            };
+            (Domain::Float { min, max, step }, default, exact, label, help)
+        }
+        ParamKind::Choice { default, of, exact, label, help } => {
+            let domain = Domain::Choice(of.clone());
+            let pick = |text: &String, field: &str| {
+                within(Value::Text(text.clone()), &domain)
+                    .map_err(|m| place.field(field).error("this is not one of the choices", m))
+            };
+            let default = pick(default, "default")?;
+            let exact = exact.as_ref().map(|e| pick(e, "exact")).transpose()?;
+            return Ok((domain, default, exact, label, help));
+        }
+    };
+    let default = value(default, "default", &domain)?;
+    let exact = exact.as_ref().map(|e| value(e, "exact", &domain)).transpose()?;
+    Ok((domain, default, exact, label, help))
+}
+
+/// A value that a file gives to a parameter. For a choice, a string that is one of its names stands for itself.
+pub(super) fn given(number: &Number, domain: &Domain, names: &Names, at: &Place) -> Result<Value, Diagnostic> {
+    let value = match (number, domain) {
+        (Number::Expression(text), Domain::Choice(of)) if of.contains(text) || is_identifier(text) && names.values.get(text).is_none() => {
+            Value::Text(text.clone())
+        }
+        _ => names.evaluate(number, at)?,
+    };
+    within(value, domain).map_err(|m| at.error("this value does not fit the parameter", m))
+}
+
+/// The value, in the domain's type, or what is wrong with it.
+fn within(value: Value, domain: &Domain) -> Result<Value, String> {
+    match (domain, value) {
+        (Domain::Bool, Value::Bool(v)) => Ok(Value::Bool(v)),
+        (Domain::Int { min, max }, Value::Int(v)) => {
+            if (*min..=*max).contains(&v) { Ok(Value::Int(v)) } else { Err(format!("{v} is not in {min} to {max}")) }
+        }
+        (Domain::Float { min, max, .. }, v @ (Value::Int(_) | Value::Float(_))) => {
+            let v = match v {
+                Value::Int(v) => v as f64,
+                Value::Float(v) => v,
+                _ => unreachable!("the pattern allows no other"),
+            };
+            if (*min..=*max).contains(&v) {
+                Ok(Value::Float(v))
+            } else {
+                Err(format!("{v:?} is not in {min:?} to {max:?}"))
+            }
+        }
+        (Domain::Choice(of), Value::Text(v)) => {
+            if of.contains(&v) {
+                return Ok(Value::Text(v));
+            }
+            let near = match nearest(&v, of.iter().map(String::as_str)) {
+                Some(near) => format!("; did you mean `{near}`?"),
+                None => String::new(),
+            };
+            Err(format!("`{v}` is not one of {}{near}", of.join(", ")))
+        }
+        (domain, value) => Err(format!("{} is not {}", describe(&value), wanted(domain))),
+    }
+}
+
+fn wanted(domain: &Domain) -> String {
+    match domain {
+        Domain::Bool => "true or false".into(),
+        Domain::Int { min, max } => format!("an integer from {min} to {max}"),
+        Domain::Float { min, max, .. } => format!("a number from {min:?} to {max:?}"),
+        Domain::Choice(of) => format!("one of {}", of.join(", ")),
+    }
+}
+
+/// A value as typed on a command line.
+fn parse(text: &str, domain: &Domain) -> Result<Value, String> {
+    let wrong = || format!("is not {}", wanted(domain));
+    match domain {
+        Domain::Bool => match text {
+            "true" | "1" | "on" | "yes" => Ok(Value::Bool(true)),
+            "false" | "0" | "off" | "no" => Ok(Value::Bool(false)),
+            _ => Err(wrong()),
+        },
+        Domain::Int { .. } => text.parse().map(Value::Int).map_err(|_| wrong()),
+        Domain::Float { .. } => match text.parse::<f64>() {
+            Ok(v) if v.is_finite() => Ok(Value::Float(v)),
+            _ => Err(wrong()),
+        },
+        Domain::Choice(_) => Ok(Value::Text(text.into())),
+    }
+}
+
+/// A parameter of an included graph. `given` is what the includer sets, the names that this is over, and where it stands.
+pub(super) fn included(
+    name: &str,
+    declaration: &ParamDecl,
+    place: &Place,
+    setting: Option<&Setting>,
+    given_here: Option<(&Number, &Names, Place)>,
+    names: &Names,
+    files: &SourceMap,
+) -> Result<Param, Diagnostic> {
+    let mut param = one(name, declaration, place, setting, None, names, 0, files)?;
+    if let Some((number, outer, at)) = given_here {
+        param.value = given(number, &param.domain, outer, &at)?;
+    }
+    Ok(param)
+}
+
+pub(super) fn is_identifier(name: &str) -> bool {
+    name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+}
+
+/// The text of `live.glsl`: one uniform block with the live parameters, in their order.
+pub(super) fn live_glsl(params: &[Param]) -> String {
+    let members: Vec<String> = params
+        .iter()
+        .filter(|p| p.binding != ParamBinding::Const)
+        .map(|p| {
+            let kind = match p.domain {
+                Domain::Float { .. } => "float",
+                Domain::Int { .. } => "int",
+                // A bool is 0 or 1, a choice the index of its name.
+                Domain::Bool | Domain::Choice(_) => "uint",
+            };
+            format!("    {kind} {};\n", p.name)
+        })
+        .collect();
+    if members.is_empty() {
+        return "// This graph has no live parameters.\n".into();
+    }
+    format!(
+        "// Generated: the live parameters.\nlayout(set = 0, binding = {}, std140) uniform {} {{\n{}}};\n",
+        crate::check::LIVE_BINDING,
+        crate::check::LIVE_BLOCK,
+        members.concat()
+    )
+}
+
+/// The bytes of the live uniform block for these parameters, in the layout of [`live_glsl`].
+pub fn live_bytes(params: &[Param]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for param in params {
+        let ParamBinding::Live { offset } = param.binding else { continue };
+        let word = match (&param.value, &param.domain) {
+            (Value::Float(v), _) => (*v as f32).to_le_bytes(),
+            (Value::Int(v), _) => (*v as i32).to_le_bytes(),
+            (Value::Bool(v), _) => u32::from(*v).to_le_bytes(),
+            (Value::Text(v), Domain::Choice(of)) => {
+                (of.iter().position(|o| o == v).unwrap_or(0) as u32).to_le_bytes()
+            }
+            (Value::Text(_), _) => [0; 4],
+        };
+        let at = offset as usize;
+        bytes.resize(bytes.len().max(at + 4), 0);
+        bytes[at..at + 4].copy_from_slice(&word);
+    }
+    bytes.resize(bytes.len().next_multiple_of(16).max(16), 0);
+    bytes
+}

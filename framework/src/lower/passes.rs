@@ -1,0 +1,597 @@
+//! The walk over the passes: conditions, repeats, swaps and includes.
+
+use indexmap::IndexMap;
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use super::document::{self, MAX_DEPTH, Opened};
+use super::params;
+use super::resources::{Handle, PingPong};
+use super::scope::{Names, Place};
+use super::{Flat, FlatBind, FlatPass, FlatPush, FlatSize, FlatWork, ShaderName};
+use crate::build::Request;
+use crate::plan::{
+    Domain, DrawCall, LeftOut, Param, Resource, ResourceId, Run, Shape, Source, Stat, Target, Value,
+};
+use crate::schema::{Call, Graph, Number, ParamDecl, PassDecl, Size};
+use crate::source::{Diagnostic, FileId, Kind, Outline, Path, SourceMap, Span, nearest};
+
+/// Passes that a graph may have after its repeats: far beyond any use, and short of exhausting memory by a typing error.
+const MAX_PASSES: usize = 100_000;
+
+/// The state of the walk.
+pub(super) struct Lowering<'a> {
+    pub request: &'a Request<'a>,
+    pub files: &'a mut SourceMap,
+    pub errors: Vec<Diagnostic>,
+    pub resources: Vec<Resource>,
+    pub resource_spans: Vec<Span>,
+    pub ping_pongs: Vec<PingPong>,
+    passes: Vec<FlatPass>,
+    /// Name and place of every pass, to refuse one used twice.
+    pass_names: BTreeMap<String, Span>,
+    left_out: Vec<LeftOut>,
+    unwritten: Vec<(ResourceId, String, Span)>,
+    /// The files being included, outermost first.
+    includes: Vec<FileId>,
+}
+
+/// One graph file in the walk: the root, or an include.
+pub(super) struct Level {
+    pub file: FileId,
+    pub graph: Rc<Graph>,
+    pub outline: Rc<Outline>,
+    pub names: Names,
+    /// `None` for a declaration that was in error.
+    pub handles: IndexMap<String, Option<Handle>>,
+    /// In front of the names of passes and resources.
+    pub prefix: String,
+    /// Behind the names of passes: the indices of the repeats.
+    suffix: String,
+    defines: Rc<Vec<(String, String)>>,
+}
+
+/// What all kinds of passes have.
+struct Head<'a> {
+    name: &'a str,
+    phase: &'a Option<String>,
+    run: Run,
+    place: &'a Place,
+}
+
+impl<'a> Lowering<'a> {
+    pub fn new(request: &'a Request<'a>, files: &'a mut SourceMap) -> Self {
+        Lowering {
+            request,
+            files,
+            errors: Vec::new(),
+            resources: Vec::new(),
+            resource_spans: Vec::new(),
+            ping_pongs: Vec::new(),
+            passes: Vec::new(),
+            pass_names: BTreeMap::new(),
+            left_out: Vec::new(),
+            unwritten: Vec::new(),
+            includes: Vec::new(),
+        }
+    }
+
+    pub fn run(mut self) -> Result<Flat, Vec<Diagnostic>> {
+        let root = document::open(self.files, self.request.graph)?;
+        let resolved = params::resolve(&root, self.request, self.files, &mut self.errors);
+        if !self.errors.is_empty() {
+            return Err(self.errors);
+        }
+        let mut level = self.level(&root, resolved.names, &resolved.params, String::new());
+        if let Some(port) = root.graph.ports.keys().next() {
+            let span = root.outline.key(&Path::root().field("ports").key(port));
+            self.errors.push(
+                Diagnostic::new("this graph is made to be included", span, "nothing is bound to this port")
+                    .with_help("name a graph that includes it"),
+            );
+            return Err(self.errors);
+        }
+        self.includes.push(root.file);
+        self.declare(&mut level);
+        let passes = Place::new(&root.outline, Path::root().field("passes"));
+        self.walk(&mut level, &root.graph.passes, &passes);
+        let output = self.output(&level);
+        let (stats, stat_spans) = self.stats(&level);
+        let live_bytes = resolved.live_bytes.next_multiple_of(16).max(16);
+        let live_span = root.outline.key(&Path::root().field("params"));
+        let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
+        let live = self.add(crate::check::LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
+        match output {
+            Some((output, output_span)) if self.errors.is_empty() => Ok(Flat {
+                name: self.request.graph.into(),
+                summary: root.summary.clone(),
+                facts: self.request.facts.clone(),
+                live_glsl: params::live_glsl(&resolved.params),
+                params: resolved.params,
+                resources: self.resources,
+                resource_spans: self.resource_spans,
+                passes: self.passes,
+                left_out: self.left_out,
+                unwritten: self.unwritten,
+                output,
+                output_span,
+                stats,
+                stat_spans,
+                live,
+            }),
+            _ => Err(self.errors),
+        }
+    }
+
+    /// A level with its `let`s evaluated.
+    fn level(&mut self, opened: &Opened, mut names: Names, params: &[Param], prefix: String) -> Level {
+        let mut lets = Vec::new();
+        for (name, number) in &opened.graph.lets {
+            let place = Place::new(&opened.outline, Path::root().field("let").key(name));
+            if names.values.contains_key(name) || names.live.contains(name) {
+                let taken = "the name is already that of a parameter, a fact or a `let`";
+                self.errors.push(Diagnostic::new(format!("`{name}` is declared twice"), place.key(), taken));
+                continue;
+            }
+            match names.evaluate(number, &place) {
+                Ok(value) => {
+                    names.values.insert(name.clone(), value.clone());
+                    lets.push((name.clone(), value));
+                }
+                Err(diagnostic) => self.errors.push(diagnostic),
+            }
+        }
+        let defines = Rc::new(defines(&names, params));
+        Level {
+            file: opened.file,
+            graph: opened.graph.clone(),
+            outline: opened.outline.clone(),
+            names,
+            handles: IndexMap::new(),
+            prefix,
+            suffix: String::new(),
+            defines,
+        }
+    }
+
+    fn walk(&mut self, level: &mut Level, passes: &[PassDecl], at: &Place) {
+        for (i, pass) in passes.iter().enumerate() {
+            if self.passes.len() > MAX_PASSES {
+                return;
+            }
+            if let Err(diagnostic) = self.pass(level, pass, &at.index(i)) {
+                self.errors.push(diagnostic);
+            }
+        }
+    }
+
+    fn pass(&mut self, level: &mut Level, pass: &PassDecl, place: &Place) -> Result<(), Diagnostic> {
+        match pass {
+            PassDecl::Dispatch { name, phase, run, when, shader, size, bind, push, define } => {
+                let head = Head { name, phase, run: *run, place };
+                let users: Vec<&str> = bind.values().map(String::as_str).collect();
+                if !self.wanted(level, when, &head, &users)? {
+                    return Ok(());
+                }
+                let size_place = place.field("size");
+                let size = match size {
+                    Size::Threads(n) => FlatSize::Threads(level.names.natural(n, &size_place.index(0))?),
+                    Size::Groups(n) => FlatSize::Groups(level.names.natural(n, &size_place.index(0))?),
+                    Size::Indirect(buffer, offset) => {
+                        match self.indirect(level, buffer, offset, 12, &size_place)? {
+                            Some((buffer, offset)) => FlatSize::Indirect { buffer, offset },
+                            None => return Ok(()),
+                        }
+                    }
+                };
+                let shader = ShaderName { name: shader.clone(), span: place.field("shader").span() };
+                let work = FlatWork::Dispatch { shader, size, size_span: size_place.span() };
+                self.emit(level, &head, work, bind, push, define)
+            }
+            PassDecl::Draw { name, phase, when, vertex, fragment, topology, call, bind, push, define, targets } => {
+                let head = Head { name, phase, run: Run::Frame, place };
+                let users: Vec<&str> =
+                    bind.values().map(String::as_str).chain(targets.iter().map(|t| t.image.as_str())).collect();
+                if !self.wanted(level, when, &head, &users)? {
+                    return Ok(());
+                }
+                let call_place = place.field("call");
+                let call = match call {
+                    Call::Direct { vertices, instances } => {
+                        let count = |number, field| -> Result<u32, Diagnostic> {
+                            let at = call_place.field(field);
+                            let n = level.names.natural(number, &at)?;
+                            u32::try_from(n).map_err(|_| at.error("this does not fit 32 bits", format!("is {n}")))
+                        };
+                        DrawCall::Direct { vertices: count(vertices, "vertices")?, instances: count(instances, "instances")? }
+                    }
+                    Call::Indirect(buffer, offset) => {
+                        match self.indirect(level, buffer, offset, 16, &call_place)? {
+                            Some((buffer, offset)) => DrawCall::Indirect { buffer, offset },
+                            None => return Ok(()),
+                        }
+                    }
+                };
+                let mut resolved = Vec::new();
+                for (i, target) in targets.iter().enumerate() {
+                    let at = place.field("targets").index(i).field("image");
+                    let Some(image) = self.look_up_one(level, &target.image, &at)? else { return Ok(()) };
+                    resolved.push((Target { image, load: target.load, blend: target.blend }, at.span()));
+                }
+                let shader = |name: &String, field| ShaderName { name: name.clone(), span: place.field(field).span() };
+                let work = FlatWork::Draw {
+                    vertex: shader(vertex, "vertex"),
+                    fragment: shader(fragment, "fragment"),
+                    topology: *topology,
+                    call,
+                    call_span: call_place.span(),
+                    targets: resolved,
+                };
+                self.emit(level, &head, work, bind, push, define)
+            }
+            PassDecl::Fill { name, phase, when, buffer, value } => {
+                let head = Head { name, phase, run: Run::Frame, place };
+                if !self.wanted(level, when, &head, &[buffer])? {
+                    return Ok(());
+                }
+                let value_place = place.field("value");
+                let value = level.names.natural(value, &value_place)?;
+                let value = u32::try_from(value)
+                    .map_err(|_| value_place.error("this does not fit 32 bits", format!("is {value}")))?;
+                let at = place.field("buffer");
+                let Some(id) = self.look_up_one(level, buffer, &at)? else { return Ok(()) };
+                let target = &self.resources[id.index()];
+                if !matches!(target.shape, Shape::Buffer { .. }) || target.source != Source::Transient {
+                    return Err(at.error(format!("`{buffer}` cannot be filled"), "only the graph's own buffers can"));
+                }
+                let none = (IndexMap::new(), IndexMap::new(), IndexMap::new());
+                self.emit(level, &head, FlatWork::Fill { buffer: id, value }, &none.0, &none.1, &none.2)
+            }
+            PassDecl::Repeat { var, count, body } => self.repeat(level, var, count, body, place),
+            PassDecl::Swap(name) => {
+                let at = place.index(0);
+                match level.handles.get(name) {
+                    Some(Some(Handle::PingPong(index))) => {
+                        let pair = &mut self.ping_pongs[*index];
+                        pair.front = 1 - pair.front;
+                        Ok(())
+                    }
+                    Some(None) => Ok(()),
+                    // A plain resource and an unknown one are told apart by the usual look-up.
+                    _ => self.look_up(level, &format!("front({name})"), &at).map(|_| ()).map_err(|mut e| {
+                        e.primary.span = at.span();
+                        e
+                    }),
+                }
+            }
+            PassDecl::Include { graph, name, when, with, set } => self.include(level, graph, name, when, with, set, place),
+        }
+    }
+
+    /// Whether the pass's `when` holds; if not, it is noted as left out.
+    fn wanted(&mut self, level: &Level, when: &Option<Number>, head: &Head, users: &[&str]) -> Result<bool, Diagnostic> {
+        let Some(number) = when else { return Ok(true) };
+        let at = head.place.field("when");
+        if level.names.truth(number, &at)? {
+            return Ok(true);
+        }
+        let name = format!("{}{}{}", level.prefix, head.name, level.suffix);
+        let condition = match number {
+            Number::Expression(text) => text.clone(),
+            Number::Literal(value) => value.to_string(),
+        };
+        for user in users {
+            for id in self.look_up(level, user, &at).ok().flatten().unwrap_or_default() {
+                self.unwritten.push((id, name.clone(), at.span()));
+            }
+        }
+        let origin = self.files.origin(head.place.span());
+        self.left_out.push(LeftOut { pass: name, why: format!("its condition is false: {condition}"), origin });
+        Ok(false)
+    }
+
+    fn indirect(
+        &self,
+        level: &Level,
+        buffer: &str,
+        offset: &Number,
+        bytes: u64,
+        at: &Place,
+    ) -> Result<Option<(ResourceId, u64)>, Diagnostic> {
+        let Some(id) = self.look_up_one(level, buffer, &at.index(0))? else { return Ok(None) };
+        let offset_place = at.index(1);
+        let offset = level.names.natural(offset, &offset_place)?;
+        let resource = &self.resources[id.index()];
+        if !matches!(resource.shape, Shape::Buffer { .. }) {
+            return Err(at.index(0).error(format!("`{buffer}` is an image"), "the arguments are in a buffer"));
+        }
+        if offset % 4 != 0 || offset + bytes > resource.bytes() {
+            return Err(offset_place.error(
+                format!("{bytes} bytes of arguments do not stand at offset {offset} of `{buffer}`"),
+                format!("it has {} bytes, and offsets are multiples of 4", resource.bytes()),
+            ));
+        }
+        Ok(Some((id, offset)))
+    }
+
+    fn emit(
+        &mut self,
+        level: &Level,
+        head: &Head,
+        work: FlatWork,
+        bind: &IndexMap<String, String>,
+        push: &IndexMap<String, Number>,
+        define: &IndexMap<String, Number>,
+    ) -> Result<(), Diagnostic> {
+        let name = format!("{}{}{}", level.prefix, head.name, level.suffix);
+        let span = head.place.field("name").span();
+        if let Some(first) = self.pass_names.insert(name.clone(), span) {
+            return Err(Diagnostic::new(format!("two passes are called `{name}`"), span, "the second")
+                .with_label(first, "the first"));
+        }
+        let mut binds = Vec::new();
+        for (block, text) in bind {
+            let at = head.place.field("bind").field(block);
+            match self.look_up(level, text, &at) {
+                Ok(None) => {}
+                Ok(Some(resources)) => binds.push(FlatBind {
+                    block: block.clone(),
+                    block_span: at.key(),
+                    resources,
+                    resource_span: at.span(),
+                }),
+                Err(diagnostic) => self.errors.push(diagnostic),
+            }
+        }
+        let mut pushes = Vec::new();
+        for (member, number) in push {
+            let at = head.place.field("push").field(member);
+            match level.names.evaluate(number, &at) {
+                Ok(value) => pushes.push(FlatPush { name: member.clone(), value, name_span: at.key(), value_span: at.span() }),
+                Err(diagnostic) => self.errors.push(diagnostic),
+            }
+        }
+        let mut defines = level.defines.clone();
+        for (key, number) in define {
+            let at = head.place.field("define").field(key);
+            let value = level.names.evaluate(number, &at)?;
+            match (params::is_identifier(key), define_text(&value)) {
+                (true, Some(text)) => Rc::make_mut(&mut defines).push((key.clone(), text)),
+                (false, _) => return Err(Diagnostic::new(format!("`{key}` cannot name a define"), at.key(), "not an identifier")),
+                (_, None) => return Err(at.error("a define is a number or a bool of 32 bits", "this is not")),
+            }
+        }
+        self.passes.push(FlatPass {
+            name,
+            phase: head.phase.clone().unwrap_or_else(|| head.name.into()),
+            run: head.run,
+            file: level.file,
+            span,
+            work,
+            bind: binds,
+            push: pushes,
+            defines,
+        });
+        if self.passes.len() > MAX_PASSES {
+            return Err(Diagnostic::new(format!("this graph has over {MAX_PASSES} passes"), span, "while adding this one"));
+        }
+        Ok(())
+    }
+
+    fn repeat(
+        &mut self,
+        level: &mut Level,
+        var: &str,
+        count: &Number,
+        body: &[PassDecl],
+        place: &Place,
+    ) -> Result<(), Diagnostic> {
+        let count_place = place.field("count");
+        let count = level.names.natural(count, &count_place)?;
+        if count > MAX_PASSES as u64 {
+            return Err(count_place.error(format!("this repeats over {MAX_PASSES} times"), format!("is {count}")));
+        }
+        if level.names.values.contains_key(var) || level.names.live.contains(var) {
+            let at = place.field("var");
+            return Err(at.error(format!("`{var}` is declared twice"), "the name is already that of something else"));
+        }
+        let errors = self.errors.len();
+        let suffix = level.suffix.clone();
+        for i in 0..count {
+            level.names.values.insert(var.into(), Value::Int(i as i64));
+            level.suffix = format!("{suffix}[{i}]");
+            self.walk(level, body, &place.field("body"));
+            // The second time round would only say the same again.
+            if self.errors.len() > errors {
+                break;
+            }
+        }
+        level.names.values.remove(var);
+        level.suffix = suffix;
+        Ok(())
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn include(
+        &mut self,
+        level: &mut Level,
+        graph: &str,
+        name: &str,
+        when: &Option<Number>,
+        with: &IndexMap<String, String>,
+        set: &IndexMap<String, Number>,
+        place: &Place,
+    ) -> Result<(), Diagnostic> {
+        let head = Head { name, phase: &None, run: Run::Frame, place };
+        let users: Vec<&str> = with.values().map(String::as_str).collect();
+        if !self.wanted(level, when, &head, &users)? {
+            return Ok(());
+        }
+        let graph_place = place.field("graph");
+        let file = self.files.find(Some(level.file), graph, Kind::Graph).map_err(|e| {
+            document::tried(graph_place.error(format!("there is no graph `{graph}`"), "named here"), &e)
+        })?;
+        if self.includes.contains(&file) || self.includes.len() > MAX_DEPTH {
+            return Err(graph_place.error("these graphs include each other", "leads back to a graph that includes this one"));
+        }
+        let opened = match document::follow(self.files, file) {
+            Ok(opened) => opened,
+            Err(errors) => {
+                self.errors.extend(errors);
+                return Ok(());
+            }
+        };
+        let (names, params) = self.include_params(level, &opened, set, place)?;
+        let prefix = format!("{}{name}{}.", level.prefix, level.suffix);
+        let before = self.errors.len();
+        let mut inner = self.level(&opened, names, &params, prefix);
+        for (port_name, port) in &opened.graph.ports {
+            let Some(given) = with.get(port_name) else {
+                let span = opened.outline.key(&Path::root().field("ports").key(port_name));
+                return Err(Diagnostic::new(format!("nothing is given for the port `{port_name}`"), place.field("with").span(), "missing here")
+                    .with_label(span, "the port"));
+            };
+            let at = place.field("with").field(port_name);
+            let handle = match level.handles.get(given) {
+                Some(handle) => handle.clone(),
+                None => {
+                    self.look_up(level, given, &at)?;
+                    return Err(at.error("a port takes a whole resource", "not the front or the back of one"));
+                }
+            };
+            self.port(port_name, port, &handle, &at)?;
+            inner.handles.insert(port_name.clone(), handle);
+        }
+        if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
+            let at = place.field("with").field(unknown);
+            let diagnostic = Diagnostic::new(format!("`{graph}` has no port `{unknown}`"), at.key(), "given here");
+            return Err(match nearest(unknown, opened.graph.ports.keys().map(String::as_str)) {
+                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+                None => diagnostic,
+            });
+        }
+        for field in ["output", "stats"] {
+            let set = if field == "output" { opened.graph.output.is_some() } else { !opened.graph.stats.is_empty() };
+            if set {
+                let span = opened.outline.key(&Path::root().field(field));
+                return Err(Diagnostic::new(format!("an included graph has no `{field}` of its own"), span, "declared here")
+                    .with_label(graph_place.span(), "included here"));
+            }
+        }
+        self.declare(&mut inner);
+        if self.errors.len() > before {
+            return Ok(());
+        }
+        self.includes.push(file);
+        let passes = Place::new(&opened.outline, Path::root().field("passes"));
+        self.walk(&mut inner, &opened.graph.passes, &passes);
+        self.includes.pop();
+        Ok(())
+    }
+
+    /// The parameters of an included graph: from `set`, in the includer's names, over its own defaults.
+    fn include_params(
+        &self,
+        level: &Level,
+        opened: &Opened,
+        set: &IndexMap<String, Number>,
+        place: &Place,
+    ) -> Result<(Names, Vec<Param>), Diagnostic> {
+        if let Some(unknown) = set.keys().find(|k| !opened.graph.params.contains_key(*k)) {
+            let at = place.field("set").field(unknown);
+            let diagnostic = Diagnostic::new(format!("the graph has no parameter `{unknown}`"), at.key(), "set here");
+            return Err(match nearest(unknown, opened.graph.params.keys().map(String::as_str)) {
+                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+                None => diagnostic,
+            });
+        }
+        let mut names = Names { values: self.request.facts.clone(), live: Default::default() };
+        let mut params = Vec::new();
+        for (name, declaration) in &opened.graph.params {
+            let at = Place::new(&opened.outline, Path::root().field("params").key(name));
+            if matches!(declaration, ParamDecl::Live(_)) {
+                return Err(Diagnostic::new("an included graph has no live parameters of its own", at.key(), "declared here")
+                    .with_help("declare it in the graph that includes it: its shaders see it all the same"));
+            }
+            let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));
+            let param = params::included(name, declaration, &at, opened.set.get(name), given, &names, self.files)?;
+            names.values.insert(name.clone(), param.value.clone());
+            params.push(param);
+        }
+        Ok((names, params))
+    }
+
+    fn output(&mut self, level: &Level) -> Option<(ResourceId, Span)> {
+        let root = Place::new(&level.outline, Path::root());
+        let Some(name) = &level.graph.output else {
+            self.errors.push(Diagnostic::new("this graph has no output", level.outline.head(&Path::root()), "add `output: \"name of an image\"`"));
+            return None;
+        };
+        let at = root.field("output");
+        match self.look_up_one(level, name, &at) {
+            Ok(Some(id)) if matches!(self.resources[id.index()].shape, Shape::Image { .. }) => Some((id, at.span())),
+            Ok(None) => None,
+            Ok(Some(_)) => {
+                self.errors.push(at.error(format!("`{name}` is a buffer"), "the output is an image"));
+                None
+            }
+            Err(diagnostic) => {
+                self.errors.push(diagnostic);
+                None
+            }
+        }
+    }
+
+    fn stats(&mut self, level: &Level) -> (Vec<Stat>, Vec<Span>) {
+        let (mut stats, mut spans) = (Vec::new(), Vec::new());
+        for (name, (buffer, offset)) in &level.graph.stats {
+            let at = Place::new(&level.outline, Path::root().field("stats").key(name));
+            match self.indirect(level, buffer, offset, 4, &at) {
+                Ok(Some((buffer, offset))) => {
+                    stats.push(Stat { name: name.clone(), buffer, offset });
+                    spans.push(at.span());
+                }
+                Ok(None) => {}
+                Err(diagnostic) => self.errors.push(diagnostic),
+            }
+        }
+        (stats, spans)
+    }
+}
+
+/// What shaders can be compiled with: every value that fits a 32-bit literal, by its name in capitals. The names of a choice
+/// become constants too, so that a shader can write `#if BLEND == BLEND_BACK_TO_FRONT`.
+fn defines(names: &Names, params: &[Param]) -> Vec<(String, String)> {
+    let capital = |name: &str| -> String {
+        name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
+    };
+    let mut defines = Vec::new();
+    for (name, value) in &names.values {
+        let choices = params.iter().find(|p| p.name == *name).and_then(|p| match &p.domain {
+            Domain::Choice(of) => Some(of),
+            _ => None,
+        });
+        if let (Some(of), Value::Text(text)) = (choices, value) {
+            for (i, choice) in of.iter().enumerate() {
+                defines.push((format!("{}_{}", capital(name), capital(choice)), i.to_string()));
+                if choice == text {
+                    defines.push((capital(name), i.to_string()));
+                }
+            }
+        } else if let Some(text) = define_text(value) {
+            defines.push((capital(name), text));
+        }
+    }
+    defines
+}
+
+/// A value as a GLSL literal; `None` where it is none or does not fit 32 bits.
+fn define_text(value: &Value) -> Option<String> {
+    match value {
+        Value::Bool(v) => Some(i32::from(*v).to_string()),
+        Value::Int(v) if i32::try_from(*v).is_ok() => Some(v.to_string()),
+        Value::Int(v) => u32::try_from(*v).ok().map(|v| format!("{v}u")),
+        Value::Float(v) if v.is_finite() => Some(format!("{v:?}")),
+        Value::Float(_) | Value::Text(_) => None,
+    }
+}

@@ -1,0 +1,230 @@
+//! Resources: from declarations, imports and ports to numbered buffers and images.
+
+use super::passes::{Level, Lowering};
+use super::scope::Place;
+use crate::plan::{Resource, ResourceId, Shape, Source, Usage};
+use crate::schema::{Import, Port, ResourceDecl};
+use crate::source::{Diagnostic, Path, Span, nearest};
+
+/// What a name in a graph stands for.
+#[derive(Clone, Debug)]
+pub(super) enum Handle {
+    /// One resource, or the planes of an attribute.
+    Plain(Vec<ResourceId>),
+    /// Index into [`Lowering::ping_pongs`].
+    PingPong(usize),
+}
+
+/// Two buffers; which one is the front changes as `Swap`s are met.
+#[derive(Clone, Debug)]
+pub(super) struct PingPong {
+    pub halves: [ResourceId; 2],
+    pub front: usize,
+}
+
+/// Which half of a ping-pong resource a name asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Half {
+    Front,
+    Back,
+}
+
+impl Lowering<'_> {
+    pub(super) fn declare(&mut self, level: &mut Level) {
+        let graph = level.graph.clone();
+        let root = Place::new(&level.outline, Path::root());
+        for (name, import) in &graph.imports {
+            let place = root.field("imports").field(name);
+            let handle = self.import(level, name, import, &place);
+            self.enter(level, name, handle, &place);
+        }
+        for (name, declaration) in &graph.resources {
+            let place = root.field("resources").field(name);
+            let handle = self.resource(level, name, declaration, &place);
+            self.enter(level, name, handle, &place);
+        }
+    }
+
+    fn enter(&mut self, level: &mut Level, name: &str, handle: Result<Handle, Diagnostic>, place: &Place) {
+        match handle {
+            Ok(handle) => {
+                if level.handles.insert(name.into(), Some(handle)).is_some() {
+                    self.errors.push(Diagnostic::new(
+                        format!("`{name}` is declared twice"),
+                        place.key(),
+                        "the name is already that of a port or an import",
+                    ));
+                }
+            }
+            Err(diagnostic) => {
+                self.errors.push(diagnostic);
+                // Known, so that its users are not blamed as well.
+                level.handles.insert(name.into(), None);
+            }
+        }
+    }
+
+    fn import(&mut self, level: &Level, name: &str, import: &Import, place: &Place) -> Result<Handle, Diagnostic> {
+        let catalog = self.request.catalog;
+        let planes = match &import.planes {
+            Some(number) => level.names.positive(number, &place.field("planes"))?,
+            None => 1,
+        };
+        if let Some(bytes) = catalog.uniforms.get(&import.from) {
+            if planes != 1 {
+                return Err(place.field("planes").error("a uniform block has no planes", "leave this out"));
+            }
+            let shape = Shape::Buffer { stride: *bytes, count: 1 };
+            let source = Source::Frame { uniform: import.from.clone() };
+            return Ok(Handle::Plain(vec![self.add(format!("{}{name}", level.prefix), shape, source, place.key())]));
+        }
+        let Some(attribute) = catalog.attributes.get(&import.from) else {
+            let known = || catalog.attributes.keys().chain(catalog.uniforms.keys()).map(String::as_str);
+            let diagnostic =
+                place.field("from").error(format!("nothing is called `{}`", import.from), "cannot be imported");
+            return Err(match nearest(&import.from, known()) {
+                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+                None => diagnostic.with_help(format!("there are {}", known().collect::<Vec<_>>().join(", "))),
+            });
+        };
+        if planes > attribute.planes as u64 {
+            let message = format!("`{}` has {} planes", import.from, attribute.planes);
+            return Err(place.field("planes").error(message, format!("asks for {planes}")));
+        }
+        let shape = Shape::Buffer { stride: attribute.stride, count: attribute.count };
+        let ids = (0..planes as u32).map(|plane| {
+            let name = match planes {
+                1 => format!("{}{name}", level.prefix),
+                _ => format!("{}{name}[{plane}]", level.prefix),
+            };
+            self.add(name, shape, Source::Scene { attribute: import.from.clone(), plane }, place.key())
+        });
+        Ok(Handle::Plain(ids.collect()))
+    }
+
+    fn resource(
+        &mut self,
+        level: &Level,
+        name: &str,
+        declaration: &ResourceDecl,
+        place: &Place,
+    ) -> Result<Handle, Diagnostic> {
+        let full = format!("{}{name}", level.prefix);
+        match declaration {
+            ResourceDecl::Buffer { stride, count, ping_pong } => {
+                let stride = level.names.positive(stride, &place.field("stride"))?;
+                let count = level.names.positive(count, &place.field("count"))?;
+                if stride.checked_mul(count).is_none_or(|bytes| bytes > 1 << 48) {
+                    return Err(place.field("count").error("this buffer is larger than any memory", format!("{count} x {stride} bytes")));
+                }
+                if stride % 4 != 0 {
+                    return Err(place.field("stride").error("a stride is a multiple of 4 bytes", format!("is {stride}")));
+                }
+                let shape = Shape::Buffer { stride, count };
+                if !ping_pong {
+                    return Ok(Handle::Plain(vec![self.add(full, shape, Source::Transient, place.key())]));
+                }
+                let halves = [0, 1].map(|i| self.add(format!("{full}#{i}"), shape, Source::Transient, place.key()));
+                self.ping_pongs.push(PingPong { halves, front: 0 });
+                Ok(Handle::PingPong(self.ping_pongs.len() - 1))
+            }
+            ResourceDecl::Image { format, size } => {
+                let side = |number, index| -> Result<u32, Diagnostic> {
+                    let at = place.field("size").index(index);
+                    let v = level.names.positive(number, &at)?;
+                    if v > 32768 {
+                        return Err(at.error("no device has images this large", format!("is {v}")));
+                    }
+                    Ok(v as u32)
+                };
+                let (width, height) = (side(&size.0, 0)?, side(&size.1, 1)?);
+                let shape = Shape::Image { format: *format, width, height };
+                Ok(Handle::Plain(vec![self.add(full, shape, Source::Transient, place.key())]))
+            }
+        }
+    }
+
+    pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceId {
+        let id = ResourceId(self.resources.len() as u32);
+        let origin = self.files.origin(span);
+        self.resources.push(Resource { name, shape, usage: Usage::empty(), source, origin });
+        self.resource_spans.push(span);
+        id
+    }
+
+    /// The resources that the name at `place` stands for at this point of the walk: `keys`, `front(keys)`, `back(keys)`.
+    /// `Ok(None)` where the name is known but its declaration was in error.
+    pub(super) fn look_up(&self, level: &Level, text: &str, place: &Place) -> Result<Option<Vec<ResourceId>>, Diagnostic> {
+        let (name, half, start) = match text.strip_suffix(')') {
+            None => (text, None, 0),
+            Some(inner) => {
+                if let Some(name) = inner.strip_prefix("front(") {
+                    (name, Some(Half::Front), 6)
+                } else if let Some(name) = inner.strip_prefix("back(") {
+                    (name, Some(Half::Back), 5)
+                } else {
+                    return Err(place
+                        .error("this is not the name of a resource", "cannot be read")
+                        .with_help("write `name`, `front(name)` or `back(name)`"));
+                }
+            }
+        };
+        let span = place.outline.within_string(&place.path, start..start + name.len());
+        let Some(handle) = level.handles.get(name) else {
+            let diagnostic = Diagnostic::new(format!("there is no resource `{name}`"), span, "not declared");
+            let names = level.handles.keys().map(String::as_str);
+            return Err(match nearest(name, names) {
+                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+                None => diagnostic,
+            });
+        };
+        match (handle, half) {
+            (None, _) => Ok(None),
+            (Some(Handle::Plain(ids)), None) => Ok(Some(ids.clone())),
+            (Some(Handle::Plain(_)), Some(_)) => Err(Diagnostic::new(
+                format!("`{name}` has no front and back"),
+                span,
+                "declared without `ping_pong: true`",
+            )),
+            (Some(Handle::PingPong(index)), half) => {
+                let pair = &self.ping_pongs[*index];
+                let side = if half == Some(Half::Back) { 1 - pair.front } else { pair.front };
+                Ok(Some(vec![pair.halves[side]]))
+            }
+        }
+    }
+
+    /// Like [`Self::look_up`], for places that take one resource only.
+    pub(super) fn look_up_one(&self, level: &Level, text: &str, place: &Place) -> Result<Option<ResourceId>, Diagnostic> {
+        match self.look_up(level, text, place)?.as_deref() {
+            None => Ok(None),
+            Some([id]) => Ok(Some(*id)),
+            Some(ids) => Err(place.error(format!("`{text}` has {} planes", ids.len()), "one buffer is needed here")),
+        }
+    }
+
+    /// Checks what an includer gives to a port.
+    pub(super) fn port(&self, name: &str, port: &Port, given: &Option<Handle>, at: &Place) -> Result<(), Diagnostic> {
+        let Port::Buffer { stride, ping_pong } = port;
+        let Some(handle) = given else { return Ok(()) };
+        let id = match (handle, ping_pong) {
+            (Handle::PingPong(index), _) => self.ping_pongs[*index].halves[0],
+            (Handle::Plain(_), true) => {
+                return Err(at.error(format!("the port `{name}` needs a front and a back"), "declared without `ping_pong: true`"));
+            }
+            (Handle::Plain(ids), false) => ids[0],
+        };
+        let wanted = match stride {
+            crate::schema::Number::Literal(crate::plan::Value::Int(v)) => *v as u64,
+            _ => return Ok(()),
+        };
+        match self.resources[id.index()].shape {
+            Shape::Buffer { stride, .. } if stride == wanted => Ok(()),
+            Shape::Buffer { stride, .. } => Err(at.error(
+                format!("the port `{name}` takes elements of {wanted} bytes"),
+                format!("has elements of {stride}"),
+            )),
+            Shape::Image { .. } => Err(at.error(format!("the port `{name}` takes a buffer"), "this is an image")),
+        }
+    }
+}

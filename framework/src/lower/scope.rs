@@ -1,0 +1,134 @@
+//! Names with values, and the evaluation of what a file holds in their place.
+
+use std::collections::BTreeSet;
+use std::rc::Rc;
+
+use super::Values;
+use crate::expr::{Expr, Scope};
+use crate::plan::Value;
+use crate::schema::Number;
+use crate::source::{Diagnostic, Outline, Path, Span};
+
+/// What expressions of one graph can see: facts, constant parameters, `let`s and the variables of repeats.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Names {
+    pub values: Values,
+    /// Live parameters: known, but without a value when the plan is built.
+    pub live: BTreeSet<String>,
+}
+
+impl Scope for Names {
+    fn get(&self, name: &str) -> Option<Value> {
+        self.values.get(name).cloned()
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.values.keys().cloned().collect()
+    }
+}
+
+/// An element of a file: its outline and its place in it.
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    pub outline: Rc<Outline>,
+    pub path: Path,
+}
+
+impl Place {
+    pub fn new(outline: &Rc<Outline>, path: Path) -> Place {
+        Place { outline: outline.clone(), path }
+    }
+
+    pub fn field(&self, name: &str) -> Place {
+        Place { outline: self.outline.clone(), path: self.path.field(name) }
+    }
+
+    pub fn index(&self, index: usize) -> Place {
+        Place { outline: self.outline.clone(), path: self.path.index(index) }
+    }
+
+    /// The element itself.
+    pub fn span(&self) -> Span {
+        self.outline.value(&self.path)
+    }
+
+    /// The name of the field or the key that it is the value of.
+    pub fn key(&self) -> Span {
+        self.outline.key(&self.path)
+    }
+
+    pub fn error(&self, message: impl Into<String>, label: impl Into<String>) -> Diagnostic {
+        Diagnostic::new(message, self.span(), label)
+    }
+}
+
+impl Names {
+    /// The value of `number`, which stands at `place`.
+    pub fn evaluate(&self, number: &Number, place: &Place) -> Result<Value, Diagnostic> {
+        let text = match number {
+            Number::Literal(value) => return Ok(value.clone()),
+            Number::Expression(text) => text,
+        };
+        let show = |error: crate::expr::ExprError| {
+            let span = place.outline.within_string(&place.path, error.start..error.end);
+            let diagnostic = Diagnostic::new("this expression has no value", span, error.message);
+            match error.help {
+                Some(help) => diagnostic.with_help(help),
+                None => diagnostic,
+            }
+        };
+        let expr = Expr::parse(text).map_err(show)?;
+        for (name, range) in expr.names() {
+            if self.live.contains(name) {
+                let span = place.outline.within_string(&place.path, range);
+                return Err(Diagnostic::new(
+                    format!("`{name}` is a live parameter"),
+                    span,
+                    "has no value when the plan is built",
+                )
+                .with_help("declare it `Const` where sizes, conditions or repeats depend on it"));
+            }
+        }
+        expr.eval(self).map_err(show)
+    }
+
+    pub fn integer(&self, number: &Number, place: &Place) -> Result<i64, Diagnostic> {
+        match self.evaluate(number, place)? {
+            Value::Int(v) => Ok(v),
+            other => Err(place.error("an integer is needed here", format!("this is {}", describe(&other)))),
+        }
+    }
+
+    /// An integer from 0 up.
+    pub fn natural(&self, number: &Number, place: &Place) -> Result<u64, Diagnostic> {
+        let v = self.integer(number, place)?;
+        u64::try_from(v).map_err(|_| place.error("this cannot be negative", format!("is {v}")))
+    }
+
+    /// An integer from 1 up.
+    pub fn positive(&self, number: &Number, place: &Place) -> Result<u64, Diagnostic> {
+        match self.natural(number, place)? {
+            0 => Err(place.error("this must be at least 1", "is 0")),
+            v => Ok(v),
+        }
+    }
+
+    pub fn truth(&self, number: &Number, place: &Place) -> Result<bool, Diagnostic> {
+        match self.evaluate(number, place)? {
+            Value::Bool(v) => Ok(v),
+            other => Err(place
+                .error("a condition is needed here", format!("this is {}", describe(&other)))
+                .with_help("compare it with something, for instance `x != 0`")),
+        }
+    }
+}
+
+/// A value with its type, for messages.
+pub(super) fn describe(value: &Value) -> String {
+    match value {
+        Value::Bool(v) => v.to_string(),
+        Value::Int(v) => format!("the integer {v}"),
+        Value::Float(v) => format!("the number {v:?}"),
+        Value::Text(v) => format!("the text '{v}'"),
+    }
+}

@@ -1,0 +1,257 @@
+//! A lexer for GLSL, as far as one is needed beside the compiler's own.
+//!
+//! It finds which identifiers a text mentions (a define that no text mentions need not be passed), which files it
+//! includes, whether it names the right version of the language, and, once the compiler has complained, which token of
+//! a line it meant. It knows comments, line continuations and strings, and evaluates nothing: the branches of an
+//! `#if` count alike.
+
+use std::collections::HashSet;
+use std::ops::Range;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum TokenKind {
+    Identifier,
+    Number,
+    /// `"text"`, with its quotes.
+    Text,
+    Symbol,
+    /// The end of a line that is not continued.
+    Newline,
+    /// A character that GLSL does not allow outside of comments: one that is not ASCII, or a zero.
+    Foreign,
+}
+
+/// A token that is no comment and no white space; `start..end` are bytes of the text.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Token {
+    pub kind: TokenKind,
+    pub start: usize,
+    pub end: usize,
+}
+
+impl Token {
+    pub fn range(&self) -> Range<usize> {
+        self.start..self.end
+    }
+
+    pub fn of<'t>(&self, text: &'t str) -> &'t str {
+        &text[self.range()]
+    }
+}
+
+/// Operators of more than one character, the longer ones first.
+const OPERATORS: [&str; 22] = [
+    "<<=", ">>=", "++", "--", "<<", ">>", "<=", ">=", "==", "!=", "&&", "||", "^^", "+=", "-=", "*=", "/=", "%=",
+    "&=", "|=", "^=", "##",
+];
+
+/// Every token of a text, in order.
+pub(super) fn lex(text: &str) -> Vec<Token> {
+    let bytes = text.as_bytes();
+    let word = |b: u8| b.is_ascii_alphanumeric() || b == b'_';
+    let mut tokens = Vec::with_capacity(bytes.len() / 4);
+    // A byte order mark is no part of the text.
+    let mut at = if text.starts_with('\u{feff}') { 3 } else { 0 };
+    while at < bytes.len() {
+        let start = at;
+        let rest = &bytes[at..];
+        let kind = match rest[0] {
+            b'\n' => {
+                at += 1;
+                TokenKind::Newline
+            }
+            b if b.is_ascii_whitespace() => {
+                at += 1;
+                continue;
+            }
+            b'\\' if rest.starts_with(b"\\\n") || rest.starts_with(b"\\\r\n") => {
+                at += if rest[1] == b'\n' { 2 } else { 3 };
+                continue;
+            }
+            b'/' if rest.starts_with(b"//") => {
+                at = end_of_line(bytes, at);
+                continue;
+            }
+            b'/' if rest.starts_with(b"/*") => {
+                at = text[at + 2..].find("*/").map_or(bytes.len(), |i| at + 2 + i + 2);
+                continue;
+            }
+            b'"' => {
+                at += 1;
+                while at < bytes.len() && !matches!(bytes[at], b'"' | b'\n') {
+                    at += 1;
+                }
+                if bytes.get(at) == Some(&b'"') {
+                    at += 1;
+                }
+                TokenKind::Text
+            }
+            b if b.is_ascii_digit() || (b == b'.' && rest.get(1).is_some_and(u8::is_ascii_digit)) => {
+                at += 1;
+                while at < bytes.len() {
+                    let exponent = matches!(bytes[at], b'+' | b'-')
+                        && matches!(bytes[at - 1], b'e' | b'E')
+                        && !rest.starts_with(b"0x")
+                        && !rest.starts_with(b"0X");
+                    if !(word(bytes[at]) || bytes[at] == b'.' || exponent) {
+                        break;
+                    }
+                    at += 1;
+                }
+                TokenKind::Number
+            }
+            b if word(b) => {
+                while at < bytes.len() && word(bytes[at]) {
+                    at += 1;
+                }
+                TokenKind::Identifier
+            }
+            b if b == 0 || !b.is_ascii() => {
+                at += text[at..].chars().next().map_or(1, char::len_utf8);
+                TokenKind::Foreign
+            }
+            _ => {
+                at += OPERATORS.iter().find(|o| rest.starts_with(o.as_bytes())).map_or(1, |o| o.len());
+                TokenKind::Symbol
+            }
+        };
+        let foreign = kind == TokenKind::Text && bytes[start..at].iter().any(|&b| b == 0 || !b.is_ascii());
+        tokens.push(Token { kind: if foreign { TokenKind::Foreign } else { kind }, start, end: at });
+    }
+    tokens
+}
+
+/// Where the line that `at` is on ends: at its newline, which a backslash before it takes away.
+fn end_of_line(bytes: &[u8], mut at: usize) -> usize {
+    while at < bytes.len() {
+        let rest = &bytes[at..];
+        if rest.starts_with(b"\\\r\n") {
+            at += 3;
+        } else if rest.starts_with(b"\\\n") {
+            at += 2;
+        } else if rest[0] == b'\n' {
+            break;
+        } else {
+            at += 1;
+        }
+    }
+    at
+}
+
+/// What one text says before it is compiled.
+#[derive(Debug, PartialEq)]
+pub(super) struct Scan<'t> {
+    pub identifiers: HashSet<&'t str>,
+    /// The names that follow `#include`, and where they stand (inside the quotes).
+    pub includes: Vec<(&'t str, Range<usize>)>,
+    /// The names that follow `#define`.
+    pub macros: HashSet<&'t str>,
+    /// The text's first `#version` and whether it says 460, in the core profile.
+    pub version: Option<(Range<usize>, bool)>,
+    /// The first token that GLSL does not allow.
+    pub foreign: Option<Range<usize>>,
+}
+
+pub(super) fn scan(text: &str) -> Scan<'_> {
+    let tokens = lex(text);
+    let mut scan = Scan {
+        identifiers: HashSet::new(),
+        includes: Vec::new(),
+        macros: HashSet::new(),
+        version: None,
+        foreign: None,
+    };
+    let mut line_starts = true;
+    for (i, token) in tokens.iter().enumerate() {
+        match token.kind {
+            TokenKind::Identifier => {
+                scan.identifiers.insert(token.of(text));
+            }
+            TokenKind::Foreign if scan.foreign.is_none() => scan.foreign = Some(token.range()),
+            TokenKind::Symbol if line_starts && token.of(text) == "#" => {
+                let mut words = tokens[i + 1..].iter().take_while(|t| t.kind != TokenKind::Newline);
+                let directive = words.next();
+                let argument = words.next();
+                match directive.map(|t| t.of(text)) {
+                    Some("include") => scan.includes.extend(directive.and_then(|t| header_name(text, t.end))),
+                    Some("define") => scan.macros.extend(argument.map(|t| t.of(text))),
+                    Some("version") if scan.version.is_none() => {
+                        let number = argument.map_or(token.range(), Token::range);
+                        let profile = words.next().map(|t| t.of(text));
+                        let right = &text[number.clone()] == "460" && matches!(profile, None | Some("core"));
+                        scan.version = Some((number, right));
+                    }
+                    _ => {}
+                }
+            }
+            _ => {}
+        }
+        line_starts = token.kind == TokenKind::Newline;
+    }
+    scan
+}
+
+/// The name in quotes or angle brackets that stands at `at`.
+fn header_name(text: &str, at: usize) -> Option<(&str, Range<usize>)> {
+    let line = text[at..].split('\n').next()?;
+    let quoted = line.trim_start_matches([' ', '\t']);
+    let close = match quoted.as_bytes().first()? {
+        b'"' => '"',
+        b'<' => '>',
+        _ => return None,
+    };
+    let name = &quoted[1..1 + quoted[1..].find(close)?];
+    let start = at + (line.len() - quoted.len()) + 1;
+    Some((name, start..start + name.len()))
+}
+
+/// The text with every byte that is not ASCII (there are none but in comments) and a byte order mark replaced, so that the
+/// compiler gets ASCII and every byte stays where it is.
+pub(super) fn to_ascii(text: &str) -> String {
+    let mut bytes = text.as_bytes().to_vec();
+    if text.starts_with('\u{feff}') {
+        bytes[..3].fill(b' ');
+    }
+    bytes.iter().map(|&b| if b == 0 || !b.is_ascii() { '?' } else { b as char }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn comments_hide_identifiers_and_includes() {
+        let scan = scan("a /* b\n#include \"x\"\n */ c // d \\\n still\n#include \"y\"\ne");
+        assert_eq!(scan.identifiers, HashSet::from(["a", "c", "include", "e"]));
+        assert_eq!(scan.includes.iter().map(|i| i.0).collect::<Vec<_>>(), ["y"]);
+    }
+
+    #[test]
+    fn an_include_is_found_with_its_place_however_it_is_written() {
+        let text = "  # /* so */ include   <a/b.glsl>\n#include \"c//d.glsl\" // why\nx #include \"no\"\n#include nothing\n";
+        let scan = scan(text);
+        assert_eq!(scan.includes.iter().map(|i| i.0).collect::<Vec<_>>(), ["a/b.glsl", "c//d.glsl"]);
+        assert!(scan.includes.iter().all(|(name, range)| &text[range.clone()] == *name));
+    }
+
+    #[test]
+    fn numbers_end_where_they_end() {
+        let text = "1.0e-3+.5f-0x1Fu+0xe+1-a.x";
+        let tokens: Vec<_> = lex(text).iter().map(|t| t.of(text)).collect();
+        assert_eq!(tokens, ["1.0e-3", "+", ".5f", "-", "0x1Fu", "+", "0xe", "+", "1", "-", "a", ".", "x"]);
+    }
+
+    #[test]
+    fn foreign_characters_are_allowed_in_comments_only() {
+        assert_eq!(scan("/* é */ a // ü\0").foreign, None);
+        assert_eq!(scan("float é;").foreign, Some(6..8));
+        assert_eq!(to_ascii("\u{feff}a // é"), "   a // ??");
+    }
+
+    #[test]
+    fn the_version_may_follow_comments() {
+        assert_eq!(scan("// hi\n#version 460\n").version, Some((15..18, true)));
+        assert_eq!(scan("#version 310 es\n").version, Some((9..12, false)));
+        assert_eq!(scan("void main() {}").version, None);
+    }
+}

@@ -1,0 +1,229 @@
+//! Which pass needs which other, and the order that follows.
+//!
+//! A resource with one writer may be read by passes anywhere in the file: the writer comes first. Where several passes
+//! write a resource, the file's order among all that touch it holds. `Once` passes run before every frame, so they
+//! precede all others. The result is a directed graph; a cycle in it is a mistake that names its passes.
+
+use petgraph::Direction;
+use petgraph::algo::tarjan_scc;
+use petgraph::graph::{DiGraph, NodeIndex};
+use petgraph::visit::{Dfs, EdgeFiltered, EdgeRef, Reversed};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use crate::lower::Flat;
+use crate::plan::{Hazard, LeftOut, Pass, ResourceId, Run, Source};
+use crate::source::{Diagnostic, SourceMap, Span};
+
+/// Indices into the passes, as they run.
+pub(super) struct Order {
+    pub once: Vec<usize>,
+    pub frame: Vec<usize>,
+    pub left_out: Vec<LeftOut>,
+}
+
+/// Why one pass follows another.
+#[derive(Clone, Copy, Debug)]
+struct Need {
+    hazard: Hazard,
+    resource: ResourceId,
+}
+
+type Needs = DiGraph<usize, Need>;
+
+/// Orders the passes; the last of them is the frame's export, which everything else is there for.
+pub(super) fn order(passes: &[Pass], spans: &[Span], flat: &Flat, files: &SourceMap) -> Result<Order, Vec<Diagnostic>> {
+    let mut errors = Vec::new();
+    let needs = needs(passes, spans, flat, &mut errors);
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    if let Some(cycle) = cycle(&needs) {
+        return Err(vec![describe_cycle(&cycle, &needs, passes, spans, flat)]);
+    }
+
+    // Who leads to the export by what is read? The edges of the other hazards only keep passes apart.
+    let flows = EdgeFiltered::from_fn(&needs, |edge| edge.weight().hazard == Hazard::ReadAfterWrite);
+    let mut live = vec![false; passes.len()];
+    let mut search = Dfs::new(Reversed(&flows), NodeIndex::new(passes.len() - 1));
+    while let Some(node) = search.next(Reversed(&flows)) {
+        live[node.index()] = true;
+    }
+    let left_out = (0..passes.len())
+        .filter(|i| !live[*i])
+        .map(|i| LeftOut {
+            pass: passes[i].name.clone(),
+            why: "nothing reads what it writes".into(),
+            origin: files.origin(spans[i]),
+        })
+        .collect();
+
+    let sorted = sort(&needs, &live);
+    let (once, frame) = sorted.into_iter().partition(|i| passes[*i].run == Run::Once);
+    Ok(Order { once, frame, left_out })
+}
+
+/// The edges, from the pass that comes first to the one that follows. Also finds what is read and never written.
+fn needs(passes: &[Pass], spans: &[Span], flat: &Flat, errors: &mut Vec<Diagnostic>) -> Needs {
+    let mut graph = Needs::with_capacity(passes.len(), passes.len() * 4);
+    for i in 0..passes.len() {
+        graph.add_node(i);
+    }
+    // Of each resource, who touches it, `Once` passes first: (pass, reads, writes).
+    let mut users: Vec<Vec<(usize, bool, bool)>> = vec![Vec::new(); flat.resources.len()];
+    let of_run = |run| (0..passes.len()).filter(move |i| passes[*i].run == run);
+    for i in of_run(Run::Once).chain(of_run(Run::Frame)) {
+        for touch in &passes[i].touches {
+            let (reads, writes) = (touch.accesses.reads(), touch.accesses.writes());
+            let users = &mut users[touch.resource.index()];
+            match users.iter_mut().find(|(user, ..)| *user == i) {
+                Some(entry) => *entry = (i, entry.1 | reads, entry.2 | writes),
+                None => users.push((i, reads, writes)),
+            }
+        }
+    }
+    for (resource, users) in users.iter().enumerate() {
+        let id = ResourceId(resource as u32);
+        if flat.resources[resource].source != Source::Transient {
+            continue;
+        }
+        let writers: Vec<usize> = users.iter().filter(|u| u.2).map(|u| u.0).collect();
+        let mut edge = |from: usize, to: usize, hazard| {
+            graph.add_edge(NodeIndex::new(from), NodeIndex::new(to), Need { hazard, resource: id });
+        };
+        if let [writer] = writers[..] {
+            for (reader, ..) in users.iter().filter(|u| u.0 != writer) {
+                if passes[*reader].run == Run::Once && passes[writer].run == Run::Frame {
+                    errors.push(
+                        Diagnostic::new(
+                            format!("`{}` runs once, before any frame", passes[*reader].name),
+                            spans[*reader],
+                            format!("reads `{}`", flat.resources[resource].name),
+                        )
+                        .with_label(spans[writer], "which is written here, in every frame"),
+                    );
+                }
+                edge(writer, *reader, Hazard::ReadAfterWrite);
+            }
+            continue;
+        }
+        // Every write so far may be part of what is read: two passes may fill a buffer's two halves.
+        let mut written: Vec<usize> = Vec::new();
+        let mut read: Vec<usize> = Vec::new();
+        for (user, reads, writes) in users {
+            if *reads {
+                if written.is_empty() && !writes {
+                    errors.push(never_written(*user, id, &writers, passes, spans, flat));
+                }
+                written.iter().for_each(|w| edge(*w, *user, Hazard::ReadAfterWrite));
+            }
+            if *writes {
+                read.drain(..).filter(|r| r != user).for_each(|r| edge(r, *user, Hazard::WriteAfterRead));
+                if let Some(last) = written.last() {
+                    edge(*last, *user, Hazard::WriteAfterWrite);
+                }
+                written.push(*user);
+            } else {
+                read.push(*user);
+            }
+        }
+    }
+    graph
+}
+
+fn never_written(
+    reader: usize,
+    resource: ResourceId,
+    writers: &[usize],
+    passes: &[Pass],
+    spans: &[Span],
+    flat: &Flat,
+) -> Diagnostic {
+    let name = &flat.resources[resource.index()].name;
+    let diagnostic = match writers.first() {
+        None => Diagnostic::new(
+            format!("`{}` reads `{name}`, which no pass writes", passes[reader].name),
+            spans[reader],
+            "reads what nobody wrote",
+        ),
+        Some(first) => Diagnostic::new(
+            format!("`{}` reads `{name}` before any pass has written it", passes[reader].name),
+            spans[reader],
+            "reads what nobody wrote yet",
+        )
+        .with_label(spans[*first], "the first to write it")
+        .with_help("where several passes write a resource, the order of the file holds: move the reader down"),
+    };
+    let mut diagnostic = diagnostic.with_label(flat.resource_spans[resource.index()], "declared here");
+    for (_, pass, when) in flat.unwritten.iter().filter(|(id, ..)| *id == resource) {
+        diagnostic = diagnostic.with_label(*when, format!("`{pass}` uses it, but is left out because this is false"));
+    }
+    diagnostic
+}
+
+/// Kahn's algorithm over the live passes; of those that could run next, the first in the file does.
+fn sort(needs: &Needs, live: &[bool]) -> Vec<usize> {
+    let mut waiting: Vec<usize> = needs
+        .node_indices()
+        .map(|n| needs.edges_directed(n, Direction::Incoming).filter(|e| live[e.source().index()]).count())
+        .collect();
+    let mut ready: BinaryHeap<Reverse<usize>> =
+        (0..live.len()).filter(|i| live[*i] && waiting[*i] == 0).map(Reverse).collect();
+    let mut sorted = Vec::with_capacity(live.len());
+    while let Some(Reverse(i)) = ready.pop() {
+        sorted.push(i);
+        for edge in needs.edges(NodeIndex::new(i)) {
+            let next = edge.target().index();
+            waiting[next] -= 1;
+            if live[next] && waiting[next] == 0 {
+                ready.push(Reverse(next));
+            }
+        }
+    }
+    sorted
+}
+
+/// A cycle of passes, if there is one: each needs the one before it, the first the last.
+fn cycle(needs: &Needs) -> Option<Vec<NodeIndex>> {
+    let component = tarjan_scc(needs).into_iter().filter(|c| c.len() > 1).min_by_key(|c| c.iter().min().copied())?;
+    // The shortest way from its first pass back to itself, inside the component.
+    let start = *component.iter().min()?;
+    let mut from = std::collections::BTreeMap::new();
+    let mut queue = std::collections::VecDeque::from([start]);
+    while let Some(node) = queue.pop_front() {
+        for edge in needs.edges(node) {
+            let next = edge.target();
+            if next == start {
+                let mut cycle = vec![node];
+                while let Some(before) = from.get(cycle.last()?) {
+                    cycle.push(*before);
+                }
+                cycle.reverse();
+                return Some(cycle);
+            }
+            if component.contains(&next) && !from.contains_key(&next) {
+                from.insert(next, node);
+                queue.push_back(next);
+            }
+        }
+    }
+    None
+}
+
+fn describe_cycle(cycle: &[NodeIndex], needs: &Needs, passes: &[Pass], spans: &[Span], flat: &Flat) -> Diagnostic {
+    let name = |node: NodeIndex| format!("`{}`", passes[node.index()].name);
+    let all: Vec<String> = cycle.iter().map(|n| name(*n)).collect();
+    let reason = |i: usize| {
+        let (from, to) = (cycle[(i + cycle.len() - 1) % cycle.len()], cycle[i]);
+        let resource = needs
+            .find_edge(from, to)
+            .map_or("?".to_string(), |edge| flat.resources[needs[edge].resource.index()].name.clone());
+        format!("{} needs {} first, for `{resource}`", name(to), name(from))
+    };
+    let message = format!("these passes wait for each other: {}", all.join(", "));
+    let mut diagnostic = Diagnostic::new(message, spans[cycle[0].index()], reason(0));
+    for i in 1..cycle.len() {
+        diagnostic = diagnostic.with_label(spans[cycle[i].index()], reason(i));
+    }
+    diagnostic.with_help("a resource with one writer is written before it is read; use a second resource to break the cycle")
+}
