@@ -26,6 +26,8 @@ pub mod schema;
 pub mod shader;
 pub mod solve;
 pub mod source;
+#[cfg(test)]
+mod testing;
 
 pub use build::{Catalog, Facts, Request, build};
 pub use plan::Plan;

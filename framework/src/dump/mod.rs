@@ -15,7 +15,7 @@ use crate::plan::{
 };
 
 pub use dot::dot;
-pub use text::text;
+pub use text::{barrier_line, bytes, text};
 
 /// The version of the JSON form. Raised when a field changes its meaning or goes.
 pub const DUMP_VERSION: u32 = 1;

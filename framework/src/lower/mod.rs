@@ -116,3 +116,6 @@ pub fn params(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<P
 
 /// Values by name.
 pub(crate) type Values = BTreeMap<String, Value>;
+
+#[cfg(test)]
+mod tests;

@@ -183,11 +183,11 @@ fn merge(into: Option<Demand>, demand: Demand, resource: ResourceId) -> Result<D
                 ),
             });
         }
-        (None, Some(_)) => {
-            merged.layouts = demand.layouts;
-            merged.hazard = demand.hazard;
-        }
+        (None, Some(_)) => merged.layouts = demand.layouts,
         _ => {}
+    }
+    if merged.hazard == Hazard::LayoutChange {
+        merged.hazard = demand.hazard;
     }
     merged.source_stages |= demand.source_stages;
     merged.source_accesses |= demand.source_accesses;
@@ -380,7 +380,8 @@ impl World {
                 history.layout = Some(new);
                 history.reads.clear();
                 history.write = Some(Write {
-                    event: Event { stages: demand.target_stages, pass, time: now },
+                    // Just before the pass, whose reads count as reads since.
+                    event: Event { stages: demand.target_stages, pass, time: now - 1 },
                     accesses: Accesses::empty(),
                     available: vec![(demand.target_stages, now)],
                     visible,

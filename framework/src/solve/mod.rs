@@ -74,3 +74,6 @@ fn export(flat: &crate::lower::Flat, files: &SourceMap) -> Pass {
         origin: files.origin(flat.output_span),
     }
 }
+
+#[cfg(test)]
+mod tests;

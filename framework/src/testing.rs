@@ -1,0 +1,158 @@
+//! For the tests of this crate: a compiler whose shaders are lists of accesses, so that graphs can be tested by the
+//! thousand and without C++.
+//!
+//! A shader's text is a line for each block: `r Keys 4` (reads a storage buffer with elements of 4 bytes), `w`, `rw`, `uniform Camera
+//! 256`, `image r Color Rgba16Float`, `push shift`, `out color`, `in 0 vec4`, `varying 0 vec4`. Anything else is ignored.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::build::{Attribute, Catalog, Facts, Request, build};
+use crate::plan::{Format, Plan, Value};
+use crate::shader::{
+    Compiled, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderCompiler, ShaderRequest, Varying,
+};
+use crate::source::{Diagnostic, Library, SourceMap, render};
+
+pub struct ListCompiler;
+
+impl ShaderCompiler for ListCompiler {
+    fn compile(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> Result<Compiled, Vec<Diagnostic>> {
+        let mut reflection = Reflection {
+            stage: request.stage,
+            local_size: [64, 1, 1],
+            shared_bytes: 0,
+            bindings: Vec::new(),
+            push: None,
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+            subgroups: false,
+        };
+        let text = files.text(request.file).to_string();
+        // A draw's two stages share their bindings: number the fragment shader's from 16.
+        let first = if files.path(request.file).ends_with(".frag") { 16 } else { 0 };
+        for line in text.lines() {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let number = first + reflection.bindings.len() as u32;
+            let mut bind = |name: &str, how: &str, kind, binding| {
+                reflection.bindings.push(ReflectedBinding {
+                    name: name.into(),
+                    set: 0,
+                    binding,
+                    count: 1,
+                    kind,
+                    reads: how.contains('r'),
+                    writes: how.contains('w'),
+                });
+            };
+            match words[..] {
+                [how @ ("r" | "w" | "rw"), name, stride] => {
+                    let stride = stride.parse().ok();
+                    bind(name, how, ReflectedKind::StorageBuffer { stride, fixed_bytes: 0 }, number);
+                }
+                ["uniform", name, bytes] => {
+                    let kind = ReflectedKind::UniformBuffer { bytes: bytes.parse().unwrap(), members: vec![] };
+                    bind(name, "r", kind, number);
+                }
+                ["image", how, name, format] => {
+                    let format = match format {
+                        "Rgba16Float" => Format::Rgba16Float,
+                        "Rgba32Float" => Format::Rgba32Float,
+                        _ => Format::Rgba8Unorm,
+                    };
+                    bind(name, how, ReflectedKind::StorageImage { format: Some(format) }, number);
+                }
+                ["push", name] => {
+                    let block = reflection.push.get_or_insert(PushBlock { bytes: 0, members: vec![] });
+                    block.members.push(Member { name: name.into(), offset: block.bytes, kind: MemberKind::Uint });
+                    block.bytes += 4;
+                }
+                ["out", name] => {
+                    let location = reflection.outputs.len() as u32;
+                    let glsl_type = "vec4".into();
+                    reflection.outputs.push(Varying { name: name.into(), location, glsl_type, flat: false });
+                }
+                _ => {}
+            }
+        }
+        Ok(Compiled { spirv: Arc::new(vec![]), defines: request.defines.to_vec(), reflection })
+    }
+}
+
+/// Facts of a small scene on a plain device.
+pub fn facts() -> Facts {
+    let ints = [
+        ("scene.count", 1000),
+        ("scene.sh_degree", 2),
+        ("viewport.width", 64),
+        ("viewport.height", 32),
+        ("device.subgroup_size", 8),
+        ("device.max_groups_x", 65535),
+        ("device.max_storage_bytes", 128 << 20),
+    ];
+    ints.into_iter().map(|(k, v)| (k.to_string(), Value::Int(v))).collect()
+}
+
+pub fn catalog() -> Catalog {
+    let attribute = |stride, planes| Attribute { stride, count: 1000, planes };
+    Catalog {
+        attributes: BTreeMap::from([
+            ("scene.position".to_string(), attribute(12, 1)),
+            ("scene.sh".to_string(), attribute(16, 12)),
+        ]),
+        uniforms: BTreeMap::from([("frame.camera".to_string(), 256)]),
+    }
+}
+
+/// Builds `graph.ron` from files in memory. An error is as a user would read it.
+pub fn plan_of(files: &[(&str, &str)], set: &[(&str, &str)]) -> Result<Plan, String> {
+    let memory = files.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
+    let mut map = SourceMap::new(Library { memory, ..Library::default() });
+    let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
+    let request = Request { graph: "graph.ron", set: &set, facts: &facts(), catalog: &catalog() };
+    build(&request, &mut map, &mut ListCompiler).map_err(|e| render(&map, &e, false))
+}
+
+/// A graph whose resources, passes and rest are given, over 32-bit buffers `a` to `f` and the image `image`.
+pub fn graph(params: &str, passes: &str) -> String {
+    let buffers: String = ('a'..='f').map(|c| format!("\"{c}\": Buffer(stride: 4, count: 64),\n")).collect();
+    format!(
+        r#"Graph(version: 1, summary: "a test", params: {{{params}}},
+    resources: {{
+        {buffers}
+        "keys": Buffer(stride: 4, count: 64, ping_pong: true),
+        "color": Image(format: Rgba16Float, size: ("viewport.width", "viewport.height")),
+        "image": Image(format: Rgba16Float, size: ("viewport.width", "viewport.height")),
+    }},
+    passes: [
+{passes}
+    ],
+    output: "image",
+)"#
+    )
+}
+
+/// Shaders for [`graph`]: compute shaders named after what they do to blocks `In`, `In2`, `Out`, `Image`.
+pub const SHADERS: &[(&str, &str)] = &[
+    ("make.comp", "w Out 4"),
+    ("copy.comp", "r In 4\nw Out 4"),
+    ("join.comp", "r In 4\nr In2 4\nw Out 4"),
+    ("change.comp", "rw Out 4"),
+    ("show.comp", "r In 4\nimage w Image Rgba16Float"),
+    ("filter.comp", "image r Color Rgba16Float\nimage w Image Rgba16Float"),
+    ("push.comp", "w Out 4\npush shift"),
+    ("quad.vert", "r In 4"),
+    ("quad.frag", "out color"),
+];
+
+/// [`plan_of`] with [`SHADERS`] and one graph.
+pub fn plan(graph: &str, set: &[(&str, &str)]) -> Result<Plan, String> {
+    let mut files = SHADERS.to_vec();
+    files.push(("graph.ron", graph));
+    plan_of(&files, set)
+}
+
+/// A dispatch of 64 threads, as a line of a graph.
+pub fn dispatch(name: &str, shader: &str, bind: &str) -> String {
+    format!(r#"        Dispatch(name: "{name}", shader: "{shader}", size: Threads(64), bind: {{{bind}}}),"#)
+}
