@@ -1,4 +1,5 @@
-//! Tree to value. One rule throughout: where C would wrap, truncate or be undefined, this is an error with a place.
+//! Tree to value. One rule throughout: where C would wrap, truncate or be undefined, this is an error with a
+//! place.
 
 use super::{BinaryOp, ExprError, Function, Node, NodeKind, Scope, UnaryOp};
 use crate::plan::Value;
@@ -148,12 +149,7 @@ fn shift(node: &Node, op: BinaryOp, right: &Node, value: i64, by: i64) -> Result
     integer(node, (shifted >> by == value).then_some(shifted))
 }
 
-fn call(
-    node: &Node,
-    function: Function,
-    arguments: &[Node],
-    values: Vec<Value>,
-) -> Result<Value, ExprError> {
+fn call(node: &Node, function: Function, arguments: &[Node], values: Vec<Value>) -> Result<Value, ExprError> {
     let who = format!("`{}`", function.name());
     let numbers = || {
         let pairs = arguments.iter().zip(values.iter().cloned());
@@ -176,7 +172,9 @@ fn call(
                 numbers.iter().map(|n| if let Number::Int(v) = n { Some(*v) } else { None }).collect();
             let least = function == Function::Min;
             match whole {
-                Some(whole) => integer(node, if least { whole.into_iter().min() } else { whole.into_iter().max() }),
+                Some(whole) => {
+                    integer(node, if least { whole.into_iter().min() } else { whole.into_iter().max() })
+                }
                 None => {
                     let pick = if least { f64::min } else { f64::max };
                     let first = if least { f64::INFINITY } else { f64::NEG_INFINITY };
@@ -191,7 +189,9 @@ fn call(
                 ExprError::new(format!("the range of this `clamp` is empty: {low} is above {high}"), place)
             };
             match numbers[..] {
-                [Number::Int(_), Number::Int(low), Number::Int(high)] if low > high => Err(empty(&low, &high)),
+                [Number::Int(_), Number::Int(low), Number::Int(high)] if low > high => {
+                    Err(empty(&low, &high))
+                }
                 [Number::Int(x), Number::Int(low), Number::Int(high)] => Ok(Value::Int(x.clamp(low, high))),
                 _ => {
                     let [x, low, high] = [0, 1, 2].map(|i| numbers[i].to_float());

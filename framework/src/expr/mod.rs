@@ -1,11 +1,13 @@
 //! Small expressions that a graph may hold in place of numbers: `"ceil_div(n, 4096)"`, `"blend == 'over'"`.
 //!
-//! An [`Expr`] is parsed once, when the graph is read, and evaluated for every plan against a [`Scope`] that knows the
-//! parameters, the facts and the `let`s. There are four types, those of [`Value`]: 64-bit integers, floats, bools and
-//! texts. There is no implicit conversion but one: an integer beside a float becomes a float.
+//! An [`Expr`] is parsed once, when the graph is read, and evaluated for every plan against a [`Scope`] that
+//! knows the parameters, the facts and the `let`s. There are four types, those of [`Value`]: 64-bit integers,
+//! floats, bools and texts. There is no implicit conversion but one: an integer beside a float becomes a
+//! float.
 //!
-//! Nothing wraps around, nothing is rounded silently and nothing becomes infinite. A size that overflows is a mistake in
-//! the graph, so every such case is an [`ExprError`] that carries the place of the operand or operation at fault.
+//! Nothing wraps around, nothing is rounded silently and nothing becomes infinite. A size that overflows is a
+//! mistake in the graph, so every such case is an [`ExprError`] that carries the place of the operand or
+//! operation at fault.
 //!
 //! ```text
 //! condition ? a : b          right to left            lowest precedence
@@ -79,8 +81,9 @@ impl Scope for BTreeMap<String, Value> {
 }
 
 impl Expr {
-    /// Reads an expression. Fails on what does not follow the grammar, on integers beyond 64 bits, on unknown functions
-    /// and wrong numbers of arguments, and on expressions nested more than 128 levels deep (a sum of 129 terms is one).
+    /// Reads an expression. Fails on what does not follow the grammar, on integers beyond 64 bits, on unknown
+    /// functions and wrong numbers of arguments, and on expressions nested more than 128 levels deep (a sum
+    /// of 129 terms is one).
     pub fn parse(text: &str) -> Result<Expr, ExprError> {
         Ok(Expr { root: parse::parse(text)? })
     }
@@ -90,7 +93,8 @@ impl Expr {
         Expr { root: Node { kind: NodeKind::Literal(value), start: 0, end: 0 } }
     }
 
-    /// Every use of a name from the scope, in the order of the text, with its place in it. Functions are not among them.
+    /// Every use of a name from the scope, in the order of the text, with its place in it. Functions are not
+    /// among them.
     pub fn names(&self) -> impl Iterator<Item = (&str, Range<usize>)> {
         let mut names = Vec::new();
         self.root.collect_names(&mut names);
@@ -99,9 +103,9 @@ impl Expr {
 
     /// The expression's value in `scope`.
     ///
-    /// Fails, pointing at the operand or the operation, on unknown names, wrong types, overflow, division by zero, shifts
-    /// by less than 0 or more than 63, and results that are not finite. What `&&`, `||` and `?:` do not reach is not
-    /// evaluated, as in C.
+    /// Fails, pointing at the operand or the operation, on unknown names, wrong types, overflow, division by
+    /// zero, shifts by less than 0 or more than 63, and results that are not finite. What `&&`, `||` and `?:`
+    /// do not reach is not evaluated, as in C.
     pub fn eval(&self, scope: &dyn Scope) -> Result<Value, ExprError> {
         eval::eval(&self.root, scope)
     }

@@ -1,5 +1,5 @@
-//! Text to tree, by precedence climbing: an operand, then as many operators as bind at least as tightly as asked for, each
-//! with the right-hand side that binds more tightly than it.
+//! Text to tree, by precedence climbing: an operand, then as many operators as bind at least as tightly as
+//! asked for, each with the right-hand side that binds more tightly than it.
 
 use std::ops::Range;
 
@@ -37,11 +37,12 @@ enum Token {
 
 /// Longer ones first, so that `<<` is not read as two `<`.
 const SYMBOLS: [&str; 21] = [
-    "<<", ">>", "==", "!=", "<=", ">=", "&&", "||", "+", "-", "*", "/", "%", "<", ">", "!", "?", ":", "(", ")", ",",
+    "<<", ">>", "==", "!=", "<=", ">=", "&&", "||", "+", "-", "*", "/", "%", "<", ">", "!", "?", ":", "(",
+    ")", ",",
 ];
 
-/// A tree with its height, which must not pass [`MAX_DEPTH`], and its place with the parentheses around it: an operation
-/// on `(a + b)` is pointed at with them, the sum alone without.
+/// A tree with its height, which must not pass [`MAX_DEPTH`], and its place with the parentheses around it:
+/// an operation on `(a + b)` is pointed at with them, the sum alone without.
 struct Tree {
     node: Node,
     height: usize,
@@ -293,8 +294,10 @@ impl Parser<'_> {
     }
 
     fn unexpected(&self, c: char) -> ExprError {
-        let error =
-            ExprError::new(format!("unexpected `{}`", c.escape_debug()), self.start..self.start + c.len_utf8());
+        let error = ExprError::new(
+            format!("unexpected `{}`", c.escape_debug()),
+            self.start..self.start + c.len_utf8(),
+        );
         match c {
             '=' => error.with_help("values are compared with `==`"),
             '&' => error.with_help("and is written `&&`"),
@@ -309,7 +312,8 @@ impl Parser<'_> {
     fn number(&self, rest: &str) -> Result<(Token, usize), ExprError> {
         let bytes = rest.as_bytes();
         let hexadecimal = rest.starts_with("0x") || rest.starts_with("0X");
-        // Everything that sticks to the number belongs to it, so that `12ab` is one bad number and not two tokens.
+        // Everything that sticks to the number belongs to it, so that `12ab` is one bad number and not two
+        // tokens.
         let mut length = 0;
         while let Some(&byte) = bytes.get(length) {
             let after_exponent = length > 0 && !hexadecimal && matches!(bytes[length - 1], b'e' | b'E');

@@ -225,7 +225,11 @@ fn abs_float_and_int_convert() {
     int("int(-3.9)", -3);
     int("int(sort)", 1);
     int("int(-9223372036854775808.0)", i64::MIN);
-    fails("int(9223372036854775808.0)", "the result does not fit into a 64-bit integer", "int(9223372036854775808.0)");
+    fails(
+        "int(9223372036854775808.0)",
+        "the result does not fit into a 64-bit integer",
+        "int(9223372036854775808.0)",
+    );
     fails("int(nan)", "the result does not fit into a 64-bit integer", "int(nan)");
     fails("abs(min_int)", "the result does not fit into a 64-bit integer", "abs(min_int)");
     fails("int('7')", "`int` needs a number, and this is a text", "'7'");
@@ -407,9 +411,9 @@ proptest! {
     #[test]
     fn no_heap_of_tokens_makes_the_parser_or_the_evaluation_panic(
         tokens in prop::collection::vec(prop::sample::select(vec![
-            "+", "-", "*", "/", "%", "<<", ">>", "==", "!=", "<", "<=", ">", ">=", "&&", "||", "!", "?", ":", "(", ")",
-            ",", "n", "min_int", "max_int", "sort", "blend", "cutoff", "nan", "0", "1", "63", "64", "2.5", "'a'", "true",
-            "min", "abs", "clamp", "ceil_div", "log2_ceil", "int", "float", ".", "'",
+            "+", "-", "*", "/", "%", "<<", ">>", "==", "!=", "<", "<=", ">", ">=", "&&", "||", "!", "?", ":", "(",
+            ")", ",", "n", "min_int", "max_int", "sort", "blend", "cutoff", "nan", "0", "1", "63", "64", "2.5", "'a'",
+            "true", "min", "abs", "clamp", "ceil_div", "log2_ceil", "int", "float", ".", "'",
         ]), 0..24),
     ) {
         let text = tokens.join(" ");

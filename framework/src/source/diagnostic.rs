@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::Range;
 
-use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
+use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet, normalize_untrusted_str};
 
 use super::{FileId, SourceMap, Span};
 
@@ -65,8 +65,8 @@ impl std::error::Error for Diagnostic {}
 ///    |                               ^^^^^ did you mean `shader`?
 /// ```
 ///
-/// Any span can be drawn: what is beyond the text, inside a character or the wrong way round is moved to the nearest place
-/// that exists. `colour` adds ANSI escapes.
+/// Any span can be drawn: what is beyond the text, inside a character or the wrong way round is moved to the
+/// nearest place that exists. `colour` adds ANSI escapes.
 pub fn render(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
     let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
     let mut out = String::new();
@@ -91,23 +91,23 @@ fn render_one(files: &SourceMap, diagnostic: &Diagnostic, renderer: &Renderer) -
             None => snippets.push((label.span.file, vec![(kind, label)])),
         }
     }
+    // No file may send escape sequences to the terminal. Of what is printed, only source lines and titles are
+    // made harmless by the renderer itself.
     let mut group = Group::with_title(Level::ERROR.primary_title(diagnostic.message.as_str()));
     for (file, labels) in &snippets {
         let text = files.text(*file);
-        let mut snippet = Snippet::source(text).path(files.path(*file));
+        let mut snippet = Snippet::source(text).path(normalize_untrusted_str(files.path(*file)));
         for (kind, label) in labels {
             let annotation = kind.span(drawable(text, label.span));
             snippet = snippet.annotation(match label.text.as_str() {
                 "" => annotation,
-                text => annotation.label(text),
+                text => annotation.label(normalize_untrusted_str(text)),
             });
         }
         group = group.element(snippet);
     }
     for help in &diagnostic.help {
-        // Messages are printed as they are, so nothing from a file may reach the terminal as an escape sequence.
-        let help = annotate_snippets::normalize_untrusted_str(help);
-        group = group.element(Level::HELP.message(help));
+        group = group.element(Level::HELP.message(normalize_untrusted_str(help)));
     }
     renderer.render(&[group])
 }
@@ -128,9 +128,10 @@ fn drawable(text: &str, span: Span) -> Range<usize> {
 /// Names longer than this are nobody's typing mistake, and comparing them would take long.
 const LONGEST_NAME: usize = 256;
 
-/// The candidate that was probably meant by `name`: the nearest by Damerau-Levenshtein distance (a change, an insertion, a
-/// removal or a swap of neighbours each count one), the first of equally near ones. `None` if more than a third of the
-/// name, and more than one character, would have to change, or if nothing of it would stay.
+/// The candidate that was probably meant by `name`: the nearest by Damerau-Levenshtein distance (a change, an
+/// insertion, a removal or a swap of neighbours each count one), the first of equally near ones. `None` if
+/// more than a third of the name, and more than one character, would have to change, or if nothing of it
+/// would stay.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let length = name.chars().count();
     if length > LONGEST_NAME {

@@ -1,9 +1,9 @@
 //! Files by name: found once, read once, remembered for as long as spans point into them.
 //!
-//! A name is looked for in three places, in this order: in memory (what tests and editors hold), on disk, and among the
-//! files built into the binary. In memory and in the binary, paths are those of the repository: graphs in `pipelines/`,
-//! shaders in `shaders/`. On disk the two folders are looked for around the file that names another, so that a graph finds
-//! its shaders wherever the pair of folders was copied to.
+//! A name is looked for in three places, in this order: in memory (what tests and editors hold), on disk, and
+//! among the files built into the binary. In memory and in the binary, paths are those of the repository:
+//! graphs in `pipelines/`, shaders in `shaders/`. On disk the two folders are looked for around the file that
+//! names another, so that a graph finds its shaders wherever the pair of folders was copied to.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -149,21 +149,23 @@ impl SourceMap {
         SourceMap { library, ..SourceMap::default() }
     }
 
-    /// Adds a text with no file behind it. Every call makes a new file, whatever its path, and [`SourceMap::find`] does not
-    /// find it; but what it names is found as if it stood in memory at that path.
+    /// Adds a text with no file behind it. Every call makes a new file, whatever its path, and
+    /// [`SourceMap::find`] does not find it; but what it names is found as if it stood in memory at that
+    /// path.
     pub fn add(&mut self, path: impl Into<String>, text: impl Into<String>) -> FileId {
         self.insert(path.into(), Cow::Owned(text.into()), false)
     }
 
-    /// Finds the file called `name` in the file `from`, or on the command line if `from` is `None`, and reads it if it was
-    /// not read before. The first of these that exists:
+    /// Finds the file called `name` in the file `from`, or on the command line if `from` is `None`, and reads
+    /// it if it was not read before. The first of these that exists:
     ///
     /// 1. in memory: beside `from`, at exactly `name`, in the folder of its kind;
-    /// 2. on disk, if `from` is: beside `from`, then in the folder of its kind (`pipelines` or `shaders`) beside the one
-    ///    that `from` is in. Without a `from`: at `name`, then in that folder;
+    /// 2. on disk, if `from` is: beside `from`, then in the folder of its kind (`pipelines` or `shaders`)
+    ///    beside the one that `from` is in. Without a `from`: at `name`, then in that folder;
     /// 3. built in, with the same paths as in memory.
     ///
-    /// A graph's name may lack its `.ron`. A file that exists and cannot be read, or is no UTF-8 text, ends the search.
+    /// A graph's name may lack its `.ron`. A file that exists and cannot be read, or is no UTF-8 text, ends
+    /// the search.
     pub fn find(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Result<FileId, NotFound> {
         let mut tried = Vec::new();
         for spelling in spellings(name, kind) {
@@ -271,7 +273,8 @@ impl SourceMap {
         if let Some(from) = from {
             let folder = parent(self.path(from));
             push_new(&mut paths, joined(folder, name));
-            // A file on disk in `/home/me/shaders/sort` has what the library keeps in `shaders/sort` beside it.
+            // A file on disk in `/home/me/shaders/sort` has what the library keeps in `shaders/sort` beside
+            // it.
             if let Some((_, rest)) = root_and_rest(folder) {
                 push_new(&mut paths, joined(rest, name));
             }
@@ -361,7 +364,8 @@ fn spellings(name: &str, kind: Kind) -> Vec<String> {
         return vec![name.to_string()];
     }
     let full = format!("{name}.ron");
-    // `splat` is a graph's short name, even where a file or a program called `splat` lies about. `splat.old` is a file.
+    // `splat` is a graph's short name, even where a file or a program called `splat` lies about. `splat.old`
+    // is a file.
     if last.contains('.') { vec![name.to_string(), full] } else { vec![full, name.to_string()] }
 }
 

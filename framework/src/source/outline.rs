@@ -1,8 +1,8 @@
 //! Where every element of a RON text stands.
 //!
-//! `serde` and the `ron` crate turn the text into typed values and know places only for their own errors. The outline reads
-//! the text a second time, into a tree that has no values but spans, and is asked by [`Path`]: the way from the root to an
-//! element, by fields, keys and indices.
+//! `serde` and the `ron` crate turn the text into typed values and know places only for their own errors. The
+//! outline reads the text a second time, into a tree that has no values but spans, and is asked by [`Path`]:
+//! the way from the root to an element, by fields, keys and indices.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -10,13 +10,14 @@ use std::sync::Arc;
 use std::{fmt, iter};
 
 use super::token::{Text, Token, TokenKind, tokens};
-use super::{Diagnostic, FileId, Span};
+use super::{Diagnostic, FileId, Label, Span};
 
 /// The way from the root of a RON text to one of its elements.
 ///
-/// A step is a field of a struct, a key of a map (the two are the same where they have the same name) or an index: of a list,
-/// a tuple, or what stands in a variant's parentheses. In `params: {"x": Const(Int(default: 8))}` the 8 is at
-/// `root().field("params").key("x").index(0).field("default")`. `Some(x)` is as good as `x`: it is no step.
+/// A step is a field of a struct, a key of a map (the two are the same where they have the same name) or an
+/// index: of a list, a tuple, or what stands in a variant's parentheses. In `params: {"x": Const(Int(default:
+/// 8))}` the 8 is at `root().field("params").key("x").index(0).field("default")`. `Some(x)` is as good as
+/// `x`: it is no step.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Path(Arc<[Step]>);
 
@@ -77,7 +78,8 @@ pub struct Outline {
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub place: Range<usize>,
-    /// What to point at where the whole is too much: the name before the parenthesis, else the opening bracket.
+    /// What to point at where the whole is too much: the name before the parenthesis, else the opening
+    /// bracket.
     pub head: Range<usize>,
     /// The field's name or the map's key before it.
     pub key: Option<Range<usize>>,
@@ -90,17 +92,23 @@ pub(super) enum Content {
     Scalar,
     Text(Text),
     /// `(a, b)`, `Name(a, b)`, `[a, b]`
-    List { children: Vec<usize>, bracket: char },
+    List {
+        children: Vec<usize>,
+        bracket: char,
+    },
     /// `(a: 1)`, `Name(a: 1)`, `{"a": 1}`
-    Record { children: Vec<(String, usize)>, bracket: char },
+    Record {
+        children: Vec<(String, usize)>,
+        bracket: char,
+    },
 }
 
 /// Deepest nesting. What is deeper is hostile, and must not overflow the stack.
 const MAX_DEPTH: usize = 128;
 
 impl Outline {
-    /// Reads a RON text, all of the language. Fails on what is not balanced, not separated or not named as RON has it; what
-    /// the values mean is not looked at.
+    /// Reads a RON text, all of the language. Fails on what is not balanced, not separated or not named as
+    /// RON has it; what the values mean is not looked at.
     pub fn parse(file: FileId, text: &str) -> Result<Outline, Diagnostic> {
         let (tokens, lexical_error) = tokens(file, text);
         let mut parser =
@@ -109,27 +117,27 @@ impl Outline {
         Ok(Outline { file, nodes: parser.nodes, root })
     }
 
-    /// The place of the element at `path`; of a text, without its quotes. Where the path leads to nothing, that of the
-    /// nearest element around it.
+    /// The place of the element at `path`; of a text, without its quotes. Where the path leads to nothing,
+    /// that of the nearest element around it.
     pub fn value(&self, path: &Path) -> Span {
         self.span(self.walk(path).0.inside())
     }
 
-    /// The place of the field's name or the map's key that leads to the element at `path`; of a text, without its quotes.
-    /// The element itself where it has neither, or where the path leads to nothing.
+    /// The place of the field's name or the map's key that leads to the element at `path`; of a text, without
+    /// its quotes. The element itself where it has neither, or where the path leads to nothing.
     pub fn key(&self, path: &Path) -> Span {
         let (node, found) = self.walk(path);
         self.span(node.key.clone().filter(|_| found).unwrap_or(node.inside()))
     }
 
-    /// Like [`Outline::value`], but of a struct, a variant or a list only the name or the bracket that it starts with: what
-    /// to point at where something is missing in it.
+    /// Like [`Outline::value`], but of a struct, a variant or a list only the name or the bracket that it
+    /// starts with: what to point at where something is missing in it.
     pub fn head(&self, path: &Path) -> Span {
         self.span(self.walk(path).0.shallow())
     }
 
-    /// The offset in the file of byte `offset_in_value` of the text at `path`, as it is without its escapes. Where there is no
-    /// text, or not so much of it, the nearest place there is.
+    /// The offset in the file of byte `offset_in_value` of the text at `path`, as it is without its escapes.
+    /// Where there is no text, or not so much of it, the nearest place there is.
     pub fn string_offset(&self, path: &Path, offset_in_value: usize) -> usize {
         let node = self.walk(path).0;
         match &node.content {
@@ -138,8 +146,8 @@ impl Outline {
         }
     }
 
-    /// The place of a range of bytes of the text at `path`, as it is without its escapes: where an expression in it has its
-    /// mistake. Where there is no text, the whole element.
+    /// The place of a range of bytes of the text at `path`, as it is without its escapes: where an expression
+    /// in it has its mistake. Where there is no text, the whole element.
     pub fn within_string(&self, path: &Path, range: Range<usize>) -> Span {
         if !matches!(self.walk(path).0.content, Content::Text(_)) {
             return self.value(path);
@@ -159,8 +167,12 @@ impl Outline {
                 if let Some(first) = first.insert(name, *child) {
                     let what = if *bracket == '(' { "field" } else { "key" };
                     errors.push(
-                        Diagnostic::new(format!("the {what} `{name}` is given twice"), key(*child), "again here")
-                            .with_label(key(first), "first here"),
+                        Diagnostic::new(
+                            format!("the {what} `{name}` is given twice"),
+                            key(*child),
+                            "again here",
+                        )
+                        .with_label(key(first), "first here"),
                     );
                 }
             }
@@ -179,7 +191,8 @@ impl Outline {
                     // Of a map's duplicate keys the last one counts.
                     children.iter().rev().find(|(n, _)| **n == **name).map(|(_, child)| *child)
                 }
-                // With `unwrap_variant_newtypes`, `Const(Int(default: 8))` may be written `Const(default: 8)`.
+                // With `unwrap_variant_newtypes`, `Const(Int(default: 8))` may be written `Const(default:
+                // 8)`.
                 (Content::Record { .. }, Step::Index(0)) => continue,
                 _ => None,
             };
@@ -197,8 +210,16 @@ impl Outline {
 
     /// The element that starts at `offset`, if there is one.
     pub(super) fn starting_at(&self, offset: usize) -> Option<&Node> {
-        // Of a list and its first element only a list without a bracket could start at the same place; there is none.
+        // Of a list and its first element only a list without a bracket could start at the same place; there
+        // is none.
         self.nodes.iter().find(|node| node.place.start == offset)
+    }
+
+    /// The field's name or map's key that starts at `offset` (with its quote, if it has one).
+    pub(super) fn key_starting_at(&self, offset: usize) -> Option<Range<usize>> {
+        let keys = self.nodes.iter().filter_map(|node| node.key.clone());
+        keys.min_by_key(|key| key.start.abs_diff(offset))
+            .filter(|key| key.start == offset || key.start == offset + 1)
     }
 
     /// The innermost element that `offset` is in or just behind.
@@ -362,6 +383,18 @@ impl<'a> Parser<'a> {
     fn key(&mut self, bracket: char) -> ParseResult<(String, Range<usize>)> {
         let Some(token) = self.peek(0) else { return Err(self.expected("a name")) };
         let (name, place) = match &token.kind {
+            TokenKind::Identifier if bracket == '(' && self.peek_kind(1) == Some(&TokenKind::Open('(')) => {
+                // Most likely the next element of a list, and the parenthesis of the one before was
+                // forgotten.
+                let name = &self.text[token.start..token.end];
+                let message = format!("expected a field `name: value`, found `{name}(`");
+                let mut error = self.error(token.start..token.end, message, "not expected here");
+                if let Some(opener) = self.open.last() {
+                    let span = Span { file: self.file, start: opener.start, end: opener.end };
+                    error.secondary.push(Label { span, text: "this `(` is still open".into() });
+                }
+                return Err(error);
+            }
             TokenKind::Identifier => {
                 self.at += 1;
                 let name = &self.text[token.start..token.end];
@@ -378,8 +411,11 @@ impl<'a> Parser<'a> {
             }
             TokenKind::Text(text) if self.peek_kind(1) == Some(&TokenKind::Colon) => {
                 let label = "write it without quotes";
-                let error =
-                    self.error(token.start..token.end, format!("a field's name is in quotes: {:?}", text.value), label);
+                let error = self.error(
+                    token.start..token.end,
+                    format!("a field's name is in quotes: {:?}", text.value),
+                    label,
+                );
                 return Err(Box::new(error.with_help("keys are in quotes in `{...}`, not in `(...)`")));
             }
             _ if bracket == '{' => return Err(self.expected("a key")),
@@ -411,8 +447,15 @@ impl<'a> Parser<'a> {
         if !starts_element {
             return self.expected(&format!("`,` or `{closer}`"));
         }
-        let end = self.tokens[self.at - 1].end;
-        self.error(end..end, "a comma is missing", &format!("expected `,` or `{closer}` here"))
+        let (before, next) = (&self.tokens[self.at - 1], &self.tokens[self.at]);
+        let end = before.end;
+        let error = self.error(end..end, "a comma is missing", &format!("expected `,` or `{closer}` here"));
+        let is_text = |token: &Token| matches!(token.kind, TokenKind::Text(_));
+        // `name: "a, shader: "b"`: the second quote was meant to open a text, and closed one.
+        if before.end == next.start && (is_text(before) || is_text(next)) {
+            return Box::new(error.with_help("or a quote is missing or too many, here or before"));
+        }
+        error
     }
 
     /// The token ahead is not what should come.
@@ -423,7 +466,11 @@ impl<'a> Parser<'a> {
             TokenKind::Attribute => "an attribute".to_string(),
             _ => format!("`{}`", &self.text[token.start..token.end]),
         };
-        let error = self.error(token.start..token.end, format!("expected {what}, found {found}"), "not expected here");
+        let error = self.error(
+            token.start..token.end,
+            format!("expected {what}, found {found}"),
+            "not expected here",
+        );
         match (&token.kind, self.open.last()) {
             (TokenKind::Close(found), Some(opener)) if opener.kind != TokenKind::Open(opening(*found)) => {
                 let opened = &self.text[opener.start..opener.end];
@@ -435,7 +482,9 @@ impl<'a> Parser<'a> {
             (TokenKind::Colon, Some(opener)) if opener.kind == TokenKind::Open('[') => {
                 Box::new(error.with_help("names and values stand in `{...}` or `(...)`, a list in `[...]`"))
             }
-            (TokenKind::Attribute, _) => Box::new(error.with_help("attributes stand at the start of the file")),
+            (TokenKind::Attribute, _) => {
+                Box::new(error.with_help("attributes stand at the start of the file"))
+            }
             _ => error,
         }
     }
@@ -448,10 +497,13 @@ impl<'a> Parser<'a> {
         let end = self.text.len();
         if let Some(opener) = self.open.last() {
             let opened = &self.text[opener.start..opener.end];
-            let error = self.error(opener.start..opener.end, format!("this `{opened}` is not closed"), "opened here");
+            let error =
+                self.error(opener.start..opener.end, format!("this `{opened}` is not closed"), "opened here");
             let end = Span { file: self.file, start: end, end };
             let TokenKind::Open(bracket) = opener.kind else { return error };
-            return Box::new(error.with_label(end, format!("the file ends without its `{}`", closing(bracket))));
+            return Box::new(
+                error.with_label(end, format!("the file ends without its `{}`", closing(bracket))),
+            );
         }
         if self.tokens.is_empty() {
             return self.error(end..end, "the file is empty", &format!("expected {what}"));

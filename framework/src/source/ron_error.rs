@@ -1,9 +1,10 @@
 //! The `ron` crate's errors as diagnostics.
 //!
-//! The crate says where its cursor was when it gave up. Depending on the error this is before the value that it did not
-//! want, behind the name that it did not know, or at the end of the struct that lacks a field. Here the place that a person
-//! would point at is found again, with the help of the [`Outline`]; and where the text is not even balanced, the outline's own
-//! error is the better one, because it knows which bracket was opened where.
+//! The crate says where its cursor was when it gave up. Depending on the error this is before the value that
+//! it did not want, behind the name that it did not know, or at the end of the struct that lacks a field.
+//! Here the place that a person would point at is found again, with the help of the [`Outline`]; and where
+//! the text is not even balanced, the outline's own error is the better one, because it knows which bracket
+//! was opened where.
 
 use std::ops::Range;
 
@@ -12,8 +13,8 @@ use ron::error::{Error, Position, SpannedError};
 use super::outline::{Content, Node};
 use super::{Diagnostic, FileId, Outline, Span, nearest};
 
-/// What an error of the `ron` crate (0.12), met while reading `text`, means: in words and at the place where it would be
-/// mended. Unknown fields and variants come with the nearest name that exists.
+/// What an error of the `ron` crate (0.12), met while reading `text`, means: in words and at the place where
+/// it would be mended. Unknown fields and variants come with the nearest name that exists.
 pub fn ron_error(file: FileId, text: &str, error: &SpannedError) -> Diagnostic {
     let outline = match Outline::parse(file, text) {
         Ok(outline) => Some(outline),
@@ -67,7 +68,7 @@ impl Translator<'_> {
                 self.unknown_name(message, found, expected, "fields")
             }
             Error::NoSuchEnumVariant { expected, found, outer } => {
-                let of = outer.as_deref().map(|outer| format!(" of {outer}")).unwrap_or_default();
+                let of = outer.as_deref().map(|outer| format!(" of `{outer}`")).unwrap_or_default();
                 let message = format!("unknown variant `{found}`{of}");
                 self.unknown_name(message, found, expected, "variants")
             }
@@ -75,13 +76,20 @@ impl Translator<'_> {
                 let of = outer.as_deref().map(|outer| format!(" in `{outer}`")).unwrap_or_default();
                 let place = self.outline.as_ref().map(|outline| outline.enclosing(self.end).shallow());
                 let place = place.unwrap_or(self.end..self.end);
-                self.error(format!("the field `{field}` is missing{of}"), place, &format!("this has no `{field}`"))
+                self.error(
+                    format!("the field `{field}` is missing{of}"),
+                    place,
+                    &format!("this has no `{field}`"),
+                )
             }
             Error::DuplicateStructField { field, .. } => {
                 let again = self.name_before_cursor(field).unwrap_or(self.start..self.end);
-                let error = self.error(format!("the field `{field}` is given twice"), again.clone(), "again here");
-                let first =
-                    self.outline.as_ref().and_then(|outline| outline.field_of(outline.enclosing(again.start), field));
+                let error =
+                    self.error(format!("the field `{field}` is given twice"), again.clone(), "again here");
+                let first = self
+                    .outline
+                    .as_ref()
+                    .and_then(|outline| outline.field_of(outline.enclosing(again.start), field));
                 match first.filter(|first| *first != again) {
                     Some(first) => error.with_label(self.span(first), "first here"),
                     None => error,
@@ -93,7 +101,8 @@ impl Translator<'_> {
                 self.error(format!("expected `{expected}`, found `{found}`"), place, &label)
             }
             Error::InvalidValueForType { expected, found } => {
-                let (message, place) = (format!("expected {expected}, found {found}"), self.value_at_cursor());
+                let (message, place) =
+                    (format!("expected {expected}, found {found}"), self.value_at_cursor());
                 self.error(message, place, &format!("expected {expected}"))
             }
             Error::ExpectedDifferentLength { expected, found } => {
@@ -108,15 +117,23 @@ impl Translator<'_> {
                 self.error("this integer is out of the range of its type", self.value_at_cursor(), label)
             }
             Error::Message(message) => self.error(message.as_str(), self.value_at_cursor(), ""),
-            Error::ExceededRecursionLimit => {
-                self.error("the file is nested too deeply", self.value_at_cursor(), "this level is one too many")
-            }
+            Error::ExceededRecursionLimit => self.error(
+                "the file is nested too deeply",
+                self.value_at_cursor(),
+                "this level is one too many",
+            ),
             Error::NoSuchExtension(name) => {
                 let place = self.name_before_cursor(name).unwrap_or(self.start..self.end);
                 self.error(format!("there is no RON extension `{name}`"), place, "")
             }
             Error::TrailingCharacters => {
                 self.error("expected the end of the file", self.cursor(), "nothing may come after the value")
+            }
+            Error::ExpectedComma if self.cursor_is_inside_a_number() => self.wrong_kind_before("an integer"),
+            Error::ExpectedStructLike => {
+                let place = self.value_at_cursor();
+                let message = format!("`{}` needs parentheses behind it", &self.text[place.clone()]);
+                self.error(message, place, "expected `(` after this")
             }
             Error::ExpectedStructLikeEnd if self.node_at_cursor().is_some() => {
                 let label = "one element too many";
@@ -152,8 +169,13 @@ impl Translator<'_> {
     /// A value of another kind stands where `wanted` should.
     fn wrong_kind(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
-        let Some((node, outline)) = self.node_at_cursor() else {
-            return self.error(format!("expected {wanted}"), place, &format!("expected {wanted} here"));
+        let Some(node) = self.node_at_cursor() else {
+            let key = self.outline.as_ref().and_then(|outline| outline.key_starting_at(self.end));
+            let (found, place) = match key {
+                Some(key) => (format!(", found `{}`", &self.text[key.clone()]), key),
+                None => (String::new(), place),
+            };
+            return self.error(format!("expected {wanted}{found}"), place, &format!("expected {wanted}"));
         };
         let head = &self.text[node.head.clone()];
         let found = match &node.content {
@@ -167,13 +189,20 @@ impl Translator<'_> {
             Content::List { bracket: '[', .. } => "a list".to_string(),
             _ => "`(`".to_string(),
         };
-        let error = self.error(format!("expected {wanted}, found {found}"), place, &format!("expected {wanted}"));
+        let error =
+            self.error(format!("expected {wanted}, found {found}"), place, &format!("expected {wanted}"));
         let Content::Text(text) = &node.content else { return error };
-        let _ = outline;
         if wanted == NAME {
             return error.with_help(format!("names have no quotes: `{}`", text.value));
         }
         error
+    }
+
+    /// Something else than `wanted` was read only in part.
+    fn wrong_kind_before(&self, wanted: &str) -> Diagnostic {
+        let place = self.value_at_cursor();
+        let message = format!("expected {wanted}, found `{}`", &self.text[place.clone()]);
+        self.error(message, place, &format!("expected {wanted}"))
     }
 
     fn error(&self, message: impl Into<String>, place: Range<usize>, label: &str) -> Diagnostic {
@@ -199,16 +228,26 @@ impl Translator<'_> {
         (!name.is_empty() && is_near).then_some(start..start + name.len())
     }
 
+    /// The crate reads an integer up to its point and then wonders at the rest.
+    fn cursor_is_inside_a_number(&self) -> bool {
+        let Some(outline) = &self.outline else { return false };
+        let node = outline.innermost(self.end);
+        let place = &node.place;
+        matches!(node.content, Content::Scalar)
+            && (place.start + 1..place.end).contains(&self.end)
+            && self.text[place.clone()]
+                .starts_with(|c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
+    }
+
     /// The element that the crate was about to read, if one starts at the cursor.
-    fn node_at_cursor(&self) -> Option<(&Node, &Outline)> {
-        let outline = self.outline.as_ref()?;
-        outline.starting_at(self.end).map(|node| (node, outline))
+    fn node_at_cursor(&self) -> Option<&Node> {
+        self.outline.as_ref()?.starting_at(self.end)
     }
 
     /// The element that the crate was about to read, or has just read.
     fn value_at_cursor(&self) -> Range<usize> {
         let Some(outline) = &self.outline else { return self.start..self.end };
-        if let Some((node, _)) = self.node_at_cursor() {
+        if let Some(node) = self.node_at_cursor() {
             return node.shallow();
         }
         // The cursor skips the comma and the white space behind a value.
@@ -230,7 +269,6 @@ fn wanted(error: &Error) -> Option<String> {
         Error::ExpectedInteger => "an integer",
         Error::ExpectedOption => "`Some(...)` or `None`",
         Error::ExpectedMap => "a map `{...}`",
-        Error::ExpectedStructLike => "`(`",
         Error::ExpectedNamedStructLike("") => "`(...)`",
         Error::ExpectedNamedStructLike(name) => return Some(format!("`{name}(...)`")),
         Error::ExpectedUnit => "`()`",

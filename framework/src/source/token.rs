@@ -1,5 +1,6 @@
-//! The tokens of RON, with their places. Numbers, characters and identifiers are only delimited, not judged: the `ron` crate
-//! reads the values, this is here to know where they stood. Texts are read in full, because errors point into them.
+//! The tokens of RON, with their places. Numbers, characters and identifiers are only delimited, not judged:
+//! the `ron` crate reads the values, this is here to know where they stood. Texts are read in full, because
+//! errors point into them.
 
 use std::ops::Range;
 
@@ -35,7 +36,8 @@ pub(super) struct Text {
     pub value: String,
     /// The bytes between the quotes.
     pub inside: Range<usize>,
-    /// Where value and file run in step: from (offset in the value, offset in the file) on, up to the next such pair.
+    /// Where value and file run in step: from (offset in the value, offset in the file) on, up to the next
+    /// such pair.
     pub steps: Vec<(usize, usize)>,
 }
 
@@ -98,8 +100,8 @@ impl<'a> Lexer<'a> {
             }
             '\'' => self.character(start, 1)?,
             '#' => self.attribute()?,
-            '0'..='9' | '+' | '-' | '.' => self.number(),
-            'b' if rest.starts_with("b'") => self.character(start, 2)?,
+            '0'..='9' | '+' | '-' | '.' => self.number()?,
+            'b' if rest.starts_with("b'") => self.number()?,
             'b' if rest.starts_with("b\"") => {
                 self.at += 2;
                 self.escaped(start, true)?;
@@ -122,7 +124,14 @@ impl<'a> Lexer<'a> {
             }
             c if starts_identifier(c) => {
                 self.take_while(continues_identifier);
-                TokenKind::Identifier
+                let name = &self.text[start..self.at];
+                let is_number = ["inf", "inff32", "inff64", "NaN", "NaNf32", "NaNf64"].contains(&name);
+                if is_number && self.rest().starts_with("..") {
+                    self.at = start;
+                    self.number()?
+                } else {
+                    TokenKind::Identifier
+                }
             }
             c => {
                 let mut error = self.error(
@@ -221,18 +230,21 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    /// Everything that sticks together and starts like a number, ranges (`0..=9`) with both ends.
-    fn number(&mut self) -> TokenKind {
-        let bytes = self.text.as_bytes();
+    /// Everything that sticks together and starts like a number: numbers, bytes (`b'x'`), and ranges with
+    /// both of their ends (`0..=9`).
+    fn number(&mut self) -> Result<TokenKind> {
         let start = self.at;
-        while let Some(&byte) = bytes.get(self.at) {
+        while let Some(&byte) = self.text.as_bytes().get(self.at) {
             let before = &self.text[start..self.at];
-            let sign_fits = before.is_empty()
-                || before.ends_with("..")
-                || before.ends_with("..=")
-                || before.ends_with(['e', 'E']) && !before.contains("0x");
+            let starts_operand = before.is_empty() || before.ends_with("..") || before.ends_with("..=");
+            let is_hexadecimal = before.trim_start_matches(['+', '-']).starts_with("0x");
+            let in_exponent = before.ends_with(['e', 'E']) && !is_hexadecimal;
+            if starts_operand && self.rest().starts_with("b'") {
+                self.character(self.at, 2)?;
+                continue;
+            }
             let fits = match byte {
-                b'+' | b'-' => sign_fits,
+                b'+' | b'-' => starts_operand || in_exponent,
                 b'=' => before.ends_with(".."),
                 _ => byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'.'),
             };
@@ -241,7 +253,7 @@ impl<'a> Lexer<'a> {
             }
             self.at += 1;
         }
-        TokenKind::Scalar
+        Ok(TokenKind::Scalar)
     }
 
     /// `'c'` or `b'c'`, `prefix` bytes before the character.
@@ -259,8 +271,12 @@ impl<'a> Lexer<'a> {
             let line = self.text[start..].lines().next().unwrap_or_default();
             let end = line[1..].find('\'').map_or(line.len(), |at| at + 2);
             return Err(Box::new(
-                self.error(start..start + end, "this is not one character", "single quotes hold one character")
-                    .with_help("a text stands between double quotes"),
+                self.error(
+                    start..start + end,
+                    "this is not one character",
+                    "single quotes hold one character",
+                )
+                .with_help("a text stands between double quotes"),
             ));
         }
         self.at += 1;
@@ -318,7 +334,8 @@ impl<'a> Lexer<'a> {
             't' => '\t',
             '0' => '\0',
             'x' => {
-                let first = self.hex_byte().ok_or_else(|| wrong(self, start + 4, "`\\x` takes two hex digits"))?;
+                let first =
+                    self.hex_byte().ok_or_else(|| wrong(self, start + 4, "`\\x` takes two hex digits"))?;
                 if binary || first < 0x80 {
                     return Ok(char::from(first));
                 }
@@ -341,8 +358,10 @@ impl<'a> Lexer<'a> {
             'u' => {
                 let label = "a character is written `\\u{1f642}`";
                 let digits = self.rest().strip_prefix('{').and_then(|rest| rest.split_once('}')).map(|r| r.0);
-                let digits = digits.filter(|d| (1..=6).contains(&d.len()) && d.bytes().all(|b| b.is_ascii_hexdigit()));
-                let code = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok()).and_then(char::from_u32);
+                let digits =
+                    digits.filter(|d| (1..=6).contains(&d.len()) && d.bytes().all(|b| b.is_ascii_hexdigit()));
+                let code =
+                    digits.and_then(|digits| u32::from_str_radix(digits, 16).ok()).and_then(char::from_u32);
                 match (digits, code) {
                     (Some(digits), Some(c)) => {
                         self.at += digits.len() + 2;
@@ -386,7 +405,8 @@ impl<'a> Lexer<'a> {
     }
 }
 
-/// Keeps the last pair for every offset in the value, so that an offset behind an escape is behind it in the file too.
+/// Keeps the last pair for every offset in the value, so that an offset behind an escape is behind it in the
+/// file too.
 fn push_step(steps: &mut Vec<(usize, usize)>, step: (usize, usize)) {
     match steps.last_mut() {
         Some(last) if last.0 == step.0 => *last = step,
@@ -411,6 +431,15 @@ fn continues_identifier(c: char) -> bool {
 fn is_space(c: char) -> bool {
     matches!(
         c,
-        ' ' | '\t' | '\n' | '\r' | '\x0B' | '\x0C' | '\u{85}' | '\u{200E}' | '\u{200F}' | '\u{2028}' | '\u{2029}'
+        ' ' | '\t'
+            | '\n'
+            | '\r'
+            | '\x0B'
+            | '\x0C'
+            | '\u{85}'
+            | '\u{200E}'
+            | '\u{200F}'
+            | '\u{2028}'
+            | '\u{2029}'
     )
 }

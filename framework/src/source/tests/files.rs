@@ -1,0 +1,301 @@
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::{env, fs, process};
+
+use super::*;
+
+const BUILTIN: &[(&str, &str)] = &[
+    ("pipelines/splat.ron", "built-in splat"),
+    ("pipelines/sort/radix.ron", "built-in radix"),
+    ("shaders/covariance.comp", "built-in covariance"),
+    ("shaders/camera.glsl", "built-in camera"),
+    ("shaders/sort/scatter.comp", "built-in scatter"),
+    ("shaders/sort/common.glsl", "built-in common"),
+];
+
+fn library(memory: &[(&str, &str)]) -> SourceMap {
+    let memory = memory.iter().map(|(path, text)| (path.to_string(), text.to_string())).collect();
+    SourceMap::new(Library { builtin: BUILTIN, memory })
+}
+
+/// A folder that is gone when the test is over.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(files: &[(&str, &str)]) -> Folder {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let name = format!("splatgraph-source-{}-{}", process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
+        let folder = Folder(env::temp_dir().join(name));
+        for (path, text) in files {
+            let path = folder.0.join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        folder
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.join(name).to_str().unwrap().to_string()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+#[track_caller]
+fn finds(files: &mut SourceMap, from: Option<FileId>, name: &str, kind: Kind, text: &str) -> FileId {
+    let file = files.find(from, name, kind).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(files.text(file), text);
+    file
+}
+
+#[test]
+fn a_built_in_graph_is_found_by_its_short_name() {
+    let mut files = library(&[]);
+    let file = finds(&mut files, None, "splat", Kind::Graph, "built-in splat");
+    assert_eq!(files.path(file), "pipelines/splat.ron");
+    for name in ["splat.ron", "pipelines/splat.ron", "pipelines/splat", "./splat", "sort/../splat.ron"] {
+        assert_eq!(files.find(None, name, Kind::Graph), Ok(file), "{name}");
+    }
+}
+
+#[test]
+fn a_built_in_file_finds_others_beside_it_and_in_the_folder_of_their_kind() {
+    let mut files = library(&[]);
+    let graph = files.find(None, "splat", Kind::Graph).unwrap();
+    let sort = finds(&mut files, Some(graph), "sort/radix.ron", Kind::Graph, "built-in radix");
+    finds(&mut files, Some(sort), "covariance.comp", Kind::Shader, "built-in covariance");
+    let scatter = finds(&mut files, Some(sort), "sort/scatter.comp", Kind::Shader, "built-in scatter");
+    finds(&mut files, Some(scatter), "common.glsl", Kind::Shader, "built-in common");
+    let camera = finds(&mut files, Some(scatter), "camera.glsl", Kind::Shader, "built-in camera");
+    assert_eq!(files.find(Some(scatter), "../camera.glsl", Kind::Shader), Ok(camera));
+    assert_eq!(files.find(Some(graph), "../shaders/camera.glsl", Kind::Shader), Ok(camera));
+}
+
+#[test]
+fn memory_comes_before_disk_and_disk_before_what_is_built_in() {
+    let folder = Folder::new(&[
+        ("pipelines/a.ron", "graph"),
+        ("pipelines/splat.ron", "disk"),
+        ("pipelines/b.ron", "b"),
+    ]);
+    let mut files = library(&[("pipelines/b.ron", "memory"), ("sort/radix.ron", "memory radix")]);
+    let graph = finds(&mut files, None, &folder.path("pipelines/a.ron"), Kind::Graph, "graph");
+    finds(&mut files, Some(graph), "splat", Kind::Graph, "disk");
+    finds(&mut files, Some(graph), "b", Kind::Graph, "memory");
+    finds(&mut files, Some(graph), "sort/radix", Kind::Graph, "memory radix");
+    let on_disk: Vec<bool> = files.opened().map(|(_, _, on_disk)| on_disk).collect();
+    assert_eq!(on_disk, [true, true, false, false]);
+}
+
+#[test]
+fn an_overlay_in_memory_is_found_at_a_path_on_disk() {
+    let folder = Folder::new(&[("a.ron", "old")]);
+    let path = folder.path("a.ron");
+    let mut files = library(&[(&path, "unsaved")]);
+    finds(&mut files, None, &path, Kind::Graph, "unsaved");
+}
+
+#[test]
+fn a_graph_on_disk_finds_its_shaders_in_the_folder_beside_its_own() {
+    let folder = Folder::new(&[
+        ("pipelines/deep/splat.ron", ""),
+        ("shaders/sort/scatter.comp", "scatter"),
+        ("shaders/camera.glsl", "camera"),
+        ("pipelines/deep/own.comp", "own"),
+    ]);
+    let mut files = library(&[]);
+    let graph = files.find(None, &folder.path("pipelines/deep/splat.ron"), Kind::Graph).unwrap();
+    let scatter = finds(&mut files, Some(graph), "sort/scatter.comp", Kind::Shader, "scatter");
+    finds(&mut files, Some(graph), "own.comp", Kind::Shader, "own");
+    finds(&mut files, Some(scatter), "camera.glsl", Kind::Shader, "camera");
+    // What is not on disk is the built-in one, also beside a shader that stands in for a built-in one.
+    finds(&mut files, Some(scatter), "common.glsl", Kind::Shader, "built-in common");
+    finds(&mut files, Some(graph), "covariance.comp", Kind::Shader, "built-in covariance");
+}
+
+#[test]
+fn shaders_are_found_beside_a_folder_of_any_name() {
+    let folder = Folder::new(&[("mine/a.ron", ""), ("shaders/a.comp", "a"), ("pipelines/b.ron", "b")]);
+    let mut files = library(&[]);
+    let graph = files.find(None, &folder.path("mine/a"), Kind::Graph).unwrap();
+    finds(&mut files, Some(graph), "a.comp", Kind::Shader, "a");
+    finds(&mut files, Some(graph), "b", Kind::Graph, "b");
+}
+
+#[test]
+fn one_file_is_one_id_whatever_it_is_called() {
+    let folder = Folder::new(&[("x/a.ron", "a"), ("y/b.ron", "b")]);
+    let mut files = library(&[]);
+    let a = files.find(None, &folder.path("x/a.ron"), Kind::Graph).unwrap();
+    let b = files.find(Some(a), "../y/b.ron", Kind::Graph).unwrap();
+    assert_eq!(files.find(None, &folder.path("x/../y/./b"), Kind::Graph), Ok(b));
+    assert_eq!(files.find(Some(b), "../x/../y//../x/a.ron", Kind::Graph), Ok(a));
+    assert_eq!(files.path(b), folder.path("y/b.ron"));
+    assert_eq!(files.opened().count(), 2);
+}
+
+#[cfg(unix)]
+#[test]
+fn links_are_followed_to_the_one_file() {
+    let folder = Folder::new(&[("a/real.ron", "real"), ("b/other.ron", "other")]);
+    std::os::unix::fs::symlink(folder.path("a"), folder.path("b/link")).unwrap();
+    let mut files = library(&[]);
+    let real = files.find(None, &folder.path("a/real.ron"), Kind::Graph).unwrap();
+    assert_eq!(files.find(None, &folder.path("b/link/real.ron"), Kind::Graph), Ok(real));
+    // Behind the link, `..` is the folder that holds `a`, not `b`.
+    finds(&mut files, None, &folder.path("b/link/../b/other.ron"), Kind::Graph, "other");
+}
+
+#[test]
+fn a_file_is_read_once() {
+    let folder = Folder::new(&[("a.ron", "before")]);
+    let mut files = library(&[]);
+    let file = files.find(None, &folder.path("a.ron"), Kind::Graph).unwrap();
+    fs::write(folder.path("a.ron"), "after").unwrap();
+    assert_eq!(finds(&mut files, None, &folder.path("a.ron"), Kind::Graph, "before"), file);
+}
+
+#[test]
+fn a_short_name_prefers_the_graph_to_a_stray_file_or_folder() {
+    let folder =
+        Folder::new(&[("splat", "\u{7f}ELF"), ("splat.ron", "graph"), ("out/x", ""), ("plain", "plain")]);
+    let mut files = library(&[]);
+    finds(&mut files, None, &folder.path("splat"), Kind::Graph, "graph");
+    finds(&mut files, None, &folder.path("plain"), Kind::Graph, "plain");
+    assert!(files.find(None, &folder.path("out"), Kind::Graph).unwrap_err().why.is_none());
+}
+
+#[test]
+fn a_text_that_was_added_is_not_found_but_finds_others() {
+    let mut files = library(&[("shaders/x.comp", "x"), ("pipelines/part.ron", "part")]);
+    let first = files.add("pipelines/test.ron", "first");
+    let second = files.add("pipelines/test.ron", "second");
+    assert_ne!(first, second);
+    assert!(files.find(None, "pipelines/test.ron", Kind::Graph).is_err());
+    finds(&mut files, Some(first), "part", Kind::Graph, "part");
+    finds(&mut files, Some(first), "x.comp", Kind::Shader, "x");
+    finds(&mut files, Some(first), "camera.glsl", Kind::Shader, "built-in camera");
+}
+
+#[test]
+fn a_missing_file_is_met_with_where_it_was_looked_for_and_the_nearest_name() {
+    let folder = Folder::new(&[
+        ("pipelines/mine.ron", ""),
+        ("shaders/tonemap.comp", ""),
+        ("shaders/sort/own.comp", ""),
+    ]);
+    let mut files = library(&[("pipelines/held.ron", "")]);
+    let graph = files.find(None, &folder.path("pipelines/mine"), Kind::Graph).unwrap();
+    let mut nearest = |name, kind| files.find(Some(graph), name, kind).unwrap_err().nearest;
+    assert_eq!(nearest("splt", Kind::Graph).as_deref(), Some("splat"));
+    assert_eq!(nearest("splt.ron", Kind::Graph).as_deref(), Some("splat.ron"));
+    assert_eq!(nearest("hled", Kind::Graph).as_deref(), Some("held"));
+    assert_eq!(nearest("mnie", Kind::Graph).as_deref(), Some("mine"));
+    assert_eq!(nearest("tonmap.comp", Kind::Shader).as_deref(), Some("tonemap.comp"));
+    assert_eq!(nearest("sort/onw.comp", Kind::Shader).as_deref(), Some("sort/own.comp"));
+    assert_eq!(nearest("scatter.comp", Kind::Shader).as_deref(), Some("sort/scatter.comp"));
+    assert_eq!(nearest("nothing_like_it.comp", Kind::Shader), None);
+
+    let mut files = library(&[]);
+    let graph = files.find(None, "splat", Kind::Graph).unwrap();
+    let error = files.find(Some(graph), "covarance.comp", Kind::Shader).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "there is no shader `covarance.comp`; did you mean `covariance.comp`? (looked for \
+         pipelines/covarance.comp (built in), covarance.comp (built in), shaders/covarance.comp (built in))"
+    );
+}
+
+#[test]
+fn a_missing_file_can_be_shown_where_it_is_named() {
+    let mut files = library(&[]);
+    let graph = files.add("pipelines/a.ron", "shader: \"covarance.comp\",");
+    let error = files.find(Some(graph), "covarance.comp", Kind::Shader).unwrap_err();
+    let diagnostic = error.at(Span { file: graph, start: 9, end: 23 });
+    assert_eq!(diagnostic.message, "there is no shader `covarance.comp`");
+    assert_eq!(diagnostic.primary.text, "did you mean `covariance.comp`?");
+    assert_eq!(
+        diagnostic.help,
+        ["it was looked for in pipelines/covarance.comp (built in), covarance.comp (built in), \
+          shaders/covarance.comp (built in)"]
+    );
+}
+
+#[test]
+fn a_file_that_is_no_text_is_not_called_missing() {
+    let folder = Folder::new(&[("a.ron", "")]);
+    fs::write(folder.path("a.ron"), b"Graph(\xff)").unwrap();
+    let error = library(&[]).find(None, &folder.path("a.ron"), Kind::Graph).unwrap_err();
+    assert_eq!(error.why.as_deref(), Some("is not UTF-8 text (the first wrong byte is at offset 6)"));
+    let path = folder.path("a.ron");
+    assert_eq!(
+        error.to_string(),
+        format!("the graph `{path}` cannot be used: {path} {}", error.why.as_ref().unwrap())
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn a_file_that_cannot_be_read_is_not_called_missing() {
+    let folder = Folder::new(&[("b.ron", "")]);
+    std::os::unix::fs::symlink(folder.path("loop.ron"), folder.path("loop.ron")).unwrap();
+    let error = library(&[]).find(None, &folder.path("loop.ron"), Kind::Graph).unwrap_err();
+    assert!(error.why.unwrap().starts_with("cannot be read"));
+}
+
+#[test]
+fn a_file_too_large_for_a_graph_is_not_read() {
+    let folder = Folder::new(&[("a.ron", "")]);
+    fs::File::create(folder.path("a.ron")).unwrap().set_len(1 << 30).unwrap();
+    let error = library(&[]).find(None, &folder.path("a.ron"), Kind::Graph).unwrap_err();
+    assert_eq!(error.why.as_deref(), Some("is larger than 16 MiB"));
+}
+
+#[test]
+fn strange_names_are_only_missing() {
+    let mut files = library(&[]);
+    let graph = files.find(None, "splat", Kind::Graph).unwrap();
+    for name in ["", ".", "..", "/", "a\0b", "../../../..", "\n", &"x".repeat(10_000), "é/🦀", "a//b/", "*"]
+    {
+        for from in [None, Some(graph), Some(FileId(99))] {
+            for kind in [Kind::Graph, Kind::Shader] {
+                let error = files.find(from, name, kind).unwrap_err();
+                assert_eq!(error.why, None, "{name:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_byte_order_mark_is_not_part_of_the_text() {
+    let folder = Folder::new(&[("a.ron", "\u{feff}Graph()")]);
+    finds(&mut library(&[]), None, &folder.path("a.ron"), Kind::Graph, "Graph()");
+}
+
+#[test]
+fn lines_and_columns_count_characters_from_1() {
+    let (files, file) = one_file("a.ron", "ab\nçdé f\r\n\nlast");
+    let at = |start| files.line_column(Span { file, start, end: start });
+    assert_eq!(at(0), (1, 1));
+    assert_eq!(at(2), (1, 3));
+    assert_eq!(at(3), (2, 1));
+    assert_eq!(at(5), (2, 2));
+    assert_eq!(at(8), (2, 4));
+    assert_eq!(at(12), (3, 1));
+    assert_eq!(at(13), (4, 1));
+    assert_eq!(at(17), (4, 5));
+    assert_eq!(at(9999), (4, 5));
+    let origin = files.origin(Span { file, start: 8, end: 9 });
+    assert_eq!((origin.file.as_str(), origin.line, origin.column), ("a.ron", 2, 4));
+}
+
+#[test]
+fn an_unknown_file_has_a_name_and_no_text() {
+    let files = SourceMap::default();
+    assert_eq!((files.path(FileId(3)), files.text(FileId(3))), ("<unknown file>", ""));
+    assert_eq!(files.line_column(Span { file: FileId(3), start: 5, end: 7 }), (1, 1));
+}

@@ -1,0 +1,13 @@
+mod diagnostic;
+mod files;
+mod outline;
+mod ron_error;
+
+use super::*;
+
+/// A source map with one file in it.
+fn one_file(path: &str, text: &str) -> (SourceMap, FileId) {
+    let mut files = SourceMap::default();
+    let file = files.add(path, text);
+    (files, file)
+}

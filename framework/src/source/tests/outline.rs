@@ -1,0 +1,414 @@
+use std::collections::BTreeMap;
+
+use proptest::prelude::*;
+use serde::Serialize;
+
+use super::*;
+
+fn outline(text: &str) -> Outline {
+    Outline::parse(FileId(0), text).unwrap_or_else(|e| panic!("{text}: {e}"))
+}
+
+fn root() -> Path {
+    Path::root()
+}
+
+#[track_caller]
+fn value_is(text: &str, path: Path, expected: &str) {
+    let span = outline(text).value(&path);
+    assert_eq!(&text[span.start..span.end], expected, "{path} in {text}");
+}
+
+#[track_caller]
+fn key_is(text: &str, path: Path, expected: &str) {
+    let span = outline(text).key(&path);
+    assert_eq!(&text[span.start..span.end], expected, "{path} in {text}");
+}
+
+/// The message, and what it points at.
+#[track_caller]
+fn fails(text: &str, message: &str, at: &str) -> Diagnostic {
+    let error = Outline::parse(FileId(0), text).expect_err(text);
+    let span = error.primary.span;
+    assert_eq!((error.message.as_str(), &text[span.start..span.end]), (message, at), "{text}");
+    error
+}
+
+const GRAPH: &str = r##"#![enable(implicit_some)]
+// A comment with "quotes" and (brackets
+Graph(
+  version: 1, /* nested /* comments: [ */ */
+  params: { "digit bits": Const(Int(default: 8, range: (1, 11))), "x": Live(Float(default: -1.5e-3)) },
+  passes: [
+    Dispatch(name: "a\tb", bind: {"Keys": "front(keys)"}, size: Threads("n")),
+    Swap("keys"),
+    r#"raw "text""#,
+  ],
+  unit: (),
+  format: Rgba16Float,
+)"##;
+
+#[test]
+fn fields_keys_and_indices_lead_to_their_values() {
+    let passes = root().field("passes");
+    let bits = root().field("params").key("digit bits").index(0);
+    value_is(GRAPH, root().field("version"), "1");
+    value_is(GRAPH, bits.clone(), "Int(default: 8, range: (1, 11))");
+    value_is(GRAPH, bits.field("default"), "8");
+    value_is(GRAPH, bits.field("range").index(1), "11");
+    value_is(GRAPH, root().field("params").key("x").index(0).field("default"), "-1.5e-3");
+    value_is(GRAPH, passes.index(0).field("size").index(0), "n");
+    value_is(GRAPH, passes.index(1), "Swap(\"keys\")");
+    value_is(GRAPH, passes.index(2), "raw \"text\"");
+    value_is(GRAPH, root().field("unit"), "()");
+    value_is(GRAPH, root().field("format"), "Rgba16Float");
+}
+
+#[test]
+fn texts_are_pointed_at_inside_their_quotes() {
+    value_is(GRAPH, root().field("passes").index(0).field("name"), "a\\tb");
+    value_is(GRAPH, root().field("passes").index(0).field("bind").key("Keys"), "front(keys)");
+}
+
+#[test]
+fn the_name_of_a_field_and_the_key_of_a_map_have_their_own_places() {
+    key_is(GRAPH, root().field("version"), "version");
+    key_is(GRAPH, root().field("params").key("digit bits"), "digit bits");
+    key_is(GRAPH, root().field("passes").index(0).field("bind").key("Keys"), "Keys");
+    key_is("{1: 2, 'c': 3, (4, 5): 6}", root().key("'c'"), "'c'");
+    value_is("{1: 2, 'c': 3, (4, 5): 6}", root().key("(4, 5)"), "6");
+    key_is("(r#type: 1)", root().field("type"), "r#type");
+    // What has no name of its own is its own place.
+    key_is("[7, 8]", root().index(1), "8");
+}
+
+#[test]
+fn field_and_key_are_the_same_step() {
+    assert_eq!(root().field("a").key("b"), root().key("a").field("b"));
+    assert_eq!(root().field("passes").index(2).key("bind").key("Keys").to_string(), "passes[2].bind.Keys");
+}
+
+#[test]
+fn a_path_to_nothing_leads_to_the_nearest_element_around_it() {
+    value_is(GRAPH, root().field("params").key("x").index(3).field("y"), "Live(Float(default: -1.5e-3))");
+    value_is(GRAPH, root().field("format").index(0), "Rgba16Float");
+    key_is(GRAPH, root().field("format").index(0), "Rgba16Float");
+    value_is("1", root().field("a"), "1");
+}
+
+#[test]
+fn some_and_an_unwrapped_variant_are_no_steps() {
+    value_is("(a: Some(3))", root().field("a"), "3");
+    key_is("(a: Some(3))", root().field("a"), "a");
+    value_is("[Some(Some((x: 1)))]", root().index(0).field("x"), "1");
+    value_is("Const(default: 8)", root().index(0).field("default"), "8");
+}
+
+#[test]
+fn the_head_of_a_struct_is_its_name_and_that_of_a_list_its_bracket() {
+    let head = |text: &str, path: Path| {
+        let span = outline(text).head(&path);
+        text[span.start..span.end].to_string()
+    };
+    assert_eq!(head(GRAPH, root()), "Graph");
+    assert_eq!(head(GRAPH, root().field("passes")), "[");
+    assert_eq!(head(GRAPH, root().field("passes").index(0)), "Dispatch");
+    assert_eq!(head(GRAPH, root().field("passes").index(0).field("name")), "a\\tb");
+    assert_eq!(head("(a: 1)", root()), "(");
+}
+
+#[test]
+fn every_form_of_value_is_delimited() {
+    let values = [
+        "1",
+        "-1",
+        "+1",
+        "1_000",
+        "0x1F",
+        "0b01",
+        "0o17",
+        "1u8",
+        "1.0",
+        ".5",
+        "1.",
+        "1e5",
+        "1e-5",
+        "1.5E+3",
+        "1.0f32",
+        "inf",
+        "-inf",
+        "NaN",
+        "0..9",
+        "inf..1",
+        "b'a'..=b'z'",
+        "1..inf",
+        "0..=9",
+        "-1..-5",
+        "'c'",
+        "'\\n'",
+        "'\\''",
+        "'\"'",
+        "b'x'",
+        "b'\\x0f'",
+        "b\"bytes\\xff\"",
+        "br#\"raw\"#",
+        "true",
+        "()",
+        "[]",
+        "{}",
+        "Unit",
+        "r#type",
+        "größe",
+        "Some(1)",
+        "Empty()",
+        "[[],[[]],]",
+        "(1,2,)",
+        "\"\"",
+        "r\"\"",
+        "r##\"a\"#b\"##",
+    ];
+    for value in values {
+        let text = format!("[{value}, /* */ {value} // \n, last]");
+        assert_eq!(outline(&text).value(&root().index(2)).start, text.len() - 5, "{text}");
+    }
+}
+
+#[test]
+fn an_offset_in_a_text_is_found_behind_its_escapes() {
+    let text = r#"(a: "x\ty\u{1f642}z\\")"#;
+    let offset = |offset| outline(text).string_offset(&root().field("a"), offset);
+    let at = |part: &str| text.find(part).unwrap();
+    assert_eq!(offset(0), at("x"));
+    assert_eq!(offset(1), at("\\t"));
+    assert_eq!(offset(2), at("y"));
+    assert_eq!(offset(3), at("\\u"));
+    assert_eq!(offset(7), at("z"));
+    assert_eq!(offset(8), at("\\\\"));
+    assert_eq!(offset(9), text.len() - 2);
+    assert_eq!(offset(1000), text.len() - 2);
+}
+
+#[test]
+fn a_line_that_goes_on_after_a_backslash_is_one_text() {
+    let text = "\"ab\\\n     cd\"";
+    let outline = outline(text);
+    assert_eq!(outline.string_offset(&root(), 1), 2);
+    assert_eq!(outline.string_offset(&root(), 2), text.find("cd").unwrap());
+    assert_eq!(outline.string_offset(&root(), 3), text.find('d').unwrap());
+}
+
+#[test]
+fn a_part_of_a_text_has_a_place_and_other_values_have_theirs() {
+    let text = r#"(a: "n \u{2b} m", b: r"n + m", c: 12)"#;
+    let part = |name: &str, range| {
+        let span = outline(text).within_string(&root().field(name), range);
+        text[span.start..span.end].to_string()
+    };
+    assert_eq!(part("a", 2..3), "\\u{2b}");
+    assert_eq!(part("a", 4..5), "m");
+    assert_eq!(part("b", 2..3), "+");
+    assert_eq!(part("c", 1..2), "12");
+    assert_eq!(part("missing", 0..1), text);
+}
+
+#[test]
+fn names_given_twice_are_errors() {
+    let text = r#"(a: 1, b: {"k": 1, "k": 2, "l": 3}, a: 2, c: (a: 1))"#;
+    let errors = outline(text).duplicates();
+    let messages: Vec<_> = errors.iter().map(|e| e.message.as_str()).collect();
+    assert_eq!(messages, ["the key `k` is given twice", "the field `a` is given twice"]);
+    let places = errors.iter().map(|e| (e.secondary[0].span.start, e.primary.span.start));
+    assert_eq!(places.collect::<Vec<_>>(), [(12, 20), (1, 36)]);
+    // Of two, the last one counts.
+    value_is(text, root().field("a"), "2");
+}
+
+#[test]
+fn missing_and_wrong_punctuation_is_pointed_at() {
+    fails("(a: 1 b: 2)", "a comma is missing", "");
+    fails("[1 2]", "a comma is missing", "");
+    fails("(a: 1, b = 2)", "unexpected `=`", "=");
+    fails("(a: 1; b: 2)", "unexpected `;`", ";");
+    fails("(a: 1, b 2)", "expected `:` behind `b`, found `2`", "2");
+    fails("(a: , b: 2)", "expected a value, found `,`", ",");
+    fails("(a: 1,, b: 2)", "expected a field, as those before it: `name: value`, found `,`", ",");
+    fails("{\"a\" 1}", "expected `:` behind `a`, found `1`", "1");
+    fails("[a: 1]", "expected `,` or `]`, found `:`", ":");
+    fails("(\"a\": 1)", "a field's name is in quotes: \"a\"", "\"a\"");
+    fails("(a: 1, 2)", "expected a field, as those before it: `name: value`, found `2`", "2");
+    fails("1 2", "expected the end of the file, found `2`", "2");
+    fails("(a: 1))", "this `)` closes nothing", ")");
+    fails("", "the file is empty", "");
+    fails(" // only a comment", "the file is empty", "");
+    fails("[1, #![enable(x)] 2]", "expected a value, found an attribute", "#![enable(x)]");
+    let error = fails("(a: \"x, b: \"y\")", "a comma is missing", "");
+    assert_eq!(error.help, ["or a quote is missing or too many, here or before"]);
+}
+
+#[test]
+fn an_open_bracket_is_pointed_at_with_what_closes_instead() {
+    let error = fails("(a: [1, 2", "this `[` is not closed", "[");
+    assert_eq!(error.secondary[0].text, "the file ends without its `]`");
+    let error = fails("[Dispatch(a: 1, b: [2)]", "expected `,` or `]`, found `)`", ")");
+    assert_eq!(
+        (error.secondary[0].text.as_str(), error.secondary[0].span.start),
+        ("this `[` is still open", 19)
+    );
+    let error = fails("[Dispatch(a: 1, Swap(2)]", "expected a field `name: value`, found `Swap(`", "Swap");
+    assert_eq!(
+        (error.secondary[0].text.as_str(), error.secondary[0].span.start),
+        ("this `(` is still open", 9)
+    );
+}
+
+#[test]
+fn what_starts_and_never_ends_is_pointed_at_where_it_starts() {
+    fails("(a: \"x", "a text is not closed", "\"");
+    fails("(a: r#\"x\"", "a text is not closed", "r#\"");
+    fails("(a: \"x\\", "a text is not closed", "\"");
+    fails("(a: /* x", "a comment is not closed", "/*");
+    fails("(a: 'xy')", "this is not one character", "'xy'");
+    fails("(a: ')", "this is not one character", "')");
+}
+
+#[test]
+fn escapes_that_mean_nothing_are_pointed_at() {
+    fails(r#""a\q""#, "this escape means nothing", r"\q");
+    fails(r#""\xg0""#, "this escape means nothing", r"\xg0");
+    fails(r#""\u{}""#, "this escape means nothing", r"\u");
+    fails(r#""\u{110000}""#, "this escape means nothing", r"\u");
+    fails(r#""\é""#, "this escape means nothing", r"\é");
+    fails(r#""\xc3\x28""#, "this escape means nothing", r"\xc3\x28");
+}
+
+#[test]
+fn hostile_depth_is_an_error_and_not_a_stack_overflow() {
+    for opener in ["(", "[", "{", "(a: ", "{1: ", "a(", "Some("] {
+        let error = Outline::parse(FileId(0), &opener.repeat(100_000)).unwrap_err();
+        assert_eq!(error.message, "the file is nested more than 128 levels deep", "{opener}");
+    }
+    outline(&("[".repeat(128) + &"]".repeat(128)));
+    let comment = "/*".repeat(100_000);
+    assert_eq!(Outline::parse(FileId(0), &comment).unwrap_err().message, "a comment is not closed");
+}
+
+/// A value that `ron` can write in its own ways.
+#[derive(Clone, Debug, Serialize)]
+enum Tree {
+    Unit,
+    Int(i64),
+    Float(f64),
+    Char(char),
+    Text(String),
+    List(Vec<Tree>),
+    Map(BTreeMap<String, Tree>),
+    Record { first: Box<Tree>, second: Option<Box<Tree>> },
+}
+
+fn tree() -> impl Strategy<Value = Tree> {
+    let leaf = prop_oneof![
+        Just(Tree::Unit),
+        any::<i64>().prop_map(Tree::Int),
+        (-1e10..1e10).prop_map(Tree::Float),
+        any::<char>().prop_map(Tree::Char),
+        ".{0,12}|[\"\\\\\n\r\té🦀#]{0,8}".prop_map(Tree::Text),
+    ];
+    leaf.prop_recursive(4, 32, 4, |inner| {
+        prop_oneof![
+            prop::collection::vec(inner.clone(), 0..4).prop_map(Tree::List),
+            prop::collection::btree_map("[a-z\" :\\\\]{0,4}", inner.clone(), 0..4).prop_map(Tree::Map),
+            (inner.clone(), prop::option::of(inner)).prop_map(|(first, second)| Tree::Record {
+                first: Box::new(first),
+                second: second.map(Box::new)
+            }),
+        ]
+    })
+}
+
+/// Every leaf is where the outline says.
+fn check(outline: &Outline, text: &str, tree: &Tree, path: Path) {
+    let found = |path: &Path| {
+        let span = outline.value(path);
+        &text[span.start..span.end]
+    };
+    match tree {
+        Tree::Unit => assert_eq!(found(&path), "Unit"),
+        Tree::Int(value) => assert_eq!(found(&path.index(0)), value.to_string()),
+        Tree::Float(value) => assert_eq!(found(&path.index(0)).parse(), Ok(*value)),
+        Tree::Char(value) => assert_eq!(ron::from_str(found(&path.index(0))), Ok(*value)),
+        Tree::Text(value) => {
+            let path = path.index(0);
+            let written = outline.value(&path);
+            // The text up to every character, unescaped by itself, is the value up to there.
+            let raw = text[..written.start].ends_with("#\"");
+            for (offset, _) in value.char_indices().chain([(value.len(), ' ')]) {
+                let prefix = &text[written.start..outline.string_offset(&path, offset)];
+                let prefix =
+                    if raw { Ok(prefix.to_string()) } else { ron::from_str(&format!("\"{prefix}\"")) };
+                assert_eq!(prefix.as_deref(), Ok(&value[..offset]));
+            }
+        }
+        Tree::List(trees) => {
+            trees.iter().enumerate().for_each(|(i, tree)| check(outline, text, tree, path.index(0).index(i)));
+        }
+        Tree::Map(trees) => {
+            trees.iter().for_each(|(key, tree)| check(outline, text, tree, path.index(0).key(key)));
+        }
+        Tree::Record { first, second } => {
+            check(outline, text, first, path.field("first"));
+            if let Some(second) = second {
+                check(outline, text, second, path.field("second"));
+            }
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn what_ron_writes_is_outlined_with_every_leaf_in_its_place(tree in tree(), pretty: bool, escape: bool) {
+        let config = ron::ser::PrettyConfig::new().escape_strings(escape);
+        let text = if pretty { ron::ser::to_string_pretty(&tree, config) } else { ron::to_string(&tree) };
+        let text = text.unwrap();
+        check(&outline(&text), &text, &tree, root());
+    }
+
+    #[test]
+    fn no_text_makes_the_outline_panic(text in ".*") {
+        let _ = Outline::parse(FileId(0), &text);
+    }
+
+    #[test]
+    fn no_heap_of_tokens_makes_the_outline_panic_and_what_ron_accepts_it_accepts(
+        tokens in prop::collection::vec(prop::sample::select(vec![
+            "(", ")", "[", "]", "{", "}", ",", ":", "a", "b(", "Some(", "\"", "\"x\"", "1", "-1.5e3", "'c'", "'",
+            "r#\"q\"#", "r#", "r\"", "//c\n", "/*", "*/", "b'x'", "b\"z\"", "0x1f", "..", "=", "true", "inf", "\\",
+            "\\x", "\\u{", "#", "#![enable(implicit_some)]", "é", "🦀", "\n", " ", "/", "+", "b", "br",
+        ]), 0..16),
+    ) {
+        let text = tokens.concat();
+        let outline = Outline::parse(FileId(0), &text);
+        if let Err(error) = &outline {
+            let span = error.primary.span;
+            prop_assert!(text.get(span.start..span.end).is_some(), "{error:?}");
+        }
+        if ron::from_str::<ron::Value>(&text).is_ok() {
+            prop_assert!(outline.is_ok(), "{text}: {outline:?}");
+        }
+    }
+
+    #[test]
+    fn no_damage_to_a_graph_makes_the_outline_or_the_drawing_panic(
+        at in 0..GRAPH.len(),
+        length in 0usize..20,
+        byte: u8,
+    ) {
+        let mut bytes = GRAPH.as_bytes().to_vec();
+        let end = (at + length).min(bytes.len());
+        bytes.splice(at..end, [byte]);
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        let (files, file) = one_file("a.ron", &text);
+        if let Err(error) = Outline::parse(file, &text) {
+            render(&files, &[error], true);
+        }
+    }
+}
