@@ -1,0 +1,140 @@
+//! From a camera as people write it down to the uniform block that the shaders read.
+//!
+//! Cameras come in the form of the reference implementation's `cameras.json`: a position in the world, a rotation from
+//! the camera's axes (x right, y down, z forward) to the world's, and focal lengths in pixels. Shaders want the opposite
+//! direction, world to camera, as the block `Camera` of `shaders/camera.glsl`. All of this is computed in f64 and
+//! rounded to f32 once, at the end, because the reference pipeline does so: equal bits here give equal depths, and equal
+//! depths give the same order of the splats.
+
+use bytemuck::{Pod, Zeroable};
+use splatgraph_assets::{Bounds, Camera, NEAR};
+
+/// The name of the block among a plan's frame uniforms.
+pub const CAMERA: &str = "frame.camera";
+
+/// Bytes of the block.
+pub const CAMERA_BYTES: u64 = size_of::<Block>() as u64;
+
+/// What of a frame the shaders are told besides the camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct View {
+    /// What shows where nothing covers it, display-encoded.
+    pub background: [f32; 3],
+    /// Least and greatest view depth of the scene, from [`depth_range`].
+    pub depth: [f64; 2],
+    /// Counts up from 0.
+    pub frame: u32,
+}
+
+/// `shaders/camera.glsl`, in the layout std140.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Block {
+    /// World to camera, column by column.
+    view: [[f32; 4]; 4],
+    position: [f32; 4],
+    /// Focal lengths in pixels, and the tangents of half the fields of view.
+    focal: [f32; 4],
+    /// Width and height in pixels, and their inverses.
+    viewport: [f32; 4],
+    /// Near plane, the scene's depth range, frame number.
+    depth: [f32; 4],
+    background: [f32; 4],
+    /// Room to grow without a change of size.
+    reserved: [[f32; 4]; 7],
+}
+
+const _: () = assert!(size_of::<Block>() == 256);
+
+/// Least and greatest view depth in the scene's bounding box, neither nearer than [`NEAR`].
+pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
+    let (near, far) = camera.depth_range(bounds);
+    [near.max(NEAR), far.max(NEAR)]
+}
+
+/// The bytes of the block `Camera`.
+pub fn uniform(camera: &Camera, view: &View) -> Vec<u8> {
+    // A point `p` of the world is at `rows * p + translation` in the camera's frame.
+    let rows = camera.axes();
+    let translation = rows.map(|row| -(0..3).map(|i| row[i] * camera.position[i]).sum::<f64>());
+    let column = |c: usize| [rows[0][c] as f32, rows[1][c] as f32, rows[2][c] as f32, 0.0];
+    let [tx, ty, tz] = translation.map(|v| v as f32);
+    let [x, y, z] = camera.position.map(|v| v as f32);
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let [r, g, b] = view.background;
+    let block = Block {
+        view: [column(0), column(1), column(2), [tx, ty, tz, 1.0]],
+        position: [x, y, z, 0.0],
+        focal: [camera.fx, camera.fy, 0.5 * width / camera.fx, 0.5 * height / camera.fy].map(|v| v as f32),
+        viewport: [width, height, 1.0 / width, 1.0 / height].map(|v| v as f32),
+        depth: [NEAR as f32, view.depth[0] as f32, view.depth[1] as f32, view.frame as f32],
+        background: [r, g, b, 0.0],
+        reserved: [[0.0; 4]; 7],
+    };
+    bytemuck::bytes_of(&block).to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Looks along the world's x, from (1, 2, 3): the camera's right is the world's -z, down is y, forward is x.
+    fn sideways() -> Camera {
+        Camera {
+            id: 0,
+            img_name: "sideways".into(),
+            width: 200,
+            height: 100,
+            position: [1.0, 2.0, 3.0],
+            // Columns: right, down, forward.
+            rotation: [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]],
+            fx: 50.0,
+            fy: 40.0,
+        }
+    }
+
+    fn floats(bytes: &[u8]) -> Vec<f32> {
+        bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+    }
+
+    #[test]
+    fn the_matrix_takes_a_point_of_the_world_into_the_cameras_frame() {
+        let f = floats(&uniform(&sideways(), &View::default()));
+        // (5, 3, 1) is 4 ahead, 1 below and 2 to the right.
+        let point = [5.0, 3.0, 1.0, 1.0];
+        let at = |row: usize| (0..4).map(|column| f[4 * column + row] * point[column]).sum::<f32>();
+        assert_eq!([at(0), at(1), at(2), at(3)], [2.0, 1.0, 4.0, 1.0]);
+    }
+
+    #[test]
+    fn the_block_lies_as_the_shaders_declare_it() {
+        let view = View { background: [0.25, 0.5, 0.75], depth: [1.5, 8.0], frame: 7 };
+        let bytes = uniform(&sideways(), &view);
+        assert_eq!(bytes.len(), 256);
+        let f = floats(&bytes);
+        assert_eq!(f[16..20], [1.0, 2.0, 3.0, 0.0], "position at 64");
+        assert_eq!(f[20..24], [50.0, 40.0, 2.0, 1.25], "focal at 80");
+        assert_eq!(f[24..28], [200.0, 100.0, 0.005, 0.01], "viewport at 96");
+        assert_eq!(f[28..32], [0.2, 1.5, 8.0, 7.0], "depth at 112");
+        assert_eq!(f[32..36], [0.25, 0.5, 0.75, 0.0], "background at 128");
+        assert!(f[36..].iter().all(|v| *v == 0.0));
+    }
+
+    #[test]
+    fn elements_are_rounded_once_from_double_precision() {
+        let mut camera = sideways();
+        camera.position = [1e8 + 0.25, 0.0, 0.0];
+        let f = floats(&uniform(&camera, &View::default()));
+        assert_eq!(f[14], -(1e8 + 0.25) as f32);
+    }
+
+    #[test]
+    fn the_depth_range_spans_the_box_and_ends_at_the_near_plane() {
+        let bounds = Bounds { min: [2.0, -9.0, -9.0], max: [11.0, 9.0, 9.0] };
+        assert_eq!(depth_range(&sideways(), &bounds), [1.0, 10.0]);
+        let around = Bounds { min: [-5.0; 3], max: [5.0; 3] };
+        assert_eq!(depth_range(&sideways(), &around), [NEAR, 4.0]);
+        let behind = Bounds { min: [-9.0; 3], max: [0.0; 3] };
+        assert_eq!(depth_range(&sideways(), &behind), [NEAR, NEAR]);
+    }
+}

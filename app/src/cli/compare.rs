@@ -1,0 +1,251 @@
+//! `splatgraph compare`: how far pictures are apart.
+
+use super::{Outcome, Usage};
+use crate::image::{Image, npz_names, split_member};
+use crate::metrics::{self, Comparison};
+use anyhow::{Context, Result, bail};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Compare pictures: PSNR, SSIM and the worst pixel
+///
+/// A and B are pictures (.png, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of them; a .npz archive counts as a folder
+/// of arrays. Pictures of two folders belong together when their names without extension are equal; a picture without a
+/// partner is an error.
+///
+/// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM is the mean over the channels
+/// of that of Wang et al. 2004 (Gaussian window of 11 x 11, sigma 1.5). The worst pixel is the largest difference of a
+/// channel, of values as they are stored; where one picture has only 8 bits, of values clamped to 0..1.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  splatgraph compare out.npy golden.npz#camera0
+  splatgraph compare --json before/ after/
+  splatgraph compare --by-number renders/ golden.npz      # biker-0.npy with camera0, ...
+  splatgraph compare a.png b.png --diff difference.png --gain 16
+  splatgraph compare a.npy b.npy --min-psnr 70            # exit code 1 if below")]
+pub struct Args {
+    /// A picture, a folder or a .npz archive
+    a: PathBuf,
+    /// What to compare it with
+    b: PathBuf,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    json: bool,
+    /// Write a picture of the absolute differences (of folders: a folder of them)
+    #[arg(long, value_name = "OUT.png")]
+    diff: Option<PathBuf>,
+    /// Factor by which the differences are amplified in --diff
+    #[arg(long, default_value_t = 10.0, value_parser = positive)]
+    gain: f32,
+    /// Exit with code 1 if a picture's PSNR is below this
+    #[arg(long, value_name = "DB")]
+    min_psnr: Option<f64>,
+    /// In folders, match by the number at the end of the names; pictures whose names end otherwise are left out, and named
+    #[arg(long)]
+    by_number: bool,
+}
+
+fn positive(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("a number above 0".into()),
+    }
+}
+
+/// A pair that was compared.
+struct Pair {
+    name: String,
+    a: PathBuf,
+    b: PathBuf,
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    let (a, b) = (Pictures::of(&args.a)?, Pictures::of(&args.b)?);
+    let (pairs, folders) = match (a, b) {
+        (Pictures::One(a), Pictures::One(b)) => (vec![Pair { name: a.display().to_string(), a, b }], false),
+        (Pictures::Many(a), Pictures::Many(b)) => (pairs(args, a, b)?, true),
+        _ => {
+            let message = "a picture and a folder cannot be compared: give two pictures or two folders";
+            return Err(Usage(message.into()).into());
+        }
+    };
+
+    let mut found = Vec::with_capacity(pairs.len());
+    for pair in &pairs {
+        let (a, b) = load(pair)?;
+        let comparison = metrics::compare(&a, &b)
+            .with_context(|| format!("{} and {} cannot be compared", pair.a.display(), pair.b.display()))?;
+        if let Some(out) = &args.diff {
+            let out = if folders { out.join(format!("{}.png", pair.name)) } else { out.clone() };
+            metrics::difference(&a, &b, args.gain).save(&out)?;
+        }
+        found.push(comparison);
+    }
+
+    let worst = (0..found.len()).min_by(|&i, &j| found[i].psnr().total_cmp(&found[j].psnr()));
+    let Some(worst) = worst else { bail!("there are no pictures to compare") };
+    if args.json {
+        println!("{:#}", report(&pairs, &found, worst, folders));
+    } else if folders {
+        print!("{}", table(&pairs, &found, worst));
+    } else {
+        println!("{}", sentence(&found[0]));
+    }
+    match args.min_psnr {
+        Some(least) if found[worst].psnr() < least => {
+            eprintln!("{}: {} dB is below {least} dB", pairs[worst].name, decibels(&found[worst]));
+            Ok(Outcome::Failed)
+        }
+        _ => Ok(Outcome::Done),
+    }
+}
+
+/// What an argument names.
+enum Pictures {
+    One(PathBuf),
+    /// By name without extension.
+    Many(BTreeMap<String, PathBuf>),
+}
+
+impl Pictures {
+    fn of(path: &Path) -> Result<Pictures> {
+        if split_member(path).is_some() {
+            return Ok(Pictures::One(path.to_owned()));
+        }
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npz")) {
+            let named = npz_names(path)?.into_iter().map(|name| {
+                let member = PathBuf::from(format!("{}#{name}", path.display()));
+                (name, member)
+            });
+            return Ok(Pictures::Many(named.collect()));
+        }
+        if !path.is_dir() {
+            return Ok(Pictures::One(path.to_owned()));
+        }
+        let mut pictures = BTreeMap::new();
+        let entries =
+            std::fs::read_dir(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+        for entry in entries {
+            let file = entry.with_context(|| format!("{}: cannot be read", path.display()))?.path();
+            let Some(stem) = file.file_stem().and_then(|s| s.to_str()) else { continue };
+            // Other files, such as statistics, may lie there too.
+            if crate::image::Format::of(&file).is_none() {
+                continue;
+            }
+            if let Some(other) = pictures.insert(stem.to_owned(), file.clone()) {
+                bail!("{} and {} have one name: which of them is meant?", other.display(), file.display());
+            }
+        }
+        Ok(Pictures::Many(pictures))
+    }
+}
+
+/// The pictures that belong together. An error lists those that have no partner.
+fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>) -> Result<Vec<Pair>> {
+    let (a, mut b) = if args.by_number { (numbered(a)?, numbered(b)?) } else { (plain(a), plain(b)) };
+    let mut pairs = Vec::new();
+    let mut alone = Vec::new();
+    for (key, (name, a_path)) in a {
+        match b.remove(&key) {
+            Some((_, b_path)) => pairs.push(Pair { name, a: a_path, b: b_path }),
+            None => alone.push(a_path),
+        }
+    }
+    alone.extend(b.into_values().map(|(_, path)| path));
+    if alone.is_empty() {
+        return Ok(pairs);
+    }
+    let list: Vec<String> = alone.iter().map(|p| format!("\n  {}", p.display())).collect();
+    let hint = if pairs.is_empty() && !args.by_number {
+        "\nno two names are equal; --by-number matches by the number at their ends"
+    } else {
+        ""
+    };
+    bail!("{} pictures have no partner:{}{hint}", alone.len(), list.concat());
+}
+
+/// Pictures by what they are matched by.
+type Keyed = BTreeMap<(u64, String), (String, PathBuf)>;
+
+fn plain(pictures: BTreeMap<String, PathBuf>) -> Keyed {
+    pictures.into_iter().map(|(stem, path)| ((0, stem.clone()), (stem, path))).collect()
+}
+
+fn numbered(pictures: BTreeMap<String, PathBuf>) -> Result<Keyed> {
+    let mut keyed = Keyed::new();
+    for (stem, path) in pictures {
+        let digits = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+        match stem[digits..].parse::<u64>() {
+            Ok(number) => {
+                if let Some((_, other)) = keyed.insert((number, String::new()), (stem, path.clone())) {
+                    bail!("{} and {} end in one number", other.display(), path.display());
+                }
+            }
+            Err(_) => eprintln!("left out: {} (its name does not end in a number)", path.display()),
+        }
+    }
+    Ok(keyed)
+}
+
+fn load(pair: &Pair) -> Result<(Image, Image)> {
+    let (a, b) = (Image::load(&pair.a)?, Image::load(&pair.b)?);
+    let eight_bits =
+        [&pair.a, &pair.b].iter().any(|p| crate::image::Format::of(p) == Some(crate::image::Format::Png));
+    Ok(if eight_bits { (a.clamped(), b.clamped()) } else { (a, b) })
+}
+
+fn decibels(c: &Comparison) -> String {
+    c.psnr_db.map_or("inf".into(), |db| format!("{db:.2}"))
+}
+
+fn similarity(c: &Comparison) -> String {
+    c.ssim.map_or("-".into(), |v| format!("{v:.6}"))
+}
+
+fn sentence(c: &Comparison) -> String {
+    let worst = &c.worst;
+    format!(
+        "PSNR {} dB, SSIM {}, worst pixel {:.6} at ({}, {}){}",
+        decibels(c),
+        similarity(c),
+        worst.difference,
+        worst.x,
+        worst.y,
+        if c.identical { ": identical" } else { "" }
+    )
+}
+
+fn table(pairs: &[Pair], found: &[Comparison], worst: usize) -> String {
+    let width = pairs.iter().map(|p| p.name.chars().count()).max().unwrap_or(0).max("picture".len());
+    let mut text =
+        format!("{:width$} {:>10} {:>10} {:>12}  at\n", "picture", "PSNR dB", "SSIM", "worst pixel");
+    for (pair, c) in pairs.iter().zip(found) {
+        text += &format!(
+            "{:width$} {:>10} {:>10} {:>12.6}  ({}, {})\n",
+            pair.name,
+            decibels(c),
+            similarity(c),
+            c.worst.difference,
+            c.worst.x,
+            c.worst.y
+        );
+    }
+    text + &format!("worst: {}, {}\n", pairs[worst].name, sentence(&found[worst]))
+}
+
+/// PSNR is `null` where it is infinite.
+fn report(pairs: &[Pair], found: &[Comparison], worst: usize, folders: bool) -> Value {
+    let entry = |pair: &Pair, c: &Comparison| {
+        let mut entry = json!({ "name": pair.name, "a": pair.a, "b": pair.b });
+        if let (Value::Object(entry), Ok(Value::Object(metrics))) = (&mut entry, serde_json::to_value(c)) {
+            entry.extend(metrics);
+        }
+        entry
+    };
+    if !folders {
+        return entry(&pairs[0], &found[0]);
+    }
+    let entries: Vec<Value> = pairs.iter().zip(found).map(|(p, c)| entry(p, c)).collect();
+    json!({ "pictures": entries, "worst": pairs[worst].name })
+}

@@ -1,0 +1,197 @@
+//! The command line: one file per command.
+//!
+//! A command is a struct of arguments (its documentation is the help that people read) and a function `run`. Results go to
+//! standard output, everything else to standard error. The exit code is 0, 1 where something failed, 2 where the command line
+//! itself makes no sense.
+
+mod check;
+mod compare;
+mod devices;
+mod dump;
+mod info;
+mod options;
+mod render;
+mod synth;
+
+use crate::builtin;
+use crate::planner::GraphErrors;
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use std::io::{ErrorKind, IsTerminal};
+use std::process::ExitCode;
+
+/// Draw 3D Gaussian Splatting scenes with renderers that are data files, and see what every choice costs
+///
+/// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. The built-in ones are listed by
+/// `splatgraph render --help`; any of them can be copied, changed and given by its path.
+#[derive(Debug, Parser)]
+#[command(name = "splatgraph", version, max_term_width = 110)]
+#[command(after_help = "Examples:
+  splatgraph render -o demo.png                     # the demo scene
+  splatgraph render scene.ply --cameras cameras.json -o pictures/ --json stats.json
+  splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
+  splatgraph compare out.npy golden.npz#camera0
+  splatgraph dump splat --format dot | dot -Tsvg > splat.svg")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Render(render::Args),
+    Dump(dump::Args),
+    Check(check::Args),
+    Info(info::Args),
+    Compare(compare::Args),
+    Synth(synth::Args),
+    Devices(devices::Args),
+}
+
+/// How a command that could be carried out ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Outcome {
+    /// As wished: exit code 0.
+    Done,
+    /// The answer is no, and the command has said why: exit code 1.
+    Failed,
+}
+
+/// A command line that makes no sense, found after it was parsed: exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Usage(String);
+
+/// Runs the program with the process's arguments.
+pub fn main() -> ExitCode {
+    let matches = command().get_matches();
+    let cli = match Cli::from_arg_matches(&matches) {
+        Ok(cli) => cli,
+        Err(error) => error.exit(),
+    };
+    let result = match &cli.command {
+        Command::Render(args) => render::run(args),
+        Command::Dump(args) => dump::run(args),
+        Command::Check(args) => check::run(args),
+        Command::Info(args) => info::run(args),
+        Command::Compare(args) => compare::run(args),
+        Command::Synth(args) => synth::run(args),
+        Command::Devices(args) => devices::run(args),
+    };
+    match result {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Failed) => ExitCode::from(1),
+        Err(error) => report(&error),
+    }
+}
+
+/// The command line with the lists that are only known at run time in its long help.
+fn command() -> clap::Command {
+    let command = Cli::command();
+    // The lists take some milliseconds to make: only for those who ask.
+    let asked = std::env::args().skip(1).any(|arg| arg == "--help" || arg == "help");
+    if !asked {
+        return command;
+    }
+    let presets = preset_list();
+    let with_presets =
+        |c: clap::Command, examples: &str| c.after_long_help(format!("{examples}\n\n{presets}"));
+    command
+        .mut_subcommand("render", |c| with_presets(c, render::EXAMPLES))
+        .mut_subcommand("dump", |c| with_presets(c, dump::EXAMPLES))
+        .mut_subcommand("check", |c| with_presets(c, check::EXAMPLES))
+        .mut_subcommand("info", |c| with_presets(c, info::EXAMPLES))
+        .mut_subcommand("synth", |c| {
+            c.after_long_help(format!("{}\n\n{}", synth::EXAMPLES, synth::generator_list()))
+        })
+}
+
+/// The built-in graphs and the parameters of each, for help.
+fn preset_list() -> String {
+    let presets = builtin::presets();
+    let width = presets.iter().map(|p| p.name.len()).max().unwrap_or(0);
+    let mut text = String::from("Built-in graphs:\n");
+    for preset in &presets {
+        text += &format!("  {:width$}  {}\n", preset.name, preset.summary);
+    }
+    if let Some(default) = presets.iter().find(|p| p.name == options::DEFAULT_PIPELINE) {
+        text += &format!(
+            "\nParameters of {} (for --set), with their values for a nominal scene:\n",
+            default.name
+        );
+        let width = default.params.iter().map(|p| p.name.len()).max().unwrap_or(0);
+        for param in &default.params {
+            let about = if param.help.is_empty() { &param.label } else { &param.help };
+            text += &format!("  {:width$}  {} = {}", param.name, options::domain(&param.domain), param.value);
+            if !about.is_empty() {
+                text += &format!("  {about}");
+            }
+            text.push('\n');
+        }
+    }
+    text.truncate(text.trim_end().len());
+    text
+}
+
+/// Whether messages may be coloured.
+fn colour() -> bool {
+    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
+}
+
+/// Prints an error with its causes, once, and gives the exit code.
+fn report(error: &anyhow::Error) -> ExitCode {
+    // Who closes our standard output early, like `head`, has seen enough.
+    let broken_pipe = |e: &(dyn std::error::Error + 'static)| {
+        e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe)
+    };
+    if error.chain().any(broken_pipe) {
+        return ExitCode::SUCCESS;
+    }
+    // Drawn under the text that they are about, these need no introduction.
+    if let Some(graph) = error.chain().find_map(|e| e.downcast_ref::<GraphErrors>()) {
+        eprintln!("{}", graph.text(colour()).trim_end());
+        return ExitCode::from(1);
+    }
+    eprintln!("error: {error}");
+    let mut said = error.to_string();
+    for cause in error.chain().skip(1) {
+        let cause = cause.to_string();
+        // Some errors tell their cause in their own text.
+        if !said.contains(&cause) {
+            eprintln!("  because: {cause}");
+        }
+        said = cause;
+    }
+    ExitCode::from(if error.is::<Usage>() { 2 } else { 1 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        command().debug_assert();
+    }
+
+    #[test]
+    fn settings_sizes_and_colours_are_checked_when_the_line_is_parsed() {
+        let parse = |line: &str| Cli::try_parse_from(line.split(' ')).map(|_| ()).map_err(|e| e.to_string());
+        assert_eq!(
+            parse("splatgraph render -o a.png --set a=1 --set b=2 --size 64x48 --background 0,0.5,1"),
+            Ok(())
+        );
+        for (line, expected) in [
+            ("splatgraph render", "--output"),
+            ("splatgraph render -o a.png --set a", "NAME=VALUE"),
+            ("splatgraph render -o a.png --size 64", "WIDTHxHEIGHT"),
+            ("splatgraph render -o a.png --size 0x7", "WIDTHxHEIGHT"),
+            ("splatgraph render -o a.png --background 1,2", "three numbers"),
+            ("splatgraph render -o a.png --inspect keys", "RESOURCE@PASS"),
+            ("splatgraph render -o a.png --repeat 0", "--repeat"),
+            ("splatgraph dump splat --format yaml", "yaml"),
+        ] {
+            let message = parse(line).unwrap_err();
+            assert!(message.contains(expected), "{line}: {message}");
+        }
+    }
+}

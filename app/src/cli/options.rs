@@ -1,0 +1,132 @@
+//! Options that several commands share.
+
+use crate::builtin::Preset;
+use crate::facts;
+use crate::image::make_folder_of;
+use crate::progress::Progress;
+use anyhow::{Context, Result};
+use splatgraph_assets::{Camera, CameraError, Scene};
+use splatgraph_framework::plan::Domain;
+use std::io::Write;
+use std::path::Path;
+use std::sync::Mutex;
+
+/// What `--pipeline` is where it is not given.
+pub const DEFAULT_PIPELINE: &str = "splat";
+
+/// `NAME=VALUE`.
+pub fn setting(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.trim().is_empty() && !value.trim().is_empty() => {
+            Ok((name.trim().to_owned(), value.trim().to_owned()))
+        }
+        _ => Err("expected NAME=VALUE, for instance digit_bits=4".into()),
+    }
+}
+
+/// `WIDTHxHEIGHT`.
+pub fn size(text: &str) -> Result<(u32, u32), String> {
+    let parse = || {
+        let (width, height) = text.split_once(['x', 'X'])?;
+        let (width, height) = (width.trim().parse().ok()?, height.trim().parse().ok()?);
+        (width > 0 && height > 0).then_some((width, height))
+    };
+    parse().ok_or_else(|| "expected WIDTHxHEIGHT in pixels, for instance 1920x1080".into())
+}
+
+/// `r,g,b`.
+pub fn colour(text: &str) -> Result<[f32; 3], String> {
+    let values: Vec<f32> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
+    match values.as_slice() {
+        &[r, g, b] if text.split(',').count() == 3 && values.iter().all(|v| v.is_finite()) => Ok([r, g, b]),
+        _ => Err("expected three numbers, for instance 1,0.5,0.25".into()),
+    }
+}
+
+/// The values that a parameter takes, for help.
+pub fn domain(domain: &Domain) -> String {
+    match domain {
+        Domain::Bool => "true|false".into(),
+        Domain::Int { min, max } => format!("{min}..{max}"),
+        Domain::Float { min, max, .. } => format!("{min:?}..{max:?}"),
+        Domain::Choice(choices) => choices.join("|"),
+    }
+}
+
+/// Loads a scene, with progress.
+pub fn load_scene(path: &Path) -> Result<Scene> {
+    let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
+    let scene = Scene::load(path, &|done, of| {
+        // Called from many threads: one that finds the progress busy has nothing new to tell.
+        if let Ok(mut progress) = progress.try_lock() {
+            progress.set(done, of, "");
+        }
+    })?;
+    if scene.dropped().total() > 0 {
+        eprintln!("{}: {} splats dropped ({})", path.display(), scene.dropped().total(), scene.dropped());
+    }
+    Ok(scene)
+}
+
+/// The cameras that `FILE` or `FILE#INDEX` names.
+pub fn cameras(spec: &str) -> Result<Vec<Camera>, CameraError> {
+    // A `#` may also be part of the file's own name.
+    if spec.contains('#') && !Path::new(spec).exists() {
+        return Camera::select(spec).map(|camera| vec![camera]);
+    }
+    let cameras = Camera::load(spec)?;
+    if cameras.is_empty() { Err(CameraError::Empty { path: spec.into() }) } else { Ok(cameras) }
+}
+
+/// The camera that frames a scene, named after what it is.
+pub fn framing(scene: &Scene) -> Camera {
+    let (width, height) = facts::DEFAULT_SIZE;
+    Camera { img_name: "framing".into(), ..Camera::framing(scene, width, height) }
+}
+
+/// The names of the built-in graphs.
+pub fn names(presets: &[Preset]) -> Vec<&str> {
+    presets.iter().map(|p| p.name.as_str()).collect()
+}
+
+/// What decides over a plan: graph, parameters, and the pictures' size.
+#[derive(Debug, clap::Args)]
+pub struct Drawing {
+    /// The graph: a built-in one's name (see --help), or a path
+    #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
+    pub pipeline: String,
+    /// Change a parameter of the graph; can be given several times
+    #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]
+    pub set: Vec<(String, String)>,
+    /// Cameras in the form of the reference implementation's cameras.json; `#2` or `#NAME` picks one of them
+    #[arg(short, long, value_name = "FILE[#INDEX]")]
+    pub cameras: Option<String>,
+    /// Size of the pictures [default: the cameras']
+    ///
+    /// The vertical field of view of the cameras stays: a wider picture shows more at its sides.
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
+    pub size: Option<(u32, u32)>,
+}
+
+impl Drawing {
+    /// The cameras that were named, as the file has them.
+    pub fn cameras(&self) -> Result<Option<Vec<Camera>>, CameraError> {
+        self.cameras.as_deref().map(cameras).transpose()
+    }
+}
+
+/// Writes JSON to a file, or to standard output where the name is `-`.
+pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
+    write_text(Some(path).filter(|path| *path != Path::new("-")), &format!("{value:#}\n"))
+}
+
+/// Writes a text to a file, or to standard output.
+pub fn write_text(path: Option<&Path>, text: &str) -> Result<()> {
+    match path {
+        Some(path) => {
+            make_folder_of(path)?;
+            std::fs::write(path, text).with_context(|| format!("{} cannot be written", path.display()))
+        }
+        None => Ok(std::io::stdout().lock().write_all(text.as_bytes())?),
+    }
+}

@@ -1,0 +1,71 @@
+//! The scene that is drawn when none is given.
+//!
+//! It is generated, not downloaded: on first use it is written as an ordinary `.ply` in the layout of the reference
+//! implementation, and from then on loaded from there like any other scene.
+
+use splatgraph_assets::{Camera, Scene, synth};
+use std::env;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The name of its generator.
+pub const NAME: &str = "demo";
+
+/// Where the demo scene lies: in a checkout, `assets/splats/demo.ply` of it; elsewhere, the user's cache folder.
+pub fn path() -> PathBuf {
+    let here = env::current_dir().unwrap_or_default();
+    let in_checkout =
+        |folder: &&Path| folder.join("pipelines/splat.ron").is_file() && folder.join("assets").is_dir();
+    match here.ancestors().find(in_checkout) {
+        Some(root) => root.join("assets/splats/demo.ply"),
+        // Another version of the program may make another scene.
+        None => cache_folder().join(concat!("splatgraph/demo-", env!("CARGO_PKG_VERSION"), ".ply")),
+    }
+}
+
+fn cache_folder() -> PathBuf {
+    let variable = |name| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let home = || variable("HOME");
+    let folder = if cfg!(windows) {
+        variable("LOCALAPPDATA")
+    } else if cfg!(target_os = "macos") {
+        home().map(|home| home.join("Library/Caches"))
+    } else {
+        variable("XDG_CACHE_HOME").or_else(|| home().map(|home| home.join(".cache")))
+    };
+    folder.unwrap_or_else(env::temp_dir)
+}
+
+/// Makes sure that the demo scene is at `path`, and says whether it had to be made.
+pub fn ensure(path: &Path) -> io::Result<bool> {
+    if path.is_file() {
+        return Ok(false);
+    }
+    write(&generate().map_err(io::Error::other)?, path)?;
+    Ok(true)
+}
+
+fn generate() -> Result<Scene, synth::UnknownGenerator> {
+    let generator = synth::generators().iter().find(|g| g.name == NAME);
+    synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)
+}
+
+/// Writes a scene whole or not at all: whoever loads it meanwhile never finds half of it.
+pub fn write(scene: &Scene, path: &Path) -> io::Result<()> {
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder)?;
+    }
+    let unfinished = path.with_extension(format!("{}.tmp", std::process::id()));
+    let written = scene.write_ply(&unfinished).and_then(|()| fs::rename(&unfinished, path));
+    if written.is_err() {
+        // What is left of it is no use; that it cannot be removed would be no news.
+        let _ = fs::remove_file(&unfinished);
+    }
+    written
+}
+
+/// The camera that the demo scene is made to be seen from.
+pub fn camera() -> Option<Camera> {
+    synth::demo_cameras().into_iter().next()
+}

@@ -1,0 +1,75 @@
+//! OpenEXR, float32, channels R, G, B.
+//!
+//! Programs take the values of an EXR for linear light unless it says otherwise; ours are display-encoded. Two
+//! attributes say so: `colorInteropID`, in the vocabulary of the Academy Software Foundation's Color Interop Forum,
+//! for programs, and `comments` for people.
+
+use super::{Image, ImageError, check_size};
+use exr::prelude as x;
+use exr::prelude::{ReadChannels, ReadLayers, WritableImage};
+use std::path::Path;
+
+const ENCODING: &str = "srgb_rec709_display";
+const COMMENT: &str = "Display-encoded (sRGB) values as blended, not linear light; not clamped to 0..1.";
+
+pub(super) fn save(image: &Image, path: &Path) -> Result<(), ImageError> {
+    let mut attributes = x::LayerAttributes {
+        comments: Some(x::Text::from(COMMENT)),
+        software_name: Some(x::Text::from(concat!("splatgraph ", env!("CARGO_PKG_VERSION")))),
+        ..Default::default()
+    };
+    attributes
+        .other
+        .insert(x::Text::from("colorInteropID"), x::AttributeValue::Text(x::Text::from(ENCODING)));
+    let channels = x::SpecificChannels::rgb(|at: x::Vec2<usize>| {
+        let [r, g, b] = image.at(at.x(), at.y());
+        (r, g, b)
+    });
+    let layer =
+        x::Layer::new((image.width, image.height), attributes, x::Encoding::SMALL_FAST_LOSSLESS, channels);
+    x::Image::from_layer(layer).write().to_file(path).map_err(|e| ImageError::because(path, e))
+}
+
+/// The first layer that has R, G and B, as its data window holds it.
+pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
+    let fail = |e: exr::error::Error| ImageError::because(path, e);
+    let meta = exr::meta::MetaData::read_from_file(path, false).map_err(fail)?;
+    for header in &meta.headers {
+        check_size(path, header.layer_size.width() as u64, header.layer_size.height() as u64)?;
+    }
+    let file = x::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgb_channels(
+            |size, _| Image {
+                width: size.width(),
+                height: size.height(),
+                rgb: vec![[0.0; 3]; size.width() * size.height()],
+            },
+            |image, at, (r, g, b): (f32, f32, f32)| image.rgb[at.y() * image.width + at.x()] = [r, g, b],
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .map_err(fail)?;
+    Ok(file.layer_data.channel_data.pixels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_file_says_that_its_values_are_not_linear() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        save(&Image { width: 1, height: 1, rgb: vec![[0.5; 3]] }, &path).unwrap();
+        let meta = exr::meta::MetaData::read_from_file(&path, true).unwrap();
+        let attributes = &meta.headers[0].own_attributes;
+        assert_eq!(attributes.comments.as_ref().unwrap().to_string(), COMMENT);
+        assert_eq!(
+            attributes.other.get(&x::Text::from("colorInteropID")),
+            Some(&x::AttributeValue::Text(x::Text::from(ENCODING)))
+        );
+    }
+}

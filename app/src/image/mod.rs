@@ -1,0 +1,277 @@
+//! Pictures in memory and in files.
+//!
+//! An [`Image`] holds what a renderer blended, as float32 and *display-encoded*: the values are meant to be sent to
+//! a screen as they are. Splat scenes are trained against ordinary photographs, so their colours live in that
+//! encoding already, and nothing here converts to or from linear light.
+//!
+//! Three formats can be written, and read back: `.npy` (float32, exact), `.exr` (float32, exact, with attributes
+//! that say how the values are encoded) and `.png` (8 bits per channel, for eyes). Arrays inside a `.npz` archive
+//! are read by naming them after a `#`: `golden.npz#camera0`.
+
+mod exr;
+mod npy;
+mod png;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+pub use npy::{npz_names, save_words};
+
+/// Largest picture that is read: a wrong header must not ask for all of the memory.
+const MAX_PIXELS: u64 = 1 << 28;
+
+/// A picture: rows from the top, each from the left, display-encoded RGB, not clamped.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    /// Pixels per row.
+    pub width: usize,
+    /// Number of rows.
+    pub height: usize,
+    /// `width * height` pixels; 0 is black and 1 is white.
+    pub rgb: Vec<[f32; 3]>,
+}
+
+impl Image {
+    /// A picture whose pixel at column `x` and row `y` is `pixel(x, y)`.
+    pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> [f32; 3]) -> Image {
+        let mut rgb = Vec::with_capacity(width * height);
+        for y in 0..height {
+            rgb.extend((0..width).map(|x| pixel(x, y)));
+        }
+        Image { width, height, rgb }
+    }
+
+    /// The pixel at column `x` of row `y`. Panics where there is none.
+    pub fn at(&self, x: usize, y: usize) -> [f32; 3] {
+        assert!(x < self.width && y < self.height, "pixel ({x}, {y}) of {} x {}", self.width, self.height);
+        self.rgb[y * self.width + x]
+    }
+
+    /// Every channel limited to 0..1, as a screen or an 8-bit file shows it.
+    pub fn clamped(mut self) -> Image {
+        for value in self.rgb.as_flattened_mut() {
+            *value = value.clamp(0.0, 1.0);
+        }
+        self
+    }
+
+    /// Reads `.png`, `.exr`, `.npy`, or `archive.npz#array`.
+    pub fn load(path: &Path) -> Result<Image, ImageError> {
+        if let Some((archive, array)) = split_member(path) {
+            return npy::load_member(&archive, &array);
+        }
+        match Format::of(path) {
+            Some(Format::Png) => png::load(path),
+            Some(Format::Exr) => exr::load(path),
+            Some(Format::Npy) => npy::load(path),
+            None if has_extension(path, "npz") => {
+                let names = npz_names(path)?;
+                let example = names.first().map_or("camera0", String::as_str);
+                Err(ImageError::new(
+                    path,
+                    format!(
+                        "an archive of arrays: name one of them, for instance {}#{example} (it holds {})",
+                        path.display(),
+                        names.join(", ")
+                    ),
+                ))
+            }
+            None => {
+                Err(ImageError::new(path, "not the name of a picture (.png, .exr, .npy, or FILE.npz#NAME)"))
+            }
+        }
+    }
+
+    /// Writes a picture in the format that the name ends with, and makes the folder where it goes.
+    pub fn save(&self, path: &Path) -> Result<(), ImageError> {
+        let Some(format) = Format::of(path) else {
+            return Err(ImageError::new(path, "a picture's name ends with .png, .exr or .npy"));
+        };
+        make_folder_of(path)?;
+        match format {
+            Format::Png => png::save(self, path),
+            Format::Exr => exr::save(self, path),
+            Format::Npy => npy::save(self, path),
+        }
+    }
+}
+
+/// The formats that pictures are written in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// 8 bits per channel, clamped to 0..1.
+    Png,
+    /// float32, OpenEXR.
+    Exr,
+    /// float32, NumPy, shape `[height, width, 3]`.
+    Npy,
+}
+
+impl Format {
+    /// By the name's extension, in any case.
+    pub fn of(path: &Path) -> Option<Format> {
+        [Format::Png, Format::Exr, Format::Npy].into_iter().find(|f| has_extension(path, f.extension()))
+    }
+
+    /// Without the dot.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Format::Png => "png",
+            Format::Exr => "exr",
+            Format::Npy => "npy",
+        }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.extension())
+    }
+}
+
+impl FromStr for Format {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Format, String> {
+        Format::of(Path::new(&format!("x.{text}"))).ok_or_else(|| "png, exr or npy".into())
+    }
+}
+
+/// Why a picture could not be read or written: the file, and what is the matter with it.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {what}", path.display())]
+pub struct ImageError {
+    /// The picture's file, or the archive that holds it.
+    pub path: PathBuf,
+    what: String,
+}
+
+impl ImageError {
+    fn new(path: &Path, what: impl Into<String>) -> ImageError {
+        ImageError { path: path.to_owned(), what: what.into() }
+    }
+
+    fn because(path: &Path, cause: impl fmt::Display) -> ImageError {
+        ImageError::new(path, cause.to_string())
+    }
+}
+
+/// `a/b.npz#name` as (`a/b.npz`, `name`).
+pub fn split_member(path: &Path) -> Option<(PathBuf, String)> {
+    let (archive, array) = path.to_str()?.rsplit_once('#')?;
+    has_extension(Path::new(archive), "npz").then(|| (PathBuf::from(archive), array.to_owned()))
+}
+
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
+}
+
+/// Makes the folder that `path` is to be written into.
+pub fn make_folder_of(path: &Path) -> Result<(), ImageError> {
+    match path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        Some(folder) => std::fs::create_dir_all(folder)
+            .map_err(|e| ImageError::new(folder, format!("this folder cannot be made: {e}"))),
+        None => Ok(()),
+    }
+}
+
+/// Checks the size that a file's header claims before memory is taken for it.
+fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize), ImageError> {
+    match width.checked_mul(height) {
+        Some(0) => {
+            Err(ImageError::new(path, format!("a picture of {width} x {height} pixels has nothing in it")))
+        }
+        Some(pixels) if pixels <= MAX_PIXELS => Ok((width as usize, height as usize)),
+        _ => Err(ImageError::new(
+            path,
+            format!("{width} x {height} pixels are more than the {MAX_PIXELS} that a picture may have here"),
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> Image {
+        Image::from_fn(7, 5, |x, y| [x as f32 / 3.0 - 0.5, y as f32 / 4.0, 1e-3 * (x * y) as f32])
+    }
+
+    #[test]
+    fn float_formats_give_back_every_bit_also_outside_0_to_1() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.npy", "a.exr", "made/on/the/way/a.NPY"] {
+            let path = folder.path().join(name);
+            ramp().save(&path).unwrap();
+            assert_eq!(Image::load(&path).unwrap(), ramp(), "{name}");
+        }
+    }
+
+    #[test]
+    fn png_clamps_and_rounds_half_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let image = Image {
+            width: 2,
+            height: 1,
+            rgb: vec![[-1.0, 0.5, 2.0], [0.5 / 255.0, 0.499 / 255.0, f32::INFINITY]],
+        };
+        image.save(&path).unwrap();
+        let levels = |l: [u8; 3]| l.map(|v| f32::from(v) / 255.0);
+        assert_eq!(Image::load(&path).unwrap().rgb, [levels([0, 128, 255]), levels([1, 0, 255])]);
+    }
+
+    #[test]
+    fn files_of_something_else_are_errors_that_name_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "a.exr", "a.npy", "a.npz#x", "a.jpg", "missing.png", "a.npz"] {
+            let path = folder.path().join(name);
+            if !name.contains("missing") {
+                std::fs::write(
+                    folder.path().join(name.split('#').next().unwrap()),
+                    b"hello, this is no picture",
+                )
+                .unwrap();
+            }
+            let message = Image::load(&path).unwrap_err().to_string();
+            assert!(message.contains(name.split('#').next().unwrap()), "{message}");
+        }
+    }
+
+    #[test]
+    fn truncated_files_are_errors() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "a.exr", "a.npy"] {
+            let path = folder.path().join(name);
+            ramp().save(&path).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            for length in (0..bytes.len()).step_by(7) {
+                std::fs::write(&path, &bytes[..length]).unwrap();
+                // A PNG may lack its last chunk, which holds no pixels.
+                if let Ok(image) = Image::load(&path) {
+                    assert_eq!((image.width, image.height), (7, 5), "{name} cut to {length} bytes");
+                    assert!(name == "a.png" && length > bytes.len() - 16, "{name} cut to {length} bytes");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_header_that_claims_too_many_pixels_is_an_error() {
+        let path = Path::new("huge.png");
+        let message = check_size(path, u64::MAX, 2).unwrap_err().to_string();
+        assert!(message.starts_with("huge.png: 18446744073709551615 x 2 pixels are more than"), "{message}");
+        assert!(check_size(path, 0, 4).is_err());
+        assert!(check_size(path, 1 << 14, 1 << 14).is_ok());
+    }
+
+    #[test]
+    fn an_array_in_an_archive_is_named_after_a_hash() {
+        assert_eq!(
+            split_member(Path::new("a#b/c.npz#camera0")),
+            Some((PathBuf::from("a#b/c.npz"), "camera0".to_owned()))
+        );
+        assert_eq!(split_member(Path::new("a#1.png")), None);
+    }
+}

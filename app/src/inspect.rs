@@ -1,0 +1,326 @@
+//! What a buffer or an image holds after a pass.
+//!
+//! A target is written `RESOURCE@PASS`, with the names of the plan's dump. Both may be shorter than there: `keys` is the
+//! half of the ping-pong pair `keys#0`, `keys#1` that the pass writes, and `sort.scatter` is the last of
+//! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers; of depth keys, which must ascend over the
+//! visible splats, it is said whether they do.
+
+use crate::image::{ImageError, save_words};
+use half::f16;
+use serde::Serialize;
+use splatgraph_api::Inspect;
+use splatgraph_framework::plan::{Format, Pass, PassId, Plan, Resource, ResourceId, Run, Shape};
+use splatgraph_framework::source::nearest;
+use std::path::Path;
+
+/// How many words are shown from either end.
+const SHOWN: usize = 8;
+
+/// Why there is nothing to inspect. The text is a whole sentence.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct InspectError(String);
+
+/// Finds what `RESOURCE@PASS` means in a plan.
+pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, InspectError> {
+    let after = find_pass(plan, pass)?;
+    Ok(Inspect { resource: find_resource(plan, resource, plan.pass(after))?, after })
+}
+
+/// Whether the pass runs only in the first frame after a load.
+pub fn in_prologue(plan: &Plan, target: &Inspect) -> bool {
+    plan.pass(target.after).run == Run::Once
+}
+
+/// `sort.scatter[2]` without its index.
+fn without_index(name: &str) -> &str {
+    name.split_once('[').map_or(name, |(stem, _)| stem)
+}
+
+fn find_pass(plan: &Plan, name: &str) -> Result<PassId, InspectError> {
+    let passes = plan.prologue.iter().chain(&plan.frame).map(|step| step.pass);
+    let exact = passes.clone().find(|id| plan.pass(*id).name == name);
+    let last = || passes.clone().rfind(|id| without_index(&plan.pass(*id).name) == name);
+    exact.or_else(last).ok_or_else(|| {
+        let names: Vec<&str> = passes.map(|id| plan.pass(id).name.as_str()).collect();
+        let stems = names.iter().map(|name| without_index(name));
+        InspectError(match nearest(name, names.iter().copied().chain(stems)) {
+            Some(near) => format!("no pass `{name}` runs; did you mean `{near}`?"),
+            None => format!("no pass `{name}` runs; there are {}", names.join(", ")),
+        })
+    })
+}
+
+fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, InspectError> {
+    if let Some(id) = plan.find_resource(name) {
+        return Ok(id);
+    }
+    let halves: Vec<ResourceId> =
+        (0..2).filter_map(|half| plan.find_resource(&format!("{name}#{half}"))).collect();
+    if halves.is_empty() {
+        let names = plan.resources.iter().map(|r| without_half(&r.name));
+        return Err(InspectError(match nearest(name, names.clone()) {
+            Some(near) => format!("the plan has no resource `{name}`; did you mean `{near}`?"),
+            None => {
+                format!("the plan has no resource `{name}`; it has {}", names.collect::<Vec<_>>().join(", "))
+            }
+        }));
+    }
+    let touched = |writes: bool| -> Vec<ResourceId> {
+        let touches = |id: &ResourceId| {
+            pass.touches.iter().any(|t| t.resource == *id && (t.accesses.writes() || !writes))
+        };
+        halves.iter().copied().filter(touches).collect()
+    };
+    match (touched(true).as_slice(), touched(false).as_slice(), halves.as_slice()) {
+        (&[id], ..) | (_, &[id], _) | (.., &[id]) => Ok(id),
+        _ => Err(InspectError(format!(
+            "`{name}` is a pair, and `{}` does not say which half is meant: name {name}#0 or {name}#1",
+            pass.name
+        ))),
+    }
+}
+
+/// `keys#1` without the half.
+fn without_half(name: &str) -> &str {
+    name.split_once('#').map_or(name, |(stem, _)| stem)
+}
+
+/// The words of a resource.
+#[derive(Clone, Debug, PartialEq)]
+enum Words {
+    Uint(Vec<u32>),
+    Float(Vec<f32>),
+}
+
+/// What was read back.
+#[derive(Clone, Debug, Serialize)]
+pub struct Finding {
+    /// The resource's whole name.
+    pub resource: String,
+    /// The pass after which it was read.
+    pub pass: String,
+    /// `[count, words per element]` of a buffer, `[height, width, channels]` of an image, without a last 1.
+    pub shape: Vec<u64>,
+    /// Whether its keys ascend; only for resources whose name begins with `keys`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub order: Option<KeyOrder>,
+    #[serde(skip)]
+    words: Words,
+}
+
+/// Whether keys ascend.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct KeyOrder {
+    /// How many of the first keys were looked at: the visible ones, or all where that is not known.
+    pub keys: u64,
+    /// No key is smaller than the one before it.
+    pub ascending: bool,
+    /// How many are.
+    pub descents: u64,
+    /// Index of the first of these.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub first_descent: Option<u64>,
+}
+
+impl Finding {
+    /// From the bytes that were read back. `visible` is how many of its elements hold something.
+    pub fn new(plan: &Plan, target: &Inspect, bytes: &[u8], visible: Option<u64>) -> Finding {
+        let resource = plan.resource(target.resource);
+        let (shape, words) = words(resource, bytes);
+        let order = match &words {
+            Words::Uint(keys) if resource.name.starts_with("keys") => Some(KeyOrder::of(keys, visible)),
+            _ => None,
+        };
+        let pass = plan.pass(target.after).name.clone();
+        Finding { resource: resource.name.clone(), pass, shape, order, words }
+    }
+
+    /// Writes the words as a NumPy array: uint32 for buffers, float32 for images of floats.
+    pub fn save(&self, path: &Path) -> Result<(), ImageError> {
+        match &self.words {
+            Words::Uint(words) => save_words(path, &self.shape, words),
+            Words::Float(words) => save_words(path, &self.shape, words),
+        }
+    }
+
+    /// Some lines for people: the shape, the order of keys, the first and last words.
+    pub fn text(&self) -> String {
+        let shape: Vec<String> = self.shape.iter().map(u64::to_string).collect();
+        let mut text = format!("{} after {}: {} words", self.resource, self.pass, shape.join(" x "));
+        if let (Some(order), Words::Uint(keys)) = (&self.order, &self.words) {
+            text += &match order.first_descent {
+                None => format!("\n  monotonic: the first {} keys ascend", order.keys),
+                Some(at) => format!(
+                    "\n  not monotonic: {} of the first {} keys are smaller than the one before, the first at {at}: {} \
+                     after {}",
+                    order.descents,
+                    order.keys,
+                    keys[at as usize],
+                    keys[at as usize - 1]
+                ),
+            };
+        }
+        match &self.words {
+            Words::Uint(words) => text + &ends(words),
+            Words::Float(words) => text + &ends(words),
+        }
+    }
+}
+
+fn ends<T: std::fmt::Display>(words: &[T]) -> String {
+    let join = |words: &[T]| words.iter().map(T::to_string).collect::<Vec<_>>().join(" ");
+    match words.len() {
+        n if n <= 2 * SHOWN => format!("\n  all: {}", join(words)),
+        n => format!("\n  first: {}\n  last: {}", join(&words[..SHOWN]), join(&words[n - SHOWN..])),
+    }
+}
+
+impl KeyOrder {
+    fn of(keys: &[u32], visible: Option<u64>) -> KeyOrder {
+        let count = visible.map_or(keys.len(), |n| keys.len().min(n as usize));
+        let descents = || (1..count).filter(|&i| keys[i] < keys[i - 1]);
+        let first_descent = descents().next().map(|i| i as u64);
+        KeyOrder {
+            keys: count as u64,
+            ascending: first_descent.is_none(),
+            descents: descents().count() as u64,
+            first_descent,
+        }
+    }
+}
+
+fn words(resource: &Resource, bytes: &[u8]) -> (Vec<u64>, Words) {
+    let uint = || bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let float = || bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let half = || bytes.chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32()).collect();
+    match resource.shape {
+        Shape::Buffer { stride, count } if stride % 4 == 0 && stride > 4 => {
+            (vec![count, stride / 4], Words::Uint(uint()))
+        }
+        Shape::Buffer { .. } => (vec![bytes.len() as u64 / 4], Words::Uint(uint())),
+        Shape::Image { format, width, height } => {
+            let (height, width) = (height.into(), width.into());
+            match format {
+                Format::R32Uint => (vec![height, width], Words::Uint(uint())),
+                Format::R32Float => (vec![height, width], Words::Float(float())),
+                Format::Rgba32Float => (vec![height, width, 4], Words::Float(float())),
+                Format::Rgba16Float => (vec![height, width, 4], Words::Float(half())),
+                Format::Rgba8Unorm => {
+                    let unit = bytes.iter().map(|b| f32::from(*b) / 255.0).collect();
+                    (vec![height, width, 4], Words::Float(unit))
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_framework::plan::{Accesses, Origin, Source, Stages, Step, Touch, Usage, Work};
+
+    fn origin() -> Origin {
+        Origin { file: "test.ron".into(), line: 1, column: 1 }
+    }
+
+    fn pass(name: &str, reads: u32, writes: u32) -> Pass {
+        let touch = |resource, accesses| Touch {
+            resource: ResourceId(resource),
+            stages: Stages::COMPUTE,
+            accesses,
+            layout: None,
+            discards: false,
+        };
+        Pass {
+            name: name.into(),
+            phase: "sort".into(),
+            run: Run::Frame,
+            work: Work::Export,
+            bindings: vec![],
+            push: vec![],
+            touches: vec![touch(reads, Accesses::STORAGE_READ), touch(writes, Accesses::STORAGE_WRITE)],
+            origin: origin(),
+        }
+    }
+
+    /// Two scatters that ping and pong, and a pass that reads what came out.
+    fn plan() -> Plan {
+        let buffer = |name: &str, stride| Resource {
+            name: name.into(),
+            shape: Shape::Buffer { stride, count: 6 },
+            usage: Usage::STORAGE,
+            source: Source::Transient,
+            origin: origin(),
+        };
+        let passes = vec![
+            pass("sort.scatter[0]", 0, 1),
+            pass("sort.scatter[1]", 1, 0),
+            pass("draw", 2, 2),
+            pass("both", 0, 1),
+        ];
+        Plan {
+            version: 1,
+            name: "test".into(),
+            summary: String::new(),
+            facts: Default::default(),
+            params: vec![],
+            resources: vec![buffer("keys#0", 4), buffer("keys#1", 4), buffer("args", 8)],
+            shaders: vec![],
+            prologue: vec![],
+            frame: (0..3).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),
+            passes,
+            left_out: vec![],
+            output: ResourceId(2),
+            stats: vec![],
+        }
+    }
+
+    fn resolved(resource: &str, pass: &str) -> (u32, u32) {
+        let found = resolve(&plan(), resource, pass).unwrap();
+        (found.resource.0, found.after.0)
+    }
+
+    #[test]
+    fn a_pair_means_the_half_that_the_pass_writes_and_a_repeat_its_last_pass() {
+        assert_eq!(resolved("keys", "sort.scatter[0]"), (1, 0));
+        assert_eq!(resolved("keys", "sort.scatter[1]"), (0, 1));
+        assert_eq!(resolved("keys", "sort.scatter"), (0, 1));
+        assert_eq!(resolved("keys#1", "sort.scatter"), (1, 1));
+        assert_eq!(resolved("args", "draw"), (2, 2));
+    }
+
+    #[test]
+    fn what_cannot_be_meant_is_an_error_with_a_hint() {
+        let error = |resource, pass| resolve(&plan(), resource, pass).unwrap_err().to_string();
+        assert_eq!(error("keys", "sort.scater"), "no pass `sort.scater` runs; did you mean `sort.scatter`?");
+        assert_eq!(error("key", "draw"), "the plan has no resource `key`; did you mean `keys`?");
+        assert!(error("keys", "draw").starts_with("`keys` is a pair, and `draw` does not say"));
+        // In the plan's list of passes, but not among its steps.
+        assert!(error("keys", "both").starts_with("no pass `both` runs"));
+    }
+
+    #[test]
+    fn the_order_of_keys_is_judged_over_the_visible_ones() {
+        let keys = [1u32, 1, 4, 3, 9, 0];
+        let bytes: Vec<u8> = keys.iter().flat_map(|k| k.to_le_bytes()).collect();
+        let target = Inspect { resource: ResourceId(0), after: PassId(1) };
+        let found = |visible| Finding::new(&plan(), &target, &bytes, visible);
+
+        let order = found(Some(3)).order.unwrap();
+        assert_eq!(order, KeyOrder { keys: 3, ascending: true, descents: 0, first_descent: None });
+        assert!(found(Some(3)).text().contains("monotonic: the first 3 keys ascend"));
+        let order = found(None).order.unwrap();
+        assert_eq!(order, KeyOrder { keys: 6, ascending: false, descents: 2, first_descent: Some(3) });
+        assert!(found(None).text().contains("the first at 3: 3 after 4"), "{}", found(None).text());
+        assert!(found(Some(0)).order.unwrap().ascending);
+    }
+
+    #[test]
+    fn elements_of_several_words_have_a_second_dimension_and_no_order() {
+        let found =
+            Finding::new(&plan(), &Inspect { resource: ResourceId(2), after: PassId(2) }, &[0; 48], None);
+        assert_eq!(found.shape, [6, 2]);
+        assert_eq!(found.order, None);
+    }
+}

@@ -1,0 +1,82 @@
+//! Progress for people who wait.
+//!
+//! Nothing is shown of what is done within a second. After that, a terminal gets a bar; a file or a pipe, where a bar would
+//! be thousands of lines, gets a plain line now and then. All of it goes to standard error.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+/// What is done sooner is not worth a word.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// Between two plain lines.
+const PLAIN_INTERVAL: Duration = Duration::from_secs(10);
+
+/// The progress of one task. It vanishes from the terminal when it is dropped.
+pub struct Progress {
+    what: String,
+    started: Instant,
+    said: Option<Instant>,
+    bar: Option<ProgressBar>,
+    terminal: bool,
+}
+
+impl Progress {
+    /// `what` is a short phrase like `loading biker.ply`.
+    pub fn new(what: impl Into<String>) -> Progress {
+        Progress {
+            what: what.into(),
+            started: Instant::now(),
+            said: None,
+            bar: None,
+            terminal: std::io::stderr().is_terminal(),
+        }
+    }
+
+    /// `done` of `of` units are done; `detail` says which is at hand, or is empty.
+    pub fn set(&mut self, done: u64, of: u64, detail: &str) {
+        if self.started.elapsed() < PATIENCE {
+            return;
+        }
+        if self.terminal {
+            let bar = self.bar.get_or_insert_with(|| {
+                let style = ProgressStyle::with_template("{prefix} {bar:30} {percent:>3}% {wide_msg}")
+                    .unwrap_or_else(|_| ProgressStyle::default_bar());
+                ProgressBar::new(of).with_style(style).with_prefix(self.what.clone())
+            });
+            bar.set_length(of);
+            bar.set_position(done);
+            bar.set_message(detail.to_owned());
+        } else if self.said.is_none_or(|said| said.elapsed() >= PLAIN_INTERVAL) {
+            self.said = Some(Instant::now());
+            let percent = (100.0 * done as f64 / of.max(1) as f64).floor();
+            let space = if detail.is_empty() { "" } else { " " };
+            eprintln!("{}: {percent}%{space}{detail}", self.what);
+        }
+    }
+
+    /// Prints a line to standard error without tearing the bar.
+    pub fn say(&self, line: &str) {
+        self.without_bar(|| eprintln!("{line}"));
+    }
+
+    /// Prints a line to standard output without tearing the bar.
+    pub fn print(&self, line: &str) {
+        self.without_bar(|| println!("{line}"));
+    }
+
+    fn without_bar(&self, print: impl FnOnce()) {
+        match &self.bar {
+            Some(bar) => bar.suspend(print),
+            None => print(),
+        }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

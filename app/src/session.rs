@@ -1,0 +1,210 @@
+//! A device, a scene and a plan that draw frames together.
+//!
+//! A [`Session`] owns all three. [`Session::prepare`] makes the plan for a picture's size (a plan knows the size of its
+//! images) and hands it to the device with the scene; [`Session::submit`] draws a frame from a camera, and
+//! [`Session::wait`] gives what came of it. Up to [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be
+//! submitted before the first is waited for.
+
+use crate::camera::{self, CAMERA, View};
+use crate::facts::{self, SceneFacts};
+use crate::image::Image;
+use crate::planner::{GraphErrors, Planner};
+use half::f16;
+use splatgraph_api::{
+    BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
+};
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::plan::{Format, ParamBinding, Plan, Source, Value};
+
+/// Why a session could not go on.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    #[error(transparent)]
+    Graph(#[from] GraphErrors),
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+    /// A frame was asked for before [`Session::prepare`].
+    #[error("there is no plan yet")]
+    NotPrepared,
+}
+
+/// See the module's documentation.
+pub struct Session<D> {
+    device: D,
+    scene: Scene,
+    pipeline: String,
+    set: Vec<(String, String)>,
+    planner: Planner,
+    loaded: Option<(Plan, (u32, u32))>,
+    frame: u32,
+}
+
+/// What of a frame the caller decides.
+#[derive(Clone, Debug, Default)]
+pub struct FrameRequest {
+    /// What shows where nothing covers it, display-encoded.
+    pub background: [f32; 3],
+    /// Read the picture back.
+    pub read_output: bool,
+    /// Resources to read back, each after a pass.
+    pub inspect: Vec<Inspect>,
+}
+
+impl<D: Device> Session<D> {
+    /// A session that draws `scene` with the graph `pipeline` (a preset's name or a path) and the parameters of `set`
+    /// changed. Nothing is built yet.
+    pub fn new(device: D, scene: Scene, pipeline: &str, set: &[(String, String)]) -> Session<D> {
+        Session {
+            device,
+            scene,
+            pipeline: pipeline.to_owned(),
+            set: set.to_vec(),
+            planner: Planner::default(),
+            loaded: None,
+            frame: 0,
+        }
+    }
+
+    /// The device, with the plan that it executes.
+    pub fn device(&mut self) -> &mut D {
+        &mut self.device
+    }
+
+    /// Gives the device back, so that it can be closed.
+    pub fn into_device(self) -> D {
+        self.device
+    }
+
+    /// The scene that is drawn.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The plan that [`Session::prepare`] made last.
+    pub fn plan(&self) -> Option<&Plan> {
+        self.loaded.as_ref().map(|(plan, _)| plan)
+    }
+
+    /// Builds the plan for pictures of this size and loads it, unless it is loaded already. Says whether it did: then the
+    /// next frame runs the plan's prologue.
+    pub fn prepare(
+        &mut self,
+        size: (u32, u32),
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<bool, SessionError> {
+        if self.loaded.as_ref().is_some_and(|(_, loaded)| *loaded == size) {
+            return Ok(false);
+        }
+        let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
+        let catalog = facts::catalog(&self.scene);
+        let plan = self.planner.plan(&self.pipeline, &self.set, &facts, &catalog)?;
+        self.device.load(plan.clone(), &Upload(&self.scene), progress)?;
+        self.loaded = Some((plan, size));
+        Ok(true)
+    }
+
+    /// Submits a frame. The camera's size must be the one that was prepared.
+    pub fn submit(&mut self, camera: &Camera, request: &FrameRequest) -> Result<FrameId, SessionError> {
+        let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
+        debug_assert_eq!(*size, (camera.width, camera.height));
+        let view = View {
+            background: request.background,
+            depth: camera::depth_range(camera, &self.scene.bounds()),
+            frame: self.frame,
+        };
+        let inputs = FrameInputs {
+            uniforms: [(CAMERA.to_owned(), camera::uniform(camera, &view))].into(),
+            live: live_block(plan),
+            read_output: request.read_output,
+            inspect: request.inspect.clone(),
+        };
+        self.frame += 1;
+        Ok(self.device.submit(&inputs)?)
+    }
+
+    /// Waits for a frame and gives its results.
+    pub fn wait(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
+        Ok(self.device.wait(frame)?)
+    }
+}
+
+/// The scene as the device asks for it.
+struct Upload<'a>(&'a Scene);
+
+impl SceneData for Upload<'_> {
+    fn write(&self, attribute: &str, plane: u32, target: &mut [u8]) -> Result<(), String> {
+        self.0.write_attribute(attribute, plane, target)
+    }
+
+    fn identity(&self) -> u64 {
+        self.0.identity()
+    }
+}
+
+/// The bytes of the plan's live uniform block: 4 per parameter, at the offset that the plan gives it.
+pub fn live_block(plan: &Plan) -> Vec<u8> {
+    let bytes = plan.resources.iter().find(|r| r.source == Source::Live).map_or(0, |r| r.bytes() as usize);
+    let mut block = vec![0; bytes];
+    for param in &plan.params {
+        let ParamBinding::Live { offset } = param.binding else { continue };
+        let word = match &param.value {
+            Value::Bool(v) => u32::from(*v).to_le_bytes(),
+            Value::Int(v) => (*v as i32).to_le_bytes(),
+            Value::Float(v) => (*v as f32).to_le_bytes(),
+            // The framework lets no text be live.
+            Value::Text(_) => continue,
+        };
+        if let Some(target) = block.get_mut(offset as usize..offset as usize + 4) {
+            target.copy_from_slice(&word);
+        }
+    }
+    block
+}
+
+/// The colours of a picture that a device gave back; alpha is left out. `None` for a format that holds no colours.
+pub fn image_of(pixels: &Pixels) -> Option<Image> {
+    let (width, height) = (pixels.width as usize, pixels.height as usize);
+    let rgb: Vec<[f32; 3]> = match pixels.format {
+        Format::Rgba8Unorm => {
+            pixels.bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect()
+        }
+        Format::Rgba16Float => {
+            let half = |b: &[u8]| f16::from_le_bytes([b[0], b[1]]).to_f32();
+            pixels.bytes.chunks_exact(8).map(|p| [half(&p[..2]), half(&p[2..4]), half(&p[4..6])]).collect()
+        }
+        Format::Rgba32Float => {
+            let single = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+            pixels
+                .bytes
+                .chunks_exact(16)
+                .map(|p| [single(&p[..4]), single(&p[4..8]), single(&p[8..12])])
+                .collect()
+        }
+        Format::R32Float => {
+            pixels.bytes.chunks_exact(4).map(|p| [f32::from_le_bytes([p[0], p[1], p[2], p[3]]); 3]).collect()
+        }
+        Format::R32Uint => return None,
+    };
+    (rgb.len() == width * height).then_some(Image { width, height, rgb })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_of_every_colour_format_are_read() {
+        let image = |format, bytes: &[u8]| {
+            image_of(&Pixels { format, width: 1, height: 1, bytes: bytes.to_vec() }).map(|i| i.rgb[0])
+        };
+        assert_eq!(image(Format::Rgba8Unorm, &[0, 51, 255, 7]), Some([0.0, 0.2, 1.0]));
+        let halves: Vec<u8> =
+            [0.5, -2.0, 1.5, 0.0].iter().flat_map(|v| f16::from_f32(*v).to_le_bytes()).collect();
+        assert_eq!(image(Format::Rgba16Float, &halves), Some([0.5, -2.0, 1.5]));
+        let singles: Vec<u8> = [0.1f32, -2.0, 1e9, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+        assert_eq!(image(Format::Rgba32Float, &singles), Some([0.1, -2.0, 1e9]));
+        assert_eq!(image(Format::R32Float, &0.25f32.to_le_bytes()), Some([0.25; 3]));
+        assert_eq!(image(Format::R32Uint, &[0; 4]), None);
+        assert_eq!(image(Format::Rgba8Unorm, &[0; 3]), None);
+    }
+}

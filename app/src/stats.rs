@@ -1,0 +1,217 @@
+//! What frames cost and counted, for people and programs.
+//!
+//! One [`CameraStats`] per camera. A time is the median over the frames that were drawn from that camera; a pass that runs
+//! once (in the first frame after a load) has the one time that it took.
+
+use serde::Serialize;
+use serde_json::{Map, Value as Json};
+use splatgraph_api::{DeviceInfo, FrameResult};
+use splatgraph_framework::plan::{PassId, Plan, Run, Value};
+use std::collections::BTreeMap;
+
+/// The statistics of one camera.
+#[derive(Clone, Debug, Serialize)]
+pub struct CameraStats {
+    /// The camera's name.
+    pub camera: String,
+    /// Pixels across and down.
+    pub width: u32,
+    pub height: u32,
+    /// The graph.
+    pub pipeline: String,
+    /// The device's name, and its driver.
+    pub device: String,
+    pub driver: String,
+    /// All parameters of the graph with the values in use.
+    pub parameters: BTreeMap<String, Value>,
+    /// `loaded`: splats of the scene; and the graph's statistics, as of the last frame: `visible` (after culling),
+    /// `drawn`, ...
+    pub counts: Map<String, Json>,
+    /// In order of execution.
+    pub passes: Vec<PassTime>,
+    /// Milliseconds per phase: the sum of its passes; `null` where the device has no timestamps.
+    pub phases: Map<String, Json>,
+    /// From the first command of a frame to the last, frames with the prologue left out where there are others.
+    pub gpu_ms: Option<f64>,
+    /// What the host takes to record and submit a frame.
+    pub record_ms: f64,
+    /// How many frames the medians are of.
+    pub frames: usize,
+    /// Device memory by name.
+    pub buffers: Vec<BufferSize>,
+    /// What was asked for with `--inspect`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub inspected: Vec<crate::inspect::Finding>,
+}
+
+/// The time of a pass.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PassTime {
+    pub name: String,
+    pub phase: String,
+    /// Milliseconds; `None` where the device has no timestamps.
+    pub gpu_ms: Option<f64>,
+    #[serde(skip)]
+    run: Run,
+}
+
+/// An allocation.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct BufferSize {
+    pub name: String,
+    pub bytes: u64,
+}
+
+impl CameraStats {
+    /// Sums up the frames that were drawn from one camera (at least one), in the order of their submission.
+    pub fn new(
+        camera: (&str, (u32, u32)),
+        plan: &Plan,
+        device: &DeviceInfo,
+        loaded: u64,
+        frames: &[FrameResult],
+        memory: Vec<(String, u64)>,
+    ) -> CameraStats {
+        let mut counts = Map::new();
+        counts.insert("loaded".into(), loaded.into());
+        for (name, value) in frames.last().map_or(&[][..], |f| &f.stats) {
+            counts.insert(name.clone(), (*value).into());
+        }
+        let passes = pass_times(plan, frames);
+        let (name, (width, height)) = camera;
+        CameraStats {
+            camera: name.to_owned(),
+            width,
+            height,
+            pipeline: plan.name.clone(),
+            device: device.name.clone(),
+            driver: device.driver.clone(),
+            parameters: plan.params.iter().map(|p| (p.name.clone(), p.value.clone())).collect(),
+            counts,
+            phases: phase_times(&passes),
+            passes,
+            gpu_ms: total_time(plan, frames),
+            record_ms: median(frames.iter().map(|f| f.record_ms).collect()).unwrap_or(0.0),
+            frames: frames.len(),
+            buffers: memory.into_iter().map(|(name, bytes)| BufferSize { name, bytes }).collect(),
+            inspected: Vec::new(),
+        }
+    }
+
+    /// A count by its name.
+    pub fn count(&self, name: &str) -> Option<u64> {
+        self.counts.get(name)?.as_u64()
+    }
+
+    /// One line for people: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
+    pub fn line(&self) -> String {
+        let mut line = grouped(self.count("loaded").unwrap_or(0)) + " splats";
+        if let Some(visible) = self.count("visible") {
+            line = format!("{} of {line} visible", grouped(visible));
+        }
+        if let Some(ms) = self.gpu_ms {
+            line += &format!(", {ms:.3} ms");
+        }
+        line += &format!(" on {}", self.device);
+        let once: Vec<&str> =
+            self.passes.iter().filter(|p| p.run == Run::Once).map(|p| p.phase.as_str()).collect();
+        let phases: Vec<String> = self
+            .phases
+            .iter()
+            .filter(|(phase, _)| !once.contains(&phase.as_str()))
+            .filter_map(|(phase, ms)| Some(format!("{phase} {:.3}", ms.as_f64()?)))
+            .collect();
+        if !phases.is_empty() {
+            line += &format!(" ({})", phases.join(", "));
+        }
+        line
+    }
+}
+
+/// A number with thousands separated by commas.
+pub fn grouped(value: u64) -> String {
+    let digits = value.to_string();
+    let first = digits.len() % 3;
+    let mut text = digits[..first].to_owned();
+    for group in digits.as_bytes()[first..].chunks(3) {
+        if !text.is_empty() {
+            text.push(',');
+        }
+        text.extend(group.iter().map(|b| char::from(*b)));
+    }
+    text
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    match n {
+        0 => None,
+        _ if n % 2 == 1 => Some(values[n / 2]),
+        _ => Some(0.5 * (values[n / 2 - 1] + values[n / 2])),
+    }
+}
+
+/// The median of each pass, in the order in which they ran first.
+fn pass_times(plan: &Plan, frames: &[FrameResult]) -> Vec<PassTime> {
+    let mut order: Vec<PassId> = Vec::new();
+    let mut times: BTreeMap<PassId, Vec<f64>> = BTreeMap::new();
+    for &(pass, ms) in frames.iter().flat_map(|f| &f.pass_ms) {
+        let entry = times.entry(pass).or_insert_with(|| {
+            order.push(pass);
+            Vec::new()
+        });
+        entry.extend(ms);
+    }
+    let time = |id: PassId| {
+        let pass = plan.pass(id);
+        let gpu_ms = median(times.remove(&id).unwrap_or_default());
+        PassTime { name: pass.name.clone(), phase: pass.phase.clone(), gpu_ms, run: pass.run }
+    };
+    order.into_iter().map(time).collect()
+}
+
+fn phase_times(passes: &[PassTime]) -> Map<String, Json> {
+    let mut phases: Map<String, Json> = Map::new();
+    for pass in passes {
+        let sum = phases.entry(pass.phase.clone()).or_insert(0.0.into());
+        *sum = match (sum.as_f64(), pass.gpu_ms) {
+            (Some(sum), Some(ms)) => (sum + ms).into(),
+            _ => Json::Null,
+        };
+    }
+    phases
+}
+
+fn total_time(plan: &Plan, frames: &[FrameResult]) -> Option<f64> {
+    let prologue = |f: &&FrameResult| f.pass_ms.iter().any(|(pass, _)| plan.pass(*pass).run == Run::Once);
+    let steady: Vec<f64> = frames.iter().filter(|f| !prologue(f)).filter_map(|f| f.total_ms).collect();
+    median(steady).or_else(|| median(frames.iter().filter_map(|f| f.total_ms).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thousands_are_separated() {
+        assert_eq!([0, 12, 999, 1000, 1_234_567].map(grouped), ["0", "12", "999", "1,000", "1,234,567"]);
+    }
+
+    #[test]
+    fn the_median_of_an_even_number_is_between_the_middle_two() {
+        assert_eq!(median(vec![]), None);
+        assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(vec![4.0, 1.0, 2.0, 9.0]), Some(3.0));
+    }
+
+    #[test]
+    fn a_phase_is_the_sum_of_its_passes_and_unknown_where_one_is() {
+        let pass =
+            |phase: &str, gpu_ms| PassTime { name: "x".into(), phase: phase.into(), gpu_ms, run: Run::Frame };
+        let passes =
+            [pass("sort", Some(1.0)), pass("draw", None), pass("sort", Some(2.5)), pass("draw", Some(1.0))];
+        let phases = phase_times(&passes);
+        assert_eq!(Json::Object(phases), serde_json::json!({ "sort": 3.5, "draw": null }));
+    }
+}
