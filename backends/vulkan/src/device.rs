@@ -1,0 +1,310 @@
+//! Physical devices: what they are, what graphs may know of them, and which one to open.
+//!
+//! A device is described once, as plain data: a [`DeviceInfo`] for people and graphs, and the [`Limits`] that a plan is
+//! held against. The logical device is then created with one queue that can compute, draw and copy, and with the
+//! features that [`create`] lists.
+
+use crate::error::api;
+use crate::instance::{API_VERSION, Instance};
+use crate::limits::{Limits, SubgroupLimits};
+use ash::vk;
+use splatgraph_api::{BackendError, DeviceInfo};
+use splatgraph_framework::plan::Value;
+use std::collections::BTreeMap;
+use std::ffi::{CStr, c_char};
+
+/// A physical device and what is known of it.
+pub(crate) struct Physical {
+    pub handle: vk::PhysicalDevice,
+    /// Index of the queue family that can compute and draw.
+    pub family: u32,
+    pub info: DeviceInfo,
+    pub limits: Limits,
+    kind: vk::PhysicalDeviceType,
+}
+
+/// Every physical device of the instance, in the loader's order.
+pub(crate) fn all(instance: &Instance) -> Result<Vec<Physical>, BackendError> {
+    let handles = instance.physical_devices()?;
+    Ok(handles.into_iter().enumerate().map(|(index, handle)| describe(instance, handle, index)).collect())
+}
+
+/// The device that `wanted` names: an index, or a part of the name in any case. Without a name the first discrete GPU
+/// that is fit, else the first integrated one, else any other, a CPU last.
+pub(crate) fn choose(devices: Vec<Physical>, wanted: Option<&str>) -> Result<Physical, BackendError> {
+    if devices.is_empty() {
+        return Err(BackendError::Unavailable(
+            "the Vulkan loader knows no device; on Debian and Ubuntu the package `mesa-vulkan-drivers` has drivers for \
+             many GPUs, and one that runs on the CPU"
+                .to_string(),
+        ));
+    }
+    let listed =
+        devices.iter().map(|d| format!("{}: {}", d.info.index, d.info.name)).collect::<Vec<_>>().join(", ");
+    let found = match wanted {
+        Some(text) => {
+            let index: Option<usize> = text.trim().parse().ok();
+            let part = text.to_lowercase();
+            // A number may also be a part of a name ("4090").
+            let by_index = devices.iter().position(|d| Some(d.info.index) == index);
+            by_index
+                .or_else(|| devices.iter().position(|d| d.info.name.to_lowercase().contains(&part)))
+                .ok_or_else(|| {
+                    BackendError::Unavailable(format!("there is no device `{text}`; there are {listed}"))
+                })?
+        }
+        None => (0..devices.len())
+            .filter(|&i| devices[i].info.unfit.is_none())
+            .min_by_key(|&i| preference(devices[i].kind))
+            .unwrap_or(0),
+    };
+    let device = devices.into_iter().nth(found).expect("the index was found in this list");
+    match &device.info.unfit {
+        Some(why) => Err(BackendError::Unavailable(format!("{} cannot run plans: {why}", device.info.name))),
+        None => Ok(device),
+    }
+}
+
+fn preference(kind: vk::PhysicalDeviceType) -> u32 {
+    match kind {
+        vk::PhysicalDeviceType::DISCRETE_GPU => 0,
+        vk::PhysicalDeviceType::INTEGRATED_GPU => 1,
+        vk::PhysicalDeviceType::VIRTUAL_GPU => 2,
+        vk::PhysicalDeviceType::CPU => 4,
+        _ => 3,
+    }
+}
+
+fn kind_name(kind: vk::PhysicalDeviceType) -> &'static str {
+    match kind {
+        vk::PhysicalDeviceType::DISCRETE_GPU => "discrete",
+        vk::PhysicalDeviceType::INTEGRATED_GPU => "integrated",
+        vk::PhysicalDeviceType::VIRTUAL_GPU => "virtual",
+        vk::PhysicalDeviceType::CPU => "cpu",
+        _ => "other",
+    }
+}
+
+fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Physical {
+    // The version first: the structures of newer versions may not be asked of an older device.
+    // SAFETY: `handle` is one of the instance's.
+    let basic = unsafe { instance.raw.get_physical_device_properties(handle) };
+    let name = basic.device_name_as_c_str().map(CStr::to_string_lossy).unwrap_or_default().into_owned();
+    let kind = basic.device_type;
+    let family = queue_family(instance, handle);
+    let mut unfit = None;
+    let mut limits = Limits::default();
+    let mut driver = String::new();
+    if basic.api_version < API_VERSION {
+        unfit = Some(format!(
+            "it offers Vulkan {}.{}, and 1.3 is needed",
+            vk::api_version_major(basic.api_version),
+            vk::api_version_minor(basic.api_version)
+        ));
+    } else {
+        (limits, driver) = query(instance, handle);
+        if let Some((_, properties)) = family {
+            limits.timestamp_bits = properties.timestamp_valid_bits;
+        } else {
+            unfit = Some("it has no queue that can both compute and draw".to_string());
+        }
+    }
+    let facts = limits.facts();
+    let info = DeviceInfo { index, name, kind: kind_name(kind).to_string(), driver, facts, unfit };
+    Physical { handle, family: family.map_or(0, |f| f.0), info, limits, kind }
+}
+
+fn queue_family(instance: &Instance, handle: vk::PhysicalDevice) -> Option<(u32, vk::QueueFamilyProperties)> {
+    // SAFETY: `handle` is one of the instance's.
+    let families = unsafe { instance.raw.get_physical_device_queue_family_properties(handle) };
+    let needed = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
+    let index = families.iter().position(|family| family.queue_flags.contains(needed))?;
+    Some((index as u32, families[index]))
+}
+
+/// Limits and the driver's name, of a device of version 1.3 or later.
+fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
+    let mut driver = vk::PhysicalDeviceDriverProperties::default();
+    let mut subgroups = vk::PhysicalDeviceSubgroupProperties::default();
+    let mut control = vk::PhysicalDeviceSubgroupSizeControlProperties::default();
+    let mut maintenance3 = vk::PhysicalDeviceMaintenance3Properties::default();
+    let mut maintenance4 = vk::PhysicalDeviceMaintenance4Properties::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default()
+        .push_next(&mut driver)
+        .push_next(&mut subgroups)
+        .push_next(&mut control)
+        .push_next(&mut maintenance3)
+        .push_next(&mut maintenance4);
+    // SAFETY: the chain holds structures of Vulkan 1.3 only, which the device has.
+    unsafe { instance.raw.get_physical_device_properties2(handle, &mut properties) };
+    let core = properties.properties.limits;
+    // SAFETY: `handle` is one of the instance's.
+    let memory = unsafe { instance.raw.get_physical_device_memory_properties(handle) };
+    // SAFETY: as above.
+    let features = unsafe { instance.raw.get_physical_device_features(handle) };
+
+    let buffer = maintenance4.max_buffer_size.min(maintenance3.max_memory_allocation_size);
+    let limits = Limits {
+        max_storage_bytes: (core.max_storage_buffer_range as u64).min(buffer),
+        max_uniform_bytes: core.max_uniform_buffer_range as u64,
+        max_buffer_bytes: buffer,
+        max_push_bytes: core.max_push_constants_size,
+        max_groups: core.max_compute_work_group_count,
+        max_local_size: core.max_compute_work_group_size,
+        max_invocations: core.max_compute_work_group_invocations,
+        shared_bytes: core.max_compute_shared_memory_size,
+        max_image_size: core
+            .max_image_dimension2_d
+            .min(core.max_framebuffer_width)
+            .min(core.max_framebuffer_height)
+            .min(core.max_viewport_dimensions[0])
+            .min(core.max_viewport_dimensions[1]),
+        max_targets: core.max_color_attachments,
+        max_storage_buffers: core.max_per_stage_descriptor_storage_buffers,
+        max_uniform_buffers: core.max_per_stage_descriptor_uniform_buffers,
+        max_storage_images: core.max_per_stage_descriptor_storage_images,
+        heap_bytes: memory.memory_heaps[..memory.memory_heap_count as usize]
+            .iter()
+            .filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
+            .map(|heap| heap.size)
+            .max()
+            .unwrap_or(0),
+        independent_blend: features.independent_blend == vk::TRUE,
+        subgroup: SubgroupLimits {
+            // Some drivers give a default outside of what they let a pipeline ask for.
+            size: subgroups.subgroup_size.clamp(control.min_subgroup_size, control.max_subgroup_size),
+            max_size: control.max_subgroup_size,
+            selectable: control.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
+            max_per_group: control.max_compute_workgroup_subgroups,
+        },
+        timestamp_bits: 0,
+        timestamp_period: core.timestamp_period,
+    };
+    let text = |s: Result<&CStr, _>| s.map(CStr::to_string_lossy).unwrap_or_default().into_owned();
+    let driver = format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str()));
+    (limits, driver.trim().to_string())
+}
+
+impl Limits {
+    /// The device facts that graphs can use; see [`DeviceInfo::facts`].
+    fn facts(&self) -> BTreeMap<String, Value> {
+        [
+            ("device.subgroup_size", self.subgroup.size as i64),
+            ("device.max_storage_bytes", i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX)),
+            ("device.max_groups_x", self.max_groups[0] as i64),
+            ("device.shared_bytes", self.shared_bytes as i64),
+            ("device.max_invocations", self.max_invocations as i64),
+        ]
+        .map(|(name, value)| (name.to_string(), Value::Int(value)))
+        .into()
+    }
+}
+
+/// Creates the logical device, with `extensions` (a swapchain's, for instance) besides what this crate uses.
+pub(crate) fn create(
+    instance: &Instance,
+    physical: &Physical,
+    extensions: &[&CStr],
+) -> Result<ash::Device, BackendError> {
+    let mut has11 = vk::PhysicalDeviceVulkan11Features::default();
+    let mut has12 = vk::PhysicalDeviceVulkan12Features::default();
+    let mut has13 = vk::PhysicalDeviceVulkan13Features::default();
+    let mut has = vk::PhysicalDeviceFeatures2::default()
+        .push_next(&mut has11)
+        .push_next(&mut has12)
+        .push_next(&mut has13);
+    // SAFETY: the chain holds structures of Vulkan 1.3 only, which the device has.
+    unsafe { instance.raw.get_physical_device_features2(physical.handle, &mut has) };
+    let has10 = has.features;
+
+    // What every device of version 1.3 has is asked for outright. The rest serves shaders that need it: its absence
+    // is an error only when a pipeline is made from such a shader.
+    let mut core = vk::PhysicalDeviceFeatures::default();
+    core.independent_blend = has10.independent_blend;
+    core.shader_int16 = has10.shader_int16;
+    core.shader_int64 = has10.shader_int64;
+    core.vertex_pipeline_stores_and_atomics = has10.vertex_pipeline_stores_and_atomics;
+    core.fragment_stores_and_atomics = has10.fragment_stores_and_atomics;
+    core.shader_storage_buffer_array_dynamic_indexing = has10.shader_storage_buffer_array_dynamic_indexing;
+    let mut vulkan11 = vk::PhysicalDeviceVulkan11Features::default();
+    vulkan11.storage_buffer16_bit_access = has11.storage_buffer16_bit_access;
+    let mut vulkan12 = vk::PhysicalDeviceVulkan12Features::default().host_query_reset(true);
+    vulkan12.shader_float16 = has12.shader_float16;
+    vulkan12.scalar_block_layout = has12.scalar_block_layout;
+    vulkan12.vulkan_memory_model = has12.vulkan_memory_model;
+    vulkan12.vulkan_memory_model_device_scope = has12.vulkan_memory_model_device_scope;
+    let mut vulkan13 = vk::PhysicalDeviceVulkan13Features::default()
+        .synchronization2(true)
+        .dynamic_rendering(true)
+        .maintenance4(true)
+        .subgroup_size_control(true)
+        .compute_full_subgroups(true);
+
+    let priorities = [1.0];
+    let queues = [vk::DeviceQueueCreateInfo::default()
+        .queue_family_index(physical.family)
+        .queue_priorities(&priorities)];
+    let names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
+    let info = vk::DeviceCreateInfo::default()
+        .queue_create_infos(&queues)
+        .enabled_extension_names(&names)
+        .enabled_features(&core)
+        .push_next(&mut vulkan11)
+        .push_next(&mut vulkan12)
+        .push_next(&mut vulkan13);
+    // SAFETY: `info` and its chain live until the call returns; the features asked for are mandatory or were found.
+    unsafe { instance.raw.create_device(physical.handle, &info, None) }.map_err(api("vkCreateDevice"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn device(index: usize, name: &str, kind: vk::PhysicalDeviceType, unfit: Option<&str>) -> Physical {
+        let info = DeviceInfo {
+            index,
+            name: name.to_string(),
+            kind: kind_name(kind).to_string(),
+            driver: String::new(),
+            facts: BTreeMap::new(),
+            unfit: unfit.map(str::to_string),
+        };
+        Physical { handle: vk::PhysicalDevice::null(), family: 0, info, limits: Limits::default(), kind }
+    }
+
+    fn machine() -> Vec<Physical> {
+        vec![
+            device(0, "llvmpipe", vk::PhysicalDeviceType::CPU, None),
+            device(1, "Iris", vk::PhysicalDeviceType::INTEGRATED_GPU, None),
+            device(2, "GeForce 4090", vk::PhysicalDeviceType::DISCRETE_GPU, None),
+            device(3, "Radeon", vk::PhysicalDeviceType::DISCRETE_GPU, Some("it is too old")),
+        ]
+    }
+
+    fn chosen(devices: Vec<Physical>, wanted: Option<&str>) -> Result<usize, String> {
+        choose(devices, wanted).map(|d| d.info.index).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn the_first_fit_discrete_device_is_the_default_and_the_cpu_the_last_resort() {
+        assert_eq!(chosen(machine(), None), Ok(2));
+        assert_eq!(chosen(machine().drain(..2).collect(), None), Ok(1));
+        assert_eq!(chosen(machine().drain(..1).collect(), None), Ok(0));
+    }
+
+    #[test]
+    fn a_device_is_named_by_its_index_or_by_a_part_of_its_name() {
+        assert_eq!(chosen(machine(), Some("1")), Ok(1));
+        assert_eq!(chosen(machine(), Some("LLVM")), Ok(0));
+        assert_eq!(chosen(machine(), Some("4090")), Ok(2));
+        let error = chosen(machine(), Some("arc")).unwrap_err();
+        assert!(error.contains("no device `arc`") && error.contains("1: Iris"), "{error}");
+    }
+
+    #[test]
+    fn an_unfit_device_is_refused_with_its_reason() {
+        assert_eq!(chosen(machine(), Some("3")), Err("Radeon cannot run plans: it is too old".to_string()));
+        assert!(chosen(machine().drain(3..).collect(), None).unwrap_err().contains("too old"));
+        assert!(chosen(Vec::new(), None).unwrap_err().contains("mesa-vulkan-drivers"));
+    }
+}

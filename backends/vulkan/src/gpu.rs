@@ -1,0 +1,173 @@
+//! The opened device, and objects that are destroyed when they are dropped.
+//!
+//! Everything made from the device holds it by an [`Arc<Gpu>`], so that the device outlives what was made from it in
+//! whatever order things are dropped. What the GPU may still be using is not guarded here: the owner of frames in
+//! flight ([`crate::Vulkan`]) waits for them before it lets go of anything.
+
+use crate::device::{self, Physical};
+use crate::error::api;
+use crate::instance::Instance;
+use crate::limits::Limits;
+use ash::{ext, vk};
+use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
+use splatgraph_api::BackendError;
+use std::ffi::{CStr, CString};
+use std::ops::Deref;
+use std::sync::{Arc, Mutex};
+
+pub(crate) struct Gpu {
+    pub device: ash::Device,
+    pub queue: vk::Queue,
+    pub family: u32,
+    pub limits: Limits,
+    pub physical: vk::PhysicalDevice,
+    /// Kept across loads: a plan that is rebuilt finds the pipelines that did not change.
+    pub pipeline_cache: vk::PipelineCache,
+    /// `None` once the device is being destroyed.
+    pub allocator: Mutex<Option<Allocator>>,
+    labels: Option<ext::debug_utils::Device>,
+    // Dropped after the device is destroyed.
+    pub instance: Instance,
+}
+
+impl Gpu {
+    pub fn new(instance: Instance, physical: &Physical, extensions: &[&CStr]) -> Result<Gpu, BackendError> {
+        let device = device::create(&instance, physical, extensions)?;
+        // SAFETY: the device was created with one queue of this family.
+        let queue = unsafe { device.get_device_queue(physical.family, 0) };
+        let labels = instance.labels.then(|| ext::debug_utils::Device::new(&instance.raw, &device));
+        let mut gpu = Gpu {
+            device,
+            queue,
+            family: physical.family,
+            limits: physical.limits.clone(),
+            physical: physical.handle,
+            pipeline_cache: vk::PipelineCache::null(),
+            allocator: Mutex::new(None),
+            labels,
+            instance,
+        };
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: gpu.instance.raw.clone(),
+            device: gpu.device.clone(),
+            physical_device: physical.handle,
+            debug_settings: Default::default(),
+            buffer_device_address: false,
+            allocation_sizes: Default::default(),
+        });
+        let allocator =
+            allocator.map_err(|e| BackendError::Api { call: "Allocator::new", answer: e.to_string() })?;
+        gpu.allocator = Mutex::new(Some(allocator));
+        // SAFETY: an empty cache of a live device.
+        gpu.pipeline_cache = unsafe { gpu.device.create_pipeline_cache(&Default::default(), None) }
+            .map_err(api("vkCreatePipelineCache"))?;
+        gpu.name(gpu.queue, "queue");
+        Ok(gpu)
+    }
+
+    /// Names an object in captures and messages.
+    pub fn name(&self, object: impl vk::Handle, name: &str) {
+        let Some(labels) = &self.labels else { return };
+        let name = c_string(name);
+        let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
+        // SAFETY: `object` is alive and of this device. A name that could not be given is no loss worth an error.
+        let _ = unsafe { labels.set_debug_utils_object_name(&info) };
+    }
+
+    /// Opens a label around what is recorded next.
+    pub fn begin_label(&self, commands: vk::CommandBuffer, name: &str) {
+        let Some(labels) = &self.labels else { return };
+        let name = c_string(name);
+        let label = vk::DebugUtilsLabelEXT::default().label_name(&name);
+        // SAFETY: the command buffer is being recorded.
+        unsafe { labels.cmd_begin_debug_utils_label(commands, &label) };
+    }
+
+    pub fn end_label(&self, commands: vk::CommandBuffer) {
+        let Some(labels) = &self.labels else { return };
+        // SAFETY: the command buffer is being recorded, and a label was opened in it.
+        unsafe { labels.cmd_end_debug_utils_label(commands) };
+    }
+
+    /// Blocks until the device has nothing left to do; a lost device has.
+    pub fn wait_idle(&self) {
+        // SAFETY: `Vulkan` owns the queue and calls from one thread at a time.
+        let _ = unsafe { self.device.device_wait_idle() };
+    }
+}
+
+impl Drop for Gpu {
+    fn drop(&mut self) {
+        let allocator = match self.allocator.get_mut() {
+            Ok(allocator) => allocator.take(),
+            Err(poisoned) => poisoned.into_inner().take(),
+        };
+        // The allocator gives its memory back to the device.
+        drop(allocator);
+        // SAFETY: whatever was made from the device holds the `Gpu`, so nothing is left of it.
+        unsafe {
+            self.device.destroy_pipeline_cache(self.pipeline_cache, None);
+            self.device.destroy_device(None);
+        }
+    }
+}
+
+fn c_string(text: &str) -> CString {
+    CString::new(text.replace('\0', " ")).unwrap_or_default()
+}
+
+/// A handle that [`Owned`] can destroy.
+pub(crate) trait Destroy: vk::Handle + Copy {
+    /// # Safety
+    /// The object is of this device, nothing uses it any more, and it is destroyed once.
+    unsafe fn destroy(self, device: &ash::Device);
+}
+
+macro_rules! destroy {
+    ($($handle:ident by $function:ident),* $(,)?) => {
+        $(impl Destroy for vk::$handle {
+            unsafe fn destroy(self, device: &ash::Device) {
+                // SAFETY: promised by the caller.
+                unsafe { device.$function(self, None) }
+            }
+        })*
+    };
+}
+destroy!(
+    CommandPool by destroy_command_pool,
+    DescriptorPool by destroy_descriptor_pool,
+    DescriptorSetLayout by destroy_descriptor_set_layout,
+    Fence by destroy_fence,
+    ImageView by destroy_image_view,
+    Pipeline by destroy_pipeline,
+    PipelineLayout by destroy_pipeline_layout,
+    QueryPool by destroy_query_pool,
+    ShaderModule by destroy_shader_module,
+);
+
+/// A Vulkan object that is destroyed when it is dropped.
+pub(crate) struct Owned<H: Destroy> {
+    gpu: Arc<Gpu>,
+    raw: H,
+}
+
+impl<H: Destroy> Owned<H> {
+    /// Takes over an object that was just created.
+    pub fn new(gpu: &Arc<Gpu>, raw: H) -> Owned<H> {
+        Owned { gpu: gpu.clone(), raw }
+    }
+}
+
+impl<H: Destroy> Deref for Owned<H> {
+    type Target = H;
+    fn deref(&self) -> &H {
+        &self.raw
+    }
+}
+
+impl<H: Destroy> Drop for Owned<H> {
+    fn drop(&mut self) {
+        // SAFETY: this is the only owner, and it drops what the GPU no longer uses (see the module's documentation).
+        unsafe { self.raw.destroy(&self.gpu.device) };
+    }
+}

@@ -1,0 +1,265 @@
+//! The Vulkan instance: the loader, the validation layer and the messenger that collects what the layer says.
+//!
+//! The loader is opened at run time, so that the program starts (and can say what is missing) on a machine without
+//! Vulkan. An instance needs no window system: a windowed program passes the surface extensions that it wants.
+
+use crate::error::api;
+use ash::{ext, vk};
+use splatgraph_api::BackendError;
+use std::ffi::{CStr, c_char, c_void};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+/// How much of the Khronos validation layer is switched on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Validation {
+    #[default]
+    Off,
+    /// The layer's default checks.
+    On,
+    /// The default checks and synchronization validation: every hazard that the layer can see is a message.
+    Synchronization,
+}
+
+const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
+
+/// The oldest version that has all that this crate calls (synchronization2, dynamic rendering, maintenance4).
+pub(crate) const API_VERSION: u32 = vk::API_VERSION_1_3;
+
+/// Messages kept until they are taken; a mistake that repeats every frame must not eat the memory.
+const MOST_MESSAGES: usize = 1000;
+
+/// What the validation layer said.
+#[derive(Default)]
+pub(crate) struct Messages(Mutex<Vec<String>>);
+
+impl Messages {
+    pub fn take(&self) -> Vec<String> {
+        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    fn add(&self, message: String) {
+        let mut messages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if messages.len() < MOST_MESSAGES {
+            messages.push(message);
+        } else if messages.len() == MOST_MESSAGES {
+            messages.push(format!("more than {MOST_MESSAGES} messages: the rest is not kept"));
+        }
+    }
+}
+
+/// An instance that is destroyed when it is dropped; everything made from it must be gone by then.
+pub(crate) struct Instance {
+    pub raw: ash::Instance,
+    /// Objects and command buffers can be named.
+    pub labels: bool,
+    pub messages: Arc<Messages>,
+    messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+}
+
+impl Instance {
+    /// An instance with `extensions` (a window system's, for instance) besides what this crate uses itself.
+    pub fn new(validation: Validation, extensions: &[&CStr]) -> Result<Instance, BackendError> {
+        let entry = loader()?;
+        check_version(entry)?;
+        // The layer says by itself (not through the loader) which extensions it has.
+        let layer_extensions = match validation {
+            Validation::Off => Vec::new(),
+            _ => validation_layer(entry)?,
+        };
+        let layers: &[*const c_char] = if validation == Validation::Off { &[] } else { &[LAYER.as_ptr()] };
+
+        let labels = offers(&instance_extensions(entry, None)?, ext::debug_utils::NAME)
+            || offers(&layer_extensions, ext::debug_utils::NAME);
+        let mut names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
+        if labels {
+            names.push(ext::debug_utils::NAME.as_ptr());
+        }
+
+        let messages = Arc::new(Messages::default());
+        let mut messenger_info = messenger_info(&messages);
+        let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
+        let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
+        let settings = synchronization_settings();
+        let mut settings = vk::LayerSettingsCreateInfoEXT::default().settings(&settings);
+
+        let application = vk::ApplicationInfo::default()
+            .application_name(c"splatgraph")
+            .engine_name(c"splatgraph")
+            .api_version(API_VERSION);
+        let mut info =
+            vk::InstanceCreateInfo::default().application_info(&application).enabled_layer_names(layers);
+        if validation != Validation::Off && labels {
+            // Also hears what is said while the instance itself is created and destroyed.
+            info = info.push_next(&mut messenger_info);
+        }
+        if validation == Validation::Synchronization {
+            // Layers since 1.3.27x are told by layer settings, older ones by the extension that these replaced.
+            if offers(&layer_extensions, ext::layer_settings::NAME) {
+                names.push(ext::layer_settings::NAME.as_ptr());
+                info = info.push_next(&mut settings);
+            } else {
+                names.push(ext::validation_features::NAME.as_ptr());
+                info = info.push_next(&mut features);
+            }
+        }
+        let info = info.enabled_extension_names(&names);
+        // SAFETY: everything that `info` points to lives until the call returns; the messenger's user data lives in
+        // the `Arc` that the instance keeps.
+        let raw = unsafe { entry.create_instance(&info, None) }.map_err(api("vkCreateInstance"))?;
+        let mut instance = Instance { raw, labels, messages, messenger: None };
+        if validation != Validation::Off && labels {
+            instance.listen(entry)?;
+        }
+        Ok(instance)
+    }
+
+    /// Registers the messenger for the time between the instance's creation and its destruction.
+    fn listen(&mut self, entry: &ash::Entry) -> Result<(), BackendError> {
+        let functions = ext::debug_utils::Instance::new(entry, &self.raw);
+        let info = messenger_info(&self.messages);
+        // SAFETY: the user data lives in `self.messages`, and the messenger is destroyed before it in `drop`.
+        let messenger = unsafe { functions.create_debug_utils_messenger(&info, None) }
+            .map_err(api("vkCreateDebugUtilsMessengerEXT"))?;
+        self.messenger = Some((functions, messenger));
+        Ok(())
+    }
+
+    pub fn physical_devices(&self) -> Result<Vec<vk::PhysicalDevice>, BackendError> {
+        // SAFETY: a plain query of a live instance.
+        unsafe { self.raw.enumerate_physical_devices() }.map_err(api("vkEnumeratePhysicalDevices"))
+    }
+}
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        // SAFETY: whatever was made from the instance holds it alive, so nothing is left; `messages`, to which the
+        // destruction itself may still report, is dropped after this.
+        unsafe {
+            if let Some((functions, messenger)) = self.messenger.take() {
+                functions.destroy_debug_utils_messenger(messenger, None);
+            }
+            self.raw.destroy_instance(None);
+        }
+    }
+}
+
+/// The loader, opened once and never closed: drivers keep threads and thread-local data that do not survive being
+/// unloaded while another instance of the process still runs.
+fn loader() -> Result<&'static ash::Entry, BackendError> {
+    static LOADER: OnceLock<Result<ash::Entry, String>> = OnceLock::new();
+    LOADER
+        // SAFETY: the system's Vulkan loader is trusted to be one.
+        .get_or_init(|| unsafe { ash::Entry::load() }.map_err(|e| e.to_string()))
+        .as_ref()
+        .map_err(|why| {
+            BackendError::Unavailable(format!(
+                "there is no Vulkan loader ({why}); on Debian and Ubuntu it is in the package `libvulkan1`, a driver \
+                 that needs no GPU in `mesa-vulkan-drivers`"
+            ))
+        })
+}
+
+fn check_version(entry: &ash::Entry) -> Result<(), BackendError> {
+    // SAFETY: a query that takes no arguments.
+    let version = unsafe { entry.try_enumerate_instance_version() }
+        .map_err(api("vkEnumerateInstanceVersion"))?
+        .unwrap_or(vk::API_VERSION_1_0);
+    if version < API_VERSION {
+        return Err(BackendError::Unavailable(format!(
+            "the Vulkan loader is of version {}.{}, and 1.3 is needed",
+            vk::api_version_major(version),
+            vk::api_version_minor(version)
+        )));
+    }
+    Ok(())
+}
+
+/// The extensions that the validation layer brings, or an error that says how to get the layer.
+fn validation_layer(entry: &ash::Entry) -> Result<Vec<vk::ExtensionProperties>, BackendError> {
+    // SAFETY: a query that takes no arguments.
+    let layers = unsafe { entry.enumerate_instance_layer_properties() }
+        .map_err(api("vkEnumerateInstanceLayerProperties"))?;
+    if !layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(LAYER)) {
+        return Err(BackendError::Unavailable(
+            "validation was asked for, and VK_LAYER_KHRONOS_validation is not installed; on Debian and Ubuntu it is \
+             in the package `vulkan-validationlayers`"
+                .to_string(),
+        ));
+    }
+    instance_extensions(entry, Some(LAYER))
+}
+
+fn instance_extensions(
+    entry: &ash::Entry,
+    layer: Option<&CStr>,
+) -> Result<Vec<vk::ExtensionProperties>, BackendError> {
+    // SAFETY: `layer` is a C string or none.
+    unsafe { entry.enumerate_instance_extension_properties(layer) }
+        .map_err(api("vkEnumerateInstanceExtensionProperties"))
+}
+
+pub(crate) fn offers(extensions: &[vk::ExtensionProperties], name: &CStr) -> bool {
+    extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
+}
+
+/// Synchronization validation, with the accesses that shaders make: newer layers leave these out unless asked.
+fn synchronization_settings() -> [vk::LayerSettingEXT<'static>; 2] {
+    static YES: vk::Bool32 = vk::TRUE;
+    [c"validate_sync", c"syncval_shader_accesses_heuristic"].map(|name| vk::LayerSettingEXT {
+        p_layer_name: LAYER.as_ptr(),
+        p_setting_name: name.as_ptr(),
+        ty: vk::LayerSettingTypeEXT::BOOL32,
+        value_count: 1,
+        p_values: (&raw const YES).cast(),
+        ..Default::default()
+    })
+}
+
+/// Warnings and errors of the layer, none left out. (The third type of message, `GENERAL`, is the loader telling of
+/// drivers and layers that it looked at, and says nothing about what a program does.)
+fn messenger_info(messages: &Arc<Messages>) -> vk::DebugUtilsMessengerCreateInfoEXT<'static> {
+    vk::DebugUtilsMessengerCreateInfoEXT::default()
+        .message_severity(
+            vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
+        )
+        .message_type(
+            vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION | vk::DebugUtilsMessageTypeFlagsEXT::PERFORMANCE,
+        )
+        .pfn_user_callback(Some(collect))
+        .user_data(Arc::as_ptr(messages).cast_mut().cast())
+}
+
+/// Called by the layer for each message, on whichever thread made the mistake.
+unsafe extern "system" fn collect(
+    severity: vk::DebugUtilsMessageSeverityFlagsEXT,
+    _: vk::DebugUtilsMessageTypeFlagsEXT,
+    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
+    user: *mut c_void,
+) -> vk::Bool32 {
+    // SAFETY: `user` is the `Messages` given in `messenger_info`, which outlives the instance; `data`, where it is
+    // not null, and the strings that it points to are valid for the time of this call.
+    unsafe {
+        let messages = &*user.cast::<Messages>();
+        if let Some(data) = data.as_ref() {
+            let severity = if severity.contains(vk::DebugUtilsMessageSeverityFlagsEXT::ERROR) {
+                "error"
+            } else {
+                "warning"
+            };
+            let text = data.message_as_c_str().map(CStr::to_string_lossy).unwrap_or_default();
+            let labels: Vec<_> = if data.p_cmd_buf_labels.is_null() {
+                Vec::new()
+            } else {
+                std::slice::from_raw_parts(data.p_cmd_buf_labels, data.cmd_buf_label_count as usize)
+                    .iter()
+                    .filter_map(|label| label.label_name_as_c_str())
+                    .map(CStr::to_string_lossy)
+                    .collect()
+            };
+            let place =
+                if labels.is_empty() { String::new() } else { format!(" (in {})", labels.join(", ")) };
+            messages.add(format!("{severity}{place}: {text}"));
+        }
+    }
+    vk::FALSE
+}

@@ -1,0 +1,147 @@
+//! A plan for the tests of what is pure: nothing in it reaches a device.
+
+use splatgraph_framework::plan::*;
+use splatgraph_framework::shader::{Reflection, ShaderStage};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+pub(crate) const WORDS: ResourceId = ResourceId(0);
+pub(crate) const ARGS: ResourceId = ResourceId(1);
+pub(crate) const CAMERA: ResourceId = ResourceId(2);
+pub(crate) const SPLATS: ResourceId = ResourceId(3);
+pub(crate) const COLOR: ResourceId = ResourceId(4);
+
+/// Prologue: `clear` fills `words`. Frame: `scan[0]` and `scan[1]` dispatch, `splat` draws into `color`, `export`.
+pub(crate) fn plan() -> Plan {
+    let buffer = |count| Shape::Buffer { stride: 4, count };
+    let color = Shape::Image { format: Format::Rgba16Float, width: 64, height: 32 };
+    let any = Usage::STORAGE | Usage::INDIRECT | Usage::COPY_TARGET;
+    let resource = |name: &str, shape, usage, source| Resource {
+        name: name.to_string(),
+        shape,
+        usage,
+        source,
+        origin: origin(),
+    };
+    let scene = Source::Scene { attribute: "scene.sh".to_string(), plane: 0 };
+    let dispatch = |groups| Work::Dispatch { shader: ShaderId(0), groups };
+    let draw = Work::Draw {
+        vertex: ShaderId(1),
+        fragment: ShaderId(2),
+        topology: Topology::TriangleStrip,
+        call: DrawCall::Indirect { buffer: ARGS, offset: 16 },
+        targets: vec![Target {
+            image: COLOR,
+            load: Load::Clear(0.0, 0.0, 0.0, 0.0),
+            blend: Blend::PremultipliedOver,
+        }],
+    };
+    let scans = vec![binding(0, 0, WORDS, DescriptorKind::StorageBuffer)];
+    let splats = vec![
+        binding(1, 0, CAMERA, DescriptorKind::UniformBuffer),
+        binding(0, 1, WORDS, DescriptorKind::StorageBuffer),
+        binding(0, 0, SPLATS, DescriptorKind::StorageBuffer),
+    ];
+    Plan {
+        version: PLAN_VERSION,
+        name: "test".to_string(),
+        summary: String::new(),
+        facts: BTreeMap::new(),
+        params: Vec::new(),
+        resources: vec![
+            resource("words", buffer(1024), any, Source::Transient),
+            resource("args", buffer(8), any, Source::Transient),
+            resource(
+                "camera",
+                buffer(64),
+                Usage::UNIFORM,
+                Source::Frame { uniform: "frame.camera".to_string() },
+            ),
+            resource("splats", buffer(4096), Usage::STORAGE, scene),
+            resource("color", color, Usage::COLOR_TARGET | Usage::COPY_SOURCE, Source::Transient),
+        ],
+        shaders: vec![
+            shader("scan.comp", ShaderStage::Compute),
+            shader("splat.vert", ShaderStage::Vertex),
+            shader("splat.frag", ShaderStage::Fragment),
+        ],
+        passes: vec![
+            pass("clear", Run::Once, Work::Fill { buffer: WORDS, value: 0 }, Vec::new()),
+            pass("scan[0]", Run::Frame, dispatch(Groups::Direct([4, 1, 1])), scans.clone()),
+            pass("scan[1]", Run::Frame, dispatch(Groups::Indirect { buffer: ARGS, offset: 4 }), scans),
+            pass("splat", Run::Frame, draw, splats),
+            pass("export", Run::Frame, Work::Export, Vec::new()),
+        ],
+        prologue: vec![step(0)],
+        frame: vec![step(1), step(2), step(3), step(4)],
+        left_out: Vec::new(),
+        output: COLOR,
+        stats: vec![Stat { name: "visible".to_string(), buffer: ARGS, offset: 20 }],
+    }
+}
+
+fn step(pass: u32) -> Step {
+    Step { barriers: Vec::new(), pass: PassId(pass) }
+}
+
+pub(crate) fn barrier(
+    resource: ResourceId,
+    source: (Stages, Accesses),
+    target: (Stages, Accesses),
+    layouts: Option<(Layout, Layout)>,
+) -> Barrier {
+    Barrier {
+        resource,
+        hazard: Hazard::ReadAfterWrite,
+        after: Vec::new(),
+        across_frames: false,
+        source_stages: source.0,
+        source_accesses: source.1,
+        target_stages: target.0,
+        target_accesses: target.1,
+        layouts,
+    }
+}
+
+fn binding(binding: u32, element: u32, resource: ResourceId, kind: DescriptorKind) -> Binding {
+    Binding { name: format!("Block{binding}"), binding, element, kind, resource }
+}
+
+fn pass(name: &str, run: Run, work: Work, bindings: Vec<Binding>) -> Pass {
+    Pass {
+        name: name.to_string(),
+        phase: "test".to_string(),
+        run,
+        work,
+        bindings,
+        push: vec![0; 8],
+        touches: Vec::new(),
+        origin: origin(),
+    }
+}
+
+fn shader(name: &str, stage: ShaderStage) -> Shader {
+    Shader {
+        name: name.to_string(),
+        defines: Vec::new(),
+        spirv: Arc::new(vec![0x0723_0203]),
+        reflection: reflection(stage, [64, 1, 1], false),
+    }
+}
+
+pub(crate) fn reflection(stage: ShaderStage, local_size: [u32; 3], subgroups: bool) -> Reflection {
+    Reflection {
+        stage,
+        local_size,
+        shared_bytes: 1024,
+        bindings: Vec::new(),
+        push: None,
+        inputs: Vec::new(),
+        outputs: Vec::new(),
+        subgroups,
+    }
+}
+
+fn origin() -> Origin {
+    Origin { file: "test.ron".to_string(), line: 1, column: 1 }
+}

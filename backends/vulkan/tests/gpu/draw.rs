@@ -1,0 +1,136 @@
+//! Draws: what the two blends give, to the bit, and where pixels fall.
+//!
+//! All colours are small sums of powers of two, so that the expected pixels are exact in 32-bit floats.
+
+use crate::build::*;
+use splatgraph_api::FrameResult;
+use splatgraph_framework::plan::*;
+
+const SIZE: u32 = 4;
+
+/// A triangle over the upper left half: its hypotenuse passes through no pixel's centre. Each instance has its colour.
+const TRIANGLE: &str = "#version 460
+layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
+layout(location = 0) flat out vec4 color;
+void main() {
+    const vec2 corners[3] = vec2[](vec2(-1, -1), vec2(0.75, -1), vec2(-1, 0.75));
+    gl_Position = vec4(corners[gl_VertexIndex], 0, 1);
+    color = colors[gl_InstanceIndex];
+}";
+
+const COLOR: &str = "#version 460
+layout(location = 0) flat in vec4 color;
+layout(location = 0) out vec4 result;
+void main() { result = color; }";
+
+/// Draws two triangles over one another and gives the pixel inside, after checking where the triangle is.
+fn two_triangles(blend: Blend, clear: [f32; 4], indirect: bool) -> [f32; 4] {
+    let result = drawn(blend, clear, indirect);
+    let pixels = floats(&result.output.expect("the output was asked for").bytes);
+    let pixels: Vec<[f32; 4]> = pixels.chunks_exact(4).map(|p| p.try_into().unwrap()).collect();
+    for y in 0..SIZE as usize {
+        for x in 0..SIZE as usize {
+            let inside = x + y < 3;
+            let expected = if inside { pixels[0] } else { clear };
+            assert_eq!(pixels[y * SIZE as usize + x], expected, "pixel {x}, {y} (y counts down)");
+        }
+    }
+    pixels[0]
+}
+
+fn drawn(blend: Blend, clear: [f32; 4], indirect: bool) -> FrameResult {
+    let mut build = Build::new();
+    let colors = build.scene("colors", 0, 16, 2);
+    let args = build.words("args", 5);
+    let write = build.shader(
+        "args.comp",
+        "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) writeonly buffer Args { uint args[]; };
+void main() { args[1] = 3; args[2] = 2; args[3] = 0; args[4] = 0; }",
+    );
+    build.dispatch(Run::Frame, "args", write, 1, &[(args, 0, WRITE)]);
+    let image = build.image("color", Format::Rgba32Float, SIZE, SIZE, Usage::COLOR_TARGET);
+    let shaders = [build.shader("triangle.vert", TRIANGLE), build.shader("color.frag", COLOR)];
+    let [r, g, b, a] = clear;
+    let target = Target { image, load: Load::Clear(r, g, b, a), blend };
+    let call = if indirect {
+        DrawCall::Indirect { buffer: args, offset: 4 }
+    } else {
+        DrawCall::Direct { vertices: 3, instances: 2 }
+    };
+    build.draw("triangles", shaders, call, &[target], &[(colors, 0, READ)]);
+    let plan = build.export(image);
+
+    let bytes: Vec<u8> = FIRST.iter().chain(&SECOND).flat_map(|c| c.to_le_bytes()).collect();
+    let scene = Scene::new(1, "colors", 0, bytes);
+    let mut vulkan = open();
+    splatgraph_api::Device::load(&mut vulkan, plan, &scene, &mut |_| {}).expect("the plan loads");
+    let result = frame(&mut vulkan, &with_output());
+    finish(vulkan);
+    result
+}
+
+/// Premultiplied colours.
+const FIRST: [f32; 4] = [0.5, 0.25, 0.0, 0.5];
+const SECOND: [f32; 4] = [0.0, 0.125, 0.25, 0.25];
+
+#[test]
+fn replace_keeps_the_last_fragment() {
+    assert_eq!(two_triangles(Blend::Replace, [1.0, 2.0, 3.0, 4.0], false), SECOND);
+}
+
+#[test]
+fn premultiplied_over_puts_the_later_fragment_in_front() {
+    // Over (0.25, 0.5, 1, 1): first to (0.5 + 0.125, 0.25 + 0.25, 0.5, 1), then 3/4 of that plus the second.
+    let pixel = two_triangles(Blend::PremultipliedOver, [0.25, 0.5, 1.0, 1.0], false);
+    assert_eq!(pixel, [0.46875, 0.125 + 0.375, 0.25 + 0.375, 1.0]);
+}
+
+#[test]
+fn transmittance_under_puts_the_later_fragment_behind() {
+    // Alpha holds what still shines through: 1, then 1/2 (which weighs the second), then 3/8.
+    let pixel = two_triangles(Blend::TransmittanceUnder, [0.0, 0.0, 0.0, 1.0], false);
+    assert_eq!(pixel, [0.5, 0.25 + 0.0625, 0.125, 0.375]);
+}
+
+#[test]
+fn a_draw_takes_its_counts_from_words_that_an_earlier_pass_wrote() {
+    let direct = two_triangles(Blend::TransmittanceUnder, [0.0, 0.0, 0.0, 1.0], false);
+    assert_eq!(two_triangles(Blend::TransmittanceUnder, [0.0, 0.0, 0.0, 1.0], true), direct);
+}
+
+#[test]
+fn a_kept_target_goes_on_from_the_draw_before_and_targets_may_blend_differently() {
+    let mut build = Build::new();
+    let colors = build.scene("colors", 0, 16, 1);
+    let over = build.image("over", Format::Rgba32Float, SIZE, SIZE, Usage::COLOR_TARGET);
+    let last = build.image("last", Format::Rgba8Unorm, SIZE, SIZE, Usage::COLOR_TARGET);
+    let two = "#version 460
+layout(location = 0) flat in vec4 color;
+layout(location = 0) out vec4 first;
+layout(location = 1) out vec4 second;
+void main() { first = color; second = vec4(1, 0, 0.2, 1); }";
+    let shaders = [build.shader("triangle.vert", TRIANGLE), build.shader("two.frag", two)];
+    for (index, load) in [Load::Clear(0.0, 0.0, 0.0, 0.0), Load::Keep].into_iter().enumerate() {
+        let targets = [
+            Target { image: over, load, blend: Blend::PremultipliedOver },
+            Target { image: last, load, blend: Blend::Replace },
+        ];
+        let call = DrawCall::Direct { vertices: 3, instances: 1 };
+        build.draw(&format!("draw[{index}]"), shaders, call, &targets, &[(colors, 0, READ)]);
+    }
+    let inspect = splatgraph_api::Inspect { resource: last, after: PassId(1) };
+    let plan = build.export(over);
+    let bytes: Vec<u8> = FIRST.iter().flat_map(|c| c.to_le_bytes()).collect();
+    let mut vulkan = open();
+    let scene = Scene::new(1, "colors", 0, bytes);
+    splatgraph_api::Device::load(&mut vulkan, plan, &scene, &mut |_| {}).expect("the plan loads");
+    let mut inputs = with_output();
+    inputs.inspect.push(inspect);
+    let result = frame(&mut vulkan, &inputs);
+    assert_eq!(floats(&result.output.unwrap().bytes)[..4], [0.75, 0.375, 0.0, 0.75]);
+    assert_eq!(result.inspected[0][..4], [255, 0, 51, 255]);
+    assert_eq!(result.inspected[0][60..], [0, 0, 0, 0]);
+    finish(vulkan);
+}

@@ -1,0 +1,179 @@
+//! Frames one after another: the prologue, uniforms, frames in flight and what lives across them.
+
+use crate::build::*;
+use splatgraph_api::{Device, FrameId, FrameInputs, Inspect};
+use splatgraph_framework::plan::*;
+use splatgraph_vulkan::Vulkan;
+
+/// The prologue sets a word to 0 and adds 100 to it; each frame adds 1.
+fn counter() -> (Plan, ResourceId) {
+    let mut build = Build::new();
+    let count = build.words("count", 1);
+    build.fill(Run::Once, "clear", count, 0);
+    let hundred = build.shader("hundred.comp", &add(100));
+    build.dispatch(Run::Once, "hundred", hundred, 1, &[(count, 0, BOTH)]);
+    let one = build.shader("one.comp", &add(1));
+    build.dispatch(Run::Frame, "one", one, 1, &[(count, 0, BOTH)]);
+    build.stat("count", count, 0);
+    (show(build, count), count)
+}
+
+fn counts(vulkan: &mut Vulkan) -> u32 {
+    frame(vulkan, &FrameInputs::default()).stats[0].1
+}
+
+#[test]
+fn the_prologue_runs_in_the_first_frame_after_a_load_and_in_no_other() {
+    let (plan, count) = counter();
+    let mut vulkan = open();
+    load(&mut vulkan, plan.clone());
+    let inspect = vec![Inspect { resource: count, after: PassId(1) }];
+    let first = frame(&mut vulkan, &FrameInputs { inspect, ..Default::default() });
+    assert_eq!(words(&first.inspected[0]), [100]);
+    let passes: Vec<u32> = first.pass_ms.iter().map(|(pass, _)| pass.0).collect();
+    assert_eq!(passes, [0, 1, 2, 3, 4]);
+    let second = frame(&mut vulkan, &FrameInputs::default());
+    assert_eq!((first.stats[0].1, second.stats[0].1), (101, 102));
+    assert_eq!(second.pass_ms.len(), 3);
+    load(&mut vulkan, plan);
+    assert_eq!((counts(&mut vulkan), counts(&mut vulkan)), (101, 102));
+    finish(vulkan);
+}
+
+#[test]
+fn frames_in_flight_see_the_frame_before_and_results_may_be_taken_in_any_order() {
+    let mut vulkan = open();
+    load(&mut vulkan, counter().0);
+    let frames: Vec<FrameId> =
+        (0..7).map(|_| vulkan.submit(&with_output()).expect("the frame is submitted")).collect();
+    for index in [6, 0, 5, 1, 2, 4, 3] {
+        let result = vulkan.wait(frames[index]).expect("the frame is done");
+        assert_eq!(result.stats[0].1, 101 + index as u32);
+        assert_eq!(words(&result.output.unwrap().bytes), [101 + index as u32]);
+    }
+    let again = error_of(vulkan.wait(frames[3]));
+    assert!(again.contains("frame 3 has no result"), "{again}");
+    assert!(error_of(vulkan.wait(FrameId(99))).contains("never submitted"));
+    finish(vulkan);
+}
+
+#[test]
+fn results_that_nobody_takes_do_not_pile_up() {
+    let mut vulkan = open();
+    load(&mut vulkan, counter().0);
+    let first = vulkan.submit(&FrameInputs::default()).unwrap();
+    let last = (0..80).map(|_| vulkan.submit(&FrameInputs::default()).unwrap()).last().unwrap();
+    assert!(error_of(vulkan.wait(first)).contains("newer ones"));
+    assert_eq!(vulkan.wait(last).unwrap().stats[0].1, 181);
+    finish(vulkan);
+}
+
+/// Shows the first word of a camera block and the second of the live block.
+fn uniforms() -> Plan {
+    let mut build = Build::new();
+    let words_ = build.words("words", 2);
+    let camera = build.uniform(Source::Frame { uniform: "frame.camera".to_string() }, 16);
+    let live = build.uniform(Source::Live, 16);
+    let shader = build.shader(
+        "uniforms.comp",
+        "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) writeonly buffer Words { uint words[]; };
+layout(set = 0, binding = 1, std140) uniform Camera { uint camera; };
+layout(set = 0, binding = 31, std140) uniform Live { uint first; uint second; };
+void main() { words[0] = camera; words[1] = second; }",
+    );
+    let binds = [(words_, 0, WRITE), (camera, 1, UNIFORM), (live, 31, UNIFORM)];
+    build.dispatch(Run::Frame, "uniforms", shader, 1, &binds);
+    show(build, words_)
+}
+
+fn uniform_inputs(camera: u32, second: u32) -> FrameInputs {
+    FrameInputs {
+        uniforms: [("frame.camera".to_string(), camera.to_le_bytes().to_vec())].into(),
+        live: [0u32, second].iter().flat_map(|word| word.to_le_bytes()).collect(),
+        ..with_output()
+    }
+}
+
+#[test]
+fn each_frame_in_flight_reads_its_own_uniforms() {
+    let mut vulkan = open();
+    load(&mut vulkan, uniforms());
+    let frames: Vec<FrameId> =
+        (0..5).map(|i| vulkan.submit(&uniform_inputs(10 + i, 20 + i)).expect("submitted")).collect();
+    for (index, &frame) in frames.iter().enumerate() {
+        let output = vulkan.wait(frame).unwrap().output.unwrap();
+        assert_eq!(words(&output.bytes), [10 + index as u32, 20 + index as u32]);
+    }
+    // What is not given of a block is 0, and not what an earlier frame gave.
+    let mut short = uniform_inputs(1, 2);
+    short.live.clear();
+    assert_eq!(words(&frame(&mut vulkan, &short).output.unwrap().bytes), [1, 0]);
+    finish(vulkan);
+}
+
+#[test]
+fn inputs_that_do_not_fit_are_refused_and_the_next_frame_runs() {
+    let mut vulkan = open();
+    load(&mut vulkan, uniforms());
+    let error = error_of(vulkan.submit(&FrameInputs::default()));
+    assert!(error.contains("no uniform block `frame.camera`"), "{error}");
+    let mut long = uniform_inputs(1, 2);
+    long.live = vec![0; 17];
+    assert!(error_of(vulkan.submit(&long)).contains("17 bytes"));
+    assert_eq!(words(&frame(&mut vulkan, &uniform_inputs(3, 4)).output.unwrap().bytes), [3, 4]);
+    finish(vulkan);
+}
+
+#[test]
+fn a_frame_without_a_plan_is_an_error() {
+    let mut vulkan = open();
+    assert!(error_of(vulkan.submit(&FrameInputs::default())).contains("before a plan was loaded"));
+    assert!(error_of(vulkan.wait(FrameId(0))).contains("never submitted"));
+    finish(vulkan);
+}
+
+#[test]
+fn an_image_that_is_kept_across_frames_is_well_defined_in_the_first() {
+    // Each frame adds 1 to the image; the plan's first barrier expects the layout that the frame before left.
+    let mut build = Build::new();
+    let image = build.image("history", Format::R32Uint, 1, 1, Usage::STORAGE);
+    let shader = build.shader(
+        "grow.comp",
+        "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0, r32ui) uniform uimage2D history;
+layout(push_constant) uniform Push { uint keep; };
+void main() { imageStore(history, ivec2(0), imageLoad(history, ivec2(0)) * keep + 1); }",
+    );
+    let grow = build.dispatch(Run::Frame, "grow", shader, 1, &[(image, 0, BOTH)]);
+    build.plan.passes[grow.index()].push = 1u32.to_le_bytes().to_vec();
+    let plan = build.export(image);
+    assert_eq!(plan.frame[0].barriers[0].layouts, Some((Layout::TransferSource, Layout::General)));
+    let mut vulkan = open();
+    load(&mut vulkan, plan);
+    let mut pixel = || words(&frame(&mut vulkan, &with_output()).output.unwrap().bytes)[0];
+    let first = pixel();
+    assert_eq!([pixel(), pixel()], [first.wrapping_add(1), first.wrapping_add(2)]);
+    finish(vulkan);
+}
+
+#[test]
+fn devices_in_several_threads_do_not_disturb_one_another() {
+    let threads: Vec<_> = (0..3)
+        .map(|_| {
+            std::thread::spawn(|| {
+                let mut vulkan = open();
+                load(&mut vulkan, counter().0);
+                let counted: Vec<u32> = (0..3).map(|_| counts(&mut vulkan)).collect();
+                assert_eq!(counted, [101, 102, 103]);
+                // A device may move to another thread.
+                vulkan
+            })
+        })
+        .collect();
+    for thread in threads {
+        finish(thread.join().expect("the thread ends well"));
+    }
+}

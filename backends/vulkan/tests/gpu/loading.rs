@@ -1,0 +1,193 @@
+//! Loading: uploads, what is kept between plans, and what is refused.
+
+use crate::build::*;
+use splatgraph_api::{BackendError, Device, FrameInputs, Progress};
+use splatgraph_framework::plan::*;
+use splatgraph_vulkan::{Options, Validation, Vulkan};
+use std::sync::atomic::Ordering;
+
+/// Shows the scene's attribute `numbers`, plus a constant.
+fn numbers(count: u64, constant: u32) -> Plan {
+    let mut build = Build::new();
+    let source = build.scene("numbers", 2, 4, count);
+    let target = build.words("sum", count);
+    let shader = build.shader(
+        "sum.comp",
+        &format!(
+            "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) readonly buffer Source {{ uint source[]; }};
+layout(set = 0, binding = 1) writeonly buffer Target {{ uint target[]; }};
+void main() {{ uint i = gl_WorkGroupID.x; target[i] = source[i] + {constant}; }}"
+        ),
+    );
+    build.dispatch(Run::Once, "sum", shader, count as u32, &[(source, 0, READ), (target, 1, WRITE)]);
+    show(build, target)
+}
+
+fn scene(identity: u64, values: &[u32]) -> Scene {
+    Scene::new(identity, "numbers", 2, values.iter().flat_map(|v| v.to_le_bytes()).collect())
+}
+
+fn shown(vulkan: &mut Vulkan) -> Vec<u32> {
+    words(&frame(vulkan, &with_output()).output.unwrap().bytes)
+}
+
+#[test]
+fn another_plan_may_be_loaded_while_frames_are_in_flight_and_keeps_the_scenes_planes() {
+    let first = scene(1, &[5, 6, 7]);
+    let mut vulkan = open();
+    vulkan.load(numbers(3, 100), &first, &mut |_| {}).unwrap();
+    let pending = [vulkan.submit(&with_output()).unwrap(), vulkan.submit(&with_output()).unwrap()];
+    vulkan
+        .load(numbers(3, 200), &first, &mut |progress| {
+            assert!(!matches!(progress, Progress::Upload { .. }), "nothing is uploaded twice");
+        })
+        .unwrap();
+    assert_eq!(shown(&mut vulkan), [205, 206, 207]);
+    assert_eq!(first.asked.load(Ordering::Relaxed), 1);
+    for frame in pending {
+        assert_eq!(words(&vulkan.wait(frame).unwrap().output.unwrap().bytes), [105, 106, 107]);
+    }
+    // Other data comes under another identity.
+    let second = scene(2, &[8, 8, 8]);
+    vulkan.load(numbers(3, 200), &second, &mut |_| {}).unwrap();
+    assert_eq!(shown(&mut vulkan), [208, 208, 208]);
+    assert_eq!(second.asked.load(Ordering::Relaxed), 1);
+    finish(vulkan);
+}
+
+#[test]
+fn a_large_attribute_arrives_whole_and_tells_its_progress() {
+    // More than two chunks, and not a whole number of them.
+    let values: Vec<u32> = (0..10_000_000u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
+    let large = scene(1, &values);
+    let mut build = Build::new();
+    let source = build.scene("numbers", 2, 4, values.len() as u64);
+    let fold = build.words("fold", 1);
+    build.fill(Run::Frame, "clear", fold, 0);
+    let shader = build.shader(
+        "fold.comp",
+        "#version 460
+layout(local_size_x = 64) in;
+layout(set = 0, binding = 0) readonly buffer Source { uint source[]; };
+layout(set = 0, binding = 1) buffer Fold { uint fold; };
+void main() {
+    uint sum = 0;
+    for (uint i = gl_GlobalInvocationID.x; i < source.length(); i += 64 * 64) sum += source[i] ^ i;
+    atomicAdd(fold, sum);
+}",
+    );
+    build.dispatch(Run::Frame, "fold", shader, 64, &[(source, 0, READ), (fold, 1, BOTH)]);
+    let plan = show(build, fold);
+    let mut vulkan = open();
+    let mut told = Vec::new();
+    vulkan
+        .load(plan, &large, &mut |progress| {
+            if let Progress::Upload { done_bytes, of_bytes } = progress {
+                told.push((done_bytes, of_bytes));
+            }
+        })
+        .unwrap();
+    let expected = values.iter().enumerate().fold(0u32, |sum, (i, v)| sum.wrapping_add(v ^ i as u32));
+    assert_eq!(shown(&mut vulkan), [expected]);
+    assert_eq!(told.first(), Some(&(0, 40_000_000)));
+    assert_eq!(told.last(), Some(&(40_000_000, 40_000_000)));
+    assert!(told.len() > 2 && told.is_sorted(), "{told:?}");
+    finish(vulkan);
+}
+
+#[test]
+fn a_plan_that_cannot_be_loaded_leaves_the_former_one_running() {
+    let good = scene(1, &[1, 2]);
+    let mut vulkan = open();
+    vulkan.load(numbers(2, 0), &good, &mut |_| {}).unwrap();
+    let error = vulkan.load(numbers(2, 0), &Scene { identity: 2, ..Default::default() }, &mut |_| {});
+    assert!(matches!(error, Err(BackendError::Scene(_))));
+    assert_eq!(error_of(error), "the scene cannot give plane 2 of `numbers`");
+    assert_eq!(shown(&mut vulkan), [1, 2]);
+    finish(vulkan);
+}
+
+/// What loading a plan that was altered says.
+fn refused(alter: impl FnOnce(&mut Plan)) -> String {
+    let mut plan = numbers(4, 0);
+    alter(&mut plan);
+    let mut vulkan = open();
+    let said = error_of(vulkan.load(plan, &scene(1, &[0; 4]), &mut |_| {}));
+    finish(vulkan);
+    said
+}
+
+#[test]
+fn a_buffer_that_is_too_large_to_bind_is_named_with_its_size_and_the_limit() {
+    let info = Vulkan::devices().unwrap().remove(0);
+    let Value::Int(most) = info.facts["device.max_storage_bytes"] else { panic!("not an integer") };
+    let said =
+        refused(|plan| plan.resources[1].shape = Shape::Buffer { stride: 4, count: most as u64 / 4 + 1 });
+    assert!(said.contains("`sum`") && said.contains("MiB"), "{said}");
+}
+
+#[test]
+fn too_many_push_constants_and_workgroups_and_too_large_images_are_named() {
+    let said = refused(|plan| plan.passes[0].push = vec![0; 1 << 16]);
+    assert!(said.contains("pass `sum` has 65536 bytes of push constants"), "{said}");
+    let groups = Groups::Direct([1, u32::MAX, 1]);
+    let said = refused(|plan| {
+        let Work::Dispatch { groups: g, .. } = &mut plan.passes[0].work else { panic!("not a dispatch") };
+        *g = groups;
+    });
+    assert!(said.contains("pass `sum` dispatches [1, 4294967295, 1] workgroups"), "{said}");
+    let format = Format::R32Uint;
+    let said = refused(|plan| plan.resources[2].shape = Shape::Image { format, width: 1 << 20, height: 1 });
+    assert!(said.contains("image `row` is 1048576 x 1 pixels"), "{said}");
+}
+
+#[test]
+fn a_plan_from_a_file_has_no_code_and_says_so() {
+    let said = refused(|plan| plan.shaders[0].spirv = Default::default());
+    assert!(said.contains("`sum.comp` has no code"), "{said}");
+}
+
+#[test]
+fn memory_lists_the_plans_resources_then_the_scenes_planes_then_the_backends_own() {
+    let mut vulkan = open();
+    assert_eq!(vulkan.memory(), []);
+    vulkan.load(numbers(4, 0), &scene(1, &[0; 4]), &mut |_| {}).unwrap();
+    frame(&mut vulkan, &with_output());
+    let memory = vulkan.memory();
+    let names: Vec<&str> = memory.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["sum", "row", "numbers", "readback"]);
+    assert!(memory.iter().all(|&(_, bytes)| bytes >= 16), "{memory:?}");
+    finish(vulkan);
+}
+
+#[test]
+fn devices_are_listed_with_the_facts_that_graphs_can_use() {
+    let devices = Vulkan::devices().unwrap();
+    let fit = devices.iter().find(|device| device.unfit.is_none()).expect("a device that can run plans");
+    let facts: Vec<&str> = fit.facts.keys().map(String::as_str).collect();
+    assert_eq!(
+        facts,
+        [
+            "device.max_groups_x",
+            "device.max_invocations",
+            "device.max_storage_bytes",
+            "device.shared_bytes",
+            "device.subgroup_size"
+        ]
+    );
+    assert!(fit.facts.values().all(|fact| matches!(fact, Value::Int(value) if *value > 0)), "{fit:?}");
+    let absent = Options { device: Some("no such device".to_string()), validation: Validation::Off };
+    assert!(error_of(Vulkan::open(&absent)).contains(&fit.name));
+}
+
+#[test]
+fn a_plan_without_validation_runs_too() {
+    let options = Options { device: Some("0".to_string()), validation: Validation::Off };
+    let mut vulkan = Vulkan::open(&options).unwrap();
+    vulkan.load(numbers(2, 1), &scene(1, &[1, 2]), &mut |_| {}).unwrap();
+    assert_eq!(shown(&mut vulkan), [2, 3]);
+    vulkan.submit(&FrameInputs::default()).unwrap();
+    // Dropped with a frame in flight.
+}
