@@ -219,20 +219,27 @@ pub(crate) fn create(
 
     // What every device of version 1.3 has is asked for outright. The rest serves shaders that need it: its absence
     // is an error only when a pipeline is made from such a shader.
-    let mut core = vk::PhysicalDeviceFeatures::default();
-    core.independent_blend = has10.independent_blend;
-    core.shader_int16 = has10.shader_int16;
-    core.shader_int64 = has10.shader_int64;
-    core.vertex_pipeline_stores_and_atomics = has10.vertex_pipeline_stores_and_atomics;
-    core.fragment_stores_and_atomics = has10.fragment_stores_and_atomics;
-    core.shader_storage_buffer_array_dynamic_indexing = has10.shader_storage_buffer_array_dynamic_indexing;
-    let mut vulkan11 = vk::PhysicalDeviceVulkan11Features::default();
-    vulkan11.storage_buffer16_bit_access = has11.storage_buffer16_bit_access;
-    let mut vulkan12 = vk::PhysicalDeviceVulkan12Features::default().host_query_reset(true);
-    vulkan12.shader_float16 = has12.shader_float16;
-    vulkan12.scalar_block_layout = has12.scalar_block_layout;
-    vulkan12.vulkan_memory_model = has12.vulkan_memory_model;
-    vulkan12.vulkan_memory_model_device_scope = has12.vulkan_memory_model_device_scope;
+    let core = vk::PhysicalDeviceFeatures {
+        independent_blend: has10.independent_blend,
+        shader_int16: has10.shader_int16,
+        shader_int64: has10.shader_int64,
+        vertex_pipeline_stores_and_atomics: has10.vertex_pipeline_stores_and_atomics,
+        fragment_stores_and_atomics: has10.fragment_stores_and_atomics,
+        shader_storage_buffer_array_dynamic_indexing: has10.shader_storage_buffer_array_dynamic_indexing,
+        ..Default::default()
+    };
+    let mut vulkan11 = vk::PhysicalDeviceVulkan11Features {
+        storage_buffer16_bit_access: has11.storage_buffer16_bit_access,
+        ..Default::default()
+    };
+    let mut vulkan12 = vk::PhysicalDeviceVulkan12Features {
+        host_query_reset: vk::TRUE,
+        shader_float16: has12.shader_float16,
+        scalar_block_layout: has12.scalar_block_layout,
+        vulkan_memory_model: has12.vulkan_memory_model,
+        vulkan_memory_model_device_scope: has12.vulkan_memory_model_device_scope,
+        ..Default::default()
+    };
     let mut vulkan13 = vk::PhysicalDeviceVulkan13Features::default()
         .synchronization2(true)
         .dynamic_rendering(true)

@@ -150,7 +150,7 @@ impl<'a> Checker<'a> {
     ) -> Result<&'a Resource, BackendError> {
         let resource = self.resources(id, user)?;
         let inside = offset.checked_add(bytes).is_some_and(|end| end <= resource.bytes());
-        if resource.is_image() || !inside || offset % 4 != 0 {
+        if resource.is_image() || !inside || !offset.is_multiple_of(4) {
             return invalid(format!(
                 "`{user}` uses {bytes} bytes at byte {offset} of `{}`, which has {} bytes in words of 4",
                 resource.name,
@@ -217,7 +217,7 @@ impl<'a> Checker<'a> {
                 self.limits.max_push_bytes
             ));
         }
-        if pass.push.len() % 4 != 0 {
+        if !pass.push.len().is_multiple_of(4) {
             return invalid(format!(
                 "pass `{name}` has {} bytes of push constants, not whole words",
                 pass.push.len()
@@ -237,7 +237,7 @@ impl<'a> Checker<'a> {
             Work::Fill { buffer, .. } => {
                 let bytes = self.used(*buffer, Usage::COPY_TARGET, name)?.bytes();
                 let resource = self.words(*buffer, 0, bytes, name)?;
-                if bytes % 4 != 0 {
+                if !bytes.is_multiple_of(4) {
                     return invalid(format!(
                         "pass `{name}` fills `{}`, which is not whole words",
                         resource.name
@@ -470,7 +470,8 @@ mod tests {
     #[test]
     fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
         let nowhere = ResourceId(77);
-        let alterations: [(&str, fn(&mut Plan)); 14] = [
+        type Alteration = fn(&mut Plan);
+        let alterations: [(&str, Alteration); 14] = [
             ("version", |plan| plan.version += 1),
             ("pass 9", |plan| plan.frame[0].pass = PassId(9)),
             ("in two steps", |plan| plan.frame[0].pass = PassId(0)),

@@ -213,12 +213,12 @@ pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgrou
         return Subgroups::default();
     }
     let invocations: u64 = shader.local_size.iter().map(|&n| n as u64).product();
-    let whole = shader.local_size[0] % limits.size == 0;
+    let whole = shader.local_size[0].is_multiple_of(limits.size);
     let fits = invocations <= limits.size as u64 * limits.max_per_group as u64;
     // With a size asked for, x must be a multiple of it and the subgroups must not be too many. With none asked for,
     // a SPIR-V 1.6 shader may get any size, so that full subgroups need a multiple of the largest.
     let selected = limits.selectable && fits && whole;
-    let full = selected || (limits.max_size > 0 && shader.local_size[0] % limits.max_size == 0);
+    let full = selected || (limits.max_size > 0 && shader.local_size[0].is_multiple_of(limits.max_size));
     Subgroups { size: selected.then_some(limits.size), full }
 }
 

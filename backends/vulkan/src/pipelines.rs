@@ -13,6 +13,7 @@ use ash::vk;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress};
 use splatgraph_framework::plan::{Pass, Plan, ShaderId};
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 pub(crate) struct PipelineLayout {
@@ -53,8 +54,8 @@ impl Pipelines {
             let name = &plan.shader(shaders[0]).name;
             progress(Progress::Pipeline { done, of: lowered.pipelines.len(), shader: name });
             for shader in shaders {
-                if !modules.contains_key(&shader) {
-                    modules.insert(shader, module(gpu, plan, shader)?);
+                if let Entry::Vacant(entry) = modules.entry(shader) {
+                    entry.insert(module(gpu, plan, shader)?);
                 }
             }
             let raw = match state {

@@ -27,14 +27,12 @@ pub(crate) fn upload(
     if missing.is_empty() {
         return Ok(());
     }
-    let result = Uploader::new(gpu, missing).and_then(|mut uploader| {
-        let result = uploader.run(scene, missing, planes, progress);
-        if result.is_err() {
-            // Before the staging buffer is dropped.
-            gpu.wait_idle();
-        }
-        result
-    });
+    let mut uploader = Uploader::new(gpu, missing)?;
+    let result = uploader.run(scene, missing, planes, progress);
+    if result.is_err() {
+        // Before the staging buffer is dropped.
+        gpu.wait_idle();
+    }
     result
 }
 
