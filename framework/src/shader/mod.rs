@@ -143,5 +143,9 @@ pub struct Compiled {
 /// Compiles shaders, and remembers what it compiled. The one implementation is `Glslang` (feature `glslang`); tests
 /// of the rest of the framework can stand in with reflections made by hand.
 pub trait ShaderCompiler {
-    fn compile(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> Result<Compiled, Vec<Diagnostic>>;
+    fn compile(
+        &mut self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+    ) -> Result<Compiled, Vec<Diagnostic>>;
 }

@@ -1,0 +1,444 @@
+//! From glslang's log to diagnostics.
+//!
+//! A line of the log is `ERROR: 2:14:9: 'keys' : undeclared identifier`: the file (here by our own number), line,
+//! column, the token where it happened, and what happened. The column cannot be taken as it is. glslang parses what its
+//! own preprocessor printed, with macros expanded and with spaces of its own, so the column is one of a text that
+//! nobody has seen. Lines are kept. So the token is looked for in the line, and if it stands there more than once the
+//! column helps: [`printed_columns`] knows where the preprocessor puts each token.
+
+use std::ops::Range;
+
+use super::scan::{Token, TokenKind, lex};
+use super::{MOST_DIAGNOSTICS, ShaderRequest, Sources};
+use crate::source::{Diagnostic, SourceMap, Span, nearest};
+
+/// The diagnostics that a log gives, at least one.
+pub(super) fn diagnose(
+    files: &mut SourceMap,
+    request: &ShaderRequest,
+    sources: &Sources,
+    log: &str,
+) -> Vec<Diagnostic> {
+    let mut diagnostics: Vec<Diagnostic> = Vec::new();
+    let mut lines = Vec::new();
+    for entry in entries(log) {
+        // What follows in the same line as an error is most often a consequence of it.
+        if entry.place.is_some() && lines.contains(&entry.place.map(|p| (p.unit, p.line))) {
+            continue;
+        }
+        lines.push(entry.place.map(|p| (p.unit, p.line)));
+        diagnostics.push(entry.diagnose(files, request, sources));
+        if diagnostics.len() == MOST_DIAGNOSTICS {
+            break;
+        }
+    }
+    if diagnostics.is_empty() {
+        let span = span_in(files, request, sources, 0, first_line(&sources.units[0].text));
+        diagnostics.push(Diagnostic::new(
+            "the shader does not compile, and the compiler does not say why",
+            span,
+            "",
+        ));
+    }
+    diagnostics
+}
+
+/// Where the first of the units' identifiers that a message quotes (`` `so` ``) stands; the shader's first line if none is found.
+pub(super) fn find_quoted(
+    files: &mut SourceMap,
+    request: &ShaderRequest,
+    sources: &Sources,
+    message: &str,
+) -> Span {
+    for quoted in message.split('`').skip(1).step_by(2).filter(|quoted| !quoted.is_empty()) {
+        for (index, unit) in sources.units.iter().enumerate() {
+            let tokens = lex(&unit.text);
+            if let Some(token) = tokens.iter().find(|t| t.of(&unit.text) == quoted) {
+                return span_in(files, request, sources, index, token.range());
+            }
+        }
+    }
+    span_in(files, request, sources, 0, first_line(&sources.units[0].text))
+}
+
+pub(super) fn first_line(text: &str) -> Range<usize> {
+    0..text.find('\n').unwrap_or(text.len())
+}
+
+fn span_in(
+    files: &mut SourceMap,
+    request: &ShaderRequest,
+    sources: &Sources,
+    unit: usize,
+    place: Range<usize>,
+) -> Span {
+    let file = sources.units[unit].origin.file(files, request);
+    Span { file, start: place.start, end: place.end }
+}
+
+/// One error of the log.
+#[derive(Debug, PartialEq)]
+struct Entry<'l> {
+    place: Option<Place>,
+    /// The token that glslang quotes, if it does.
+    token: Option<&'l str>,
+    message: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Place {
+    unit: usize,
+    /// From 1, as is the column; 0 where glslang knows none.
+    line: usize,
+    column: usize,
+}
+
+/// The errors of a log, without those that only say that there were errors.
+fn entries(log: &str) -> Vec<Entry<'_>> {
+    const PREFIXES: [&str; 4] = ["ERROR: ", "INTERNAL ERROR: ", "UNIMPLEMENTED: ", "UNKNOWN ERROR: "];
+    let mut entries: Vec<Entry> = Vec::new();
+    for line in log.lines() {
+        let Some(rest) = PREFIXES.iter().find_map(|prefix| line.strip_prefix(prefix)) else {
+            // An entry can go on in lines that are indented.
+            if let (true, Some(last)) = (line.starts_with([' ', '\t']), entries.last_mut()) {
+                last.message = format!("{} {}", last.message, line.trim());
+            }
+            continue;
+        };
+        let (place, rest) = split_place(rest);
+        let (token, message) = match rest.strip_prefix('\'').and_then(|r| r.split_once("' : ")) {
+            Some((token, message)) => (Some(token).filter(|t| !t.is_empty()), message),
+            None => (None, rest),
+        };
+        let message = plain_types(&message.split_whitespace().collect::<Vec<_>>().join(" "));
+        if message == "compilation terminated" || message.ends_with("No code generated.") {
+            continue;
+        }
+        entries.push(Entry { place, token, message });
+    }
+    entries
+}
+
+/// Takes `0:12:5: ` from the front.
+fn split_place(text: &str) -> (Option<Place>, &str) {
+    let parse = || {
+        let (head, rest) = text.split_once(": ")?;
+        let mut parts = head.rsplitn(3, ':');
+        let column = parts.next()?.parse::<i64>().ok()?;
+        let line = parts.next()?.parse::<i64>().ok()?;
+        // A name that is none of ours comes from a `#line` in the shader.
+        let unit = parts.next()?.parse().unwrap_or(0);
+        Some((Place { unit, line: line.max(0) as usize, column: column.max(0) as usize }, rest))
+    };
+    match parse() {
+        Some((place, rest)) => (Some(place), rest),
+        None => (None, text),
+    }
+}
+
+impl Entry<'_> {
+    fn diagnose(&self, files: &mut SourceMap, request: &ShaderRequest, sources: &Sources) -> Diagnostic {
+        let Some(place) = self.place else {
+            let stages = ["vertex", "fragment", "compute"].map(|stage| format!("Linking {stage} stage: "));
+            let message =
+                stages.iter().find_map(|s| self.message.strip_prefix(s.as_str())).unwrap_or(&self.message);
+            // Functions are named as `f(` and the types of their parameters.
+            let functions: String = message
+                .split_whitespace()
+                .filter_map(|word| word.split_once('('))
+                .map(|(name, _)| format!("`{name}`"))
+                .collect();
+            let span = find_quoted(files, request, sources, &functions);
+            return Diagnostic::new(message, span, "");
+        };
+        let unit = if place.unit < sources.units.len() { place.unit } else { 0 };
+        let text = &sources.units[unit].text;
+        let syntax = SyntaxError::parse(&self.message);
+        let is_macro = |name: &str| {
+            sources.macros.contains(name) || request.defines.iter().any(|(define, _)| define == name)
+        };
+        let wanted = |token: &Token| match (&syntax, self.token) {
+            (Some(syntax), _) => syntax.is_about(token, text),
+            (None, Some(quoted)) => token.of(text) == spelling(quoted),
+            (None, None) => false,
+        };
+        let (range, token) = locate(text, place, wanted, is_macro);
+        let found = token.map(|token| token.of(text));
+        let span = span_in(files, request, sources, unit, range);
+        if let Some(syntax) = syntax {
+            return Diagnostic::new(syntax.message(found), span, syntax.label());
+        }
+        let message = match self.token {
+            Some("assign") => format!("`=`: {}", self.message),
+            Some(token) => format!("`{token}`: {}", self.message),
+            None => self.message.clone(),
+        };
+        let unknown = ["undeclared identifier", "no matching overloaded function found"];
+        let label = match self.token.filter(|_| unknown.contains(&self.message.as_str())) {
+            Some(name) => {
+                let known =
+                    sources.identifiers.iter().chain(request.defines.iter().map(|(define, _)| define));
+                let known: Vec<&str> = known.map(String::as_str).filter(|known| *known != name).collect();
+                let same = known.iter().copied().find(|known| known.eq_ignore_ascii_case(name));
+                same.or(nearest(name, known)).map(|near| format!("did you mean `{near}`?"))
+            }
+            None => None,
+        };
+        Diagnostic::new(message, span, label.unwrap_or_default())
+    }
+}
+
+/// The place in a text that an error is about: the nearest token that is wanted, the token at the error's column, or the
+/// whole line.
+fn locate(
+    text: &str,
+    place: Place,
+    wanted: impl Fn(&Token) -> bool,
+    is_macro: impl Fn(&str) -> bool,
+) -> (Range<usize>, Option<Token>) {
+    let mut line = line_range(text, place.line);
+    // What is missing at the end is missed after the last line that has something.
+    while line.start > 0 && text[line.clone()].trim().is_empty() {
+        line = line_before(text, line.start);
+    }
+    let tokens: Vec<Token> = lex(text).into_iter().filter(|t| line.contains(&t.start)).collect();
+    let tokens: Vec<Token> = tokens.into_iter().filter(|t| t.kind != TokenKind::Newline).collect();
+    let printed = printed_columns(text, line.start, &tokens);
+    // Errors of the preprocessor have columns as in the file, those of the parser as printed.
+    let distance = |i: usize| {
+        let in_file = tokens[i].start - line.start + 1;
+        in_file.abs_diff(place.column).min(printed[i].abs_diff(place.column))
+    };
+    let nearest = (0..tokens.len()).filter(|&i| wanted(&tokens[i])).min_by_key(|&i| distance(i));
+    let at_column = || {
+        let expanded = tokens.iter().position(|t| is_macro(t.of(text))).unwrap_or(tokens.len());
+        (0..tokens.len()).find(|&i| i <= expanded && printed[i] == place.column)
+    };
+    if let Some(i) = nearest.or_else(at_column) {
+        return (tokens[i].range(), Some(tokens[i]));
+    }
+    match (tokens.first(), tokens.last()) {
+        (Some(first), Some(last)) => (first.start..last.end, None),
+        // Only a comment stands there.
+        _ => (line, None),
+    }
+}
+
+/// The bytes of a line, without its end; of the last line for numbers beyond, of the first for 0.
+fn line_range(text: &str, number: usize) -> Range<usize> {
+    let mut start = 0;
+    for _ in 1..number {
+        match text[start..].find('\n') {
+            Some(end) if start + end + 1 < text.len() => start += end + 1,
+            _ => break,
+        }
+    }
+    start..start + text[start..].find('\n').unwrap_or(text.len() - start)
+}
+
+/// The bytes of the line before the one that starts at `start`, which is not 0.
+fn line_before(text: &str, start: usize) -> Range<usize> {
+    let end = start - 1;
+    text[..end].rfind('\n').map_or(0, |newline| newline + 1)..end
+}
+
+/// The column, from 1, at which glslang's preprocessor prints each token of a line without macros: the first stays where
+/// it is, the others follow with one space or none.
+fn printed_columns(text: &str, line_start: usize, tokens: &[Token]) -> Vec<usize> {
+    let mut columns = Vec::with_capacity(tokens.len());
+    let mut column = 0;
+    for (i, token) in tokens.iter().enumerate() {
+        let this = token.of(text);
+        if i == 0 {
+            column = token.start - line_start;
+        } else {
+            let last = tokens[i - 1];
+            let space = match this {
+                "(" => {
+                    last.kind != TokenKind::Identifier
+                        || matches!(last.of(text), "if" | "for" | "while" | "switch")
+                }
+                ";" | ")" | "[" | "]" | "." | "," => false,
+                _ => !matches!(last.of(text), "." | "(" | "["),
+            };
+            column += space as usize;
+        }
+        columns.push(column + 1);
+        column += this.len();
+    }
+    columns
+}
+
+/// `syntax error, unexpected SEMICOLON, expecting COMMA or RIGHT_PAREN`: the parser names tokens as its grammar does.
+struct SyntaxError<'m> {
+    unexpected: &'m str,
+    expecting: Vec<&'m str>,
+}
+
+impl<'m> SyntaxError<'m> {
+    fn parse(message: &'m str) -> Option<Self> {
+        let rest = message.strip_prefix("syntax error")?;
+        let rest = rest.strip_prefix(", unexpected ").unwrap_or_default();
+        let (unexpected, expecting) = rest.split_once(", expecting ").unwrap_or((rest, ""));
+        Some(SyntaxError {
+            unexpected,
+            expecting: expecting.split(" or ").filter(|e| !e.is_empty()).collect(),
+        })
+    }
+
+    fn is_about(&self, token: &Token, text: &str) -> bool {
+        match described(self.unexpected) {
+            "a name" | "a type's name" | "a member's name" => token.kind == TokenKind::Identifier,
+            "a number" => token.kind == TokenKind::Number,
+            _ => token.of(text).eq_ignore_ascii_case(grammar_spelling(self.unexpected)),
+        }
+    }
+
+    fn message(&self, found: Option<&str>) -> String {
+        match (found, self.unexpected) {
+            (Some(found), _) => format!("syntax error: unexpected `{found}`"),
+            (None, "") => "syntax error".to_string(),
+            (None, unexpected) => format!("syntax error: unexpected {}", quoted(unexpected)),
+        }
+    }
+
+    fn label(&self) -> String {
+        match self.expecting.as_slice() {
+            [] => String::new(),
+            expecting => {
+                let names: Vec<String> = expecting.iter().map(|e| quoted(e)).collect();
+                format!("expected {}", names.join(" or "))
+            }
+        }
+    }
+}
+
+/// What the grammar's name of a class of tokens means; empty for tokens that are always spelled alike.
+fn described(name: &str) -> &'static str {
+    match name {
+        "IDENTIFIER" => "a name",
+        "TYPE_NAME" | "USER_TYPE" => "a type's name",
+        "FIELD_SELECTION" => "a member's name",
+        "STRING_LITERAL" => "a text",
+        "$end" | "end of file" => "the end of the file",
+        _ if name.ends_with("CONSTANT") && name != "CONSTANT" => "a number",
+        _ => "",
+    }
+}
+
+fn quoted(name: &str) -> String {
+    match described(name) {
+        "" => {
+            let spelled = grammar_spelling(name);
+            if spelled == name { format!("`{}`", name.to_lowercase()) } else { format!("`{spelled}`") }
+        }
+        description => description.to_string(),
+    }
+}
+
+/// How a token of the grammar is spelled; keywords are named as they are spelled, in capitals.
+fn grammar_spelling(name: &str) -> &str {
+    match name {
+        "LEFT_OP" => "<<",
+        "RIGHT_OP" => ">>",
+        "INC_OP" => "++",
+        "DEC_OP" => "--",
+        "LE_OP" => "<=",
+        "GE_OP" => ">=",
+        "EQ_OP" => "==",
+        "NE_OP" => "!=",
+        "AND_OP" => "&&",
+        "OR_OP" => "||",
+        "XOR_OP" => "^^",
+        "MUL_ASSIGN" => "*=",
+        "DIV_ASSIGN" => "/=",
+        "MOD_ASSIGN" => "%=",
+        "ADD_ASSIGN" => "+=",
+        "SUB_ASSIGN" => "-=",
+        "LEFT_ASSIGN" => "<<=",
+        "RIGHT_ASSIGN" => ">>=",
+        "AND_ASSIGN" => "&=",
+        "XOR_ASSIGN" => "^=",
+        "OR_ASSIGN" => "|=",
+        "LEFT_PAREN" => "(",
+        "RIGHT_PAREN" => ")",
+        "LEFT_BRACKET" => "[",
+        "RIGHT_BRACKET" => "]",
+        "LEFT_BRACE" => "{",
+        "RIGHT_BRACE" => "}",
+        "DOT" => ".",
+        "COMMA" => ",",
+        "COLON" => ":",
+        "EQUAL" => "=",
+        "SEMICOLON" => ";",
+        "BANG" => "!",
+        "DASH" => "-",
+        "TILDE" => "~",
+        "PLUS" => "+",
+        "STAR" => "*",
+        "SLASH" => "/",
+        "PERCENT" => "%",
+        "LEFT_ANGLE" => "<",
+        "RIGHT_ANGLE" => ">",
+        "VERTICAL_BAR" => "|",
+        "CARET" => "^",
+        "AMPERSAND" => "&",
+        "QUESTION" => "?",
+        keyword => keyword,
+    }
+}
+
+/// The token that stands in the text for what glslang quotes.
+fn spelling(quoted: &str) -> &str {
+    match quoted {
+        "assign" => "=",
+        directive => directive.trim_start_matches('#'),
+    }
+}
+
+/// A message with types as GLSL writes them: `' temp highp 3-component vector of float'` is a `` `vec3` ``.
+fn plain_types(message: &str) -> String {
+    let parts: Vec<&str> = message.split('\'').collect();
+    // An even number of parts is an odd number of quotes: one of them is an apostrophe.
+    if parts.len().is_multiple_of(2) {
+        return message.to_string();
+    }
+    let plain = parts.iter().enumerate().map(|(i, part)| match i % 2 {
+        0 => part.to_string(),
+        _ => format!("`{}`", plain_type(part)),
+    });
+    plain.collect()
+}
+
+fn plain_type(description: &str) -> String {
+    let mut text = description;
+    if let Some((_, rest)) = text.strip_prefix("layout(").and_then(|rest| rest.split_once(')')) {
+        text = rest;
+    }
+    let implied = ["temp", "global", "highp", "mediump", "lowp"];
+    let words: Vec<&str> = text.split_whitespace().filter(|word| !implied.contains(word)).collect();
+    let prefix = |element: &str| match element {
+        "float" => Some(""),
+        "uint" => Some("u"),
+        "int" => Some("i"),
+        "bool" => Some("b"),
+        "double" => Some("d"),
+        _ => None,
+    };
+    if let [before @ .., size, shape @ ("vector" | "matrix"), "of", element] = words.as_slice() {
+        let short = match (*shape, size.split_once('-'), size.split_once('X'), prefix(element)) {
+            ("vector", Some((size, "component")), _, Some(prefix)) => Some(format!("{prefix}vec{size}")),
+            ("matrix", _, Some((columns, rows)), Some(prefix)) if columns == rows => {
+                Some(format!("{prefix}mat{columns}"))
+            }
+            ("matrix", _, Some((columns, rows)), Some(prefix)) => {
+                Some(format!("{prefix}mat{columns}x{rows}"))
+            }
+            _ => None,
+        };
+        if let Some(short) = short {
+            return before.iter().copied().chain([short.as_str()]).collect::<Vec<_>>().join(" ");
+        }
+    }
+    words.join(" ")
+}

@@ -1,0 +1,395 @@
+use super::*;
+use crate::source::{Library, render};
+
+/// Files in memory, and a compiler that remembers.
+struct Bench {
+    files: SourceMap,
+    compiler: Glslang,
+}
+
+impl Bench {
+    /// Files by their path, such as `shaders/sort.comp`.
+    fn new(files: &[(&str, &str)]) -> Bench {
+        let memory = files.iter().map(|(path, text)| (path.to_string(), text.to_string())).collect();
+        Bench { files: SourceMap::new(Library { memory, ..Library::default() }), compiler: Glslang::new() }
+    }
+
+    fn compile(&mut self, name: &str, defines: &[(&str, &str)]) -> Result<Compiled, String> {
+        self.compile_with(name, defines, &[])
+    }
+
+    fn compile_with(
+        &mut self,
+        name: &str,
+        defines: &[(&str, &str)],
+        generated: &[(&str, &str)],
+    ) -> Result<Compiled, String> {
+        self.diagnostics(name, defines, generated).map_err(|d| render(&self.files, &d, false))
+    }
+
+    fn diagnostics(
+        &mut self,
+        name: &str,
+        defines: &[(&str, &str)],
+        generated: &[(&str, &str)],
+    ) -> Result<Compiled, Vec<Diagnostic>> {
+        let owned = |pairs: &[(&str, &str)]| -> Vec<(String, String)> {
+            pairs.iter().map(|(a, b)| (a.to_string(), b.to_string())).collect()
+        };
+        let file = self.files.find(None, name, Kind::Shader).expect("the shader is there");
+        let stage = ShaderStage::of_file(name).unwrap_or(ShaderStage::Compute);
+        let request = ShaderRequest { file, stage, defines: &owned(defines), generated: &owned(generated) };
+        self.compiler.compile(&mut self.files, &request)
+    }
+}
+
+const HEAD: &str = "#version 460
+#extension GL_GOOGLE_include_directive : require
+layout(local_size_x = 64) in;
+layout(set = 0, binding = 0, std430) buffer Out { uint o[]; };
+";
+
+/// Diagnostics of one shader, as `line:column: text | message | label`.
+fn errors(body: &str) -> Vec<String> {
+    errors_of(&[("shaders/a.comp", &format!("{HEAD}{body}"))], &[])
+}
+
+fn errors_of(files: &[(&str, &str)], defines: &[(&str, &str)]) -> Vec<String> {
+    let mut bench = Bench::new(files);
+    let diagnostics = bench.diagnostics("a.comp", defines, &[]).expect_err("there are errors");
+    let line = |d: &Diagnostic| {
+        let span = d.primary.span;
+        let origin = bench.files.origin(span);
+        let text = &bench.files.text(span.file)[span.start..span.end];
+        let file = if origin.file == "shaders/a.comp" { String::new() } else { format!("{} ", origin.file) };
+        format!("{file}{}:{}: {text} | {} | {}", origin.line, origin.column, d.message, d.primary.text)
+    };
+    diagnostics.iter().map(line).collect()
+}
+
+#[test]
+fn errors_are_at_the_token_that_they_are_about() {
+    for (body, expected) in [
+        (
+            "void main() {\n  uint x = o[0] + undeclared;\n}",
+            "6:19: undeclared | `undeclared`: undeclared identifier | ",
+        ),
+        (
+            "void main() {\n  uint   x =   (3;\n}",
+            "6:18: ; | syntax error: unexpected `;` | expected `)` or `,`",
+        ),
+        (
+            "void main() {\n  uint x = 3\n  uint y;\n}",
+            "7:3: uint | syntax error: unexpected `uint` | expected `,` or `;`",
+        ),
+        (
+            "void main() { uint q = 2 /* x */ foo; }",
+            "5:34: foo | syntax error: unexpected `foo` | expected `,` or `;`",
+        ),
+        (
+            "void main() {\n\tvec3 a = vec2(1);\n}",
+            "6:9: = | `=`: cannot convert from `const vec2` to `vec3` | ",
+        ),
+        (
+            "void main() { o[0] = uvec2(3u); }",
+            "5:20: = | `=`: cannot convert from `const uvec2` to `uint` | ",
+        ),
+        (
+            "void main() { const int b = 3; b = 4; }",
+            "5:34: = | `=`: l-value required (can't modify a const) | ",
+        ),
+        ("void main() { uint z = 99999999999; }", "5:24: 99999999999 | numeric literal too big | "),
+        ("void main() { int a[3]; a[5] = 1; }", "5:26: [ | `[`: array index out of range `5` | "),
+        ("void main() {", "5:1: void main() { | syntax error: unexpected the end of the file | "),
+        ("/* unterminated", "5:1: /* unterminated | `comment`: End of input in comment | "),
+        ("#foo\nvoid main() { }", "5:1: #foo | `#`: invalid directive: foo | "),
+        ("// \u{e9}\u{fc}\nvoid main() { /* \u{e9} */ x = 3; }", "6:23: x | `x`: undeclared identifier | "),
+        (
+            "#define A B\nvoid main() { uint A = 3, q = 2 A; }",
+            "6:33: A | syntax error: unexpected `A` | expected `,` or `;`",
+        ),
+        (
+            "void g(); void f() { g(); } void g() { f(); }\nvoid main() { f(); }",
+            "5:16: f | Recursion detected: f( calling g( | ",
+        ),
+    ] {
+        assert_eq!(errors(body), [expected], "{body}");
+    }
+}
+
+#[test]
+fn a_name_that_is_nearly_right_is_offered() {
+    let body = "uint helper(uint x) { return x; }\nvoid main() { o[0] = helpr(3u); }";
+    assert_eq!(
+        errors(body),
+        ["6:22: helpr | `helpr`: no matching overloaded function found | did you mean `helper`?"]
+    );
+    let shader = format!("{HEAD}void main() {{ o[0] = digit_bits; }}");
+    let found = errors_of(&[("shaders/a.comp", &shader)], &[("DIGIT_BITS", "8")]);
+    assert_eq!(
+        found,
+        ["5:22: digit_bits | `digit_bits`: undeclared identifier | did you mean `DIGIT_BITS`?"]
+    );
+}
+
+#[test]
+fn several_errors_are_several_diagnostics() {
+    let found = errors("#if 1\n#error bad thing\nvoid main() { }");
+    assert_eq!(found, ["6:2: error | `#error`: bad thing | ", "7:1: void main() { } | missing #endif | "]);
+}
+
+#[test]
+fn what_follows_an_error_in_its_line_is_left_out() {
+    let log = "ERROR: 0:6:15: 'x' : undeclared identifier \nERROR: 0:6:7: '=' :  cannot convert from ' temp float' to ' temp int'\n\
+               ERROR: 0:8:25: '' : compilation terminated \nERROR: 2 compilation errors.  No code generated.\n\n";
+    let mut bench = Bench::new(&[("shaders/a.comp", &format!("{HEAD}\nx = y;\n"))]);
+    let file = bench.files.find(None, "a.comp", Kind::Shader).unwrap();
+    let request = ShaderRequest { file, stage: ShaderStage::Compute, defines: &[], generated: &[] };
+    let sources = Sources::gather(&mut bench.files, &request).unwrap();
+    let found = log::diagnose(&mut bench.files, &request, &sources, log);
+    assert_eq!(found.iter().map(|d| d.message.as_str()).collect::<Vec<_>>(), ["`x`: undeclared identifier"]);
+}
+
+#[test]
+fn an_error_in_an_included_file_is_shown_there() {
+    let shader = format!("{HEAD}#include \"common/math.glsl\"\nvoid main() {{ o[0] = twice(BITS); }}\n");
+    let math = "#define TWO 2u\n\nuint twice(uint x) {\n    return TWO * y;\n}\n";
+    let files = [("shaders/a.comp", shader.as_str()), ("shaders/common/math.glsl", math)];
+    let found = errors_of(&files, &[("BITS", "3")]);
+    assert_eq!(found, ["shaders/common/math.glsl 4:18: y | `y`: undeclared identifier | "]);
+    // After the include, lines are those of the shader again, and the defines move none.
+    let shader = shader.replace("twice(BITS)", "BITS + z");
+    let math = math.replace('y', "x");
+    let files = [("shaders/a.comp", shader.as_str()), ("shaders/common/math.glsl", math.as_str())];
+    assert_eq!(errors_of(&files, &[("BITS", "3")]), ["6:29: z | `z`: undeclared identifier | "]);
+}
+
+#[test]
+fn a_missing_include_is_an_error_at_its_line_with_the_nearest_name() {
+    let shader = format!("{HEAD}#include \"camra.glsl\"\nvoid main() {{ }}\n");
+    let found = errors_of(&[("shaders/a.comp", &shader), ("shaders/camera.glsl", "")], &[]);
+    assert_eq!(found, ["5:11: camra.glsl | there is no shader `camra.glsl` | did you mean `camera.glsl`?"]);
+}
+
+#[test]
+fn a_missing_include_that_an_if_hides_is_none() {
+    let shader = format!("{HEAD}#if 0\n#include \"missing.glsl\"\n#endif\nvoid main() {{ o[0] = 1; }}\n");
+    Bench::new(&[("shaders/a.comp", &shader)]).compile("a.comp", &[]).unwrap();
+}
+
+#[test]
+fn include_cycles_are_errors_unless_guarded() {
+    let shader = format!("{HEAD}#include \"b.glsl\"\nvoid main() {{ o[0] = 1; }}\n");
+    let files = [
+        ("shaders/a.comp", shader.as_str()),
+        ("shaders/b.glsl", "#include \"c.glsl\"\n"),
+        ("shaders/c.glsl", "\n  #include <b.glsl>\n"),
+    ];
+    let mut bench = Bench::new(&files);
+    let error = bench.compile("a.comp", &[]).unwrap_err();
+    assert!(error.contains("includes itself"), "{error}");
+    assert!(error.contains("`shaders/b.glsl` includes `shaders/c.glsl`"), "{error}");
+    let guarded = "#ifndef B\n#define B\n#include \"c.glsl\"\n#endif\n";
+    Bench::new(&[files[0], ("shaders/b.glsl", guarded), files[2]]).compile("a.comp", &[]).unwrap();
+}
+
+#[test]
+fn includes_that_multiply_are_an_error_and_no_hang() {
+    let mut files =
+        vec![("shaders/a.comp".to_string(), format!("{HEAD}#include \"0\"\nvoid main() {{ }}\n"))];
+    for i in 0..30 {
+        files.push((format!("shaders/{i}"), format!("#include \"{0}\"\n#include \"{0}\"\n", i + 1)));
+    }
+    files.push(("shaders/30".into(), "\n".into()));
+    let files: Vec<(&str, &str)> = files.iter().map(|(a, b)| (a.as_str(), b.as_str())).collect();
+    let found = errors_of(&files, &[]);
+    assert!(found[0].contains("the included files together are more than 4 MiB"), "{found:?}");
+    let deep: Vec<(String, String)> =
+        (0..40).map(|i| (format!("shaders/{i}"), format!("#include \"{}\"\n", i + 1))).collect();
+    let mut files: Vec<(&str, &str)> = deep.iter().map(|(a, b)| (a.as_str(), b.as_str())).collect();
+    let shader = format!("{HEAD}#include \"0\"\nvoid main() {{ }}\n");
+    files.extend([("shaders/a.comp", shader.as_str()), ("shaders/40", "")]);
+    assert_eq!(
+        errors_of(&files, &[]),
+        ["shaders/31 1:11: 32 | includes are nested deeper than 32 | the limit is passed here"]
+    );
+}
+
+#[test]
+fn too_much_text_is_an_error() {
+    let shader = format!("{HEAD}void main() {{ o[0] = {}; }}", vec!["1u"; 200_000].join("+"));
+    let found = errors_of(&[("shaders/a.comp", &shader)], &[]);
+    assert!(found[0].contains("256 KiB"), "{found:?}");
+}
+
+#[test]
+fn the_longest_sum_compiles() {
+    let shader = format!("{HEAD}void main() {{ o[0] = {}; }}", vec!["o[1]"; 50_000].join("+"));
+    Bench::new(&[("shaders/a.comp", &shader)]).compile("a.comp", &[]).unwrap();
+}
+
+#[test]
+fn generated_files_come_before_all_others() {
+    let shader = format!("{HEAD}#include \"live.glsl\"\nvoid main() {{ o[0] = uint(cutoff); }}\n");
+    let mut bench = Bench::new(&[("shaders/a.comp", &shader), ("shaders/live.glsl", "nonsense")]);
+    let live = "layout(set = 0, binding = 31, std140) uniform Live { float cutoff; };\n";
+    let compiled = bench.compile_with("a.comp", &[], &[("live.glsl", live)]).unwrap();
+    assert!(compiled.reflection.bindings.iter().any(|b| b.name == "Live"));
+    let wrong = bench.compile_with("a.comp", &[], &[("live.glsl", "float cutoff = nothing;\n")]).unwrap_err();
+    assert!(wrong.contains("live.glsl (generated):1:16"), "{wrong}");
+    let opened = bench.files.opened().count();
+    bench.compile_with("a.comp", &[], &[("live.glsl", "float cutoff = nothing;\n")]).unwrap_err();
+    assert_eq!(bench.files.opened().count(), opened, "the same generated text is added once");
+}
+
+#[test]
+fn defines_change_only_the_shaders_that_mention_them() {
+    let a = format!("{HEAD}#include \"inc.glsl\"\nvoid main() {{ o[0] = A + inc; }} // B\n");
+    let b = format!("{HEAD}#ifdef B\nvoid main() {{ o[0] = B; }}\n#endif\n");
+    let mut bench = Bench::new(&[
+        ("shaders/a.comp", &a),
+        ("shaders/b.comp", &b),
+        ("shaders/inc.glsl", "const uint inc = C;\n"),
+    ]);
+    let base = [("A", "1"), ("B", "2"), ("C", "3"), ("D", "4")];
+    let first = bench.compile("a.comp", &base).unwrap();
+    assert_eq!(first.defines, [("A".to_string(), "1".to_string()), ("C".to_string(), "3".to_string())]);
+    bench.compile("b.comp", &base).unwrap();
+    assert_eq!(bench.compiler.compiled_count(), 2);
+    let other_b = [("A", "1"), ("B", "20"), ("C", "3"), ("D", "40")];
+    assert_eq!(bench.compile("a.comp", &other_b).unwrap().spirv, first.spirv);
+    assert_eq!(bench.compiler.compiled_count(), 2, "neither B nor D is mentioned in a.comp");
+    bench.compile("b.comp", &other_b).unwrap();
+    assert_eq!(bench.compiler.compiled_count(), 3);
+    let other_c = [("A", "1"), ("B", "2"), ("C", "30"), ("D", "4")];
+    assert_ne!(bench.compile("a.comp", &other_c).unwrap().spirv, first.spirv);
+    assert_eq!(bench.compiler.compiled_count(), 4, "C is mentioned in what a.comp includes");
+    bench.compile("a.comp", &base).unwrap();
+    assert_eq!(bench.compiler.compiled_count(), 4, "the first outcome is still known");
+}
+
+#[test]
+fn an_edited_include_is_compiled_again_by_the_same_compiler() {
+    let shader = format!("{HEAD}#include \"inc.glsl\"\nvoid main() {{ o[0] = inc; }}\n");
+    let mut bench = Bench::new(&[("shaders/a.comp", &shader), ("shaders/inc.glsl", "const uint inc = 1;\n")]);
+    bench.compile("a.comp", &[]).unwrap();
+    for (text, count) in [("const uint inc = 2;\n", 2), ("const uint inc = 1;\n", 2)] {
+        let edited = Bench::new(&[("shaders/a.comp", &shader), ("shaders/inc.glsl", text)]);
+        bench.files = edited.files;
+        bench.compile("a.comp", &[]).unwrap();
+        assert_eq!(bench.compiler.compiled_count(), count);
+    }
+}
+
+#[test]
+fn a_shader_can_have_a_default_for_a_define() {
+    let shader =
+        format!("{HEAD}#ifndef N\n#define N 4\n#endif\nshared uint s[N];\nvoid main() {{ s[0] = 1; }}\n");
+    let mut bench = Bench::new(&[("shaders/a.comp", &shader)]);
+    assert_eq!(bench.compile("a.comp", &[]).unwrap().reflection.shared_bytes, 16);
+    assert_eq!(bench.compile("a.comp", &[("N", "8")]).unwrap().reflection.shared_bytes, 32);
+    let again = format!("{HEAD}#define N 5\nvoid main() {{ }}\n");
+    let found = errors_of(&[("shaders/a.comp", &again)], &[("N", "8")]);
+    assert_eq!(found, ["5:2: define | `#define`: Macro redefined; different substitutions: N | "]);
+}
+
+#[test]
+fn the_version_must_be_460() {
+    let versions =
+        ["", "\n", "void main() {}", "#version 330\nvoid main() {}", "#version 460 es\n", "#version 46"];
+    for text in versions {
+        let mut bench = Bench::new(&[("shaders/a.comp", text)]);
+        let error = bench.compile("a.comp", &[]).unwrap_err();
+        assert!(error.contains("not declared to be GLSL 4.60"), "{text}: {error}");
+    }
+    for text in ["#version 460\nvoid main() {}", "// so\r\n#version 460 core\r\nvoid main() {}\r\n"] {
+        Bench::new(&[("shaders/a.comp", text)]).compile("a.comp", &[]).unwrap();
+    }
+}
+
+#[test]
+fn a_byte_order_mark_and_foreign_comments_are_allowed() {
+    let shader = format!("\u{feff}{HEAD}// \u{e9}\0\nvoid main() {{ /* \u{1f600} */ o[0] = 1; }}\n");
+    Bench::new(&[("shaders/a.comp", &shader)]).compile("a.comp", &[]).unwrap();
+    assert_eq!(
+        errors("float \u{e9};"),
+        ["5:7: \u{e9} | GLSL has only ASCII characters outside of comments | not allowed"]
+    );
+    assert_eq!(errors("uint \0;").len(), 1);
+}
+
+#[test]
+fn a_shader_that_crashes_the_compiler_is_an_error() {
+    // A shared array with the name of a block.
+    let found = errors("shared uint Out[64];\nvoid main() { Out[0] = 1; }");
+    assert!(found[0].contains("the compiler crashed on this shader"), "{found:?}");
+    assert!(errors("void main() { x = 1; }")[0].contains("undeclared"), "and the next one is compiled");
+}
+
+#[test]
+fn broken_shaders_never_panic_and_always_say_something() {
+    let shader = format!(
+        "{HEAD}#include \"inc.glsl\"
+layout(set = 0, binding = 1, std140) uniform U {{ mat4 view; vec3 v[2]; }};
+layout(push_constant) uniform Push {{ uint shift; }} push;
+shared uint table[N * 2];
+#if N > 3
+uint digit(uint key) {{ return (key >> push.shift) & 0xffu; }}
+#endif
+void main() {{
+    for (int i = 0; i < N; ++i) {{ table[i] = digit(o[i]); }}
+    barrier();
+    o[gl_GlobalInvocationID.x] = table[0] + uint(dot(v[0], (view * vec4(1.0e-3)).xyz) * half_of(2.0));
+    atomicAdd(o[1], 1u);
+}}\n"
+    );
+    let inc = "float half_of(float x) { return x * 0.5; }\n";
+    let mut bench = Bench::new(&[("shaders/a.comp", &shader), ("shaders/inc.glsl", inc)]);
+    bench.compile("a.comp", &[("N", "8")]).unwrap();
+    let mut random = 0x9e37_79b9_7f4a_7c15u64;
+    let mut next = |below: usize| {
+        random ^= random << 13;
+        random ^= random >> 7;
+        random ^= random << 17;
+        (random % below as u64) as usize
+    };
+    let pieces = [
+        "(",
+        ")",
+        "{",
+        "}",
+        ";",
+        "#",
+        "\"",
+        "/*",
+        "\\\n",
+        "#include \"inc.glsl\"\n",
+        "0",
+        "\0",
+        "\u{e9}",
+        "void",
+        "[]",
+    ];
+    for _ in 0..200 {
+        let mut bytes = shader.as_bytes().to_vec();
+        for _ in 0..1 + next(3) {
+            let at = next(bytes.len());
+            match next(4) {
+                0 => bytes.truncate(at),
+                1 => bytes[at] = next(256) as u8,
+                2 => drop(bytes.drain(at..(at + next(20)).min(bytes.len()))),
+                _ => drop(bytes.splice(at..at, pieces[next(pieces.len())].bytes())),
+            }
+            if bytes.is_empty() {
+                break;
+            }
+        }
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        let broken = Bench::new(&[("shaders/a.comp", &text), ("shaders/inc.glsl", inc)]);
+        bench.files = broken.files;
+        if let Err(diagnostics) = bench.diagnostics("a.comp", &[("N", "8")], &[]) {
+            assert!(!diagnostics.is_empty() && diagnostics.len() <= MOST_DIAGNOSTICS);
+            render(&bench.files, &diagnostics, false);
+        }
+    }
+}

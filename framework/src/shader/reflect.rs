@@ -1,0 +1,318 @@
+//! What a SPIR-V module says of itself: bindings, push constants, workgroup size, stage inputs and outputs.
+//!
+//! A graph says which resource goes to which block of a shader, and nothing about how the shader uses it; that is read from
+//! the code, so that it cannot go stale. The parser is rspirv's. [`module`] indexes what it reads, [`access`] follows
+//! pointers through the functions, and this file puts the answer together.
+
+mod access;
+mod module;
+#[cfg(test)]
+mod tests;
+
+use std::collections::HashSet;
+
+use rspirv::spirv::{Decoration, Dim, ImageFormat, StorageClass, Word};
+
+use self::access::{Accesses, accesses};
+use self::module::{Module, Type, Variable};
+use super::{Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Varying};
+use crate::plan::Format;
+
+/// Reads the module of one shader stage with one entry point.
+///
+/// Fails, with one sentence, on what is no such module, and on shaders that use what a graph cannot give them: bindings
+/// other than storage buffers, uniform blocks and two-dimensional storage images, unbounded arrays of them, and pointers
+/// whose target cannot be known.
+pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
+    let module = Module::parse(spirv)?;
+    let is_resource = |v: &&Variable| {
+        matches!(v.class, StorageClass::StorageBuffer | StorageClass::Uniform | StorageClass::UniformConstant)
+    };
+    let resources: HashSet<Word> = module.variables.iter().filter(is_resource).map(|v| v.id).collect();
+    let accesses = accesses(&module, &resources)?;
+
+    let mut bindings = Vec::new();
+    for variable in module.variables.iter().filter(|v| accesses.touched.contains(&v.id)) {
+        bindings.push(binding(&module, variable, &accesses)?);
+    }
+    bindings.sort_by(|a, b| (a.set, a.binding, &a.name).cmp(&(b.set, b.binding, &b.name)));
+
+    let mut shared_bytes = 0u64;
+    for variable in module.variables.iter().filter(|v| v.class == StorageClass::Workgroup) {
+        let natural = module.type_of(variable.pointee)?.natural;
+        let (bytes, align) = natural.ok_or("a shared variable has a type without size")?;
+        let start = shared_bytes.checked_next_multiple_of(align).ok_or("shared memory is too large")?;
+        shared_bytes = start.checked_add(bytes).ok_or("shared memory is too large")?;
+    }
+
+    let push = module.variables.iter().find(|v| v.class == StorageClass::PushConstant);
+    let push = push.map(|variable| {
+        let (bytes, members) = block(&module, variable.pointee, "the push constants")?;
+        Ok::<_, String>(PushBlock { bytes, members })
+    });
+
+    Ok(Reflection {
+        stage: module.stage,
+        local_size: module.local_size,
+        shared_bytes: small(shared_bytes, "shared memory")?,
+        bindings,
+        push: push.transpose()?,
+        inputs: varyings(&module, StorageClass::Input)?,
+        outputs: varyings(&module, StorageClass::Output)?,
+        subgroups: module.capabilities.iter().any(|c| format!("{c:?}").starts_with("GroupNonUniform")),
+    })
+}
+
+fn small(value: u64, what: &str) -> Result<u32, String> {
+    value.try_into().map_err(|_| format!("{what} has {value} bytes, which is too large"))
+}
+
+/// A variable that is bound through a descriptor.
+fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<ReflectedBinding, String> {
+    // Through the arrays to what each descriptor is.
+    let mut element = variable.pointee;
+    let mut count = 1u64;
+    let own_name = || {
+        let names = [module.name(variable.id, None), module.name(element_of(module, variable.pointee), None)];
+        names.into_iter().find(|name| !name.is_empty()).unwrap_or("(without a name)").to_string()
+    };
+    loop {
+        match module.type_of(element)?.kind {
+            Type::Array { element: inner, length } => {
+                element = inner;
+                count = count.checked_mul(length).ok_or("an array of bindings is too large")?;
+            }
+            Type::RuntimeArray { .. } => {
+                return Err(format!("`{}` is an array of bindings without a length", own_name()));
+            }
+            _ => break,
+        }
+    }
+    let (name, kind) = match &module.type_of(element)?.kind {
+        Type::Struct { members } => {
+            // The old form, before SPIR-V 1.3, of storage buffers.
+            let old = module.decoration(element, None, Decoration::BufferBlock).is_some();
+            let name = match module.name(element, None) {
+                "" => own_name(),
+                name => name.to_string(),
+            };
+            let kind = if variable.class == StorageClass::StorageBuffer || old {
+                storage_buffer(module, element, members, &name)?
+            } else {
+                let (bytes, members) = block(module, element, &format!("`{name}`"))?;
+                ReflectedKind::UniformBuffer { bytes, members }
+            };
+            (name, kind)
+        }
+        Type::Image { dim, arrayed, multisampled, sampled, format } => {
+            let name = own_name();
+            let unsupported = match (sampled, dim) {
+                (_, Dim::DimSubpassData) => Some("an input attachment"),
+                (2, Dim::DimBuffer) => Some("a storage texel buffer"),
+                (_, Dim::DimBuffer) => Some("a uniform texel buffer"),
+                (2, Dim::Dim2D) if *arrayed => Some("an array of layers"),
+                (2, Dim::Dim2D) if *multisampled => Some("a multisampled image"),
+                (2, Dim::Dim2D) => None,
+                (2, _) => Some("a storage image that is not two-dimensional"),
+                _ => Some("a sampled image"),
+            };
+            if let Some(unsupported) = unsupported {
+                return Err(cannot_bind(&name, unsupported));
+            }
+            let format = image_format(*format).map_err(|format| {
+                format!("the image `{name}` has the format {format}, which graphs do not have")
+            })?;
+            (name, ReflectedKind::StorageImage { format })
+        }
+        Type::Other(kind) => {
+            let described = match *kind {
+                "TypeSampledImage" => "a sampled image",
+                "TypeSampler" => "a sampler",
+                "TypeAccelerationStructureKHR" => "an acceleration structure",
+                other => other.trim_start_matches("Type"),
+            };
+            return Err(cannot_bind(&own_name(), described));
+        }
+        other => return Err(format!("`{}` is bound and has the type {other:?}", own_name())),
+    };
+    let binding = module.number(variable.id, None, Decoration::Binding);
+    Ok(ReflectedBinding {
+        set: module.number(variable.id, None, Decoration::DescriptorSet).unwrap_or(0),
+        binding: binding.ok_or_else(|| format!("`{name}` has no `layout(binding = ...)`"))?,
+        count: count.try_into().map_err(|_| format!("the array of `{name}` is too large"))?,
+        kind,
+        reads: accesses.reads.contains(&variable.id),
+        writes: accesses.writes.contains(&variable.id),
+        name,
+    })
+}
+
+fn cannot_bind(name: &str, what: &str) -> String {
+    format!("`{name}` is {what}; graphs bind storage buffers, uniform blocks and storage images")
+}
+
+/// What an array's elements are, through all its dimensions; the type itself if it is no array.
+fn element_of(module: &Module, mut id: Word) -> Word {
+    while let Some(Type::Array { element, .. } | Type::RuntimeArray { element }) =
+        module.types.get(&id).map(|t| &t.kind)
+    {
+        id = *element;
+    }
+    id
+}
+
+fn storage_buffer(
+    module: &Module,
+    block: Word,
+    members: &[Word],
+    name: &str,
+) -> Result<ReflectedKind, String> {
+    let bytes = module.type_of(block)?.laid_out.ok_or_else(|| format!("`{name}` has no layout"))?;
+    let fixed_bytes = small(bytes, name)?;
+    let Some(last) = members.last() else {
+        return Ok(ReflectedKind::StorageBuffer { stride: None, fixed_bytes });
+    };
+    let stride = match module.type_of(*last)?.kind {
+        Type::RuntimeArray { .. } => {
+            let stride = module.number(*last, None, Decoration::ArrayStride);
+            Some(stride.ok_or_else(|| format!("the array in `{name}` has no stride"))?)
+        }
+        _ => None,
+    };
+    Ok(ReflectedKind::StorageBuffer { stride, fixed_bytes })
+}
+
+/// Bytes and members of a uniform or push constant block.
+fn block(module: &Module, block: Word, what: &str) -> Result<(u32, Vec<Member>), String> {
+    let info = module.type_of(block)?;
+    let Type::Struct { members: types } = &info.kind else { return Err(format!("{what} are no block")) };
+    let mut members = Vec::new();
+    for (index, id) in types.iter().enumerate() {
+        let index = index as u32;
+        let offset = module.number(block, Some(index), Decoration::Offset);
+        members.push(Member {
+            name: module.name(block, Some(index)).to_string(),
+            offset: offset.ok_or_else(|| format!("{what} have no layout"))?,
+            kind: match module.type_of(*id)?.kind {
+                Type::Int { bits: 32, signed: false } => MemberKind::Uint,
+                Type::Int { bits: 32, signed: true } => MemberKind::Int,
+                Type::Float { bits: 32 } => MemberKind::Float,
+                _ => MemberKind::Other,
+            },
+        });
+    }
+    let bytes = info.laid_out.ok_or_else(|| format!("{what} have no layout"))?;
+    Ok((small(bytes, what)?, members))
+}
+
+/// The format of a storage image; `None` where the shader leaves it open. An error is the name of an unknown one.
+fn image_format(format: ImageFormat) -> Result<Option<Format>, String> {
+    Ok(Some(match format {
+        ImageFormat::Unknown => return Ok(None),
+        ImageFormat::Rgba8 => Format::Rgba8Unorm,
+        ImageFormat::Rgba16f => Format::Rgba16Float,
+        ImageFormat::Rgba32f => Format::Rgba32Float,
+        ImageFormat::R32ui => Format::R32Uint,
+        ImageFormat::R32f => Format::R32Float,
+        other => return Err(format!("{other:?}").to_lowercase()),
+    }))
+}
+
+/// The stage's inputs or outputs that have a location; built-ins have none.
+fn varyings(module: &Module, class: StorageClass) -> Result<Vec<Varying>, String> {
+    let mut varyings = Vec::new();
+    for variable in module.variables.iter().filter(|v| v.class == class && module.interface.contains(&v.id)) {
+        let base = module.number(variable.id, None, Decoration::Location);
+        let flat = module.decoration(variable.id, None, Decoration::Flat).is_some();
+        let mut add = |name: &str, location: u32, id: Word, flat: bool| {
+            let glsl_type = glsl_type(module, id)?;
+            varyings.push(Varying { name: name.to_string(), location, glsl_type, flat });
+            Ok::<_, String>(())
+        };
+        if let Type::Struct { members } = &module.type_of(variable.pointee)?.kind {
+            // An interface block. Members without a location of their own follow one another.
+            let mut next = base;
+            for (index, member) in members.iter().enumerate() {
+                let index = index as u32;
+                next = module.number(variable.pointee, Some(index), Decoration::Location).or(next);
+                let Some(location) = next else { continue };
+                let flat =
+                    flat || module.decoration(variable.pointee, Some(index), Decoration::Flat).is_some();
+                add(module.name(variable.pointee, Some(index)), location, *member, flat)?;
+                next = Some(location.saturating_add(locations(module, *member)?));
+            }
+        } else if let Some(location) = base {
+            add(module.name(variable.id, None), location, variable.pointee, flat)?;
+        }
+    }
+    varyings.sort_by(|a, b| (a.location, &a.name).cmp(&(b.location, &b.name)));
+    Ok(varyings)
+}
+
+/// How many locations a type takes: one per vector of at most 16 bytes.
+fn locations(module: &Module, id: Word) -> Result<u32, String> {
+    let info = module.type_of(id)?;
+    let each =
+        |element: Word| Ok::<u64, String>(module.type_of(element)?.natural.map_or(1, |n| n.0.div_ceil(16)));
+    let count = match &info.kind {
+        Type::Matrix { column, columns } => u64::from(*columns).saturating_mul(each(*column)?),
+        Type::Array { element, length } => length.saturating_mul(each(*element)?),
+        _ => each(id)?,
+    };
+    Ok(u32::try_from(count).unwrap_or(u32::MAX))
+}
+
+fn glsl_type(module: &Module, mut id: Word) -> Result<String, String> {
+    let mut suffix = String::new();
+    while let Type::Array { element, length } = module.type_of(id)?.kind {
+        suffix += &format!("[{length}]");
+        id = element;
+    }
+    let name = match &module.type_of(id)?.kind {
+        Type::Vector { element, count } => {
+            format!("{}vec{count}", vector_prefix(&module.type_of(*element)?.kind))
+        }
+        Type::Matrix { column, columns } => match module.type_of(*column)?.kind {
+            Type::Vector { element, count } => {
+                let prefix = vector_prefix(&module.type_of(element)?.kind);
+                if count == *columns {
+                    format!("{prefix}mat{columns}")
+                } else {
+                    format!("{prefix}mat{columns}x{count}")
+                }
+            }
+            _ => return Err("a matrix has no columns".into()),
+        },
+        Type::Struct { .. } => module.name(id, None).to_string(),
+        scalar => scalar_name(scalar),
+    };
+    Ok(name + &suffix)
+}
+
+fn scalar_name(scalar: &Type) -> String {
+    match scalar {
+        Type::Bool => "bool".into(),
+        Type::Int { bits: 32, signed: true } => "int".into(),
+        Type::Int { bits: 32, signed: false } => "uint".into(),
+        Type::Int { bits, signed: true } => format!("int{bits}_t"),
+        Type::Int { bits, signed: false } => format!("uint{bits}_t"),
+        Type::Float { bits: 32 } => "float".into(),
+        Type::Float { bits: 64 } => "double".into(),
+        Type::Float { bits } => format!("float{bits}_t"),
+        other => format!("{other:?}"),
+    }
+}
+
+fn vector_prefix(element: &Type) -> String {
+    match element {
+        Type::Bool => "b".into(),
+        Type::Int { bits: 32, signed: true } => "i".into(),
+        Type::Int { bits: 32, signed: false } => "u".into(),
+        Type::Int { bits, signed: true } => format!("i{bits}"),
+        Type::Int { bits, signed: false } => format!("u{bits}"),
+        Type::Float { bits: 32 } => "".into(),
+        Type::Float { bits: 64 } => "d".into(),
+        Type::Float { bits } => format!("f{bits}"),
+        other => format!("{other:?} "),
+    }
+}

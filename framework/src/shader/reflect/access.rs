@@ -1,0 +1,187 @@
+//! Which resources the code that an entry point can reach loads from and stores to.
+//!
+//! In SPIR-V's logical addressing every pointer comes, through access chains, copies and function arguments, from
+//! variables. So each id that is a pointer gets the set of the variables that it may point into, its *roots*: first the
+//! variables themselves, then by following instructions and calls until nothing changes. Calls are not told apart: what a
+//! function does to its parameter, it does to every argument that any reachable call gives it. What is only reachable
+//! by a branch that is never taken counts as reached.
+
+use std::collections::{BTreeSet, HashMap, HashSet};
+
+use rspirv::dr::{Instruction, Operand};
+use rspirv::spirv::{Op, Word};
+
+use super::module::{Module, Type, id};
+
+/// What the code does with variables, by their ids.
+#[derive(Debug, Default)]
+pub(super) struct Accesses {
+    pub reads: HashSet<Word>,
+    pub writes: HashSet<Word>,
+    /// Mentioned at all; asking for an array's length or an image's size is neither a read nor a write.
+    pub touched: HashSet<Word>,
+}
+
+/// What happens through a pointer or to an image.
+#[derive(Clone, Copy, PartialEq)]
+enum Effect {
+    Nothing,
+    Read,
+    Write,
+    Both,
+}
+
+pub(super) fn accesses(module: &Module, variables: &HashSet<Word>) -> Result<Accesses, String> {
+    let functions = reachable(module)?;
+    let mut roots: Roots = variables.iter().map(|v| (*v, BTreeSet::from([*v]))).collect();
+    let mut returned = Roots::new();
+    loop {
+        let mut changed = false;
+        for function in &functions {
+            for i in &module.functions[function].body {
+                changed |= propagate(module, *function, i, &mut roots, &mut returned)?;
+            }
+        }
+        if !changed {
+            break;
+        }
+    }
+    let mut accesses = Accesses::default();
+    for function in &functions {
+        for i in &module.functions[function].body {
+            note(module, i, &roots, &mut accesses)?;
+        }
+    }
+    Ok(accesses)
+}
+
+type Roots = HashMap<Word, BTreeSet<Word>>;
+
+/// The functions that can be called, callers before what they call where that is possible.
+fn reachable(module: &Module) -> Result<Vec<Word>, String> {
+    let mut functions = vec![module.entry];
+    let mut seen = HashSet::from([module.entry]);
+    let mut next = 0;
+    while let Some(function) = functions.get(next) {
+        next += 1;
+        let body = &module.functions.get(function).ok_or("a function is called that is not there")?.body;
+        let calls = body.iter().filter(|i| i.class.opcode == Op::FunctionCall);
+        for called in calls.map(|i| id(i, 0)).collect::<Result<Vec<_>, _>>()? {
+            if seen.insert(called) {
+                functions.push(called);
+            }
+        }
+    }
+    Ok(functions)
+}
+
+/// Hands roots on from an instruction's operands to its result, or into the function that it calls.
+fn propagate(
+    module: &Module,
+    function: Word,
+    i: &Instruction,
+    roots: &mut Roots,
+    returned: &mut Roots,
+) -> Result<bool, String> {
+    let mut sources = Vec::new();
+    match i.class.opcode {
+        Op::AccessChain
+        | Op::InBoundsAccessChain
+        | Op::PtrAccessChain
+        | Op::InBoundsPtrAccessChain
+        | Op::CopyObject
+        | Op::ImageTexelPointer
+        | Op::SampledImage
+        | Op::Image => sources.push(id(i, 0)?),
+        // Loading an image gives a handle to it, and reads nothing from it.
+        Op::Load if is_opaque(module, i)? => sources.push(id(i, 0)?),
+        Op::Select => sources.extend([id(i, 1)?, id(i, 2)?]),
+        Op::Phi => sources.extend(i.operands.iter().step_by(2).filter_map(Operand::id_ref_any)),
+        Op::ReturnValue => {
+            let value = roots.get(&id(i, 0)?).cloned();
+            return Ok(value.is_some_and(|value| extend(returned, function, &value)));
+        }
+        Op::FunctionCall => {
+            let callee = id(i, 0)?;
+            let parameters = &module.functions[&callee].parameters;
+            let mut changed = false;
+            for (index, parameter) in parameters.iter().enumerate() {
+                if let Some(argument) = roots.get(&id(i, index + 1)?).cloned() {
+                    changed |= extend(roots, *parameter, &argument);
+                }
+            }
+            if let (Some(result), Some(value)) = (i.result_id, returned.get(&callee)) {
+                changed |= extend(roots, result, value);
+            }
+            return Ok(changed);
+        }
+        _ => return Ok(false),
+    }
+    let mut changed = false;
+    for source in sources {
+        if let (Some(result), Some(from)) = (i.result_id, roots.get(&source).cloned()) {
+            changed |= extend(roots, result, &from);
+        }
+    }
+    Ok(changed)
+}
+
+fn extend(roots: &mut Roots, id: Word, more: &BTreeSet<Word>) -> bool {
+    let set = roots.entry(id).or_default();
+    let before = set.len();
+    set.extend(more);
+    set.len() > before
+}
+
+/// Whether a load gives a handle (an image, a sampler) rather than data.
+fn is_opaque(module: &Module, load: &Instruction) -> Result<bool, String> {
+    let result = load.result_type.ok_or("a load has no type")?;
+    Ok(matches!(module.type_of(result)?.kind, Type::Image { .. } | Type::Other(_) | Type::Pointer { .. }))
+}
+
+/// Notes what an instruction does to each of its operands.
+fn note(module: &Module, i: &Instruction, roots: &Roots, accesses: &mut Accesses) -> Result<(), String> {
+    let opcode = i.class.opcode;
+    if opcode == Op::ExtInst && module.non_semantic.contains(&id(i, 0)?) {
+        return Ok(());
+    }
+    for (index, operand) in i.operands.iter().enumerate() {
+        let Some(targets) = operand.id_ref_any().and_then(|id| roots.get(&id)) else { continue };
+        accesses.touched.extend(targets);
+        let effect = match (opcode, index) {
+            (Op::Load, 0) if is_opaque(module, i)? => Effect::Nothing,
+            (Op::Load | Op::AtomicLoad, 0) => Effect::Read,
+            (Op::Store | Op::AtomicStore | Op::AtomicFlagClear, 0) => Effect::Write,
+            (Op::CopyMemory | Op::CopyMemorySized, 0) => Effect::Write,
+            (Op::CopyMemory | Op::CopyMemorySized, 1) => Effect::Read,
+            (Op::ImageRead | Op::ImageSparseRead | Op::ImageFetch, 0) => Effect::Read,
+            (Op::ImageWrite, 0) => Effect::Write,
+            (
+                Op::AccessChain
+                | Op::InBoundsAccessChain
+                | Op::PtrAccessChain
+                | Op::InBoundsPtrAccessChain
+                | Op::CopyObject
+                | Op::ImageTexelPointer
+                | Op::SampledImage
+                | Op::Image,
+                0,
+            ) => Effect::Nothing,
+            (Op::Select | Op::Phi | Op::FunctionCall | Op::ReturnValue, _) => Effect::Nothing,
+            (Op::ArrayLength, 0) => Effect::Nothing,
+            (
+                Op::ImageQuerySize | Op::ImageQuerySizeLod | Op::ImageQueryLevels | Op::ImageQuerySamples,
+                0,
+            ) => Effect::Nothing,
+            // The other atomics, and whatever else takes a pointer: rather too much than too little.
+            _ => Effect::Both,
+        };
+        if matches!(effect, Effect::Read | Effect::Both) {
+            accesses.reads.extend(targets);
+        }
+        if matches!(effect, Effect::Write | Effect::Both) {
+            accesses.writes.extend(targets);
+        }
+    }
+    Ok(())
+}

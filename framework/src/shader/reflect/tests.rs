@@ -1,0 +1,369 @@
+use super::super::compile::Glslang;
+use super::super::{ShaderCompiler, ShaderRequest, ShaderStage};
+use super::*;
+use crate::source::{Library, SourceMap, render};
+
+fn compile(stage: ShaderStage, body: &str) -> Result<(Vec<u32>, Reflection), String> {
+    let mut files = SourceMap::new(Library::default());
+    let file = files.add("test.glsl", format!("#version 460\n{body}"));
+    let request = ShaderRequest { file, stage, defines: &[], generated: &[] };
+    match Glslang::new().compile(&mut files, &request) {
+        Ok(compiled) => Ok((compiled.spirv.to_vec(), compiled.reflection)),
+        Err(diagnostics) => Err(render(&files, &diagnostics, false)),
+    }
+}
+
+fn reflected(stage: ShaderStage, body: &str) -> Reflection {
+    compile(stage, body).unwrap_or_else(|error| panic!("{error}")).1
+}
+
+fn compute(body: &str) -> Reflection {
+    reflected(ShaderStage::Compute, &format!("layout(local_size_x = 64) in;\n{body}"))
+}
+
+fn refused(body: &str) -> String {
+    compile(ShaderStage::Compute, body).expect_err("should be refused")
+}
+
+fn find<'r>(reflection: &'r Reflection, name: &str) -> &'r ReflectedBinding {
+    let binding = reflection.bindings.iter().find(|b| b.name == name);
+    binding.unwrap_or_else(|| panic!("no {name} in {reflection:#?}"))
+}
+
+fn reads_writes(reflection: &Reflection, name: &str) -> (bool, bool) {
+    let binding = find(reflection, name);
+    (binding.reads, binding.writes)
+}
+
+const IN_OUT: &str = "layout(set = 0, binding = 0, std430) buffer In { uint a[]; };
+layout(set = 0, binding = 1, std430) buffer Out { uint b[]; };\n";
+
+#[test]
+fn a_buffer_without_qualifier_that_is_only_read_is_only_read() {
+    let r = compute(&format!("{IN_OUT}void main() {{ b[1] = a[0]; }}"));
+    assert_eq!(reads_writes(&r, "In"), (true, false));
+    assert_eq!(reads_writes(&r, "Out"), (false, true));
+}
+
+#[test]
+fn what_unreachable_functions_touch_is_left_out() {
+    let r = compute(&format!("{IN_OUT}void never() {{ b[0] = a[0]; }}\nvoid main() {{ b[1] = 3; }}"));
+    assert_eq!(r.bindings.len(), 1);
+    assert_eq!(reads_writes(&r, "Out"), (false, true));
+}
+
+#[test]
+fn a_declared_block_that_no_code_mentions_is_left_out() {
+    assert_eq!(compute(&format!("{IN_OUT}void main() {{}}")).bindings, []);
+}
+
+#[test]
+fn accesses_in_called_functions_count() {
+    let r = compute(&format!(
+        "{IN_OUT}uint get(uint i) {{ return a[i]; }}\nvoid put(uint i) {{ b[i] = get(i); }}\nvoid main() {{ put(7); }}"
+    ));
+    assert_eq!(reads_writes(&r, "In"), (true, false));
+    assert_eq!(reads_writes(&r, "Out"), (false, true));
+}
+
+#[test]
+fn an_array_element_as_inout_argument_is_read_and_written() {
+    let r = compute(&format!("{IN_OUT}void add(inout uint x) {{ x += 1; }}\nvoid main() {{ add(b[0]); }}"));
+    assert_eq!(reads_writes(&r, "Out"), (true, true));
+}
+
+#[test]
+fn an_image_as_function_argument_has_the_accesses_of_the_function() {
+    let r = compute(
+        "#extension GL_EXT_shader_image_load_formatted : require
+         layout(set = 0, binding = 0) uniform image2D from;
+         layout(set = 0, binding = 1) uniform image2D to;
+         layout(set = 0, binding = 2) uniform image2D sized;
+         float get(image2D i, ivec2 p) { return imageLoad(i, p).x; }
+         void put(image2D i, ivec2 p, float v) { imageStore(i, p, vec4(v)); }
+         void main() { put(to, imageSize(sized), get(from, ivec2(0))); }",
+    );
+    assert_eq!(reads_writes(&r, "from"), (true, false));
+    assert_eq!(reads_writes(&r, "to"), (false, true));
+    assert_eq!(reads_writes(&r, "sized"), (false, false));
+    assert_eq!(find(&r, "to").kind, ReflectedKind::StorageImage { format: None });
+}
+
+#[test]
+fn a_storage_image_has_its_format() {
+    let r = compute(
+        "layout(set = 0, binding = 3, rgba16f) uniform image2D color;
+         void main() { imageStore(color, ivec2(0), imageLoad(color, ivec2(1))); }",
+    );
+    assert_eq!(find(&r, "color").kind, ReflectedKind::StorageImage { format: Some(Format::Rgba16Float) });
+    assert_eq!(reads_writes(&r, "color"), (true, true));
+}
+
+#[test]
+fn the_length_of_an_array_is_neither_read_nor_written() {
+    let r = compute(&format!("{IN_OUT}void main() {{ b[0] = a.length(); }}"));
+    assert_eq!(reads_writes(&r, "In"), (false, false));
+}
+
+#[test]
+fn atomics_read_and_write_but_atomic_load_only_reads_and_atomic_store_only_writes() {
+    let r = compute(
+        "#extension GL_KHR_memory_scope_semantics : require
+         layout(set = 0, binding = 0) buffer A { uint a; };
+         layout(set = 0, binding = 1) buffer B { uint b; };
+         layout(set = 0, binding = 2) buffer C { uint c; };
+         layout(set = 0, binding = 3, r32ui) uniform uimage2D counts;
+         void main() {
+             atomicAdd(a, 1);
+             atomicStore(c, atomicLoad(b, gl_ScopeDevice, gl_StorageSemanticsBuffer, gl_SemanticsAcquire),
+                         gl_ScopeDevice, gl_StorageSemanticsBuffer, gl_SemanticsRelease);
+             imageAtomicMax(counts, ivec2(0), 1u);
+         }",
+    );
+    assert_eq!(reads_writes(&r, "A"), (true, true));
+    assert_eq!(reads_writes(&r, "B"), (true, false));
+    assert_eq!(reads_writes(&r, "C"), (false, true));
+    assert_eq!(reads_writes(&r, "counts"), (true, true));
+}
+
+#[test]
+fn a_component_of_a_vector_can_be_written_alone() {
+    let r = compute(
+        "layout(set = 0, binding = 0) buffer V { vec4 v[]; };
+         void main() { v[3].y = 1.0; }",
+    );
+    assert_eq!(reads_writes(&r, "V"), (false, true));
+}
+
+#[test]
+fn an_array_of_blocks_is_one_binding_with_a_count() {
+    let r = compute(
+        "layout(set = 0, binding = 4, std430) readonly buffer Sh { vec4 v[]; } sh[3 * 4];
+         layout(set = 0, binding = 5, std430) buffer Out { vec4 o[]; };
+         void main() { o[0] = sh[1].v[gl_GlobalInvocationID.x]; }",
+    );
+    let sh = find(&r, "Sh");
+    assert_eq!((sh.set, sh.binding, sh.count), (0, 4, 12));
+    assert_eq!(sh.kind, ReflectedKind::StorageBuffer { stride: Some(16), fixed_bytes: 0 });
+    assert_eq!((sh.reads, sh.writes), (true, false));
+}
+
+#[test]
+fn strides_of_nested_structs_and_the_bytes_before_the_array() {
+    let r = compute(
+        "struct Inner { vec3 p; float w; mat3 m; };
+         struct Outer { Inner i[2]; uint last; };
+         layout(set = 0, binding = 0, std430) buffer Splats { uvec4 head; uint n; Outer o[]; };
+         layout(set = 0, binding = 1, std430) buffer Floats { float f[]; };
+         layout(set = 0, binding = 2, std430) buffer Fixed { uint x; uint y[7]; };
+         layout(set = 0, binding = 3, std430) buffer Tight { uint x; float f[]; } tight;
+         void main() { f[0] = o[n].i[1].p.x; y[0] = x; tight.x = 1; }",
+    );
+    // Inner: 12 + 4 + 3 x 16 = 64. Outer: 2 x 64 + 4, rounded up to a multiple of 16.
+    let stride = |s, fixed_bytes| ReflectedKind::StorageBuffer { stride: s, fixed_bytes };
+    assert_eq!(find(&r, "Splats").kind, stride(Some(144), 32));
+    assert_eq!(find(&r, "Floats").kind, stride(Some(4), 0));
+    assert_eq!(find(&r, "Fixed").kind, stride(None, 32));
+    assert_eq!(find(&r, "Tight").kind, stride(Some(4), 4));
+}
+
+#[test]
+fn uniform_members_have_offsets_and_kinds() {
+    let r = compute(
+        "layout(set = 0, binding = 31, std140) uniform Live { float cutoff; int k; uint n; vec3 v; mat4 m; float a[2]; };
+         layout(set = 0, binding = 0) buffer Out { float o; };
+         void main() { o = cutoff; }",
+    );
+    let live = find(&r, "Live");
+    assert_eq!((live.binding, live.reads, live.writes), (31, true, false));
+    let ReflectedKind::UniformBuffer { bytes, members } = &live.kind else { panic!("{live:?}") };
+    assert_eq!(*bytes, 128);
+    let members: Vec<_> = members.iter().map(|m| (m.name.as_str(), m.offset, m.kind)).collect();
+    assert_eq!(
+        members,
+        [
+            ("cutoff", 0, MemberKind::Float),
+            ("k", 4, MemberKind::Int),
+            ("n", 8, MemberKind::Uint),
+            ("v", 16, MemberKind::Other),
+            ("m", 32, MemberKind::Other),
+            ("a", 96, MemberKind::Other),
+        ]
+    );
+}
+
+#[test]
+fn push_constants_are_listed_by_name() {
+    let r = compute(
+        "layout(push_constant) uniform Push { uint shift; float scale; int bias; } push;
+         layout(set = 0, binding = 0) buffer Out { uint o; };
+         void main() { o = push.shift; }",
+    );
+    let push = r.push.expect("push constants");
+    assert_eq!(push.bytes, 12);
+    let members: Vec<_> = push.members.iter().map(|m| (m.name.as_str(), m.offset, m.kind)).collect();
+    assert_eq!(
+        members,
+        [("shift", 0, MemberKind::Uint), ("scale", 4, MemberKind::Float), ("bias", 8, MemberKind::Int),]
+    );
+    assert_eq!(r.bindings.len(), 1);
+}
+
+#[test]
+fn local_size_is_read_however_it_is_given() {
+    let local_size =
+        |layout: &str| reflected(ShaderStage::Compute, &format!("{layout}\nvoid main() {{}}")).local_size;
+    assert_eq!(local_size("layout(local_size_x = 8, local_size_y = 4) in;"), [8, 4, 1]);
+    assert_eq!(local_size("layout(local_size_x_id = 1) in; layout(local_size_x = 128) in;"), [128, 1, 1]);
+    assert_eq!(local_size("layout(local_size_x = 2, local_size_y_id = 7, local_size_z = 3) in;"), [2, 1, 3]);
+    assert_eq!(local_size(""), [1, 1, 1]);
+}
+
+#[test]
+fn shared_memory_is_summed_with_specialization_defaults() {
+    let r = compute(
+        "layout(constant_id = 0) const uint N = 256;
+         struct S { vec3 a; float b; };
+         shared uint table[N * 2];
+         shared S s[3];
+         shared vec3 lone[2];
+         void main() { table[0] = 1; s[0].b = 2.0; lone[1] = vec3(0); }",
+    );
+    assert_eq!(r.shared_bytes, 2048 + 48 + 32);
+    assert_eq!(compute("void main() {}").shared_bytes, 0);
+}
+
+#[test]
+fn subgroup_operations_are_noticed() {
+    let with = "#extension GL_KHR_shader_subgroup_ballot : require\n";
+    assert!(!compute(&format!("{with}{IN_OUT}void main() {{ b[0] = a[0]; }}")).subgroups);
+    assert!(
+        compute(&format!("{with}{IN_OUT}void main() {{ b[0] = subgroupBallot(a[0] > 1).x; }}")).subgroups
+    );
+}
+
+#[test]
+fn stage_inputs_and_outputs_are_listed_by_location() {
+    let r = reflected(
+        ShaderStage::Vertex,
+        "layout(location = 2) flat out uint id;
+         layout(location = 0) out vec2 uv;
+         layout(location = 1) out vec4 color;
+         layout(location = 3) out Block { mat3x2 m; layout(location = 8) flat ivec3 i; float f[2]; } block;
+         layout(location = 0) in float weight[2];
+         void main() { id = gl_InstanceIndex; uv = vec2(weight[0]); color = vec4(0); block.m = mat3x2(1); block.i = ivec3(1);
+                       block.f[0] = 1.0; gl_Position = vec4(0); }",
+    );
+    let list = |varyings: &[Varying]| -> Vec<String> {
+        let text = |v: &Varying| {
+            format!("{} {}{} {}", v.location, if v.flat { "flat " } else { "" }, v.glsl_type, v.name)
+        };
+        varyings.iter().map(text).collect()
+    };
+    assert_eq!(r.stage, ShaderStage::Vertex);
+    assert_eq!(list(&r.inputs), ["0 float[2] weight"]);
+    assert_eq!(
+        list(&r.outputs),
+        ["0 vec2 uv", "1 vec4 color", "2 flat uint id", "3 mat3x2 m", "8 flat ivec3 i", "9 float[2] f"]
+    );
+    let r = reflected(
+        ShaderStage::Fragment,
+        "layout(location = 2) flat in uint id; layout(location = 0) out vec4 color;
+         void main() { color = vec4(id); }",
+    );
+    assert_eq!(
+        (list(&r.inputs), list(&r.outputs)),
+        (vec!["2 flat uint id".into()], vec!["0 vec4 color".into()])
+    );
+}
+
+#[test]
+fn bindings_that_a_graph_cannot_give_are_named() {
+    let out = "layout(set = 0, binding = 9) buffer Out { vec4 o; };\n";
+    let sampler = format!(
+        "{out}layout(set = 0, binding = 0) uniform sampler2D tex;\nvoid main() {{ o = texture(tex, vec2(0)); }}"
+    );
+    let error = refused(&sampler);
+    assert!(error.contains("`tex` is a sampled image") && error.contains("test.glsl:3:48"), "{error}");
+    let texel = format!(
+        "{out}layout(set = 0, binding = 0) uniform samplerBuffer t;\nvoid main() {{ o = texelFetch(t, 0); }}"
+    );
+    let error = refused(&texel);
+    assert!(error.contains("`t` is"), "{error}");
+    let cube = format!(
+        "{out}layout(set = 0, binding = 0, r32f) uniform imageCube c;\nvoid main() {{ o = imageLoad(c, ivec3(0)); }}"
+    );
+    assert!(refused(&cube).contains("`c` is a storage image that is not two-dimensional"));
+    let format = format!(
+        "{out}layout(set = 0, binding = 0, rg16f) uniform image2D i;\nvoid main() {{ o = imageLoad(i, ivec2(0)); }}"
+    );
+    assert!(refused(&format).contains("`i` has the format rg16f"));
+    // A sampler that no code uses is no one's business.
+    compute("layout(set = 0, binding = 0) uniform sampler2D tex;\nvoid main() {}");
+}
+
+#[test]
+fn an_array_of_blocks_without_length_is_refused() {
+    let error = refused(
+        "#extension GL_EXT_nonuniform_qualifier : require
+         layout(set = 0, binding = 0) buffer B { uint x; } blocks[];
+         void main() { blocks[gl_LocalInvocationIndex].x = 1; }",
+    );
+    assert!(error.contains("without a length"), "{error}");
+}
+
+#[test]
+fn addresses_of_buffers_are_refused() {
+    let error = refused(
+        "#extension GL_EXT_buffer_reference : require
+         layout(buffer_reference) buffer Ref { uint x; };
+         layout(push_constant) uniform Push { Ref ref; };
+         void main() { ref.x = 1; }",
+    );
+    assert!(error.contains("PhysicalStorageBufferAddresses"), "{error}");
+}
+
+#[test]
+fn what_is_no_module_is_an_error() {
+    assert!(reflect(&[]).is_err());
+    assert!(reflect(&[0; 100]).is_err());
+    let (spirv, _) = compile(ShaderStage::Compute, "void main() {}").unwrap();
+    assert!(reflect(&spirv).is_ok());
+    assert!(reflect(&spirv[..5]).is_err(), "a module without an entry point");
+}
+
+#[test]
+fn damaged_modules_never_panic() {
+    let body = format!(
+        "{IN_OUT}layout(set = 0, binding = 2, std140) uniform U {{ mat4 m; vec3 v[2]; }};
+         layout(set = 0, binding = 3, rgba16f) uniform image2D image;
+         layout(constant_id = 0) const uint N = 4;
+         shared mat3 s[N * 2];
+         void f(inout uint x) {{ x += 1; s[x % N] = mat3(m); }}
+         void main() {{ f(b[a[0]]); atomicAdd(b[1], 1); imageStore(image, ivec2(0), vec4(v[0], 1)); }}"
+    );
+    let (spirv, _) = compile(ShaderStage::Compute, &body).unwrap();
+    for length in 0..spirv.len() {
+        let _ = reflect(&spirv[..length]);
+    }
+    let mut random = 0x2545_f491_4f6c_dd1du64;
+    let mut next = |below: usize| {
+        random ^= random << 13;
+        random ^= random >> 7;
+        random ^= random << 17;
+        (random % below as u64) as usize
+    };
+    for _ in 0..3000 {
+        let mut damaged = spirv.clone();
+        for _ in 0..1 + next(3) {
+            let at = next(damaged.len());
+            damaged[at] = match next(4) {
+                0 => damaged[next(spirv.len())],
+                1 => damaged[at] ^ (1 << next(32)),
+                2 => next(spirv[3] as usize) as u32,
+                _ => u32::MAX,
+            };
+        }
+        let _ = reflect(&damaged);
+    }
+}
