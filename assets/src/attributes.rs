@@ -1,0 +1,208 @@
+//! The scene's attributes as bytes for a GPU buffer.
+//!
+//! A renderer names an attribute and gets exactly its bytes, little endian, one entry per splat, written in parallel
+//! straight into memory that the backend owns. The 48 floats of spherical harmonics come in *planes* of four, so that no
+//! single buffer passes a device's limit and a lower degree reads fewer of them.
+
+use crate::error::nearest;
+use crate::scene::{CHUNK, Scene, sh_floats};
+use rayon::prelude::*;
+
+/// How an attribute lies in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AttributeInfo {
+    /// Bytes per splat and plane.
+    pub stride: u64,
+    /// Buffers that hold anything: 1, and for `scene.sh` as many as the stored degree needs.
+    pub planes: u32,
+}
+
+/// Planes of spherical harmonics that can be asked for; those beyond the stored degree are zero.
+const MAX_SH_PLANES: u32 = 12;
+
+/// The attributes: positions and scales as 3 floats, rotations as the quaternion w x y z, opacity as 1 float, spherical
+/// harmonics as planes of 4 floats (float `3 * k + c` of coefficient `k`, channel `c`, is in plane `(3 * k + c) / 4`).
+pub const ATTRIBUTES: [&str; 5] =
+    ["scene.position", "scene.scale", "scene.rotation", "scene.opacity", "scene.sh"];
+
+impl Scene {
+    /// How an attribute lies in memory; `None` where there is none of that name (see [`ATTRIBUTES`]).
+    pub fn attribute(&self, name: &str) -> Option<AttributeInfo> {
+        let (stride, planes) = match name {
+            "scene.position" | "scene.scale" => (12, 1),
+            "scene.rotation" => (16, 1),
+            "scene.opacity" => (4, 1),
+            "scene.sh" => (16, sh_floats(self.stored_degree()).div_ceil(4) as u32),
+            _ => return None,
+        };
+        Some(AttributeInfo { stride, planes })
+    }
+
+    /// Writes one plane of an attribute. `out` is stride times [`Scene::count`] bytes.
+    ///
+    /// # Errors
+    /// In words, where the name, the plane or the length does not fit.
+    pub fn write_attribute(&self, name: &str, plane: u32, out: &mut [u8]) -> Result<(), String> {
+        let info = self.attribute(name).ok_or_else(|| {
+            let near = nearest(name, ATTRIBUTES).map(|n| format!("; did you mean {n}?")).unwrap_or_default();
+            format!("there is no attribute {name} (there are {}){near}", ATTRIBUTES.join(", "))
+        })?;
+        let planes = if name == "scene.sh" { MAX_SH_PLANES } else { 1 };
+        if plane >= planes {
+            return Err(format!("{name} has no plane {plane}; the last is {}", planes - 1));
+        }
+        let expected = info.stride * u64::from(self.count());
+        if out.len() as u64 != expected {
+            return Err(format!(
+                "{name} takes {expected} bytes ({} splats of {}), not {}",
+                self.count(),
+                info.stride,
+                out.len()
+            ));
+        }
+        match name {
+            "scene.position" => write_floats(self.positions(), out),
+            "scene.scale" => write_floats(self.scales(), out),
+            "scene.rotation" => write_floats(self.rotations(), out),
+            "scene.opacity" => write_floats(self.opacities(), out),
+            _ => self.write_sh_plane(plane, out),
+        }
+        Ok(())
+    }
+
+    fn write_sh_plane(&self, plane: u32, out: &mut [u8]) {
+        let floats = sh_floats(self.stored_degree());
+        let first = (4 * plane as usize).min(floats);
+        let here = first..floats.min(first + 4);
+        out.par_chunks_mut(16 * CHUNK).zip(self.sh().par_chunks(floats * CHUNK)).for_each(|(out, sh)| {
+            for (out, sh) in out.chunks_exact_mut(16).zip(sh.chunks_exact(floats)) {
+                out.fill(0);
+                for (out, value) in out.chunks_exact_mut(4).zip(&sh[here.clone()]) {
+                    out.copy_from_slice(&value.to_le_bytes());
+                }
+            }
+        });
+    }
+
+    /// A hash of all that can be drawn: equal scenes have the same, whatever file they came from. Computed once.
+    pub fn identity(&self) -> u64 {
+        *self.identity.get_or_init(|| {
+            let c = &self.columns;
+            let head = [u64::from(self.count()), u64::from(c.degree)];
+            let columns =
+                [hash(&c.position), hash(&c.scale), hash(&c.rotation), hash(&c.opacity), hash(&c.sh)];
+            head.into_iter().chain(columns).fold(0, mix)
+        })
+    }
+}
+
+fn write_floats<T: bytemuck::Pod + Sync>(values: &[T], out: &mut [u8]) {
+    let values: &[f32] = bytemuck::cast_slice(values);
+    out.par_chunks_mut(4 * CHUNK).zip(values.par_chunks(CHUNK)).for_each(|(out, values)| {
+        for (out, value) in out.chunks_exact_mut(4).zip(values) {
+            out.copy_from_slice(&value.to_le_bytes());
+        }
+    });
+}
+
+/// A hash of floats by their bits: chunks in parallel, then their hashes in order.
+fn hash<T: bytemuck::Pod + Sync>(values: &[T]) -> u64 {
+    let words: &[u32] = bytemuck::cast_slice(values);
+    let chunks: Vec<u64> = words.par_chunks(1 << 16).map(hash_chunk).collect();
+    chunks.into_iter().fold(words.len() as u64, mix)
+}
+
+/// Four states side by side, as each step of one has to wait for the step before it.
+fn hash_chunk(words: &[u32]) -> u64 {
+    let pair = |words: &[u32]| u64::from(words[0]) | u64::from(words[1]) << 32;
+    let mut lanes = [0, 1, 2, 3];
+    let blocks = words.chunks_exact(8);
+    let rest = blocks.remainder();
+    for block in blocks {
+        for (lane, pair) in lanes.iter_mut().zip(block.chunks_exact(2).map(pair)) {
+            *lane = mix(*lane, pair);
+        }
+    }
+    let rest = rest.iter().map(|word| u64::from(*word));
+    lanes.into_iter().chain(rest).fold(words.len() as u64, mix)
+}
+
+/// Takes a word into a hash: a multiplication by an odd constant between two exclusive ors, each of which can be undone,
+/// so that no two words lead from one state to the same.
+fn mix(state: u64, word: u64) -> u64 {
+    let x = (state ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    x ^ x >> 29
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::splat;
+
+    fn floats(scene: &Scene, name: &str, plane: u32) -> Vec<f32> {
+        let stride = scene.attribute(name).unwrap().stride as usize;
+        let mut bytes = vec![0xAA; stride * scene.count() as usize];
+        scene.write_attribute(name, plane, &mut bytes).unwrap();
+        bytes.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect()
+    }
+
+    #[test]
+    fn attributes_are_the_arrays_as_bytes() {
+        let scene = Scene::generate(CHUNK as u32 + 5, 0, splat);
+        assert_eq!(floats(&scene, "scene.position", 0), scene.positions().as_flattened());
+        assert_eq!(floats(&scene, "scene.scale", 0), scene.scales().as_flattened());
+        assert_eq!(floats(&scene, "scene.rotation", 0), scene.rotations().as_flattened());
+        assert_eq!(floats(&scene, "scene.opacity", 0), scene.opacities());
+    }
+
+    #[test]
+    fn the_planes_of_the_harmonics_hold_four_interleaved_floats_and_then_zeros() {
+        for (degree, planes) in [(0, 1), (1, 3), (2, 7), (3, 12)] {
+            let scene = Scene::generate(CHUNK as u32 + 5, degree, splat);
+            assert_eq!(scene.attribute("scene.sh").unwrap().planes, planes);
+            for plane in 0..12 {
+                let written = floats(&scene, "scene.sh", plane);
+                for index in [0, 1, CHUNK + 4] {
+                    let mut expected = scene.splat(index).sh;
+                    expected[sh_floats(degree)..].fill(0.0);
+                    let here = 4 * plane as usize;
+                    assert_eq!(
+                        written[4 * index..][..4],
+                        expected[here..here + 4],
+                        "plane {plane} of {degree}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_said() {
+        let scene = Scene::generate(4, 3, splat);
+        let error =
+            |name: &str, plane, bytes| scene.write_attribute(name, plane, &mut vec![0; bytes]).unwrap_err();
+        assert!(error("scene.positions", 0, 48).contains("did you mean scene.position?"));
+        assert!(error("scene.scale", 1, 48).contains("no plane 1"));
+        assert!(error("scene.sh", 12, 64).contains("the last is 11"));
+        assert!(error("scene.scale", 0, 47).contains("takes 48 bytes"));
+    }
+
+    #[test]
+    fn the_identity_is_of_the_content() {
+        let make = |change: usize| {
+            Scene::generate(100, 2, move |i| {
+                let mut s = splat(i);
+                match change {
+                    1 if i == 99 => s.position[2] += 1e-3,
+                    2 if i == 7 => s.sh[26] = 0.5,
+                    _ => {}
+                }
+                s
+            })
+        };
+        let identity = make(0).identity();
+        assert_eq!(identity, make(0).identity());
+        assert_ne!(identity, make(1).identity());
+        assert_ne!(identity, make(2).identity());
+    }
+}

@@ -1,0 +1,105 @@
+//! Axis-aligned boxes, exact and robust.
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// An axis-aligned box. [`Bounds::EMPTY`] where nothing is in it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Bounds {
+    /// Least coordinates.
+    pub min: [f32; 3],
+    /// Greatest coordinates.
+    pub max: [f32; 3],
+}
+
+impl Bounds {
+    /// Holds nothing.
+    pub const EMPTY: Self = Self { min: [f32::INFINITY; 3], max: [f32::NEG_INFINITY; 3] };
+
+    /// Holds the origin alone: the box of a scene without splats, so that it has a middle.
+    pub const ORIGIN: Self = Self { min: [0.0; 3], max: [0.0; 3] };
+
+    /// Grows to hold a point.
+    pub fn add(&mut self, point: [f32; 3]) {
+        self.join(&Self { min: point, max: point });
+    }
+
+    /// Grows to hold another box.
+    pub fn join(&mut self, other: &Self) {
+        self.min = std::array::from_fn(|a| self.min[a].min(other.min[a]));
+        self.max = std::array::from_fn(|a| self.max[a].max(other.max[a]));
+    }
+
+    /// The middle.
+    pub fn center(&self) -> [f64; 3] {
+        std::array::from_fn(|a| 0.5 * (f64::from(self.min[a]) + f64::from(self.max[a])))
+    }
+
+    /// Length of each side.
+    pub fn size(&self) -> [f64; 3] {
+        std::array::from_fn(|a| f64::from(self.max[a]) - f64::from(self.min[a]))
+    }
+
+    /// The longest side.
+    pub fn extent(&self) -> f64 {
+        self.size().into_iter().fold(0.0, f64::max)
+    }
+
+    /// The eight corners.
+    pub fn corners(&self) -> [[f64; 3]; 8] {
+        std::array::from_fn(|corner| {
+            std::array::from_fn(|a| f64::from(if corner >> a & 1 == 0 { self.min[a] } else { self.max[a] }))
+        })
+    }
+
+    /// Whether a point is inside, borders included.
+    pub fn contains(&self, point: [f32; 3]) -> bool {
+        (0..3).all(|a| self.min[a] <= point[a] && point[a] <= self.max[a])
+    }
+
+    /// The box grown by a factor about its middle.
+    pub fn grown(&self, factor: f64) -> Self {
+        let (center, size) = (self.center(), self.size());
+        Self {
+            min: std::array::from_fn(|a| (center[a] - 0.5 * factor * size[a]) as f32),
+            max: std::array::from_fn(|a| (center[a] + 0.5 * factor * size[a]) as f32),
+        }
+    }
+
+    /// The box between two quantiles (0 to 1, nearest rank) of each coordinate; [`Bounds::ORIGIN`] of no points.
+    pub fn percentiles(points: &[[f32; 3]], low: f64, high: f64) -> Self {
+        if points.is_empty() {
+            return Self::ORIGIN;
+        }
+        let axes: Vec<(f32, f32)> = (0..3usize)
+            .into_par_iter()
+            .map(|a| {
+                let mut values: Vec<f32> = points.iter().map(|p| p[a]).collect();
+                (quantile(&mut values, low), quantile(&mut values, high))
+            })
+            .collect();
+        Self { min: std::array::from_fn(|a| axes[a].0), max: std::array::from_fn(|a| axes[a].1) }
+    }
+}
+
+/// The value at a quantile (0 to 1, nearest rank). Reorders the values, of which there is at least one.
+pub(crate) fn quantile(values: &mut [f32], q: f64) -> f32 {
+    let rank = ((values.len() - 1) as f64 * q).round() as usize;
+    *values.select_nth_unstable_by(rank, f32::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_ignore_the_outliers_that_the_full_box_holds() {
+        let mut points: Vec<[f32; 3]> = (0..=100).map(|i| [i as f32, -(i as f32), 2.0 * i as f32]).collect();
+        points[100][0] = 1e9;
+        let robust = Bounds::percentiles(&points, 0.01, 0.99);
+        assert_eq!((robust.min, robust.max), ([1.0, -99.0, 2.0], [99.0, -1.0, 198.0]));
+        assert_eq!(robust.grown(3.0).max[0], 197.0);
+        assert!(robust.contains([50.0, -50.0, 50.0]) && !robust.contains(points[100]));
+        assert_eq!(robust.extent(), 196.0);
+    }
+}

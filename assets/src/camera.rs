@@ -1,0 +1,419 @@
+//! Cameras, as the 3DGS reference implementation writes them to `cameras.json`.
+//!
+//! A camera is a place, a rotation, a focal length and an image size; its principal point is the image's centre. Position
+//! and rotation are camera-to-world, and the columns of the rotation are the camera's axes in the world: x right, y down,
+//! z forward.
+
+use crate::bounds::Bounds;
+use crate::scene::Scene;
+use serde::de::{DeserializeSeed, Error as _, SeqAccess, Visitor};
+use serde::{Deserialize, Serialize};
+use std::cell::Cell;
+use std::path::{Path, PathBuf};
+
+/// A pinhole camera. Fields of the file that are not named here are ignored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// The number that the trainer gave to it.
+    #[serde(default)]
+    pub id: i64,
+    /// The name of the photograph that it took.
+    #[serde(default)]
+    pub img_name: String,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Its centre in the world.
+    pub position: [f64; 3],
+    /// Camera-to-world rotation, by rows; the columns are right, down and forward.
+    pub rotation: [[f64; 3]; 3],
+    /// Focal length across, in pixels.
+    pub fx: f64,
+    /// Focal length down, in pixels.
+    pub fy: f64,
+}
+
+/// Why cameras could not be had.
+#[derive(Debug, thiserror::Error)]
+pub enum CameraError {
+    /// The file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's answer.
+        source: std::io::Error,
+    },
+    /// The text is not a list of cameras.
+    #[error("{}:{line}:{column}: {}{message}", path.display(), in_camera(.camera))]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// Index of the camera it is in, from 0, if it is in one.
+        camera: Option<usize>,
+        /// What was expected, and what was found.
+        message: String,
+    },
+    /// `file#camera` names none of the cameras.
+    #[error("{} has no camera `{wanted}`: it has {count}, numbered from 0{}", path.display(), named(.names))]
+    NotFound {
+        /// The file.
+        path: PathBuf,
+        /// What was asked for.
+        wanted: String,
+        /// How many there are.
+        count: usize,
+        /// The first of their names.
+        names: Vec<String>,
+    },
+    /// The list has nothing in it.
+    #[error("{} has no cameras", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+fn in_camera(camera: &Option<usize>) -> String {
+    camera.map(|index| format!("camera {index}: ")).unwrap_or_default()
+}
+
+fn named(names: &[String]) -> String {
+    if names.is_empty() { String::new() } else { format!(" and named {}", names.join(", ")) }
+}
+
+impl Camera {
+    /// Reads a `cameras.json`.
+    ///
+    /// # Errors
+    /// Where the file cannot be read, or a camera in it is malformed: with line, column and the camera's index.
+    pub fn load(path: impl AsRef<Path>) -> Result<Vec<Self>, CameraError> {
+        let path = path.as_ref();
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| CameraError::Io { path: path.to_owned(), source })?;
+        Self::parse(&text, path)
+    }
+
+    /// Reads the text of a `cameras.json`; `path` is only named in errors.
+    ///
+    /// # Errors
+    /// As [`Camera::load`].
+    pub fn parse(text: &str, path: &Path) -> Result<Vec<Self>, CameraError> {
+        let reached = Cell::new(None);
+        let mut json = serde_json::Deserializer::from_str(text);
+        let cameras =
+            List { reached: &reached }.deserialize(&mut json).and_then(|list| json.end().map(|()| list));
+        cameras.map_err(|error| {
+            // serde_json says the place again at the end of its message.
+            let message = error.to_string();
+            let place = format!(" at line {} column {}", error.line(), error.column());
+            CameraError::Parse {
+                path: path.to_owned(),
+                line: error.line(),
+                column: error.column(),
+                camera: reached.get(),
+                message: message.strip_suffix(&place).unwrap_or(&message).to_owned(),
+            }
+        })
+    }
+
+    /// Writes a `cameras.json`.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn save(cameras: &[Self], path: impl AsRef<Path>) -> Result<(), CameraError> {
+        let path = path.as_ref();
+        let io = |source| CameraError::Io { path: path.to_owned(), source };
+        let mut text = serde_json::to_string_pretty(cameras).map_err(|e| io(e.into()))?;
+        text.push('\n');
+        std::fs::write(path, text).map_err(io)
+    }
+
+    /// The camera that `file`, `file#2` or `file#name` asks for: by index from 0, or by `img_name`; the first without `#`.
+    ///
+    /// # Errors
+    /// Those of [`Camera::load`], and where there is no such camera.
+    pub fn select(spec: &str) -> Result<Self, CameraError> {
+        // A file whose own name has a `#` can be named too.
+        let (path, wanted) = match spec.rsplit_once('#') {
+            Some((path, wanted)) if !Path::new(spec).exists() => (Path::new(path), Some(wanted)),
+            _ => (Path::new(spec), None),
+        };
+        let mut cameras = Self::load(path)?;
+        if cameras.is_empty() {
+            return Err(CameraError::Empty { path: path.to_owned() });
+        }
+        let Some(wanted) = wanted else { return Ok(cameras.swap_remove(0)) };
+        let index = match wanted.parse::<usize>() {
+            Ok(index) => Some(index).filter(|i| *i < cameras.len()),
+            Err(_) => cameras.iter().position(|c| c.img_name == wanted),
+        };
+        match index {
+            Some(index) => Ok(cameras.swap_remove(index)),
+            None => Err(CameraError::NotFound {
+                path: path.to_owned(),
+                wanted: wanted.to_owned(),
+                count: cameras.len(),
+                names: cameras
+                    .iter()
+                    .map(|c| c.img_name.clone())
+                    .filter(|name| !name.is_empty())
+                    .take(8)
+                    .collect(),
+            }),
+        }
+    }
+
+    /// A camera at `eye` that looks at `target`, with the world's y pointing down, and a horizontal field of view in
+    /// degrees. Looking straight up or down, its x stays the world's.
+    pub fn looking_at(
+        eye: [f64; 3],
+        target: [f64; 3],
+        horizontal_fov: f64,
+        (width, height): (u32, u32),
+    ) -> Self {
+        let eye = glam::DVec3::from(eye);
+        let forward = (glam::DVec3::from(target) - eye).normalize_or(glam::DVec3::Z);
+        let right = glam::DVec3::Y.cross(forward).normalize_or(glam::DVec3::X);
+        let down = forward.cross(right);
+        let focal = 0.5 * f64::from(width) / (0.5 * horizontal_fov.to_radians()).tan();
+        Self {
+            id: 0,
+            img_name: String::new(),
+            width,
+            height,
+            position: eye.into(),
+            rotation: glam::DMat3::from_cols(right, down, forward).transpose().to_cols_array_2d(),
+            fx: focal,
+            fy: focal,
+        }
+    }
+
+    /// A camera that has the bulk of a scene in view: it looks along +z and a little down (+y), from where the box
+    /// [`Scene::robust_bounds`] just fits with a small margin; 60 degrees across the longer side.
+    pub fn framing(scene: &Scene, width: u32, height: u32) -> Self {
+        /// Slope of the view down.
+        const PITCH: f64 = 12.0;
+        /// Part of the image that the box may fill.
+        const FILL: f64 = 0.92;
+        let (width, height) = (width.max(1), height.max(1));
+        let bounds = scene.robust_bounds();
+        let center = glam::DVec3::from(bounds.center());
+        let focal = 0.5 * f64::from(width.max(height)) / 30f64.to_radians().tan();
+        let horizontal = 2.0 * (0.5 * f64::from(width) / focal).atan().to_degrees();
+        let forward = glam::DVec3::new(0.0, PITCH.to_radians().sin(), PITCH.to_radians().cos());
+        let mut camera = Self::looking_at([0.0; 3], forward.into(), horizontal, (width, height));
+        let [tan_x, tan_y] = [width, height].map(|side| FILL * 0.5 * f64::from(side) / focal);
+        // How far back the camera must be for each corner to be inside the pyramid of the view.
+        let distance = bounds.corners().into_iter().fold(0.0, |distance: f64, corner| {
+            let v = camera.to_view((glam::DVec3::from(corner) - center).into());
+            distance.max(v[0].abs() / tan_x - v[2]).max(v[1].abs() / tan_y - v[2])
+        });
+        // A scene that is a single point still needs to be in front of the near plane.
+        camera.position = (center - forward * distance.max(1.0)).into();
+        camera
+    }
+
+    /// The camera's axes in the world: right, down and forward.
+    pub fn axes(&self) -> [[f64; 3]; 3] {
+        std::array::from_fn(|axis| std::array::from_fn(|row| self.rotation[row][axis]))
+    }
+
+    /// A point of the world as the camera sees it: right, down and forward of it.
+    pub fn to_view(&self, point: [f64; 3]) -> [f64; 3] {
+        self.axes().map(|axis| (0..3).map(|i| axis[i] * (point[i] - self.position[i])).sum())
+    }
+
+    /// The least and greatest view depth of a box's corners; negative behind the camera.
+    pub fn depth_range(&self, bounds: &Bounds) -> (f64, f64) {
+        let depths = bounds.corners().map(|corner| self.to_view(corner)[2]);
+        depths
+            .into_iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(near, far), z| (near.min(z), far.max(z)))
+    }
+
+    /// The same view in an image of another size: what is seen from top to bottom stays.
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        let factor = f64::from(height) / f64::from(self.height);
+        Self { width, height, fx: self.fx * factor, fy: self.fy * factor, ..self.clone() }
+    }
+
+    /// Why the camera cannot be used, if it cannot.
+    fn fault(&self) -> Option<String> {
+        /// How far from orthonormal the rotation may be: files have as few as three decimals.
+        const TOLERANCE: f64 = 0.01;
+        if self.width == 0 || self.height == 0 {
+            return Some(format!("the image is {} x {} pixels", self.width, self.height));
+        }
+        for (name, focal) in [("fx", self.fx), ("fy", self.fy)] {
+            if !(focal > 0.0 && focal.is_finite()) {
+                return Some(format!("expected a positive {name}, found {focal}"));
+            }
+        }
+        if !self.position.iter().all(|v| v.is_finite()) {
+            return Some("the position is not finite".into());
+        }
+        let axes = self.axes().map(glam::DVec3::from);
+        for (i, a) in axes.iter().enumerate() {
+            for (j, b) in axes.iter().enumerate().skip(i) {
+                let (product, wanted) = (a.dot(*b), f64::from(i == j));
+                // NaN is not within it.
+                let within = (product - wanted).abs() <= TOLERANCE;
+                if !within {
+                    return Some(format!(
+                        "the rotation is not orthonormal: column {i} times column {j} is {product:.4}, expected {wanted}"
+                    ));
+                }
+            }
+        }
+        if axes[0].cross(axes[1]).dot(axes[2]) < 0.0 {
+            return Some("the rotation mirrors: its determinant is -1".into());
+        }
+        None
+    }
+}
+
+/// Reads the list one camera at a time, noting in which it is, so that an error can name it.
+struct List<'a> {
+    reached: &'a Cell<Option<usize>>,
+}
+
+impl<'de> DeserializeSeed<'de> for List<'_> {
+    type Value = Vec<Camera>;
+
+    fn deserialize<D: serde::Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_seq(self)
+    }
+}
+
+impl<'de> Visitor<'de> for List<'_> {
+    type Value = Vec<Camera>;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str("a list of cameras")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
+        let mut cameras = Vec::new();
+        self.reached.set(Some(0));
+        while let Some(camera) = list.next_element::<Camera>()? {
+            if let Some(fault) = camera.fault() {
+                return Err(A::Error::custom(fault));
+            }
+            cameras.push(camera);
+            self.reached.set(Some(cameras.len()));
+        }
+        self.reached.set(None);
+        Ok(cameras)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{capture, splat};
+
+    const ONE: &str = r#"{"id": 3, "img_name": "a", "width": 4, "height": 2, "position": [1, 2, 3.5], "lens": "x",
+        "rotation": [[1,0,0],[0,1,0],[0,0,1]], "fx": 5.0, "fy": 6.0}"#;
+
+    fn error(text: &str) -> String {
+        Camera::parse(text, Path::new("c.json")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_reference_form_is_read_and_fields_not_known_are_ignored() {
+        let cameras = Camera::parse(&format!("[{ONE}, {ONE}]"), Path::new("c.json")).unwrap();
+        assert_eq!(cameras.len(), 2);
+        assert_eq!((cameras[1].id, cameras[1].position, cameras[1].fy), (3, [1.0, 2.0, 3.5], 6.0));
+    }
+
+    #[test]
+    fn errors_say_line_column_and_which_camera() {
+        let missing = error(&format!("[{ONE},\n{}]", ONE.replace("\"fx\"", "\"fz\"")));
+        assert!(
+            missing.starts_with("c.json:4:") && missing.contains("camera 1: missing field `fx`"),
+            "{missing}"
+        );
+        let skew = error(&format!("[{}]", ONE.replace("[0,1,0]", "[0,1,0.5]")));
+        assert!(
+            skew.contains("c.json:2:") && skew.contains("camera 0: the rotation is not orthonormal"),
+            "{skew}"
+        );
+        assert!(error(&format!("[{}]", ONE.replace("[1,0,0]", "[-1,0,0]"))).contains("mirrors"));
+        assert!(error(&format!("[{}]", ONE.replace("5.0", "0"))).contains("positive fx"));
+        assert!(error(&format!("[{}]", ONE.replace(": 4", ": 0"))).contains("0 x 2 pixels"));
+        assert!(error("{}").contains("expected a list of cameras"));
+        assert!(error(&format!("[{ONE}] x")).contains("trailing"));
+        assert!(error("").contains("EOF"));
+    }
+
+    #[test]
+    fn a_camera_is_selected_by_number_or_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("c.json");
+        let mut cameras = vec![Camera::looking_at([0.0; 3], [1.0, 0.5, 2.0], 60.0, (64, 32)); 3];
+        for (i, camera) in cameras.iter_mut().enumerate() {
+            (camera.id, camera.img_name) = (i as i64, format!("view-{i}"));
+        }
+        Camera::save(&cameras, &path).unwrap();
+        assert_eq!(Camera::load(&path).unwrap(), cameras);
+        let select = |suffix: &str| Camera::select(&format!("{}{suffix}", path.display()));
+        assert_eq!(select("").unwrap(), cameras[0]);
+        assert_eq!(select("#2").unwrap(), cameras[2]);
+        assert_eq!(select("#view-1").unwrap(), cameras[1]);
+        let missing = select("#3").unwrap_err().to_string();
+        assert!(
+            missing.contains("no camera `3`: it has 3, numbered from 0 and named view-0, view-1"),
+            "{missing}"
+        );
+        Camera::save(&[], &path).unwrap();
+        assert!(matches!(select(""), Err(CameraError::Empty { .. })));
+    }
+
+    #[test]
+    fn looking_at_a_point_puts_it_on_the_axis_with_the_world_upright() {
+        let camera = Camera::looking_at([1.0, -2.0, 3.0], [4.0, 1.0, -2.0], 90.0, (200, 100));
+        assert_eq!(camera.fault(), None);
+        let v = camera.to_view([4.0, 1.0, -2.0]);
+        assert!(v[0].abs() < 1e-12 && v[1].abs() < 1e-12 && (v[2] - 43f64.sqrt()).abs() < 1e-12);
+        assert!(camera.axes()[1][1] > 0.0, "down in the image is down in the world");
+        assert!((camera.fx - 100.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_framing_camera_sees_every_corner_of_the_bulk_and_looks_down_a_little() {
+        let scene = Scene::generate(5000, 0, splat);
+        for (width, height) in [(960, 540), (300, 700)] {
+            let camera = Camera::framing(&scene, width, height);
+            assert_eq!(camera.fault(), None);
+            let mut widest = 0.0f64;
+            for corner in scene.robust_bounds().corners() {
+                let [x, y, z] = camera.to_view(corner);
+                assert!(z > 0.2);
+                let (x, y) = (
+                    x / z * camera.fx / (0.5 * f64::from(width)),
+                    y / z * camera.fy / (0.5 * f64::from(height)),
+                );
+                widest = widest.max(x.abs()).max(y.abs());
+            }
+            assert!((0.9..0.93).contains(&widest), "{widest}");
+            let forward = camera.axes()[2];
+            assert!(forward[2] > 0.9 && forward[1] > 0.1, "{forward:?}");
+        }
+    }
+
+    #[test]
+    fn the_cameras_of_the_captures_are_read() {
+        for name in ["biker", "playbot-31k", "rules"] {
+            let Some(path) = capture(&format!("{name}.cameras.json")) else { continue };
+            let cameras = Camera::load(path).unwrap();
+            assert!(cameras.len() >= 3);
+            assert!(cameras.iter().enumerate().all(|(i, c)| c.img_name == format!("{name}-{i}")));
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! Real spherical harmonics, in the basis and with the signs of the 3DGS reference implementation.
+//!
+//! A splat's colour in direction `d` (unit, from the camera to the splat) is `max(0, 0.5 + sum_k c_k Y_k(d))` per channel.
+//! Coefficient 0 is band 0, 1 to 3 band 1, 4 to 8 band 2, 9 to 15 band 3.
+//!
+//! A function that is symmetric about an axis, a *lobe*, needs only a polynomial in the cosine to that axis: the addition
+//! theorem of spherical harmonics turns its Legendre coefficients into all sixteen (see [`Zonal`]).
+
+use std::f64::consts::PI;
+
+/// The sixteen basis functions of degree 3 at a unit direction.
+///
+/// Source of the constants: the orthonormal real harmonics, sqrt((2l+1)/(4 pi) (l-m)!/(l+m)!) with sqrt(2) for m != 0;
+/// the signs of odd m are negative, as in the reference.
+pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
+    let c0 = (1.0 / (4.0 * PI)).sqrt();
+    let c1 = (3.0 / (4.0 * PI)).sqrt();
+    let c2 = (15.0 / (4.0 * PI)).sqrt();
+    let c20 = (5.0 / (16.0 * PI)).sqrt();
+    let c22 = (15.0 / (16.0 * PI)).sqrt();
+    let c30 = (7.0 / (16.0 * PI)).sqrt();
+    let c31 = (21.0 / (32.0 * PI)).sqrt();
+    let c32 = (105.0 / (4.0 * PI)).sqrt();
+    let c320 = (105.0 / (16.0 * PI)).sqrt();
+    let c33 = (35.0 / (32.0 * PI)).sqrt();
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    [
+        c0,
+        -c1 * y,
+        c1 * z,
+        -c1 * x,
+        c2 * x * y,
+        -c2 * y * z,
+        c20 * (2.0 * zz - xx - yy),
+        -c2 * x * z,
+        c22 * (xx - yy),
+        -c33 * y * (3.0 * xx - yy),
+        c32 * x * y * z,
+        -c31 * y * (4.0 * zz - xx - yy),
+        c30 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+        -c31 * x * (4.0 * zz - xx - yy),
+        c320 * z * (xx - yy),
+        -c33 * x * (xx - 3.0 * yy),
+    ]
+}
+
+/// A function of the cosine to an axis, as the coefficients of the Legendre polynomials P0 to P3.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Zonal(pub [f64; 4]);
+
+impl Zonal {
+    /// A smooth highlight: `exp(sharpness * (cos - 1))`, 1 on the axis.
+    ///
+    /// Its bands are damped (Lanczos' sigma factors), which widens it a little and keeps the cut at degree 3 from ringing
+    /// into dark bands.
+    pub fn lobe(sharpness: f64) -> Self {
+        const SAMPLES: usize = 256;
+        let mut coefficients = [0.0; 4];
+        for sample in 0..SAMPLES {
+            let t = (2.0 * sample as f64 + 1.0) / SAMPLES as f64 - 1.0;
+            let value = (sharpness * (t - 1.0)).exp();
+            for (l, (sum, p)) in coefficients.iter_mut().zip(legendre(t)).enumerate() {
+                *sum += value * p * (2.0 * l as f64 + 1.0) / SAMPLES as f64;
+            }
+        }
+        for (l, c) in coefficients.iter_mut().enumerate().skip(1) {
+            let x = PI * l as f64 / 4.5;
+            *c *= x.sin() / x;
+        }
+        Self(coefficients)
+    }
+
+    /// The cubic in the cosine that comes nearest, in least squares, to a function on `[from, 1]`: what a surface shows to
+    /// cameras in front of it, where the axis is its normal and the back is never seen.
+    pub fn fit(from: f64, function: impl Fn(f64) -> f64) -> Self {
+        const SAMPLES: usize = 64;
+        let mut normal = [[0.0; 5]; 4];
+        for sample in 0..SAMPLES {
+            let t = from + (1.0 - from) * (sample as f64 + 0.5) / SAMPLES as f64;
+            let (p, value) = (legendre(t), function(t));
+            for row in 0..4 {
+                for column in 0..4 {
+                    normal[row][column] += p[row] * p[column];
+                }
+                normal[row][4] += p[row] * value;
+            }
+        }
+        Self(solve(normal))
+    }
+
+    /// The function at a cosine.
+    pub fn at(&self, cosine: f64) -> f64 {
+        self.0.iter().zip(legendre(cosine)).map(|(c, p)| c * p).sum()
+    }
+
+    /// Its sixteen coefficients where the axis (unit) is given, with the basis at that axis: by the addition theorem,
+    /// P_l(a . d) = 4 pi / (2l+1) sum_m Y_lm(a) Y_lm(d).
+    pub fn about(&self, axis: [f64; 3]) -> [f64; 16] {
+        let mut coefficients = basis(axis);
+        for (k, value) in coefficients.iter_mut().enumerate() {
+            let l = [0, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3][k];
+            *value *= self.0[l] * 4.0 * PI / (2.0 * l as f64 + 1.0);
+        }
+        coefficients
+    }
+}
+
+/// The Legendre polynomials P0 to P3.
+fn legendre(t: f64) -> [f64; 4] {
+    [1.0, t, 1.5 * t * t - 0.5, 2.5 * t * t * t - 1.5 * t]
+}
+
+/// Solves four linear equations by Gauss-Jordan elimination; the matrix is symmetric and positive definite, so no pivot
+/// is needed.
+fn solve(mut m: [[f64; 5]; 4]) -> [f64; 4] {
+    for pivot in 0..4 {
+        let scale = m[pivot][pivot];
+        m[pivot].iter_mut().for_each(|v| *v /= scale);
+        let pivot_row = m[pivot];
+        for (row, values) in m.iter_mut().enumerate() {
+            if row != pivot {
+                let factor = values[pivot];
+                values.iter_mut().zip(pivot_row).for_each(|(v, p)| *v -= factor * p);
+            }
+        }
+    }
+    m.map(|row| row[4])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DIRECTIONS: [[f64; 3]; 4] =
+        [[0.6, 0.8, 0.0], [-0.48, 0.6, 0.64], [0.0, 0.0, -1.0], [0.36, -0.48, -0.8]];
+
+    #[test]
+    fn the_constants_are_those_of_the_reference() {
+        let at = basis([0.5, 0.5, std::f64::consts::FRAC_1_SQRT_2]);
+        assert!((at[0] - 0.28209479177387814).abs() < 1e-15);
+        assert!((at[1] + 0.4886025119029199 * 0.5).abs() < 1e-15);
+        assert!((basis([0.0, 0.0, 1.0])[6] - 2.0 * 0.31539156525252005).abs() < 1e-15);
+        assert!((basis([1.0, 0.0, 0.0])[13] - 0.4570457994644658).abs() < 1e-15);
+        assert!((basis([0.0, 1.0, 0.0])[9] - 0.5900435899266435).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_lobe_about_an_axis_is_the_same_function_as_its_polynomial() {
+        let lobe = Zonal::lobe(5.0);
+        for axis in DIRECTIONS {
+            let coefficients = lobe.about(axis);
+            for d in DIRECTIONS {
+                let cosine: f64 = axis.iter().zip(d).map(|(a, b)| a * b).sum();
+                let sum: f64 = coefficients.iter().zip(basis(d)).map(|(c, y)| c * y).sum();
+                assert!((sum - lobe.at(cosine)).abs() < 1e-12, "{sum} {}", lobe.at(cosine));
+            }
+        }
+    }
+
+    #[test]
+    fn a_cubic_is_fitted_exactly() {
+        let f = |t: f64| 0.3 - t + 2.0 * t * t - 0.7 * t * t * t;
+        let fitted = Zonal::fit(-0.3, f);
+        for t in [-0.3, 0.0, 0.4, 1.0] {
+            assert!((fitted.at(t) - f(t)).abs() < 1e-10);
+        }
+    }
+}

@@ -1,0 +1,289 @@
+//! The text header of a PLY file.
+
+use crate::SceneError;
+
+/// Bytes that a header may have. The reference layout needs about 1,600; comments may be long.
+pub(crate) const HEADER_LIMIT: usize = 64 * 1024;
+
+/// How the rows are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Encoding {
+    Ascii,
+    LittleEndian,
+    BigEndian,
+}
+
+impl Encoding {
+    /// The name in a `format` line.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Ascii => "ascii",
+            Self::LittleEndian => "binary_little_endian",
+            Self::BigEndian => "binary_big_endian",
+        }
+    }
+}
+
+/// A scalar type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    /// By either of the two names that files use.
+    fn parse(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::I8 => "char",
+            Self::U8 => "uchar",
+            Self::I16 => "short",
+            Self::U16 => "ushort",
+            Self::I32 => "int",
+            Self::U32 => "uint",
+            Self::F32 => "float",
+            Self::F64 => "double",
+        }
+    }
+
+    /// Bytes in a binary file.
+    pub(crate) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+}
+
+/// What a property holds in each row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Scalar(Scalar),
+    List { count: Scalar, item: Scalar },
+}
+
+impl Kind {
+    pub(crate) fn name(self) -> String {
+        match self {
+            Self::Scalar(s) => s.name().to_owned(),
+            Self::List { count, item } => format!("list {} {}", count.name(), item.name()),
+        }
+    }
+}
+
+/// A column.
+#[derive(Clone, Debug)]
+pub(crate) struct Property {
+    pub name: String,
+    pub kind: Kind,
+}
+
+/// A table of rows.
+#[derive(Clone, Debug)]
+pub(crate) struct Element {
+    pub name: String,
+    pub count: u64,
+    /// The line that declares it.
+    pub line: u32,
+    pub properties: Vec<Property>,
+}
+
+impl Element {
+    /// Bytes of a binary row; `None` where a list makes rows differ.
+    pub(crate) fn stride(&self) -> Option<usize> {
+        self.properties.iter().try_fold(0, |sum, p| match p.kind {
+            Kind::Scalar(s) => Some(sum + s.size()),
+            Kind::List { .. } => None,
+        })
+    }
+}
+
+/// All that the header says.
+#[derive(Clone, Debug)]
+pub(crate) struct Header {
+    pub encoding: Encoding,
+    pub elements: Vec<Element>,
+    /// Bytes from the file's start to its first row.
+    pub bytes: usize,
+    /// Lines in those bytes.
+    pub lines: u32,
+}
+
+impl Header {
+    /// Reads the header of bytes that begin with `ply` and a line end ([`begins_as_ply`]).
+    pub(crate) fn parse(bytes: &[u8]) -> Result<Self, SceneError> {
+        let mut encoding = None;
+        let mut elements: Vec<Element> = Vec::new();
+        let mut at = 0;
+        let mut number = 0;
+        loop {
+            let rest = &bytes[at..bytes.len().min(HEADER_LIMIT)];
+            let Some(end) = rest.iter().position(|&b| b == b'\n') else {
+                return Err(if bytes.len() > HEADER_LIMIT {
+                    SceneError::HeaderTooLong { limit: HEADER_LIMIT }
+                } else {
+                    SceneError::HeaderUnfinished { line: number }
+                });
+            };
+            number += 1;
+            at += end + 1;
+            let text = String::from_utf8_lossy(&rest[..end]);
+            let words: Vec<&str> = text.split_ascii_whitespace().collect();
+            let fail = |message: String| SceneError::Header { line: number, message };
+            match words.as_slice() {
+                // A blank line does no harm.
+                [] | ["comment" | "obj_info", ..] => {}
+                ["ply"] if number == 1 => {}
+                ["format", name, version] => {
+                    if encoding.is_some() {
+                        return Err(fail("a second `format` line".into()));
+                    }
+                    encoding = Some(match *name {
+                        "ascii" => Encoding::Ascii,
+                        "binary_little_endian" => Encoding::LittleEndian,
+                        "binary_big_endian" => Encoding::BigEndian,
+                        other => {
+                            return Err(fail(format!(
+                                "expected the format ascii, binary_little_endian or binary_big_endian, found `{other}`"
+                            )));
+                        }
+                    });
+                    if *version != "1.0" {
+                        return Err(fail(format!("expected PLY version 1.0, found `{version}`")));
+                    }
+                }
+                ["element", name, count] => {
+                    if elements.iter().any(|e| e.name == *name) {
+                        return Err(fail(format!("a second `element {name}`")));
+                    }
+                    let count = count
+                        .parse()
+                        .map_err(|_| fail(format!("expected the number of rows, found `{count}`")))?;
+                    elements.push(Element {
+                        name: (*name).into(),
+                        count,
+                        line: number,
+                        properties: Vec::new(),
+                    });
+                }
+                ["property", rest @ ..] => {
+                    let property = property(rest).map_err(fail)?;
+                    let element = elements
+                        .last_mut()
+                        .ok_or_else(|| fail("a `property` before the first `element`".into()))?;
+                    if element.properties.iter().any(|p| p.name == property.name) {
+                        return Err(fail(format!("a second property `{}`", property.name)));
+                    }
+                    element.properties.push(property);
+                }
+                ["end_header"] => {
+                    let encoding = encoding.ok_or_else(|| fail("no `format` line before the end".into()))?;
+                    return Ok(Self { encoding, elements, bytes: at, lines: number });
+                }
+                _ => {
+                    let shown: String = text.trim_end().chars().take(60).collect();
+                    return Err(fail(format!(
+                        "expected format, element, property, comment, obj_info or end_header, found `{}`",
+                        shown.escape_default()
+                    )));
+                }
+            }
+        }
+    }
+}
+
+/// The words after `property`.
+fn property(words: &[&str]) -> Result<Property, String> {
+    let scalar = |name: &str| {
+        Scalar::parse(name).ok_or_else(|| {
+            format!(
+                "expected a type (char, uchar, short, ushort, int, uint, float or double), found `{name}`"
+            )
+        })
+    };
+    match words {
+        ["list", count, item, name] => {
+            let count = scalar(count)?;
+            if matches!(count, Scalar::F32 | Scalar::F64) {
+                return Err(format!(
+                    "expected an integer type for a list's length, found `{}`",
+                    count.name()
+                ));
+            }
+            Ok(Property { name: (*name).into(), kind: Kind::List { count, item: scalar(item)? } })
+        }
+        [kind, name] => Ok(Property { name: (*name).into(), kind: Kind::Scalar(scalar(kind)?) }),
+        _ => Err("expected `property TYPE NAME` or `property list TYPE TYPE NAME`".into()),
+    }
+}
+
+/// Whether the first line is `ply`.
+pub(crate) fn begins_as_ply(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(text: &str) -> String {
+        Header::parse(text.as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_header_with_windows_line_ends_and_comments_is_read() {
+        let text = "ply\r\nformat binary_big_endian 1.0\r\ncomment made by hand\r\nobj_info x\r\nelement vertex 7\r\n\
+                    property float32 x\r\nelement face 2\r\nproperty list uchar int vertex_indices\r\nend_header\r\n\x01";
+        let header = Header::parse(text.as_bytes()).unwrap();
+        assert_eq!(header.encoding, Encoding::BigEndian);
+        assert_eq!(header.bytes, text.len() - 1);
+        assert_eq!(header.lines, 9);
+        assert_eq!((header.elements[0].count, header.elements[0].stride()), (7, Some(4)));
+        assert_eq!((header.elements[1].line, header.elements[1].stride()), (7, None));
+    }
+
+    #[test]
+    fn errors_name_the_line_and_what_was_expected() {
+        assert!(error("ply\nformat binary 1.0\nend_header\n").contains("line 2"));
+        assert!(error("ply\nformat ascii 2.0\n").contains("version 1.0, found `2.0`"));
+        assert!(error("ply\nformat ascii 1.0\nelement vertex many\n").contains("line 3 of the header"));
+        assert!(error("ply\nformat ascii 1.0\nproperty float x\n").contains("before the first `element`"));
+        assert!(error("ply\nformat ascii 1.0\nelement v 1\nproperty half x\n").contains("found `half`"));
+        assert!(
+            error("ply\nformat ascii 1.0\nelement v 1\nproperty list float int x\n").contains("integer type")
+        );
+        assert!(error("ply\nformat ascii 1.0\nelement v 1\nelement v 1\n").contains("a second `element v`"));
+        assert!(error("ply\nend_header\n").contains("no `format`"));
+        assert!(error("ply\nformat ascii 1.0\nelemnt vertex 1\n").contains("found `elemnt vertex 1`"));
+        assert!(error("ply\nformat ascii 1.0\nelement vertex -1\n").contains("found `-1`"));
+    }
+
+    #[test]
+    fn a_header_that_never_ends_is_told_from_one_that_was_cut() {
+        assert!(error("ply\nformat ascii 1.0\n").contains("ends inside it, after line 2"));
+        let long = format!("ply\nformat ascii 1.0\n{}", "comment a\n".repeat(HEADER_LIMIT / 10 + 1));
+        assert!(error(&long).contains("too long"));
+    }
+}

@@ -1,0 +1,135 @@
+//! Finds a splat's properties among those of `element vertex`.
+
+use super::header::{Element, Kind, Scalar};
+use crate::scene::Splat;
+use crate::{SceneError, error::nearest, recognise};
+
+/// Where the slots of a splat start in [`Layout::slots`] and in a row of values.
+const POSITION: usize = 0;
+const SCALE: usize = 3;
+const ROTATION: usize = 6;
+const OPACITY: usize = 10;
+const DC: usize = 11;
+const REST: usize = 14;
+
+/// Slots of a splat of degree 3.
+pub(crate) const MAX_SLOTS: usize = REST + 45;
+
+/// The names of the slots that every splat has, in slot order.
+const NAMES: [&str; REST] = [
+    "x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0",
+    "f_dc_1", "f_dc_2",
+];
+
+/// Where one value of a splat stands in a row.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Slot {
+    /// Index of the property.
+    pub column: usize,
+    /// Byte in a binary row.
+    pub offset: usize,
+    pub scalar: Scalar,
+}
+
+/// How rows of `element vertex` become splats.
+#[derive(Clone, Debug)]
+pub(crate) struct Layout {
+    /// Degree of the spherical harmonics stored.
+    pub degree: u32,
+    /// Bytes of a binary row.
+    pub stride: usize,
+    /// Where each value stands: [`NAMES`], then `f_rest_*`.
+    pub slots: Vec<Slot>,
+    /// For each column, its slot.
+    pub slot_of: Vec<Option<usize>>,
+}
+
+impl Layout {
+    pub(crate) fn find(vertex: &Element) -> Result<Self, SceneError> {
+        let line = vertex.line;
+        let mut columns: Vec<(&str, Slot)> = Vec::with_capacity(vertex.properties.len());
+        let mut stride = 0;
+        for (column, property) in vertex.properties.iter().enumerate() {
+            if property.name == "packed_position" {
+                return Err(recognise::compressed_ply());
+            }
+            let Kind::Scalar(scalar) = property.kind else {
+                return Err(SceneError::Header {
+                    line,
+                    message: format!("`{}` is a list: splats have only single values", property.name),
+                });
+            };
+            columns.push((&property.name, Slot { column, offset: stride, scalar }));
+            stride += scalar.size();
+        }
+        let find = |name: &str| columns.iter().find(|(n, _)| *n == name).map(|(_, slot)| *slot);
+        let missing = |name: &str| {
+            let cloud = name.starts_with("scale") || name.starts_with("f_dc");
+            let names = columns.iter().map(|(n, _)| *n);
+            SceneError::MissingProperty {
+                name: name.into(),
+                line,
+                nearest: nearest(name, names).map(str::to_owned),
+                hint: (cloud && find("x").is_some() && find("scale_0").is_none())
+                    .then_some("it may be a point cloud or a mesh, which has no splats"),
+            }
+        };
+        let mut slots = Vec::with_capacity(MAX_SLOTS);
+        for name in NAMES {
+            slots.push(find(name).ok_or_else(|| missing(name))?);
+        }
+        let rest = columns.iter().filter(|(n, _)| n.starts_with("f_rest_")).count();
+        let degree = match rest {
+            0 => 0,
+            9 => 1,
+            24 => 2,
+            45 => 3,
+            found => return Err(SceneError::RestCount { found, line }),
+        };
+        for index in 0..rest {
+            let name = format!("f_rest_{index}");
+            slots.push(find(&name).ok_or_else(|| missing(&name))?);
+        }
+        let mut slot_of = vec![None; columns.len()];
+        for (index, slot) in slots.iter().enumerate() {
+            slot_of[slot.column] = Some(index);
+        }
+        Ok(Self { degree, stride, slots, slot_of })
+    }
+
+    /// A splat from its values as the file has them, and the length of its quaternion there.
+    ///
+    /// Exponential, sigmoid and norm are taken in f64 and rounded once, so that a file gives the same splats whatever the
+    /// platform's single-precision library does.
+    #[inline]
+    pub(crate) fn splat(&self, value: impl Fn(usize) -> f32) -> (Splat, f64) {
+        let exp = |slot: usize| f64::from(value(slot)).exp() as f32;
+        // 1 / (1 + e^-x) overflows only inside, to 1 / inf = 0, which is the limit; an infinite logit must stay visible
+        // as such, as what is not finite is dropped.
+        let logit = f64::from(value(OPACITY));
+        let opacity = if logit.is_finite() { (1.0 / (1.0 + (-logit).exp())) as f32 } else { f32::NAN };
+        let raw: [f64; 4] = std::array::from_fn(|i| f64::from(value(ROTATION + i)));
+        let norm = raw.iter().map(|c| c * c).sum::<f64>().sqrt();
+        let mut splat =
+            Splat {
+                position: [value(POSITION), value(POSITION + 1), value(POSITION + 2)],
+                // An infinite logarithm of either sign is an error of the file, though e^-inf would be 0.
+                scale: std::array::from_fn(|i| {
+                    if value(SCALE + i).is_finite() { exp(SCALE + i) } else { f32::NAN }
+                }),
+                rotation: raw.map(|c| if norm > 0.0 { (c / norm) as f32 } else { c as f32 }),
+                opacity,
+                sh: [0.0; 48],
+            };
+        for channel in 0..3 {
+            splat.sh[channel] = value(DC + channel);
+        }
+        let bands = ((self.degree + 1) * (self.degree + 1)) as usize - 1;
+        for channel in 0..3 {
+            for k in 0..bands {
+                splat.sh[3 * (k + 1) + channel] = value(REST + channel * bands + k);
+            }
+        }
+        (splat, norm)
+    }
+}

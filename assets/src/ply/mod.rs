@@ -1,0 +1,26 @@
+//! The PLY files of the 3DGS reference implementation, read and written.
+//!
+//! A PLY file is a text header and then rows. The header names *elements* (`vertex`, perhaps `face`), how many rows each
+//! has, and the *properties* of a row with their types; the rows follow in that order, as text or as packed binary. A
+//! splat is a row of `vertex` with these properties, in any order and of any scalar type:
+//!
+//! | property | meaning |
+//! |---|---|
+//! | `x y z` | centre, world units; y points down in captured scenes |
+//! | `scale_0..2` | natural logarithm of the standard deviation along each axis |
+//! | `rot_0..3` | quaternion w x y z, of any length but zero |
+//! | `opacity` | logit |
+//! | `f_dc_0..2` | spherical harmonics, band 0, red green blue |
+//! | `f_rest_*` | bands 1 to the degree, channel-major: all of red's coefficients, then green's, then blue's |
+//!
+//! [`header`] reads the text, [`layout`] finds the splat's properties in it, [`binary`] and [`ascii`] read the rows,
+//! [`read`] joins them into a [`crate::Scene`], [`write`] is the way back.
+
+pub(crate) mod ascii;
+pub(crate) mod binary;
+pub(crate) mod header;
+pub(crate) mod layout;
+pub(crate) mod read;
+#[cfg(test)]
+mod tests;
+pub(crate) mod write;

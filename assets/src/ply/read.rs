@@ -1,0 +1,270 @@
+//! Joins header, layout and rows into a scene.
+//!
+//! The file is mapped, not read: binary rows have a fixed length, so every chunk of splats is converted straight from the
+//! mapping into the scene's arrays, in parallel. ASCII rows differ in length, so a first pass notes where each chunk
+//! starts.
+
+use super::header::{Element, Encoding, Header, begins_as_ply};
+use super::layout::{Layout, MAX_SLOTS};
+use super::{ascii, binary};
+use crate::scene::{CHUNK, Columns, Gathered, Rows, Scene};
+use crate::worksheet::{ElementSheet, Worksheet};
+use crate::{LoadError, SceneError, recognise};
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Told how far a load is: bytes of splats done, of how many. Called from several threads, with `done` not always
+/// ascending.
+pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
+
+impl Scene {
+    /// Loads a scene file.
+    ///
+    /// # Errors
+    /// Where the file cannot be read, is not a PLY file in the reference layout, or is damaged. See [`SceneError`].
+    pub fn load(path: impl AsRef<Path>, progress: Progress) -> Result<Self, LoadError> {
+        let path = path.as_ref();
+        let inner = || {
+            let file = std::fs::File::open(path)?;
+            if file.metadata()?.is_dir() {
+                return Err(std::io::Error::other("it is a folder").into());
+            }
+            if file.metadata()?.len() == 0 {
+                return Err(SceneError::Empty);
+            }
+            parse(&map(&file)?, Some(path), progress)
+        };
+        inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
+    }
+
+    /// Reads a scene from the bytes of a file.
+    ///
+    /// # Errors
+    /// As [`Scene::load`].
+    pub fn parse(bytes: &[u8], progress: Progress) -> Result<Self, SceneError> {
+        parse(bytes, None, progress)
+    }
+}
+
+fn map(file: &std::fs::File) -> std::io::Result<memmap2::Mmap> {
+    // SAFETY: the mapping is only read, through shared slices, and is dropped before `load` returns. Another process
+    // that writes to the file meanwhile can change what is read, which every check here is made for; one that truncates
+    // it stops this process (SIGBUS), as with every program that maps its input.
+    unsafe { memmap2::Mmap::map(file) }
+}
+
+/// Reads a scene; `path` helps to name a file of another format.
+fn parse(bytes: &[u8], path: Option<&Path>, progress: Progress) -> Result<Scene, SceneError> {
+    if bytes.is_empty() {
+        return Err(SceneError::Empty);
+    }
+    if !begins_as_ply(bytes) {
+        return Err(recognise::not_ply(path, bytes));
+    }
+    let header = Header::parse(bytes)?;
+    let vertex = header.elements.iter().find(|e| e.name == "vertex").ok_or_else(|| {
+        SceneError::NoVertexElement { found: header.elements.iter().map(|e| e.name.clone()).collect() }
+    })?;
+    let layout = Layout::find(vertex)?;
+    if vertex.count == 0 {
+        return Err(SceneError::NoSplats { line: vertex.line });
+    }
+    let available = (bytes.len() - header.bytes) as u64;
+    // A row has at least a byte, so this is beyond what any truncation could explain.
+    if let Some(absurd) = header.elements.iter().find(|e| e.count > available && !e.properties.is_empty()) {
+        return Err(SceneError::AbsurdCount {
+            element: absurd.name.clone(),
+            promised: absurd.count,
+            available,
+            line: absurd.line,
+        });
+    }
+    if u32::try_from(vertex.count).is_err() {
+        return Err(SceneError::TooMany { count: vertex.count });
+    }
+    let file = File { bytes, header: &header, layout: &layout, progress };
+    let (columns, gathered, elements, end) = match header.encoding {
+        Encoding::Ascii => file.ascii()?,
+        Encoding::LittleEndian => file.binary::<false>()?,
+        Encoding::BigEndian => file.binary::<true>()?,
+    };
+    let worksheet = Worksheet {
+        format: format!("ply, {}", header.encoding.name()),
+        file_bytes: bytes.len() as u64,
+        header_bytes: header.bytes as u64,
+        elements,
+        trailing_bytes: (bytes.len() - end) as u64,
+    };
+    let scene = Scene::new(columns, gathered, Some(worksheet));
+    if scene.count() == 0 {
+        let reasons = scene.dropped().to_string();
+        return Err(SceneError::AllDropped { count: vertex.count, reasons });
+    }
+    Ok(scene)
+}
+
+/// A file whose header is understood.
+struct File<'a> {
+    bytes: &'a [u8],
+    header: &'a Header,
+    layout: &'a Layout,
+    progress: Progress<'a>,
+}
+
+/// The splats, what was learnt of them, the worksheet's elements, and the byte after the last row.
+type Body = (Columns, Gathered, Vec<ElementSheet>, usize);
+
+impl File<'_> {
+    fn binary<const BIG: bool>(&self) -> Result<Body, SceneError> {
+        let mut body = None;
+        let mut sheets = Vec::new();
+        let mut at = self.header.bytes;
+        for element in &self.header.elements {
+            let rest = &self.bytes[at..];
+            let is_vertex = element.name == "vertex";
+            let sizes = binary::measure(rest, element, BIG).map_err(|there| truncated(element, there))?;
+            let total = sizes.iter().sum::<u64>();
+            if is_vertex {
+                body = Some(self.binary_splats::<BIG>(&rest[..total as usize], element.count as usize)?);
+            }
+            sheets.push(ElementSheet::new(element, self.used(is_vertex), &sizes, total));
+            at += total as usize;
+        }
+        let (columns, gathered) = body.expect("the caller found `vertex` among the elements");
+        Ok((columns, gathered, sheets, at))
+    }
+
+    fn binary_splats<const BIG: bool>(
+        &self,
+        rows: &[u8],
+        count: usize,
+    ) -> Result<(Columns, Gathered), SceneError> {
+        let layout = self.layout;
+        let stride = layout.stride;
+        let done = Done::new(rows.len() as u64, self.progress);
+        let mut columns = Columns::zeroed(count, layout.degree);
+        let gathered = columns.fill(|out: &mut Rows| {
+            let rows = &rows[out.first() * stride..][..out.len() * stride];
+            for (index, row) in rows.chunks_exact(stride).enumerate() {
+                let (splat, norm) = layout.splat(|slot| {
+                    let slot = layout.slots[slot];
+                    binary::value::<BIG>(&row[slot.offset..], slot.scalar)
+                });
+                out.set(index, &splat, norm);
+            }
+            done.add(rows.len() as u64);
+            Ok::<_, SceneError>(())
+        })?;
+        Ok((columns, gathered))
+    }
+
+    fn ascii(&self) -> Result<Body, SceneError> {
+        let mut body = None;
+        let mut sheets = Vec::new();
+        let mut lines = ascii::Lines::new(self.bytes, self.header.bytes, u64::from(self.header.lines));
+        for element in &self.header.elements {
+            let start = lines.at;
+            let is_vertex = element.name == "vertex";
+            let sizes = if is_vertex {
+                let (columns, gathered, sizes) = self.ascii_splats(&mut lines, element)?;
+                body = Some((columns, gathered));
+                sizes
+            } else {
+                ascii::skip(&mut lines, element)?
+            };
+            sheets.push(ElementSheet::new(element, self.used(is_vertex), &sizes, (lines.at - start) as u64));
+        }
+        let (columns, gathered) = body.expect("the caller found `vertex` among the elements");
+        Ok((columns, gathered, sheets, lines.at))
+    }
+
+    /// Reads the splats, and leaves `lines` behind the last of them.
+    fn ascii_splats(
+        &self,
+        lines: &mut ascii::Lines,
+        vertex: &Element,
+    ) -> Result<(Columns, Gathered, Vec<u64>), SceneError> {
+        let start = lines.at;
+        let mut chunks = Vec::with_capacity(vertex.count as usize / CHUNK + 1);
+        // A value and a blank for each column: a shorter line cannot be a row. Checked before anything is allocated.
+        let least = 2 * vertex.properties.len() - 1;
+        for row in 0..vertex.count {
+            if row % CHUNK as u64 == 0 {
+                chunks.push(*lines);
+            }
+            let text = lines.next_row().ok_or_else(|| truncated(vertex, row))?;
+            if text.len() < least {
+                return Err(self.short_row(text, lines, vertex, row));
+            }
+        }
+        let done = Done::new((lines.at - start) as u64, self.progress);
+        let sizes = Mutex::new(vec![0; vertex.properties.len()]);
+        let mut columns = Columns::zeroed(vertex.count as usize, self.layout.degree);
+        let gathered = columns.fill(|out: &mut Rows| {
+            let mut lines = chunks[out.first() / CHUNK];
+            let start = lines.at;
+            let mut slots = [0.0; MAX_SLOTS];
+            let mut chunk_sizes = vec![0; vertex.properties.len()];
+            for index in 0..out.len() {
+                let row = (out.first() + index) as u64;
+                let text = lines.next_row().ok_or_else(|| truncated(vertex, row))?;
+                let found =
+                    ascii::row(text, lines.number, self.layout, vertex, &mut slots, &mut chunk_sizes)?;
+                if found < vertex.properties.len() {
+                    return Err(self.short_row(text, &lines, vertex, row));
+                }
+                let (splat, norm) = self.layout.splat(|slot| slots[slot]);
+                out.set(index, &splat, norm);
+            }
+            let mut sizes = sizes.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            sizes.iter_mut().zip(&chunk_sizes).for_each(|(sum, size)| *sum += size);
+            drop(sizes);
+            done.add((lines.at - start) as u64);
+            Ok(())
+        })?;
+        let sizes = sizes.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        Ok((columns, gathered, sizes))
+    }
+
+    /// The error for a row with too few values, which `lines` has just given: a file that was cut ends in one.
+    fn short_row(&self, text: &[u8], lines: &ascii::Lines, vertex: &Element, row: u64) -> SceneError {
+        if lines.at == self.bytes.len() && !self.bytes.ends_with(b"\n") {
+            return truncated(vertex, row);
+        }
+        let (expected, found) = (vertex.properties.len(), ascii::words(text).count());
+        SceneError::Row { line: lines.number, message: format!("expected {expected} values, found {found}") }
+    }
+
+    /// Which columns of an element become part of a splat.
+    fn used(&self, is_vertex: bool) -> impl Fn(usize) -> bool {
+        move |column| is_vertex && self.layout.slot_of[column].is_some()
+    }
+}
+
+fn truncated(element: &Element, there: u64) -> SceneError {
+    let (promised, line) = (element.count, element.line);
+    if element.name == "vertex" {
+        SceneError::Truncated { there, promised, line }
+    } else {
+        SceneError::TruncatedElement { element: element.name.clone(), there, promised, line }
+    }
+}
+
+/// Adds up the progress of parallel chunks.
+struct Done<'a> {
+    done: AtomicU64,
+    of: u64,
+    tell: Progress<'a>,
+}
+
+impl<'a> Done<'a> {
+    fn new(of: u64, tell: Progress<'a>) -> Self {
+        tell(0, of);
+        Self { done: AtomicU64::new(0), of, tell }
+    }
+
+    fn add(&self, bytes: u64) {
+        (self.tell)(self.done.fetch_add(bytes, Ordering::Relaxed) + bytes, self.of);
+    }
+}

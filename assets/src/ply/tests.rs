@@ -1,0 +1,403 @@
+//! Whole files, good and bad.
+
+use super::write::property_names;
+use crate::testing::{capture, parse, splat};
+use crate::{Scene, SceneError, sh_floats};
+use proptest::prelude::*;
+
+/// How to write a file that a test wants.
+struct Made {
+    format: &'static str,
+    kind: &'static str,
+    degree: u32,
+    count: usize,
+    reversed: bool,
+    /// Faces with lists before and after the splats.
+    faces: bool,
+    line_end: &'static str,
+}
+
+const PLAIN: Made = Made {
+    format: "binary_little_endian",
+    kind: "float",
+    degree: 1,
+    count: 20,
+    reversed: false,
+    faces: false,
+    line_end: "\n",
+};
+
+/// Values of a splat as files hold them, by property.
+fn raw(index: usize, name: &str) -> f64 {
+    let t = index as f64;
+    match name.rsplit_once('_').map(|(stem, n)| (stem, n.parse::<f64>().unwrap())) {
+        None if name == "opacity" => t * 0.25 - 2.0,
+        None => t + name.len() as f64 * 0.5 + name.as_bytes()[0] as f64,
+        Some(("scale", n)) => -3.0 - 0.125 * n - t * 0.0625,
+        Some(("rot", n)) => {
+            if n == 2.0 {
+                2.0
+            } else {
+                0.0
+            }
+        }
+        Some(("f_dc", n)) => 0.5 + n,
+        Some((_, n)) => n * 0.25 - t * 0.5,
+    }
+}
+
+impl Made {
+    fn put(&self, out: &mut Vec<u8>, value: f64) {
+        let little = self.format != "binary_big_endian";
+        match (self.format, self.kind) {
+            ("ascii", _) => out.extend_from_slice(format!("{value} ").as_bytes()),
+            (_, "double") => out.extend(if little { value.to_le_bytes() } else { value.to_be_bytes() }),
+            _ => out.extend(if little { (value as f32).to_le_bytes() } else { (value as f32).to_be_bytes() }),
+        }
+    }
+
+    /// Two faces: a list of 3 and one of 4 indices, and a byte.
+    fn put_faces(&self, out: &mut Vec<u8>) {
+        for n in [3u8, 4] {
+            match self.format {
+                "ascii" => {
+                    let indices = " 7".repeat(n.into());
+                    out.extend_from_slice(format!("{n}{indices} 9{}", self.line_end).as_bytes());
+                }
+                _ => {
+                    out.push(n);
+                    out.extend(std::iter::repeat_n(7u8, 4 * usize::from(n)));
+                    out.push(9);
+                }
+            }
+        }
+    }
+
+    fn bytes(&self) -> Vec<u8> {
+        let mut names = property_names(self.degree);
+        if self.reversed {
+            names.reverse();
+        }
+        let face = |name: &str| {
+            format!("element {name} 2\nproperty list uchar int vertex_indices\nproperty uchar flags\n")
+        };
+        let properties: String = names.iter().map(|n| format!("property {} {n}\n", self.kind)).collect();
+        let header = format!(
+            "ply\nformat {} 1.0\ncomment made for a test\nobj_info none\n{}element vertex {}\n{properties}{}end_header\n",
+            self.format,
+            if self.faces { face("before") } else { String::new() },
+            self.count,
+            if self.faces { face("after") } else { String::new() },
+        );
+        let mut out = header.replace('\n', self.line_end).into_bytes();
+        if self.faces {
+            self.put_faces(&mut out);
+        }
+        for index in 0..self.count {
+            for name in &names {
+                self.put(&mut out, raw(index, name));
+            }
+            if self.format == "ascii" {
+                out.extend_from_slice(self.line_end.as_bytes());
+            }
+        }
+        if self.faces {
+            self.put_faces(&mut out);
+        }
+        out
+    }
+}
+
+fn error(bytes: &[u8]) -> String {
+    parse(bytes).unwrap_err().to_string()
+}
+
+/// The file's text with a replacement in its header.
+fn edited(made: &Made, from: &str, to: &str) -> Vec<u8> {
+    let bytes = made.bytes();
+    let at =
+        bytes.windows(from.len()).position(|w| w == from.as_bytes()).expect("the text to replace is there");
+    [&bytes[..at], to.as_bytes(), &bytes[at + from.len()..]].concat()
+}
+
+#[test]
+fn every_encoding_order_and_type_gives_the_same_scene() {
+    for degree in 0..=3 {
+        let plain = Made { degree, ..PLAIN };
+        let expected = parse(&plain.bytes()).unwrap();
+        assert_eq!((expected.count(), expected.stored_degree()), (20, degree));
+        for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+            for kind in ["float", "double"] {
+                for (reversed, faces, line_end) in
+                    [(false, true, "\n"), (true, false, "\r\n"), (true, true, "\r\n")]
+                {
+                    let made = Made { format, kind, degree, reversed, faces, line_end, ..PLAIN };
+                    let bytes = made.bytes();
+                    let scene = parse(&bytes).unwrap();
+                    assert_eq!(scene.identity(), expected.identity(), "{format} {kind} {reversed} {faces}");
+                    assert_eq!(scene.worksheet().sum(), bytes.len() as u64);
+                    assert_eq!(scene.worksheet().trailing_bytes, 0);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn values_are_activated_and_harmonics_interleaved() {
+    let scene = parse(&Made { degree: 2, ..PLAIN }.bytes()).unwrap();
+    let s = scene.splat(3);
+    assert_eq!(s.position, ["x", "y", "z"].map(|n| raw(3, n) as f32));
+    assert_eq!(s.scale, [0, 1, 2].map(|n| raw(3, &format!("scale_{n}")).exp() as f32));
+    assert_eq!(s.opacity, (1.0 / (1.0 + 1.25f64.exp())) as f32);
+    assert_eq!(s.rotation, [0.0, 0.0, 1.0, 0.0]);
+    assert_eq!(scene.quaternion_norms().min, 2.0);
+    assert_eq!(s.sh[..3], [0.5, 1.5, 2.5]);
+    // Coefficient 5 of green is f_rest_(8 + 4).
+    assert_eq!(s.sh[3 * 5 + 1], raw(3, "f_rest_12") as f32);
+    assert_eq!(s.sh[sh_floats(2)..], [0.0; 21]);
+}
+
+#[test]
+fn the_sigmoid_keeps_its_limits() {
+    for (logit, opacity) in [(-1000.0, 0.0), (1000.0, 1.0), (0.0, 0.5)] {
+        let mut bytes = Made { count: 1, degree: 0, ..PLAIN }.bytes();
+        let at = bytes.len() - 8 * 4;
+        bytes[at..at + 4].copy_from_slice(&f32::to_le_bytes(logit));
+        assert_eq!(parse(&bytes).unwrap().opacities()[0], opacity);
+    }
+}
+
+#[test]
+fn values_that_are_not_numbers_drop_their_splat_under_the_right_reason() {
+    let names = property_names(1);
+    let base = PLAIN.bytes();
+    let start = base.len() - PLAIN.count * names.len() * 4;
+    let with = |changes: &[(&str, f32)]| {
+        let mut bytes = base.clone();
+        for (name, value) in changes {
+            let column = names.iter().position(|n| n == name).unwrap();
+            let at = start + (7 * names.len() + column) * 4;
+            bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        }
+        let scene = parse(&bytes).unwrap();
+        (scene.count(), scene.dropped().to_string())
+    };
+    assert_eq!(with(&[("y", f32::NAN)]), (19, "1 position not finite".into()));
+    assert_eq!(with(&[("scale_2", f32::NEG_INFINITY)]), (19, "1 scale not finite".into()));
+    assert_eq!(with(&[("scale_2", 1e4)]), (19, "1 scale not finite".into()));
+    assert_eq!(with(&[("rot_0", f32::INFINITY)]), (19, "1 quaternion not finite".into()));
+    assert_eq!(with(&[("rot_2", 0.0)]), (19, "1 zero quaternion".into()));
+    assert_eq!(with(&[("opacity", f32::INFINITY)]), (19, "1 opacity not finite".into()));
+    assert_eq!(with(&[("f_rest_8", f32::NAN)]), (19, "1 colour not finite".into()));
+    // Normals are not used.
+    assert_eq!(with(&[("nx", f32::NAN)]), (20, "none".into()));
+}
+
+#[test]
+fn a_file_of_nothing_but_bad_splats_is_an_error_that_counts_them() {
+    let made = Made { count: 3, degree: 0, format: "ascii", ..PLAIN };
+    let text = String::from_utf8(made.bytes()).unwrap();
+    let (header, rows) = text.split_once("end_header\n").unwrap();
+    let rows: String = rows.lines().map(|r| format!("nan{}\n", &r[r.find(' ').unwrap()..])).collect();
+    let said = error(format!("{header}end_header\n{rows}").as_bytes());
+    assert!(said.contains("none of the 3 splats can be drawn: 3 position not finite"), "{said}");
+}
+
+#[test]
+fn a_truncated_file_says_how_many_splats_are_there() {
+    for format in ["binary_little_endian", "binary_big_endian", "ascii"] {
+        let bytes = Made { format, ..PLAIN }.bytes();
+        let said = error(&bytes[..bytes.len() - 5]);
+        assert!(said.contains("promises 20 splats (line 5), the file ends after 19 of them"), "{said}");
+    }
+    let made = Made { faces: true, ..PLAIN };
+    let bytes = made.bytes();
+    let said = error(&bytes[..bytes.len() - 20]);
+    assert!(said.contains("inside `element after`") && said.contains("after 0 of 2 rows"), "{said}");
+    assert!(error(b"").contains("empty"));
+    assert!(error(&bytes[..30]).contains("ends inside it, after line 1"));
+}
+
+#[test]
+fn counts_that_cannot_be_true_are_refused_before_anything_is_allocated() {
+    let said = error(&edited(&PLAIN, "vertex 20", "vertex 18446744073709551615"));
+    assert!(
+        said.contains("header is damaged") && said.contains("promises 18446744073709551615 rows"),
+        "{said}"
+    );
+    assert!(
+        error(&edited(&PLAIN, "vertex 20", "vertex 0")).contains("no splats: `element vertex 0` (line 5)")
+    );
+    let ascii = Made { format: "ascii", degree: 0, ..PLAIN };
+    assert!(error(&edited(&ascii, "vertex 20", "vertex 1500")).contains("after 20 of them"));
+}
+
+#[test]
+fn missing_properties_are_named_with_the_nearest_that_is_there() {
+    let said = error(&edited(&PLAIN, "float opacity", "float opacty"));
+    assert!(
+        said.contains("(line 5) has no property `opacity`; the nearest name there is `opacty`"),
+        "{said}"
+    );
+    let said = error(&edited(&PLAIN, "f_rest_3\n", "f_rest_33\n"));
+    assert!(said.contains("no property `f_rest_3`"), "{said}");
+    let said = error(&edited(&PLAIN, "property float f_rest_8\n", ""));
+    assert!(said.contains("has 8 properties f_rest_*") && said.contains("0, 9, 24 or 45"), "{said}");
+    let cloud = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n";
+    assert!(error(cloud).contains("may be a point cloud or a mesh"), "{}", error(cloud));
+    let said = error(b"ply\nformat ascii 1.0\nelement face 1\nproperty float x\nend_header\n0\n");
+    assert!(said.contains("no `element vertex`, which holds the splats; it has face"), "{said}");
+    let said = error(&edited(&PLAIN, "property float nx", "property list uchar float nx"));
+    assert!(said.contains("`nx` is a list"), "{said}");
+}
+
+#[test]
+fn rows_of_text_that_do_not_parse_are_named_by_line() {
+    let made = Made { format: "ascii", degree: 0, ..PLAIN };
+    let text = String::from_utf8(made.bytes()).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    let first = lines.iter().position(|l| *l == "end_header").unwrap() + 1;
+    let replaced = |row: String| {
+        let mut lines = lines.clone();
+        lines[first + 4] = &row;
+        error(lines.join("\n").as_bytes())
+    };
+    let row = lines[first + 4].trim_end();
+    let number = format!("line {}: ", first + 5);
+    let said = replaced(row.replacen(' ', " 1.2.3 ", 1));
+    assert!(said.starts_with(&number) && said.contains("expected a number for `y`, found `1.2.3`"), "{said}");
+    let said = replaced(format!("{row} 5"));
+    assert!(said.starts_with(&number) && said.contains("expected 17 values, found 18"), "{said}");
+    let said = replaced(row.rsplit_once(' ').unwrap().0.into());
+    assert!(said.starts_with(&number) && said.contains("expected 17 values, found 16"), "{said}");
+    // A blank line is passed over.
+    let spaced = text.replacen("end_header\n", "end_header\n\n", 1);
+    assert_eq!(parse(spaced.as_bytes()).unwrap().count(), 20);
+}
+
+#[test]
+fn bytes_after_the_last_row_are_counted_and_skipped() {
+    let mut bytes = PLAIN.bytes();
+    bytes.extend_from_slice(b"more");
+    let scene = parse(&bytes).unwrap();
+    assert_eq!((scene.worksheet().trailing_bytes, scene.worksheet().sum()), (4, bytes.len() as u64));
+}
+
+#[test]
+fn a_scene_written_and_read_back_is_the_same_but_for_rounding() {
+    for degree in 0..=3 {
+        let scene = Scene::generate(20_000, degree, |i| {
+            let mut s = splat(i);
+            match i {
+                0 => s.opacity = 0.0,
+                1 => s.opacity = 1.0,
+                2 => s.scale[1] = 0.0,
+                _ => {}
+            }
+            s
+        });
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.ply");
+        scene.write_ply(&path).unwrap();
+        let size = std::fs::metadata(&path).unwrap().len();
+        let back = Scene::load(&path, &|_, _| {}).unwrap();
+        assert_eq!((back.worksheet(), size), (scene.worksheet(), scene.worksheet().file_bytes));
+        assert_eq!((back.positions(), back.sh()), (scene.positions(), scene.sh()));
+        for (read, wrote) in back.opacities().iter().zip(scene.opacities()) {
+            assert!((read - wrote).abs() <= 1e-6 * wrote, "{read} {wrote}");
+        }
+        for (read, wrote) in back.scales().as_flattened().iter().zip(scene.scales().as_flattened()) {
+            assert!((read - wrote).abs() <= 1e-6 * wrote, "{read} {wrote}");
+        }
+    }
+}
+
+#[test]
+fn progress_reaches_the_end() {
+    use std::sync::atomic::{AtomicU64, Ordering};
+    for format in ["ascii", "binary_big_endian"] {
+        let (most, whole) = (AtomicU64::new(0), AtomicU64::new(0));
+        let bytes = Made { format, count: 20_000, degree: 0, ..PLAIN }.bytes();
+        Scene::parse(&bytes, &|done, of| {
+            most.fetch_max(done, Ordering::Relaxed);
+            whole.store(of, Ordering::Relaxed);
+        })
+        .unwrap();
+        assert!(most.load(Ordering::Relaxed) > 20_000);
+        assert_eq!(most.into_inner(), whole.into_inner());
+    }
+}
+
+#[test]
+fn a_file_that_is_not_there_is_named() {
+    let said = Scene::load("no/such.ply", &|_, _| {}).unwrap_err().to_string();
+    assert!(said.starts_with("no/such.ply: cannot be read: "), "{said}");
+    let said = Scene::load(".", &|_, _| {}).unwrap_err().to_string();
+    assert!(said.contains("folder"), "{said}");
+}
+
+#[test]
+fn the_captures_load_whole_and_their_worksheets_sum_to_their_sizes() {
+    for (name, count, stored, effective) in
+        [("biker", 152_746, 0, 0), ("playbot-31k", 31_000, 3, 2), ("rules", 1_067, 3, 3)]
+    {
+        let Some(path) = capture(&format!("{name}.ply")) else { continue };
+        let scene = Scene::load(&path, &|_, _| {}).unwrap();
+        assert_eq!((scene.count(), scene.dropped().total()), (count, 0), "{name}");
+        assert_eq!((scene.stored_degree(), scene.effective_degree()), (stored, effective), "{name}");
+        assert_eq!(scene.worksheet().sum(), std::fs::metadata(&path).unwrap().len());
+    }
+}
+
+#[test]
+fn compressed_captures_are_refused_by_name() {
+    for (name, word) in [("biker.compressed.ply", "PlayCanvas compressed PLY"), ("biker.spz", "Niantic .spz")]
+    {
+        let Some(path) = capture(name) else { continue };
+        let said = Scene::load(&path, &|_, _| {}).unwrap_err();
+        assert!(matches!(said.problem, SceneError::Unsupported { .. }));
+        assert!(said.to_string().contains(word), "{said}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn mutated_files_never_panic(
+        format in prop::sample::select(vec!["ascii", "binary_little_endian", "binary_big_endian"]),
+        faces in any::<bool>(),
+        degree in 0u32..=3,
+        edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0u8..4), 1..6),
+    ) {
+        let mut bytes = Made { format, faces, degree, count: 4, ..PLAIN }.bytes();
+        for (at, byte, kind) in edits {
+            if bytes.is_empty() {
+                break;
+            }
+            let at = at.index(bytes.len());
+            match kind {
+                0 => bytes[at] = byte,
+                1 => bytes.insert(at, byte),
+                2 => { bytes.remove(at); }
+                _ => bytes.truncate(at),
+            }
+        }
+        match parse(&bytes) {
+            Ok(scene) => prop_assert_eq!(scene.worksheet().sum(), bytes.len() as u64),
+            Err(error) => prop_assert!(!error.to_string().is_empty()),
+        }
+    }
+
+    #[test]
+    fn header_words_swapped_about_never_panic(
+        words in prop::collection::vec(prop::sample::select(vec![
+            "element", "property", "format", "list", "vertex", "face", "uchar", "int", "double", "float", "ascii", "1.0",
+            "binary_big_endian", "x", "rot_0", "f_rest_0", "0", "3", "4294967296", "\n", "\n", "end_header\n", "comment",
+        ]), 0..40),
+    ) {
+        let text = format!("ply\nformat ascii 1.0\n{}\nend_header\n1 2 3\n", words.join(" "));
+        let _ = parse(text.as_bytes());
+    }
+}

@@ -1,0 +1,319 @@
+//! What is worth knowing of a scene before it is drawn.
+//!
+//! Captured scenes come with flaws that explain much of what goes wrong later: values that are not numbers, floaters far
+//! outside the bulk that eat the bits of a depth key, splats as large as the scene. The report counts them. Nothing here
+//! changes the scene; what cannot be drawn at all was dropped on load, and is counted here too.
+
+use crate::bounds::{Bounds, quantile};
+use crate::camera::Camera;
+use crate::scene::{CHUNK, Dropped, QuaternionNorms, Scene};
+use crate::worksheet::grouped;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::fmt;
+
+/// Depth below which the reference rasteriser culls.
+pub const NEAR: f64 = 0.2;
+
+/// The findings.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Splats that can be drawn.
+    pub splats: u32,
+    /// Splats that were dropped.
+    pub dropped: Dropped,
+    /// The degree of the spherical harmonics that the file stores.
+    pub stored_sh_degree: u32,
+    /// The highest band that is not zero everywhere.
+    pub effective_sh_degree: u32,
+    /// Lengths of the quaternions before they were normalised.
+    pub quaternions: QuaternionNorms,
+    /// Opacities near their limits.
+    pub opacity: OpacityReport,
+    /// Splats that are large beside the scene.
+    pub size: SizeReport,
+    /// Where the splats are.
+    pub place: PlaceReport,
+    /// What the depth key must resolve, per camera.
+    pub depth: Vec<DepthReport>,
+}
+
+/// Opacities near their limits.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct OpacityReport {
+    /// Below 1/255: never drawn by the reference rasteriser.
+    pub below_floor: u64,
+    /// Above 0.99, where alpha is capped.
+    pub above_cap: u64,
+}
+
+/// Splats that are large beside the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SizeReport {
+    /// With a standard deviation above half the robust extent.
+    pub oversized: u64,
+    /// The largest standard deviation.
+    pub largest: f32,
+    /// The median of each splat's largest standard deviation.
+    pub median: f32,
+    /// The longest side of the robust box.
+    pub robust_extent: f64,
+}
+
+/// Where the splats are.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PlaceReport {
+    /// Around every centre.
+    pub bounds: Bounds,
+    /// From the 1st to the 99th percentile of each coordinate.
+    pub robust_bounds: Bounds,
+    /// The middle of the robust box.
+    pub center: [f64; 3],
+    /// Centres beyond ten times the robust box.
+    pub outliers: u64,
+}
+
+/// View depths of the splats that a camera has in front of its near plane (at [`NEAR`]), whether or not they are inside the
+/// image: a sort by depth gets them all.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DepthReport {
+    /// The camera's name, or its number.
+    pub camera: String,
+    /// Splats in front of the near plane.
+    pub in_front: u64,
+    /// The range of their depths; `None` where there are none.
+    pub range: Option<DepthRange>,
+}
+
+/// A range of depths, in world units.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct DepthRange {
+    /// The nearest.
+    pub near: f64,
+    /// The farthest.
+    pub far: f64,
+    /// The 1st percentile.
+    pub robust_near: f64,
+    /// The 99th percentile.
+    pub robust_far: f64,
+    /// Bits of a key linear in depth that only tell the bulk (the robust range) from the rest: log2 of the whole range over
+    /// the bulk's. A key of 16 bits has this many fewer for the bulk.
+    pub linear_bits_lost: f64,
+    /// The same for a key linear in the logarithm of depth.
+    pub logarithmic_bits_lost: f64,
+}
+
+impl Report {
+    /// Examines a scene. Without cameras, depths are taken from [`Camera::framing`].
+    pub fn new(scene: &Scene, cameras: &[Camera]) -> Self {
+        let robust_bounds = scene.robust_bounds();
+        let robust_extent = robust_bounds.extent();
+        let mut largest: Vec<f32> =
+            scene.scales().par_iter().with_min_len(CHUNK).map(|s| s[0].max(s[1]).max(s[2])).collect();
+        let count_above = |limit: f64| largest.par_iter().filter(|s| f64::from(**s) > limit).count() as u64;
+        let outer = robust_bounds.grown(10.0);
+        let outliers = scene.positions().par_iter().filter(|p| !outer.contains(**p)).count() as u64;
+        let opacities =
+            |keep: fn(f32) -> bool| scene.opacities().par_iter().filter(|o| keep(**o)).count() as u64;
+        let framing;
+        let cameras = if cameras.is_empty() {
+            framing = [Camera { img_name: "framing".into(), ..Camera::framing(scene, 960, 540) }];
+            &framing
+        } else {
+            cameras
+        };
+        Self {
+            splats: scene.count(),
+            dropped: *scene.dropped(),
+            stored_sh_degree: scene.stored_degree(),
+            effective_sh_degree: scene.effective_degree(),
+            quaternions: scene.quaternion_norms(),
+            opacity: OpacityReport {
+                below_floor: opacities(|o| o < 1.0 / 255.0),
+                above_cap: opacities(|o| o > 0.99),
+            },
+            size: SizeReport {
+                oversized: count_above(0.5 * robust_extent),
+                largest: largest.iter().copied().fold(0.0, f32::max),
+                median: if largest.is_empty() { 0.0 } else { quantile(&mut largest, 0.5) },
+                robust_extent,
+            },
+            place: PlaceReport {
+                bounds: scene.bounds(),
+                robust_bounds,
+                center: robust_bounds.center(),
+                outliers,
+            },
+            depth: cameras.iter().map(|camera| DepthReport::new(scene, camera)).collect(),
+        }
+    }
+}
+
+impl DepthReport {
+    fn new(scene: &Scene, camera: &Camera) -> Self {
+        let forward = camera.axes()[2];
+        let mut depths: Vec<f32> = scene
+            .positions()
+            .par_iter()
+            .with_min_len(CHUNK)
+            .map(|p| (0..3).map(|i| forward[i] * (f64::from(p[i]) - camera.position[i])).sum::<f64>())
+            .filter(|z| *z > NEAR)
+            .map(|z| z as f32)
+            .collect();
+        let range = (!depths.is_empty()).then(|| {
+            let [near, robust_near, robust_far, far] =
+                [0.0, 0.01, 0.99, 1.0].map(|q| f64::from(quantile(&mut depths, q)));
+            let lost = |all: f64, bulk: f64| if bulk > 0.0 { (all / bulk).log2() } else { 0.0 };
+            DepthRange {
+                near,
+                far,
+                robust_near,
+                robust_far,
+                linear_bits_lost: lost(far - near, robust_far - robust_near),
+                logarithmic_bits_lost: lost((far / near).ln(), (robust_far / robust_near).ln()),
+            }
+        });
+        let name = if camera.img_name.is_empty() { camera.id.to_string() } else { camera.img_name.clone() };
+        Self { camera: name, in_front: depths.len() as u64, range }
+    }
+}
+
+/// A box as `(x, y, z) to (x, y, z)`.
+struct Shown<'a>(&'a Bounds);
+
+impl fmt::Display for Shown<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (a, b) = (self.0.min, self.0.max);
+        write!(f, "({:.3}, {:.3}, {:.3}) to ({:.3}, {:.3}, {:.3})", a[0], a[1], a[2], b[0], b[1], b[2])
+    }
+}
+
+impl fmt::Display for Report {
+    /// A block of lines, a finding on each.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = |n: u64| 100.0 * n as f64 / f64::from(self.splats.max(1));
+        let line = |f: &mut fmt::Formatter<'_>, what: &str, text: String| writeln!(f, "  {what:<22}{text}");
+        writeln!(f, "{} splats", grouped(self.splats.into()))?;
+        line(f, "dropped", self.dropped.to_string())?;
+        let (stored, effective) = (self.stored_sh_degree, self.effective_sh_degree);
+        let zero = if effective < stored { " in use, the bands above are all zero" } else { "" };
+        line(
+            f,
+            "harmonics",
+            format!("degree {stored} stored, {effective}{}", if zero.is_empty() { " in use" } else { zero }),
+        )?;
+        let q = &self.quaternions;
+        line(
+            f,
+            "quaternions",
+            format!("length {:.3} to {:.3}, {} far from unit", q.min, q.max, grouped(q.far_from_unit)),
+        )?;
+        let o = &self.opacity;
+        line(
+            f,
+            "opacity",
+            format!(
+                "{} below 1/255 ({:.2} %), {} above 0.99 ({:.2} %)",
+                grouped(o.below_floor),
+                percent(o.below_floor),
+                grouped(o.above_cap),
+                percent(o.above_cap)
+            ),
+        )?;
+        let s = &self.size;
+        line(
+            f,
+            "size",
+            format!(
+                "median {:.4}, largest {:.3}; {} above half the robust extent of {:.3}",
+                s.median,
+                s.largest,
+                grouped(s.oversized),
+                s.robust_extent
+            ),
+        )?;
+        let p = &self.place;
+        line(f, "box", Shown(&p.bounds).to_string())?;
+        line(f, "box, 1 to 99 %", Shown(&p.robust_bounds).to_string())?;
+        line(f, "centre", format!("({:.3}, {:.3}, {:.3})", p.center[0], p.center[1], p.center[2]))?;
+        line(f, "outliers", format!("{} beyond ten times that box", grouped(p.outliers)))?;
+        for depth in &self.depth {
+            let what = format!("depth, {}", depth.camera);
+            let text = match &depth.range {
+                None => "no splat in front of the camera".into(),
+                Some(r) => format!(
+                    "{:.3} to {:.3} (1 to 99 %: {:.3} to {:.3}); lost to outliers: {:.1} bits of a linear key, {:.1} of a \
+                     logarithmic one",
+                    r.near, r.far, r.robust_near, r.robust_far, r.linear_bits_lost, r.logarithmic_bits_lost
+                ),
+            };
+            line(f, &what, text)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::splat;
+
+    fn camera() -> Camera {
+        Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 64))
+    }
+
+    #[test]
+    fn flaws_are_counted() {
+        let scene = Scene::generate(1000, 3, |i| {
+            let mut s = splat(i);
+            s.opacity = 0.5;
+            match i {
+                0 => s.position = [1e6, 0.0, 3.0],
+                1..=3 => s.scale[1] = 50.0,
+                4..=6 => s.opacity = 0.001,
+                7..=10 => s.opacity = 0.995,
+                11 => s.rotation = [2.0, 0.0, 0.0, 0.0],
+                12 => s.position[1] = f32::NAN,
+                13 => s.position = [0.0, 0.0, 4096.0],
+                _ => {}
+            }
+            s
+        });
+        let report = Report::new(&scene, &[camera()]);
+        assert_eq!((report.splats, report.dropped.position, report.dropped.total()), (999, 1, 1));
+        assert_eq!((report.quaternions.far_from_unit, report.quaternions.max), (1, 2.0));
+        assert_eq!((report.opacity.below_floor, report.opacity.above_cap), (3, 4));
+        assert_eq!((report.size.oversized, report.size.largest), (3, 50.0));
+        assert_eq!((report.place.outliers, report.place.bounds.max[0]), (2, 1e6));
+        assert!(report.place.robust_bounds.extent() < 2.1);
+        let range = report.depth[0].range.unwrap();
+        assert_eq!((report.depth[0].in_front, range.far), (999, 4096.0));
+        assert!((10.0..12.0).contains(&range.linear_bits_lost), "{range:?}");
+        assert!((2.0..4.0).contains(&range.logarithmic_bits_lost), "{range:?}");
+    }
+
+    #[test]
+    fn a_report_is_text_and_json() {
+        let scene = Scene::generate(100, 2, splat);
+        let report = Report::new(&scene, &[]);
+        let text = report.to_string();
+        for word in ["100 splats", "none", "degree 2 stored, 2 in use", "depth, framing"] {
+            assert!(text.contains(word), "{word} in\n{text}");
+        }
+        let json = serde_json::to_value(&report).unwrap();
+        assert_eq!(json["dropped"]["zero_rotation"], 0);
+        assert!(json["depth"][0]["range"]["near"].is_f64());
+    }
+
+    #[test]
+    fn a_scene_behind_the_camera_has_no_depth_range() {
+        let scene = Scene::generate(10, 0, |i| {
+            let mut s = splat(i);
+            s.position[2] = -1.0;
+            s
+        });
+        let report = Report::new(&scene, &[camera()]);
+        assert_eq!((report.depth[0].in_front, report.depth[0].range), (0, None));
+        assert!(report.to_string().contains("no splat in front"));
+    }
+}

@@ -1,0 +1,489 @@
+//! A scene in memory: splats as a structure of arrays.
+//!
+//! A splat is an anisotropic 3D Gaussian: a centre, a standard deviation along each of three axes, the rotation of these
+//! axes, an opacity at the centre, and a colour that depends on the direction it is seen from, as real spherical
+//! harmonics. Here all values are *activated*: scales are standard deviations and not logarithms, opacities are 0 to 1 and
+//! not logits, quaternions are unit. A scene never changes after it is made, so what is derived from it is computed once.
+
+use crate::bounds::Bounds;
+use crate::worksheet::Worksheet;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::sync::OnceLock;
+
+/// Splats that one task of a parallel loop converts.
+pub(crate) const CHUNK: usize = 8192;
+
+/// Floats of spherical harmonics of a degree: 3 channels of (degree + 1)^2 coefficients.
+pub const fn sh_floats(degree: u32) -> usize {
+    3 * ((degree + 1) * (degree + 1)) as usize
+}
+
+/// One splat, activated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Splat {
+    /// Centre, in world units.
+    pub position: [f32; 3],
+    /// Standard deviation along each axis, in world units.
+    pub scale: [f32; 3],
+    /// Unit quaternion w, x, y, z that turns the axes into the world.
+    pub rotation: [f32; 4],
+    /// Opacity at the centre, 0 to 1.
+    pub opacity: f32,
+    /// Spherical harmonics in the basis of [`crate::harmonics`]: coefficient `k` of channel `c` is at `3 * k + c`; zero
+    /// beyond the scene's degree.
+    pub sh: [f32; 48],
+}
+
+/// Why a splat cannot be drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reason {
+    Position,
+    Scale,
+    Rotation,
+    ZeroRotation,
+    Opacity,
+    Color,
+}
+
+/// How many splats were dropped on load, by the first reason that applied to each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Dropped {
+    /// A coordinate is NaN or infinite.
+    pub position: u64,
+    /// A scale is NaN or infinite, as a logarithm or after the exponential.
+    pub scale: u64,
+    /// A component of the quaternion is NaN or infinite.
+    pub rotation: u64,
+    /// The quaternion is zero, so it has no direction.
+    pub zero_rotation: u64,
+    /// The logit is NaN or infinite.
+    pub opacity: u64,
+    /// A coefficient of the spherical harmonics is NaN or infinite.
+    pub color: u64,
+}
+
+impl Dropped {
+    /// All of them.
+    pub fn total(&self) -> u64 {
+        self.by_reason().iter().map(|(_, count)| count).sum()
+    }
+
+    /// Every reason in words, with its count (which may be zero).
+    pub fn by_reason(&self) -> [(&'static str, u64); 6] {
+        [
+            ("position not finite", self.position),
+            ("scale not finite", self.scale),
+            ("quaternion not finite", self.rotation),
+            ("zero quaternion", self.zero_rotation),
+            ("opacity not finite", self.opacity),
+            ("colour not finite", self.color),
+        ]
+    }
+
+    fn count(&mut self, reason: Reason) {
+        *match reason {
+            Reason::Position => &mut self.position,
+            Reason::Scale => &mut self.scale,
+            Reason::Rotation => &mut self.rotation,
+            Reason::ZeroRotation => &mut self.zero_rotation,
+            Reason::Opacity => &mut self.opacity,
+            Reason::Color => &mut self.color,
+        } += 1;
+    }
+}
+
+impl std::fmt::Display for Dropped {
+    /// The reasons that apply, as `3 zero quaternion, 1 scale not finite`; `none` where there are none.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let said: Vec<String> =
+            self.by_reason().iter().filter(|(_, n)| *n > 0).map(|(why, n)| format!("{n} {why}")).collect();
+        f.write_str(if said.is_empty() { "none".into() } else { said.join(", ") }.as_str())
+    }
+}
+
+/// Lengths of the quaternions as the file has them, before they are normalised.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct QuaternionNorms {
+    /// The shortest.
+    pub min: f64,
+    /// The longest.
+    pub max: f64,
+    /// How many differ from 1 by more than [`QuaternionNorms::FAR`].
+    pub far_from_unit: u64,
+}
+
+impl QuaternionNorms {
+    /// The difference from 1 that counts as far.
+    pub const FAR: f64 = 0.1;
+
+    const NONE: Self = Self { min: f64::INFINITY, max: 0.0, far_from_unit: 0 };
+
+    fn add(&mut self, norm: f64) {
+        self.join(&Self { min: norm, max: norm, far_from_unit: u64::from((norm - 1.0).abs() > Self::FAR) });
+    }
+
+    fn join(&mut self, other: &Self) {
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
+        self.far_from_unit += other.far_from_unit;
+    }
+}
+
+/// What is learnt of the splats while they are stored.
+#[derive(Debug)]
+pub(crate) struct Gathered {
+    dropped: Vec<(usize, Reason)>,
+    norms: QuaternionNorms,
+    effective_degree: u32,
+    bounds: Bounds,
+}
+
+impl Gathered {
+    fn new() -> Self {
+        Self { dropped: Vec::new(), norms: QuaternionNorms::NONE, effective_degree: 0, bounds: Bounds::EMPTY }
+    }
+
+    fn join(&mut self, other: Self) {
+        self.dropped.extend(other.dropped);
+        self.norms.join(&other.norms);
+        self.effective_degree = self.effective_degree.max(other.effective_degree);
+        self.bounds.join(&other.bounds);
+    }
+}
+
+/// The arrays, one entry per splat.
+#[derive(Clone, Debug)]
+pub(crate) struct Columns {
+    pub degree: u32,
+    pub position: Vec<[f32; 3]>,
+    pub scale: Vec<[f32; 3]>,
+    pub rotation: Vec<[f32; 4]>,
+    pub opacity: Vec<f32>,
+    /// [`sh_floats`] per splat.
+    pub sh: Vec<f32>,
+}
+
+/// A chunk of [`Columns`] that is being filled.
+pub(crate) struct Rows<'a> {
+    /// Index of the first splat.
+    first: usize,
+    degree: u32,
+    position: &'a mut [[f32; 3]],
+    scale: &'a mut [[f32; 3]],
+    rotation: &'a mut [[f32; 4]],
+    opacity: &'a mut [f32],
+    sh: &'a mut [f32],
+    gathered: Gathered,
+}
+
+impl Rows<'_> {
+    pub(crate) fn first(&self) -> usize {
+        self.first
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.opacity.len()
+    }
+
+    /// Stores the splat, or notes why it has to be dropped. `norm` is its quaternion's length in the file.
+    #[inline]
+    pub(crate) fn set(&mut self, index: usize, splat: &Splat, norm: f64) {
+        let floats = sh_floats(self.degree);
+        if let Some(reason) = fault(splat, norm, floats) {
+            self.gathered.dropped.push((self.first + index, reason));
+            return;
+        }
+        self.gathered.norms.add(norm);
+        self.gathered.bounds.add(splat.position);
+        while self.gathered.effective_degree < self.degree
+            && splat.sh[sh_floats(self.gathered.effective_degree)..floats].iter().any(|c| *c != 0.0)
+        {
+            self.gathered.effective_degree += 1;
+        }
+        self.position[index] = splat.position;
+        self.scale[index] = splat.scale;
+        self.rotation[index] = splat.rotation;
+        self.opacity[index] = splat.opacity;
+        self.sh[index * floats..][..floats].copy_from_slice(&splat.sh[..floats]);
+    }
+}
+
+/// The first reason, in the order of [`Reason`], why a splat cannot be drawn.
+fn fault(splat: &Splat, norm: f64, sh_floats: usize) -> Option<Reason> {
+    let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
+    if !finite(&splat.position) {
+        Some(Reason::Position)
+    } else if !finite(&splat.scale) {
+        Some(Reason::Scale)
+    } else if !norm.is_finite() {
+        Some(Reason::Rotation)
+    } else if norm == 0.0 {
+        Some(Reason::ZeroRotation)
+    } else if !splat.opacity.is_finite() {
+        Some(Reason::Opacity)
+    } else if !finite(&splat.sh[..sh_floats]) {
+        Some(Reason::Color)
+    } else {
+        None
+    }
+}
+
+impl Columns {
+    pub(crate) fn zeroed(count: usize, degree: u32) -> Self {
+        Self {
+            degree,
+            position: vec![[0.0; 3]; count],
+            scale: vec![[0.0; 3]; count],
+            rotation: vec![[0.0; 4]; count],
+            opacity: vec![0.0; count],
+            sh: vec![0.0; count * sh_floats(degree)],
+        }
+    }
+
+    /// Fills all rows in parallel, a chunk at a time. Of several errors, the one of the first chunk is returned.
+    pub(crate) fn fill<E: Send>(
+        &mut self,
+        convert: impl Fn(&mut Rows) -> Result<(), E> + Sync,
+    ) -> Result<Gathered, E> {
+        let degree = self.degree;
+        let chunks: Vec<Result<Gathered, E>> = self
+            .position
+            .par_chunks_mut(CHUNK)
+            .zip(self.scale.par_chunks_mut(CHUNK))
+            .zip(self.rotation.par_chunks_mut(CHUNK))
+            .zip(self.opacity.par_chunks_mut(CHUNK))
+            .zip(self.sh.par_chunks_mut(CHUNK * sh_floats(degree)))
+            .enumerate()
+            .map(|(chunk, ((((position, scale), rotation), opacity), sh))| {
+                let first = chunk * CHUNK;
+                let gathered = Gathered::new();
+                let mut rows = Rows { first, degree, position, scale, rotation, opacity, sh, gathered };
+                convert(&mut rows)?;
+                Ok(rows.gathered)
+            })
+            .collect();
+        let mut all = Gathered::new();
+        for chunk in chunks {
+            all.join(chunk?);
+        }
+        Ok(all)
+    }
+
+    /// Takes the splats at these ascending indices out; the others keep their order.
+    fn remove(&mut self, dropped: &[(usize, Reason)]) {
+        let floats = sh_floats(self.degree);
+        let mut kept = 0;
+        let mut next = dropped.iter().map(|(index, _)| *index).peekable();
+        for index in 0..self.opacity.len() {
+            if next.next_if_eq(&index).is_some() {
+                continue;
+            }
+            if kept != index {
+                self.position[kept] = self.position[index];
+                self.scale[kept] = self.scale[index];
+                self.rotation[kept] = self.rotation[index];
+                self.opacity[kept] = self.opacity[index];
+                self.sh.copy_within(index * floats..(index + 1) * floats, kept * floats);
+            }
+            kept += 1;
+        }
+        self.position.truncate(kept);
+        self.scale.truncate(kept);
+        self.rotation.truncate(kept);
+        self.opacity.truncate(kept);
+        self.sh.truncate(kept * floats);
+    }
+}
+
+/// A loaded or generated scene.
+#[derive(Debug)]
+pub struct Scene {
+    pub(crate) columns: Columns,
+    effective_degree: u32,
+    dropped: Dropped,
+    norms: QuaternionNorms,
+    bounds: Bounds,
+    worksheet: Worksheet,
+    robust: OnceLock<Bounds>,
+    pub(crate) identity: OnceLock<u64>,
+}
+
+impl Scene {
+    pub(crate) fn new(mut columns: Columns, gathered: Gathered, worksheet: Option<Worksheet>) -> Self {
+        let mut dropped = Dropped::default();
+        if !gathered.dropped.is_empty() {
+            for (_, reason) in &gathered.dropped {
+                dropped.count(*reason);
+            }
+            columns.remove(&gathered.dropped);
+        }
+        let worksheet =
+            worksheet.unwrap_or_else(|| Worksheet::reference(columns.opacity.len() as u64, columns.degree));
+        let empty = columns.opacity.is_empty();
+        Self {
+            columns,
+            effective_degree: gathered.effective_degree,
+            dropped,
+            norms: gathered.norms,
+            bounds: if empty { Bounds::ORIGIN } else { gathered.bounds },
+            worksheet,
+            robust: OnceLock::new(),
+            identity: OnceLock::new(),
+        }
+    }
+
+    /// Makes a scene of `count` splats with spherical harmonics of `degree` (at most 3), asking for each by its index, in
+    /// parallel and in any order. Quaternions are normalised, splats that cannot be drawn dropped and counted, as on load.
+    pub fn generate(count: u32, degree: u32, splat: impl Fn(usize) -> Splat + Sync) -> Self {
+        let mut columns = Columns::zeroed(count as usize, degree.min(3));
+        let filled = columns.fill(|rows| {
+            for index in 0..rows.len() {
+                let mut splat = splat(rows.first() + index);
+                let norm = splat.rotation.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
+                if norm > 0.0 {
+                    splat.rotation = splat.rotation.map(|c| (f64::from(c) / norm) as f32);
+                }
+                rows.set(index, &splat, norm);
+            }
+            Ok::<_, std::convert::Infallible>(())
+        });
+        match filled {
+            Ok(gathered) => Self::new(columns, gathered, None),
+            Err(never) => match never {},
+        }
+    }
+
+    /// Splats that can be drawn; the dropped ones are not among them.
+    pub fn count(&self) -> u32 {
+        self.columns.opacity.len() as u32
+    }
+
+    /// Centres, in world units.
+    pub fn positions(&self) -> &[[f32; 3]] {
+        &self.columns.position
+    }
+
+    /// Standard deviations along each splat's axes, in world units.
+    pub fn scales(&self) -> &[[f32; 3]] {
+        &self.columns.scale
+    }
+
+    /// Unit quaternions w, x, y, z.
+    pub fn rotations(&self) -> &[[f32; 4]] {
+        &self.columns.rotation
+    }
+
+    /// Opacities, 0 to 1.
+    pub fn opacities(&self) -> &[f32] {
+        &self.columns.opacity
+    }
+
+    /// Spherical harmonics: [`sh_floats`]`(stored_degree)` floats per splat; of these, coefficient `k` of channel `c` is
+    /// at `3 * k + c`.
+    pub fn sh(&self) -> &[f32] {
+        &self.columns.sh
+    }
+
+    /// The degree that the file stores.
+    pub fn stored_degree(&self) -> u32 {
+        self.columns.degree
+    }
+
+    /// The highest band that is not zero in every splat: what a renderer needs to evaluate.
+    pub fn effective_degree(&self) -> u32 {
+        self.effective_degree
+    }
+
+    /// Splat `index`.
+    ///
+    /// # Panics
+    /// If `index` is not below [`Scene::count`].
+    pub fn splat(&self, index: usize) -> Splat {
+        let c = &self.columns;
+        let floats = sh_floats(c.degree);
+        let mut sh = [0.0; 48];
+        sh[..floats].copy_from_slice(&c.sh[index * floats..][..floats]);
+        Splat {
+            position: c.position[index],
+            scale: c.scale[index],
+            rotation: c.rotation[index],
+            opacity: c.opacity[index],
+            sh,
+        }
+    }
+
+    /// What was dropped on load.
+    pub fn dropped(&self) -> &Dropped {
+        &self.dropped
+    }
+
+    /// Lengths of the quaternions before they were normalised.
+    pub fn quaternion_norms(&self) -> QuaternionNorms {
+        self.norms
+    }
+
+    /// The box around every centre; [`Bounds::ORIGIN`] where there is no splat.
+    pub fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+
+    /// The box from the 1st to the 99th percentile of each coordinate: what outliers do not move.
+    pub fn robust_bounds(&self) -> Bounds {
+        *self.robust.get_or_init(|| Bounds::percentiles(&self.columns.position, 0.01, 0.99))
+    }
+
+    /// Where the bytes of the file go; for a generated scene, of the file that [`Scene::write_ply`] would write.
+    pub fn worksheet(&self) -> &Worksheet {
+        &self.worksheet
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::splat;
+
+    #[test]
+    fn the_effective_degree_is_the_highest_band_in_use() {
+        for (float, degree) in [(0, 0), (2, 0), (3, 1), (11, 1), (12, 2), (26, 2), (27, 3), (47, 3)] {
+            let scene = Scene::generate(3, 3, |i| {
+                let mut s = splat(i);
+                s.sh = [0.0; 48];
+                if i == 1 {
+                    s.sh[float] = -1e-30;
+                }
+                s
+            });
+            assert_eq!(scene.effective_degree(), degree, "float {float}");
+        }
+    }
+
+    #[test]
+    fn bad_splats_are_dropped_counted_once_and_the_others_keep_their_order() {
+        let count = 3 * CHUNK as u32 / 2;
+        let scene = Scene::generate(count, 1, |i| {
+            let mut s = splat(i);
+            s.position[0] = i as f32;
+            match i {
+                5 => s.position[2] = f32::NAN,
+                6 => (s.scale[1], s.opacity) = (f32::INFINITY, f32::NAN),
+                7 => s.rotation[3] = f32::NAN,
+                8 => s.rotation = [0.0; 4],
+                9 => s.opacity = f32::NEG_INFINITY,
+                10 => s.sh[11] = f32::NAN,
+                // Beyond the degree: not stored, so not a fault.
+                11 => s.sh[12] = f32::NAN,
+                _ => {}
+            }
+            s
+        });
+        let dropped = Dropped { position: 1, scale: 1, rotation: 1, zero_rotation: 1, opacity: 1, color: 1 };
+        assert_eq!(*scene.dropped(), dropped);
+        assert_eq!(scene.dropped().total(), 6);
+        let xs: Vec<f32> = scene.positions().iter().map(|p| p[0]).collect();
+        let expected: Vec<f32> = (0..count).filter(|i| !(5..=10).contains(i)).map(|i| i as f32).collect();
+        assert_eq!(xs, expected);
+        assert_eq!(scene.splat(5).sh[..12], splat(11).sh[..12]);
+    }
+}

@@ -1,0 +1,82 @@
+//! Splats that cover parametric surfaces.
+
+use super::look::Look;
+use crate::Splat;
+use glam::{DMat3, DQuat, DVec2, DVec3};
+
+/// Point `index` of a sequence that fills the unit square evenly, however many are taken (Roberts' R2, by the plastic
+/// number).
+pub(super) fn even(index: usize) -> DVec2 {
+    let fraction = |step: f64| (0.5 + step * (index as f64 + 1.0)).fract();
+    DVec2::new(fraction(0.754_877_666_246_692_8), fraction(0.569_840_290_998_053_2))
+}
+
+/// A place on a surface, with what a splat there needs.
+pub(super) struct Patch {
+    /// The point.
+    pub at: DVec3,
+    /// The normal, towards `du x dv`.
+    pub normal: DVec3,
+    /// Derivatives by the two parameters.
+    pub du: DVec3,
+    pub dv: DVec3,
+}
+
+impl Patch {
+    /// The patch of a surface at parameters `uv`, by central differences.
+    pub(super) fn new(surface: impl Fn(DVec2) -> DVec3, uv: DVec2) -> Self {
+        const H: f64 = 1e-4;
+        let du = (surface(uv + DVec2::new(H, 0.0)) - surface(uv - DVec2::new(H, 0.0))) / (2.0 * H);
+        let dv = (surface(uv + DVec2::new(0.0, H)) - surface(uv - DVec2::new(0.0, H))) / (2.0 * H);
+        Self { at: surface(uv), normal: du.cross(dv).normalize_or(DVec3::Y), du, dv }
+    }
+
+    /// A splat that covers its part of the surface, where `count` are spread evenly over the unit square of parameters:
+    /// `stretch` is how much longer it is along u than an even share, and `cover` its size in shares.
+    pub(super) fn splat(&self, count: usize, stretch: f64, cover: f64, opacity: f64, look: &Look) -> Splat {
+        let share = cover / (count as f64).sqrt();
+        let scale = DVec3::new(
+            self.du.length() * share * stretch,
+            self.dv.length() * share / stretch,
+            0.12 * (self.du.length() * self.dv.length()).sqrt() * share,
+        );
+        flat(self.at, self.du, self.normal, scale, opacity, look)
+    }
+}
+
+/// A splat with its first axis along `along` (made perpendicular to the normal) and its third along `normal`.
+pub(super) fn flat(at: DVec3, along: DVec3, normal: DVec3, scale: DVec3, opacity: f64, look: &Look) -> Splat {
+    let along = (along - normal * normal.dot(along)).normalize_or(normal.any_orthonormal_vector());
+    let q = DQuat::from_mat3(&DMat3::from_cols(along, normal.cross(along), normal)).normalize();
+    Splat {
+        position: at.as_vec3().into(),
+        // A surface may shrink to a point, its splats may not.
+        scale: scale.max(DVec3::splat(2e-4)).as_vec3().into(),
+        rotation: [q.w, q.x, q.y, q.z].map(|c| c as f32),
+        opacity: opacity.clamp(0.0, 0.995) as f32,
+        sh: look.sh(),
+    }
+}
+
+/// A ball of one colour; soft where it is transparent.
+pub(super) fn ball(at: DVec3, size: f64, opacity: f64, look: &Look) -> Splat {
+    flat(at, DVec3::X, DVec3::Y, DVec3::splat(size), opacity, look)
+}
+
+/// Which of several things the splat `index` of `count` belongs to, where each gets a part in proportion to its weight;
+/// and its own index within that part, and the part's size.
+pub(super) fn deal(weights: &[f64], count: usize) -> impl Iterator<Item = (usize, usize, usize)> {
+    let total: f64 = weights.iter().sum();
+    let mut sum = 0.0;
+    let mut edges = vec![0];
+    for weight in weights {
+        sum += weight;
+        edges.push((count as f64 * sum / total).round() as usize);
+    }
+    // Rounding must not lose the last one.
+    *edges.last_mut().expect("it has the 0 at least") = if weights.is_empty() { 0 } else { count };
+    (0..weights.len()).flat_map(move |thing| {
+        let (first, end) = (edges[thing], edges[thing + 1]);
+        (0..end - first).map(move |index| (thing, index, end - first))
+    })
+}

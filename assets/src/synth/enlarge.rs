@@ -1,0 +1,69 @@
+//! Makes a scene of more splats out of a scene, for measurements at a size that no capture has.
+//!
+//! Copies lie inside the splats they were made from, scattered as their Gaussian is, and all shrink so that the area they
+//! cover stays. What is drawn, and how many splats cover a pixel, then grows as it would in a finer capture of the same
+//! thing.
+
+use super::random::splitmix64;
+use crate::Scene;
+
+/// A scene of `n` splats. Splat `k` is copy `k / count` of splat `k % count`. Copy 0 stays in place; a further copy moves by
+/// `R (s * u)` with the splat's rotation R, its scales s, and u per axis uniform in -sqrt(3) to sqrt(3) (so with deviation
+/// 1), from the top 24 bits of `splitmix64(3 k + axis)`. All scales are multiplied by `sqrt(count / n)`. An `n` below the
+/// count takes the first `n` splats.
+pub fn enlarge(scene: &Scene, n: u32) -> Scene {
+    let count = scene.count() as usize;
+    let shrink = (count as f64 / f64::from(n)).sqrt();
+    Scene::generate(n, scene.stored_degree(), |k| {
+        let mut splat = scene.splat(k % count);
+        if k >= count {
+            let offset: [f64; 3] = std::array::from_fn(|axis| {
+                let t = (splitmix64(3 * k as u64 + axis as u64) >> 40) as f64 / (1u64 << 24) as f64;
+                f64::from(splat.scale[axis]) * (2.0 * t - 1.0) * 3f64.sqrt()
+            });
+            let [w, x, y, z] = splat.rotation.map(f64::from);
+            let turned = glam::DQuat::from_xyzw(x, y, z, w) * glam::DVec3::from(offset);
+            let moved = |axis: usize| (f64::from(splat.position[axis]) + turned[axis]) as f32;
+            splat.position = std::array::from_fn(moved);
+        }
+        splat.scale = splat.scale.map(|s| (f64::from(s) * shrink) as f32);
+        splat
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::splat;
+
+    #[test]
+    fn the_first_copy_stays_and_the_others_scatter_inside_their_splat() {
+        let base = Scene::generate(50, 3, splat);
+        let large = enlarge(&base, 175);
+        assert_eq!(large.count(), 175);
+        assert_eq!(large.positions()[..50], base.positions()[..]);
+        for k in 0..175 {
+            let (copy, original) = (large.splat(k), base.splat(k % 50));
+            let ratio = copy.scale[1] / original.scale[1];
+            assert!((ratio - (50f32 / 175.0).sqrt()).abs() < 1e-6);
+            assert_eq!((copy.sh, copy.opacity), (original.sh, original.opacity));
+            let moved: f32 = copy.position.iter().zip(original.position).map(|(a, b)| (a - b).powi(2)).sum();
+            let reach: f32 = 3.0 * original.scale.iter().map(|s| s * s).sum::<f32>();
+            assert!(moved <= reach * 1.001 && (k < 50) == (moved == 0.0));
+        }
+    }
+
+    #[test]
+    fn the_offsets_are_those_of_the_published_rule() {
+        let unit = Scene::generate(1, 0, |i| {
+            let mut s = splat(i);
+            (s.position, s.scale, s.rotation) = ([0.0; 3], [1.0; 3], [1.0, 0.0, 0.0, 0.0]);
+            s
+        });
+        let large = enlarge(&unit, 2);
+        for axis in 0..3 {
+            let t = (splitmix64(3 + axis as u64) >> 40) as f64 / 16_777_216.0;
+            assert_eq!(large.positions()[1][axis], ((2.0 * t - 1.0) * 3f64.sqrt()) as f32);
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! Scenes made from nothing, the same in every run: one to look at and extreme ones to test with.
+//!
+//! [`generators`] lists them by name, with the cameras that they are made to be seen from; [`generate`] makes one.
+//! [`enlarge()`] makes a large scene out of a captured one.
+
+mod demo;
+mod enlarge;
+mod extremes;
+mod random;
+
+pub use demo::demo_cameras;
+pub use enlarge::enlarge;
+
+use crate::error::nearest;
+use crate::{Camera, Scene};
+
+/// A scene that can be made.
+#[derive(Clone, Copy, Debug)]
+pub struct Generator {
+    /// What to call it by.
+    pub name: &'static str,
+    /// What it is, in a line.
+    pub summary: &'static str,
+    /// How many splats it has where no number is asked for.
+    pub default_count: u32,
+    /// The cameras that it is made for, 960 x 540; the first is the best.
+    pub cameras: fn() -> Vec<Camera>,
+    make: fn(u32, u64) -> Scene,
+}
+
+/// No generator of that name.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("there is no generated scene `{name}` (there are {}){}", names(), near(.name))]
+pub struct UnknownGenerator {
+    /// The name that was asked for.
+    pub name: String,
+}
+
+fn names() -> String {
+    generators().iter().map(|g| g.name).collect::<Vec<_>>().join(", ")
+}
+
+fn near(name: &str) -> String {
+    let near = nearest(name, generators().iter().map(|g| g.name));
+    near.map(|n| format!("; did you mean `{n}`?")).unwrap_or_default()
+}
+
+fn origin() -> Vec<Camera> {
+    vec![extremes::camera()]
+}
+
+/// A scene for tests, seen from the origin.
+const fn extreme(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Scene) -> Generator {
+    Generator { name, summary, default_count: 5_000, cameras: origin, make }
+}
+
+const GENERATORS: [Generator; 8] = [
+    Generator {
+        name: "demo",
+        summary: "a lotus pond at dusk, with an iridescent knot above it: gloss, needles, mist and reflections",
+        default_count: 200_000,
+        cameras: demo_cameras,
+        make: demo::demo,
+    },
+    Generator {
+        name: "uniform",
+        summary: "a ball evenly filled with splats of all shapes, all bands of the harmonics in use",
+        default_count: 100_000,
+        cameras: || vec![extremes::outside()],
+        make: extremes::uniform,
+    },
+    extreme("needles", "needles and plates with axes in ratios of up to 10,000 to 1", extremes::needles),
+    extreme(
+        "huge",
+        "a cloud inside one splat that is a hundred times as large and holds the camera",
+        extremes::huge,
+    ),
+    extreme("far", "a cloud with outliers up to a million units away", extremes::far),
+    extreme("ties", "eight planes of splats that all have exactly the same depth", extremes::ties),
+    extreme("faint", "splats whose opacity is within a thousandth of the floor of 1/255", extremes::faint),
+    extreme("empty-view", "a cloud that is all behind the camera", extremes::empty_view),
+];
+
+/// All scenes that can be made.
+pub fn generators() -> &'static [Generator] {
+    &GENERATORS
+}
+
+/// Makes the scene `name` with `count` splats. The same arguments give the same scene.
+///
+/// # Errors
+/// Where there is no such scene; the nearest name is offered.
+pub fn generate(name: &str, count: u32, seed: u64) -> Result<Scene, UnknownGenerator> {
+    let generator = generators().iter().find(|g| g.name == name);
+    let generator = generator.ok_or_else(|| UnknownGenerator { name: name.into() })?;
+    Ok((generator.make)(count, seed))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Report;
+
+    fn make(name: &str, count: u32) -> Scene {
+        generate(name, count, 0).unwrap()
+    }
+
+    #[test]
+    fn every_scene_has_the_number_of_splats_asked_for_and_none_dropped() {
+        for generator in generators() {
+            for count in [0, 1, 37, 3000] {
+                let scene = make(generator.name, count);
+                assert_eq!((scene.count(), scene.dropped().total()), (count, 0), "{}", generator.name);
+            }
+            assert!(!(generator.cameras)().is_empty());
+            assert!(!Report::new(&make(generator.name, 0), &[]).to_string().contains("NaN"));
+        }
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_scene_and_another_seed_another() {
+        for generator in generators() {
+            let identity = |seed| generate(generator.name, 2000, seed).unwrap().identity();
+            assert_eq!(identity(5), identity(5), "{}", generator.name);
+            assert_ne!(identity(5), identity(6), "{}", generator.name);
+        }
+    }
+
+    #[test]
+    fn a_name_that_is_not_there_is_answered_with_the_nearest() {
+        let error = generate("needels", 1, 0).unwrap_err().to_string();
+        assert!(error.contains("did you mean `needles`?") && error.contains("empty-view"), "{error}");
+    }
+
+    #[test]
+    fn the_extremes_are_as_extreme_as_they_say() {
+        let ratios = |s: &[f32; 3]| s[0] / s[2];
+        assert!(make("needles", 3000).scales().iter().map(ratios).fold(0.0, f32::max) > 9000.0);
+        let report = |name: &str| {
+            let generator = generators().iter().find(|g| g.name == name).unwrap();
+            Report::new(&make(name, 3000), &(generator.cameras)())
+        };
+        assert_eq!(report("huge").size.oversized, 1);
+        assert!(report("far").place.outliers > 20);
+        assert!(report("far").depth[0].range.unwrap().linear_bits_lost > 10.0);
+        assert!((1000..2000).contains(&report("faint").opacity.below_floor));
+        assert_eq!(report("empty-view").depth[0].in_front, 0);
+        let ties = make("ties", 3000);
+        let camera = extremes::camera();
+        let forward = camera.axes()[2];
+        assert_eq!(forward, [0.0, 0.0, 1.0]);
+        assert!(ties.positions().chunks_exact(8).all(|planes| planes[3][2] == 3.5));
+        assert_eq!(make("uniform", 3000).effective_degree(), 3);
+    }
+}

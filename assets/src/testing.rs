@@ -1,0 +1,32 @@
+//! What the tests of this crate share.
+
+use crate::{Scene, Splat};
+use std::path::PathBuf;
+
+/// A made-up splat, different for each index.
+pub(crate) fn splat(index: usize) -> Splat {
+    let t = index as f32;
+    Splat {
+        position: [t.sin(), (0.7 * t).cos(), 3.0 + (0.3 * t).sin()],
+        scale: [0.01 + 0.001 * (t % 7.0), 0.02, 0.03],
+        rotation: [0.5, -0.5, 0.5, 0.5],
+        opacity: 0.25 + 0.5 * (t % 3.0) / 3.0,
+        sh: std::array::from_fn(|k| 0.01 * (k as f32 + 1.0) + (t % 5.0)),
+    }
+}
+
+/// Loads without watching the progress.
+pub(crate) fn parse(bytes: &[u8]) -> Result<Scene, crate::SceneError> {
+    Scene::parse(bytes, &|_, _| {})
+}
+
+/// A captured scene in the folder that `SPLATGRAPH_DATA` names. Says aloud where there is none.
+pub(crate) fn capture(name: &str) -> Option<PathBuf> {
+    match std::env::var_os("SPLATGRAPH_DATA") {
+        Some(folder) => Some(PathBuf::from(folder).join("scenes").join(name)),
+        None => {
+            println!("NOT RUN: {name} needs SPLATGRAPH_DATA, the folder of captured scenes");
+            None
+        }
+    }
+}
