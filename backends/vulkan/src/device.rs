@@ -5,7 +5,7 @@
 //! features that [`create`] lists.
 
 use crate::error::api;
-use crate::instance::{API_VERSION, Instance};
+use crate::instance::{API_VERSION, Instance, NO_DRIVER};
 use crate::limits::{Limits, SubgroupLimits};
 use ash::vk;
 use splatgraph_api::{BackendError, DeviceInfo};
@@ -33,11 +33,7 @@ pub(crate) fn all(instance: &Instance) -> Result<Vec<Physical>, BackendError> {
 /// that is fit, else the first integrated one, else any other, a CPU last.
 pub(crate) fn choose(devices: Vec<Physical>, wanted: Option<&str>) -> Result<Physical, BackendError> {
     if devices.is_empty() {
-        return Err(BackendError::Unavailable(
-            "the Vulkan loader knows no device; on Debian and Ubuntu the package `mesa-vulkan-drivers` has drivers for \
-             many GPUs, and one that runs on the CPU"
-                .to_string(),
-        ));
+        return Err(BackendError::Unavailable(NO_DRIVER.to_string()));
     }
     let listed =
         devices.iter().map(|d| format!("{}: {}", d.info.index, d.info.name)).collect::<Vec<_>>().join(", ");

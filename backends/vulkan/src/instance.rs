@@ -22,6 +22,11 @@ pub enum Validation {
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
+/// What to do where the loader is there and no driver is.
+pub(crate) const NO_DRIVER: &str = "the Vulkan loader finds no driver that works; on Debian and Ubuntu the package \
+    `mesa-vulkan-drivers` has drivers for many GPUs, and one that runs on the CPU; NVIDIA's comes with its own \
+    driver (and needs `libx11-6` and `libxext6`, also without a display)";
+
 /// The oldest version that has all that this crate calls (synchronization2, dynamic rendering, maintenance4).
 pub(crate) const API_VERSION: u32 = vk::API_VERSION_1_3;
 
@@ -93,9 +98,10 @@ impl Instance {
             info = info.push_next(&mut messenger_info);
         }
         if validation == Validation::Synchronization {
-            // Layers since 1.3.27x are told by layer settings, older ones by the extension that these replaced.
+            // Newer layers are told by layer settings, older ones by the extension that these replaced. The newer
+            // extension is not enabled by its name, which a loader older than the layer would refuse; the layer
+            // reads the settings all the same.
             if offers(&layer_extensions, ext::layer_settings::NAME) {
-                names.push(ext::layer_settings::NAME.as_ptr());
                 info = info.push_next(&mut settings);
             } else {
                 names.push(ext::validation_features::NAME.as_ptr());
@@ -105,7 +111,10 @@ impl Instance {
         let info = info.enabled_extension_names(&names);
         // SAFETY: everything that `info` points to lives until the call returns; the messenger's user data lives in
         // the `Arc` that the instance keeps.
-        let raw = unsafe { entry.create_instance(&info, None) }.map_err(api("vkCreateInstance"))?;
+        let raw = unsafe { entry.create_instance(&info, None) }.map_err(|answer| match answer {
+            vk::Result::ERROR_INCOMPATIBLE_DRIVER => BackendError::Unavailable(NO_DRIVER.to_string()),
+            _ => api("vkCreateInstance")(answer),
+        })?;
         let mut instance = Instance { raw, labels, messages, messenger: None };
         if validation != Validation::Off && labels {
             instance.listen(entry)?;
@@ -247,7 +256,7 @@ unsafe extern "system" fn collect(
                 "warning"
             };
             let text = data.message_as_c_str().map(CStr::to_string_lossy).unwrap_or_default();
-            let labels: Vec<_> = if data.p_cmd_buf_labels.is_null() {
+            let mut labels: Vec<_> = if data.p_cmd_buf_labels.is_null() {
                 Vec::new()
             } else {
                 std::slice::from_raw_parts(data.p_cmd_buf_labels, data.cmd_buf_label_count as usize)
@@ -256,9 +265,14 @@ unsafe extern "system" fn collect(
                     .map(CStr::to_string_lossy)
                     .collect()
             };
+            // Some layers list every label twice.
+            labels.dedup();
             let place =
                 if labels.is_empty() { String::new() } else { format!(" (in {})", labels.join(", ")) };
-            messages.add(format!("{severity}{place}: {text}"));
+            // Older layers have the identifier in the text as well.
+            let id = data.message_id_name_as_c_str().map(CStr::to_string_lossy).unwrap_or_default();
+            let id = if id.is_empty() || text.contains(&*id) { String::new() } else { format!(" {id}") };
+            messages.add(format!("{severity}{id}{place}: {text}"));
         }
     }
     vk::FALSE
