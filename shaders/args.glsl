@@ -1,0 +1,11 @@
+// The words of the buffer `args`: how much there is to sort and to draw, written by the GPU for the GPU.
+//
+//   word  byte
+//      0     0   workgroups of the sort's block passes: x, y, z (an indirect dispatch)
+//      3    12   visible splats, which is the number of keys to sort
+//      4    16   an indirect draw: vertices, instances, first vertex, first instance
+//      8    32   splats drawn: the nearest `ceil(budget * visible)`
+const uint ARGS_SORT_GROUPS = 0u;
+const uint ARGS_VISIBLE = 3u;
+const uint ARGS_DRAW = 4u;
+const uint ARGS_DRAWN = 8u;

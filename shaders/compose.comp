@@ -1,0 +1,27 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+// Lays the blended splats over the background.
+
+#include "camera.glsl"
+#include "groups.glsl"
+
+layout(local_size_x = 256) in;
+
+layout(set = 0, binding = 0, rgba16f) readonly uniform image2D color;
+layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D composed;
+
+void main() {
+    uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
+    ivec2 pixel = ivec2(i % uint(VIEWPORT_WIDTH), i / uint(VIEWPORT_WIDTH));
+    if (pixel.y >= VIEWPORT_HEIGHT) {
+        return;
+    }
+    vec4 blended = imageLoad(color, pixel);
+#if BLEND == BLEND_FRONT_TO_BACK
+    float transmittance = blended.a;
+#else
+    float transmittance = 1.0 - blended.a;
+#endif
+    imageStore(composed, pixel, vec4(blended.rgb + transmittance * camera.background.rgb, 1.0));
+}

@@ -1,0 +1,55 @@
+// View depth to sort key: KEY_BITS wide, never decreasing in z, near to far.
+//
+// `float_bits` takes the bits of the float, which sort like the number where it is positive: exact at 32 bits, and
+// still exact below that wherever the scene's depths differ in no more than 2^KEY_BITS floats. `linear` gives equal
+// steps of depth, `logarithmic` equal ratios. Depths outside the scene's range take its ends.
+//
+// Every step is monotone in floating point too: integer arithmetic, or one correctly rounded operation by a constant.
+// That rules out log2() and division by the range, of which no device promises it.
+
+// A logarithm of a positive float as an integer: 24 fractional bits, exponent above. Between powers of two,
+// log2(1 + m) = m + 0.344 m (1 - m), right to 0.008, in fixed point.
+uint fixed_log2(float z) {
+    uint bits = floatBitsToUint(z);
+    uint m = bits << 9;
+    uint low, bulge, scaled;
+    umulExtended(m, ~m, bulge, low);
+    umulExtended(bulge, 1477468750u, scaled, low);
+    return ((bits >> 23) << 24) + (m >> 8) + (scaled >> 8);
+}
+
+// Stretches 0 .. range to KEY_BITS bits; leaves x as it is where all of it fits.
+uint stretch(uint x, uint range) {
+#if KEY_BITS < 32
+    if ((range >> KEY_BITS) != 0u) {
+        // x / range in units of 2^-32, times 2^KEY_BITS: the factor is rounded, but it is the same for every key.
+        uint up = 31u - uint(findMSB(range));
+        float factor = exp2(float(KEY_BITS)) * (4294967296.0 / (float(range << up) + 1.0));
+        uint key, low;
+        umulExtended(x << up, uint(min(factor, 4294967040.0)), key, low);
+        return min(key, (1u << KEY_BITS) - 1u);
+    }
+#endif
+    return x;
+}
+
+uint depth_key(float z) {
+    float near = camera.depth.y;
+    float far = max(camera.depth.z, near);
+#if KEY_MAP == KEY_MAP_FLOAT_BITS
+#if KEY_BITS == 32
+    return floatBitsToUint(z);
+#else
+    uint first = floatBitsToUint(near);
+    return stretch(floatBitsToUint(clamp(z, near, far)) - first, floatBitsToUint(far) - first);
+#endif
+#elif KEY_MAP == KEY_MAP_LOGARITHMIC
+    uint first = fixed_log2(near);
+    return stretch(fixed_log2(clamp(z, near, far)) - first, fixed_log2(far) - first);
+#else
+    precise float from_near = clamp(z, near, far) - near;
+    precise float share = from_near * (1.0 / max(far - near, 1e-30));
+    // The largest float below 1 keeps the product below 2^KEY_BITS.
+    return uint(min(share, 0.99999994) * exp2(float(KEY_BITS)));
+#endif
+}

@@ -1,0 +1,183 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_ballot : require
+
+// From a Gaussian in the world to an ellipse on the screen: cull, project, colour. Each invocation takes one splat. What
+// is visible leaves a record at the splat's own index and its depth; what is not leaves the depth -1. Every workgroup
+// counts its visible splats, so that compact.comp can close the gaps and keep the order of the indices.
+//
+// The rules are those of the published rasteriser (see docs/splatting.md); the formulas are arranged so that they hold in
+// 32-bit floats: see `Ellipse`.
+
+#include "camera.glsl"
+#include "groups.glsl"
+#include "live.glsl"
+#include "splat.glsl"
+#include "spherical_harmonics.glsl"
+
+layout(local_size_x = 256) in;
+
+struct Position3 { float x, y, z; };
+#if COVARIANCE == COVARIANCE_FACTORED
+struct Covariance3 { float m[9]; };
+#else
+struct Covariance3 { float xx, xy, xz, yy, yz, zz; };
+#endif
+
+layout(set = 0, binding = 0, std430) readonly buffer Position { Position3 position[]; };
+layout(set = 0, binding = 1, std430) readonly buffer Opacity { float opacity[]; };
+layout(set = 0, binding = 2, std430) readonly buffer Covariance { Covariance3 covariance[]; };
+layout(set = 0, binding = 3, std430) writeonly buffer Splats { Splat splats[]; };
+layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth[]; };
+layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_count[]; };
+
+const float NEAR_PLANE = 0.2;
+// Added to both variances on the screen, in square pixels: no splat is narrower than about a pixel.
+const float LOW_PASS = 0.3;
+// The Jacobian is taken no further than this times the half field of view from the axis.
+const float JACOBIAN_LIMIT = 1.3;
+// Bounds are widened by this many pixels, so that rounding never drops a pixel that the fragment shader would keep.
+const float MARGIN = 1.0 / 64.0;
+
+shared uint visible_in_subgroup[256 / DEVICE_SUBGROUP_SIZE];
+
+// a b - c d with the rounding error of one product returned to the sum (Kahan). Without it the difference of two nearly
+// equal products has no correct digit.
+float difference_of_products(float a, float b, float c, float d) {
+    precise float cd = c * d;
+    precise float error = fma(-c, d, cd);
+    precise float difference = fma(a, b, -cd);
+    return difference + error;
+}
+
+// The 2D covariance [[xx, xy], [xy, yy]] in square pixels, low pass not yet added, with its determinant.
+struct Ellipse {
+    float xx, xy, yy;
+    float determinant;
+};
+
+// Projects the covariance of splat `i`. The rows of J W (Jacobian times rotation to the camera) are `t0` and `t1`.
+Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
+    Ellipse e;
+#if COVARIANCE == COVARIANCE_FACTORED
+    // The covariance is A A^T with A = J W M. By Lagrange's identity its determinant is the squared length of the cross
+    // product of A's rows, in which nothing large cancels.
+    float m[9] = covariance[i].m;
+    mat3 columns = mat3(m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]);
+    vec3 a0 = t0 * columns;
+    vec3 a1 = t1 * columns;
+    e.xx = dot(a0, a0);
+    e.xy = dot(a0, a1);
+    e.yy = dot(a1, a1);
+    vec3 n = vec3(difference_of_products(a0.y, a1.z, a0.z, a1.y),
+                  difference_of_products(a0.z, a1.x, a0.x, a1.z),
+                  difference_of_products(a0.x, a1.y, a0.y, a1.x));
+    e.determinant = dot(n, n);
+#else
+    Covariance3 c = covariance[i];
+    mat3 sigma = mat3(c.xx, c.xy, c.xz, c.xy, c.yy, c.yz, c.xz, c.yz, c.zz);
+    vec3 s0 = sigma * t0;
+    vec3 s1 = sigma * t1;
+    e.xx = max(dot(t0, s0), 0.0);
+    e.xy = dot(t0, s1);
+    e.yy = max(dot(t1, s1), 0.0);
+    e.determinant = max(difference_of_products(e.xx, e.yy, e.xy, e.xy), 0.0);
+#endif
+    return e;
+}
+
+// True if a pixel centre of 0 .. size - 1 lies within `reach` of `centre`.
+bool covers_a_pixel(float centre, float reach, float size) {
+    return max(ceil(centre - reach), 0.0) <= min(floor(centre + reach), size - 1.0);
+}
+
+// Projects splat `i`, writes its record if it is visible, and returns its view depth, or -1 if it is not.
+float project(uint i) {
+    vec3 p = vec3(position[i].x, position[i].y, position[i].z);
+    mat4 view = camera.view;
+
+    // This shape and no other: the order of the splats is defined by what it gives.
+    precise float z = fma(view[2][2], p.z, fma(view[1][2], p.y, view[0][2] * p.x)) + view[3][2];
+    if (!(z > NEAR_PLANE)) {
+        return -1.0;
+    }
+    float alpha = opacity[i];
+    if (!(alpha >= 1.0 / 255.0)) {
+        return -1.0;
+    }
+    float x = fma(view[2][0], p.z, fma(view[1][0], p.y, view[0][0] * p.x)) + view[3][0];
+    float y = fma(view[2][1], p.z, fma(view[1][1], p.y, view[0][1] * p.x)) + view[3][1];
+
+    // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z held near the view.
+    vec2 slope = vec2(x, y) / z;
+    vec2 limit = JACOBIAN_LIMIT * camera.focal.zw;
+    vec2 held = clamp(slope, -limit, limit);
+    vec3 w0 = vec3(view[0][0], view[1][0], view[2][0]);
+    vec3 w1 = vec3(view[0][1], view[1][1], view[2][1]);
+    vec3 w2 = vec3(view[0][2], view[1][2], view[2][2]);
+    vec3 t0 = (camera.focal.x / z) * (w0 - held.x * w2);
+    vec3 t1 = (camera.focal.y / z) * (w1 - held.y * w2);
+    Ellipse e = project_covariance(i, t0, t1);
+
+    // Eigenvalues: the larger as a sum of positive terms, the smaller as determinant / larger. The low pass adds itself
+    // to both, and to the determinant only positive terms.
+    float mean = 0.5 * (e.xx + e.yy);
+    float lean = 0.5 * (e.xx - e.yy);
+    float radius = length(vec2(lean, e.xy));
+    float larger = mean + radius + LOW_PASS;
+    float smaller = (e.determinant + LOW_PASS * (2.0 * mean + LOW_PASS)) / larger;
+    if (!(smaller > 0.0) || isinf(larger)) {
+        return -1.0;  // no area, or beyond what 32 bits can say
+    }
+
+    // The eigenvector of the larger one, of the two forms that which adds. A circle has no direction: any will do.
+    vec2 direction = lean >= 0.0 ? vec2(radius + lean, e.xy) : vec2(e.xy, radius - lean);
+    direction = radius > 1e-6 * mean ? normalize(direction) : vec2(1.0, 0.0);
+
+    // The quad reaches as far as alpha can be 1/255, or as far as it is allowed to.
+    float reach = sqrt(2.0 * max(log(255.0 * alpha), 0.0));
+    float extent = min(cutoff, reach);
+    Splat splat;
+    splat.centre = camera.focal.xy * slope + 0.5 * (camera.viewport.xy - 1.0);
+    splat.major = sqrt(larger) * direction;
+    splat.minor = sqrt(smaller) * vec2(-direction.y, direction.x);
+    splat.extent = extent;
+    splat.opacity = alpha;
+
+    // Bounds: those of the quad, or of the ellipse of alpha = 1/255 inside it where that is smaller.
+    vec2 quad = extent * (abs(splat.major) + abs(splat.minor));
+    vec2 ellipse = reach * sqrt(vec2(e.xx, e.yy) + LOW_PASS);
+    vec2 bounds = min(quad, ellipse) + MARGIN;
+    if (!covers_a_pixel(splat.centre.x, bounds.x, camera.viewport.x)
+        || !covers_a_pixel(splat.centre.y, bounds.y, camera.viewport.y)) {
+        return -1.0;
+    }
+
+    splat.colour = vec4(sh_colour(i, normalize(p - camera.position.xyz)), 0.0);
+    splats[i] = splat;
+    return z;
+}
+
+void main() {
+    uint group = group_index();
+    uint i = group * gl_WorkGroupSize.x + gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID;
+    float z = -1.0;
+    if (i < uint(SCENE_COUNT)) {
+        z = project(i);
+        depth[i] = z;
+    }
+
+    uvec4 visible = subgroupBallot(z > 0.0);
+    if (gl_SubgroupInvocationID == 0u) {
+        visible_in_subgroup[gl_SubgroupID] = subgroupBallotBitCount(visible);
+    }
+    barrier();
+    if (gl_SubgroupID == 0u && gl_SubgroupInvocationID == 0u && group * gl_WorkGroupSize.x < uint(SCENE_COUNT)) {
+        uint sum = 0u;
+        for (uint s = 0u; s < gl_NumSubgroups; s++) {
+            sum += visible_in_subgroup[s];
+        }
+        block_count[group] = sum;
+    }
+}

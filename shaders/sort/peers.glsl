@@ -1,0 +1,44 @@
+// Who else in the subgroup has the same digit: one ballot per bit of the digit, keeping those that answered alike. A mask
+// has as many words as the subgroup needs. To be called by whole subgroups.
+
+#if DEVICE_SUBGROUP_SIZE <= 32
+#define LaneMask uint
+#define MASK_OF(ballot) (ballot).x
+#elif DEVICE_SUBGROUP_SIZE <= 64
+#define LaneMask uvec2
+#define MASK_OF(ballot) (ballot).xy
+#else
+#define LaneMask uvec4
+#define MASK_OF(ballot) (ballot)
+#endif
+
+uint bits_in(uint mask) {
+    return uint(bitCount(mask));
+}
+
+uint bits_in(uvec2 mask) {
+    return bits_in(mask.x) + bits_in(mask.y);
+}
+
+uint bits_in(uvec4 mask) {
+    return bits_in(mask.xy) + bits_in(mask.zw);
+}
+
+// The valid lanes whose `bin` is this lane's. Means nothing for a lane that is not valid.
+LaneMask peers_of(uint bin, bool valid) {
+    LaneMask peers = MASK_OF(subgroupBallot(valid));
+    [[unroll]] for (uint b = 0u; b < uint(DIGIT_BITS); b++) {
+        uint bit = (bin >> b) & 1u;
+        LaneMask ones = MASK_OF(subgroupBallot(bit != 0u));
+        peers &= ones ^ LaneMask(bit - 1u);
+    }
+    return peers;
+}
+
+uint lanes_in(LaneMask mask) {
+    return bits_in(mask);
+}
+
+uint lanes_below(LaneMask mask) {
+    return bits_in(mask & MASK_OF(gl_SubgroupLtMask));
+}

@@ -1,0 +1,31 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+// Second pass of a digit, serial: counts become places. An invocation takes one bin: its keys begin where those of all
+// lower bins end, and each block's after those of the blocks before it.
+
+#include "serial.glsl"
+
+layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
+layout(set = 0, binding = 1, std430) buffer Table { uint table[]; };
+layout(set = 0, binding = 2, std430) readonly buffer Totals { uint totals[]; };
+
+void main() {
+    uint bin = invocation_index();
+    if (bin > mask) {
+        return;
+    }
+    uint place = 0u;
+    for (uint lower = 0u; lower < bin; lower++) {
+        for (uint part = 0u; part < uint(TOTAL_PARTS); part++) {
+            place += totals[total_index(lower, part)];
+        }
+    }
+    uint blocks = blocks_of(args[ARGS_VISIBLE]);
+    for (uint block = 0u; block < blocks; block++) {
+        uint at = block * BINS + bin;
+        uint here = table[at];
+        table[at] = place;
+        place += here;
+    }
+}

@@ -1,0 +1,9 @@
+// A splat as it stands on the screen: what project.comp leaves for splat.vert.
+struct Splat {
+    vec2 centre;      // in pixels, pixel centres at integers
+    vec2 major;       // half axis of the ellipse of one sigma, in pixels
+    vec2 minor;       // the other one, perpendicular to it
+    float extent;     // sigmas from the centre to the edge of the quad
+    float opacity;
+    vec4 colour;      // display-encoded r, g, b, not below 0; w unused
+};

@@ -1,0 +1,41 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+// One splat's quad: a rectangle along the axes of its ellipse, as far as it can be seen. The corners only decide which
+// pixels are looked at; the fragment shader measures from the centre itself, because corners are snapped to 1/256 pixel
+// by the rasteriser, and interpolated coordinates would be off by as much.
+
+#include "args.glsl"
+#include "camera.glsl"
+#include "splat.glsl"
+
+layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
+layout(set = 0, binding = 1, std430) readonly buffer Order { uint order[]; };
+layout(set = 0, binding = 2, std430) readonly buffer Splats { Splat splats[]; };
+
+layout(location = 0) flat out vec2 centre;
+layout(location = 1) flat out vec4 inverse_axes;
+layout(location = 2) flat out vec4 colour;
+
+// Pixels added on every side, so that snapping loses none.
+const float MARGIN = 1.0 / 64.0;
+
+void main() {
+    uint rank = uint(gl_InstanceIndex);
+#if BLEND == BLEND_BACK_TO_FRONT
+    rank = args[ARGS_DRAWN] - 1u - rank;
+#endif
+    Splat splat = splats[order[rank]];
+
+    float major2 = dot(splat.major, splat.major);
+    float minor2 = dot(splat.minor, splat.minor);
+    vec2 corner = vec2(float(gl_VertexIndex & 1), float(gl_VertexIndex >> 1)) * 2.0 - 1.0;
+    corner *= splat.extent + MARGIN * inversesqrt(vec2(major2, minor2));
+    vec2 pixel = splat.centre + corner.x * splat.major + corner.y * splat.minor;
+
+    // Pixel centres lie at integers, the framebuffer's at halves.
+    gl_Position = vec4((2.0 * pixel + 1.0) * camera.viewport.zw - 1.0, 0.0, 1.0);
+    centre = splat.centre;
+    inverse_axes = vec4(splat.major / major2, splat.minor / minor2);
+    colour = vec4(splat.colour.rgb, splat.opacity);
+}

@@ -1,0 +1,54 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+// Makes the pairs that the test describes, and says how many there are. The test makes the same on the CPU (tests/sort.rs).
+
+#include "args.glsl"
+#include "groups.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(set = 0, binding = 0, std140) uniform Run {
+    uint count;
+    uint seed;
+    // 0 random, 1 all equal, 2 ascending, 3 descending, 4 few distinct.
+    uint kind;
+};
+layout(set = 0, binding = 1, std430) writeonly buffer Keys { uint keys[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer Values { uint values[]; };
+layout(set = 0, binding = 3, std430) writeonly buffer Args { uint args[]; };
+
+uint mixed(uint x) {
+    x = (x ^ (x >> 16)) * 0x7feb352du;
+    x = (x ^ (x >> 15)) * 0x846ca68bu;
+    return x ^ (x >> 16);
+}
+
+const uint KEY_MASK = 0xffffffffu >> (32 - KEY_BITS);
+
+uint key_of(uint i) {
+    switch (kind) {
+        case 0u: return mixed(i + seed) & KEY_MASK;
+        case 1u: return seed & KEY_MASK;
+        case 2u: return i & KEY_MASK;
+        case 3u: return (count - i) & KEY_MASK;
+        default: return mixed(mixed(i + seed) % 3u) & KEY_MASK;
+    }
+}
+
+void main() {
+    uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
+    if (i < count) {
+        keys[i] = key_of(i);
+        values[i] = mixed(i);
+    }
+    if (i == 0u) {
+        // Folded into y early, so that the folding is tested too.
+        uint groups = (count + uint(GROUP_KEYS) - 1u) / uint(GROUP_KEYS);
+        uint x = clamp(groups, 1u, 7u);
+        args[ARGS_SORT_GROUPS] = x;
+        args[ARGS_SORT_GROUPS + 1u] = (groups + x - 1u) / x;
+        args[ARGS_SORT_GROUPS + 2u] = 1u;
+        args[ARGS_VISIBLE] = count;
+    }
+}
