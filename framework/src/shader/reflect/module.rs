@@ -260,7 +260,10 @@ impl Module {
                     // OpTypeForwardPointer has no result; nothing that this is used on can hold such a pointer.
                     if let Some(id) = i.result_id {
                         let info = module.type_info(i, id, &constants)?;
-                        module.types.insert(id, info);
+                        // A second definition could be one by itself, and following it would not end.
+                        if module.types.insert(id, info).is_some() {
+                            return Err(format!("the type {id} is defined twice"));
+                        }
                     }
                 }
                 _ => {}

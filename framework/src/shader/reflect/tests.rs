@@ -333,6 +333,16 @@ fn what_is_no_module_is_an_error() {
 }
 
 #[test]
+fn a_type_that_is_defined_twice_is_an_error() {
+    const OP_TYPE_VOID: u32 = 19;
+    let (mut spirv, _) = compile(ShaderStage::Compute, "void main() {}").unwrap();
+    let at = spirv.iter().position(|word| *word == 2 << 16 | OP_TYPE_VOID).expect("there is a void");
+    let again = [spirv[at], spirv[at + 1]];
+    spirv.splice(at..at, again);
+    assert!(reflect(&spirv).unwrap_err().contains("defined twice"));
+}
+
+#[test]
 fn damaged_modules_never_panic() {
     let body = format!(
         "{IN_OUT}layout(set = 0, binding = 2, std140) uniform U {{ mat4 m; vec3 v[2]; }};
