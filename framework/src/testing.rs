@@ -10,14 +10,19 @@ use std::sync::Arc;
 use crate::build::{Attribute, Catalog, Facts, Request, build};
 use crate::plan::{Format, Plan, Value};
 use crate::shader::{
-    Compiled, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderCompiler, ShaderRequest, Varying,
+    Compiled, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderCompiler,
+    ShaderRequest, Varying,
 };
 use crate::source::{Diagnostic, Library, SourceMap, render};
 
 pub struct ListCompiler;
 
 impl ShaderCompiler for ListCompiler {
-    fn compile(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> Result<Compiled, Vec<Diagnostic>> {
+    fn compile(
+        &mut self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+    ) -> Result<Compiled, Vec<Diagnostic>> {
         let mut reflection = Reflection {
             stage: request.stage,
             local_size: [64, 1, 1],
@@ -51,7 +56,8 @@ impl ShaderCompiler for ListCompiler {
                     bind(name, how, ReflectedKind::StorageBuffer { stride, fixed_bytes: 0 }, number);
                 }
                 ["uniform", name, bytes] => {
-                    let kind = ReflectedKind::UniformBuffer { bytes: bytes.parse().unwrap(), members: vec![] };
+                    let kind =
+                        ReflectedKind::UniformBuffer { bytes: bytes.parse().unwrap(), members: vec![] };
                     bind(name, "r", kind, number);
                 }
                 ["image", how, name, format] => {
@@ -64,7 +70,11 @@ impl ShaderCompiler for ListCompiler {
                 }
                 ["push", name] => {
                     let block = reflection.push.get_or_insert(PushBlock { bytes: 0, members: vec![] });
-                    block.members.push(Member { name: name.into(), offset: block.bytes, kind: MemberKind::Uint });
+                    block.members.push(Member {
+                        name: name.into(),
+                        offset: block.bytes,
+                        kind: MemberKind::Uint,
+                    });
                     block.bytes += 4;
                 }
                 ["out", name] => {

@@ -240,6 +240,8 @@ pub(crate) fn create(
         .synchronization2(true)
         .dynamic_rendering(true)
         .maintenance4(true)
+        // `discard` is a demotion since SPIR-V 1.6.
+        .shader_demote_to_helper_invocation(true)
         .subgroup_size_control(true)
         .compute_full_subgroups(true);
 

@@ -17,10 +17,13 @@ pub(crate) struct Scope {
     pub accesses: vk::AccessFlags2,
 }
 
-/// A barrier on a whole buffer.
+/// A barrier on all memory.
+///
+/// The plan's barriers on buffers become these: what they order, they order for all resources (so says the
+/// specification of buffer barriers, too), the solver counts on that, and drivers do the same for both. Validation
+/// layers of old see the order that a buffer barrier gives for that buffer alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct BufferBarrier {
-    pub resource: ResourceId,
+pub(crate) struct MemoryBarrier {
     pub source: Scope,
     pub target: Scope,
 }
@@ -38,13 +41,26 @@ pub(crate) struct ImageBarrier {
 /// What one `vkCmdPipelineBarrier2` waits for.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dependency {
-    pub buffers: Vec<BufferBarrier>,
+    pub memory: Vec<MemoryBarrier>,
     pub images: Vec<ImageBarrier>,
 }
 
 impl Dependency {
     pub fn is_empty(&self) -> bool {
-        self.buffers.is_empty() && self.images.is_empty()
+        self.memory.is_empty() && self.images.is_empty()
+    }
+
+    /// Adds a barrier on all memory; barriers between the same stages are one.
+    fn add(&mut self, source: Scope, target: Scope) {
+        let same =
+            |b: &&mut MemoryBarrier| b.source.stages == source.stages && b.target.stages == target.stages;
+        match self.memory.iter_mut().find(same) {
+            Some(barrier) => {
+                barrier.source.accesses |= source.accesses;
+                barrier.target.accesses |= target.accesses;
+            }
+            None => self.memory.push(MemoryBarrier { source, target }),
+        }
     }
 }
 
@@ -149,14 +165,16 @@ pub(crate) fn dependency(barriers: &[Barrier]) -> Dependency {
         let target =
             Scope { stages: stages(barrier.target_stages), accesses: accesses(barrier.target_accesses) };
         match barrier.layouts {
-            None => dependency.buffers.push(BufferBarrier { resource, source, target }),
-            Some((old, new)) => dependency.images.push(ImageBarrier {
-                resource,
-                source,
-                target,
-                old: layout(old),
-                new: layout(new),
-            }),
+            None => dependency.add(source, target),
+            Some((old, new)) => {
+                let (old, new) = (layout(old), layout(new));
+                dependency.images.push(ImageBarrier { resource, source, target, old, new });
+                // Its order holds for everything as well.
+                if !source.stages.is_empty() {
+                    let order = |scope: Scope| Scope { accesses: vk::AccessFlags2::NONE, ..scope };
+                    dependency.add(order(source), order(target));
+                }
+            }
         }
     }
     dependency
@@ -410,14 +428,20 @@ mod tests {
                 Some((Layout::Undefined, Layout::ColorTarget)),
             ),
         ]);
-        let buffers = [BufferBarrier {
-            resource: WORDS,
-            source: Scope { stages: S::COMPUTE_SHADER, accesses: A::SHADER_STORAGE_WRITE },
-            target: Scope {
-                stages: S::COMPUTE_SHADER | S::DRAW_INDIRECT,
-                accesses: A::SHADER_STORAGE_READ | A::INDIRECT_COMMAND_READ,
+        let memory = [
+            MemoryBarrier {
+                source: Scope { stages: S::COMPUTE_SHADER, accesses: A::SHADER_STORAGE_WRITE },
+                target: Scope {
+                    stages: S::COMPUTE_SHADER | S::DRAW_INDIRECT,
+                    accesses: A::SHADER_STORAGE_READ | A::INDIRECT_COMMAND_READ,
+                },
             },
-        }];
+            // What the image's barrier orders, it orders for all memory.
+            MemoryBarrier {
+                source: Scope { stages: S::COPY, accesses: A::NONE },
+                target: Scope { stages: S::COLOR_ATTACHMENT_OUTPUT, accesses: A::NONE },
+            },
+        ];
         let images = [ImageBarrier {
             resource: COLOR,
             source: Scope { stages: S::COPY, accesses: A::TRANSFER_READ },
@@ -428,7 +452,7 @@ mod tests {
             old: vk::ImageLayout::UNDEFINED,
             new: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
         }];
-        assert_eq!(lowered, Dependency { buffers: buffers.into(), images: images.into() });
+        assert_eq!(lowered, Dependency { memory: memory.into(), images: images.into() });
     }
 
     #[test]

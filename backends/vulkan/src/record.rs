@@ -91,14 +91,7 @@ impl Recorder<'_> {
         if dependency.is_empty() {
             return;
         }
-        let buffers: Vec<_> = dependency
-            .buffers
-            .iter()
-            .map(|b| {
-                let buffer = self.loaded.resources.buffer(b.resource, self.slot).raw;
-                buffer_barrier(buffer, b.source, b.target)
-            })
-            .collect();
+        let memory: Vec<_> = dependency.memory.iter().map(|b| memory_barrier(b.source, b.target)).collect();
         let images: Vec<_> = dependency
             .images
             .iter()
@@ -108,8 +101,7 @@ impl Recorder<'_> {
                 Some(image_barrier(image, b.source, b.target, old_layout(b.old, current), b.new))
             })
             .collect();
-        let info =
-            vk::DependencyInfo::default().buffer_memory_barriers(&buffers).image_memory_barriers(&images);
+        let info = vk::DependencyInfo::default().memory_barriers(&memory).image_memory_barriers(&images);
         self.pipeline_barrier(&info);
     }
 
@@ -365,16 +357,12 @@ fn clear_value(format: Format, [r, g, b, a]: [f32; 4]) -> vk::ClearValue {
     vk::ClearValue { color }
 }
 
-fn buffer_barrier(buffer: vk::Buffer, source: Scope, target: Scope) -> vk::BufferMemoryBarrier2<'static> {
-    vk::BufferMemoryBarrier2::default()
+fn memory_barrier(source: Scope, target: Scope) -> vk::MemoryBarrier2<'static> {
+    vk::MemoryBarrier2::default()
         .src_stage_mask(source.stages)
         .src_access_mask(source.accesses)
         .dst_stage_mask(target.stages)
         .dst_access_mask(target.accesses)
-        .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .buffer(buffer)
-        .size(vk::WHOLE_SIZE)
 }
 
 fn image_barrier(

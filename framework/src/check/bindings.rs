@@ -10,7 +10,12 @@ use crate::source::{Diagnostic, FileId, Kind, Span, nearest};
 
 impl Checker<'_> {
     /// The descriptors of a pass, over all its stages; adds what the shaders do to `touches`.
-    pub(super) fn bindings(&mut self, pass: &FlatPass, stages: &[(ShaderId, Stages)], touches: &mut Vec<Touch>) -> Vec<Binding> {
+    pub(super) fn bindings(
+        &mut self,
+        pass: &FlatPass,
+        stages: &[(ShaderId, Stages)],
+        touches: &mut Vec<Touch>,
+    ) -> Vec<Binding> {
         let mut bindings: Vec<Binding> = Vec::new();
         let mut used = vec![false; pass.bind.len()];
         for (shader, stage) in stages {
@@ -35,11 +40,17 @@ impl Checker<'_> {
                         kind,
                         resource: *resource,
                     };
-                    match bindings.iter().find(|b| b.binding == binding.binding && b.element == binding.element) {
+                    match bindings
+                        .iter()
+                        .find(|b| b.binding == binding.binding && b.element == binding.element)
+                    {
                         None => bindings.push(binding),
                         Some(same) if *same == binding => {}
                         Some(other) => self.errors.push(Diagnostic::new(
-                            format!("`{}` and `{}` are both binding {}", other.name, block.name, block.binding),
+                            format!(
+                                "`{}` and `{}` are both binding {}",
+                                other.name, block.name, block.binding
+                            ),
                             pass.span,
                             "the two shaders of this draw share their bindings",
                         )),
@@ -71,7 +82,9 @@ impl Checker<'_> {
         let unknown: Vec<&str> = pass.bind.iter().map(|b| b.block.as_str()).collect();
         self.errors.push(match nearest(&block.name, unknown) {
             Some(near) => diagnostic.with_help(format!("`bind` has `{near}`: is `{}` meant?", block.name)),
-            None => diagnostic.with_help(format!("add `\"{}\": \"name of a resource\"` to `bind`", block.name)),
+            None => {
+                diagnostic.with_help(format!("add `\"{}\": \"name of a resource\"` to `bind`", block.name))
+            }
         });
     }
 
@@ -94,8 +107,11 @@ impl Checker<'_> {
             .map(|b| b.name.as_str())
             .filter(|n| *n != LIVE_BLOCK)
             .collect();
-        let diagnostic =
-            Diagnostic::new(format!("{} has no block `{}`", quoted(&names), bind.block), bind.block_span, "bound here");
+        let diagnostic = Diagnostic::new(
+            format!("{} has no block `{}`", quoted(&names), bind.block),
+            bind.block_span,
+            "bound here",
+        );
         self.errors.push(match nearest(&bind.block, blocks.iter().copied()) {
             Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
             None if blocks.is_empty() => diagnostic.with_help("it binds nothing"),
@@ -120,14 +136,23 @@ impl Checker<'_> {
     }
 
     /// The kind of descriptor for a block, or `None` after an error.
-    fn fits(&mut self, shader: ShaderId, block: &ReflectedBinding, resources: &[ResourceId], span: Span) -> Option<DescriptorKind> {
+    fn fits(
+        &mut self,
+        shader: ShaderId,
+        block: &ReflectedBinding,
+        resources: &[ResourceId],
+        span: Span,
+    ) -> Option<DescriptorKind> {
         let shader = self.shaders[shader.index()].name.clone();
         let error = |message: String, label: String| Some(Diagnostic::new(message, span, label));
         let name = &block.name;
         let first = self.resource(resources[0]).clone();
         let mut wrong = None;
         if block.set != 0 {
-            wrong = error(format!("`{name}` of `{shader}` is in set {}", block.set), "everything is in set 0".into());
+            wrong = error(
+                format!("`{name}` of `{shader}` is in set {}", block.set),
+                "everything is in set 0".into(),
+            );
         } else if block.count as usize != resources.len() {
             wrong = error(
                 format!("`{name}` of `{shader}` is an array of {}", block.count),
@@ -158,11 +183,18 @@ impl Checker<'_> {
                         let mib = |b: u64| b.div_ceil(1 << 20);
                         let limit = self.limits.storage_bytes;
                         let diagnostic = Diagnostic::new(
-                            format!("`{}` has {} MiB, and the device binds at most {}", first.name, mib(bytes), mib(limit)),
+                            format!(
+                                "`{}` has {} MiB, and the device binds at most {}",
+                                first.name,
+                                mib(bytes),
+                                mib(limit)
+                            ),
                             self.flat.resource_spans[id.index()],
                             describe(self.resource(*id)),
                         );
-                        self.errors.push(diagnostic.with_help("fewer splats, or a device with a larger storage range"));
+                        self.errors.push(
+                            diagnostic.with_help("fewer splats, or a device with a larger storage range"),
+                        );
                         break;
                     }
                 }
@@ -200,7 +232,10 @@ impl Checker<'_> {
             (theirs, ours) => {
                 let kind = |image| if image { "an image" } else { "a buffer" };
                 wrong = error(
-                    format!("`{name}` of `{shader}` is {}", kind(matches!(theirs, ReflectedKind::StorageImage { .. }))),
+                    format!(
+                        "`{name}` of `{shader}` is {}",
+                        kind(matches!(theirs, ReflectedKind::StorageImage { .. }))
+                    ),
                     format!("`{}` is {}", first.name, kind(matches!(ours, Shape::Image { .. }))),
                 );
                 DescriptorKind::StorageBuffer
@@ -319,8 +354,12 @@ impl Checker<'_> {
                 if let Some(bind) = pass.bind.iter().find(|b| b.resources.contains(&target.image)) {
                     let name = &self.resource(target.image).name;
                     self.errors.push(
-                        Diagnostic::new(format!("`{name}` is drawn to and bound in the same pass"), *span, "drawn to here")
-                            .with_label(bind.resource_span, "bound here"),
+                        Diagnostic::new(
+                            format!("`{name}` is drawn to and bound in the same pass"),
+                            *span,
+                            "drawn to here",
+                        )
+                        .with_label(bind.resource_span, "bound here"),
                     );
                 }
             }

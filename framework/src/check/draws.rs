@@ -18,7 +18,8 @@ impl Checker<'_> {
                 }
                 Some(_) => continue,
             };
-            let message = format!("the input `{} {}` of `{}` has no source", input.glsl_type, input.name, to.name);
+            let message =
+                format!("the input `{} {}` of `{}` has no source", input.glsl_type, input.name, to.name);
             self.errors.push(Diagnostic::new(message, span, wrong));
         }
     }
@@ -44,17 +45,33 @@ impl Checker<'_> {
         for (i, (target, span)) in targets.iter().enumerate() {
             let image = self.resource(target.image).clone();
             let Shape::Image { width, height, .. } = image.shape else {
-                self.errors.push(Diagnostic::new(format!("`{}` is a buffer", image.name), *span, "a target is an image"));
+                self.errors.push(Diagnostic::new(
+                    format!("`{}` is a buffer", image.name),
+                    *span,
+                    "a target is an image",
+                ));
                 continue;
             };
             if image.source != Source::Transient {
-                self.errors.push(Diagnostic::new(format!("`{}` cannot be drawn to", image.name), *span, "not the graph's own"));
+                self.errors.push(Diagnostic::new(
+                    format!("`{}` cannot be drawn to", image.name),
+                    *span,
+                    "not the graph's own",
+                ));
             }
             if targets[..i].iter().any(|(t, _)| t.image == target.image) {
-                self.errors.push(Diagnostic::new(format!("`{}` is a target twice", image.name), *span, "the second time"));
+                self.errors.push(Diagnostic::new(
+                    format!("`{}` is a target twice", image.name),
+                    *span,
+                    "the second time",
+                ));
             }
             if *size.get_or_insert((width, height)) != (width, height) {
-                self.errors.push(Diagnostic::new("the targets of a pass are of one size", *span, describe(&image)));
+                self.errors.push(Diagnostic::new(
+                    "the targets of a pass are of one size",
+                    *span,
+                    describe(&image),
+                ));
             }
             // A cleared target is only written: what blending reads of it, the pass wrote itself.
             let (accesses, discards) = match target.load {

@@ -11,7 +11,8 @@ mod draws;
 use crate::build::Request;
 use crate::lower::{Flat, FlatPass, FlatSize, FlatWork, ShaderName};
 use crate::plan::{
-    Accesses, DrawCall, Groups, Layout, LeftOut, Pass, Resource, ResourceId, Shader, ShaderId, Shape, Stages, Touch, Value, Work,
+    Accesses, DrawCall, Groups, Layout, LeftOut, Pass, Resource, ResourceId, Shader, ShaderId, Shape, Stages,
+    Touch, Value, Work,
 };
 use crate::shader::{Compiled, ShaderCompiler, ShaderRequest, ShaderStage};
 use crate::source::{Diagnostic, Kind, SourceMap, Span};
@@ -185,7 +186,8 @@ impl Checker<'_> {
         let file = match self.files.find(Some(pass.file), &name.name, Kind::Shader) {
             Ok(file) => file,
             Err(error) => {
-                let diagnostic = Diagnostic::new(format!("there is no shader `{}`", name.name), name.span, "named here");
+                let diagnostic =
+                    Diagnostic::new(format!("there is no shader `{}`", name.name), name.span, "named here");
                 let diagnostic = match &error.nearest {
                     Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
                     None => diagnostic,

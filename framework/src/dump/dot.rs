@@ -19,7 +19,11 @@ pub fn dot(dump: &Dump) -> String {
         // Hues a golden angle apart are easily told from each other, however many there are.
         let hue = (phase as f64 * 0.381_966).fract();
         let detail = format!("{}\\n{} {}", pass.name, pass.kind, pass.size);
-        out += &format!("  {} [label={}, fillcolor=\"{hue:.3} 0.25 0.95\"];\n", quote(&pass.name), quote(&detail).replace("\\\\n", "\\n"));
+        out += &format!(
+            "  {} [label={}, fillcolor=\"{hue:.3} 0.25 0.95\"];\n",
+            quote(&pass.name),
+            quote(&detail).replace("\\\\n", "\\n")
+        );
     }
     for pass in &dump.passes {
         for barrier in &pass.barriers {

@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 use crate::plan::{
-    Accesses, Barrier, DrawCall, Groups, Layout, Origin, PassId, Plan, Run, Shape, Source, Stages, Step, Value, Work,
+    Accesses, Barrier, DrawCall, Groups, Layout, Origin, PassId, Plan, Run, Shape, Source, Stages, Step,
+    Value, Work,
 };
 
 pub use dot::dot;

@@ -40,7 +40,15 @@ fn write_text(out: &mut String, dump: &Dump) -> std::fmt::Result {
     )?;
     writeln!(out, "\nresources")?;
     for r in &dump.resources {
-        writeln!(out, "  {:<20} {:>10}  {:<24} {:<10} {}", r.name, bytes(r.bytes), r.shape, r.source, r.usage)?;
+        writeln!(
+            out,
+            "  {:<20} {:>10}  {:<24} {:<10} {}",
+            r.name,
+            bytes(r.bytes),
+            r.shape,
+            r.source,
+            r.usage
+        )?;
     }
     for (run, title) in [(Run::Once, "once"), (Run::Frame, "every frame")] {
         if dump.passes.iter().any(|p| p.run == run) {

@@ -30,7 +30,8 @@ pub(super) const MAX_DEPTH: usize = 16;
 
 /// Opens a graph named on the command line, through its presets.
 pub(super) fn open(files: &mut SourceMap, name: &str) -> Result<Opened, Vec<Diagnostic>> {
-    let file = files.find(None, name, Kind::Graph).map_err(|e| vec![not_found(files, "--pipeline", name, e)])?;
+    let file =
+        files.find(None, name, Kind::Graph).map_err(|e| vec![not_found(files, "--pipeline", name, e)])?;
     follow(files, file)
 }
 
@@ -83,10 +84,14 @@ pub(super) fn follow(files: &mut SourceMap, mut file: FileId) -> Result<Opened, 
                     set.entry(name).or_insert(Setting { number, outline: outline.clone(), path });
                 }
                 let next = files.find(Some(file), &preset.graph, Kind::Graph).map_err(|e| {
-                    vec![tried(Diagnostic::new(format!("there is no graph `{}`", preset.graph), base, "named here"), &e)]
+                    vec![tried(
+                        Diagnostic::new(format!("there is no graph `{}`", preset.graph), base, "named here"),
+                        &e,
+                    )]
                 })?;
                 if chain.iter().any(|(seen, _)| *seen == next) || chain.len() > MAX_DEPTH {
-                    let mut diagnostic = Diagnostic::new("these presets are based on each other", base, "leads back");
+                    let mut diagnostic =
+                        Diagnostic::new("these presets are based on each other", base, "leads back");
                     for (_, span) in &chain[..chain.len() - 1] {
                         diagnostic = diagnostic.with_label(*span, "based on this");
                     }

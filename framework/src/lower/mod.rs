@@ -72,9 +72,23 @@ pub struct ShaderName {
 
 #[derive(Clone, Debug)]
 pub enum FlatWork {
-    Dispatch { shader: ShaderName, size: FlatSize, size_span: Span },
-    Draw { vertex: ShaderName, fragment: ShaderName, topology: Topology, call: DrawCall, call_span: Span, targets: Vec<(Target, Span)> },
-    Fill { buffer: ResourceId, value: u32 },
+    Dispatch {
+        shader: ShaderName,
+        size: FlatSize,
+        size_span: Span,
+    },
+    Draw {
+        vertex: ShaderName,
+        fragment: ShaderName,
+        topology: Topology,
+        call: DrawCall,
+        call_span: Span,
+        targets: Vec<(Target, Span)>,
+    },
+    Fill {
+        buffer: ResourceId,
+        value: u32,
+    },
 }
 
 #[derive(Clone, Copy, Debug)]

@@ -45,7 +45,10 @@ pub(super) fn resolve(
     for (name, setting) in &root.set {
         if !known(name) {
             let span = setting.outline.key(&setting.path);
-            errors.push(offer(Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here"), name));
+            errors.push(offer(
+                Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here"),
+                name,
+            ));
         }
     }
     let mut texts = Vec::new();
@@ -53,7 +56,10 @@ pub(super) fn resolve(
         let file = files.add("--set", format!("{name}={value}"));
         if !known(name) {
             let span = Span { file, start: 0, end: name.len() };
-            errors.push(offer(Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here"), name));
+            errors.push(offer(
+                Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here"),
+                name,
+            ));
         }
         let span = Span { file, start: name.len() + 1, end: name.len() + 1 + value.len() };
         texts.push((name.as_str(), Text { value, span }));
@@ -127,7 +133,8 @@ fn domain<'a>(
     place: &Place,
     names: &Names,
 ) -> Result<(Domain, Value, Option<Value>, &'a String, &'a String), Diagnostic> {
-    let value = |number: &Number, field: &str, domain: &Domain| given(number, domain, names, &place.field(field));
+    let value =
+        |number: &Number, field: &str, domain: &Domain| given(number, domain, names, &place.field(field));
     let bound = |number: &Number, index: usize| -> Result<f64, Diagnostic> {
         let at = place.field("range").index(index);
         match names.evaluate(number, &at)? {
@@ -165,10 +172,8 @@ fn domain<'a>(
         }
         ParamKind::Choice { default, of, exact, label, help } => {
             let domain = Domain::Choice(of.clone());
-            let pick = |text: &String, field: &str| {
-                within(Value::Text(text.clone()), &domain)
-                    .map_err(|m| place.field(field).error("this is not one of the choices", m))
-            };
+            // A name of the list, or an expression that comes to one.
+            let pick = |text: &String, field| value(&Number::Expression(text.clone()), field, &domain);
             let default = pick(default, "default")?;
             let exact = exact.as_ref().map(|e| pick(e, "exact")).transpose()?;
             return Ok((domain, default, exact, label, help));
@@ -180,9 +185,16 @@ fn domain<'a>(
 }
 
 /// A value that a file gives to a parameter. For a choice, a string that is one of its names stands for itself.
-pub(super) fn given(number: &Number, domain: &Domain, names: &Names, at: &Place) -> Result<Value, Diagnostic> {
+pub(super) fn given(
+    number: &Number,
+    domain: &Domain,
+    names: &Names,
+    at: &Place,
+) -> Result<Value, Diagnostic> {
     let value = match (number, domain) {
-        (Number::Expression(text), Domain::Choice(of)) if of.contains(text) || is_identifier(text) && names.values.get(text).is_none() => {
+        (Number::Expression(text), Domain::Choice(of))
+            if of.contains(text) || is_identifier(text) && names.values.get(text).is_none() =>
+        {
             Value::Text(text.clone())
         }
         _ => names.evaluate(number, at)?,
@@ -195,7 +207,11 @@ fn within(value: Value, domain: &Domain) -> Result<Value, String> {
     match (domain, value) {
         (Domain::Bool, Value::Bool(v)) => Ok(Value::Bool(v)),
         (Domain::Int { min, max }, Value::Int(v)) => {
-            if (*min..=*max).contains(&v) { Ok(Value::Int(v)) } else { Err(format!("{v} is not in {min} to {max}")) }
+            if (*min..=*max).contains(&v) {
+                Ok(Value::Int(v))
+            } else {
+                Err(format!("{v} is not in {min} to {max}"))
+            }
         }
         (Domain::Float { min, max, .. }, v @ (Value::Int(_) | Value::Float(_))) => {
             let v = match v {

@@ -188,10 +188,25 @@ impl<'a> Lowering<'a> {
                 let work = FlatWork::Dispatch { shader, size, size_span: size_place.span() };
                 self.emit(level, &head, work, bind, push, define)
             }
-            PassDecl::Draw { name, phase, when, vertex, fragment, topology, call, bind, push, define, targets } => {
+            PassDecl::Draw {
+                name,
+                phase,
+                when,
+                vertex,
+                fragment,
+                topology,
+                call,
+                bind,
+                push,
+                define,
+                targets,
+            } => {
                 let head = Head { name, phase, run: Run::Frame, place };
-                let users: Vec<&str> =
-                    bind.values().map(String::as_str).chain(targets.iter().map(|t| t.image.as_str())).collect();
+                let users: Vec<&str> = bind
+                    .values()
+                    .map(String::as_str)
+                    .chain(targets.iter().map(|t| t.image.as_str()))
+                    .collect();
                 if !self.wanted(level, when, &head, &users)? {
                     return Ok(());
                 }
@@ -201,9 +216,13 @@ impl<'a> Lowering<'a> {
                         let count = |number, field| -> Result<u32, Diagnostic> {
                             let at = call_place.field(field);
                             let n = level.names.natural(number, &at)?;
-                            u32::try_from(n).map_err(|_| at.error("this does not fit 32 bits", format!("is {n}")))
+                            u32::try_from(n)
+                                .map_err(|_| at.error("this does not fit 32 bits", format!("is {n}")))
                         };
-                        DrawCall::Direct { vertices: count(vertices, "vertices")?, instances: count(instances, "instances")? }
+                        DrawCall::Direct {
+                            vertices: count(vertices, "vertices")?,
+                            instances: count(instances, "instances")?,
+                        }
                     }
                     Call::Indirect(buffer, offset) => {
                         match self.indirect(level, buffer, offset, 16, &call_place)? {
@@ -218,7 +237,8 @@ impl<'a> Lowering<'a> {
                     let Some(image) = self.look_up_one(level, &target.image, &at)? else { return Ok(()) };
                     resolved.push((Target { image, load: target.load, blend: target.blend }, at.span()));
                 }
-                let shader = |name: &String, field| ShaderName { name: name.clone(), span: place.field(field).span() };
+                let shader =
+                    |name: &String, field| ShaderName { name: name.clone(), span: place.field(field).span() };
                 let work = FlatWork::Draw {
                     vertex: shader(vertex, "vertex"),
                     fragment: shader(fragment, "fragment"),
@@ -242,7 +262,9 @@ impl<'a> Lowering<'a> {
                 let Some(id) = self.look_up_one(level, buffer, &at)? else { return Ok(()) };
                 let target = &self.resources[id.index()];
                 if !matches!(target.shape, Shape::Buffer { .. }) || target.source != Source::Transient {
-                    return Err(at.error(format!("`{buffer}` cannot be filled"), "only the graph's own buffers can"));
+                    return Err(
+                        at.error(format!("`{buffer}` cannot be filled"), "only the graph's own buffers can")
+                    );
                 }
                 let none = (IndexMap::new(), IndexMap::new(), IndexMap::new());
                 self.emit(level, &head, FlatWork::Fill { buffer: id, value }, &none.0, &none.1, &none.2)
@@ -264,12 +286,20 @@ impl<'a> Lowering<'a> {
                     }),
                 }
             }
-            PassDecl::Include { graph, name, when, with, set } => self.include(level, graph, name, when, with, set, place),
+            PassDecl::Include { graph, name, when, with, set } => {
+                self.include(level, graph, name, when, with, set, place)
+            }
         }
     }
 
     /// Whether the pass's `when` holds; if not, it is noted as left out.
-    fn wanted(&mut self, level: &Level, when: &Option<Number>, head: &Head, users: &[&str]) -> Result<bool, Diagnostic> {
+    fn wanted(
+        &mut self,
+        level: &Level,
+        when: &Option<Number>,
+        head: &Head,
+        users: &[&str],
+    ) -> Result<bool, Diagnostic> {
         let Some(number) = when else { return Ok(true) };
         let at = head.place.field("when");
         if level.names.truth(number, &at)? {
@@ -286,7 +316,11 @@ impl<'a> Lowering<'a> {
             }
         }
         let origin = self.files.origin(head.place.span());
-        self.left_out.push(LeftOut { pass: name, why: format!("its condition is false: {condition}"), origin });
+        self.left_out.push(LeftOut {
+            pass: name,
+            why: format!("its condition is false: {condition}"),
+            origin,
+        });
         Ok(false)
     }
 
@@ -303,7 +337,9 @@ impl<'a> Lowering<'a> {
         let offset = level.names.natural(offset, &offset_place)?;
         let resource = &self.resources[id.index()];
         if !matches!(resource.shape, Shape::Buffer { .. }) {
-            return Err(at.index(0).error(format!("`{buffer}` is an image"), "the arguments are in a buffer"));
+            return Err(at
+                .index(0)
+                .error(format!("`{buffer}` is an image"), "the arguments are in a buffer"));
         }
         if offset % 4 != 0 || offset + bytes > resource.bytes() {
             return Err(offset_place.error(
@@ -347,7 +383,12 @@ impl<'a> Lowering<'a> {
         for (member, number) in push {
             let at = head.place.field("push").field(member);
             match level.names.evaluate(number, &at) {
-                Ok(value) => pushes.push(FlatPush { name: member.clone(), value, name_span: at.key(), value_span: at.span() }),
+                Ok(value) => pushes.push(FlatPush {
+                    name: member.clone(),
+                    value,
+                    name_span: at.key(),
+                    value_span: at.span(),
+                }),
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
@@ -357,7 +398,13 @@ impl<'a> Lowering<'a> {
             let value = level.names.evaluate(number, &at)?;
             match (params::is_identifier(key), define_text(&value)) {
                 (true, Some(text)) => Rc::make_mut(&mut defines).push((key.clone(), text)),
-                (false, _) => return Err(Diagnostic::new(format!("`{key}` cannot name a define"), at.key(), "not an identifier")),
+                (false, _) => {
+                    return Err(Diagnostic::new(
+                        format!("`{key}` cannot name a define"),
+                        at.key(),
+                        "not an identifier",
+                    ));
+                }
                 (_, None) => return Err(at.error("a define is a number or a bool of 32 bits", "this is not")),
             }
         }
@@ -373,7 +420,11 @@ impl<'a> Lowering<'a> {
             defines,
         });
         if self.passes.len() > MAX_PASSES {
-            return Err(Diagnostic::new(format!("this graph has over {MAX_PASSES} passes"), span, "while adding this one"));
+            return Err(Diagnostic::new(
+                format!("this graph has over {MAX_PASSES} passes"),
+                span,
+                "while adding this one",
+            ));
         }
         Ok(())
     }
@@ -389,11 +440,15 @@ impl<'a> Lowering<'a> {
         let count_place = place.field("count");
         let count = level.names.natural(count, &count_place)?;
         if count > MAX_PASSES as u64 {
-            return Err(count_place.error(format!("this repeats over {MAX_PASSES} times"), format!("is {count}")));
+            return Err(
+                count_place.error(format!("this repeats over {MAX_PASSES} times"), format!("is {count}"))
+            );
         }
         if level.names.values.contains_key(var) || level.names.live.contains(var) {
             let at = place.field("var");
-            return Err(at.error(format!("`{var}` is declared twice"), "the name is already that of something else"));
+            return Err(
+                at.error(format!("`{var}` is declared twice"), "the name is already that of something else")
+            );
         }
         let errors = self.errors.len();
         let suffix = level.suffix.clone();
@@ -432,7 +487,8 @@ impl<'a> Lowering<'a> {
             document::tried(graph_place.error(format!("there is no graph `{graph}`"), "named here"), &e)
         })?;
         if self.includes.contains(&file) || self.includes.len() > MAX_DEPTH {
-            return Err(graph_place.error("these graphs include each other", "leads back to a graph that includes this one"));
+            return Err(graph_place
+                .error("these graphs include each other", "leads back to a graph that includes this one"));
         }
         let opened = match document::follow(self.files, file) {
             Ok(opened) => opened,
@@ -448,8 +504,12 @@ impl<'a> Lowering<'a> {
         for (port_name, port) in &opened.graph.ports {
             let Some(given) = with.get(port_name) else {
                 let span = opened.outline.key(&Path::root().field("ports").key(port_name));
-                return Err(Diagnostic::new(format!("nothing is given for the port `{port_name}`"), place.field("with").span(), "missing here")
-                    .with_label(span, "the port"));
+                return Err(Diagnostic::new(
+                    format!("nothing is given for the port `{port_name}`"),
+                    place.field("with").span(),
+                    "missing here",
+                )
+                .with_label(span, "the port"));
             };
             let at = place.field("with").field(port_name);
             let handle = match level.handles.get(given) {
@@ -464,18 +524,27 @@ impl<'a> Lowering<'a> {
         }
         if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
             let at = place.field("with").field(unknown);
-            let diagnostic = Diagnostic::new(format!("`{graph}` has no port `{unknown}`"), at.key(), "given here");
+            let diagnostic =
+                Diagnostic::new(format!("`{graph}` has no port `{unknown}`"), at.key(), "given here");
             return Err(match nearest(unknown, opened.graph.ports.keys().map(String::as_str)) {
                 Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
                 None => diagnostic,
             });
         }
         for field in ["output", "stats"] {
-            let set = if field == "output" { opened.graph.output.is_some() } else { !opened.graph.stats.is_empty() };
+            let set = if field == "output" {
+                opened.graph.output.is_some()
+            } else {
+                !opened.graph.stats.is_empty()
+            };
             if set {
                 let span = opened.outline.key(&Path::root().field(field));
-                return Err(Diagnostic::new(format!("an included graph has no `{field}` of its own"), span, "declared here")
-                    .with_label(graph_place.span(), "included here"));
+                return Err(Diagnostic::new(
+                    format!("an included graph has no `{field}` of its own"),
+                    span,
+                    "declared here",
+                )
+                .with_label(graph_place.span(), "included here"));
             }
         }
         self.declare(&mut inner);
@@ -499,7 +568,8 @@ impl<'a> Lowering<'a> {
     ) -> Result<(Names, Vec<Param>), Diagnostic> {
         if let Some(unknown) = set.keys().find(|k| !opened.graph.params.contains_key(*k)) {
             let at = place.field("set").field(unknown);
-            let diagnostic = Diagnostic::new(format!("the graph has no parameter `{unknown}`"), at.key(), "set here");
+            let diagnostic =
+                Diagnostic::new(format!("the graph has no parameter `{unknown}`"), at.key(), "set here");
             return Err(match nearest(unknown, opened.graph.params.keys().map(String::as_str)) {
                 Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
                 None => diagnostic,
@@ -510,11 +580,16 @@ impl<'a> Lowering<'a> {
         for (name, declaration) in &opened.graph.params {
             let at = Place::new(&opened.outline, Path::root().field("params").key(name));
             if matches!(declaration, ParamDecl::Live(_)) {
-                return Err(Diagnostic::new("an included graph has no live parameters of its own", at.key(), "declared here")
-                    .with_help("declare it in the graph that includes it: its shaders see it all the same"));
+                return Err(Diagnostic::new(
+                    "an included graph has no live parameters of its own",
+                    at.key(),
+                    "declared here",
+                )
+                .with_help("declare it in the graph that includes it: its shaders see it all the same"));
             }
             let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));
-            let param = params::included(name, declaration, &at, opened.set.get(name), given, &names, self.files)?;
+            let param =
+                params::included(name, declaration, &at, opened.set.get(name), given, &names, self.files)?;
             names.values.insert(name.clone(), param.value.clone());
             params.push(param);
         }
@@ -524,12 +599,18 @@ impl<'a> Lowering<'a> {
     fn output(&mut self, level: &Level) -> Option<(ResourceId, Span)> {
         let root = Place::new(&level.outline, Path::root());
         let Some(name) = &level.graph.output else {
-            self.errors.push(Diagnostic::new("this graph has no output", level.outline.head(&Path::root()), "add `output: \"name of an image\"`"));
+            self.errors.push(Diagnostic::new(
+                "this graph has no output",
+                level.outline.head(&Path::root()),
+                "add `output: \"name of an image\"`",
+            ));
             return None;
         };
         let at = root.field("output");
         match self.look_up_one(level, name, &at) {
-            Ok(Some(id)) if matches!(self.resources[id.index()].shape, Shape::Image { .. }) => Some((id, at.span())),
+            Ok(Some(id)) if matches!(self.resources[id.index()].shape, Shape::Image { .. }) => {
+                Some((id, at.span()))
+            }
             Ok(None) => None,
             Ok(Some(_)) => {
                 self.errors.push(at.error(format!("`{name}` is a buffer"), "the output is an image"));

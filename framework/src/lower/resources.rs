@@ -64,7 +64,13 @@ impl Lowering<'_> {
         }
     }
 
-    fn import(&mut self, level: &Level, name: &str, import: &Import, place: &Place) -> Result<Handle, Diagnostic> {
+    fn import(
+        &mut self,
+        level: &Level,
+        name: &str,
+        import: &Import,
+        place: &Place,
+    ) -> Result<Handle, Diagnostic> {
         let catalog = self.request.catalog;
         let planes = match &import.planes {
             Some(number) => level.names.positive(number, &place.field("planes"))?,
@@ -76,12 +82,18 @@ impl Lowering<'_> {
             }
             let shape = Shape::Buffer { stride: *bytes, count: 1 };
             let source = Source::Frame { uniform: import.from.clone() };
-            return Ok(Handle::Plain(vec![self.add(format!("{}{name}", level.prefix), shape, source, place.key())]));
+            return Ok(Handle::Plain(vec![self.add(
+                format!("{}{name}", level.prefix),
+                shape,
+                source,
+                place.key(),
+            )]));
         }
         let Some(attribute) = catalog.attributes.get(&import.from) else {
             let known = || catalog.attributes.keys().chain(catalog.uniforms.keys()).map(String::as_str);
-            let diagnostic =
-                place.field("from").error(format!("nothing is called `{}`", import.from), "cannot be imported");
+            let diagnostic = place
+                .field("from")
+                .error(format!("nothing is called `{}`", import.from), "cannot be imported");
             return Err(match nearest(&import.from, known()) {
                 Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
                 None => diagnostic.with_help(format!("there are {}", known().collect::<Vec<_>>().join(", "))),
@@ -115,16 +127,22 @@ impl Lowering<'_> {
                 let stride = level.names.positive(stride, &place.field("stride"))?;
                 let count = level.names.positive(count, &place.field("count"))?;
                 if stride.checked_mul(count).is_none_or(|bytes| bytes > 1 << 48) {
-                    return Err(place.field("count").error("this buffer is larger than any memory", format!("{count} x {stride} bytes")));
+                    return Err(place.field("count").error(
+                        "this buffer is larger than any memory",
+                        format!("{count} x {stride} bytes"),
+                    ));
                 }
                 if stride % 4 != 0 {
-                    return Err(place.field("stride").error("a stride is a multiple of 4 bytes", format!("is {stride}")));
+                    return Err(place
+                        .field("stride")
+                        .error("a stride is a multiple of 4 bytes", format!("is {stride}")));
                 }
                 let shape = Shape::Buffer { stride, count };
                 if !ping_pong {
                     return Ok(Handle::Plain(vec![self.add(full, shape, Source::Transient, place.key())]));
                 }
-                let halves = [0, 1].map(|i| self.add(format!("{full}#{i}"), shape, Source::Transient, place.key()));
+                let halves =
+                    [0, 1].map(|i| self.add(format!("{full}#{i}"), shape, Source::Transient, place.key()));
                 self.ping_pongs.push(PingPong { halves, front: 0 });
                 Ok(Handle::PingPong(self.ping_pongs.len() - 1))
             }
@@ -154,7 +172,12 @@ impl Lowering<'_> {
 
     /// The resources that the name at `place` stands for at this point of the walk: `keys`, `front(keys)`, `back(keys)`.
     /// `Ok(None)` where the name is known but its declaration was in error.
-    pub(super) fn look_up(&self, level: &Level, text: &str, place: &Place) -> Result<Option<Vec<ResourceId>>, Diagnostic> {
+    pub(super) fn look_up(
+        &self,
+        level: &Level,
+        text: &str,
+        place: &Place,
+    ) -> Result<Option<Vec<ResourceId>>, Diagnostic> {
         let (name, half, start) = match text.strip_suffix(')') {
             None => (text, None, 0),
             Some(inner) => {
@@ -195,22 +218,38 @@ impl Lowering<'_> {
     }
 
     /// Like [`Self::look_up`], for places that take one resource only.
-    pub(super) fn look_up_one(&self, level: &Level, text: &str, place: &Place) -> Result<Option<ResourceId>, Diagnostic> {
+    pub(super) fn look_up_one(
+        &self,
+        level: &Level,
+        text: &str,
+        place: &Place,
+    ) -> Result<Option<ResourceId>, Diagnostic> {
         match self.look_up(level, text, place)?.as_deref() {
             None => Ok(None),
             Some([id]) => Ok(Some(*id)),
-            Some(ids) => Err(place.error(format!("`{text}` has {} planes", ids.len()), "one buffer is needed here")),
+            Some(ids) => {
+                Err(place.error(format!("`{text}` has {} planes", ids.len()), "one buffer is needed here"))
+            }
         }
     }
 
     /// Checks what an includer gives to a port.
-    pub(super) fn port(&self, name: &str, port: &Port, given: &Option<Handle>, at: &Place) -> Result<(), Diagnostic> {
+    pub(super) fn port(
+        &self,
+        name: &str,
+        port: &Port,
+        given: &Option<Handle>,
+        at: &Place,
+    ) -> Result<(), Diagnostic> {
         let Port::Buffer { stride, ping_pong } = port;
         let Some(handle) = given else { return Ok(()) };
         let id = match (handle, ping_pong) {
             (Handle::PingPong(index), _) => self.ping_pongs[*index].halves[0],
             (Handle::Plain(_), true) => {
-                return Err(at.error(format!("the port `{name}` needs a front and a back"), "declared without `ping_pong: true`"));
+                return Err(at.error(
+                    format!("the port `{name}` needs a front and a back"),
+                    "declared without `ping_pong: true`",
+                ));
             }
             (Handle::Plain(ids), false) => ids[0],
         };
@@ -224,7 +263,9 @@ impl Lowering<'_> {
                 format!("the port `{name}` takes elements of {wanted} bytes"),
                 format!("has elements of {stride}"),
             )),
-            Shape::Image { .. } => Err(at.error(format!("the port `{name}` takes a buffer"), "this is an image")),
+            Shape::Image { .. } => {
+                Err(at.error(format!("the port `{name}` takes a buffer"), "this is an image"))
+            }
         }
     }
 }

@@ -74,7 +74,8 @@ fn a_resource_whose_writer_is_left_out_says_which_condition_removed_it() {
 fn a_live_parameter_cannot_decide_the_plan() {
     let live = r#""share": Live(Float(default: 1.0, range: (0.0, 1.0))),"#;
     let passes = [
-        r#"Dispatch(name: "make", shader: "make.comp", size: Threads("64 * share"), bind: {"Out": "a"}),"#.to_string(),
+        r#"Dispatch(name: "make", shader: "make.comp", size: Threads("64 * share"), bind: {"Out": "a"}),"#
+            .to_string(),
         shown("show"),
     ]
     .join("\n");
@@ -85,10 +86,8 @@ fn a_live_parameter_cannot_decide_the_plan() {
 
 #[test]
 fn a_stride_that_does_not_fit_shows_both_sides() {
-    let graph = graph("", &[make(), shown("show")].join("\n")).replace(
-        r#""a": Buffer(stride: 4, count: 64)"#,
-        r#""a": Buffer(stride: 8, count: 64)"#,
-    );
+    let graph = graph("", &[make(), shown("show")].join("\n"))
+        .replace(r#""a": Buffer(stride: 4, count: 64)"#, r#""a": Buffer(stride: 8, count: 64)"#);
     let text = error(&graph, &[]);
     assert!(text.contains("`Out` of `make.comp` has elements of 4 bytes"), "{text}");
     assert!(text.contains("`a` has elements of 8 bytes"), "{text}");
@@ -129,7 +128,8 @@ fn an_included_graph_takes_its_ports_and_parameters_from_the_includer() {
         ])])"#;
     let passes = [
         dispatch("make", "make.comp", r#""Out": "keys""#),
-        r#"Include(graph: "steps", name: "s", with: {"data": "keys"}, set: {"times": "width - 5"}),"#.to_string(),
+        r#"Include(graph: "steps", name: "s", with: {"data": "keys"}, set: {"times": "width - 5"}),"#
+            .to_string(),
         dispatch("show", "show.comp", r#""In": "keys", "Image": "image""#),
     ]
     .join("\n");
@@ -149,7 +149,8 @@ fn an_included_graph_takes_its_ports_and_parameters_from_the_includer() {
 
 #[test]
 fn a_mistake_in_an_included_file_is_shown_in_that_file() {
-    let passes = [make(), r#"Include(graph: "steps", name: "s", with: {}),"#.to_string(), shown("show")].join("\n");
+    let passes =
+        [make(), r#"Include(graph: "steps", name: "s", with: {}),"#.to_string(), shown("show")].join("\n");
     let graph = graph("", &passes);
     let mut files = SHADERS.to_vec();
     files.push(("graph.ron", &graph));
@@ -207,7 +208,8 @@ fn push_constants_are_checked_by_name_and_written_in_place() {
 
 #[test]
 fn a_buffer_larger_than_the_device_binds_is_named_with_both_sizes() {
-    let graph = graph("", &[make(), shown("show")].join("\n")).replace("\"a\": Buffer(stride: 4, count: 64)", "\"a\": Buffer(stride: 4, count: 50000000)");
+    let graph = graph("", &[make(), shown("show")].join("\n"))
+        .replace("\"a\": Buffer(stride: 4, count: 64)", "\"a\": Buffer(stride: 4, count: 50000000)");
     let text = error(&graph, &[]);
     assert!(text.contains("`a` has 191 MiB, and the device binds at most 128"), "{text}");
 }

@@ -4,8 +4,8 @@
 //! graph is still a name. What a field means is said here; what it is worth is found in [`crate::lower`].
 
 use indexmap::IndexMap;
-use serde::de::{Deserializer, Error, Visitor};
 use serde::Deserialize;
+use serde::de::{Deserializer, Error, Visitor};
 use std::fmt;
 
 use crate::plan::{Blend, Format, Load, Run, Topology, Value};
@@ -143,6 +143,7 @@ pub enum ParamKind {
         help: String,
     },
     Choice {
+        /// One of the names, or an expression that comes to one.
         default: String,
         of: Vec<String>,
         #[serde(default)]
@@ -245,11 +246,7 @@ pub enum PassDecl {
         value: Number,
     },
     /// The body, `count` times, with `var` counting from 0.
-    Repeat {
-        var: String,
-        count: Number,
-        body: Vec<PassDecl>,
-    },
+    Repeat { var: String, count: Number, body: Vec<PassDecl> },
     /// From here on the resource's front is its back, and the other way round.
     Swap(String),
     /// The passes of another graph, with its ports bound to resources of this one.

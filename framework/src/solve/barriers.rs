@@ -246,9 +246,10 @@ impl World {
             if read_since {
                 needed -= Accesses::WRITES;
             }
-            let unseen = touch.stages.iter().fold(Accesses::empty(), |unseen, stage| {
-                unseen | (needed - write.visible[index(stage)])
-            });
+            let unseen = touch
+                .stages
+                .iter()
+                .fold(Accesses::empty(), |unseen, stage| unseen | (needed - write.visible[index(stage)]));
             if !unseen.is_empty() {
                 reads |= unseen.reads();
                 target_stages |= touch.stages;
@@ -316,7 +317,8 @@ impl World {
                 demand.after.push(write.event.pass);
                 demand.across_frames = write.event.time < self.frame_start;
                 let reads = demand.target_accesses.reads();
-                demand.hazard = if reads && !fresh { Hazard::ReadAfterWrite } else { Hazard::WriteAfterWrite };
+                demand.hazard =
+                    if reads && !fresh { Hazard::ReadAfterWrite } else { Hazard::WriteAfterWrite };
             }
         } else {
             for read in since {
@@ -339,7 +341,9 @@ impl World {
         let mut demand: Option<Demand> = None;
         for touch in touches.iter().filter(|t| t.accesses.writes()) {
             for read in &history.reads {
-                for (stage, target) in read.stages.iter().flat_map(|s| touch.stages.iter().map(move |t| (s, t))) {
+                for (stage, target) in
+                    read.stages.iter().flat_map(|s| touch.stages.iter().map(move |t| (s, t)))
+                {
                     if self.ordered[index(target)][index(stage)] >= read.time {
                         continue;
                     }
@@ -406,8 +410,10 @@ impl World {
     }
 
     fn order_from(&mut self, demand: &Demand, before: &[[Time; STAGES]; STAGES]) {
-        for (to, from) in
-            demand.target_stages.iter().flat_map(|t| demand.source_stages.iter().map(move |s| (index(t), index(s))))
+        for (to, from) in demand
+            .target_stages
+            .iter()
+            .flat_map(|t| demand.source_stages.iter().map(move |s| (index(t), index(s))))
         {
             self.ordered[to][from] = self.ordered[to][from].max(self.now - 1);
             for earlier in 0..STAGES {

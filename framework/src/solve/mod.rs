@@ -26,8 +26,10 @@ pub fn solve(checked: Checked, files: &SourceMap) -> Result<Plan, Vec<Diagnostic
     let sorted: Vec<Pass> = order.once.iter().chain(&order.frame).map(|i| passes[*i].clone()).collect();
     let split = order.once.len();
     let ids: Vec<PassId> = (0..sorted.len() as u32).map(PassId).collect();
-    let solved = barriers::place(&sorted, &ids[..split], &ids[split..], flat.resources.len())
-        .map_err(|e| vec![Diagnostic::new(e.message, flat.resource_spans[e.resource.index()], "this image")])?;
+    let solved =
+        barriers::place(&sorted, &ids[..split], &ids[split..], flat.resources.len()).map_err(|e| {
+            vec![Diagnostic::new(e.message, flat.resource_spans[e.resource.index()], "this image")]
+        })?;
 
     let mut plan = Plan {
         version: PLAN_VERSION,

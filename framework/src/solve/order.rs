@@ -32,7 +32,12 @@ struct Need {
 type Needs = DiGraph<usize, Need>;
 
 /// Orders the passes; the last of them is the frame's export, which everything else is there for.
-pub(super) fn order(passes: &[Pass], spans: &[Span], flat: &Flat, files: &SourceMap) -> Result<Order, Vec<Diagnostic>> {
+pub(super) fn order(
+    passes: &[Pass],
+    spans: &[Span],
+    flat: &Flat,
+    files: &SourceMap,
+) -> Result<Order, Vec<Diagnostic>> {
     let mut errors = Vec::new();
     let needs = needs(passes, spans, flat, &mut errors);
     if !errors.is_empty() {
@@ -152,11 +157,14 @@ fn never_written(
             "reads what nobody wrote yet",
         )
         .with_label(spans[*first], "the first to write it")
-        .with_help("where several passes write a resource, the order of the file holds: move the reader down"),
+        .with_help(
+            "where several passes write a resource, the order of the file holds: move the reader down",
+        ),
     };
     let mut diagnostic = diagnostic.with_label(flat.resource_spans[resource.index()], "declared here");
     for (_, pass, when) in flat.unwritten.iter().filter(|(id, ..)| *id == resource) {
-        diagnostic = diagnostic.with_label(*when, format!("`{pass}` uses it, but is left out because this is false"));
+        diagnostic =
+            diagnostic.with_label(*when, format!("`{pass}` uses it, but is left out because this is false"));
     }
     diagnostic
 }
@@ -185,7 +193,8 @@ fn sort(needs: &Needs, live: &[bool]) -> Vec<usize> {
 
 /// A cycle of passes, if there is one: each needs the one before it, the first the last.
 fn cycle(needs: &Needs) -> Option<Vec<NodeIndex>> {
-    let component = tarjan_scc(needs).into_iter().filter(|c| c.len() > 1).min_by_key(|c| c.iter().min().copied())?;
+    let component =
+        tarjan_scc(needs).into_iter().filter(|c| c.len() > 1).min_by_key(|c| c.iter().min().copied())?;
     // The shortest way from its first pass back to itself, inside the component.
     let start = *component.iter().min()?;
     let mut from = std::collections::BTreeMap::new();
@@ -210,7 +219,13 @@ fn cycle(needs: &Needs) -> Option<Vec<NodeIndex>> {
     None
 }
 
-fn describe_cycle(cycle: &[NodeIndex], needs: &Needs, passes: &[Pass], spans: &[Span], flat: &Flat) -> Diagnostic {
+fn describe_cycle(
+    cycle: &[NodeIndex],
+    needs: &Needs,
+    passes: &[Pass],
+    spans: &[Span],
+    flat: &Flat,
+) -> Diagnostic {
     let name = |node: NodeIndex| format!("`{}`", passes[node.index()].name);
     let all: Vec<String> = cycle.iter().map(|n| name(*n)).collect();
     let reason = |i: usize| {
@@ -225,5 +240,7 @@ fn describe_cycle(cycle: &[NodeIndex], needs: &Needs, passes: &[Pass], spans: &[
     for i in 1..cycle.len() {
         diagnostic = diagnostic.with_label(spans[cycle[i].index()], reason(i));
     }
-    diagnostic.with_help("a resource with one writer is written before it is read; use a second resource to break the cycle")
+    diagnostic.with_help(
+        "a resource with one writer is written before it is read; use a second resource to break the cycle",
+    )
 }

@@ -29,7 +29,13 @@ fn before(plan: &Plan, pass: &str) -> Vec<String> {
 
 #[test]
 fn a_reader_waits_for_the_writer_and_sees_its_writes() {
-    let plan = solved("", &[dispatch("make", "make.comp", r#""Out": "a""#), dispatch("show", "show.comp", r#""In": "a", "Image": "image""#)]);
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
     let barriers = before(&plan, "show");
     assert_eq!(
         barriers[0],
@@ -41,46 +47,63 @@ fn a_reader_waits_for_the_writer_and_sees_its_writes() {
 
 #[test]
 fn the_only_writer_runs_before_a_reader_that_stands_above_it_in_the_file() {
-    let plan = solved("", &[dispatch("show", "show.comp", r#""In": "a", "Image": "image""#), dispatch("make", "make.comp", r#""Out": "a""#)]);
+    let plan = solved(
+        "",
+        &[
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+            dispatch("make", "make.comp", r#""Out": "a""#),
+        ],
+    );
     assert_eq!(frame(&plan), ["make", "show", "export"], "{}", shown(&plan));
 }
 
 #[test]
 fn several_writers_keep_the_order_of_the_file() {
-    let plan = solved("", &[
-        dispatch("first", "make.comp", r#""Out": "a""#),
-        dispatch("second", "change.comp", r#""Out": "a""#),
-        dispatch("third", "change.comp", r#""Out": "a""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-    ]);
+    let plan = solved(
+        "",
+        &[
+            dispatch("first", "make.comp", r#""Out": "a""#),
+            dispatch("second", "change.comp", r#""Out": "a""#),
+            dispatch("third", "change.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
     assert_eq!(frame(&plan), ["first", "second", "third", "show", "export"], "{}", shown(&plan));
     assert_eq!(
         before(&plan, "third"),
-        ["read after write on a, after second: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ | STORAGE_WRITE"]
+        [
+            "read after write on a, after second: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ | STORAGE_WRITE"
+        ]
     );
 }
 
 #[test]
 fn two_readers_in_the_same_stage_share_one_barrier() {
-    let plan = solved("", &[
-        dispatch("make", "make.comp", r#""Out": "a""#),
-        dispatch("left", "copy.comp", r#""In": "a", "Out": "b""#),
-        dispatch("right", "copy.comp", r#""In": "a", "Out": "c""#),
-        dispatch("join", "join.comp", r#""In": "b", "In2": "c", "Out": "d""#),
-        dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
-    ]);
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("left", "copy.comp", r#""In": "a", "Out": "b""#),
+            dispatch("right", "copy.comp", r#""In": "a", "Out": "c""#),
+            dispatch("join", "join.comp", r#""In": "b", "In2": "c", "Out": "d""#),
+            dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
+        ],
+    );
     let on_a = |pass| before(&plan, pass).iter().filter(|b| b.contains(" on a,")).count();
     assert_eq!((on_a("left"), on_a("right")), (1, 0), "{}", shown(&plan));
 }
 
 #[test]
 fn a_pass_that_nothing_reads_from_is_left_out_with_what_feeds_only_it() {
-    let plan = solved("", &[
-        dispatch("make", "make.comp", r#""Out": "a""#),
-        dispatch("spare", "make.comp", r#""Out": "b""#),
-        dispatch("waste", "copy.comp", r#""In": "b", "Out": "c""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-    ]);
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("spare", "make.comp", r#""Out": "b""#),
+            dispatch("waste", "copy.comp", r#""In": "b", "Out": "c""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
     assert_eq!(frame(&plan), ["make", "show", "export"]);
     let left: Vec<&str> = plan.left_out.iter().map(|l| l.pass.as_str()).collect();
     assert_eq!(left, ["spare", "waste"]);
@@ -89,7 +112,13 @@ fn a_pass_that_nothing_reads_from_is_left_out_with_what_feeds_only_it() {
 
 #[test]
 fn the_next_frame_waits_before_it_overwrites_what_this_one_reads() {
-    let plan = solved("", &[dispatch("make", "make.comp", r#""Out": "a""#), dispatch("show", "show.comp", r#""In": "a", "Image": "image""#)]);
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
     assert_eq!(
         before(&plan, "make"),
         ["write after read on a, after show of the frame before: COMPUTE -> COMPUTE"],
@@ -101,13 +130,19 @@ fn the_next_frame_waits_before_it_overwrites_what_this_one_reads() {
 #[test]
 fn a_write_after_reads_that_another_barrier_orders_has_none_of_its_own() {
     // `back` reads `a` and writes `b`; `again` reads `b`, and overwrites `a`.
-    let plan = solved("", &[
-        dispatch("make", "make.comp", r#""Out": "a""#),
-        dispatch("back", "copy.comp", r#""In": "a", "Out": "b""#),
-        dispatch("again", "copy.comp", r#""In": "b", "Out": "a""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-    ]);
-    assert_eq!(before(&plan, "again"), ["read after write on b, after back: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ"]);
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("back", "copy.comp", r#""In": "a", "Out": "b""#),
+            dispatch("again", "copy.comp", r#""In": "b", "Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
+    assert_eq!(
+        before(&plan, "again"),
+        ["read after write on b, after back: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ"]
+    );
 }
 
 #[test]
@@ -119,7 +154,8 @@ fn a_second_stage_that_reads_is_made_to_see_without_flushing_again() {
     ]);
     let barriers = before(&plan, "show");
     assert!(
-        barriers.contains(&"read after write on a, after make: COMPUTE -> INDIRECT INDIRECT_READ".to_string()),
+        barriers
+            .contains(&"read after write on a, after make: COMPUTE -> INDIRECT INDIRECT_READ".to_string()),
         "{}",
         shown(&plan)
     );
@@ -128,16 +164,19 @@ fn a_second_stage_that_reads_is_made_to_see_without_flushing_again() {
 #[test]
 fn ping_pong_ends_at_the_right_half_for_odd_and_even_counts() {
     for count in 1..=4 {
-        let plan = solved("", &[
-            dispatch("make", "make.comp", r#""Out": "keys""#),
-            format!(
-                r#"Repeat(var: "i", count: {count}, body: [
+        let plan = solved(
+            "",
+            &[
+                dispatch("make", "make.comp", r#""Out": "keys""#),
+                format!(
+                    r#"Repeat(var: "i", count: {count}, body: [
                     Dispatch(name: "step", shader: "copy.comp", size: Threads(64), bind: {{"In": "front(keys)", "Out": "back(keys)"}}),
                     Swap("keys"),
                 ]),"#
-            ),
-            dispatch("show", "show.comp", r#""In": "keys", "Image": "image""#),
-        ]);
+                ),
+                dispatch("show", "show.comp", r#""In": "keys", "Image": "image""#),
+            ],
+        );
         assert_eq!(plan.frame.len(), count + 3, "{}", shown(&plan));
         let last = format!("keys#{}", count % 2);
         let dump = dump(&plan);
@@ -188,11 +227,14 @@ fn a_cleared_image_is_not_kept_and_a_drawn_one_is_read_in_the_layout_of_its_read
 
 #[test]
 fn a_fill_and_an_atomic_use_of_it_are_apart_in_both_directions() {
-    let plan = solved("", &[
-        r#"Fill(name: "clear", buffer: "a", value: 0),"#.into(),
-        dispatch("count", "change.comp", r#""Out": "a""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-    ]);
+    let plan = solved(
+        "",
+        &[
+            r#"Fill(name: "clear", buffer: "a", value: 0),"#.into(),
+            dispatch("count", "change.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
     assert_eq!(
         before(&plan, "clear"),
         ["write after read on a, after show of the frame before: COMPUTE -> CLEAR"],
@@ -219,7 +261,13 @@ fn the_same_file_gives_the_same_plan() {
 
 #[test]
 fn no_barrier_is_there_without_a_hazard() {
-    let plan = solved("", &[dispatch("make", "make.comp", r#""Out": "a""#), dispatch("show", "show.comp", r#""In": "a", "Image": "image""#)]);
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
     let hazards: Vec<Hazard> = plan.frame.iter().flat_map(|s| &s.barriers).map(|b| b.hazard).collect();
     // make after the last frame's show; show after make, and the image after the last export; export after show.
     assert_eq!(hazards.len(), 4, "{}", shown(&plan));

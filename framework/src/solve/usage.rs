@@ -17,9 +17,18 @@ pub(super) fn prune(plan: &mut Plan) {
         for touch in &pass.touches {
             let used = &mut usage[touch.resource.index()];
             let accesses = touch.accesses;
-            used.set(Usage::INDIRECT, used.contains(Usage::INDIRECT) || accesses.contains(Accesses::INDIRECT_READ));
-            used.set(Usage::COPY_SOURCE, used.contains(Usage::COPY_SOURCE) || accesses.contains(Accesses::TRANSFER_READ));
-            used.set(Usage::COPY_TARGET, used.contains(Usage::COPY_TARGET) || accesses.contains(Accesses::TRANSFER_WRITE));
+            used.set(
+                Usage::INDIRECT,
+                used.contains(Usage::INDIRECT) || accesses.contains(Accesses::INDIRECT_READ),
+            );
+            used.set(
+                Usage::COPY_SOURCE,
+                used.contains(Usage::COPY_SOURCE) || accesses.contains(Accesses::TRANSFER_READ),
+            );
+            used.set(
+                Usage::COPY_TARGET,
+                used.contains(Usage::COPY_TARGET) || accesses.contains(Accesses::TRANSFER_WRITE),
+            );
             let color = accesses.intersects(Accesses::COLOR_READ | Accesses::COLOR_WRITE);
             used.set(Usage::COLOR_TARGET, used.contains(Usage::COLOR_TARGET) || color);
         }

@@ -1,0 +1,40 @@
+//! What the tests share: an opened device, the data folder, and whether the long runs are wanted.
+
+use splatgraph_api::Device;
+use splatgraph_vulkan::{Options, Validation, Vulkan};
+use std::path::PathBuf;
+
+/// The CPU driver, with synchronization validation on.
+pub fn device() -> Vulkan {
+    let name = std::env::var("SPLATGRAPH_TEST_DEVICE").unwrap_or_else(|_| "llvmpipe".into());
+    let options =
+        Options { device: Some(name), validation: Validation::Synchronization, ..Options::default() };
+    Vulkan::open(&options)
+        .unwrap_or_else(|e| panic!("the tests need lavapipe and the validation layers: {e}"))
+}
+
+/// Fails if the validation layers had anything to say.
+pub fn assert_silent(device: &mut dyn Device, what: &str) {
+    let messages = device.take_messages();
+    assert!(messages.is_empty(), "{what}: the validation layers say\n{}", messages.join("\n"));
+}
+
+/// The folder with `scenes/` and `golden/`, or `None` after saying so.
+pub fn data(test: &str) -> Option<PathBuf> {
+    let found = std::env::var_os("SPLATGRAPH_DATA").map(PathBuf::from);
+    match found {
+        Some(folder) => {
+            assert!(folder.join("scenes").is_dir(), "SPLATGRAPH_DATA has no scenes/: {}", folder.display());
+            Some(folder)
+        }
+        None => {
+            eprintln!("NOT RUN: {test} needs captured scenes; set SPLATGRAPH_DATA");
+            None
+        }
+    }
+}
+
+/// Whether `./x test --long` asked for the whole cross products.
+pub fn long() -> bool {
+    std::env::var_os("SPLATGRAPH_LONG").is_some()
+}

@@ -1,0 +1,77 @@
+//! The covariance pass against f64, on both captured scenes and in both of its forms.
+//!
+//! The bound is relative to the largest element of each splat's covariance: f32 has 24 bits, and an element is a sum of
+//! three products of sums, so a few units in the last place are lost.
+
+use splatgraph::inspect;
+use splatgraph::session::{FrameRequest, Session};
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_vulkan::Vulkan;
+
+use crate::common;
+
+/// Rows of R S, in f64, from what the loader gives to the GPU.
+fn factor(rotation: [f32; 4], scale: [f32; 3]) -> [[f64; 3]; 3] {
+    let [w, x, y, z] = rotation.map(f64::from);
+    let r = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ];
+    r.map(|row| [0, 1, 2].map(|c| row[c] * f64::from(scale[c])))
+}
+
+/// The six unique elements xx, xy, xz, yy, yz, zz of M M^T.
+fn six(m: [[f64; 3]; 3]) -> [f64; 6] {
+    let dot = |a: usize, b: usize| (0..3).map(|c| m[a][c] * m[b][c]).sum();
+    [dot(0, 0), dot(0, 1), dot(0, 2), dot(1, 1), dot(1, 2), dot(2, 2)]
+}
+
+/// The largest error over a scene, relative to each splat's largest element, for the form asked for.
+fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
+    let exact: Vec<[f64; 6]> =
+        (0..scene.count() as usize).map(|i| six(factor(scene.rotations()[i], scene.scales()[i]))).collect();
+    let set = [("covariance".to_string(), form.to_string())];
+    let mut session: Session<Vulkan> = Session::new(common::device(), scene, "splat", &set);
+    session.prepare((camera.width, camera.height), &mut |_| {}).expect("prepared");
+    let plan = session.plan().expect("there is a plan");
+    let target = inspect::resolve(plan, "covariances", "covariance").expect("the pass and its buffer");
+    let request = FrameRequest { inspect: vec![target], ..FrameRequest::default() };
+    let frame = session.submit(camera, &request).expect("submitted");
+    let result = session.wait(frame).expect("drawn");
+    common::assert_silent(session.device(), form);
+    let floats: Vec<f64> = result.inspected[0]
+        .chunks_exact(4)
+        .map(|c| f64::from(f32::from_le_bytes([c[0], c[1], c[2], c[3]])))
+        .collect();
+    let per_splat = floats.len() / exact.len();
+    assert_eq!(per_splat, if form == "six" { 6 } else { 9 });
+    exact.iter().zip(floats.chunks_exact(per_splat)).fold(0.0, |worst: f64, (exact, got)| {
+        let got = match per_splat {
+            6 => [0, 1, 2, 3, 4, 5].map(|i| got[i]),
+            // Whether it is stored by rows or by columns, M M^T tells.
+            _ => six([0, 1, 2].map(|row| [0, 1, 2].map(|column| got[3 * row + column]))),
+        };
+        let largest = exact.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        let error = exact.iter().zip(got).fold(0.0, |m: f64, (e, g)| m.max((e - g).abs()));
+        worst.max(error / largest)
+    })
+}
+
+#[test]
+fn covariances_are_within_a_few_units_in_the_last_place_of_f64() {
+    let Some(data) = common::data("covariances_are_within_a_few_units_in_the_last_place_of_f64") else {
+        return;
+    };
+    for name in ["biker", "playbot-31k"] {
+        let camera =
+            &Camera::load(data.join(format!("scenes/{name}.cameras.json"))).expect("the cameras load")[0];
+        for form in ["six", "factored"] {
+            let scene =
+                Scene::load(data.join(format!("scenes/{name}.ply")), &|_, _| {}).expect("the scene loads");
+            let worst = worst_error(scene, camera, form);
+            println!("{name}, {form}: {worst:.2e} of the largest element");
+            assert!(worst < 1e-6, "{name}, {form}: {worst:.2e}");
+        }
+    }
+}

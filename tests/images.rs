@@ -1,0 +1,154 @@
+//! The presets on captured scenes: against the images of the published CUDA rasteriser, and against each other.
+
+use splatgraph::image::Image;
+use splatgraph::metrics;
+use splatgraph::session::{FrameRequest, Session, image_of};
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_vulkan::Vulkan;
+use std::path::Path;
+
+use crate::common;
+
+const SCENES: [&str; 3] = ["biker", "playbot-31k", "rules"];
+
+/// Draws a scene with a preset from each camera; the validation layers must have nothing to say.
+fn draw(data: &Path, scene: &str, preset: &str, background: [f32; 3]) -> Vec<Image> {
+    let scenes = data.join("scenes");
+    let loaded = Scene::load(scenes.join(format!("{scene}.ply")), &|_, _| {}).expect("the scene loads");
+    let cameras = Camera::load(scenes.join(format!("{scene}.cameras.json"))).expect("the cameras load");
+    draw_scene(loaded, &cameras, preset, background, &[])
+}
+
+pub fn draw_scene(
+    scene: Scene,
+    cameras: &[Camera],
+    preset: &str,
+    background: [f32; 3],
+    set: &[(&str, &str)],
+) -> Vec<Image> {
+    let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
+    let mut session: Session<Vulkan> = Session::new(common::device(), scene, preset, &set);
+    let request = FrameRequest { background, read_output: true, inspect: Vec::new() };
+    let mut images = Vec::new();
+    for camera in cameras {
+        session
+            .prepare((camera.width, camera.height), &mut |_| {})
+            .unwrap_or_else(|e| panic!("{preset}: {e}"));
+        let frame = session.submit(camera, &request).expect("submitted");
+        let result = session.wait(frame).expect("drawn");
+        images.push(image_of(&result.output.expect("asked for")).expect("colours"));
+    }
+    common::assert_silent(session.device(), preset);
+    let messages = session.into_device().close();
+    assert!(messages.is_empty(), "{preset}: closing the device\n{}", messages.join("\n"));
+    images
+}
+
+fn golden(data: &Path, scene: &str, name: &str) -> Image {
+    Image::load(Path::new(&format!("{}#{name}", data.join("golden").join(format!("{scene}.npz")).display())))
+        .expect("the golden image loads")
+}
+
+fn psnr(a: &Image, b: &Image) -> f64 {
+    metrics::compare(a, b).expect("of one size").psnr()
+}
+
+fn bytes(image: &Image) -> Vec<u32> {
+    image.rgb.iter().flatten().map(|v| v.to_bits()).collect()
+}
+
+#[test]
+fn splat_agrees_with_the_published_rasteriser() {
+    let Some(data) = common::data("splat_agrees_with_the_published_rasteriser") else { return };
+    for (scene, bound) in [("biker", 70.0), ("playbot-31k", 70.0), ("rules", 55.0)] {
+        for (i, image) in draw(&data, scene, "splat", [0.0; 3]).iter().enumerate() {
+            let db = psnr(image, &golden(&data, scene, &format!("camera{i}")));
+            println!("{scene} camera {i}: {db:.2} dB");
+            assert!(db >= bound, "{scene}, camera {i}: {db:.2} dB, and {bound} are needed");
+        }
+    }
+}
+
+#[test]
+fn a_background_shows_where_nothing_covers_it() {
+    let Some(data) = common::data("a_background_shows_where_nothing_covers_it") else { return };
+    let images = draw(&data, "playbot-31k", "splat", [1.0, 0.5, 0.25]);
+    let db = psnr(&images[0], &golden(&data, "playbot-31k", "camera0-background"));
+    assert!(db >= 70.0, "{db:.2} dB");
+}
+
+#[test]
+fn digits_of_4_8_and_11_bits_give_the_same_bytes_and_so_do_two_runs() {
+    let Some(data) = common::data("digits_of_4_8_and_11_bits_give_the_same_bytes_and_so_do_two_runs") else {
+        return;
+    };
+    for scene in SCENES {
+        let all =
+            |preset| -> Vec<Vec<u32>> { draw(&data, scene, preset, [0.0; 3]).iter().map(bytes).collect() };
+        let first = all("digit8");
+        for preset in ["digit8", "digit4", "digit11"] {
+            assert!(all(preset) == first, "{scene}: {preset} differs from digit8");
+        }
+    }
+}
+
+#[test]
+fn both_correct_blending_orders_agree_and_the_naive_one_does_not() {
+    let Some(data) = common::data("both_correct_blending_orders_agree_and_the_naive_one_does_not") else {
+        return;
+    };
+    for scene in SCENES {
+        let back = draw(&data, scene, "splat", [0.0; 3]);
+        let front = draw(&data, scene, "front_to_back", [0.0; 3]);
+        let naive = draw(&data, scene, "front_to_back_naive", [0.0; 3]);
+        for i in 0..back.len() {
+            let (right, wrong) = (psnr(&back[i], &front[i]), psnr(&back[i], &naive[i]));
+            println!("{scene} camera {i}: front to back {right:.1} dB, naive {wrong:.1} dB");
+            assert!(right > 55.0, "{scene}, camera {i}: front to back is {right:.1} dB from back to front");
+            assert!(wrong < 45.0, "{scene}, camera {i}: the naive order is only {wrong:.1} dB away");
+        }
+    }
+}
+
+#[test]
+fn narrow_keys_and_no_sort_cost_accuracy() {
+    let Some(data) = common::data("narrow_keys_and_no_sort_cost_accuracy") else { return };
+    for scene in SCENES {
+        let right = draw(&data, scene, "splat", [0.0; 3]);
+        for preset in ["key16", "unsorted"] {
+            let images = draw(&data, scene, preset, [0.0; 3]);
+            for (i, image) in images.iter().enumerate() {
+                let db = psnr(image, &right[i]);
+                println!("{scene} camera {i}: {preset} {db:.1} dB");
+                assert!(db.is_finite(), "{scene}, camera {i}: {preset} changed nothing");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_form_of_the_sort_and_of_the_covariance_draws_the_same_scene() {
+    let Some(data) = common::data("every_form_of_the_sort_and_of_the_covariance_draws_the_same_scene") else {
+        return;
+    };
+    let cameras = Camera::load(data.join("scenes/playbot-31k.cameras.json")).expect("the cameras load");
+    let scene = || Scene::load(data.join("scenes/playbot-31k.ply"), &|_, _| {}).expect("the scene loads");
+    let first = draw_scene(scene(), &cameras[..1], "splat", [0.0; 3], &[("sorter", "serial")]);
+    let second = draw_scene(scene(), &cameras[..1], "splat", [0.0; 3], &[("sorter", "subgroup")]);
+    assert!(bytes(&first[0]) == bytes(&second[0]), "the two sorters differ");
+    let factored = draw_scene(scene(), &cameras[..1], "splat", [0.0; 3], &[("covariance", "factored")]);
+    let db = psnr(&first[0], &factored[0]);
+    assert!(db > 60.0, "the factored covariance is {db:.1} dB away");
+}
+
+/// The demo scene needs no download, so every preset is validated even without captures.
+#[test]
+fn every_preset_draws_a_generated_scene_without_a_validation_message() {
+    let scene = || splatgraph_assets::generate("demo", 20_000, 1).expect("a generator");
+    let camera = Camera::framing(&scene(), 320, 180);
+    for preset in splatgraph::builtin::presets() {
+        let images = draw_scene(scene(), std::slice::from_ref(&camera), &preset.name, [0.0; 3], &[]);
+        let lit = images[0].rgb.iter().filter(|p| p.iter().any(|v| *v > 0.05)).count();
+        assert!(lit > 320 * 180 / 20, "{}: only {lit} pixels show anything", preset.name);
+    }
+}

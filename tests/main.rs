@@ -1,0 +1,10 @@
+//! Tests that cross crates: the shipped graphs and shaders on a real Vulkan driver, with the validation layers on.
+//!
+//! They run on lavapipe, Mesa's driver for the CPU, which `./x test` installs and selects. A missing driver or layer is a
+//! failure. Captured scenes and golden images are found through `SPLATGRAPH_DATA`; without it, the tests that need them say
+//! that they did not run.
+
+mod common;
+mod covariance;
+mod images;
+mod sort;

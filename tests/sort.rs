@@ -1,0 +1,259 @@
+//! The shipped radix sorts against a stable sort of the standard library, bit for bit.
+//!
+//! `tests/graphs/sort_only.ron` runs the includes that the presets use, on pairs that a shader makes from a description; the
+//! test makes the same pairs here, sorts them, and compares keys and values.
+
+use splatgraph::builtin;
+use splatgraph_api::{Device, FrameInputs, Inspect, SceneData};
+use splatgraph_framework::build::{Catalog, Request, build};
+use splatgraph_framework::plan::{Plan, Value};
+use splatgraph_framework::shader::Glslang;
+use splatgraph_framework::source::{SourceMap, render};
+use splatgraph_vulkan::Vulkan;
+
+use crate::common;
+
+/// The pairs of a run, as `sort_only_load.comp` makes them.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    count: u32,
+    seed: u32,
+    kind: Kind,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Random,
+    Equal,
+    Ascending,
+    Descending,
+    FewDistinct,
+}
+
+const KINDS: [Kind; 5] = [Kind::Random, Kind::Equal, Kind::Ascending, Kind::Descending, Kind::FewDistinct];
+
+fn mixed(mut x: u32) -> u32 {
+    x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
+    x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
+}
+
+impl Run {
+    fn pairs(self, key_bits: u32) -> Vec<(u32, u32)> {
+        let mask = u32::MAX >> (32 - key_bits);
+        let key = |i: u32| match self.kind {
+            Kind::Random => mixed(i.wrapping_add(self.seed)),
+            Kind::Equal => self.seed,
+            Kind::Ascending => i,
+            Kind::Descending => self.count - i,
+            Kind::FewDistinct => mixed(mixed(i.wrapping_add(self.seed)) % 3),
+        };
+        (0..self.count).map(|i| (key(i) & mask, mixed(i))).collect()
+    }
+}
+
+struct NoScene;
+
+impl SceneData for NoScene {
+    fn write(&self, attribute: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
+        Err(format!("no {attribute}"))
+    }
+
+    fn identity(&self) -> u64 {
+        0
+    }
+}
+
+/// A sort of a certain shape, loaded.
+struct Sorter<'a> {
+    device: &'a mut Vulkan,
+    plan: Plan,
+    key_bits: u32,
+    name: String,
+}
+
+/// Builds plans with one compiler, which remembers its shaders.
+struct Bench {
+    device: Vulkan,
+    files: SourceMap,
+    compiler: Glslang,
+}
+
+impl Bench {
+    fn new() -> Bench {
+        Bench { device: common::device(), files: builtin::source_map(), compiler: Glslang::default() }
+    }
+
+    fn lanes(&self) -> u32 {
+        match self.device.info().facts["device.subgroup_size"] {
+            Value::Int(lanes) => lanes as u32,
+            ref other => panic!("a subgroup of {other} lanes"),
+        }
+    }
+
+    fn sorter(&mut self, sorter: &str, digit_bits: u32, key_bits: u32, capacity: u32) -> Sorter<'_> {
+        let mut facts = self.device.info().facts.clone();
+        facts.insert("scene.count".into(), Value::Int(capacity.into()));
+        let set = [
+            ("sorter", sorter),
+            ("digit_bits", &digit_bits.to_string()),
+            ("key_bits", &key_bits.to_string()),
+        ]
+        .map(|(k, v)| (k.to_string(), v.to_string()));
+        let catalog = Catalog { uniforms: [("test.run".to_string(), 16)].into(), ..Catalog::default() };
+        let graph = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/sort_only.ron");
+        let request = Request { graph, set: &set, facts: &facts, catalog: &catalog };
+        let plan = build(&request, &mut self.files, &mut self.compiler)
+            .unwrap_or_else(|e| panic!("{}", render(&self.files, &e, false)));
+        self.device.load(plan.clone(), &NoScene, &mut |_| {}).expect("the plan loads");
+        let name =
+            format!("{sorter}, {digit_bits}-bit digits of {key_bits}-bit keys, {} lanes", self.lanes());
+        Sorter { device: &mut self.device, plan, key_bits, name }
+    }
+}
+
+impl Sorter<'_> {
+    /// Sorts the run's pairs on the GPU and here, and compares.
+    fn check(&mut self, run: Run) {
+        let finish = self
+            .plan
+            .frame
+            .iter()
+            .find(|s| self.plan.pass(s.pass).name == "finish")
+            .expect("the last pass")
+            .pass;
+        let fronts = ["Keys", "Values"].map(|block| {
+            let bindings = &self.plan.pass(finish).bindings;
+            bindings.iter().find(|b| b.name == block).expect("bound").resource
+        });
+        let words = [run.count, run.seed, KINDS.iter().position(|k| *k == run.kind).unwrap_or(0) as u32, 0];
+        let inputs = FrameInputs {
+            uniforms: [("test.run".to_string(), words.iter().flat_map(|w| w.to_le_bytes()).collect())].into(),
+            inspect: fronts.map(|resource| Inspect { resource, after: finish }).to_vec(),
+            ..FrameInputs::default()
+        };
+        let frame = self.device.submit(&inputs).expect("the frame is submitted");
+        let result = self.device.wait(frame).expect("the frame is done");
+        let words = |bytes: &[u8]| -> Vec<u32> {
+            bytes
+                .chunks_exact(4)
+                .take(run.count as usize)
+                .map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]]))
+                .collect()
+        };
+        let got: Vec<(u32, u32)> =
+            words(&result.inspected[0]).into_iter().zip(words(&result.inspected[1])).collect();
+        let mut expected = run.pairs(self.key_bits);
+        expected.sort_by_key(|(key, _)| *key);
+        if let Some(at) = (0..expected.len()).find(|i| got[*i] != expected[*i]) {
+            panic!("{}: {run:?}: pair {at} is {:x?}, not {:x?}", self.name, got[at], expected[at]);
+        }
+        common::assert_silent(self.device, &self.name);
+    }
+}
+
+/// Sizes around every boundary of the blocks that a workgroup or an invocation takes, up to 2^16.
+fn boundary_sizes(sorter: &str, lanes: u32) -> Vec<u32> {
+    let block = if sorter == "serial" { 4096 } else { (64 * lanes).min(2048) };
+    let group = if sorter == "serial" { block * lanes } else { block };
+    let mut sizes = vec![0, 1, 2, lanes - 1, lanes, lanes + 1];
+    for step in [block, group] {
+        sizes.extend([1, 2, 7].iter().flat_map(|n| [n * step - 1, n * step, n * step + 1]));
+    }
+    sizes.extend([65_535, 65_536]);
+    sizes.retain(|s| *s <= 65_536);
+    sizes.sort();
+    sizes.dedup();
+    sizes
+}
+
+/// Every digit width with the key widths, each at every boundary size, the kinds of keys in turn.
+fn boundaries() {
+    let mut bench = Bench::new();
+    let lanes = bench.lanes();
+    let mut turn = 0;
+    for sorter in ["subgroup", "serial"] {
+        for digit_bits in 1..=11 {
+            for key_bits in [8, 16, 24, 32] {
+                let mut sorter_here = bench.sorter(sorter, digit_bits, key_bits, 65_536);
+                for count in boundary_sizes(sorter, lanes) {
+                    let kinds = if common::long() { 5 } else { 1 };
+                    for _ in 0..kinds {
+                        sorter_here.check(Run { count, seed: mixed(turn), kind: KINDS[turn as usize % 5] });
+                        turn += 1;
+                    }
+                }
+            }
+        }
+    }
+    println!("{turn} sorts of up to 65,536 pairs, {lanes} lanes");
+}
+
+/// Runs a test of this binary again in a process of its own, where lavapipe has vectors of this many bits. The driver reads
+/// the variable once, when it is loaded.
+fn again_with_vectors_of(bits: u32, test: &str) {
+    let output = std::process::Command::new(std::env::current_exe().expect("this program"))
+        .args([test, "--exact", "--nocapture", "--include-ignored"])
+        .env("LP_NATIVE_VECTOR_WIDTH", bits.to_string())
+        .env("SPLATGRAPH_EXPECT_LANES", (bits / 32).to_string())
+        .output()
+        .expect("the tests can run themselves");
+    let text =
+        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "with vectors of {bits} bits:\n{text}");
+    assert!(text.contains("1 passed"), "the test did not run:\n{text}");
+}
+
+#[test]
+fn the_shipped_sorts_equal_a_stable_sort() {
+    if let Ok(lanes) = std::env::var("SPLATGRAPH_EXPECT_LANES") {
+        assert_eq!(Bench::new().lanes().to_string(), lanes, "the driver did not take the vector width");
+    }
+    boundaries();
+}
+
+#[test]
+fn the_shipped_sorts_equal_a_stable_sort_with_subgroups_of_4_lanes() {
+    again_with_vectors_of(128, "sort::the_shipped_sorts_equal_a_stable_sort");
+}
+
+#[test]
+fn the_shipped_sorts_equal_a_stable_sort_with_subgroups_of_16_lanes() {
+    again_with_vectors_of(512, "sort::the_shipped_sorts_equal_a_stable_sort");
+}
+
+/// Larger sizes: each pair of digit width, key width, size and kind of keys occurs at least once among those chosen.
+#[test]
+fn larger_sorts_are_right_too() {
+    let mut bench = Bench::new();
+    let widths = [1, 3, 4, 5, 7, 8, 11];
+    let keys = [8, 16, 24, 32];
+    let sizes = [100_003, 1 << 18, (1 << 20) - 1];
+    let mut sorts = 0;
+    for sorter in ["subgroup", "serial"] {
+        for (i, digit_bits) in widths.into_iter().enumerate() {
+            for (j, key_bits) in keys.into_iter().enumerate() {
+                let mut sorter_here = bench.sorter(sorter, digit_bits, key_bits, 1 << 20);
+                let sizes: Vec<(usize, u32)> = sizes
+                    .into_iter()
+                    .enumerate()
+                    .filter(|(k, _)| common::long() || (i + j) % 3 == *k)
+                    .collect();
+                for (k, count) in sizes {
+                    sorter_here.check(Run { count, seed: mixed(sorts), kind: KINDS[(i + 2 * j + k) % 5] });
+                    sorts += 1;
+                }
+            }
+        }
+    }
+    println!("{sorts} sorts of up to 2^20 pairs");
+}
+
+#[test]
+fn sixteen_million_pairs_are_sorted_with_digits_of_4_8_and_11_bits() {
+    let mut bench = Bench::new();
+    for (sorter, digit_bits) in [("serial", 4), ("serial", 8), ("serial", 11), ("subgroup", 8)] {
+        let mut sorter = bench.sorter(sorter, digit_bits, 32, 1 << 24);
+        sorter.check(Run { count: 1 << 24, seed: digit_bits, kind: Kind::Random });
+    }
+}
