@@ -8,7 +8,11 @@
 
 layout(local_size_x = 256) in;
 
+#if TARGET == TARGET_RGBA16F
 layout(set = 0, binding = 0, rgba16f) readonly uniform image2D color;
+#else
+layout(set = 0, binding = 0, rgba32f) readonly uniform image2D color;
+#endif
 layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D composed;
 
 void main() {

@@ -208,6 +208,20 @@ pub enum Format {
 }
 
 impl Format {
+    pub const ALL: [Format; 5] =
+        [Format::Rgba8Unorm, Format::Rgba16Float, Format::Rgba32Float, Format::R32Uint, Format::R32Float];
+
+    /// The name that GLSL has for it, which is also what graphs write.
+    pub fn name(self) -> &'static str {
+        match self {
+            Format::Rgba8Unorm => "rgba8",
+            Format::Rgba16Float => "rgba16f",
+            Format::Rgba32Float => "rgba32f",
+            Format::R32Uint => "r32ui",
+            Format::R32Float => "r32f",
+        }
+    }
+
     pub fn bytes_per_pixel(self) -> u32 {
         match self {
             Format::Rgba8Unorm | Format::R32Uint | Format::R32Float => 4,

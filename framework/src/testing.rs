@@ -2,7 +2,7 @@
 //! thousand and without C++.
 //!
 //! A shader's text is a line for each block: `r Keys 4` (reads a storage buffer with elements of 4 bytes), `w`, `rw`, `uniform Camera
-//! 256`, `image r Color Rgba16Float`, `push shift`, `out color`, `in 0 vec4`, `varying 0 vec4`. Anything else is ignored.
+//! 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`, `varying 0 vec4`. Anything else is ignored.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -61,11 +61,7 @@ impl ShaderCompiler for ListCompiler {
                     bind(name, "r", kind, number);
                 }
                 ["image", how, name, format] => {
-                    let format = match format {
-                        "Rgba16Float" => Format::Rgba16Float,
-                        "Rgba32Float" => Format::Rgba32Float,
-                        _ => Format::Rgba8Unorm,
-                    };
+                    let format = Format::ALL.into_iter().find(|f| f.name() == format).expect("a format");
                     bind(name, how, ReflectedKind::StorageImage { format: Some(format) }, number);
                 }
                 ["push", name] => {
@@ -131,8 +127,8 @@ pub fn graph(params: &str, passes: &str) -> String {
     resources: {{
         {buffers}
         "keys": Buffer(stride: 4, count: 64, ping_pong: true),
-        "color": Image(format: Rgba16Float, size: ("viewport.width", "viewport.height")),
-        "image": Image(format: Rgba16Float, size: ("viewport.width", "viewport.height")),
+        "color": Image(format: "rgba16f", size: ("viewport.width", "viewport.height")),
+        "image": Image(format: "rgba16f", size: ("viewport.width", "viewport.height")),
     }},
     passes: [
 {passes}
@@ -148,8 +144,8 @@ pub const SHADERS: &[(&str, &str)] = &[
     ("copy.comp", "r In 4\nw Out 4"),
     ("join.comp", "r In 4\nr In2 4\nw Out 4"),
     ("change.comp", "rw Out 4"),
-    ("show.comp", "r In 4\nimage w Image Rgba16Float"),
-    ("filter.comp", "image r Color Rgba16Float\nimage w Image Rgba16Float"),
+    ("show.comp", "r In 4\nimage w Image rgba16f"),
+    ("filter.comp", "image r Color rgba16f\nimage w Image rgba16f"),
     ("push.comp", "w Out 4\npush shift"),
     ("quad.vert", "r In 4"),
     ("quad.frag", "out color"),

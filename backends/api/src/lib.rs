@@ -22,7 +22,8 @@ pub struct DeviceInfo {
     pub driver: String,
     /// Facts that graphs can use, by their full names: `device.subgroup_size` (lanes that compute shaders run with),
     /// `device.max_storage_bytes` (largest storage binding), `device.max_groups_x`, `device.shared_bytes`,
-    /// `device.max_invocations` (per workgroup), all integers.
+    /// `device.max_invocations` (per workgroup), all integers; and `device.rounds_half`, whether blending rounds what it
+    /// writes to half-float images to nearest.
     pub facts: BTreeMap<String, Value>,
     /// Why it cannot run plans, if it cannot.
     pub unfit: Option<String>,

@@ -173,6 +173,8 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
             selectable: control.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_per_group: control.max_compute_workgroup_subgroups,
         },
+        // Cuts the digits off that a half float has no room for.
+        rounds_half: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
         timestamp_bits: 0,
         timestamp_period: core.timestamp_period,
     };
@@ -192,7 +194,9 @@ impl Limits {
             ("device.max_invocations", self.max_invocations as i64),
         ]
         .map(|(name, value)| (name.to_string(), Value::Int(value)))
-        .into()
+        .into_iter()
+        .chain([("device.rounds_half".to_string(), Value::Bool(self.rounds_half))])
+        .collect()
     }
 }
 

@@ -33,6 +33,8 @@ pub(crate) struct Limits {
     /// Targets of one draw may blend differently.
     pub independent_blend: bool,
     pub subgroup: SubgroupLimits,
+    /// Blending rounds what it writes to half-float images.
+    pub rounds_half: bool,
     /// Bits that count in a timestamp; 0 where the queue has none.
     pub timestamp_bits: u32,
     /// Nanoseconds per tick.
@@ -400,6 +402,7 @@ mod tests {
             shared_bytes: 32768,
             max_image_size: 16384,
             max_targets: 8,
+            rounds_half: true,
             max_storage_buffers: 32,
             max_uniform_buffers: 16,
             max_storage_images: 16,

@@ -1,9 +1,10 @@
 //! Resources: from declarations, imports and ports to numbered buffers and images.
 
+use super::params::is_identifier;
 use super::passes::{Level, Lowering};
 use super::scope::Place;
-use crate::plan::{Resource, ResourceId, Shape, Source, Usage};
-use crate::schema::{Import, Port, ResourceDecl};
+use crate::plan::{Format, Resource, ResourceId, Shape, Source, Usage, Value};
+use crate::schema::{Import, Number, Port, ResourceDecl};
 use crate::source::{Diagnostic, Path, Span, nearest};
 
 /// What a name in a graph stands for.
@@ -156,9 +157,33 @@ impl Lowering<'_> {
                     Ok(v as u32)
                 };
                 let (width, height) = (side(&size.0, 0)?, side(&size.1, 1)?);
-                let shape = Shape::Image { format: *format, width, height };
+                let format = self.format(level, format, &place.field("format"))?;
+                let shape = Shape::Image { format, width, height };
                 Ok(Handle::Plain(vec![self.add(full, shape, Source::Transient, place.key())]))
             }
+        }
+    }
+
+    fn format(&self, level: &Level, text: &str, place: &Place) -> Result<Format, Diagnostic> {
+        let named = |name: &str| Format::ALL.into_iter().find(|f| f.name() == name);
+        if let Some(format) = named(text) {
+            return Ok(format);
+        }
+        let all = Format::ALL.map(|f| f.name());
+        // A single word that nothing is called is a misspelt format rather than an expression.
+        let wrong = |name: &str| {
+            let diagnostic = place.error(format!("there is no format `{name}`"), "cannot be used");
+            match nearest(name, all) {
+                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+                None => diagnostic.with_help(format!("there are {}", all.join(", "))),
+            }
+        };
+        if is_identifier(text) && !level.names.values.contains_key(text) {
+            return Err(wrong(text));
+        }
+        match level.names.evaluate(&Number::Expression(text.into()), place)? {
+            Value::Text(name) => named(&name).ok_or_else(|| wrong(&name)),
+            other => Err(wrong(&other.to_string())),
         }
     }
 
@@ -254,7 +279,7 @@ impl Lowering<'_> {
             (Handle::Plain(ids), false) => ids[0],
         };
         let wanted = match stride {
-            crate::schema::Number::Literal(crate::plan::Value::Int(v)) => *v as u64,
+            Number::Literal(Value::Int(v)) => *v as u64,
             _ => return Ok(()),
         };
         match self.resources[id.index()].shape {

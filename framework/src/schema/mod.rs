@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde::de::{Deserializer, Error, Visitor};
 use std::fmt;
 
-use crate::plan::{Blend, Format, Load, Run, Topology, Value};
+use crate::plan::{Blend, Load, Run, Topology, Value};
 
 /// The version of the graph language that this framework reads.
 pub const GRAPH_VERSION: u32 = 1;
@@ -187,7 +187,8 @@ pub enum ResourceDecl {
         ping_pong: bool,
     },
     Image {
-        format: Format,
+        /// GLSL's name of a format (`rgba16f`), or an expression that comes to one.
+        format: String,
         /// Width and height in pixels.
         size: (Number, Number),
     },
