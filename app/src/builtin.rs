@@ -4,9 +4,11 @@
 //! Files on disk come first (see [`SourceMap::find`]), so in a checkout edits show at once.
 
 use crate::facts::{self, SceneFacts};
+use ron::extensions::Extensions;
 use splatgraph_framework::build::Request;
 use splatgraph_framework::lower;
 use splatgraph_framework::plan::Param;
+use splatgraph_framework::schema::Document;
 use splatgraph_framework::source::{Library, SourceMap};
 
 /// Path (`pipelines/splat.ron`, `shaders/sort/scatter.comp`) and text, sorted by path.
@@ -17,32 +19,62 @@ pub fn source_map() -> SourceMap {
     SourceMap::new(Library { builtin: FILES, ..Library::default() })
 }
 
-/// A built-in graph that can be rendered by name.
+/// The names of the built-in graphs that draw something, sorted. Graphs made to be included have no output and are not
+/// among them.
+pub fn names() -> Vec<&'static str> {
+    let options = ron::Options::default()
+        .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME);
+    let draws = |text: &str| match options.from_str(text) {
+        Ok(Document::Graph(graph)) => graph.output.is_some(),
+        Ok(Document::Preset(_)) => true,
+        // Who asks for it is told what is wrong with it.
+        Err(_) => true,
+    };
+    let graph = |(path, text): &(&'static str, &str)| {
+        let name = path.strip_prefix("pipelines/")?.strip_suffix(".ron")?;
+        draws(text).then_some(name)
+    };
+    FILES.iter().filter_map(graph).collect()
+}
+
+/// A built-in graph, for lists.
 #[derive(Clone, Debug)]
 pub struct Preset {
     /// What `--pipeline` takes.
-    pub name: String,
+    pub name: &'static str,
     /// One line that says what it does.
     pub summary: String,
     /// Its parameters, with the values for a nominal scene.
     pub params: Vec<Param>,
 }
 
-/// The built-in graphs that draw something, sorted by name. Graphs made to be included have no output and are not listed.
+/// The built-in graphs that draw something, sorted by name.
 pub fn presets() -> Vec<Preset> {
-    let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(), facts::DEFAULT_SIZE);
+    let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+    let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
     let catalog = facts::nominal_catalog();
-    let mut presets = Vec::new();
-    for (path, text) in FILES {
-        let name = path.strip_prefix("pipelines/").and_then(|name| name.strip_suffix(".ron"));
-        let Some(name) = name.filter(|name| !name.contains('/')) else { continue };
-        // A map of nothing but this library: what lies in the current folder must not change the list.
-        let mut files = source_map();
-        files.add(*path, *text);
+    let mut files = source_map();
+    let mut preset = |name: &'static str| {
         let request = Request { graph: name, set: &[], facts: &facts, catalog: &catalog };
-        if let Ok(flat) = lower::lower(&request, &mut files) {
-            presets.push(Preset { name: name.to_owned(), summary: flat.summary, params: flat.params });
+        let (summary, params) = lower::params(&request, &mut files)
+            .unwrap_or_else(|_| (format!("has errors, see `splatgraph check {name}`"), Vec::new()));
+        Preset { name, summary, params }
+    };
+    names().into_iter().map(&mut preset).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn graphs_that_draw_are_listed_and_their_includes_are_not() {
+        let presets = presets();
+        let names: Vec<&str> = presets.iter().map(|p| p.name).collect();
+        for name in ["splat", "unsorted", "front_to_back", "digit4", "key16"] {
+            assert!(names.contains(&name), "{name} is not among {names:?}");
         }
+        assert!(!names.contains(&"sort"), "{names:?}");
+        assert!(presets.iter().all(|p| !p.params.is_empty()), "{presets:?}");
     }
-    presets
 }

@@ -69,3 +69,31 @@ pub fn write(scene: &Scene, path: &Path) -> io::Result<()> {
 pub fn camera() -> Option<Camera> {
     synth::demo_cameras().into_iter().next()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scene_is_written_once_and_loads() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/demo.ply");
+        assert!(ensure(&path).unwrap());
+        assert!(!ensure(&path).unwrap());
+        let scene = Scene::load(&path, &|_, _| {}).unwrap();
+        assert_eq!((scene.stored_degree(), scene.dropped().total()), (3, 0));
+        let beside: Vec<_> = fs::read_dir(path.parent().unwrap()).unwrap().collect();
+        assert_eq!(beside.len(), 1, "nothing unfinished is left");
+    }
+
+    #[test]
+    fn in_a_checkout_the_scene_lies_among_the_assets() {
+        // Tests run in app/.
+        assert!(path().ends_with("assets/splats/demo.ply"), "{}", path().display());
+    }
+
+    #[test]
+    fn it_has_a_camera() {
+        assert!(camera().is_some());
+    }
+}

@@ -2,7 +2,7 @@
 //!
 //! A plan is built from numbers alone, so it can be built without a scene and without a GPU: for that there are a nominal
 //! scene and a portable device. [`portable_device`] has of everything the least that the built-in graphs promise to run on, so
-//! what builds for it builds everywhere.
+//! what builds for it, in all the widths of [`SUBGROUP_SIZES`], builds everywhere.
 
 use crate::camera::{CAMERA, CAMERA_BYTES};
 use splatgraph_assets::{ATTRIBUTES, Scene, Splat};
@@ -52,18 +52,26 @@ pub fn facts(scene: &SceneFacts, device: &Facts, (width, height): (u32, u32)) ->
     facts
 }
 
+/// Lanes of the subgroups of real devices: CPUs have 4 to 16, most GPUs 32, some 64.
+pub const SUBGROUP_SIZES: [i64; 5] = [4, 8, 16, 32, 64];
+
+/// What most GPUs have.
+pub const USUAL_SUBGROUP_SIZE: i64 = 32;
+
 /// The least device that the built-in graphs run on: what Vulkan 1.3 promises, but for 256 invocations per workgroup, which
-/// every known device has, and subgroups of 4 lanes.
-pub fn portable_device() -> Facts {
+/// every known device has.
+pub fn portable_device(subgroup_size: i64) -> Facts {
     [
-        ("device.subgroup_size", 4),
+        ("device.subgroup_size", subgroup_size),
         ("device.max_storage_bytes", 1 << 27),
         ("device.max_groups_x", 65_535),
         ("device.shared_bytes", 16 << 10),
         ("device.max_invocations", 256),
     ]
     .map(|(name, value)| (name.to_owned(), Value::Int(value)))
-    .into()
+    .into_iter()
+    .chain([("device.rounds_half".to_owned(), Value::Bool(false))])
+    .collect()
 }
 
 /// What a graph can import when it draws this scene.

@@ -1,7 +1,7 @@
 //! What a buffer or an image holds after a pass.
 //!
 //! A target is written `RESOURCE@PASS`, with the names of the plan's dump. Both may be shorter than there: `keys` is the
-//! half of the ping-pong pair `keys#0`, `keys#1` that the pass writes, and `sort.scatter` is the last of
+//! half of the ping-pong pair `keys#0`, `keys#1` that the pass writes; `sort.scatter`, or just `scatter`, is the last of
 //! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers; of depth keys, which must ascend over the
 //! visible splats, it is said whether they do.
 
@@ -37,14 +37,21 @@ fn without_index(name: &str) -> &str {
     name.split_once('[').map_or(name, |(stem, _)| stem)
 }
 
+/// `sort.scatter[2]` without its index and without the graphs that it was included through.
+fn last_part(name: &str) -> &str {
+    let stem = without_index(name);
+    stem.rsplit_once('.').map_or(stem, |(_, last)| last)
+}
+
 fn find_pass(plan: &Plan, name: &str) -> Result<PassId, InspectError> {
     let passes = plan.prologue.iter().chain(&plan.frame).map(|step| step.pass);
     let exact = passes.clone().find(|id| plan.pass(*id).name == name);
     let last = || passes.clone().rfind(|id| without_index(&plan.pass(*id).name) == name);
-    exact.or_else(last).ok_or_else(|| {
+    let last_by_part = || passes.clone().rfind(|id| last_part(&plan.pass(*id).name) == name);
+    exact.or_else(last).or_else(last_by_part).ok_or_else(|| {
         let names: Vec<&str> = passes.map(|id| plan.pass(id).name.as_str()).collect();
-        let stems = names.iter().map(|name| without_index(name));
-        InspectError(match nearest(name, names.iter().copied().chain(stems)) {
+        let stems = names.iter().flat_map(|name| [*name, without_index(name), last_part(name)]);
+        InspectError(match nearest(name, stems) {
             Some(near) => format!("no pass `{name}` runs; did you mean `{near}`?"),
             None => format!("no pass `{name}` runs; there are {}", names.join(", ")),
         })
@@ -286,6 +293,7 @@ mod tests {
         assert_eq!(resolved("keys", "sort.scatter[0]"), (1, 0));
         assert_eq!(resolved("keys", "sort.scatter[1]"), (0, 1));
         assert_eq!(resolved("keys", "sort.scatter"), (0, 1));
+        assert_eq!(resolved("keys", "scatter"), (0, 1));
         assert_eq!(resolved("keys#1", "sort.scatter"), (1, 1));
         assert_eq!(resolved("args", "draw"), (2, 2));
     }

@@ -4,7 +4,7 @@ use super::Outcome;
 use super::{colour, options};
 use crate::builtin;
 use crate::facts::{self, SceneFacts};
-use crate::planner::Planner;
+use crate::planner::{GraphErrors, Planner};
 use anyhow::Result;
 
 pub const EXAMPLES: &str = "Examples:
@@ -13,8 +13,9 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Check graphs and their shaders, without a GPU
 ///
-/// Every graph is built as far as a plan, and its shaders are compiled and held against it, for the least device that the
-/// built-in graphs run on and a nominal scene. Mistakes are shown at their line and column.
+/// Every graph is built as far as a plan, and its shaders are compiled and held against it, for a nominal scene and devices
+/// with the least limits that the built-in graphs run on, with subgroups of 4 to 64 lanes. Mistakes are shown at their line
+/// and column.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -27,32 +28,39 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let presets;
     let graphs: Vec<&str> = if args.graphs.is_empty() {
-        presets = builtin::presets();
-        options::names(&presets)
+        builtin::names()
     } else {
         args.graphs.iter().map(String::as_str).collect()
     };
-    let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(), facts::DEFAULT_SIZE);
-    let catalog = facts::nominal_catalog();
     // One for all: graphs share most of their shaders.
     let mut planner = Planner::default();
     let mut outcome = Outcome::Done;
     for graph in graphs {
-        match planner.plan(graph, &args.set, &facts, &catalog) {
-            Ok(plan) => println!(
-                "{graph}: OK, {} passes once and {} every frame, {} shaders",
-                plan.prologue.len(),
-                plan.frame.len(),
-                plan.shaders.len()
-            ),
+        match check(&mut planner, graph, &args.set) {
+            Ok(line) => println!("{graph}: OK, {line}"),
             Err(errors) => {
                 outcome = Outcome::Failed;
                 eprintln!("{}", errors.text(colour()).trim_end());
-                println!("{graph}: {} errors", errors.count);
+                println!("{graph}: {}", if errors.count == 1 { "an error" } else { "errors" });
             }
         }
     }
     Ok(outcome)
+}
+
+/// Builds a graph for every width of subgroups, since graphs may choose by it what they do, and says what it is for the
+/// usual one. The errors are those of the first width that has any.
+fn check(planner: &mut Planner, graph: &str, set: &[(String, String)]) -> Result<String, GraphErrors> {
+    let catalog = facts::nominal_catalog();
+    let mut line = String::new();
+    for lanes in facts::SUBGROUP_SIZES {
+        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
+        let plan = planner.plan(graph, set, &facts, &catalog)?;
+        if lanes == facts::USUAL_SUBGROUP_SIZE {
+            let (once, frame) = (plan.prologue.len(), plan.frame.len());
+            line = format!("{once} passes once and {frame} every frame, {} shaders", plan.shaders.len());
+        }
+    }
+    Ok(line)
 }

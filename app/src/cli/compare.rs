@@ -162,7 +162,7 @@ fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>
     } else {
         ""
     };
-    bail!("{} pictures have no partner:{}{hint}", alone.len(), list.concat());
+    bail!("these pictures have no partner:{}{hint}", list.concat());
 }
 
 /// Pictures by what they are matched by.
@@ -248,4 +248,90 @@ fn report(pairs: &[Pair], found: &[Comparison], worst: usize, folders: bool) -> 
     }
     let entries: Vec<Value> = pairs.iter().zip(found).map(|(p, c)| entry(p, c)).collect();
     json!({ "pictures": entries, "worst": pairs[worst].name })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn grey(value: f32) -> Image {
+        Image { width: 12, height: 12, rgb: vec![[value; 3]; 144] }
+    }
+
+    /// Two folders of pictures: name and grey value.
+    fn folders(a: &[(&str, f32)], b: &[(&str, f32)]) -> (tempfile::TempDir, PathBuf, PathBuf) {
+        let root = tempfile::tempdir().unwrap();
+        let folder = |name: &str, pictures: &[(&str, f32)]| {
+            let folder = root.path().join(name);
+            for (name, value) in pictures {
+                grey(*value).save(&folder.join(name)).unwrap();
+            }
+            folder
+        };
+        let (a, b) = (folder("a", a), folder("b", b));
+        (root, a, b)
+    }
+
+    fn compared(a: &Path, b: &Path, options: &[&str]) -> Result<Outcome> {
+        let line = [&["compare", a.to_str().unwrap(), b.to_str().unwrap()], options].concat();
+        run(&Line::parse_from(line).args)
+    }
+
+    #[test]
+    fn folders_are_matched_by_stem_whatever_the_format_and_the_worst_decides() {
+        let (_root, a, b) = folders(&[("x.npy", 0.5), ("y.exr", 0.5)], &[("x.exr", 0.5), ("y.png", 0.6)]);
+        std::fs::write(a.join("stats.json"), "{}").unwrap();
+        // 0.6 in 8 bits is 153 / 255; a difference of a tenth is 20 dB.
+        assert_eq!(compared(&a, &b, &["--min-psnr", "19.9"]).unwrap(), Outcome::Done);
+        assert_eq!(compared(&a, &b, &["--min-psnr", "20.1"]).unwrap(), Outcome::Failed);
+    }
+
+    #[test]
+    fn pictures_without_a_partner_are_an_error_that_lists_them() {
+        let (_root, a, b) = folders(&[("x.npy", 0.5), ("y.npy", 0.5)], &[("x.npy", 0.5), ("z.npy", 0.5)]);
+        let message = compared(&a, &b, &[]).unwrap_err().to_string();
+        assert!(
+            message.contains("y.npy") && message.contains("z.npy") && !message.contains("x.npy"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn names_can_be_matched_by_the_number_at_their_end() {
+        let (_root, a, b) = folders(
+            &[("biker-0.npy", 0.5), ("biker-10.npy", 0.2)],
+            &[("camera0.npy", 0.5), ("camera10.npy", 0.2)],
+        );
+        grey(0.9).save(&b.join("camera0-background.npy")).unwrap();
+        assert_eq!(compared(&a, &b, &["--by-number", "--min-psnr", "999"]).unwrap(), Outcome::Done);
+        let message = compared(&a, &b, &[]).unwrap_err().to_string();
+        assert!(message.contains("--by-number"), "{message}");
+    }
+
+    #[test]
+    fn two_pictures_of_one_name_in_a_folder_are_an_error() {
+        let (_root, a, b) = folders(&[("x.npy", 0.5), ("x.png", 0.5)], &[("x.npy", 0.5)]);
+        assert!(compared(&a, &b, &[]).unwrap_err().to_string().contains("have one name"));
+    }
+
+    #[test]
+    fn the_difference_pictures_of_folders_go_into_a_folder() {
+        let (root, a, b) = folders(&[("x.npy", 0.5)], &[("x.npy", 0.75)]);
+        let out = root.path().join("differences");
+        compared(&a, &b, &["--diff", out.to_str().unwrap(), "--gain", "2"]).unwrap();
+        assert_eq!(Image::load(&out.join("x.png")).unwrap().rgb[0], [128.0 / 255.0; 3]);
+    }
+
+    #[test]
+    fn a_picture_and_a_folder_are_bad_usage() {
+        let (_root, a, b) = folders(&[("x.npy", 0.5)], &[("x.npy", 0.5)]);
+        assert!(compared(&a.join("x.npy"), &b, &[]).unwrap_err().is::<Usage>());
+    }
 }

@@ -19,8 +19,8 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Show the plan that a graph becomes: passes in order, barriers, resources
 ///
-/// Needs no GPU: without --device the plan is for the least device that the built-in graphs run on, without --scene for a
-/// million splats with spherical harmonics of degree 3.
+/// Needs no GPU: without --device the plan is for a device with the least limits that the built-in graphs run on and
+/// subgroups of 32 lanes, without --scene for a million splats with spherical harmonics of degree 3.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -79,7 +79,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// The facts of the device that is named, or of the portable one.
 pub fn device_facts(wanted: Option<&str>) -> Result<Facts> {
-    let Some(wanted) = wanted else { return Ok(facts::portable_device()) };
+    let Some(wanted) = wanted else {
+        return Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
+    };
     let options = splatgraph_vulkan::Options { device: Some(wanted.to_owned()), ..Default::default() };
     let device = Vulkan::open(&options).context("the device's limits are not known")?;
     Ok(splatgraph_api::Device::info(&device).facts.clone())

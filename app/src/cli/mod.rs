@@ -15,7 +15,9 @@ mod synth;
 
 use crate::builtin;
 use crate::planner::GraphErrors;
+use crate::session::SessionError;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use splatgraph_framework::plan::Param;
 use std::io::{ErrorKind, IsTerminal};
 use std::process::ExitCode;
 
@@ -105,30 +107,23 @@ fn command() -> clap::Command {
         })
 }
 
-/// The built-in graphs and the parameters of each, for help.
+/// The built-in graphs, and the parameters of the default one, for help.
 fn preset_list() -> String {
     let presets = builtin::presets();
-    let width = presets.iter().map(|p| p.name.len()).max().unwrap_or(0);
-    let mut text = String::from("Built-in graphs:\n");
-    for preset in &presets {
-        text += &format!("  {:width$}  {}\n", preset.name, preset.summary);
-    }
+    let rows = presets.iter().map(|p| (p.name.to_owned(), p.summary.clone()));
+    let mut text = format!("Built-in graphs:\n{}", options::two_columns(rows.collect()));
     if let Some(default) = presets.iter().find(|p| p.name == options::DEFAULT_PIPELINE) {
-        text += &format!(
-            "\nParameters of {} (for --set), with their values for a nominal scene:\n",
-            default.name
-        );
-        let width = default.params.iter().map(|p| p.name.len()).max().unwrap_or(0);
-        for param in &default.params {
+        let row = |param: &Param| {
             let about = if param.help.is_empty() { &param.label } else { &param.help };
-            text += &format!("  {:width$}  {} = {}", param.name, options::domain(&param.domain), param.value);
-            if !about.is_empty() {
-                text += &format!("  {about}");
-            }
-            text.push('\n');
-        }
+            let domain = options::domain(&param.domain);
+            (param.name.clone(), format!("{domain} [{}]  {about}", param.value))
+        };
+        text += &format!(
+            "\n\nParameters of {} for --set, with their values for a million splats in brackets:\n{}",
+            default.name,
+            options::two_columns(default.params.iter().map(row).collect())
+        );
     }
-    text.truncate(text.trim_end().len());
     text
 }
 
@@ -147,8 +142,12 @@ fn report(error: &anyhow::Error) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     // Drawn under the text that they are about, these need no introduction.
-    if let Some(graph) = error.chain().find_map(|e| e.downcast_ref::<GraphErrors>()) {
-        eprintln!("{}", graph.text(colour()).trim_end());
+    let graph_errors = |e: &'_ (dyn std::error::Error + 'static)| match e.downcast_ref::<SessionError>() {
+        Some(SessionError::Graph(errors)) => Some(errors.text(colour()).to_owned()),
+        _ => e.downcast_ref::<GraphErrors>().map(|errors| errors.text(colour()).to_owned()),
+    };
+    if let Some(text) = error.chain().find_map(graph_errors) {
+        eprintln!("{}", text.trim_end());
         return ExitCode::from(1);
     }
     eprintln!("error: {error}");

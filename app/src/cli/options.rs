@@ -1,6 +1,5 @@
 //! Options that several commands share.
 
-use crate::builtin::Preset;
 use crate::facts;
 use crate::image::make_folder_of;
 use crate::progress::Progress;
@@ -53,6 +52,26 @@ pub fn domain(domain: &Domain) -> String {
     }
 }
 
+/// A list for help: names, and what they are, broken into lines that stay in their column.
+pub fn two_columns(rows: Vec<(String, String)>) -> String {
+    /// What clap leaves as it is on any terminal that is wide enough for the rest of the help.
+    const COLUMNS: usize = 98;
+    let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+    let mut lines: Vec<String> = Vec::new();
+    for (name, about) in &rows {
+        let mut line = format!("  {name:width$} ");
+        for word in about.split(' ') {
+            if line.chars().count() + 1 + word.chars().count() > COLUMNS && !line.trim().is_empty() {
+                lines.push(line);
+                line = " ".repeat(width + 3);
+            }
+            line = line + " " + word;
+        }
+        lines.push(line);
+    }
+    lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
+}
+
 /// Loads a scene, with progress.
 pub fn load_scene(path: &Path) -> Result<Scene> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
@@ -82,11 +101,6 @@ pub fn cameras(spec: &str) -> Result<Vec<Camera>, CameraError> {
 pub fn framing(scene: &Scene) -> Camera {
     let (width, height) = facts::DEFAULT_SIZE;
     Camera { img_name: "framing".into(), ..Camera::framing(scene, width, height) }
-}
-
-/// The names of the built-in graphs.
-pub fn names(presets: &[Preset]) -> Vec<&str> {
-    presets.iter().map(|p| p.name.as_str()).collect()
 }
 
 /// What decides over a plan: graph, parameters, and the pictures' size.
@@ -128,5 +142,21 @@ pub fn write_text(path: Option<&Path>, text: &str) -> Result<()> {
             std::fs::write(path, text).with_context(|| format!("{} cannot be written", path.display()))
         }
         None => Ok(std::io::stdout().lock().write_all(text.as_bytes())?),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_are_broken_into_lines_that_stay_in_their_column() {
+        let long = ["word"; 30].join(" ");
+        let text = two_columns(vec![("a".into(), "short".into()), ("name".into(), long)]);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], "  a     short");
+        assert!(lines[1].starts_with("  name  word word") && lines[1].len() <= 98);
+        assert!(lines[2].starts_with("        word"));
+        assert_eq!(lines.len(), 3);
     }
 }

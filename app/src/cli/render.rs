@@ -22,7 +22,7 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph render scene.ply --cameras cameras.json#2 --size 1920x1080 -o out.exr
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.png
   splatgraph render scene.ply --repeat 100 --json -                      # times, as medians
-  splatgraph render scene.ply --inspect keys@sort.scatter=keys.npy -o out.png
+  splatgraph render scene.ply --inspect keys@scatter=keys.npy -o out.png
   splatgraph render scene.ply --pipeline my/graph.ron --validate -o out.png";
 
 /// Draw a scene
@@ -54,8 +54,8 @@ pub struct Args {
     repeat: u32,
     /// Read a resource back after a pass (names as in `dump`), print its ends, and write it to FILE.npy
     ///
-    /// `keys` stands for the half of the pair that the pass writes, and a pass without its index for the last one. Of a
-    /// resource whose name begins with `keys` it is said whether its keys ascend.
+    /// `keys` stands for the half of the pair that the pass writes, `scatter` for the last of `sort.scatter[0]`,
+    /// `sort.scatter[1]`, ... Of a resource whose name begins with `keys` it is said whether its keys ascend.
     #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = wish)]
     inspect: Vec<Wish>,
     /// The device: a part of its name, or its index in `splatgraph devices`
@@ -86,37 +86,48 @@ fn wish(text: &str) -> Result<Wish, String> {
         Some((resource, pass)) if !resource.is_empty() && !pass.is_empty() => {
             Ok(Wish { resource: resource.into(), pass: pass.into(), file })
         }
-        _ => Err("expected RESOURCE@PASS, for instance keys@sort.scatter".into()),
+        _ => Err("expected RESOURCE@PASS, for instance keys@scatter".into()),
     }
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    // A device that is not there is known before a large scene is loaded.
+    // What is wrong with the command line, or a device that is not there, is known before a large scene is loaded.
+    let destination = Destination::of(args)?;
+    let given = args.drawing.cameras()?;
+    if let (Some(Destination::Picture(path)), Some(cameras @ [_, _, ..])) = (&destination, given.as_deref()) {
+        let message = format!(
+            "{} is one picture, and there are {} cameras: name a folder, or one camera with --cameras FILE#INDEX",
+            path.display(),
+            cameras.len()
+        );
+        return Err(Usage(message).into());
+    }
     let validation = if args.validate { Validation::Synchronization } else { Validation::Off };
     let device = Vulkan::open(&Options { device: args.device.clone(), validation })?;
-    let (scene, cameras) = scene_and_cameras(args)?;
-    let outputs = outputs(args, &cameras)?;
+    let (scene, cameras) = scene_and_cameras(args, given)?;
 
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     let mut all = Vec::with_capacity(cameras.len());
+    let json_alone = args.json.as_deref() == Some(Path::new("-"));
     let mut progress = Progress::new("drawing");
     for (index, camera) in cameras.iter().enumerate() {
         progress.set(index as u64, cameras.len() as u64, &camera.img_name);
-        let (stats, image) = draw(args, &mut session, camera, outputs.is_some())?;
-        for (finding, wish) in stats.inspected.iter().zip(&args.inspect) {
-            progress.say(&finding.text());
-            if let Some(file) = &wish.file {
-                finding.save(&numbered(file, camera, cameras.len()))?;
+        let Drawn { stats, image, wishes } = draw(args, &mut session, camera, destination.is_some())?;
+        // Where the JSON goes to standard output, it goes alone.
+        let say = |line: &str| if json_alone { progress.say(line) } else { progress.print(line) };
+        match (&destination, image) {
+            (Some(destination), Some(image)) => {
+                let path = destination.path(camera);
+                image.save(&path)?;
+                say(&format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line()));
             }
+            _ => say(&format!("{}: {}", camera.img_name, stats.line())),
         }
-        if let (Some(outputs), Some(image)) = (&outputs, image) {
-            image.save(&outputs[index])?;
-            // Where the JSON goes to standard output, it goes alone.
-            let line =
-                format!("{}: {} x {}, {}", outputs[index].display(), image.width, image.height, stats.line());
-            if to_stdout(args) { progress.say(&line) } else { progress.print(&line) }
-        } else if !to_stdout(args) {
-            progress.print(&format!("{}: {}", camera.img_name, stats.line()));
+        for (finding, wish) in stats.inspected.iter().zip(wishes) {
+            say(&finding.text());
+            if let Some(file) = &args.inspect[wish].file {
+                finding.save(&per_camera(file, camera, cameras.len()))?;
+            }
         }
         all.push(stats);
     }
@@ -125,10 +136,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
         options::write_json(path, &serde_json::to_value(&all)?)?;
     }
     Ok(finish(args, session.into_device()))
-}
-
-fn to_stdout(args: &Args) -> bool {
-    args.json.as_deref() == Some(Path::new("-"))
 }
 
 /// Closes the device and prints what validation had to say.
@@ -151,8 +158,7 @@ fn finish(args: &Args, device: Vulkan) -> Outcome {
 }
 
 /// The scene, and the cameras to draw it from, in the size that was asked for, each with a name of its own.
-fn scene_and_cameras(args: &Args) -> Result<(Scene, Vec<Camera>)> {
-    let given = args.drawing.cameras()?;
+fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<(Scene, Vec<Camera>)> {
     let (scene, own) = match &args.scene {
         Some(path) => (options::load_scene(path)?, None),
         None => {
@@ -182,53 +188,67 @@ fn scene_and_cameras(args: &Args) -> Result<(Scene, Vec<Camera>)> {
     Ok((scene, cameras))
 }
 
-/// The file of each camera's picture, if pictures are wanted.
-fn outputs(args: &Args, cameras: &[Camera]) -> Result<Option<Vec<PathBuf>>> {
-    let Some(output) = &args.output else { return Ok(None) };
-    if let Some(format) = Format::of(output) {
-        if cameras.len() > 1 {
-            let message = format!(
-                "{} is one picture, and there are {} cameras: name a folder, or one camera with --cameras FILE#INDEX",
-                output.display(),
-                cameras.len()
-            );
-            return Err(Usage(message).into());
+/// Where pictures go.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Destination {
+    /// One picture, in the format of its name.
+    Picture(PathBuf),
+    /// One picture per camera.
+    Folder(PathBuf, Format),
+}
+
+impl Destination {
+    fn of(args: &Args) -> Result<Option<Destination>, Usage> {
+        let Some(output) = &args.output else { return Ok(None) };
+        if let Some(format) = Format::of(output) {
+            if args.format.is_some_and(|wanted| wanted != format) {
+                return Err(Usage(format!("--format and the ending of {} do not agree", output.display())));
+            }
+            return Ok(Some(Destination::Picture(output.clone())));
         }
-        if args.format.is_some_and(|wanted| wanted != format) {
-            return Err(Usage(format!("--format and the ending of {} do not agree", output.display())).into());
+        // `pictures.jpg` is rather a mistake than a folder.
+        if let Some(extension) = output.extension().filter(|_| !output.is_dir() && args.format.is_none()) {
+            return Err(Usage(format!(
+                "pictures are written as .png, .exr or .npy, not as .{} (for a folder of that name, say --format)",
+                extension.display()
+            )));
         }
-        return Ok(Some(vec![output.clone()]));
+        Ok(Some(Destination::Folder(output.clone(), args.format.unwrap_or(Format::Png))))
     }
-    if let Some(extension) = output.extension().filter(|_| !output.is_dir() && args.format.is_none()) {
-        let message = format!(
-            "pictures are written as .png, .exr or .npy, not as .{} (a folder of that name needs --format)",
-            extension.display()
-        );
-        return Err(Usage(message).into());
+
+    /// The file of a camera's picture.
+    fn path(&self, camera: &Camera) -> PathBuf {
+        match self {
+            Destination::Picture(path) => path.clone(),
+            Destination::Folder(folder, format) => folder.join(format!("{}.{format}", file_name(camera))),
+        }
     }
-    let extension = args.format.unwrap_or(Format::Png).extension();
-    // The name of a photograph may hold a path.
-    let file =
-        |camera: &Camera| output.join(format!("{}.{extension}", camera.img_name.replace(['/', '\\'], "_")));
-    Ok(Some(cameras.iter().map(file).collect()))
+}
+
+/// The camera's name as a file's: the name of a photograph may hold a path.
+fn file_name(camera: &Camera) -> String {
+    camera.img_name.replace(['/', '\\'], "_")
 }
 
 /// `keys.npy` as `keys-NAME.npy` where there are several cameras.
-fn numbered(file: &Path, camera: &Camera, cameras: usize) -> PathBuf {
+fn per_camera(file: &Path, camera: &Camera, cameras: usize) -> PathBuf {
     if cameras == 1 {
         return file.to_owned();
     }
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-    file.with_file_name(format!("{stem}-{}.npy", camera.img_name.replace(['/', '\\'], "_")))
+    file.with_file_name(format!("{stem}-{}.npy", file_name(camera)))
+}
+
+/// What came of one camera.
+struct Drawn {
+    stats: CameraStats,
+    image: Option<Image>,
+    /// Which of `--inspect` each of the findings in `stats` answers. What the prologue leaves is found once per load.
+    wishes: Vec<usize>,
 }
 
 /// Draws the frames of one camera.
-fn draw(
-    args: &Args,
-    session: &mut Session<Vulkan>,
-    camera: &Camera,
-    wanted: bool,
-) -> Result<(CameraStats, Option<Image>)> {
+fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: bool) -> Result<Drawn> {
     let loaded = prepare(session, camera)?;
     let plan = session.plan().context("the plan was just made")?.clone();
     let targets: Vec<Inspect> = args
@@ -280,8 +300,10 @@ fn draw(
     let info = session.device().info();
     let size = (camera.width, camera.height);
     let mut stats = CameraStats::new((&camera.img_name, size), &plan, info, scene_count, &results, memory);
-    stats.inspected = findings.into_iter().flatten().collect();
-    Ok((stats, image))
+    let found = findings.into_iter().enumerate().filter_map(|(wish, finding)| Some((wish, finding?)));
+    let wishes;
+    (wishes, stats.inspected) = found.unzip();
+    Ok(Drawn { stats, image, wishes })
 }
 
 /// Makes and loads the plan, with progress.
@@ -307,4 +329,52 @@ fn visible(result: &FrameResult) -> Option<u64> {
 
 fn not_colours(plan: &Plan) -> String {
     format!("the graph's output `{}` holds no colours", plan.resource(plan.output).name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn destination(line: &str) -> Result<Option<Destination>, Usage> {
+        Destination::of(&Line::parse_from(line.split(' ')).args)
+    }
+
+    #[test]
+    fn a_pictures_name_is_a_picture_and_another_name_a_folder() {
+        let folder = |format| Some(Destination::Folder("out".into(), format));
+        assert_eq!(destination("render -o out.EXR").unwrap(), Some(Destination::Picture("out.EXR".into())));
+        assert_eq!(destination("render -o out").unwrap(), folder(Format::Png));
+        assert_eq!(destination("render -o out --format npy").unwrap(), folder(Format::Npy));
+        assert_eq!(
+            destination("render -o out.v2 --format exr").unwrap(),
+            Some(Destination::Folder("out.v2".into(), Format::Exr))
+        );
+        assert_eq!(destination("render --json -").unwrap(), None);
+        assert!(destination("render -o out.jpg").unwrap_err().to_string().contains("not as .jpg"));
+        assert!(destination("render -o out.png --format exr").is_err());
+    }
+
+    #[test]
+    fn pictures_in_a_folder_are_named_after_their_photographs() {
+        let camera = Camera { img_name: "day 1/0007.jpg".into(), ..demo::camera().unwrap() };
+        let folder = Destination::Folder("out".into(), Format::Exr);
+        assert_eq!(folder.path(&camera), Path::new("out/day 1_0007.jpg.exr"));
+        assert_eq!(per_camera(Path::new("a/keys.npy"), &camera, 2), Path::new("a/keys-day 1_0007.jpg.npy"));
+        assert_eq!(per_camera(Path::new("a/keys.npy"), &camera, 1), Path::new("a/keys.npy"));
+    }
+
+    #[test]
+    fn what_to_inspect_is_a_resource_a_pass_and_perhaps_a_file() {
+        let found = wish("keys#1@sort.scatter[2]=a/b.npy").unwrap();
+        assert_eq!((found.resource.as_str(), found.pass.as_str()), ("keys#1", "sort.scatter[2]"));
+        assert_eq!(found.file, Some("a/b.npy".into()));
+        assert!(wish("keys@scatter=keys.txt").is_err());
+    }
 }

@@ -43,11 +43,10 @@ pub struct Args {
 
 /// The scenes, for people.
 pub fn generator_list() -> String {
-    let width = synth::generators().iter().map(|g| g.name.len()).max().unwrap_or(0);
-    let lines = synth::generators().iter().map(|g| {
-        format!("\n  {:width$}  {} ({} splats)", g.name, g.summary, grouped(g.default_count.into()))
-    });
-    format!("Scenes:{}", lines.collect::<String>())
+    let row = |g: &synth::Generator| {
+        (g.name.to_owned(), format!("{} ({} splats)", g.summary, grouped(g.default_count.into())))
+    };
+    format!("Scenes:\n{}", options::two_columns(synth::generators().iter().map(row).collect()))
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
