@@ -49,8 +49,10 @@ pub struct WorstPixel {
 /// Why two pictures cannot be compared.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MetricError {
+    /// Pixels across and down of either.
     #[error("the sizes differ: {a_width} x {a_height} and {b_width} x {b_height}")]
     Sizes { a_width: usize, a_height: usize, b_width: usize, b_height: usize },
+    /// NaN or infinity, for instance from a shader that divides by zero.
     #[error("{which} holds {count} values that are not finite, the first at ({x}, {y})")]
     NotFinite { which: &'static str, count: usize, x: usize, y: usize },
 }

@@ -55,17 +55,8 @@ impl Progress {
         }
     }
 
-    /// Prints a line to standard error without tearing the bar.
-    pub fn say(&self, line: &str) {
-        self.without_bar(|| eprintln!("{line}"));
-    }
-
-    /// Prints a line to standard output without tearing the bar.
-    pub fn print(&self, line: &str) {
-        self.without_bar(|| println!("{line}"));
-    }
-
-    fn without_bar(&self, print: impl FnOnce()) {
+    /// Prints something without tearing the bar.
+    pub fn suspend<T>(&self, print: impl FnOnce() -> T) -> T {
         match &self.bar {
             Some(bar) => bar.suspend(print),
             None => print(),

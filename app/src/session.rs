@@ -19,8 +19,10 @@ use splatgraph_framework::plan::{Format, ParamBinding, Plan, Source, Value};
 /// Why a session could not go on.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
+    /// The graph or its shaders have errors.
     #[error(transparent)]
     Graph(#[from] GraphErrors),
+    /// The device refused, or failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
     /// A frame was asked for before [`Session::prepare`].

@@ -14,16 +14,18 @@ use std::collections::BTreeMap;
 pub struct CameraStats {
     /// The camera's name.
     pub camera: String,
-    /// Pixels across and down.
+    /// Pixels across.
     pub width: u32,
+    /// Pixels down.
     pub height: u32,
     /// The graph.
     pub pipeline: String,
-    /// The device's name, and its driver.
+    /// The device's name.
     pub device: String,
+    /// The device's driver, with its version.
     pub driver: String,
-    /// All parameters of the graph with the values in use.
-    pub parameters: BTreeMap<String, Value>,
+    /// All parameters of the graph with the values in use, in the order of the file.
+    pub parameters: Map<String, Json>,
     /// `loaded`: splats of the scene; and the graph's statistics, as of the last frame: `visible` (after culling),
     /// `drawn`, ...
     pub counts: Map<String, Json>,
@@ -47,7 +49,9 @@ pub struct CameraStats {
 /// The time of a pass.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PassTime {
+    /// As in the plan's dump.
     pub name: String,
+    /// The group that it belongs to.
     pub phase: String,
     /// Milliseconds; `None` where the device has no timestamps.
     pub gpu_ms: Option<f64>,
@@ -58,7 +62,9 @@ pub struct PassTime {
 /// An allocation.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BufferSize {
+    /// The resource's name, or what the backend itself uses it for.
     pub name: String,
+    /// Its size.
     pub bytes: u64,
 }
 
@@ -86,7 +92,7 @@ impl CameraStats {
             pipeline: plan.name.clone(),
             device: device.name.clone(),
             driver: device.driver.clone(),
-            parameters: plan.params.iter().map(|p| (p.name.clone(), p.value.clone())).collect(),
+            parameters: plan.params.iter().map(|p| (p.name.clone(), json(&p.value))).collect(),
             counts,
             phases: phase_times(&passes),
             passes,
@@ -140,6 +146,15 @@ pub fn grouped(value: u64) -> String {
         text.extend(group.iter().map(|b| char::from(*b)));
     }
     text
+}
+
+fn json(value: &Value) -> Json {
+    match value {
+        Value::Bool(v) => (*v).into(),
+        Value::Int(v) => (*v).into(),
+        Value::Float(v) => (*v).into(),
+        Value::Text(v) => v.as_str().into(),
+    }
 }
 
 fn median(mut values: Vec<f64>) -> Option<f64> {

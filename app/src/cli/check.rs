@@ -38,11 +38,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut outcome = Outcome::Done;
     for graph in graphs {
         match check(&mut planner, graph, &args.set) {
-            Ok(line) => println!("{graph}: OK, {line}"),
+            Ok(line) => options::print(&format!("{graph}: OK, {line}"))?,
             Err(errors) => {
                 outcome = Outcome::Failed;
                 eprintln!("{}", errors.text(colour()).trim_end());
-                println!("{graph}: {}", if errors.count == 1 { "an error" } else { "errors" });
+                options::print(&format!(
+                    "{graph}: {}",
+                    if errors.count == 1 { "an error" } else { "errors" }
+                ))?;
             }
         }
     }

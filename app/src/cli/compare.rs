@@ -1,6 +1,6 @@
 //! `splatgraph compare`: how far pictures are apart.
 
-use super::{Outcome, Usage};
+use super::{Outcome, Usage, options};
 use crate::image::{Image, npz_names, split_member};
 use crate::metrics::{self, Comparison};
 use anyhow::{Context, Result, bail};
@@ -86,11 +86,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let worst = (0..found.len()).min_by(|&i, &j| found[i].psnr().total_cmp(&found[j].psnr()));
     let Some(worst) = worst else { bail!("there are no pictures to compare") };
     if args.json {
-        println!("{:#}", report(&pairs, &found, worst, folders));
+        options::print(&format!("{:#}", report(&pairs, &found, worst, folders)))?;
     } else if folders {
-        print!("{}", table(&pairs, &found, worst));
+        options::print(&table(&pairs, &found, worst))?;
     } else {
-        println!("{}", sentence(&found[0]));
+        options::print(&sentence(&found[0]))?;
     }
     match args.min_psnr {
         Some(least) if found[worst].psnr() < least => {
@@ -231,7 +231,7 @@ fn table(pairs: &[Pair], found: &[Comparison], worst: usize) -> String {
             c.worst.y
         );
     }
-    text + &format!("worst: {}, {}\n", pairs[worst].name, sentence(&found[worst]))
+    text + &format!("worst: {}, {}", pairs[worst].name, sentence(&found[worst]))
 }
 
 /// PSNR is `null` where it is infinite.

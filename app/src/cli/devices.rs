@@ -25,12 +25,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
         bail!("the Vulkan loader knows no device");
     }
     for device in &devices {
-        println!("{}: {} ({}; {})", device.index, device.name, device.kind, device.driver);
+        options::print(&format!("{}: {} ({}; {})", device.index, device.name, device.kind, device.driver))?;
         for (name, value) in &device.facts {
-            println!("     {name} = {value}");
+            options::print(&format!("     {name} = {value}"))?;
         }
         if let Some(why) = &device.unfit {
-            println!("     cannot run graphs: {why}");
+            options::print(&format!("     cannot run graphs: {why}"))?;
         }
     }
     Ok(Outcome::Done)

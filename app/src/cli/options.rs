@@ -134,6 +134,11 @@ pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
     write_text(Some(path).filter(|path| *path != Path::new("-")), &format!("{value:#}\n"))
 }
 
+/// Prints a line to standard output. Unlike `println!` it does not panic where nobody listens any more.
+pub fn print(line: &str) -> Result<()> {
+    Ok(writeln!(std::io::stdout().lock(), "{line}")?)
+}
+
 /// Writes a text to a file, or to standard output.
 pub fn write_text(path: Option<&Path>, text: &str) -> Result<()> {
     match path {

@@ -114,17 +114,25 @@ pub fn run(args: &Args) -> Result<Outcome> {
         progress.set(index as u64, cameras.len() as u64, &camera.img_name);
         let Drawn { stats, image, wishes } = draw(args, &mut session, camera, destination.is_some())?;
         // Where the JSON goes to standard output, it goes alone.
-        let say = |line: &str| if json_alone { progress.say(line) } else { progress.print(line) };
+        let say = |line: String| {
+            progress.suspend(|| {
+                if json_alone {
+                    eprintln!("{line}");
+                    return Ok(());
+                }
+                options::print(&line)
+            })
+        };
         match (&destination, image) {
             (Some(destination), Some(image)) => {
                 let path = destination.path(camera);
                 image.save(&path)?;
-                say(&format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line()));
+                say(format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line()))?;
             }
-            _ => say(&format!("{}: {}", camera.img_name, stats.line())),
+            _ => say(format!("{}: {}", camera.img_name, stats.line()))?,
         }
         for (finding, wish) in stats.inspected.iter().zip(wishes) {
-            say(&finding.text());
+            say(finding.text())?;
             if let Some(file) = &args.inspect[wish].file {
                 finding.save(&per_camera(file, camera, cameras.len()))?;
             }

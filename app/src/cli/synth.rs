@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             (synth::generate(name, count, args.seed)?, generator.map(|g| (g.cameras)()))
         }
         _ => {
-            println!("{}", generator_list());
+            options::print(&generator_list())?;
             return Ok(Outcome::Done);
         }
     };
@@ -69,16 +69,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
         return Err(Usage(format!("{}: a scene's name ends with .ply", output.display())).into());
     }
     demo::write(&scene, output).with_context(|| format!("{} cannot be written", output.display()))?;
-    println!(
+    options::print(&format!(
         "{}: {} splats, {} bytes",
         output.display(),
         grouped(scene.count().into()),
         grouped(scene.worksheet().file_bytes)
-    );
+    ))?;
     if let (Some(path), Some(cameras)) = (&args.cameras, cameras) {
         make_folder_of(path)?;
         Camera::save(&cameras, path)?;
-        println!("{}: {} cameras", path.display(), cameras.len());
+        options::print(&format!("{}: {} cameras", path.display(), cameras.len()))?;
     }
     Ok(Outcome::Done)
 }
