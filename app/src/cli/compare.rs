@@ -61,6 +61,16 @@ struct Pair {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
+    let (text, outcome) = compare(args)?;
+    options::print(&text)?;
+    if let Outcome::Failed = outcome {
+        eprintln!("error: PSNR is below the {} dB of --min-psnr", args.min_psnr.unwrap_or_default());
+    }
+    Ok(outcome)
+}
+
+/// What is printed, and how it ends.
+fn compare(args: &Args) -> Result<(String, Outcome)> {
     let (a, b) = (Pictures::of(&args.a)?, Pictures::of(&args.b)?);
     let (pairs, folders) = match (a, b) {
         (Pictures::One(a), Pictures::One(b)) => (vec![Pair { name: a.display().to_string(), a, b }], false),
@@ -85,20 +95,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let worst = (0..found.len()).min_by(|&i, &j| found[i].psnr().total_cmp(&found[j].psnr()));
     let Some(worst) = worst else { bail!("there are no pictures to compare") };
-    if args.json {
-        options::print(&format!("{:#}", report(&pairs, &found, worst, folders)))?;
+    let text = if args.json {
+        format!("{:#}", report(&pairs, &found, worst, folders))
     } else if folders {
-        options::print(&table(&pairs, &found, worst))?;
+        table(&pairs, &found, worst)
     } else {
-        options::print(&sentence(&found[0]))?;
-    }
-    match args.min_psnr {
-        Some(least) if found[worst].psnr() < least => {
-            eprintln!("{}: {} dB is below {least} dB", pairs[worst].name, decibels(&found[worst]));
-            Ok(Outcome::Failed)
-        }
-        _ => Ok(Outcome::Done),
-    }
+        sentence(&found[0])
+    };
+    let below = args.min_psnr.is_some_and(|least| found[worst].psnr() < least);
+    Ok((text, if below { Outcome::Failed } else { Outcome::Done }))
 }
 
 /// What an argument names.
@@ -281,7 +286,7 @@ mod tests {
 
     fn compared(a: &Path, b: &Path, options: &[&str]) -> Result<Outcome> {
         let line = [&["compare", a.to_str().unwrap(), b.to_str().unwrap()], options].concat();
-        run(&Line::parse_from(line).args)
+        compare(&Line::parse_from(line).args).map(|(_, outcome)| outcome)
     }
 
     #[test]
