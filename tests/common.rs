@@ -7,8 +7,7 @@ use std::path::PathBuf;
 /// The CPU driver, with synchronization validation on.
 pub fn device() -> Vulkan {
     let name = std::env::var("SPLATGRAPH_TEST_DEVICE").unwrap_or_else(|_| "llvmpipe".into());
-    let options =
-        Options { device: Some(name), validation: Validation::Synchronization, ..Options::default() };
+    let options = Options { device: Some(name), validation: Validation::Synchronization };
     Vulkan::open(&options)
         .unwrap_or_else(|e| panic!("the tests need lavapipe and the validation layers: {e}"))
 }

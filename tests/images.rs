@@ -117,11 +117,10 @@ fn narrow_keys_and_no_sort_cost_accuracy() {
         let right = draw(&data, scene, "splat", [0.0; 3]);
         for preset in ["key16", "unsorted"] {
             let images = draw(&data, scene, preset, [0.0; 3]);
-            for (i, image) in images.iter().enumerate() {
-                let db = psnr(image, &right[i]);
-                println!("{scene} camera {i}: {preset} {db:.1} dB");
-                assert!(db.is_finite(), "{scene}, camera {i}: {preset} changed nothing");
-            }
+            let differences: Vec<f64> = images.iter().zip(&right).map(|(a, b)| psnr(a, b)).collect();
+            println!("{scene}: {preset} {differences:.1?} dB");
+            // Where no two splats that overlap fall on one key, narrow keys cost nothing: not so from every camera.
+            assert!(differences.iter().any(|db| db.is_finite()), "{scene}: {preset} changed nothing");
         }
     }
 }
@@ -144,10 +143,10 @@ fn every_form_of_the_sort_and_of_the_covariance_draws_the_same_scene() {
 /// The demo scene needs no download, so every preset is validated even without captures.
 #[test]
 fn every_preset_draws_a_generated_scene_without_a_validation_message() {
-    let scene = || splatgraph_assets::generate("demo", 20_000, 1).expect("a generator");
+    let scene = || splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");
     let camera = Camera::framing(&scene(), 320, 180);
     for preset in splatgraph::builtin::presets() {
-        let images = draw_scene(scene(), std::slice::from_ref(&camera), &preset.name, [0.0; 3], &[]);
+        let images = draw_scene(scene(), std::slice::from_ref(&camera), preset.name, [0.0; 3], &[]);
         let lit = images[0].rgb.iter().filter(|p| p.iter().any(|v| *v > 0.05)).count();
         assert!(lit > 320 * 180 / 20, "{}: only {lit} pixels show anything", preset.name);
     }

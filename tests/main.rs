@@ -7,4 +7,5 @@
 mod common;
 mod covariance;
 mod images;
+mod mistakes;
 mod sort;

@@ -4,10 +4,12 @@
 //! with 3 channels, or 4 of which the last is ignored.
 
 use super::{Image, ImageError, MAX_PIXELS, check_size, has_extension, make_folder_of};
-use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder, npz::NpzArchive};
+use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::Path;
+use zip::ZipArchive;
+use zip::result::ZipError;
 
 pub(super) fn save(image: &Image, path: &Path) -> Result<(), ImageError> {
     let shape = [image.height as u64, image.width as u64, 3];
@@ -49,21 +51,31 @@ pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
 }
 
 pub(super) fn load_member(archive: &Path, array: &str) -> Result<Image, ImageError> {
-    let fail = |e: io::Error| ImageError::because(archive, e);
-    let mut npz = NpzArchive::open(archive).map_err(fail)?;
-    let Some(npy) = npz.by_name(array).map_err(fail)? else {
-        let names = npz_names(archive)?.join(", ");
-        return Err(ImageError::new(archive, format!("no array is named '{array}' (it holds {names})")));
+    let mut npz = open_npz(archive)?;
+    let member = match npz.by_name(&format!("{array}.npy")) {
+        Ok(member) => member,
+        Err(ZipError::FileNotFound) => {
+            let names = npz_names(archive)?.join(", ");
+            return Err(ImageError::new(archive, format!("no array is named '{array}' (it holds {names})")));
+        }
+        Err(error) => return Err(ImageError::because(archive, error)),
     };
-    read(archive, npy)
+    read(archive, NpyFile::new(BufReader::new(member)).map_err(|e| ImageError::because(archive, e))?)
 }
 
 /// The names of an archive's arrays, sorted.
 pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
-    let npz = NpzArchive::open(archive).map_err(|e| ImageError::because(archive, e))?;
-    let mut names: Vec<String> = npz.array_names().map(str::to_owned).collect();
+    let npz = open_npz(archive)?;
+    let mut names: Vec<String> =
+        npz.file_names().flatten().filter_map(|name| name.strip_suffix(".npy").map(str::to_owned)).collect();
     names.sort();
     Ok(names)
+}
+
+/// An `.npz` is a zip archive of `.npy` files.
+fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
+    let file = File::open(archive).map_err(|e| ImageError::because(archive, e))?;
+    ZipArchive::new(BufReader::new(file)).map_err(|e| ImageError::because(archive, e))
 }
 
 fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
@@ -134,19 +146,14 @@ mod tests {
     fn an_archive_gives_its_arrays_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npz");
-        let mut npz = npyz::npz::NpzWriter::create(&path).unwrap();
+        let mut npz = zip::ZipWriter::new(File::create(&path).unwrap());
         for (name, value) in [("second", 2.0f32), ("first", 1.0)] {
-            let mut npy = npz
-                .array(name, Default::default())
-                .unwrap()
-                .default_dtype()
-                .shape(&[1, 1, 3])
-                .begin_nd()
-                .unwrap();
-            npy.extend([value; 3]).unwrap();
-            npy.finish().unwrap();
+            let member = folder.path().join("member.npy");
+            save_words(&member, &[1, 1, 3], &[value; 3]).unwrap();
+            npz.start_file(format!("{name}.npy"), zip::write::SimpleFileOptions::default()).unwrap();
+            npz.write_all(&std::fs::read(member).unwrap()).unwrap();
         }
-        drop(npz);
+        npz.finish().unwrap();
         assert_eq!(npz_names(&path).unwrap(), ["first", "second"]);
         assert_eq!(load_member(&path, "first").unwrap().rgb, [[1.0; 3]]);
         let message = load_member(&path, "third").unwrap_err().to_string();

@@ -193,7 +193,7 @@ pub(super) fn given(
 ) -> Result<Value, Diagnostic> {
     let value = match (number, domain) {
         (Number::Expression(text), Domain::Choice(of))
-            if of.contains(text) || is_identifier(text) && names.values.get(text).is_none() =>
+            if of.contains(text) || is_identifier(text) && !names.values.contains_key(text) =>
         {
             Value::Text(text.clone())
         }

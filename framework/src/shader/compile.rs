@@ -95,6 +95,9 @@ impl ShaderCompiler for Glslang {
         request: &ShaderRequest,
     ) -> Result<Compiled, Vec<Diagnostic>> {
         let sources = Sources::gather(files, request)?;
+        if let Some(diagnostic) = sources.taken_name(files, request) {
+            return Err(vec![diagnostic]);
+        }
         let defines = request.defines.iter().filter(|(name, _)| sources.identifiers.contains(name));
         let defines: Vec<(String, String)> = defines.cloned().collect();
         let includes = sources.units.iter().map(|u| {
@@ -148,6 +151,8 @@ struct Unit {
     text: String,
     /// What it includes, by the name in its `#include`.
     includes: BTreeMap<String, Include>,
+    /// What it seems to declare: names after types.
+    declared: Vec<(String, Range<usize>)>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -239,9 +244,36 @@ impl Sources {
                 });
                 includes.insert(name.to_string(), Include { place, target });
             }
-            sources.units.push(Unit { origin, text, includes });
+            let declared = scan.declared.into_iter().map(|(name, place)| (name.to_string(), place)).collect();
+            sources.units.push(Unit { origin, text, includes, declared });
         }
         Ok(sources)
+    }
+
+    /// A constant of the graph that the shader declares as well. The preprocessor would put the number in the place of the
+    /// name, and the compiler would complain of something else.
+    fn taken_name(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
+        for unit in &self.units {
+            for (name, place) in &unit.declared {
+                let Some((_, value)) = request.defines.iter().find(|(define, _)| define == name) else {
+                    continue;
+                };
+                let span =
+                    Span { file: unit.origin.file(files, request), start: place.start, end: place.end };
+                let graph = name.to_lowercase();
+                return Some(
+                    Diagnostic::new(
+                        format!("`{name}` is a constant of the graph"),
+                        span,
+                        "declared again here",
+                    )
+                    .with_help(format!(
+                        "the graph gives it as a define, {value}: use that, or rename `{graph}` in the graph"
+                    )),
+                );
+            }
+        }
+        None
     }
 }
 

@@ -416,8 +416,8 @@ impl World {
             .flat_map(|t| demand.source_stages.iter().map(move |s| (index(t), index(s))))
         {
             self.ordered[to][from] = self.ordered[to][from].max(self.now - 1);
-            for earlier in 0..STAGES {
-                self.ordered[to][earlier] = self.ordered[to][earlier].max(before[from][earlier]);
+            for (known, earlier) in self.ordered[to].iter_mut().zip(before[from]) {
+                *known = (*known).max(earlier);
             }
         }
     }

@@ -146,6 +146,8 @@ pub(super) struct Scan<'t> {
     pub includes: Vec<(&'t str, Range<usize>)>,
     /// The names that follow `#define`.
     pub macros: HashSet<&'t str>,
+    /// Names that follow the name of a type, as those of variables and constants do, and where they stand.
+    pub declared: Vec<(&'t str, Range<usize>)>,
     /// The text's first `#version` and whether it says 460, in the core profile.
     pub version: Option<(Range<usize>, bool)>,
     /// The first token that GLSL does not allow.
@@ -158,6 +160,7 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
         identifiers: HashSet::new(),
         includes: Vec::new(),
         macros: HashSet::new(),
+        declared: Vec::new(),
         version: None,
         foreign: None,
     };
@@ -165,7 +168,11 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
     for (i, token) in tokens.iter().enumerate() {
         match token.kind {
             TokenKind::Identifier => {
-                scan.identifiers.insert(token.of(text));
+                let name = token.of(text);
+                scan.identifiers.insert(name);
+                if i > 0 && is_number_type(tokens[i - 1].of(text)) {
+                    scan.declared.push((name, token.range()));
+                }
             }
             TokenKind::Foreign if scan.foreign.is_none() => scan.foreign = Some(token.range()),
             TokenKind::Symbol if line_starts && token.of(text) == "#" => {
@@ -189,6 +196,12 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
         line_starts = token.kind == TokenKind::Newline;
     }
     scan
+}
+
+/// `uint`, `vec3`, ...: the types of what a shader could call like a constant of the graph.
+fn is_number_type(word: &str) -> bool {
+    let base = word.strip_prefix(['i', 'u', 'b', 'd']).filter(|rest| rest.starts_with("vec")).unwrap_or(word);
+    matches!(base, "uint" | "int" | "float" | "bool" | "double" | "vec2" | "vec3" | "vec4")
 }
 
 /// The name in quotes or angle brackets that stands at `at`.

@@ -393,3 +393,17 @@ void main() {{
         }
     }
 }
+
+#[test]
+fn a_constant_of_the_graph_that_the_shader_declares_again_is_shown_where_it_does() {
+    let shader = format!("{HEAD}const uint BINS = 4u;\nvoid main() {{ o[0] = BINS; }}\n");
+    let files = [("shaders/a.comp", shader.as_str())];
+    let shown = errors_of(&files, &[("BINS", "256")]);
+    assert_eq!(shown.len(), 1, "{shown:?}");
+    assert!(shown[0].contains("5:12: BINS"), "{shown:?}");
+    assert!(shown[0].contains("`BINS` is a constant of the graph"), "{shown:?}");
+    assert!(
+        Bench::new(&files).compile("a.comp", &[]).is_ok(),
+        "without the constant it is the shader's own affair"
+    );
+}

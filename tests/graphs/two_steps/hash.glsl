@@ -1,0 +1,5 @@
+// A hash of 32 bits.
+uint hash(uint x) {
+    x ^= x >> 16;
+    return x * 0x7feb352du;
+}

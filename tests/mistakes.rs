@@ -1,0 +1,223 @@
+//! Mistakes that people make, and every word that they are then shown.
+//!
+//! Each test copies the small graph of `tests/graphs/two_steps`, changes something in it, runs the program on it and
+//! compares all that it prints.
+
+use std::path::Path;
+use std::process::Command;
+
+struct Shown {
+    code: i32,
+    errors: String,
+}
+
+/// Runs `splatgraph ARGS...` in a copy of the graph's folder, with `changes` made: file, what stands there, what instead.
+fn shown(changes: &[(&str, &str, &str)], args: &[&str]) -> Shown {
+    let folder = tempfile::tempdir().expect("a folder");
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/graphs/two_steps");
+    for entry in std::fs::read_dir(source).expect("the graph's folder") {
+        let entry = entry.expect("a file");
+        let mut text = std::fs::read_to_string(entry.path()).expect("text");
+        for (file, from, to) in changes {
+            if entry.file_name() == *file {
+                assert!(text.contains(from), "{file} has no {from}");
+                text = text.replace(from, to);
+            }
+        }
+        std::fs::write(folder.path().join(entry.file_name()), text).expect("written");
+    }
+    let output = Command::new(env!("CARGO_BIN_EXE_splatgraph"))
+        .args(args)
+        .current_dir(folder.path())
+        .output()
+        .expect("the program runs");
+    Shown {
+        code: output.status.code().unwrap_or(-1),
+        errors: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
+}
+
+fn assert_shown(changes: &[(&str, &str, &str)], args: &[&str], expected: &str) {
+    let shown = shown(changes, args);
+    // The expected texts start on a line of their own.
+    let expected = expected.strip_prefix('\n').unwrap_or(expected).trim_end();
+    assert_eq!(shown.errors.trim_end(), expected, "what was printed:\n{}", shown.errors);
+    assert_eq!(shown.code, 1, "a failure exits with 1");
+}
+
+#[test]
+fn a_graph_without_mistakes_is_said_to_be_right() {
+    let shown = shown(&[], &["check", "graph.ron"]);
+    assert_eq!((shown.code, shown.errors.as_str()), (0, ""));
+}
+
+#[test]
+fn a_misspelt_resource() {
+    assert_shown(
+        &[("graph.ron", r#""Keys": "keys", "image""#, r#""Keys": "kesy", "image""#)],
+        &["check", "graph.ron"],
+        r#"
+error: there is no resource `kesy`
+  --> graph.ron:11:85
+   |
+11 |     Dispatch(name: "show", shader: "show.comp", size: Threads(64), bind: { "Keys": "kesy", "image": "image" }),
+   |                                                                                     ^^^^ not declared
+   |
+   = help: did you mean `keys`?
+"#,
+    );
+}
+
+#[test]
+fn a_syntax_error_in_a_file_that_a_shader_includes() {
+    assert_shown(
+        &[("hash.glsl", "x >> 16;", "x >> ;")],
+        &["check", "graph.ron"],
+        r#"
+error: syntax error: unexpected `;`
+ --> hash.glsl:3:15
+  |
+3 |     x ^= x >> ;
+  |               ^
+"#,
+    );
+}
+
+#[test]
+fn two_passes_that_wait_for_each_other() {
+    let make =
+        r#"    Dispatch(name: "make", shader: "make.comp", size: Threads(64), bind: { "Keys": "keys" }),"#;
+    let circle = r#"    Dispatch(name: "make", shader: "copy.comp", size: Threads(64), bind: { "In": "back", "Out": "keys" }),
+    Dispatch(name: "undo", shader: "copy.comp", size: Threads(64), bind: { "In": "keys", "Out": "back" }),"#;
+    assert_shown(
+        &[
+            ("graph.ron", make, circle),
+            (
+                "graph.ron",
+                r#"    "image": Image"#,
+                "    \"back\": Buffer(stride: 4, count: 64),\n    \"image\": Image",
+            ),
+        ],
+        &["check", "graph.ron"],
+        r#"
+error: these passes wait for each other: `make`, `undo`
+  --> graph.ron:11:21
+   |
+11 |     Dispatch(name: "make", shader: "copy.comp", size: Threads(64), bind: { "In": "back", "Out": "keys" }),
+   |                     ^^^^ `make` needs `undo` first, for `back`
+12 |     Dispatch(name: "undo", shader: "copy.comp", size: Threads(64), bind: { "In": "keys", "Out": "back" }),
+   |                     ---- `undo` needs `make` first, for `keys`
+   |
+   = help: a resource with one writer is written before it is read; use a second resource to break the cycle
+"#,
+    );
+}
+
+#[test]
+fn a_stride_that_does_not_fit_the_shader() {
+    assert_shown(
+        &[
+            (
+                "graph.ron",
+                r#""keys": Buffer(stride: 4, count: 64)"#,
+                r#""keys": Buffer(stride: 4, count: 64), "wide": Buffer(stride: 8, count: 64)"#,
+            ),
+            ("graph.ron", r#"{ "Keys": "keys", "image""#, r#"{ "Keys": "wide", "image""#),
+        ],
+        &["check", "graph.ron"],
+        r#"
+error: `Keys` of `show.comp` has elements of 4 bytes
+  --> graph.ron:11:85
+   |
+ 6 |     "keys": Buffer(stride: 4, count: 64), "wide": Buffer(stride: 8, count: 64),
+   |                                            ---- declared here
+...
+11 |     Dispatch(name: "show", shader: "show.comp", size: Threads(64), bind: { "Keys": "wide", "image": "image" }),
+   |                                                                                     ^^^^ `wide` has elements of 8 bytes
+"#,
+    );
+}
+
+#[test]
+fn a_parameter_that_the_graph_does_not_have() {
+    assert_shown(
+        &[],
+        &["dump", "graph.ron", "--set", "widht=4"],
+        r#"
+error: the graph has no parameter `widht`
+ --> --set:1:1
+  |
+1 | widht=4
+  | ^^^^^ set here
+  |
+  = help: did you mean `width`?
+"#,
+    );
+}
+
+#[test]
+fn a_parameter_outside_its_range() {
+    assert_shown(
+        &[],
+        &["dump", "graph.ron", "--set", "width=12"],
+        r#"
+error: `width` cannot be set to this
+ --> --set:1:7
+  |
+1 | width=12
+  |       ^^ 12 is not in 1 to 11
+"#,
+    );
+}
+
+#[test]
+fn a_buffer_that_a_pass_needs_and_the_graph_does_not_bind() {
+    assert_shown(
+        &[("graph.ron", r#"bind: { "Keys": "keys" }"#, r#"bind: { "Kyes": "keys" }"#)],
+        &["check", "graph.ron"],
+        r#"
+error: nothing is bound to the block `Keys` of `make.comp`
+  --> graph.ron:10:21
+   |
+10 |     Dispatch(name: "make", shader: "make.comp", size: Threads(64), bind: { "Kyes": "keys" }),
+   |                     ^^^^ in this pass
+   |
+   = help: `bind` has `Kyes`: is `Keys` meant?
+
+error: `make.comp` has no block `Kyes`
+  --> graph.ron:10:77
+   |
+10 |     Dispatch(name: "make", shader: "make.comp", size: Threads(64), bind: { "Kyes": "keys" }),
+   |                                                                             ^^^^ bound here
+   |
+   = help: did you mean `Keys`?
+"#,
+    );
+}
+
+#[test]
+fn bad_usage_exits_with_2() {
+    assert_eq!(shown(&[], &["chekc"]).code, 2);
+    assert_eq!(shown(&[], &["render"]).code, 2, "a picture needs somewhere to go");
+}
+
+#[test]
+fn a_scene_that_is_none_is_an_error_and_no_panic() {
+    for (name, bytes) in [
+        ("empty.ply", &b""[..]),
+        ("picture.ply", b"\x89PNG\r\n\x1a\n"),
+        (
+            "short.ply",
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nend_header\n",
+        ),
+    ] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).expect("written");
+        let output =
+            Command::new(env!("CARGO_BIN_EXE_splatgraph")).arg("info").arg(&path).output().expect("it runs");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{name}: {errors}");
+        assert!(errors.starts_with("error: ") && errors.contains(name), "{name}: {errors}");
+    }
+}
