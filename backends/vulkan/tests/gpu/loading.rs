@@ -173,6 +173,7 @@ fn devices_are_listed_with_the_facts_that_graphs_can_use() {
             "device.max_groups_x",
             "device.max_invocations",
             "device.max_storage_bytes",
+            "device.rounds_half",
             "device.shared_bytes",
             "device.subgroup_size"
         ]
