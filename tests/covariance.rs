@@ -44,6 +44,7 @@ fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
         .chunks_exact(4)
         .map(|c| f64::from(f32::from_le_bytes([c[0], c[1], c[2], c[3]])))
         .collect();
+    assert!(floats.iter().all(|v| v.is_finite()), "{form}: not a number");
     let per_splat = floats.len() / exact.len();
     assert_eq!(per_splat, if form == "six" { 6 } else { 9 });
     exact.iter().zip(floats.chunks_exact(per_splat)).fold(0.0, |worst: f64, (exact, got)| {

@@ -5,6 +5,7 @@
 //! that they did not run.
 
 mod common;
+mod commands;
 mod covariance;
 mod images;
 mod mistakes;

@@ -5,6 +5,7 @@
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
+use splatgraph_assets::grouped;
 use splatgraph_api::{DeviceInfo, FrameResult};
 use splatgraph_framework::plan::{PassId, Plan, Run, Value};
 use std::collections::BTreeMap;
@@ -134,20 +135,6 @@ impl CameraStats {
     }
 }
 
-/// A number with thousands separated by commas.
-pub fn grouped(value: u64) -> String {
-    let digits = value.to_string();
-    let first = digits.len() % 3;
-    let mut text = digits[..first].to_owned();
-    for group in digits.as_bytes()[first..].chunks(3) {
-        if !text.is_empty() {
-            text.push(',');
-        }
-        text.extend(group.iter().map(|b| char::from(*b)));
-    }
-    text
-}
-
 fn json(value: &Value) -> Json {
     match value {
         Value::Bool(v) => (*v).into(),
@@ -207,11 +194,6 @@ fn total_time(plan: &Plan, frames: &[FrameResult]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn thousands_are_separated() {
-        assert_eq!([0, 12, 999, 1000, 1_234_567].map(grouped), ["0", "12", "999", "1,000", "1,234,567"]);
-    }
 
     #[test]
     fn the_median_of_an_even_number_is_between_the_middle_two() {

@@ -39,4 +39,4 @@ pub use error::{LoadError, SceneError};
 pub use ply::read::Progress;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{Dropped, QuaternionNorms, Scene, Splat, sh_floats};
-pub use worksheet::{ElementSheet, FieldSheet, Worksheet};
+pub use worksheet::{ElementSheet, FieldSheet, Worksheet, grouped};

@@ -118,8 +118,8 @@ impl ElementSheet {
     }
 }
 
-/// A number with thousands separated.
-pub(crate) fn grouped(value: u64) -> String {
+/// A number with thousands separated by commas.
+pub fn grouped(value: u64) -> String {
     let digits = value.to_string();
     let mut out = String::new();
     for (i, digit) in digits.chars().enumerate() {

@@ -9,6 +9,10 @@ use splatgraph_vulkan::Vulkan;
 /// The index, or a part of the name, is what --device takes. Without --device the first discrete GPU is taken, else an
 /// integrated one, else another, one that runs on the CPU last.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  splatgraph devices
+  splatgraph devices --json
+  splatgraph render --device llvmpipe -o demo.png")]
 pub struct Args {
     /// Print JSON, with the facts that graphs can use
     #[arg(long)]

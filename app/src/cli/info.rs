@@ -93,10 +93,10 @@ fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
         }
         let sum: u64 = resources.iter().map(|r| r.bytes).sum();
         all += sum;
-        text += &format!("  {title}: {} bytes\n", crate::stats::grouped(sum));
+        text += &format!("  {title}: {} bytes\n", splatgraph_assets::grouped(sum));
         for r in resources {
-            text += &format!("    {:<24}{:>28}{:>18}\n", r.name, r.shape, crate::stats::grouped(r.bytes));
+            text += &format!("    {:<24}{:>28}{:>18}\n", r.name, r.shape, splatgraph_assets::grouped(r.bytes));
         }
     }
-    text + &format!("  sum: {} bytes\n", crate::stats::grouped(all))
+    text + &format!("  sum: {} bytes\n", splatgraph_assets::grouped(all))
 }

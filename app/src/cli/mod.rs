@@ -90,7 +90,7 @@ pub fn main() -> ExitCode {
 fn command() -> clap::Command {
     let command = Cli::command();
     // The lists take some milliseconds to make: only for those who ask.
-    let asked = std::env::args().skip(1).any(|arg| arg == "--help" || arg == "help");
+    let asked = std::env::args_os().skip(1).any(|arg| arg == "--help" || arg == "help");
     if !asked {
         return command;
     }

@@ -4,7 +4,7 @@ use super::Usage;
 use super::{Outcome, options};
 use crate::demo;
 use crate::image::make_folder_of;
-use crate::stats::grouped;
+use splatgraph_assets::grouped;
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, synth};
 use std::path::PathBuf;

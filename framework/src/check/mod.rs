@@ -186,13 +186,7 @@ impl Checker<'_> {
         let file = match self.files.find(Some(pass.file), &name.name, Kind::Shader) {
             Ok(file) => file,
             Err(error) => {
-                let diagnostic =
-                    Diagnostic::new(format!("there is no shader `{}`", name.name), name.span, "named here");
-                let diagnostic = match &error.nearest {
-                    Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-                    None => diagnostic,
-                };
-                self.errors.push(diagnostic.with_help(error.to_string()));
+                self.errors.push(error.at(name.span));
                 return None;
             }
         };

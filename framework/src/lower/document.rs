@@ -4,7 +4,7 @@ use indexmap::IndexMap;
 use std::rc::Rc;
 
 use crate::schema::{Document, GRAPH_VERSION, Graph, Number};
-use crate::source::{Diagnostic, FileId, Kind, NotFound, Outline, Path, SourceMap, Span, ron_error};
+use crate::source::{Diagnostic, FileId, Kind, Outline, Path, SourceMap, Span, ron_error};
 
 /// A graph with what presets changed of it.
 #[derive(Clone, Debug)]
@@ -35,26 +35,6 @@ pub(super) fn open(files: &mut SourceMap, name: &str) -> Result<Opened, Vec<Diag
     follow(files, file)
 }
 
-/// A name that was given on the command line has no file to point into: it is shown as a text of its own.
-fn not_found(files: &mut SourceMap, option: &str, name: &str, error: NotFound) -> Diagnostic {
-    let file = files.add(option, name);
-    let diagnostic = Diagnostic::new(
-        format!("there is no graph `{name}`"),
-        Span { file, start: 0, end: name.len() },
-        "named here",
-    );
-    tried(diagnostic, &error)
-}
-
-/// Adds to a diagnostic where a file was looked for and what was probably meant.
-pub(super) fn tried(diagnostic: Diagnostic, error: &NotFound) -> Diagnostic {
-    let diagnostic = match &error.nearest {
-        Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-        None => diagnostic,
-    };
-    diagnostic.with_help(error.to_string())
-}
-
 /// Reads a file; where it is a preset, goes on to its graph.
 pub(super) fn follow(files: &mut SourceMap, mut file: FileId) -> Result<Opened, Vec<Diagnostic>> {
     let mut set = IndexMap::new();
@@ -83,12 +63,7 @@ pub(super) fn follow(files: &mut SourceMap, mut file: FileId) -> Result<Opened, 
                     let path = Path::root().field("set").key(&name);
                     set.entry(name).or_insert(Setting { number, outline: outline.clone(), path });
                 }
-                let next = files.find(Some(file), &preset.graph, Kind::Graph).map_err(|e| {
-                    vec![tried(
-                        Diagnostic::new(format!("there is no graph `{}`", preset.graph), base, "named here"),
-                        &e,
-                    )]
-                })?;
+                let next = files.find(Some(file), &preset.graph, Kind::Graph).map_err(|e| vec![e.at(base)])?;
                 if chain.iter().any(|(seen, _)| *seen == next) || chain.len() > MAX_DEPTH {
                     let mut diagnostic =
                         Diagnostic::new("these presets are based on each other", base, "leads back");

@@ -483,9 +483,10 @@ impl<'a> Lowering<'a> {
             return Ok(());
         }
         let graph_place = place.field("graph");
-        let file = self.files.find(Some(level.file), graph, Kind::Graph).map_err(|e| {
-            document::tried(graph_place.error(format!("there is no graph `{graph}`"), "named here"), &e)
-        })?;
+        let file = self
+            .files
+            .find(Some(level.file), graph, Kind::Graph)
+            .map_err(|e| e.at(graph_place.span()))?;
         if self.includes.contains(&file) || self.includes.len() > MAX_DEPTH {
             return Err(graph_place
                 .error("these graphs include each other", "leads back to a graph that includes this one"));

@@ -1,0 +1,114 @@
+//! The program as a person uses it: a scene is made, looked at, drawn and compared, each by its command.
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn splatgraph(folder: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_splatgraph")).args(args).current_dir(folder).output().expect("the program runs")
+}
+
+/// Standard output of a command that succeeds.
+fn done(folder: &Path, args: &[&str]) -> String {
+    let output = splatgraph(folder, args);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "splatgraph {}: {errors}", args.join(" "));
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// A folder with a generated scene and its cameras.
+fn scene() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    done(folder.path(), &["synth", "demo", "--count", "5000", "-o", "scene.ply", "--cameras", "cameras.json"]);
+    folder
+}
+
+#[test]
+fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
+    let folder = scene();
+    let text = done(
+        folder.path(),
+        &[
+            "render", "scene.ply", "--cameras", "cameras.json", "--size", "160x90", "--format", "npy", "-o", "out",
+            "--json", "stats.json", "--inspect", "keys@scatter", "--inspect", "order@scatter=order.npy",
+            "--device", "llvmpipe", "--validate",
+        ],
+    );
+    assert!(text.contains("keys ascend") || text.contains("monotonic"), "nothing is said of the keys:\n{text}");
+    let stats: Value =
+        serde_json::from_str(&std::fs::read_to_string(folder.path().join("stats.json")).expect("written")).expect("JSON");
+    let cameras = stats.as_array().expect("one entry per camera");
+    assert_eq!(cameras.len(), 4);
+    for camera in cameras {
+        for key in ["device", "parameters", "counts", "passes", "phases", "buffers"] {
+            assert!(!camera[key].is_null(), "no {key} in {camera}");
+        }
+        let count = |name: &str| camera["counts"][name].as_u64().unwrap_or_else(|| panic!("no {name} in {camera}"));
+        assert_eq!(count("loaded"), 5000);
+        assert!(count("visible") <= 5000 && count("drawn") == count("visible") && count("drawn") > 0);
+        for phase in ["project", "key", "sort", "draw"] {
+            assert!(camera["phases"][phase].as_f64().is_some_and(|ms| ms > 0.0), "no time for {phase} in {camera}");
+        }
+        let pass = &camera["passes"][0];
+        assert!(pass["name"].is_string() && pass["phase"].is_string() && pass["gpu_ms"].is_number(), "{pass}");
+        let buffers = camera["buffers"].as_array().expect("a list");
+        assert!(buffers.iter().any(|b| b["name"] == "keys#0" && b["bytes"] == 20_000), "{buffers:?}");
+    }
+    for name in ["pond", "knot", "lotus", "lee"] {
+        let image = splatgraph::image::Image::load(&folder.path().join(format!("out/{name}.npy"))).expect("a picture");
+        assert_eq!((image.width, image.height), (160, 90));
+    }
+}
+
+#[test]
+fn a_picture_is_the_same_in_every_format_and_compares_as_such() {
+    let folder = scene();
+    for picture in ["a.npy", "b.exr", "c.png"] {
+        let args = ["render", "scene.ply", "--cameras", "cameras.json#0", "--size", "96x54", "-o", picture];
+        done(folder.path(), &args);
+    }
+    assert!(done(folder.path(), &["compare", "a.npy", "b.exr"]).contains("inf"), "the floats are the same");
+    done(folder.path(), &["compare", "a.npy", "c.png", "--min-psnr", "50"]);
+    let other = ["render", "scene.ply", "--cameras", "cameras.json#1", "--size", "96x54", "-o", "d.npy"];
+    done(folder.path(), &other);
+    let worse = splatgraph(folder.path(), &["compare", "a.npy", "d.npy", "--min-psnr", "50"]);
+    assert_eq!(worse.status.code(), Some(1), "another camera gives another picture");
+}
+
+#[test]
+fn dumps_show_eight_four_and_three_digits() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (preset, digits) in [("digit4", 8), ("digit8", 4), ("digit11", 3), ("key16", 2), ("unsorted", 0)] {
+        let dump: Value =
+            serde_json::from_str(&done(folder.path(), &["dump", preset, "--format", "json"])).expect("JSON");
+        let passes = dump["passes"].as_array().expect("a list");
+        for step in ["histogram", "scan", "scatter"] {
+            let prefix = format!("sort.{step}[");
+            let found = passes.iter().filter(|p| p["name"].as_str().is_some_and(|n| n.starts_with(&prefix))).count();
+            assert_eq!(found, digits, "{preset}: dispatches of {step}");
+        }
+    }
+    assert!(done(folder.path(), &["dump", "splat", "--format", "dot"]).starts_with("digraph"));
+}
+
+#[test]
+fn the_accounts_of_a_file_and_of_a_plan_are_complete() {
+    let folder = scene();
+    let bytes = std::fs::metadata(folder.path().join("scene.ply")).expect("there").len();
+    let text = done(folder.path(), &["info", "scene.ply"]);
+    assert!(text.contains(&format!("{} bytes", splatgraph_assets::grouped(bytes))), "{text}");
+    for name in ["covariances", "keys#1", "sort.table"] {
+        assert!(text.contains(name), "no {name} in\n{text}");
+    }
+}
+
+#[test]
+fn every_preset_passes_its_check_and_every_command_teaches() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = done(folder.path(), &["check"]);
+    assert_eq!(text.lines().filter(|l| l.contains("OK")).count(), splatgraph::builtin::names().len(), "{text}");
+    for command in ["render", "dump", "check", "info", "compare", "synth", "devices"] {
+        let help = done(folder.path(), &[command, "--help"]);
+        assert!(help.contains("Examples:"), "{command} has no examples:\n{help}");
+    }
+}
