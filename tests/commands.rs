@@ -5,7 +5,11 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 fn splatgraph(folder: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_splatgraph")).args(args).current_dir(folder).output().expect("the program runs")
+    Command::new(env!("CARGO_BIN_EXE_splatgraph"))
+        .args(args)
+        .current_dir(folder)
+        .output()
+        .expect("the program runs")
 }
 
 /// Standard output of a command that succeeds.
@@ -19,7 +23,10 @@ fn done(folder: &Path, args: &[&str]) -> String {
 /// A folder with a generated scene and its cameras.
 fn scene() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
-    done(folder.path(), &["synth", "demo", "--count", "5000", "-o", "scene.ply", "--cameras", "cameras.json"]);
+    done(
+        folder.path(),
+        &["synth", "demo", "--count", "5000", "-o", "scene.ply", "--cameras", "cameras.json"],
+    );
     folder
 }
 
@@ -29,33 +36,61 @@ fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
     let text = done(
         folder.path(),
         &[
-            "render", "scene.ply", "--cameras", "cameras.json", "--size", "160x90", "--format", "npy", "-o", "out",
-            "--json", "stats.json", "--inspect", "keys@scatter", "--inspect", "order@scatter=order.npy",
-            "--device", "llvmpipe", "--validate",
+            "render",
+            "scene.ply",
+            "--cameras",
+            "cameras.json",
+            "--size",
+            "160x90",
+            "--format",
+            "npy",
+            "-o",
+            "out",
+            "--json",
+            "stats.json",
+            "--inspect",
+            "keys@scatter",
+            "--inspect",
+            "order@scatter=order.npy",
+            "--device",
+            "llvmpipe",
+            "--validate",
         ],
     );
-    assert!(text.contains("keys ascend") || text.contains("monotonic"), "nothing is said of the keys:\n{text}");
+    assert!(
+        text.contains("keys ascend") || text.contains("monotonic"),
+        "nothing is said of the keys:\n{text}"
+    );
     let stats: Value =
-        serde_json::from_str(&std::fs::read_to_string(folder.path().join("stats.json")).expect("written")).expect("JSON");
+        serde_json::from_str(&std::fs::read_to_string(folder.path().join("stats.json")).expect("written"))
+            .expect("JSON");
     let cameras = stats.as_array().expect("one entry per camera");
     assert_eq!(cameras.len(), 4);
     for camera in cameras {
         for key in ["device", "parameters", "counts", "passes", "phases", "buffers"] {
             assert!(!camera[key].is_null(), "no {key} in {camera}");
         }
-        let count = |name: &str| camera["counts"][name].as_u64().unwrap_or_else(|| panic!("no {name} in {camera}"));
+        let count =
+            |name: &str| camera["counts"][name].as_u64().unwrap_or_else(|| panic!("no {name} in {camera}"));
         assert_eq!(count("loaded"), 5000);
         assert!(count("visible") <= 5000 && count("drawn") == count("visible") && count("drawn") > 0);
         for phase in ["project", "key", "sort", "draw"] {
-            assert!(camera["phases"][phase].as_f64().is_some_and(|ms| ms > 0.0), "no time for {phase} in {camera}");
+            assert!(
+                camera["phases"][phase].as_f64().is_some_and(|ms| ms > 0.0),
+                "no time for {phase} in {camera}"
+            );
         }
         let pass = &camera["passes"][0];
-        assert!(pass["name"].is_string() && pass["phase"].is_string() && pass["gpu_ms"].is_number(), "{pass}");
+        assert!(
+            pass["name"].is_string() && pass["phase"].is_string() && pass["gpu_ms"].is_number(),
+            "{pass}"
+        );
         let buffers = camera["buffers"].as_array().expect("a list");
         assert!(buffers.iter().any(|b| b["name"] == "keys#0" && b["bytes"] == 20_000), "{buffers:?}");
     }
     for name in ["pond", "knot", "lotus", "lee"] {
-        let image = splatgraph::image::Image::load(&folder.path().join(format!("out/{name}.npy"))).expect("a picture");
+        let image = splatgraph::image::Image::load(&folder.path().join(format!("out/{name}.npy")))
+            .expect("a picture");
         assert_eq!((image.width, image.height), (160, 90));
     }
 }
@@ -84,7 +119,8 @@ fn dumps_show_eight_four_and_three_digits() {
         let passes = dump["passes"].as_array().expect("a list");
         for step in ["histogram", "scan", "scatter"] {
             let prefix = format!("sort.{step}[");
-            let found = passes.iter().filter(|p| p["name"].as_str().is_some_and(|n| n.starts_with(&prefix))).count();
+            let found =
+                passes.iter().filter(|p| p["name"].as_str().is_some_and(|n| n.starts_with(&prefix))).count();
             assert_eq!(found, digits, "{preset}: dispatches of {step}");
         }
     }
@@ -106,7 +142,11 @@ fn the_accounts_of_a_file_and_of_a_plan_are_complete() {
 fn every_preset_passes_its_check_and_every_command_teaches() {
     let folder = tempfile::tempdir().expect("a folder");
     let text = done(folder.path(), &["check"]);
-    assert_eq!(text.lines().filter(|l| l.contains("OK")).count(), splatgraph::builtin::names().len(), "{text}");
+    assert_eq!(
+        text.lines().filter(|l| l.contains("OK")).count(),
+        splatgraph::builtin::names().len(),
+        "{text}"
+    );
     for command in ["render", "dump", "check", "info", "compare", "synth", "devices"] {
         let help = done(folder.path(), &[command, "--help"]);
         assert!(help.contains("Examples:"), "{command} has no examples:\n{help}");

@@ -4,8 +4,8 @@
 //! failure. Captured scenes and golden images are found through `SPLATGRAPH_DATA`; without it, the tests that need them say
 //! that they did not run.
 
-mod common;
 mod commands;
+mod common;
 mod covariance;
 mod images;
 mod mistakes;

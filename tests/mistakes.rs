@@ -226,7 +226,11 @@ fn a_scene_that_is_none_is_an_error_and_no_panic() {
 fn an_unknown_graph_is_shown_with_the_nearest_name_and_where_it_was_looked_for() {
     let shown = shown(&[], &["check", "splt"]);
     assert_eq!(shown.code, 1);
-    assert!(shown.errors.starts_with("error: there is no graph `splt`\n --> command line:1:1"), "{}", shown.errors);
+    assert!(
+        shown.errors.starts_with("error: there is no graph `splt`\n --> command line:1:1"),
+        "{}",
+        shown.errors
+    );
     assert_eq!(shown.errors.matches("did you mean `splat`?").count(), 1, "{}", shown.errors);
 }
 
@@ -235,6 +239,7 @@ fn an_unknown_graph_is_shown_with_the_nearest_name_and_where_it_was_looked_for()
 fn an_argument_that_is_no_text_is_no_panic() {
     use std::os::unix::ffi::OsStrExt;
     let name = std::ffi::OsStr::from_bytes(b"\xff.ply");
-    let output = Command::new(env!("CARGO_BIN_EXE_splatgraph")).arg("info").arg(name).output().expect("it runs");
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_splatgraph")).arg("info").arg(name).output().expect("it runs");
     assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
 }

@@ -5,8 +5,8 @@
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
-use splatgraph_assets::grouped;
 use splatgraph_api::{DeviceInfo, FrameResult};
+use splatgraph_assets::grouped;
 use splatgraph_framework::plan::{PassId, Plan, Run, Value};
 use std::collections::BTreeMap;
 

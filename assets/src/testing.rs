@@ -27,7 +27,10 @@ pub(crate) fn capture(name: &str) -> Option<PathBuf> {
         Some(folder) => Some(PathBuf::from(folder).join("scenes").join(name)),
         None => {
             // Not by `println!`, which is kept back in tests that pass.
-            let _ = writeln!(std::io::stderr(), "NOT RUN: {name} needs SPLATGRAPH_DATA, the folder of captured scenes");
+            let _ = writeln!(
+                std::io::stderr(),
+                "NOT RUN: {name} needs SPLATGRAPH_DATA, the folder of captured scenes"
+            );
             None
         }
     }

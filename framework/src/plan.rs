@@ -469,7 +469,9 @@ pub struct Barrier {
     pub source_accesses: Accesses,
     pub target_stages: Stages,
     pub target_accesses: Accesses,
-    /// Old and new layout, for images.
+    /// Old and new layout, for images; equal where the layout stays. The old one is that of the steady frame: where an image is
+    /// in another (in the first frame, one that a `Once` pass wrote), a backend names that instead, unless it is
+    /// [`Layout::Undefined`].
     pub layouts: Option<(Layout, Layout)>,
 }
 

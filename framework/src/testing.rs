@@ -35,7 +35,8 @@ impl ShaderCompiler for ListCompiler {
         };
         let text = files.text(request.file).to_string();
         // A draw's two stages share their bindings: number the fragment shader's from 16.
-        let first = if files.path(request.file).ends_with(".frag") { 16 } else { 0 };
+        let path = files.path(request.file);
+        let first = if path.ends_with(".frag") && !path.ends_with("count.frag") { 16 } else { 0 };
         for line in text.lines() {
             let words: Vec<&str> = line.split_whitespace().collect();
             let number = first + reflection.bindings.len() as u32;
@@ -146,6 +147,11 @@ pub const SHADERS: &[(&str, &str)] = &[
     ("change.comp", "rw Out 4"),
     ("show.comp", "r In 4\nimage w Image rgba16f"),
     ("filter.comp", "image r Color rgba16f\nimage w Image rgba16f"),
+    ("pair.comp", "w Out 4\nw Out2 4"),
+    ("paint.comp", "image w Color rgba16f"),
+    ("camera.comp", "uniform Camera 256\nw Out 4"),
+    ("count.vert", "rw Count 4"),
+    ("count.frag", "rw Count 4\nout color"),
     ("push.comp", "w Out 4\npush shift"),
     ("quad.vert", "r In 4"),
     ("quad.frag", "out color"),

@@ -95,7 +95,8 @@ fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
         all += sum;
         text += &format!("  {title}: {} bytes\n", splatgraph_assets::grouped(sum));
         for r in resources {
-            text += &format!("    {:<24}{:>28}{:>18}\n", r.name, r.shape, splatgraph_assets::grouped(r.bytes));
+            text +=
+                &format!("    {:<24}{:>28}{:>18}\n", r.name, r.shape, splatgraph_assets::grouped(r.bytes));
         }
     }
     text + &format!("  sum: {} bytes\n", splatgraph_assets::grouped(all))

@@ -4,8 +4,8 @@ use super::Usage;
 use super::{Outcome, options};
 use crate::demo;
 use crate::image::make_folder_of;
-use splatgraph_assets::grouped;
 use anyhow::{Context, Result};
+use splatgraph_assets::grouped;
 use splatgraph_assets::{Camera, synth};
 use std::path::PathBuf;
 

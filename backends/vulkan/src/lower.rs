@@ -246,9 +246,9 @@ pub(crate) fn untouched(plan: &Plan) -> Vec<vk::ImageLayout> {
 }
 
 /// The barrier's old layout, given what the image is really in. A plan describes the steady state; in the first frame
-/// an image that the frame before would have left in some layout has not been touched yet.
+/// an image that the frame before would have left in some layout is in that of the prologue, or has not been touched yet.
 pub(crate) fn old_layout(planned: vk::ImageLayout, current: vk::ImageLayout) -> vk::ImageLayout {
-    if current == vk::ImageLayout::UNDEFINED { current } else { planned }
+    if planned == vk::ImageLayout::UNDEFINED { planned } else { current }
 }
 
 /// `CLEAR` stands for fills. The specification counts `vkCmdFillBuffer` among the clear commands; validation layers

@@ -3,7 +3,7 @@
 use super::{Checker, LIVE_BLOCK, describe, touch};
 use crate::lower::{FlatBind, FlatPass, FlatWork};
 use crate::plan::{
-    Accesses, Binding, DescriptorKind, Layout, ResourceId, ShaderId, Shape, Source, Stages, Touch, Value,
+    Accesses, Binding, DescriptorKind, Layout, ResourceId, Run, ShaderId, Shape, Source, Stages, Touch, Value,
 };
 use crate::shader::{MemberKind, ReflectedBinding, ReflectedKind};
 use crate::source::{Diagnostic, FileId, Kind, Span, nearest};
@@ -31,6 +31,17 @@ impl Checker<'_> {
                     continue;
                 };
                 let Some(kind) = self.fits(*shader, block, &resources, span) else { continue };
+                if pass.run == Run::Once && kind == DescriptorKind::UniformBuffer {
+                    let shader = &self.shaders[shader.index()].name;
+                    self.errors.push(
+                        Diagnostic::new(
+                            format!("`{}` runs once, and reads what changes with every frame", pass.name),
+                            span,
+                            format!("`{}` of `{shader}`", block.name),
+                        )
+                        .with_help("let it run every frame, or give it constants"),
+                    );
+                }
                 self.describe_touches(block, kind, &resources, *stage, touches);
                 for (element, resource) in resources.iter().enumerate() {
                     let binding = Binding {
@@ -282,6 +293,16 @@ impl Checker<'_> {
         for (shader, _) in stages {
             let shader = self.shaders[shader.index()].clone();
             let Some(block) = &shader.reflection.push else { continue };
+            // The stages of a draw share the bytes.
+            let other = stages.iter().filter_map(|(s, _)| self.shaders[s.index()].reflection.push.as_ref());
+            if other.clone().any(|b| b != block) {
+                self.errors.push(Diagnostic::new(
+                    "the two shaders declare different push constants",
+                    pass.span,
+                    "in this draw",
+                ));
+                break;
+            }
             bytes.resize(bytes.len().max(block.bytes as usize), 0);
             for member in &block.members {
                 known.push(member.name.clone());

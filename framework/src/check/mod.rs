@@ -232,7 +232,7 @@ impl Checker<'_> {
         let groups = match size {
             FlatSize::Indirect { buffer, offset } => return Some(Groups::Indirect { buffer, offset }),
             FlatSize::Groups(groups) => groups,
-            FlatSize::Threads(threads) => threads.div_ceil(local[0] as u64),
+            FlatSize::Threads(threads) => threads.div_ceil(local[0].max(1) as u64),
         };
         let limit = self.limits.groups_x;
         if groups <= limit {

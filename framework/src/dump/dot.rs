@@ -3,7 +3,8 @@
 use super::Dump;
 use super::text::barrier_line;
 
-/// A DOT graph. Edges go from the last writer of a resource to its readers; dashed ones only keep passes apart.
+/// A DOT graph. Edges are barriers, from the passes that they wait for to the one that they stand before; dashed ones only keep
+/// passes apart. Who reads what a barrier made visible to an earlier pass has no edge of its own.
 pub fn dot(dump: &Dump) -> String {
     let quote = |s: &str| format!("\"{}\"", s.replace('\\', "\\\\").replace('"', "\\\""));
     let mut out = format!(

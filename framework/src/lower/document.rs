@@ -30,8 +30,11 @@ pub(super) const MAX_DEPTH: usize = 16;
 
 /// Opens a graph named on the command line, through its presets.
 pub(super) fn open(files: &mut SourceMap, name: &str) -> Result<Opened, Vec<Diagnostic>> {
-    let file =
-        files.find(None, name, Kind::Graph).map_err(|e| vec![not_found(files, "--pipeline", name, e)])?;
+    let file = files.find(None, name, Kind::Graph).map_err(|error| {
+        // There is no file to point into: the name is shown as a text of its own.
+        let file = files.add("command line", name);
+        vec![error.at(Span { file, start: 0, end: name.len() })]
+    })?;
     follow(files, file)
 }
 
@@ -63,7 +66,8 @@ pub(super) fn follow(files: &mut SourceMap, mut file: FileId) -> Result<Opened, 
                     let path = Path::root().field("set").key(&name);
                     set.entry(name).or_insert(Setting { number, outline: outline.clone(), path });
                 }
-                let next = files.find(Some(file), &preset.graph, Kind::Graph).map_err(|e| vec![e.at(base)])?;
+                let next =
+                    files.find(Some(file), &preset.graph, Kind::Graph).map_err(|e| vec![e.at(base)])?;
                 if chain.iter().any(|(seen, _)| *seen == next) || chain.len() > MAX_DEPTH {
                     let mut diagnostic =
                         Diagnostic::new("these presets are based on each other", base, "leads back");

@@ -14,10 +14,14 @@ use crate::plan::{
     Domain, DrawCall, LeftOut, Param, Resource, ResourceId, Run, Shape, Source, Stat, Target, Value,
 };
 use crate::schema::{Call, Graph, Number, ParamDecl, PassDecl, Size};
+use crate::solve::EXPORT;
 use crate::source::{Diagnostic, FileId, Kind, Outline, Path, SourceMap, Span, nearest};
 
 /// Passes that a graph may have after its repeats: far beyond any use, and short of exhausting memory by a typing error.
-const MAX_PASSES: usize = 100_000;
+const MAX_PASSES: usize = 20_000;
+
+/// Declarations that the walk may meet, those that are left out and the insides of repeats included.
+const MAX_STEPS: usize = 10 * MAX_PASSES;
 
 /// The state of the walk.
 pub(super) struct Lowering<'a> {
@@ -26,10 +30,14 @@ pub(super) struct Lowering<'a> {
     pub errors: Vec<Diagnostic>,
     pub resources: Vec<Resource>,
     pub resource_spans: Vec<Span>,
+    /// Name and place of every resource, to refuse one used twice.
+    pub resource_names: BTreeMap<String, Span>,
     pub ping_pongs: Vec<PingPong>,
     passes: Vec<FlatPass>,
+    /// Declarations met so far.
+    steps: usize,
     /// Name and place of every pass, to refuse one used twice.
-    pass_names: BTreeMap<String, Span>,
+    pass_names: BTreeMap<String, Option<Span>>,
     left_out: Vec<LeftOut>,
     unwritten: Vec<(ResourceId, String, Span)>,
     /// The files being included, outermost first.
@@ -67,9 +75,12 @@ impl<'a> Lowering<'a> {
             errors: Vec::new(),
             resources: Vec::new(),
             resource_spans: Vec::new(),
+            resource_names: BTreeMap::new(),
             ping_pongs: Vec::new(),
             passes: Vec::new(),
-            pass_names: BTreeMap::new(),
+            steps: 0,
+            // The frame's last pass, which the solver adds.
+            pass_names: BTreeMap::from([(EXPORT.to_string(), None)]),
             left_out: Vec::new(),
             unwritten: Vec::new(),
             includes: Vec::new(),
@@ -141,7 +152,17 @@ impl<'a> Lowering<'a> {
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
-        let defines = Rc::new(defines(&names, params));
+        let defines = defines(&names, params);
+        let mut seen = BTreeMap::new();
+        for (name, value) in &defines {
+            if seen.insert(name, value).is_some_and(|other| other != value) {
+                let span = opened.outline.head(&Path::root());
+                let message = format!("two constants of this graph are `{name}` to its shaders");
+                self.errors.push(Diagnostic::new(message, span, "in this graph").with_help(
+                    "names are in capitals there, and a choice adds one for each of its values: rename one of them",
+                ));
+            }
+        }
         Level {
             file: opened.file,
             graph: opened.graph.clone(),
@@ -150,13 +171,18 @@ impl<'a> Lowering<'a> {
             handles: IndexMap::new(),
             prefix,
             suffix: String::new(),
-            defines,
+            defines: Rc::new(defines),
         }
     }
 
     fn walk(&mut self, level: &mut Level, passes: &[PassDecl], at: &Place) {
         for (i, pass) in passes.iter().enumerate() {
-            if self.passes.len() > MAX_PASSES {
+            self.steps += 1;
+            if self.steps == MAX_STEPS {
+                let message = format!("this graph has over {MAX_STEPS} steps, its repeats counted");
+                self.errors.push(at.index(i).error(message, "while walking this one"));
+            }
+            if self.steps >= MAX_STEPS || self.passes.len() > MAX_PASSES {
                 return;
             }
             if let Err(diagnostic) = self.pass(level, pass, &at.index(i)) {
@@ -361,9 +387,12 @@ impl<'a> Lowering<'a> {
     ) -> Result<(), Diagnostic> {
         let name = format!("{}{}{}", level.prefix, head.name, level.suffix);
         let span = head.place.field("name").span();
-        if let Some(first) = self.pass_names.insert(name.clone(), span) {
-            return Err(Diagnostic::new(format!("two passes are called `{name}`"), span, "the second")
-                .with_label(first, "the first"));
+        if let Some(first) = self.pass_names.insert(name.clone(), Some(span)) {
+            let diagnostic = Diagnostic::new(format!("two passes are called `{name}`"), span, "the second");
+            return Err(match first {
+                Some(first) => diagnostic.with_label(first, "the first"),
+                None => diagnostic.with_help("the first is the end of every frame"),
+            });
         }
         let mut binds = Vec::new();
         for (block, text) in bind {
@@ -397,6 +426,10 @@ impl<'a> Lowering<'a> {
             let at = head.place.field("define").field(key);
             let value = level.names.evaluate(number, &at)?;
             match (params::is_identifier(key), define_text(&value)) {
+                (true, Some(_)) if defines.iter().any(|(name, _)| name == key) => {
+                    let message = format!("`{key}` is a constant of the graph");
+                    return Err(Diagnostic::new(message, at.key(), "defined again here"));
+                }
                 (true, Some(text)) => Rc::make_mut(&mut defines).push((key.clone(), text)),
                 (false, _) => {
                     return Err(Diagnostic::new(
@@ -483,10 +516,8 @@ impl<'a> Lowering<'a> {
             return Ok(());
         }
         let graph_place = place.field("graph");
-        let file = self
-            .files
-            .find(Some(level.file), graph, Kind::Graph)
-            .map_err(|e| e.at(graph_place.span()))?;
+        let file =
+            self.files.find(Some(level.file), graph, Kind::Graph).map_err(|e| e.at(graph_place.span()))?;
         if self.includes.contains(&file) || self.includes.len() > MAX_DEPTH {
             return Err(graph_place
                 .error("these graphs include each other", "leads back to a graph that includes this one"));
@@ -520,7 +551,12 @@ impl<'a> Lowering<'a> {
                     return Err(at.error("a port takes a whole resource", "not the front or the back of one"));
                 }
             };
-            self.port(port_name, port, &handle, &at)?;
+            let stride =
+                Place::new(&opened.outline, Path::root().field("ports").key(port_name)).field("stride");
+            let handle = match handle {
+                Some(handle) => Some(self.port(port_name, port, handle, &inner.names, &stride, &at)?),
+                None => None,
+            };
             inner.handles.insert(port_name.clone(), handle);
         }
         if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
@@ -567,6 +603,12 @@ impl<'a> Lowering<'a> {
         set: &IndexMap<String, Number>,
         place: &Place,
     ) -> Result<(Names, Vec<Param>), Diagnostic> {
+        if let Some((unknown, setting)) =
+            opened.set.iter().find(|(k, _)| !opened.graph.params.contains_key(*k))
+        {
+            let span = setting.outline.key(&setting.path);
+            return Err(Diagnostic::new(format!("the graph has no parameter `{unknown}`"), span, "set here"));
+        }
         if let Some(unknown) = set.keys().find(|k| !opened.graph.params.contains_key(*k)) {
             let at = place.field("set").field(unknown);
             let diagnostic =

@@ -2,7 +2,7 @@
 
 use super::params::is_identifier;
 use super::passes::{Level, Lowering};
-use super::scope::Place;
+use super::scope::{Names, Place};
 use crate::plan::{Format, Resource, ResourceId, Shape, Source, Usage, Value};
 use crate::schema::{Import, Number, Port, ResourceDecl};
 use crate::source::{Diagnostic, Path, Span, nearest};
@@ -189,6 +189,13 @@ impl Lowering<'_> {
 
     pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceId {
         let id = ResourceId(self.resources.len() as u32);
+        // Names of includes could meet those of the includer: `sort.table` here, `table` in `sort` there.
+        if let Some(first) = self.resource_names.insert(name.clone(), span) {
+            self.errors.push(
+                Diagnostic::new(format!("two resources are called `{name}`"), span, "the second")
+                    .with_label(first, "the first"),
+            );
+        }
         let origin = self.files.origin(span);
         self.resources.push(Resource { name, shape, usage: Usage::empty(), source, origin });
         self.resource_spans.push(span);
@@ -258,32 +265,38 @@ impl Lowering<'_> {
         }
     }
 
-    /// Checks what an includer gives to a port.
+    /// What an includer's resource is inside: checked against the port, and of a ping-pong resource only the front where the
+    /// port asks for no more, so that its halves cannot be exchanged behind the includer's back.
     pub(super) fn port(
         &self,
         name: &str,
         port: &Port,
-        given: &Option<Handle>,
+        given: Handle,
+        names: &Names,
+        stride_at: &Place,
         at: &Place,
-    ) -> Result<(), Diagnostic> {
+    ) -> Result<Handle, Diagnostic> {
         let Port::Buffer { stride, ping_pong } = port;
-        let Some(handle) = given else { return Ok(()) };
-        let id = match (handle, ping_pong) {
-            (Handle::PingPong(index), _) => self.ping_pongs[*index].halves[0],
+        let handle = match (given, ping_pong) {
+            (Handle::PingPong(index), false) => {
+                let pair = &self.ping_pongs[index];
+                Handle::Plain(vec![pair.halves[pair.front]])
+            }
             (Handle::Plain(_), true) => {
                 return Err(at.error(
                     format!("the port `{name}` needs a front and a back"),
                     "declared without `ping_pong: true`",
                 ));
             }
-            (Handle::Plain(ids), false) => ids[0],
+            (handle, _) => handle,
         };
-        let wanted = match stride {
-            Number::Literal(Value::Int(v)) => *v as u64,
-            _ => return Ok(()),
+        let first = match &handle {
+            Handle::PingPong(index) => self.ping_pongs[*index].halves[0],
+            Handle::Plain(ids) => ids[0],
         };
-        match self.resources[id.index()].shape {
-            Shape::Buffer { stride, .. } if stride == wanted => Ok(()),
+        let wanted = names.positive(stride, stride_at)?;
+        match self.resources[first.index()].shape {
+            Shape::Buffer { stride, .. } if stride == wanted => Ok(handle),
             Shape::Buffer { stride, .. } => Err(at.error(
                 format!("the port `{name}` takes elements of {wanted} bytes"),
                 format!("has elements of {stride}"),

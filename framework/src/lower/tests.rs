@@ -220,3 +220,60 @@ fn two_passes_of_one_name_are_an_error_that_shows_both() {
     assert!(text.contains("two passes are called `make`"), "{text}");
     assert!(text.contains("the first"), "{text}");
 }
+
+#[test]
+fn a_target_that_is_kept_and_was_never_written_is_an_error() {
+    let passes = [
+        make(),
+        r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
+            bind: {"In": "a"}, targets: [Target(image: "image", load: Keep, blend: Replace)]),"#.to_string(),
+    ]
+    .join("\n");
+    let text = error(&graph("", &passes), &[]);
+    assert!(text.contains("`draw` reads `image`, which no pass writes"), "{text}");
+}
+
+#[test]
+fn a_pass_that_runs_once_cannot_read_what_changes_with_every_frame() {
+    let pass = r#"Dispatch(name: "make", run: Once, shader: "camera.comp", size: Threads(64), bind: {"Camera": "camera", "Out": "a"}),"#;
+    let graph = graph("", &[pass.to_string(), shown("show")].join("\n"))
+        .replace("resources:", r#"imports: {"camera": Import(from: "frame.camera")}, resources:"#);
+    let text = error(&graph, &[]);
+    assert!(text.contains("`make` runs once, and reads what changes with every frame"), "{text}");
+    assert!(plan(&graph.replace("run: Once, ", ""), &[]).is_ok());
+}
+
+#[test]
+fn repeats_without_end_are_refused_before_they_eat_the_machine() {
+    let passes = [
+        r#"Repeat(var: "i", count: 20000, body: [Repeat(var: "j", count: 20000, body: [Swap("keys")])]),"#
+            .to_string(),
+        make(),
+        shown("show"),
+    ]
+    .join("\n");
+    let text = error(&graph("", &passes), &[]);
+    assert!(text.contains("steps, its repeats counted"), "{text}");
+}
+
+#[test]
+fn a_long_chain_of_passes_is_solved() {
+    let passes = [
+        make(),
+        r#"Repeat(var: "i", count: 5000, body: [Dispatch(name: "step", shader: "change.comp", size: Threads(64), bind: {"Out": "a"})]),"#.to_string(),
+        shown("show"),
+    ]
+    .join("\n");
+    let plan = plan(&graph("", &passes), &[]).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(plan.frame.len(), 5003);
+}
+
+#[test]
+fn names_that_would_meet_are_refused() {
+    let text = error(&graph("", &[make().replace("\"make\"", "\"export\""), shown("show")].join("\n")), &[]);
+    assert!(text.contains("two passes are called `export`"), "{text}");
+    let twice = graph("", &[make(), shown("show")].join("\n"))
+        .replace(r#""keys": Buffer("#, r#""keys#1": Buffer(stride: 4, count: 4), "keys": Buffer("#);
+    let text = error(&twice, &[]);
+    assert!(text.contains("two resources are called `keys#1`"), "{text}");
+}

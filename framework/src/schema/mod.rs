@@ -270,7 +270,7 @@ fn every_frame() -> Run {
 /// How many workgroups a dispatch has.
 #[derive(Clone, Debug, Deserialize)]
 pub enum Size {
-    /// Enough workgroups in x for this many invocations.
+    /// Enough workgroups for this many invocations; those that do not fit in x are folded into y.
     Threads(Number),
     /// Workgroups in x.
     Groups(Number),

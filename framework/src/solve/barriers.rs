@@ -16,6 +16,9 @@ use crate::plan::{Accesses, Barrier, Hazard, Layout, Pass, PassId, ResourceId, S
 /// Number of stages that [`Stages`] names.
 const STAGES: usize = Stages::all().bits().count_ones() as usize;
 
+/// `ordered[to][from]`: work of stage `from` up to this time happens before what stage `to` does from now on.
+type Ordered = [[Time; STAGES]; STAGES];
+
 /// Rises by one with every pass walked; 0 is before everything. The barriers before a pass and the pass itself have the
 /// same time.
 type Time = u32;
@@ -25,38 +28,36 @@ pub(super) struct Solved {
     pub frame: Vec<Step>,
 }
 
-/// An image for which no list of barriers can serve every frame.
-pub(super) struct LayoutError {
-    pub resource: ResourceId,
-    pub message: String,
-}
+/// Rounds after which the walk must have settled; three have been enough for every graph so far.
+const MOST_ROUNDS: usize = 16;
 
-/// Places the barriers of the prologue and of the frame, for `resources` resources.
+/// Places the barriers of the prologue and of the frame, for `resources` resources. `None` if the walk did not settle.
 pub(super) fn place(
     passes: &[Pass],
     prologue: &[PassId],
     frame: &[PassId],
     resources: usize,
-) -> Result<Solved, LayoutError> {
+) -> Option<Solved> {
     let mut start = World::new(resources);
-    let prologue = walk(passes, prologue, std::slice::from_mut(&mut start))?;
+    let prologue = walk(passes, prologue, std::slice::from_mut(&mut start));
     for history in &mut start.resources {
         history.kept = history.touched;
     }
     let mut pasts = vec![start.clone()];
     let mut last: Option<Vec<Step>> = None;
-    loop {
+    for _ in 0..MOST_ROUNDS {
         let mut worlds = pasts.clone();
         worlds.iter_mut().for_each(World::start_frame);
-        let steps = walk(passes, frame, &mut worlds)?;
+        let steps = walk(passes, frame, &mut worlds);
         // Every frame does the same to every resource, so what frames leave behind settles after the first. Once the list
         // did not change, these pasts are the true ones: they were made with this list.
         if last.as_ref() == Some(&steps) && pasts.len() > 2 {
-            return Ok(Solved { prologue, frame: steps });
+            return Some(Solved { prologue, frame: steps });
         }
         last = Some(steps);
         pasts = std::iter::once(start.clone()).chain(worlds).take(3).collect();
     }
+    None
 }
 
 /// What has happened so far, in one of the pasts that a frame can have.
@@ -64,8 +65,7 @@ pub(super) fn place(
 struct World {
     now: Time,
     frame_start: Time,
-    /// `ordered[to][from]`: work of stage `from` up to this time happens before what stage `to` does from now on.
-    ordered: [[Time; STAGES]; STAGES],
+    ordered: Ordered,
     resources: Vec<History>,
 }
 
@@ -117,31 +117,36 @@ fn index(stage: Stages) -> usize {
 }
 
 /// Walks the passes in all worlds at once.
-fn walk(passes: &[Pass], ids: &[PassId], worlds: &mut [World]) -> Result<Vec<Step>, LayoutError> {
+fn walk(passes: &[Pass], ids: &[PassId], worlds: &mut [World]) -> Vec<Step> {
     let mut steps = Vec::with_capacity(ids.len());
     for id in ids {
         let touches = by_resource(&passes[id.index()].touches);
         worlds.iter_mut().for_each(|w| w.now += 1);
         let mut demands: Vec<(ResourceId, Demand)> = Vec::new();
         for (resource, touches) in &touches {
-            let mut merged: Option<Demand> = None;
-            for world in worlds.iter() {
-                if let Some(demand) = world.memory_demand(*resource, touches) {
-                    merged = Some(merge(merged, demand, *resource)?);
-                }
-            }
+            // Where one world changes the layout, the same barrier does in all, and must wait for what each has been through.
+            let changes = worlds.iter().any(|w| w.changes_layout(*resource, touches));
+            let merged = worlds
+                .iter()
+                .filter_map(|w| match changes {
+                    true => Some(w.layout_demand(*resource, touches)),
+                    false => w.memory_demand(*resource, touches),
+                })
+                .reduce(merge);
             demands.extend(merged.map(|demand| (*resource, demand)));
         }
-        for world in worlds.iter_mut() {
-            world.apply(&demands, *id);
+        // Barriers of one call do not chain with each other: each sees the order from before the call.
+        let before: Vec<Ordered> = worlds.iter().map(|w| w.ordered).collect();
+        for (world, before) in worlds.iter_mut().zip(&before) {
+            world.apply(&demands, *id, before);
         }
         // What is left are writes after reads that the barriers so far do not happen to order.
         for (resource, touches) in &touches {
             for world in 0..worlds.len() {
                 let Some(demand) = worlds[world].order_demand(*resource, touches) else { continue };
-                worlds.iter_mut().for_each(|w| w.order(&demand));
+                worlds.iter_mut().zip(&before).for_each(|(w, before)| w.order(&demand, before));
                 match demands.iter_mut().find(|(r, _)| r == resource) {
-                    Some((_, existing)) => *existing = merge(Some(existing.clone()), demand, *resource)?,
+                    Some((_, existing)) => *existing = merge(existing.clone(), demand),
                     None => demands.push((*resource, demand)),
                 }
             }
@@ -152,7 +157,14 @@ fn walk(passes: &[Pass], ids: &[PassId], worlds: &mut [World]) -> Result<Vec<Ste
         let barriers = demands.into_iter().map(|(resource, demand)| demand.barrier(resource)).collect();
         steps.push(Step { barriers, pass: *id });
     }
-    Ok(steps)
+    steps
+}
+
+/// Whether a barrier whose source is `stage` comes after the write was made available.
+fn available_to(ordered: &Ordered, write: &Write, stage: Stages) -> bool {
+    write.available.iter().any(|(before, time)| {
+        before.contains(stage) || before.iter().any(|b| ordered[index(stage)][index(b)] >= *time)
+    })
 }
 
 /// A pass's touches, grouped, in the order of first appearance.
@@ -171,21 +183,9 @@ fn by_resource(touches: &[Touch]) -> Vec<(ResourceId, Vec<Touch>)> {
     groups
 }
 
-fn merge(into: Option<Demand>, demand: Demand, resource: ResourceId) -> Result<Demand, LayoutError> {
-    let Some(mut merged) = into else { return Ok(demand) };
-    match (merged.layouts, demand.layouts) {
-        (Some(a), Some(b)) if a != b => {
-            return Err(LayoutError {
-                resource,
-                message: format!(
-                    "the image is in the layout {:?} after the prologue and in {:?} after a frame",
-                    a.0, b.0
-                ),
-            });
-        }
-        (None, Some(_)) => merged.layouts = demand.layouts,
-        _ => {}
-    }
+/// One barrier that does what both do. Of two old layouts it names that of the later world, which is the steady frame's.
+fn merge(mut merged: Demand, demand: Demand) -> Demand {
+    merged.layouts = demand.layouts.or(merged.layouts);
     if merged.hazard == Hazard::LayoutChange {
         merged.hazard = demand.hazard;
     }
@@ -197,7 +197,7 @@ fn merge(into: Option<Demand>, demand: Demand, resource: ResourceId) -> Result<D
     merged.after.extend(demand.after);
     merged.after.sort();
     merged.after.dedup();
-    Ok(merged)
+    merged
 }
 
 impl Demand {
@@ -231,13 +231,14 @@ impl World {
         self.resources.iter_mut().for_each(|h| h.touched = false);
     }
 
-    /// What the touches need of memory and layout: nothing of mere order.
+    /// Whether the image must first be brought into another layout.
+    fn changes_layout(&self, resource: ResourceId, touches: &[Touch]) -> bool {
+        touches[0].layout.is_some() && touches[0].layout != self.resources[resource.index()].layout
+    }
+
+    /// What the touches need of memory: nothing of mere order.
     fn memory_demand(&self, resource: ResourceId, touches: &[Touch]) -> Option<Demand> {
         let history = &self.resources[resource.index()];
-        let layout = touches[0].layout;
-        if layout.is_some() && layout != history.layout {
-            return Some(self.layout_demand(history, touches));
-        }
         let write = history.write.as_ref()?;
         let read_since = history.reads.iter().any(|r| r.time > write.event.time);
         let (mut reads, mut target_stages, mut target_accesses) = (false, Stages::empty(), Accesses::empty());
@@ -268,28 +269,23 @@ impl World {
             source_accesses,
             target_stages,
             target_accesses,
-            layouts: None,
+            layouts: touches[0].layout.map(|layout| (layout, layout)),
         })
     }
 
     /// The source half of a barrier after `write`. A write that is available already, before a stage that a barrier can
     /// wait for, needs no source access again: the two barriers are a chain.
     fn source(&self, write: &Write) -> (Stages, Accesses) {
-        let chained = write.event.stages.iter().find(|stage| self.available_to(write, *stage));
+        let chained = write.event.stages.iter().find(|stage| available_to(&self.ordered, write, *stage));
         match chained {
             Some(stage) => (stage, Accesses::empty()),
             None => (write.event.stages, write.accesses),
         }
     }
 
-    /// Whether a barrier whose source is `stage` comes after the write was made available.
-    fn available_to(&self, write: &Write, stage: Stages) -> bool {
-        write.available.iter().any(|(before, time)| {
-            before.contains(stage) || before.iter().any(|b| self.ordered[index(stage)][index(b)] >= *time)
-        })
-    }
-
-    fn layout_demand(&self, history: &History, touches: &[Touch]) -> Demand {
+    /// What a change of layout needs, which is a write by the barrier: all that touched the image before is done.
+    fn layout_demand(&self, resource: ResourceId, touches: &[Touch]) -> Demand {
+        let history = &self.resources[resource.index()];
         let fresh = !history.touched && !history.kept || touches.iter().any(|t| t.discards);
         let old = if fresh { Layout::Undefined } else { history.layout.unwrap_or(Layout::Undefined) };
         let new = touches[0].layout.unwrap_or(Layout::Undefined);
@@ -355,7 +351,7 @@ impl World {
                         source_accesses: Accesses::empty(),
                         target_stages: Stages::empty(),
                         target_accesses: Accesses::empty(),
-                        layouts: None,
+                        layouts: touch.layout.map(|layout| (layout, layout)),
                     });
                     demand.source_stages |= stage;
                     demand.target_stages |= target;
@@ -369,18 +365,19 @@ impl World {
         demand
     }
 
-    /// Lets the barriers of one call act. They do not chain with each other.
-    fn apply(&mut self, demands: &[(ResourceId, Demand)], pass: PassId) {
-        let before = self.clone();
+    /// Lets the barriers of one call act, on top of the order from before it.
+    fn apply(&mut self, demands: &[(ResourceId, Demand)], pass: PassId, before: &Ordered) {
         for (resource, demand) in demands {
-            self.order_from(demand, &before.ordered);
+            self.order(demand, before);
             let now = self.now;
             let history = &mut self.resources[resource.index()];
             let mut visible = [Accesses::empty(); STAGES];
             for stage in demand.target_stages.iter() {
                 visible[index(stage)] = demand.target_accesses;
             }
-            if let Some((_, new)) = demand.layouts {
+            let changed =
+                |(old, new): &(Layout, Layout)| *old == Layout::Undefined || history.layout != Some(*new);
+            if let Some((_, new)) = demand.layouts.filter(changed) {
                 history.layout = Some(new);
                 history.reads.clear();
                 history.write = Some(Write {
@@ -394,7 +391,7 @@ impl World {
                 // Another world may have asked for this barrier, after another write than the one of this world.
                 let fresh = demand.source_stages.contains(write.event.stages)
                     && demand.source_accesses.contains(write.accesses);
-                if fresh || demand.source_stages.iter().any(|s| before.available_to(write, s)) {
+                if fresh || demand.source_stages.iter().any(|s| available_to(before, write, s)) {
                     write.available.push((demand.target_stages, now));
                     for (seen, new) in write.visible.iter_mut().zip(visible) {
                         *seen |= new;
@@ -404,12 +401,7 @@ impl World {
         }
     }
 
-    fn order(&mut self, demand: &Demand) {
-        let before = self.ordered;
-        self.order_from(demand, &before);
-    }
-
-    fn order_from(&mut self, demand: &Demand, before: &[[Time; STAGES]; STAGES]) {
+    fn order(&mut self, demand: &Demand, before: &Ordered) {
         for (to, from) in demand
             .target_stages
             .iter()
@@ -427,11 +419,16 @@ impl World {
         let now = self.now;
         let history = &mut self.resources[resource.index()];
         history.touched = true;
+        let (mut stages, mut accesses) = (Stages::empty(), Accesses::empty());
         for touch in touches.iter().filter(|t| t.accesses.writes()) {
+            stages |= touch.stages;
+            accesses |= touch.accesses & Accesses::WRITES;
+        }
+        if !stages.is_empty() {
             history.reads.clear();
             history.write = Some(Write {
-                event: Event { stages: touch.stages, pass, time: now },
-                accesses: touch.accesses & Accesses::WRITES,
+                event: Event { stages, pass, time: now },
+                accesses,
                 available: Vec::new(),
                 visible: [Accesses::empty(); STAGES],
             });

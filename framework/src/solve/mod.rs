@@ -14,6 +14,9 @@ use crate::check::Checked;
 use crate::plan::{Accesses, Layout, PLAN_VERSION, Pass, PassId, Plan, Run, Stages, Touch, Work};
 use crate::source::{Diagnostic, SourceMap};
 
+/// The name of the frame's last pass, which no pass of a graph may have.
+pub const EXPORT: &str = "export";
+
 /// Orders the passes, culls, places the barriers.
 pub fn solve(checked: Checked, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
     let Checked { flat, shaders, mut passes, mut spans, mut left_out } = checked;
@@ -27,8 +30,11 @@ pub fn solve(checked: Checked, files: &SourceMap) -> Result<Plan, Vec<Diagnostic
     let split = order.once.len();
     let ids: Vec<PassId> = (0..sorted.len() as u32).map(PassId).collect();
     let solved =
-        barriers::place(&sorted, &ids[..split], &ids[split..], flat.resources.len()).map_err(|e| {
-            vec![Diagnostic::new(e.message, flat.resource_spans[e.resource.index()], "this image")]
+        barriers::place(&sorted, &ids[..split], &ids[split..], flat.resources.len()).ok_or_else(|| {
+            let message = "no list of barriers was found that suits every frame";
+            vec![Diagnostic::new(message, flat.output_span, "for this output").with_help(
+                "this is a mistake of the solver, not of the graph: please report it with the graph",
+            )]
         })?;
 
     let mut plan = Plan {
@@ -66,8 +72,8 @@ fn export(flat: &crate::lower::Flat, files: &SourceMap) -> Pass {
         }
     }
     Pass {
-        name: "export".into(),
-        phase: "export".into(),
+        name: EXPORT.into(),
+        phase: EXPORT.into(),
         run: Run::Frame,
         work: Work::Export,
         bindings: Vec::new(),

@@ -5,14 +5,14 @@
 //! precede all others. The result is a directed graph; a cycle in it is a mistake that names its passes.
 
 use petgraph::Direction;
-use petgraph::algo::tarjan_scc;
+use petgraph::algo::kosaraju_scc;
 use petgraph::graph::{DiGraph, NodeIndex};
-use petgraph::visit::{Dfs, EdgeFiltered, EdgeRef, Reversed};
+use petgraph::visit::EdgeRef;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use crate::lower::Flat;
-use crate::plan::{Hazard, LeftOut, Pass, ResourceId, Run, Source};
+use crate::plan::{Accesses, Hazard, LeftOut, Pass, ResourceId, Run, Source};
 use crate::source::{Diagnostic, SourceMap, Span};
 
 /// Indices into the passes, as they run.
@@ -39,7 +39,8 @@ pub(super) fn order(
     files: &SourceMap,
 ) -> Result<Order, Vec<Diagnostic>> {
     let mut errors = Vec::new();
-    let needs = needs(passes, spans, flat, &mut errors);
+    let users = users(passes, flat.resources.len());
+    let needs = needs(passes, spans, flat, &users, &mut errors);
     if !errors.is_empty() {
         return Err(errors);
     }
@@ -47,13 +48,7 @@ pub(super) fn order(
         return Err(vec![describe_cycle(&cycle, &needs, passes, spans, flat)]);
     }
 
-    // Who leads to the export by what is read? The edges of the other hazards only keep passes apart.
-    let flows = EdgeFiltered::from_fn(&needs, |edge| edge.weight().hazard == Hazard::ReadAfterWrite);
-    let mut live = vec![false; passes.len()];
-    let mut search = Dfs::new(Reversed(&flows), NodeIndex::new(passes.len() - 1));
-    while let Some(node) = search.next(Reversed(&flows)) {
-        live[node.index()] = true;
-    }
+    let live = live(&needs, passes, &users);
     let left_out = (0..passes.len())
         .filter(|i| !live[*i])
         .map(|i| LeftOut {
@@ -63,73 +58,103 @@ pub(super) fn order(
         })
         .collect();
 
-    let sorted = sort(&needs, &live);
-    let (once, frame) = sorted.into_iter().partition(|i| passes[*i].run == Run::Once);
+    // Sorted with the dead ones still in, which keep apart what is on their two sides.
+    let sorted = sort(&needs).into_iter().filter(|i| live[*i]);
+    let (once, frame) = sorted.partition(|i| passes[*i].run == Run::Once);
     Ok(Order { once, frame, left_out })
 }
 
+/// A pass that touches a resource, and how.
+#[derive(Clone, Copy)]
+struct User {
+    pass: usize,
+    accesses: Accesses,
+}
+
+/// Of each resource, who touches it: `Once` passes first, then the frame's, each in the order of the file.
+fn users(passes: &[Pass], resources: usize) -> Vec<Vec<User>> {
+    let mut users: Vec<Vec<User>> = vec![Vec::new(); resources];
+    let of_run = |run| (0..passes.len()).filter(move |i| passes[*i].run == run);
+    for pass in of_run(Run::Once).chain(of_run(Run::Frame)) {
+        for touch in &passes[pass].touches {
+            let users = &mut users[touch.resource.index()];
+            match users.last_mut().filter(|user| user.pass == pass) {
+                Some(user) => user.accesses |= touch.accesses,
+                None => users.push(User { pass, accesses: touch.accesses }),
+            }
+        }
+    }
+    users
+}
+
 /// The edges, from the pass that comes first to the one that follows. Also finds what is read and never written.
-fn needs(passes: &[Pass], spans: &[Span], flat: &Flat, errors: &mut Vec<Diagnostic>) -> Needs {
+fn needs(
+    passes: &[Pass],
+    spans: &[Span],
+    flat: &Flat,
+    users: &[Vec<User>],
+    errors: &mut Vec<Diagnostic>,
+) -> Needs {
     let mut graph = Needs::with_capacity(passes.len(), passes.len() * 4);
     for i in 0..passes.len() {
         graph.add_node(i);
-    }
-    // Of each resource, who touches it, `Once` passes first: (pass, reads, writes).
-    let mut users: Vec<Vec<(usize, bool, bool)>> = vec![Vec::new(); flat.resources.len()];
-    let of_run = |run| (0..passes.len()).filter(move |i| passes[*i].run == run);
-    for i in of_run(Run::Once).chain(of_run(Run::Frame)) {
-        for touch in &passes[i].touches {
-            let (reads, writes) = (touch.accesses.reads(), touch.accesses.writes());
-            let users = &mut users[touch.resource.index()];
-            match users.iter_mut().find(|(user, ..)| *user == i) {
-                Some(entry) => *entry = (i, entry.1 | reads, entry.2 | writes),
-                None => users.push((i, reads, writes)),
-            }
-        }
     }
     for (resource, users) in users.iter().enumerate() {
         let id = ResourceId(resource as u32);
         if flat.resources[resource].source != Source::Transient {
             continue;
         }
-        let writers: Vec<usize> = users.iter().filter(|u| u.2).map(|u| u.0).collect();
+        let writers: Vec<usize> = users.iter().filter(|u| u.accesses.writes()).map(|u| u.pass).collect();
         let mut edge = |from: usize, to: usize, hazard| {
             graph.add_edge(NodeIndex::new(from), NodeIndex::new(to), Need { hazard, resource: id });
         };
+        if let Some(writer) = writers.iter().find(|w| passes[**w].run == Run::Frame) {
+            let written_before = writers.iter().any(|w| passes[*w].run == Run::Once);
+            for early in users.iter().filter(|u| !written_before && passes[u.pass].run == Run::Once) {
+                errors.push(
+                    Diagnostic::new(
+                        format!("`{}` runs once, before any frame", passes[early.pass].name),
+                        spans[early.pass],
+                        format!("reads `{}`", flat.resources[resource].name),
+                    )
+                    .with_label(spans[*writer], "which is written here, in every frame"),
+                );
+            }
+        }
         if let [writer] = writers[..] {
-            for (reader, ..) in users.iter().filter(|u| u.0 != writer) {
-                if passes[*reader].run == Run::Once && passes[writer].run == Run::Frame {
-                    errors.push(
-                        Diagnostic::new(
-                            format!("`{}` runs once, before any frame", passes[*reader].name),
-                            spans[*reader],
-                            format!("reads `{}`", flat.resources[resource].name),
-                        )
-                        .with_label(spans[writer], "which is written here, in every frame"),
-                    );
+            for user in users {
+                if user.pass != writer {
+                    edge(writer, user.pass, Hazard::ReadAfterWrite);
+                } else if user.accesses.contains(Accesses::COLOR_READ) {
+                    errors.push(never_written(writer, id, &[], passes, spans, flat));
                 }
-                edge(writer, *reader, Hazard::ReadAfterWrite);
             }
             continue;
         }
         // Every write so far may be part of what is read: two passes may fill a buffer's two halves.
         let mut written: Vec<usize> = Vec::new();
         let mut read: Vec<usize> = Vec::new();
-        for (user, reads, writes) in users {
-            if *reads {
-                if written.is_empty() && !writes {
-                    errors.push(never_written(*user, id, &writers, passes, spans, flat));
+        for User { pass, accesses } in users {
+            if accesses.reads() {
+                // Shaders may read what they wrote themselves; a target that is kept is read before.
+                let needs_contents = !accesses.writes() || accesses.contains(Accesses::COLOR_READ);
+                if written.is_empty() && needs_contents && passes[*pass].run == Run::Frame {
+                    errors.push(never_written(*pass, id, &writers, passes, spans, flat));
                 }
-                written.iter().for_each(|w| edge(*w, *user, Hazard::ReadAfterWrite));
+                written.iter().for_each(|w| edge(*w, *pass, Hazard::ReadAfterWrite));
             }
-            if *writes {
-                read.drain(..).filter(|r| r != user).for_each(|r| edge(r, *user, Hazard::WriteAfterRead));
+            if accesses.writes() {
+                read.drain(..).for_each(|r| edge(r, *pass, Hazard::WriteAfterRead));
                 if let Some(last) = written.last() {
-                    edge(*last, *user, Hazard::WriteAfterWrite);
+                    edge(*last, *pass, Hazard::WriteAfterWrite);
                 }
-                written.push(*user);
+                if accesses.reads() {
+                    // Whoever needs this pass needs, through it, all that it read.
+                    written.clear();
+                }
+                written.push(*pass);
             } else {
-                read.push(*user);
+                read.push(*pass);
             }
         }
     }
@@ -169,21 +194,45 @@ fn never_written(
     diagnostic
 }
 
-/// Kahn's algorithm over the live passes; of those that could run next, the first in the file does.
-fn sort(needs: &Needs, live: &[bool]) -> Vec<usize> {
-    let mut waiting: Vec<usize> = needs
-        .node_indices()
-        .map(|n| needs.edges_directed(n, Direction::Incoming).filter(|e| live[e.source().index()]).count())
-        .collect();
+/// Which passes lead to the export by what is read; the edges of the other hazards only keep passes apart.
+fn live(needs: &Needs, passes: &[Pass], users: &[Vec<User>]) -> Vec<bool> {
+    // What a pass reads may also have been written in the frame before: in a resource that a `Once` pass started, a frame's
+    // passes find what the last frame's left, wherever in the file they stand.
+    let mut carried: Vec<Vec<usize>> = vec![Vec::new(); passes.len()];
+    for users in users {
+        let starts = |u: &User| passes[u.pass].run == Run::Once && u.accesses.writes();
+        if users.iter().any(starts) {
+            let frame = users.iter().filter(|u| passes[u.pass].run == Run::Frame);
+            let writers: Vec<usize> = frame.clone().filter(|u| u.accesses.writes()).map(|u| u.pass).collect();
+            frame.filter(|u| u.accesses.reads()).for_each(|u| carried[u.pass].extend(&writers));
+        }
+    }
+    let mut live = vec![false; passes.len()];
+    let mut open = vec![passes.len() - 1];
+    while let Some(pass) = open.pop() {
+        if std::mem::replace(&mut live[pass], true) {
+            continue;
+        }
+        let read = needs.edges_directed(NodeIndex::new(pass), Direction::Incoming);
+        open.extend(read.filter(|e| e.weight().hazard == Hazard::ReadAfterWrite).map(|e| e.source().index()));
+        open.extend(&carried[pass]);
+    }
+    live
+}
+
+/// Kahn's algorithm; of those that could run next, the first in the file does.
+fn sort(needs: &Needs) -> Vec<usize> {
+    let mut waiting: Vec<usize> =
+        needs.node_indices().map(|n| needs.edges_directed(n, Direction::Incoming).count()).collect();
     let mut ready: BinaryHeap<Reverse<usize>> =
-        (0..live.len()).filter(|i| live[*i] && waiting[*i] == 0).map(Reverse).collect();
-    let mut sorted = Vec::with_capacity(live.len());
+        (0..waiting.len()).filter(|i| waiting[*i] == 0).map(Reverse).collect();
+    let mut sorted = Vec::with_capacity(waiting.len());
     while let Some(Reverse(i)) = ready.pop() {
         sorted.push(i);
         for edge in needs.edges(NodeIndex::new(i)) {
             let next = edge.target().index();
             waiting[next] -= 1;
-            if live[next] && waiting[next] == 0 {
+            if waiting[next] == 0 {
                 ready.push(Reverse(next));
             }
         }
@@ -194,7 +243,7 @@ fn sort(needs: &Needs, live: &[bool]) -> Vec<usize> {
 /// A cycle of passes, if there is one: each needs the one before it, the first the last.
 fn cycle(needs: &Needs) -> Option<Vec<NodeIndex>> {
     let component =
-        tarjan_scc(needs).into_iter().filter(|c| c.len() > 1).min_by_key(|c| c.iter().min().copied())?;
+        kosaraju_scc(needs).into_iter().filter(|c| c.len() > 1).min_by_key(|c| c.iter().min().copied())?;
     // The shortest way from its first pass back to itself, inside the component.
     let start = *component.iter().min()?;
     let mut from = std::collections::BTreeMap::new();

@@ -272,3 +272,117 @@ fn no_barrier_is_there_without_a_hazard() {
     // make after the last frame's show; show after make, and the image after the last export; export after show.
     assert_eq!(hazards.len(), 4, "{}", shown(&plan));
 }
+
+fn draw(name: &str, load: &str) -> String {
+    format!(
+        r#"Draw(name: "{name}", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
+            bind: {{"In": "a"}}, targets: [Target(image: "color", load: {load}, blend: PremultipliedOver)]),"#
+    )
+}
+
+#[test]
+fn a_target_that_is_drawn_to_twice_keeps_its_layout_and_waits() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            draw("first", "Clear(0, 0, 0, 0)"),
+            draw("second", "Keep"),
+            dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
+        ],
+    );
+    assert_eq!(
+        before(&plan, "second"),
+        [
+            "read after write on color, after first: COLOR_OUTPUT COLOR_WRITE -> COLOR_OUTPUT COLOR_READ | COLOR_WRITE, ColorTarget -> ColorTarget"
+        ],
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn an_image_whose_layout_only_the_first_frame_changes_still_waits_for_the_frame_before() {
+    // `paint` and `filter` touch `color` in the same layout, so that a later frame finds it as it needs it.
+    let plan = solved(
+        "",
+        &[
+            dispatch("paint", "paint.comp", r#""Color": "color""#),
+            dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
+        ],
+    );
+    assert_eq!(
+        before(&plan, "paint"),
+        [
+            "write after read on color, after filter of the frame before: COMPUTE -> COMPUTE STORAGE_WRITE, Undefined -> General"
+        ],
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn an_image_that_is_written_once_is_seen_by_every_frame() {
+    let plan = solved("", &[
+        r#"Dispatch(name: "paint", run: Once, shader: "paint.comp", size: Threads(64), bind: {"Color": "image"}),"#.into(),
+    ]);
+    assert_eq!(
+        before(&plan, "export"),
+        [
+            "read after write on image, after paint, export of the frame before: COMPUTE | COPY STORAGE_WRITE -> COPY TRANSFER_READ, TransferSource -> TransferSource"
+        ],
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn a_writer_that_is_left_out_still_keeps_its_neighbours_apart() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("first", "make.comp", r#""Out": "a""#),
+            dispatch("use", "join.comp", r#""In": "a", "In2": "c", "Out": "d""#),
+            dispatch("spare", "make.comp", r#""Out": "a""#),
+            dispatch("both", "pair.comp", r#""Out": "a", "Out2": "b""#),
+            dispatch("late", "make.comp", r#""Out": "c""#),
+            dispatch("join", "join.comp", r#""In": "b", "In2": "d", "Out": "e""#),
+            dispatch("show", "show.comp", r#""In": "e", "Image": "image""#),
+        ],
+    );
+    assert_eq!(frame(&plan), ["first", "late", "use", "both", "join", "show", "export"], "{}", shown(&plan));
+    assert_eq!(plan.left_out[0].pass, "spare");
+}
+
+#[test]
+fn a_pass_that_only_the_next_frame_reads_from_is_not_left_out() {
+    let plan = solved("", &[
+        r#"Dispatch(name: "start", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#.into(),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        dispatch("step", "change.comp", r#""Out": "a""#),
+    ]);
+    assert_eq!(frame(&plan), ["show", "step", "export"], "{}", shown(&plan));
+    assert_eq!(
+        before(&plan, "show")[0],
+        "read after write on a, after start, step of the frame before: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ",
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn a_draw_that_writes_in_both_of_its_stages_is_waited_for_in_both() {
+    let plan = solved("", &[
+        r#"Fill(name: "clear", buffer: "b", value: 0),"#.into(),
+        r#"Draw(name: "draw", vertex: "count.vert", fragment: "count.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
+            bind: {"Count": "b"}, targets: [Target(image: "color", load: Clear(0, 0, 0, 0), blend: Replace)]),"#
+            .into(),
+        dispatch("show", "show.comp", r#""In": "b", "Image": "image""#),
+    ]);
+    assert_eq!(
+        before(&plan, "show")[0],
+        "read after write on b, after draw: VERTEX | FRAGMENT STORAGE_WRITE -> COMPUTE STORAGE_READ",
+        "{}",
+        shown(&plan)
+    );
+}
