@@ -14,7 +14,7 @@ use splatgraph_api::{
     BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
 };
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::plan::{Format, ParamBinding, Plan, Source, Value};
+use splatgraph_framework::plan::{Format, Plan};
 
 /// Why a session could not go on.
 #[derive(Debug, thiserror::Error)]
@@ -116,7 +116,7 @@ impl<D: Device> Session<D> {
         };
         let inputs = FrameInputs {
             uniforms: [(CAMERA.to_owned(), camera::uniform(camera, &view))].into(),
-            live: live_block(plan),
+            live: plan.live_bytes(),
             read_output: request.read_output,
             inspect: request.inspect.clone(),
         };
@@ -141,26 +141,6 @@ impl SceneData for Upload<'_> {
     fn identity(&self) -> u64 {
         self.0.identity()
     }
-}
-
-/// The bytes of the plan's live uniform block: 4 per parameter, at the offset that the plan gives it.
-pub fn live_block(plan: &Plan) -> Vec<u8> {
-    let bytes = plan.resources.iter().find(|r| r.source == Source::Live).map_or(0, |r| r.bytes() as usize);
-    let mut block = vec![0; bytes];
-    for param in &plan.params {
-        let ParamBinding::Live { offset } = param.binding else { continue };
-        let word = match &param.value {
-            Value::Bool(v) => u32::from(*v).to_le_bytes(),
-            Value::Int(v) => (*v as i32).to_le_bytes(),
-            Value::Float(v) => (*v as f32).to_le_bytes(),
-            // The framework lets no text be live.
-            Value::Text(_) => continue,
-        };
-        if let Some(target) = block.get_mut(offset as usize..offset as usize + 4) {
-            target.copy_from_slice(&word);
-        }
-    }
-    block
 }
 
 /// The colours of a picture that a device gave back; alpha is left out. `None` for a format that holds no colours.

@@ -109,6 +109,29 @@ impl Plan {
         self.resources.iter().position(|r| r.name == name).map(|i| ResourceId(i as u32))
     }
 
+    /// The bytes of the live uniform block, from the parameters' values; empty where no pass reads it. A choice is the index of its
+    /// name, a bool 0 or 1.
+    pub fn live_bytes(&self) -> Vec<u8> {
+        let size = self.resources.iter().find(|r| r.source == Source::Live).map_or(0, Resource::bytes);
+        let mut bytes = vec![0; size as usize];
+        for param in &self.params {
+            let ParamBinding::Live { offset } = param.binding else { continue };
+            let word = match (&param.value, &param.domain) {
+                (Value::Float(v), _) => (*v as f32).to_le_bytes(),
+                (Value::Int(v), _) => (*v as i32).to_le_bytes(),
+                (Value::Bool(v), _) => u32::from(*v).to_le_bytes(),
+                (Value::Text(v), Domain::Choice(of)) => {
+                    (of.iter().position(|o| o == v).unwrap_or(0) as u32).to_le_bytes()
+                }
+                (Value::Text(_), _) => [0; 4],
+            };
+            if let Some(target) = bytes.get_mut(offset as usize..offset as usize + 4) {
+                target.copy_from_slice(&word);
+            }
+        }
+        bytes
+    }
+
     /// Bytes of the resources that the plan itself owns (not the scene's).
     pub fn transient_bytes(&self) -> u64 {
         self.resources.iter().filter(|r| r.source == Source::Transient).map(Resource::bytes).sum()

@@ -5,10 +5,13 @@
 //! only dispatches, draws and fills over numbered resources, every expression is a value, and `front(keys)` is one
 //! definite buffer. It knows nothing of shaders yet: whether the names under `bind` exist is for [`crate::check`].
 //!
-//! The files of this folder: `document` loads files and follows presets; `params` gives parameters their values;
-//! `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes.
+//! The files of this folder: `document` loads files and follows presets; `params` gives parameters their values, and `defines` makes of
+//! them what shaders see; `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes, and
+//! `include` goes into other graphs.
 
+mod defines;
 mod document;
+mod include;
 mod params;
 mod passes;
 mod resources;
@@ -20,8 +23,6 @@ use std::rc::Rc;
 use crate::build::Request;
 use crate::plan::{DrawCall, LeftOut, Param, Resource, ResourceId, Run, Stat, Target, Topology, Value};
 use crate::source::{Diagnostic, FileId, SourceMap, Span};
-
-pub use params::live_bytes;
 
 /// The graph without its constructs. Passes are in the order of the file.
 #[derive(Clone, Debug)]

@@ -313,25 +313,3 @@ pub(super) fn live_glsl(params: &[Param]) -> String {
         members.concat()
     )
 }
-
-/// The bytes of the live uniform block for these parameters, in the layout of [`live_glsl`].
-pub fn live_bytes(params: &[Param]) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    for param in params {
-        let ParamBinding::Live { offset } = param.binding else { continue };
-        let word = match (&param.value, &param.domain) {
-            (Value::Float(v), _) => (*v as f32).to_le_bytes(),
-            (Value::Int(v), _) => (*v as i32).to_le_bytes(),
-            (Value::Bool(v), _) => u32::from(*v).to_le_bytes(),
-            (Value::Text(v), Domain::Choice(of)) => {
-                (of.iter().position(|o| o == v).unwrap_or(0) as u32).to_le_bytes()
-            }
-            (Value::Text(_), _) => [0; 4],
-        };
-        let at = offset as usize;
-        bytes.resize(bytes.len().max(at + 4), 0);
-        bytes[at..at + 4].copy_from_slice(&word);
-    }
-    bytes.resize(bytes.len().next_multiple_of(16).max(16), 0);
-    bytes
-}

@@ -4,18 +4,17 @@ use indexmap::IndexMap;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::document::{self, MAX_DEPTH, Opened};
+use super::defines::{define_text, defines};
+use super::document::{self, Opened};
 use super::params;
 use super::resources::{Handle, PingPong};
 use super::scope::{Names, Place};
 use super::{Flat, FlatBind, FlatPass, FlatPush, FlatSize, FlatWork, ShaderName};
 use crate::build::Request;
-use crate::plan::{
-    Domain, DrawCall, LeftOut, Param, Resource, ResourceId, Run, Shape, Source, Stat, Target, Value,
-};
-use crate::schema::{Call, Graph, Number, ParamDecl, PassDecl, Size};
+use crate::plan::{DrawCall, LeftOut, Param, Resource, ResourceId, Run, Shape, Source, Stat, Target, Value};
+use crate::schema::{Call, Graph, Number, PassDecl, Size};
 use crate::solve::EXPORT;
-use crate::source::{Diagnostic, FileId, Kind, Outline, Path, SourceMap, Span, nearest};
+use crate::source::{Diagnostic, FileId, Outline, Path, SourceMap, Span};
 
 /// Passes that a graph may have after its repeats: far beyond any use, and short of exhausting memory by a typing error.
 const MAX_PASSES: usize = 20_000;
@@ -41,7 +40,7 @@ pub(super) struct Lowering<'a> {
     left_out: Vec<LeftOut>,
     unwritten: Vec<(ResourceId, String, Span)>,
     /// The files being included, outermost first.
-    includes: Vec<FileId>,
+    pub includes: Vec<FileId>,
 }
 
 /// One graph file in the walk: the root, or an include.
@@ -55,16 +54,16 @@ pub(super) struct Level {
     /// In front of the names of passes and resources.
     pub prefix: String,
     /// Behind the names of passes: the indices of the repeats.
-    suffix: String,
+    pub suffix: String,
     defines: Rc<Vec<(String, String)>>,
 }
 
 /// What all kinds of passes have.
-struct Head<'a> {
-    name: &'a str,
-    phase: &'a Option<String>,
-    run: Run,
-    place: &'a Place,
+pub(super) struct Head<'a> {
+    pub name: &'a str,
+    pub phase: &'a Option<String>,
+    pub run: Run,
+    pub place: &'a Place,
 }
 
 impl<'a> Lowering<'a> {
@@ -135,7 +134,13 @@ impl<'a> Lowering<'a> {
     }
 
     /// A level with its `let`s evaluated.
-    fn level(&mut self, opened: &Opened, mut names: Names, params: &[Param], prefix: String) -> Level {
+    pub(super) fn level(
+        &mut self,
+        opened: &Opened,
+        mut names: Names,
+        params: &[Param],
+        prefix: String,
+    ) -> Level {
         let mut lets = Vec::new();
         for (name, number) in &opened.graph.lets {
             let place = Place::new(&opened.outline, Path::root().field("let").key(name));
@@ -175,7 +180,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    fn walk(&mut self, level: &mut Level, passes: &[PassDecl], at: &Place) {
+    pub(super) fn walk(&mut self, level: &mut Level, passes: &[PassDecl], at: &Place) {
         for (i, pass) in passes.iter().enumerate() {
             self.steps += 1;
             if self.steps == MAX_STEPS {
@@ -319,7 +324,7 @@ impl<'a> Lowering<'a> {
     }
 
     /// Whether the pass's `when` holds; if not, it is noted as left out.
-    fn wanted(
+    pub(super) fn wanted(
         &mut self,
         level: &Level,
         when: &Option<Number>,
@@ -499,146 +504,6 @@ impl<'a> Lowering<'a> {
         Ok(())
     }
 
-    #[allow(clippy::too_many_arguments)]
-    fn include(
-        &mut self,
-        level: &mut Level,
-        graph: &str,
-        name: &str,
-        when: &Option<Number>,
-        with: &IndexMap<String, String>,
-        set: &IndexMap<String, Number>,
-        place: &Place,
-    ) -> Result<(), Diagnostic> {
-        let head = Head { name, phase: &None, run: Run::Frame, place };
-        let users: Vec<&str> = with.values().map(String::as_str).collect();
-        if !self.wanted(level, when, &head, &users)? {
-            return Ok(());
-        }
-        let graph_place = place.field("graph");
-        let file =
-            self.files.find(Some(level.file), graph, Kind::Graph).map_err(|e| e.at(graph_place.span()))?;
-        if self.includes.contains(&file) || self.includes.len() > MAX_DEPTH {
-            return Err(graph_place
-                .error("these graphs include each other", "leads back to a graph that includes this one"));
-        }
-        let opened = match document::follow(self.files, file) {
-            Ok(opened) => opened,
-            Err(errors) => {
-                self.errors.extend(errors);
-                return Ok(());
-            }
-        };
-        let (names, params) = self.include_params(level, &opened, set, place)?;
-        let prefix = format!("{}{name}{}.", level.prefix, level.suffix);
-        let before = self.errors.len();
-        let mut inner = self.level(&opened, names, &params, prefix);
-        for (port_name, port) in &opened.graph.ports {
-            let Some(given) = with.get(port_name) else {
-                let span = opened.outline.key(&Path::root().field("ports").key(port_name));
-                return Err(Diagnostic::new(
-                    format!("nothing is given for the port `{port_name}`"),
-                    place.field("with").span(),
-                    "missing here",
-                )
-                .with_label(span, "the port"));
-            };
-            let at = place.field("with").field(port_name);
-            let handle = match level.handles.get(given) {
-                Some(handle) => handle.clone(),
-                None => {
-                    self.look_up(level, given, &at)?;
-                    return Err(at.error("a port takes a whole resource", "not the front or the back of one"));
-                }
-            };
-            let stride =
-                Place::new(&opened.outline, Path::root().field("ports").key(port_name)).field("stride");
-            let handle = match handle {
-                Some(handle) => Some(self.port(port_name, port, handle, &inner.names, &stride, &at)?),
-                None => None,
-            };
-            inner.handles.insert(port_name.clone(), handle);
-        }
-        if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
-            let at = place.field("with").field(unknown);
-            let diagnostic =
-                Diagnostic::new(format!("`{graph}` has no port `{unknown}`"), at.key(), "given here");
-            return Err(match nearest(unknown, opened.graph.ports.keys().map(String::as_str)) {
-                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-                None => diagnostic,
-            });
-        }
-        for field in ["output", "stats"] {
-            let set = if field == "output" {
-                opened.graph.output.is_some()
-            } else {
-                !opened.graph.stats.is_empty()
-            };
-            if set {
-                let span = opened.outline.key(&Path::root().field(field));
-                return Err(Diagnostic::new(
-                    format!("an included graph has no `{field}` of its own"),
-                    span,
-                    "declared here",
-                )
-                .with_label(graph_place.span(), "included here"));
-            }
-        }
-        self.declare(&mut inner);
-        if self.errors.len() > before {
-            return Ok(());
-        }
-        self.includes.push(file);
-        let passes = Place::new(&opened.outline, Path::root().field("passes"));
-        self.walk(&mut inner, &opened.graph.passes, &passes);
-        self.includes.pop();
-        Ok(())
-    }
-
-    /// The parameters of an included graph: from `set`, in the includer's names, over its own defaults.
-    fn include_params(
-        &self,
-        level: &Level,
-        opened: &Opened,
-        set: &IndexMap<String, Number>,
-        place: &Place,
-    ) -> Result<(Names, Vec<Param>), Diagnostic> {
-        if let Some((unknown, setting)) =
-            opened.set.iter().find(|(k, _)| !opened.graph.params.contains_key(*k))
-        {
-            let span = setting.outline.key(&setting.path);
-            return Err(Diagnostic::new(format!("the graph has no parameter `{unknown}`"), span, "set here"));
-        }
-        if let Some(unknown) = set.keys().find(|k| !opened.graph.params.contains_key(*k)) {
-            let at = place.field("set").field(unknown);
-            let diagnostic =
-                Diagnostic::new(format!("the graph has no parameter `{unknown}`"), at.key(), "set here");
-            return Err(match nearest(unknown, opened.graph.params.keys().map(String::as_str)) {
-                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-                None => diagnostic,
-            });
-        }
-        let mut names = Names { values: self.request.facts.clone(), live: Default::default() };
-        let mut params = Vec::new();
-        for (name, declaration) in &opened.graph.params {
-            let at = Place::new(&opened.outline, Path::root().field("params").key(name));
-            if matches!(declaration, ParamDecl::Live(_)) {
-                return Err(Diagnostic::new(
-                    "an included graph has no live parameters of its own",
-                    at.key(),
-                    "declared here",
-                )
-                .with_help("declare it in the graph that includes it: its shaders see it all the same"));
-            }
-            let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));
-            let param =
-                params::included(name, declaration, &at, opened.set.get(name), given, &names, self.files)?;
-            names.values.insert(name.clone(), param.value.clone());
-            params.push(param);
-        }
-        Ok((names, params))
-    }
-
     fn output(&mut self, level: &Level) -> Option<(ResourceId, Span)> {
         let root = Place::new(&level.outline, Path::root());
         let Some(name) = &level.graph.output else {
@@ -680,42 +545,5 @@ impl<'a> Lowering<'a> {
             }
         }
         (stats, spans)
-    }
-}
-
-/// What shaders can be compiled with: every value that fits a 32-bit literal, by its name in capitals. The names of a choice
-/// become constants too, so that a shader can write `#if BLEND == BLEND_BACK_TO_FRONT`.
-fn defines(names: &Names, params: &[Param]) -> Vec<(String, String)> {
-    let capital = |name: &str| -> String {
-        name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
-    };
-    let mut defines = Vec::new();
-    for (name, value) in &names.values {
-        let choices = params.iter().find(|p| p.name == *name).and_then(|p| match &p.domain {
-            Domain::Choice(of) => Some(of),
-            _ => None,
-        });
-        if let (Some(of), Value::Text(text)) = (choices, value) {
-            for (i, choice) in of.iter().enumerate() {
-                defines.push((format!("{}_{}", capital(name), capital(choice)), i.to_string()));
-                if choice == text {
-                    defines.push((capital(name), i.to_string()));
-                }
-            }
-        } else if let Some(text) = define_text(value) {
-            defines.push((capital(name), text));
-        }
-    }
-    defines
-}
-
-/// A value as a GLSL literal; `None` where it is none or does not fit 32 bits.
-fn define_text(value: &Value) -> Option<String> {
-    match value {
-        Value::Bool(v) => Some(i32::from(*v).to_string()),
-        Value::Int(v) if i32::try_from(*v).is_ok() => Some(v.to_string()),
-        Value::Int(v) => u32::try_from(*v).ok().map(|v| format!("{v}u")),
-        Value::Float(v) if v.is_finite() => Some(format!("{v:?}")),
-        Value::Float(_) | Value::Text(_) => None,
     }
 }

@@ -201,6 +201,20 @@ fn merge(mut merged: Demand, demand: Demand) -> Demand {
 }
 
 impl Demand {
+    /// Waits for nothing yet.
+    fn new(hazard: Hazard, layouts: Option<(Layout, Layout)>) -> Demand {
+        Demand {
+            hazard,
+            after: Vec::new(),
+            across_frames: false,
+            source_stages: Stages::empty(),
+            source_accesses: Accesses::empty(),
+            target_stages: Stages::empty(),
+            target_accesses: Accesses::empty(),
+            layouts,
+        }
+    }
+
     fn barrier(self, resource: ResourceId) -> Barrier {
         Barrier {
             resource,
@@ -289,16 +303,7 @@ impl World {
         let fresh = !history.touched && !history.kept || touches.iter().any(|t| t.discards);
         let old = if fresh { Layout::Undefined } else { history.layout.unwrap_or(Layout::Undefined) };
         let new = touches[0].layout.unwrap_or(Layout::Undefined);
-        let mut demand = Demand {
-            hazard: Hazard::LayoutChange,
-            after: Vec::new(),
-            across_frames: false,
-            source_stages: Stages::empty(),
-            source_accesses: Accesses::empty(),
-            target_stages: Stages::empty(),
-            target_accesses: Accesses::empty(),
-            layouts: Some((old, new)),
-        };
+        let mut demand = Demand::new(Hazard::LayoutChange, Some((old, new)));
         for touch in touches {
             demand.target_stages |= touch.stages;
             demand.target_accesses |= touch.accesses;
@@ -343,16 +348,8 @@ impl World {
                     if self.ordered[index(target)][index(stage)] >= read.time {
                         continue;
                     }
-                    let demand = demand.get_or_insert(Demand {
-                        hazard: Hazard::WriteAfterRead,
-                        after: Vec::new(),
-                        across_frames: false,
-                        source_stages: Stages::empty(),
-                        source_accesses: Accesses::empty(),
-                        target_stages: Stages::empty(),
-                        target_accesses: Accesses::empty(),
-                        layouts: touch.layout.map(|layout| (layout, layout)),
-                    });
+                    let layouts = touch.layout.map(|layout| (layout, layout));
+                    let demand = demand.get_or_insert_with(|| Demand::new(Hazard::WriteAfterRead, layouts));
                     demand.source_stages |= stage;
                     demand.target_stages |= target;
                     demand.across_frames |= read.time < self.frame_start;

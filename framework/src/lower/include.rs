@@ -1,0 +1,153 @@
+//! Includes: another graph's passes, over resources and parameters that the includer gives.
+
+use indexmap::IndexMap;
+
+use super::document::{self, MAX_DEPTH, Opened};
+use super::params;
+use super::passes::{Head, Level, Lowering};
+use super::scope::{Names, Place};
+use crate::plan::{Param, Run};
+use crate::schema::{Number, ParamDecl};
+use crate::source::{Diagnostic, Kind, Path, nearest};
+
+impl Lowering<'_> {
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn include(
+        &mut self,
+        level: &mut Level,
+        graph: &str,
+        name: &str,
+        when: &Option<Number>,
+        with: &IndexMap<String, String>,
+        set: &IndexMap<String, Number>,
+        place: &Place,
+    ) -> Result<(), Diagnostic> {
+        let head = Head { name, phase: &None, run: Run::Frame, place };
+        let users: Vec<&str> = with.values().map(String::as_str).collect();
+        if !self.wanted(level, when, &head, &users)? {
+            return Ok(());
+        }
+        let graph_place = place.field("graph");
+        let file =
+            self.files.find(Some(level.file), graph, Kind::Graph).map_err(|e| e.at(graph_place.span()))?;
+        if self.includes.contains(&file) || self.includes.len() > MAX_DEPTH {
+            return Err(graph_place
+                .error("these graphs include each other", "leads back to a graph that includes this one"));
+        }
+        let opened = match document::follow(self.files, file) {
+            Ok(opened) => opened,
+            Err(errors) => {
+                self.errors.extend(errors);
+                return Ok(());
+            }
+        };
+        let (names, params) = self.include_params(level, &opened, set, place)?;
+        let prefix = format!("{}{name}{}.", level.prefix, level.suffix);
+        let before = self.errors.len();
+        let mut inner = self.level(&opened, names, &params, prefix);
+        for (port_name, port) in &opened.graph.ports {
+            let Some(given) = with.get(port_name) else {
+                let span = opened.outline.key(&Path::root().field("ports").key(port_name));
+                return Err(Diagnostic::new(
+                    format!("nothing is given for the port `{port_name}`"),
+                    place.field("with").span(),
+                    "missing here",
+                )
+                .with_label(span, "the port"));
+            };
+            let at = place.field("with").field(port_name);
+            let handle = match level.handles.get(given) {
+                Some(handle) => handle.clone(),
+                None => {
+                    self.look_up(level, given, &at)?;
+                    return Err(at.error("a port takes a whole resource", "not the front or the back of one"));
+                }
+            };
+            let stride =
+                Place::new(&opened.outline, Path::root().field("ports").key(port_name)).field("stride");
+            let handle = match handle {
+                Some(handle) => Some(self.port(port_name, port, handle, &inner.names, &stride, &at)?),
+                None => None,
+            };
+            inner.handles.insert(port_name.clone(), handle);
+        }
+        if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
+            let at = place.field("with").field(unknown);
+            let diagnostic =
+                Diagnostic::new(format!("`{graph}` has no port `{unknown}`"), at.key(), "given here");
+            return Err(match nearest(unknown, opened.graph.ports.keys().map(String::as_str)) {
+                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+                None => diagnostic,
+            });
+        }
+        for field in ["output", "stats"] {
+            let set = if field == "output" {
+                opened.graph.output.is_some()
+            } else {
+                !opened.graph.stats.is_empty()
+            };
+            if set {
+                let span = opened.outline.key(&Path::root().field(field));
+                return Err(Diagnostic::new(
+                    format!("an included graph has no `{field}` of its own"),
+                    span,
+                    "declared here",
+                )
+                .with_label(graph_place.span(), "included here"));
+            }
+        }
+        self.declare(&mut inner);
+        if self.errors.len() > before {
+            return Ok(());
+        }
+        self.includes.push(file);
+        let passes = Place::new(&opened.outline, Path::root().field("passes"));
+        self.walk(&mut inner, &opened.graph.passes, &passes);
+        self.includes.pop();
+        Ok(())
+    }
+
+    /// The parameters of an included graph: from `set`, in the includer's names, over its own defaults.
+    fn include_params(
+        &self,
+        level: &Level,
+        opened: &Opened,
+        set: &IndexMap<String, Number>,
+        place: &Place,
+    ) -> Result<(Names, Vec<Param>), Diagnostic> {
+        if let Some((unknown, setting)) =
+            opened.set.iter().find(|(k, _)| !opened.graph.params.contains_key(*k))
+        {
+            let span = setting.outline.key(&setting.path);
+            return Err(Diagnostic::new(format!("the graph has no parameter `{unknown}`"), span, "set here"));
+        }
+        if let Some(unknown) = set.keys().find(|k| !opened.graph.params.contains_key(*k)) {
+            let at = place.field("set").field(unknown);
+            let diagnostic =
+                Diagnostic::new(format!("the graph has no parameter `{unknown}`"), at.key(), "set here");
+            return Err(match nearest(unknown, opened.graph.params.keys().map(String::as_str)) {
+                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
+                None => diagnostic,
+            });
+        }
+        let mut names = Names { values: self.request.facts.clone(), live: Default::default() };
+        let mut params = Vec::new();
+        for (name, declaration) in &opened.graph.params {
+            let at = Place::new(&opened.outline, Path::root().field("params").key(name));
+            if matches!(declaration, ParamDecl::Live(_)) {
+                return Err(Diagnostic::new(
+                    "an included graph has no live parameters of its own",
+                    at.key(),
+                    "declared here",
+                )
+                .with_help("declare it in the graph that includes it: its shaders see it all the same"));
+            }
+            let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));
+            let param =
+                params::included(name, declaration, &at, opened.set.get(name), given, &names, self.files)?;
+            names.values.insert(name.clone(), param.value.clone());
+            params.push(param);
+        }
+        Ok((names, params))
+    }
+}
