@@ -11,7 +11,7 @@
 //! a frame. So the frame is walked in several [`World`]s in step, one for each past that it can have; a barrier is placed
 //! where any of them needs it, and acts in all. The walk is repeated until the pasts no longer change it.
 
-use crate::plan::{Accesses, Barrier, Hazard, Layout, Pass, PassId, ResourceId, Stages, Step, Touch};
+use crate::plan::{Accesses, Barrier, Hazard, Layout, Pass, PassId, ResourceId, Run, Stages, Step, Touch};
 
 /// Number of stages that [`Stages`] names.
 const STAGES: usize = Stages::all().bits().count_ones() as usize;
@@ -154,7 +154,8 @@ fn walk(passes: &[Pass], ids: &[PassId], worlds: &mut [World]) -> Vec<Step> {
         for world in worlds.iter_mut() {
             touches.iter().for_each(|(resource, touches)| world.record(*resource, touches, *id));
         }
-        let barriers = demands.into_iter().map(|(resource, demand)| demand.barrier(resource)).collect();
+        let barriers =
+            demands.into_iter().map(|(resource, demand)| demand.barrier(resource, passes)).collect();
         steps.push(Step { barriers, pass: *id });
     }
     steps
@@ -215,12 +216,14 @@ impl Demand {
         }
     }
 
-    fn barrier(self, resource: ResourceId) -> Barrier {
+    fn barrier(self, resource: ResourceId, passes: &[Pass]) -> Barrier {
+        // What the prologue did is before the frame, but of no frame.
+        let framed = self.after.iter().any(|pass| passes[pass.index()].run == Run::Frame);
         Barrier {
             resource,
             hazard: self.hazard,
             after: self.after,
-            across_frames: self.across_frames,
+            across_frames: self.across_frames && framed,
             source_stages: self.source_stages,
             source_accesses: self.source_accesses,
             target_stages: self.target_stages,

@@ -194,7 +194,12 @@ fn a_pass_that_runs_once_is_in_the_prologue_and_the_first_frame_sees_what_it_wro
     assert_eq!(plan.prologue.len(), 1);
     assert_eq!(plan.pass(plan.prologue[0].pass).run, Run::Once);
     let barriers = before(&plan, "show");
-    assert!(barriers[0].starts_with("read after write on a, after make"), "{}", shown(&plan));
+    assert_eq!(
+        barriers[0],
+        "read after write on a, after make: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ",
+        "{}",
+        shown(&plan)
+    );
 }
 
 #[test]
