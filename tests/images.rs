@@ -151,3 +151,13 @@ fn every_preset_draws_a_generated_scene_without_a_validation_message() {
         assert!(lit > 320 * 180 / 20, "{}: only {lit} pixels show anything", preset.name);
     }
 }
+
+#[test]
+fn every_preset_draws_with_subgroups_of_4_and_of_16_lanes() {
+    for bits in [128, 512] {
+        common::again_with_vectors_of(
+            bits,
+            "images::every_preset_draws_a_generated_scene_without_a_validation_message",
+        );
+    }
+}

@@ -198,37 +198,19 @@ fn boundaries() {
     println!("{turn} sorts of up to 65,536 pairs, {lanes} lanes");
 }
 
-/// Runs a test of this binary again in a process of its own, where lavapipe has vectors of this many bits. The driver reads
-/// the variable once, when it is loaded.
-fn again_with_vectors_of(bits: u32, test: &str) {
-    let output = std::process::Command::new(std::env::current_exe().expect("this program"))
-        .args([test, "--exact", "--nocapture", "--include-ignored"])
-        .env("LP_NATIVE_VECTOR_WIDTH", bits.to_string())
-        .env("SPLATGRAPH_EXPECT_LANES", (bits / 32).to_string())
-        .output()
-        .expect("the tests can run themselves");
-    let text =
-        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "with vectors of {bits} bits:\n{text}");
-    assert!(text.contains("1 passed"), "the test did not run:\n{text}");
-}
-
 #[test]
 fn the_shipped_sorts_equal_a_stable_sort() {
-    if let Ok(lanes) = std::env::var("SPLATGRAPH_EXPECT_LANES") {
-        assert_eq!(Bench::new().lanes().to_string(), lanes, "the driver did not take the vector width");
-    }
     boundaries();
 }
 
 #[test]
 fn the_shipped_sorts_equal_a_stable_sort_with_subgroups_of_4_lanes() {
-    again_with_vectors_of(128, "sort::the_shipped_sorts_equal_a_stable_sort");
+    common::again_with_vectors_of(128, "sort::the_shipped_sorts_equal_a_stable_sort");
 }
 
 #[test]
 fn the_shipped_sorts_equal_a_stable_sort_with_subgroups_of_16_lanes() {
-    again_with_vectors_of(512, "sort::the_shipped_sorts_equal_a_stable_sort");
+    common::again_with_vectors_of(512, "sort::the_shipped_sorts_equal_a_stable_sort");
 }
 
 /// Up to 2^20: every pair of digit width, key width, size and kind of keys occurs (and with `--long` every triple of the first
