@@ -123,11 +123,11 @@ impl Checker<'_> {
             bind.block_span,
             "bound here",
         );
-        self.errors.push(match nearest(&bind.block, blocks.iter().copied()) {
-            Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-            None if blocks.is_empty() => diagnostic.with_help("it binds nothing"),
-            None => diagnostic.with_help(format!("it has {}", quoted(&blocks))),
-        });
+        let otherwise = match blocks[..] {
+            [] => "it binds nothing".to_string(),
+            _ => format!("it has {}", quoted(&blocks)),
+        };
+        self.errors.push(diagnostic.with_nearest(&bind.block, blocks.iter().copied(), otherwise));
     }
 
     /// Whether the word stands in the text of a shader or of what it includes.
@@ -343,10 +343,7 @@ impl Checker<'_> {
                     push.name_span,
                     "given here",
                 );
-                self.errors.push(match nearest(&push.name, known.iter().map(String::as_str)) {
-                    Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-                    None => diagnostic,
-                });
+                self.errors.push(diagnostic.with_nearest(&push.name, known.iter().map(String::as_str), ""));
             }
         }
         bytes

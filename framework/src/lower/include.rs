@@ -8,7 +8,7 @@ use super::passes::{Head, Level, Lowering};
 use super::scope::{Names, Place};
 use crate::plan::{Param, Run};
 use crate::schema::{Number, ParamDecl};
-use crate::source::{Diagnostic, Kind, Path, nearest};
+use crate::source::{Diagnostic, Kind, Path};
 
 impl Lowering<'_> {
     #[allow(clippy::too_many_arguments)]
@@ -75,10 +75,8 @@ impl Lowering<'_> {
             let at = place.field("with").field(unknown);
             let diagnostic =
                 Diagnostic::new(format!("`{graph}` has no port `{unknown}`"), at.key(), "given here");
-            return Err(match nearest(unknown, opened.graph.ports.keys().map(String::as_str)) {
-                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-                None => diagnostic,
-            });
+            let ports = opened.graph.ports.keys().map(String::as_str);
+            return Err(diagnostic.with_nearest(unknown, ports, ""));
         }
         for field in ["output", "stats"] {
             let set = if field == "output" {
@@ -115,20 +113,12 @@ impl Lowering<'_> {
         set: &IndexMap<String, Number>,
         place: &Place,
     ) -> Result<(Names, Vec<Param>), Diagnostic> {
-        if let Some((unknown, setting)) =
-            opened.set.iter().find(|(k, _)| !opened.graph.params.contains_key(*k))
-        {
-            let span = setting.outline.key(&setting.path);
-            return Err(Diagnostic::new(format!("the graph has no parameter `{unknown}`"), span, "set here"));
+        let graph = &opened.graph;
+        if let Some((name, setting)) = opened.set.iter().find(|(k, _)| !graph.params.contains_key(*k)) {
+            return Err(params::unknown(name, setting.outline.key(&setting.path), graph));
         }
-        if let Some(unknown) = set.keys().find(|k| !opened.graph.params.contains_key(*k)) {
-            let at = place.field("set").field(unknown);
-            let diagnostic =
-                Diagnostic::new(format!("the graph has no parameter `{unknown}`"), at.key(), "set here");
-            return Err(match nearest(unknown, opened.graph.params.keys().map(String::as_str)) {
-                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-                None => diagnostic,
-            });
+        if let Some(name) = set.keys().find(|k| !graph.params.contains_key(*k)) {
+            return Err(params::unknown(name, place.field("set").field(name).key(), graph));
         }
         let mut names = Names { values: self.request.facts.clone(), live: Default::default() };
         let mut params = Vec::new();

@@ -4,7 +4,7 @@ use super::document::{Opened, Setting};
 use super::scope::{Names, Place, describe};
 use crate::build::Request;
 use crate::plan::{Domain, Param, ParamBinding, Value};
-use crate::schema::{Number, ParamDecl, ParamKind};
+use crate::schema::{Graph, Number, ParamDecl, ParamKind};
 use crate::source::{Diagnostic, Path, SourceMap, Span, nearest};
 
 /// What a graph's parameters come to.
@@ -29,37 +29,15 @@ pub(super) fn resolve(
     errors: &mut Vec<Diagnostic>,
 ) -> Resolved {
     let known = |name: &str| root.graph.params.contains_key(name);
-    let offer = |diagnostic: Diagnostic, name: &str| {
-        let names = root.graph.params.keys().map(String::as_str);
-        match nearest(name, names) {
-            Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-            None => diagnostic.with_help(match root.graph.params.is_empty() {
-                true => "this graph has no parameters".to_string(),
-                false => {
-                    let all: Vec<_> = root.graph.params.keys().map(|k| format!("`{k}`")).collect();
-                    format!("it has {}", all.join(", "))
-                }
-            }),
-        }
-    };
-    for (name, setting) in &root.set {
-        if !known(name) {
-            let span = setting.outline.key(&setting.path);
-            errors.push(offer(
-                Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here"),
-                name,
-            ));
-        }
+    for (name, setting) in root.set.iter().filter(|(name, _)| !known(name)) {
+        errors.push(unknown(name, setting.outline.key(&setting.path), &root.graph));
     }
     let mut texts = Vec::new();
     for (name, value) in request.set {
         let file = files.add("--set", format!("{name}={value}"));
         if !known(name) {
             let span = Span { file, start: 0, end: name.len() };
-            errors.push(offer(
-                Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here"),
-                name,
-            ));
+            errors.push(unknown(name, span, &root.graph));
         }
         let span = Span { file, start: name.len() + 1, end: name.len() + 1 + value.len() };
         texts.push((name.as_str(), Text { value, span }));
@@ -86,6 +64,20 @@ pub(super) fn resolve(
         }
     }
     Resolved { params, names, live_bytes }
+}
+
+/// A setting of a parameter that the graph does not have.
+pub(super) fn unknown(name: &str, span: Span, graph: &Graph) -> Diagnostic {
+    let all: Vec<_> = graph.params.keys().map(|k| format!("`{k}`")).collect();
+    let otherwise = match all[..] {
+        [] => "this graph has no parameters".to_string(),
+        _ => format!("it has {}", all.join(", ")),
+    };
+    Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here").with_nearest(
+        name,
+        graph.params.keys().map(String::as_str),
+        otherwise,
+    )
 }
 
 #[allow(clippy::too_many_arguments)]

@@ -5,7 +5,7 @@ use super::passes::{Level, Lowering};
 use super::scope::{Names, Place};
 use crate::plan::{Format, Resource, ResourceId, Shape, Source, Usage, Value};
 use crate::schema::{Import, Number, Port, ResourceDecl};
-use crate::source::{Diagnostic, Path, Span, nearest};
+use crate::source::{Diagnostic, Path, Span};
 
 /// What a name in a graph stands for.
 #[derive(Clone, Debug)]
@@ -95,10 +95,8 @@ impl Lowering<'_> {
             let diagnostic = place
                 .field("from")
                 .error(format!("nothing is called `{}`", import.from), "cannot be imported");
-            return Err(match nearest(&import.from, known()) {
-                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-                None => diagnostic.with_help(format!("there are {}", known().collect::<Vec<_>>().join(", "))),
-            });
+            let all = known().collect::<Vec<_>>().join(", ");
+            return Err(diagnostic.with_nearest(&import.from, known(), format!("there are {all}")));
         };
         if planes > attribute.planes as u64 {
             let message = format!("`{}` has {} planes", import.from, attribute.planes);
@@ -173,10 +171,7 @@ impl Lowering<'_> {
         // A single word that nothing is called is a misspelt format rather than an expression.
         let wrong = |name: &str| {
             let diagnostic = place.error(format!("there is no format `{name}`"), "cannot be used");
-            match nearest(name, all) {
-                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-                None => diagnostic.with_help(format!("there are {}", all.join(", "))),
-            }
+            diagnostic.with_nearest(name, all, format!("there are {}", all.join(", ")))
         };
         if is_identifier(text) && !level.names.values.contains_key(text) {
             return Err(wrong(text));
@@ -228,10 +223,7 @@ impl Lowering<'_> {
         let Some(handle) = level.handles.get(name) else {
             let diagnostic = Diagnostic::new(format!("there is no resource `{name}`"), span, "not declared");
             let names = level.handles.keys().map(String::as_str);
-            return Err(match nearest(name, names) {
-                Some(near) => diagnostic.with_help(format!("did you mean `{near}`?")),
-                None => diagnostic,
-            });
+            return Err(diagnostic.with_nearest(name, names, ""));
         };
         match (handle, half) {
             (None, _) => Ok(None),

@@ -45,6 +45,21 @@ impl Diagnostic {
         self.help.push(text.into());
         self
     }
+
+    /// Offers the nearest of the names that would have been right; where none is near, says `otherwise`, unless it is empty.
+    pub fn with_nearest<'a>(
+        self,
+        name: &str,
+        candidates: impl IntoIterator<Item = &'a str>,
+        otherwise: impl Into<String>,
+    ) -> Self {
+        let otherwise = otherwise.into();
+        match nearest(name, candidates) {
+            Some(near) => self.with_help(format!("did you mean `{near}`?")),
+            None if otherwise.is_empty() => self,
+            None => self.with_help(otherwise),
+        }
+    }
 }
 
 impl fmt::Display for Diagnostic {

@@ -75,6 +75,21 @@ fn reachable(module: &Module) -> Result<Vec<Word>, String> {
     Ok(functions)
 }
 
+/// Whether the instruction makes of its first operand, a pointer or an image, another to the same resource, and touches nothing.
+fn leads_on(opcode: Op) -> bool {
+    matches!(
+        opcode,
+        Op::AccessChain
+            | Op::InBoundsAccessChain
+            | Op::PtrAccessChain
+            | Op::InBoundsPtrAccessChain
+            | Op::CopyObject
+            | Op::ImageTexelPointer
+            | Op::SampledImage
+            | Op::Image
+    )
+}
+
 /// Hands roots on from an instruction's operands to its result, or into the function that it calls.
 fn propagate(
     module: &Module,
@@ -85,14 +100,7 @@ fn propagate(
 ) -> Result<bool, String> {
     let mut sources = Vec::new();
     match i.class.opcode {
-        Op::AccessChain
-        | Op::InBoundsAccessChain
-        | Op::PtrAccessChain
-        | Op::InBoundsPtrAccessChain
-        | Op::CopyObject
-        | Op::ImageTexelPointer
-        | Op::SampledImage
-        | Op::Image => sources.push(id(i, 0)?),
+        opcode if leads_on(opcode) => sources.push(id(i, 0)?),
         // Loading an image gives a handle to it, and reads nothing from it.
         Op::Load if is_opaque(module, i)? => sources.push(id(i, 0)?),
         Op::Select => sources.extend([id(i, 1)?, id(i, 2)?]),
@@ -156,17 +164,7 @@ fn note(module: &Module, i: &Instruction, roots: &Roots, accesses: &mut Accesses
             (Op::CopyMemory | Op::CopyMemorySized, 1) => Effect::Read,
             (Op::ImageRead | Op::ImageSparseRead | Op::ImageFetch, 0) => Effect::Read,
             (Op::ImageWrite, 0) => Effect::Write,
-            (
-                Op::AccessChain
-                | Op::InBoundsAccessChain
-                | Op::PtrAccessChain
-                | Op::InBoundsPtrAccessChain
-                | Op::CopyObject
-                | Op::ImageTexelPointer
-                | Op::SampledImage
-                | Op::Image,
-                0,
-            ) => Effect::Nothing,
+            (opcode, 0) if leads_on(opcode) => Effect::Nothing,
             (Op::Select | Op::Phi | Op::FunctionCall | Op::ReturnValue, _) => Effect::Nothing,
             (Op::ArrayLength, 0) => Effect::Nothing,
             (
