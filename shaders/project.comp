@@ -92,6 +92,11 @@ bool covers_a_pixel(float centre, float reach, float size) {
     return max(ceil(centre - reach), 0.0) <= min(floor(centre + reach), size - 1.0);
 }
 
+#if ORDER_OF == ORDER_OF_LAST_FRAME
+// What was visible in the last frame is drawn, visible or not: this shows nothing.
+const Splat NOTHING = Splat(vec2(0.0), vec2(1.0, 0.0), vec2(0.0, 1.0), 0.0, 0.0, vec4(0.0));
+#endif
+
 // Projects splat `i`, writes its record if it is visible, and returns its view depth, or -1 if it is not.
 float project(uint i) {
     vec3 p = vec3(position[i].x, position[i].y, position[i].z);
@@ -166,6 +171,11 @@ void main() {
     if (i < uint(SCENE_COUNT)) {
         z = project(i);
         depth[i] = z;
+#if ORDER_OF == ORDER_OF_LAST_FRAME
+        if (!(z > 0.0)) {
+            splats[i] = NOTHING;
+        }
+#endif
     }
 
     uvec4 visible = subgroupBallot(z > 0.0);

@@ -146,8 +146,9 @@ fn every_preset_draws_a_generated_scene_without_a_validation_message() {
     let scene = || splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");
     let camera = Camera::framing(&scene(), 320, 180);
     for preset in splatgraph::builtin::presets() {
-        let images = draw_scene(scene(), std::slice::from_ref(&camera), preset.name, [0.0; 3], &[]);
-        let lit = images[0].rgb.iter().filter(|p| p.iter().any(|v| *v > 0.05)).count();
+        // Two frames: a preset may draw with what the first left.
+        let images = draw_scene(scene(), &[camera.clone(), camera.clone()], preset.name, [0.0; 3], &[]);
+        let lit = images[1].rgb.iter().filter(|p| p.iter().any(|v| *v > 0.05)).count();
         assert!(lit > 320 * 180 / 20, "{}: only {lit} pixels show anything", preset.name);
     }
 }
@@ -160,4 +161,25 @@ fn every_preset_draws_with_subgroups_of_4_and_of_16_lanes() {
             "images::every_preset_draws_a_generated_scene_without_a_validation_message",
         );
     }
+}
+
+/// `stale_order` draws with what the last frame sorted: nothing in the first frame, and the right picture once a view was
+/// seen before.
+#[test]
+fn the_order_of_the_last_frame_draws_a_view_that_it_has_seen_as_the_order_of_this_one_does() {
+    let scene = || splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");
+    let camera = Camera::framing(&scene(), 160, 90);
+    let mut elsewhere = camera.clone();
+    elsewhere.position.iter_mut().for_each(|v| *v *= 0.9);
+    let draw = |preset, views: &[&Camera]| {
+        let views: Vec<Camera> = views.iter().map(|view| (*view).clone()).collect();
+        draw_scene(scene(), &views, preset, [0.0; 3], &[])
+    };
+    let right = draw("splat", &[&camera, &elsewhere]);
+    let stale = draw("stale_order", &[&camera, &camera, &elsewhere, &elsewhere]);
+    let dark = stale[0].rgb.iter().all(|pixel| *pixel == [0.0; 3]);
+    assert!(dark, "the first frame has no order to draw with");
+    assert!(bytes(&stale[1]) == bytes(&right[0]), "the second frame from the same view is another picture");
+    assert!(bytes(&stale[2]) != bytes(&right[1]), "a new view is drawn in the order of the last one");
+    assert!(bytes(&stale[3]) == bytes(&right[1]), "and then in its own");
 }

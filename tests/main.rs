@@ -9,4 +9,7 @@ mod common;
 mod covariance;
 mod images;
 mod mistakes;
+mod mutations;
+mod page;
+mod random;
 mod sort;

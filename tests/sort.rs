@@ -102,7 +102,7 @@ impl Bench {
         .map(|(k, v)| (k.to_string(), v.to_string()));
         let catalog = Catalog { uniforms: [("test.run".to_string(), 16)].into(), ..Catalog::default() };
         let graph = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/sort_only.ron");
-        let request = Request { graph, set: &set, facts: &facts, catalog: &catalog };
+        let request = Request { graph, set: &set, facts: &facts, catalog: &catalog, share_memory: true };
         let plan = build(&request, &mut self.files, &mut self.compiler)
             .unwrap_or_else(|e| panic!("{}", render(&self.files, &e, false)));
         self.device.load(plan.clone(), &NoScene, &mut |_| {}).expect("the plan loads");

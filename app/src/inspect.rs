@@ -258,6 +258,8 @@ mod tests {
             shape: Shape::Buffer { stride, count: 6 },
             usage: Usage::STORAGE,
             source: Source::Transient,
+            block: None,
+            history: None,
             origin: origin(),
         };
         let passes = vec![
@@ -274,6 +276,8 @@ mod tests {
             params: vec![],
             resources: vec![buffer("keys#0", 4), buffer("keys#1", 4), buffer("args", 8)],
             shaders: vec![],
+            blocks: vec![],
+            handover: vec![],
             prologue: vec![],
             frame: (0..3).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),
             passes,

@@ -9,13 +9,15 @@ use std::fmt;
 
 /// Builds plans, and remembers the shaders that it compiled.
 pub struct Planner {
+    /// See [`Request::share_memory`].
+    pub share_memory: bool,
     files: SourceMap,
     compiler: Glslang,
 }
 
 impl Default for Planner {
     fn default() -> Planner {
-        Planner { files: builtin::source_map(), compiler: Glslang::default() }
+        Planner { share_memory: true, files: builtin::source_map(), compiler: Glslang::default() }
     }
 }
 
@@ -28,7 +30,7 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<Plan, GraphErrors> {
-        let request = Request { graph, set, facts, catalog };
+        let request = Request { graph, set, facts, catalog, share_memory: self.share_memory };
         build(&request, &mut self.files, &mut self.compiler)
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }

@@ -67,6 +67,12 @@ impl<D: Device> Session<D> {
         }
     }
 
+    /// Lets every resource keep its contents to the frame's end, in memory of its own, so that it can be looked at after any
+    /// pass. Holds for plans that are prepared from now on.
+    pub fn keep_contents(&mut self) {
+        self.planner.share_memory = false;
+    }
+
     /// The device, with the plan that it executes.
     pub fn device(&mut self) -> &mut D {
         &mut self.device

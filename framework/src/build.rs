@@ -36,6 +36,9 @@ pub struct Request<'a> {
     pub set: &'a [(String, String)],
     pub facts: &'a Facts,
     pub catalog: &'a Catalog,
+    /// Lets resources that are never alive at the same time stand in the same memory. Without it every resource keeps its
+    /// contents to the frame's end, so that it can be looked at after any pass.
+    pub share_memory: bool,
 }
 
 /// Reads the graph, lowers it, compiles and checks its shaders, and solves for order and barriers. Errors come with the
@@ -47,5 +50,5 @@ pub fn build(
 ) -> Result<Plan, Vec<Diagnostic>> {
     let flat = lower::lower(request, files)?;
     let checked = check::check(flat, request, files, compiler)?;
-    solve::solve(checked, files)
+    solve::solve(checked, request.share_memory, files)
 }

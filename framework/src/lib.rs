@@ -21,6 +21,7 @@ pub mod check;
 pub mod dump;
 pub mod expr;
 pub mod lower;
+pub mod oracle;
 pub mod plan;
 pub mod schema;
 pub mod shader;

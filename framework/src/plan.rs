@@ -1,10 +1,12 @@
 //! The plan: what a backend executes, as plain data.
 //!
-//! A [`Plan`] names every resource with its size, every pass with its bindings, and two sequences of steps: the
-//! prologue, which runs once after the plan or the scene changed, and the frame, which runs every time. A step is
-//! a pass and the barriers that must be recorded just before it. Nothing in here belongs to one graphics API: the
-//! stages and access bits are named after Vulkan's synchronization2, which is the finer of the two models, and a
-//! Metal backend maps them down.
+//! A [`Plan`] names every resource with its size and its memory, every pass with its bindings, and two sequences of steps:
+//! the prologue, which runs once after the plan or the scene changed, and the frame, which runs every time. A step is a
+//! pass and the barriers that must be recorded just before it, in one call; the [handover](Plan::handover) is one more
+//! call, between the prologue and the first frame. Every frame records the same barriers.
+//!
+//! Nothing in here belongs to one graphics API: the stages and access bits are named after Vulkan's synchronization2, which
+//! is the finer of the two models, and a Metal backend maps them down.
 
 use bitflags::bitflags;
 use serde::{Deserialize, Serialize};
@@ -15,7 +17,7 @@ use std::sync::Arc;
 use crate::shader::Reflection;
 
 /// Version of the plan's serialised form. Raised when a field changes its meaning.
-pub const PLAN_VERSION: u32 = 1;
+pub const PLAN_VERSION: u32 = 2;
 
 /// A value that a parameter, a fact or an expression can have.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,6 +58,8 @@ id!(/// Index into [`Plan::passes`].
     PassId);
 id!(/// Index into [`Plan::shaders`].
     ShaderId);
+id!(/// Index into [`Plan::blocks`].
+    BlockId);
 
 /// Where in a graph file something was declared. Lines and columns count from 1; columns count characters.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,16 +82,24 @@ pub struct Plan {
     pub resources: Vec<Resource>,
     pub shaders: Vec<Shader>,
     pub passes: Vec<Pass>,
+    /// The memory of the transient resources. Each stands in one block, alone or with others that are never alive at the
+    /// same time.
+    pub blocks: Vec<Block>,
     /// Runs once after the plan or the scene changed.
     pub prologue: Vec<Step>,
-    /// Runs every frame, after the prologue or after the frame before.
+    /// Recorded once, as one call, between the prologue and the first frame: shows the frames what the prologue wrote, and
+    /// brings images into the layouts that they are in between frames.
+    pub handover: Vec<Barrier>,
+    /// Runs every frame, after the handover or after the frame before.
     pub frame: Vec<Step>,
     /// Passes of the file that are not in the plan because nothing reads what they write, or their `when` is false.
     pub left_out: Vec<LeftOut>,
-    /// The image that is shown or saved. The frame's last step is an [`Work::Export`] pass that leaves it in
+    /// The image that is shown or saved. A [`Work::Export`] pass at the end of the frame leaves it in
     /// [`Layout::TransferSource`], readable by [`Stages::COPY`].
     pub output: ResourceId,
-    /// Numbers that the GPU computes and people want to see: 32-bit words of buffers, read back after each frame.
+    /// Numbers that the GPU computes and people want to see: 32-bit words of buffers. The export copies them to the resource
+    /// with [`Source::Readback`], one after another, and the frame's last step, [`Work::Host`], is the host reading them there.
+    /// A plan without any has neither.
     pub stats: Vec<Stat>,
 }
 
@@ -132,9 +144,21 @@ impl Plan {
         bytes
     }
 
-    /// Bytes of the resources that the plan itself owns (not the scene's).
+    /// Bytes of the memory blocks: what the plan itself owns, not the scene's. (A device may round images up.)
     pub fn transient_bytes(&self) -> u64 {
+        let largest = |block: &Block| block.tenants.iter().map(|id| self.resource(*id).bytes()).max();
+        self.blocks.iter().filter_map(largest).sum()
+    }
+
+    /// Bytes that the same resources would take if each had memory of its own.
+    pub fn unshared_bytes(&self) -> u64 {
         self.resources.iter().filter(|r| r.source == Source::Transient).map(Resource::bytes).sum()
+    }
+
+    /// The resources that stand in the same memory as this one, itself left out.
+    pub fn aliases(&self, id: ResourceId) -> impl Iterator<Item = ResourceId> + '_ {
+        let block = self.resource(id).block.map(|block| &self.blocks[block.index()]);
+        block.into_iter().flat_map(|block| &block.tenants).copied().filter(move |other| *other != id)
     }
 }
 
@@ -179,7 +203,20 @@ pub struct Resource {
     pub shape: Shape,
     pub usage: Usage,
     pub source: Source,
+    /// Where a transient resource stands; `None` for all others.
+    pub block: Option<BlockId>,
+    /// The name under which its contents live on from frame to frame, and from one plan to the next that has a history of the
+    /// same name and shape. (Of a ping-pong resource, only the half that the frame ends with as its front has it.)
+    pub history: Option<String>,
     pub origin: Origin,
+}
+
+/// A piece of memory, as large as its largest tenant.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Block {
+    /// Resources that stand at the block's start. Of several, only one is alive at any time: from its first use in a frame,
+    /// before which its contents are undefined, to its last.
+    pub tenants: Vec<ResourceId>,
 }
 
 impl Resource {
@@ -219,6 +256,9 @@ pub enum Source {
     Frame { uniform: String },
     /// The uniform block of the live parameters; like `Frame`, laid out by [`Plan::params`].
     Live,
+    /// Host memory that the export writes and the host reads when the frame is done, one copy per frame in flight: the
+    /// words of [`Plan::stats`].
+    Readback,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -267,7 +307,10 @@ bitflags! {
     }
 
     /// Pipeline stages, after VkPipelineStageFlagBits2.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+    ///
+    /// Some follow each other within a command, and barriers know it: `INDIRECT`, `VERTEX`, `FRAGMENT`, `COLOR_OUTPUT` for
+    /// draws, and `INDIRECT`, `COMPUTE` for dispatches. `COPY`, `CLEAR` and `HOST` stand alone. See [`Barrier`].
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
     pub struct Stages: u32 {
         const INDIRECT = 1;
         const VERTEX = 1 << 1;
@@ -276,10 +319,11 @@ bitflags! {
         const COMPUTE = 1 << 4;
         const COPY = 1 << 5;
         const CLEAR = 1 << 6;
+        const HOST = 1 << 7;
     }
 
     /// Kinds of memory access, after VkAccessFlagBits2.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
     pub struct Accesses: u32 {
         const INDIRECT_READ = 1;
         const UNIFORM_READ = 1 << 1;
@@ -289,6 +333,7 @@ bitflags! {
         const COLOR_WRITE = 1 << 5;
         const TRANSFER_READ = 1 << 6;
         const TRANSFER_WRITE = 1 << 7;
+        const HOST_READ = 1 << 8;
     }
 }
 
@@ -314,6 +359,7 @@ pub enum Layout {
     General,
     ColorTarget,
     TransferSource,
+    TransferTarget,
 }
 
 /// A compiled shader module with the defines it was compiled with.
@@ -373,8 +419,16 @@ pub enum Work {
         buffer: ResourceId,
         value: u32,
     },
-    /// Last step of a frame: the output and the statistics become readable by copies.
+    /// Zeros for a resource with a history, in the prologue: what its first frame finds. Where the history of a former plan lives
+    /// on, a backend leaves this pass out together with the barrier on its image (not the others of its step), and brings the
+    /// image into the layout that the pass would have left it in.
+    Start {
+        resource: ResourceId,
+    },
+    /// The output and the statistics become readable by copies; the statistics are copied.
     Export,
+    /// Nothing on the device: the host reads the statistics.
+    Host,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -465,11 +519,42 @@ pub struct Touch {
 /// Barriers, recorded together as one call, and then a pass.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
+    /// At most one on all memory, which comes first, and one for each image that changes its layout. Those of one call do not
+    /// form chains with each other.
     pub barriers: Vec<Barrier>,
     pub pass: PassId,
 }
 
+/// Order between what came before, at the source, and what comes after, at the target; and with it, memory.
+///
+/// It means what it means in Vulkan. Everything that the source stages and the stages before them did happens before
+/// everything that the target stages and the stages after them will do, for all resources, and barriers whose scopes meet
+/// form chains. Of the writes of the source stages themselves, those of the source accesses are made available; what is
+/// available by then (from here, or from earlier in the chain) becomes visible to the target accesses of the target stages
+/// themselves. Without an image this memory part holds for all memory, with one for accesses through that image only.
+/// (Vulkan 1.3, chapter 7, "Synchronization and Cache Control".)
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Barrier {
+    /// The image whose layout changes. The change is a write that happens between source and target, and is visible to the
+    /// target.
+    pub image: Option<Transition>,
+    pub source_stages: Stages,
+    pub source_accesses: Accesses,
+    pub target_stages: Stages,
+    pub target_accesses: Accesses,
+    /// What it stands against, one entry per resource: never empty.
+    pub dependencies: Vec<Dependency>,
+}
+
+/// A change of an image's layout. `old` is [`Layout::Undefined`] where the contents are not needed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Transition {
+    pub image: ResourceId,
+    pub old: Layout,
+    pub new: Layout,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Hazard {
     ReadAfterWrite,
     WriteAfterRead,
@@ -478,24 +563,26 @@ pub enum Hazard {
     LayoutChange,
 }
 
-/// One dependency: what `after` did to `resource` at the source stages is done and visible before `Step::pass` touches
-/// it at the target stages.
+/// One reason for a barrier: what `after` did, and what `before` is about to do.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Barrier {
-    pub resource: ResourceId,
+pub struct Dependency {
     pub hazard: Hazard,
-    /// The passes whose accesses this waits for.
+    /// The pass that needs it: that of the step, or a later one that would otherwise need a call of its own. (It may be one at
+    /// the start of the next frame, whose needs the last call of this one meets.)
+    pub before: PassId,
+    /// What that pass touches.
+    pub resource: ResourceId,
+    /// The passes that are waited for, the latest of each kind. Empty where an image was never touched.
     pub after: Vec<PassId>,
-    /// True where one of them ran in the frame before.
-    pub across_frames: bool,
+    /// They ran in the frame before that of `before`.
+    pub previous_frame: bool,
+    /// The resource that they touched, where it is another one in the same memory.
+    pub alias: Option<ResourceId>,
+    /// What this reason alone asks of the barrier.
     pub source_stages: Stages,
     pub source_accesses: Accesses,
     pub target_stages: Stages,
     pub target_accesses: Accesses,
-    /// Old and new layout, for images; equal where the layout stays. The old one is that of the steady frame: where an image is
-    /// in another (in the first frame, one that a `Once` pass wrote), a backend names that instead, unless it is
-    /// [`Layout::Undefined`].
-    pub layouts: Option<(Layout, Layout)>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -113,10 +113,15 @@ pub fn catalog() -> Catalog {
 
 /// Builds `graph.ron` from files in memory. An error is as a user would read it.
 pub fn plan_of(files: &[(&str, &str)], set: &[(&str, &str)]) -> Result<Plan, String> {
+    plan_with(files, set, true)
+}
+
+fn plan_with(files: &[(&str, &str)], set: &[(&str, &str)], share_memory: bool) -> Result<Plan, String> {
     let memory = files.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
     let mut map = SourceMap::new(Library { memory, ..Library::default() });
     let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
-    let request = Request { graph: "graph.ron", set: &set, facts: &facts(), catalog: &catalog() };
+    let request =
+        Request { graph: "graph.ron", set: &set, facts: &facts(), catalog: &catalog(), share_memory };
     build(&request, &mut map, &mut ListCompiler).map_err(|e| render(&map, &e, false))
 }
 
@@ -146,6 +151,8 @@ pub const SHADERS: &[(&str, &str)] = &[
     ("join.comp", "r In 4\nr In2 4\nw Out 4"),
     ("change.comp", "rw Out 4"),
     ("show.comp", "r In 4\nimage w Image rgba16f"),
+    ("mix.comp", "r In 4\nimage rw Image rgba16f"),
+    ("join_show.comp", "r In 4\nr In2 4\nimage w Image rgba16f"),
     ("filter.comp", "image r Color rgba16f\nimage w Image rgba16f"),
     ("pair.comp", "w Out 4\nw Out2 4"),
     ("paint.comp", "image w Color rgba16f"),
@@ -162,6 +169,13 @@ pub fn plan(graph: &str, set: &[(&str, &str)]) -> Result<Plan, String> {
     let mut files = SHADERS.to_vec();
     files.push(("graph.ron", graph));
     plan_of(&files, set)
+}
+
+/// [`plan`], with every resource in memory of its own.
+pub fn apart(graph: &str) -> Result<Plan, String> {
+    let mut files = SHADERS.to_vec();
+    files.push(("graph.ron", graph));
+    plan_with(&files, &[], false)
 }
 
 /// A dispatch of 64 threads, as a line of a graph.

@@ -6,6 +6,9 @@ use crate::builtin;
 use crate::facts::{self, SceneFacts};
 use crate::planner::{GraphErrors, Planner};
 use anyhow::Result;
+use splatgraph_framework::dump;
+use splatgraph_framework::oracle::{self, Replay, mutate};
+use splatgraph_framework::plan::Plan;
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph check                        # every built-in graph
@@ -15,7 +18,8 @@ pub const EXAMPLES: &str = "Examples:
 ///
 /// Every graph is built as far as a plan, and its shaders are compiled and held against it, for a nominal scene and devices
 /// with the least limits that the built-in graphs run on, with subgroups of 4 to 64 lanes. Mistakes are shown at their line
-/// and column.
+/// and column. Then an oracle replays the plan's barriers: that they suffice, and that none of them, and no bit of one, could
+/// be left out.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -38,7 +42,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut outcome = Outcome::Done;
     for graph in graphs {
         match check(&mut planner, graph, &args.set) {
-            Ok(line) => options::print(&format!("{graph}: OK, {line}"))?,
+            Ok(Ok(line)) => options::print(&format!("{graph}: OK, {line}"))?,
+            // Not the graph's fault: the solver's.
+            Ok(Err(objections)) => {
+                outcome = Outcome::Failed;
+                eprintln!("{objections}");
+                options::print(&format!(
+                    "{graph}: its barriers do not hold; please report this with the graph"
+                ))?;
+            }
             Err(errors) => {
                 outcome = Outcome::Failed;
                 eprintln!("{}", errors.text(colour()).trim_end());
@@ -54,16 +66,40 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Builds a graph for every width of subgroups, since graphs may choose by it what they do, and says what it is for the
 /// usual one. The errors are those of the first width that has any.
-fn check(planner: &mut Planner, graph: &str, set: &[(String, String)]) -> Result<String, GraphErrors> {
+fn check(
+    planner: &mut Planner,
+    graph: &str,
+    set: &[(String, String)],
+) -> Result<Result<String, String>, GraphErrors> {
     let catalog = facts::nominal_catalog();
-    let mut line = String::new();
+    let mut line = Ok(String::new());
     for lanes in facts::SUBGROUP_SIZES {
         let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
         let plan = planner.plan(graph, set, &facts, &catalog)?;
         if lanes == facts::USUAL_SUBGROUP_SIZE {
-            let (once, frame) = (plan.prologue.len(), plan.frame.len());
-            line = format!("{once} passes once and {frame} every frame, {} shaders", plan.shaders.len());
+            line = proof(&plan);
         }
     }
     Ok(line)
+}
+
+/// Lets the oracle replay the plan, and try what it can do without: what it found, or its objections.
+fn proof(plan: &Plan) -> Result<String, String> {
+    let objections = oracle::replay(plan, &Replay::default());
+    if !objections.is_empty() {
+        let lines: Vec<String> = objections.iter().map(|objection| objection.describe(plan)).collect();
+        return Err(lines.join("\n"));
+    }
+    let totals = dump::dump(plan).totals;
+    let needless = mutate::needless(plan).len();
+    Ok(format!(
+        "{} passes once and {} every frame, {} shaders; {} barriers in {} calls: 0 hazards, {needless} of {} removals and \
+         cleared bits go unnoticed",
+        plan.prologue.len(),
+        plan.frame.len(),
+        plan.shaders.len(),
+        totals.frame.barriers,
+        totals.frame.calls,
+        mutate::mutations(plan).len(),
+    ))
 }

@@ -1,35 +1,57 @@
 //! `splatgraph dump`: the plan of a graph, for people and programs.
 
-use super::Outcome;
 use super::options;
+use super::{Outcome, Usage};
 use crate::facts::{self, SceneFacts};
 use crate::planner::Planner;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use splatgraph_framework::build::Facts;
-use splatgraph_framework::dump;
+use splatgraph_framework::dump::{self, Dump};
 use splatgraph_vulkan::Vulkan;
 use std::path::PathBuf;
 
+mod times;
+
 pub const EXAMPLES: &str = "Examples:
   splatgraph dump splat                                    # passes, barriers and resources
+  splatgraph dump splat --format html -o splat.html        # a page to click through, in any browser
   splatgraph dump digit4 --scene scene.ply --size 1920x1080
   splatgraph dump splat --set digit_bits=11 --format json
-  splatgraph dump my/graph.ron --format dot | dot -Tsvg > graph.svg";
+  splatgraph dump my/graph.ron --format dot | dot -Tsvg > graph.svg
+
+What a run took, in the page:
+  splatgraph render scene.ply -o out.png --json stats.json
+  splatgraph dump splat --scene scene.ply --device 0 --times stats.json --format html -o splat.html
+
+Two plans side by side:
+  splatgraph dump splat --diff digit4                      # two graphs
+  splatgraph dump splat --diff splat --set-b digit_bits=4  # one graph with two values of a parameter
+  splatgraph dump splat --diff key16 --set cutoff=3 --format json";
 
 /// Show the plan that a graph becomes: passes in order, barriers, resources
 ///
 /// Needs no GPU: without --device the plan is for a device with the least limits that the built-in graphs run on and
-/// subgroups of 32 lanes, without --scene for a million splats with spherical harmonics of degree 3.
+/// subgroups of 32 lanes, without --scene for a million splats with spherical harmonics of degree 3. With --diff it shows
+/// what is different between two plans. The JSON's fields are documented in docs/dump.md.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// The graph: a built-in one's name (see --help), or a path
     #[arg(value_name = "NAME")]
     graph: String,
-    /// Change a parameter of the graph; can be given several times
+    /// Change a parameter of the graph (of both graphs, with --diff); can be given several times
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
+    /// Compare with the plan of this graph (b): what it adds, lacks and changes
+    #[arg(long, value_name = "NAME", conflicts_with = "times")]
+    diff: Option<String>,
+    /// Change a parameter of the graph that --diff names, after what --set changed; can be given several times
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, requires = "diff")]
+    set_b: Vec<(String, String)>,
+    /// Add GPU times: the medians of a file that `splatgraph render --json` wrote
+    #[arg(long, value_name = "STATS.JSON")]
+    times: Option<PathBuf>,
     /// The scene whose facts (number of splats, degree of the harmonics) the plan is for
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
@@ -53,11 +75,20 @@ enum Form {
     Text,
     /// For programs; everything that the others show
     Json,
-    /// A picture of passes and resources, for Graphviz
+    /// A picture of passes and dependencies, for Graphviz
     Dot,
+    /// A page with a timeline, in one file, for any browser
+    Html,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
+    if args.diff.is_some() && matches!(args.format, Form::Dot | Form::Html) {
+        return Err(
+            Usage("a comparison is written as text or json; leave out --format, or --diff".into()).into()
+        );
+    }
+    // Before the plan is made, which takes longer to fail.
+    let times = args.times.as_deref().map(times::load).transpose()?;
     let (scene, catalog) = match &args.scene {
         Some(path) => {
             let scene = options::load_scene(path)?;
@@ -67,14 +98,50 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let device = device_facts(args.device.as_deref())?;
     let facts = facts::facts(&scene, &device, args.size);
-    let plan = Planner::default().plan(&args.graph, &args.set, &facts, &catalog)?;
-    let text = match args.format {
-        Form::Text => dump::text(&dump::dump(&plan)),
-        Form::Json => format!("{:#}\n", dump::json(&plan)),
-        Form::Dot => dump::dot(&dump::dump(&plan)),
+    let mut planner = Planner::default();
+    let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
+        Ok(dump::dump(&planner.plan(graph, set, &facts, &catalog)?))
+    };
+    let mut a = dump_of(&args.graph, &args.set)?;
+    let text = if let Some(other) = &args.diff {
+        let b = dump_of(other, &[args.set.as_slice(), args.set_b.as_slice()].concat())?;
+        let diff = dump::diff(&a, &b);
+        match args.format {
+            Form::Json => format!("{:#}\n", serde_json::to_value(&diff)?),
+            _ => dump::diff_text(&diff),
+        }
+    } else {
+        if let Some(times) = times {
+            a = with_times(a, &times)?;
+        }
+        match args.format {
+            Form::Text => dump::text(&a),
+            Form::Json => format!("{:#}\n", dump::json(&a)),
+            Form::Dot => dump::dot(&a),
+            Form::Html => dump::html(&a),
+        }
     };
     options::write_text(args.output.as_deref(), &text)?;
     Ok(Outcome::Done)
+}
+
+/// Adds the times, and says what may be wrong with them: the file may be of another graph or another set of parameters.
+fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
+    let (timed, found) = dump.with_times(&times.passes);
+    let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();
+    if found == 0 {
+        anyhow::bail!("the times are of other passes: {} has none of them", timed.graph);
+    }
+    if times.pipeline != timed.graph {
+        eprintln!("the times are of {}, the plan is of {}", times.pipeline, timed.graph);
+    }
+    if missing > 0 || found < times.passes.len() {
+        eprintln!(
+            "{missing} passes have no time, and {} times no pass: was another device or were other parameters drawn with?",
+            times.passes.len() - found
+        );
+    }
+    Ok(timed)
 }
 
 /// The facts of the device that is named, or of the portable one.
@@ -85,4 +152,79 @@ pub fn device_facts(wanted: Option<&str>) -> Result<Facts> {
     let options = splatgraph_vulkan::Options { device: Some(wanted.to_owned()), ..Default::default() };
     let device = Vulkan::open(&options).context("the device's limits are not known")?;
     Ok(splatgraph_api::Device::info(&device).facts.clone())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use serde_json::{Value, json};
+    use std::path::Path;
+
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    /// What `splatgraph dump` with these words writes to a file, or its error.
+    fn dumped(folder: &Path, words: &str) -> Result<String> {
+        let output = folder.join("out");
+        let words = ["dump"].into_iter().chain(words.split(' '));
+        let args = Line::try_parse_from(words)?.args;
+        run(&Args { output: Some(output.clone()), ..args })?;
+        Ok(std::fs::read_to_string(output)?)
+    }
+
+    #[test]
+    fn two_graphs_and_two_values_of_a_parameter_compare_alike() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let compared = |words: &str| -> Value {
+            let text = dumped(folder.path(), words).expect("both have plans");
+            serde_json::from_str(&text).expect("JSON")
+        };
+        let by_name = compared("splat --diff digit4 --format json");
+        let by_set = compared("splat --diff splat --set-b digit_bits=4 --format json");
+        assert_eq!(by_name["passes"], by_set["passes"]);
+        assert_eq!(by_name["totals"], by_set["totals"]);
+        // Four digits of 8 bits against eight of 4, three dispatches each.
+        assert_eq!(by_name["passes"]["only_b"].as_array().map(Vec::len), Some(12));
+        let same = compared("splat --set digit_bits=4 --diff digit4 --format json");
+        assert_eq!((&same["passes"]["changed"], &same["parameters"]), (&json!([]), &json!([])));
+        let text = dumped(folder.path(), "splat --diff digit4").expect("both have plans");
+        assert!(text.contains("only in b (12): sort.histogram[4..7]"), "{text}");
+    }
+
+    #[test]
+    fn times_of_a_run_are_added_to_the_plan() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let stats = folder.path().join("stats.json");
+        let camera = |ms: f64| json!({"pipeline": "splat", "passes": [{"name": "compose", "gpu_ms": ms}]});
+        std::fs::write(&stats, json!([camera(1.0), camera(4.0)]).to_string()).expect("written");
+        let words = format!("splat --format json --times {}", stats.display());
+        let dump: Value =
+            serde_json::from_str(&dumped(folder.path(), &words).expect("it has a plan")).expect("JSON");
+        let pass = dump["passes"].as_array().and_then(|p| p.iter().find(|p| p["name"] == "compose"));
+        assert_eq!(pass.map(|p| &p["gpu_ms"]), Some(&json!(2.5)));
+        assert_eq!(dump["gpu_ms"], Value::Null, "other passes of the frame have no time");
+
+        let others = json!([{"pipeline": "x", "passes": [{"name": "y", "gpu_ms": 1.0}]}]);
+        std::fs::write(&stats, others.to_string()).expect("written");
+        let error = dumped(folder.path(), &words).unwrap_err().to_string();
+        assert!(error.contains("other passes"), "{error}");
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_a_reason() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (words, reason) in [
+            ("splat --diff digit4 --format html", "text or json"),
+            ("splat --set-b digit_bits=4", "--diff"),
+            ("splat --diff digit4 --times stats.json", "--times"),
+            ("splat --times no-such-file.json", "no-such-file.json"),
+        ] {
+            let error = format!("{:#}", dumped(folder.path(), words).unwrap_err());
+            assert!(error.contains(reason), "{words}: {error}");
+        }
+    }
 }

@@ -86,6 +86,7 @@ fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
         ("transient", "of the graph"),
         ("frame", "of the host, per frame in flight"),
         ("live", "live parameters, per frame in flight"),
+        ("readback", "statistics for the host, per frame in flight"),
     ] {
         let resources: Vec<_> = dump.resources.iter().filter(|r| r.source == source).collect();
         if resources.is_empty() {

@@ -107,6 +107,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (scene, cameras) = scene_and_cameras(args, given)?;
 
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
+    if !args.inspect.is_empty() {
+        session.keep_contents();
+    }
     let mut all = Vec::with_capacity(cameras.len());
     let json_alone = args.json.as_deref() == Some(Path::new("-"));
     let mut progress = Progress::new("drawing");

@@ -66,8 +66,8 @@ pub struct FrameId(pub u64);
 /// What a frame gave.
 #[derive(Clone, Debug, Default)]
 pub struct FrameResult {
-    /// GPU milliseconds per pass that ran, in order of execution (prologue included in the frame that ran it).
-    /// `None` where the device has no timestamps.
+    /// GPU milliseconds per pass that ran, in order of execution (prologue included in the frame that ran it; the host's
+    /// step, which runs nothing, left out). `None` where the device has no timestamps.
     pub pass_ms: Vec<(splatgraph_framework::plan::PassId, Option<f64>)>,
     /// GPU milliseconds from the first to the last command of the frame.
     pub total_ms: Option<f64>,
@@ -103,6 +103,9 @@ pub trait Device {
 
     /// Makes the plan the current one: creates what it needs, uploads the scene attributes that it reads, and lets the
     /// next frame run its prologue. On an error the former plan stays current.
+    ///
+    /// Does not wait for the former plan's frames: their results can be had as before. Where both plans have a history of
+    /// the same name and shape, and the scene is the same, the new plan goes on from what those frames leave in it.
     fn load(
         &mut self,
         plan: Plan,
@@ -117,7 +120,8 @@ pub trait Device {
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError>;
 
     /// Bytes of device memory allocated: (name, bytes), the plan's resources first, then scene attributes, then the
-    /// backend's own staging.
+    /// backend's own. Every piece of memory is listed once, so that the sum is what is allocated: resources that share one
+    /// are one entry, under their names joined by ` + `; a resource that exists once per frame in flight is one entry.
     fn memory(&self) -> Vec<(String, u64)>;
 
     /// Validation messages since the last call (empty when validation is off).

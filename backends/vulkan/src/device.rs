@@ -165,6 +165,12 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
             .map(|heap| heap.size)
             .max()
             .unwrap_or(0),
+        device_memory_types: memory.memory_types[..memory.memory_type_count as usize]
+            .iter()
+            .enumerate()
+            .filter(|(_, kind)| kind.property_flags.contains(vk::MemoryPropertyFlags::DEVICE_LOCAL))
+            .fold(0, |types, (index, _)| types | 1 << index),
+        buffer_image_granularity: core.buffer_image_granularity,
         independent_blend: features.independent_blend == vk::TRUE,
         subgroup: SubgroupLimits {
             // Some drivers give a default outside of what they let a pipeline ask for.

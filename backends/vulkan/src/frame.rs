@@ -27,9 +27,11 @@ pub(crate) struct Slot {
 /// A submitted frame, until its results are collected.
 pub(crate) struct Pending {
     pub frame: FrameId,
+    /// [`Loaded::number`] of the plan that it is a frame of.
+    pub plan: u64,
     /// The passes that it runs, in order.
     pub passes: Vec<PassId>,
-    inspected: Vec<Buffer>,
+    pub inspected: Vec<Buffer>,
     read_output: bool,
     record_ms: f64,
 }
@@ -64,8 +66,10 @@ impl Slot {
         queue::submit(gpu, self.commands, *self.fence)?;
         loaded.layouts = recorded.layouts;
         loaded.prologue_due = false;
+        loaded.carried.clear();
         self.pending = Some(Pending {
             frame,
+            plan: loaded.number,
             passes: recorded.passes,
             inspected: recorded.inspected,
             read_output: inputs.read_output,
@@ -75,27 +79,28 @@ impl Slot {
     }
 
     /// Blocks until the slot's frame is done, and gives what it read back. The slot is free after this, unless the
-    /// device was lost.
+    /// device was lost. `loaded` is the plan that the frame is one of, `slot` this slot's index.
     pub fn collect(
         &mut self,
         gpu: &Gpu,
-        plan: &Plan,
-        loaded: &LoadedSlot,
+        loaded: &Loaded,
+        slot: usize,
     ) -> Result<Option<(FrameId, FrameResult)>, BackendError> {
         if self.pending.is_none() {
             return Ok(None);
         }
         queue::wait(gpu, *self.fence)?;
         let Some(pending) = self.pending.take() else { return Ok(None) };
-        let times = Times::read(gpu, loaded, pending.passes.len())?;
-        let words = loaded.stats.iter().flat_map(|buffer| buffer.mapped().chunks_exact(4));
+        let (plan, own) = (&loaded.plan, &loaded.slots[slot]);
+        let times = Times::read(gpu, own, pending.passes.len())?;
+        let words = loaded.readback(slot).into_iter().flat_map(|buffer| buffer.mapped().chunks_exact(4));
         let words = words.map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]]));
         let result = FrameResult {
             pass_ms: pending.passes.iter().enumerate().map(|(i, &pass)| (pass, times.pass(i))).collect(),
             total_ms: times.total(),
             record_ms: pending.record_ms,
             stats: plan.stats.iter().map(|stat| stat.name.clone()).zip(words).collect(),
-            output: pending.read_output.then(|| pixels(plan, loaded)).flatten(),
+            output: pending.read_output.then(|| pixels(plan, own)).flatten(),
             inspected: pending.inspected.iter().map(|buffer| buffer.mapped().to_vec()).collect(),
         };
         Ok(Some((pending.frame, result)))
@@ -118,9 +123,9 @@ fn write_uniforms(loaded: &mut Loaded, slot: usize, inputs: &FrameInputs) -> Res
                 None => return invalid(format!("the frame was given no uniform block `{uniform}`")),
             },
             Source::Live => &inputs.live,
-            Source::Transient | Source::Scene { .. } => continue,
+            Source::Transient | Source::Scene { .. } | Source::Readback => continue,
         };
-        let Some(target) = loaded.resources.uniform_mut(ResourceId(index as u32), slot) else { continue };
+        let Some(target) = loaded.resources.mapped_mut(ResourceId(index as u32), slot) else { continue };
         if bytes.len() > target.len() {
             return invalid(format!(
                 "the frame was given {} bytes for `{}`, which holds {}",

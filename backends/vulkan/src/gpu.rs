@@ -134,10 +134,12 @@ macro_rules! destroy {
     };
 }
 destroy!(
+    Buffer by destroy_buffer,
     CommandPool by destroy_command_pool,
     DescriptorPool by destroy_descriptor_pool,
     DescriptorSetLayout by destroy_descriptor_set_layout,
     Fence by destroy_fence,
+    Image by destroy_image,
     ImageView by destroy_image_view,
     Pipeline by destroy_pipeline,
     PipelineLayout by destroy_pipeline_layout,

@@ -3,20 +3,24 @@
 //! [`Vulkan`] opens a device and implements [`splatgraph_api::Device`]. A plan's way through the crate:
 //!
 //! 1. `limits` holds it against what the device allows;
-//! 2. `lower` rewrites it in Vulkan's terms, as plain data, without calling Vulkan;
-//! 3. `pipelines`, `resources` and `upload` create what that data lists, which together is a `loaded` plan;
+//! 2. `lower` and `barriers` rewrite it in Vulkan's terms, as plain data, without calling Vulkan;
+//! 3. `pipelines`, `resources` (with `blocks` and `history`) and `upload` create what that data lists, which together is a
+//!    `loaded` plan;
 //! 4. `record` records a frame of it, step by step, and `frame` submits it and reads the results back.
 //!
 //! Under these lie `instance` (the loader and the validation layer), `device` (which device, with what limits), `gpu`
 //! (the opened device and ownership of what is made from it), `memory` and `queue`.
 //!
-//! The crate decides nothing about order or barriers: it records the barriers of the plan, and adds some only around
-//! transfers of its own (uploads, readback, inspection).
+//! The crate decides nothing about order or barriers: it records the barriers of the plan, and adds some only for what it
+//! does itself (uploads, readback, inspection, the change from one plan to the next).
 
+mod barriers;
+mod blocks;
 mod device;
 mod error;
 mod frame;
 mod gpu;
+mod history;
 mod instance;
 mod limits;
 mod loaded;
@@ -37,17 +41,20 @@ use gpu::Gpu;
 use instance::Instance;
 use limits::invalid;
 use loaded::Loaded;
-use resources::Planes;
+use resources::Estate;
 use splatgraph_api::{
     BackendError, Device, DeviceInfo, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult, Progress,
     SceneData,
 };
 use splatgraph_framework::plan::Plan;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// Results that wait to be taken; older ones are dropped, for callers that submit and never ask.
 const MOST_RESULTS: usize = 64;
+
+/// What memory is listed under that only frames in flight still need: of former plans, and for what is inspected.
+const IN_FLIGHT: &str = "frames in flight";
 
 /// How to open a device.
 #[derive(Clone, Debug, Default)]
@@ -64,6 +71,10 @@ pub struct Options {
 pub struct Vulkan {
     info: DeviceInfo,
     loaded: Option<Loaded>,
+    /// Plans that were replaced while frames of theirs were in flight, until those are collected.
+    former: Vec<Loaded>,
+    /// How many plans were loaded.
+    plans: u64,
     slots: [Slot; FRAMES_IN_FLIGHT],
     results: BTreeMap<FrameId, FrameResult>,
     next: u64,
@@ -95,6 +106,8 @@ impl Vulkan {
         Ok(Vulkan {
             info: physical.info,
             loaded: None,
+            former: Vec::new(),
+            plans: 0,
             slots,
             results: BTreeMap::new(),
             next: 0,
@@ -113,23 +126,23 @@ impl Vulkan {
 
     /// Waits for the frame of a slot, if it has one, and keeps its result.
     fn collect(&mut self, slot: usize) -> Result<(), BackendError> {
-        let Some(loaded) = &self.loaded else { return Ok(()) };
-        let collected = self.slots[slot].collect(&self.gpu, &loaded.plan, &loaded.slots[slot]);
+        let Some(pending) = &self.slots[slot].pending else { return Ok(()) };
+        let Some(loaded) = plan(&self.loaded, &self.former, pending.plan) else { return Ok(()) };
+        let collected = self.slots[slot].collect(&self.gpu, loaded, slot);
         if let Some((frame, result)) = collected.map_err(|error| self.losing(error))? {
             self.results.insert(frame, result);
             if self.results.len() > MOST_RESULTS {
                 self.results.pop_first();
             }
         }
+        self.drop_former();
         Ok(())
     }
 
-    fn collect_all(&mut self) -> Result<(), BackendError> {
-        // The older frame first.
-        for back in 0..FRAMES_IN_FLIGHT as u64 {
-            self.collect((self.next + back) as usize % FRAMES_IN_FLIGHT)?;
-        }
-        Ok(())
+    /// Drops the former plans that no frame in flight is one of.
+    fn drop_former(&mut self) {
+        let pending: Vec<u64> = self.slots.iter().flat_map(|slot| &slot.pending).map(|p| p.plan).collect();
+        self.former.retain(|loaded| pending.contains(&loaded.number));
     }
 
     /// Passes an error on. If it is the device's loss, says where that was, and remembers it.
@@ -145,11 +158,11 @@ impl Vulkan {
 
     /// The first frame in flight that is not known to be complete.
     fn where_lost(&self) -> Option<String> {
-        let loaded = self.loaded.as_ref()?;
         let mut place = None;
         for back in 0..FRAMES_IN_FLIGHT as u64 {
             let slot = (self.next + back) as usize % FRAMES_IN_FLIGHT;
             let Some(pending) = &self.slots[slot].pending else { continue };
+            let loaded = plan(&self.loaded, &self.former, pending.plan)?;
             let names: Vec<&str> =
                 pending.passes.iter().map(|&pass| loaded.plan.pass(pass).name.as_str()).collect();
             let finished = self.slots[slot].finished(&self.gpu, &loaded.slots[slot]);
@@ -169,6 +182,11 @@ impl Vulkan {
     }
 }
 
+/// The plan of this number, among the current one and the former ones.
+fn plan<'a>(current: &'a Option<Loaded>, former: &'a [Loaded], number: u64) -> Option<&'a Loaded> {
+    current.iter().chain(former).find(|loaded| loaded.number == number)
+}
+
 impl Device for Vulkan {
     fn info(&self) -> &DeviceInfo {
         &self.info
@@ -181,13 +199,13 @@ impl Device for Vulkan {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<(), BackendError> {
         self.check_lost()?;
-        let none = Planes::new();
-        let kept = self.loaded.as_ref().map_or(&none, |loaded| &loaded.resources.planes);
-        let loaded = Loaded::new(&self.gpu, plan, scene, kept, progress);
+        let estate = self.loaded.as_ref().map_or_else(Estate::default, Loaded::estate);
+        let loaded = Loaded::new(&self.gpu, plan, self.plans, scene, &estate, progress);
         let loaded = loaded.map_err(|error| self.losing(error))?;
-        // The former plan's frames may still be running.
-        self.collect_all()?;
-        self.loaded = Some(loaded);
+        self.plans += 1;
+        // Frames of the one before may still be running.
+        self.former.extend(self.loaded.replace(loaded));
+        self.drop_former();
         Ok(())
     }
 
@@ -222,7 +240,19 @@ impl Device for Vulkan {
     }
 
     fn memory(&self) -> Vec<(String, u64)> {
-        self.loaded.as_ref().map(Loaded::memory).unwrap_or_default()
+        let mut memory = self.loaded.as_ref().map(Loaded::memory).unwrap_or_default();
+        let pending = self.slots.iter().flat_map(|slot| &slot.pending);
+        let inspected = pending.flat_map(|pending| &pending.inspected).map(|buffer| &buffer.memory);
+        // Former plans may share memory with one another and with the current one.
+        let pieces = self.former.iter().flat_map(Loaded::pieces).chain(inspected);
+        let mut other: HashMap<_, u64> = pieces.map(|piece| (Arc::as_ptr(piece), piece.bytes())).collect();
+        for piece in self.loaded.iter().flat_map(Loaded::pieces) {
+            other.remove(&Arc::as_ptr(piece));
+        }
+        if !other.is_empty() {
+            memory.push((IN_FLIGHT.to_string(), other.values().sum()));
+        }
+        memory
     }
 
     fn take_messages(&mut self) -> Vec<String> {

@@ -30,6 +30,10 @@ pub(crate) struct Limits {
     pub max_storage_images: u32,
     /// Size of the largest device-local heap.
     pub heap_bytes: u64,
+    /// A bit for each memory type that is device-local.
+    pub device_memory_types: u32,
+    /// Buffers and images next to each other in memory keep this many bytes apart.
+    pub buffer_image_granularity: u64,
     /// Targets of one draw may blend differently.
     pub independent_blend: bool,
     pub subgroup: SubgroupLimits,
@@ -63,9 +67,19 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
         ));
     }
     let checker = Checker { plan, limits };
+    let mut histories = HashSet::new();
     for resource in &plan.resources {
         checker.resource(resource)?;
+        if let Some(history) = &resource.history
+            && !histories.insert(history)
+        {
+            return invalid(format!(
+                "`{}` is not the only resource with the history `{history}`",
+                resource.name
+            ));
+        }
     }
+    checker.blocks()?;
     checker.memory()?;
     let mut seen = HashSet::new();
     for step in plan.prologue.iter().chain(&plan.frame) {
@@ -73,14 +87,11 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
         if !seen.insert(step.pass) {
             return invalid(format!("pass `{}` is in two steps", pass.name));
         }
-        for barrier in &step.barriers {
-            let image = checker.resources(barrier.resource, &pass.name)?.is_image();
-            if image != barrier.layouts.is_some() || matches!(barrier.layouts, Some((_, Layout::Undefined))) {
-                return invalid(format!("a barrier before pass `{}` has layouts that do not fit", pass.name));
-            }
-        }
+        checker.barriers(&step.barriers, &format!("before pass `{}`", pass.name))?;
         checker.pass(pass)?;
     }
+    checker.barriers(&plan.handover, "of the handover")?;
+    checker.order()?;
     checker.output()
 }
 
@@ -106,7 +117,7 @@ impl ResourceExt for Resource {
     }
 
     fn is_per_frame(&self) -> bool {
-        matches!(self.source, Source::Frame { .. } | Source::Live)
+        matches!(self.source, Source::Frame { .. } | Source::Live | Source::Readback)
     }
 }
 
@@ -195,8 +206,34 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
+    /// Every transient resource stands in the block that it names, and nothing else stands in one.
+    fn blocks(&self) -> Result<(), BackendError> {
+        let mut seen = HashSet::new();
+        for (index, block) in self.plan.blocks.iter().enumerate() {
+            for &id in &block.tenants {
+                let resource = self.resources(id, &format!("block {index}"))?;
+                if resource.block != Some(BlockId(index as u32)) || !seen.insert(id) {
+                    return invalid(format!(
+                        "block {index} has a tenant `{}` that is not its",
+                        resource.name
+                    ));
+                }
+            }
+        }
+        for (index, resource) in self.plan.resources.iter().enumerate() {
+            let transient = resource.source == Source::Transient;
+            let housed = seen.contains(&ResourceId(index as u32));
+            if transient != resource.block.is_some() || transient != housed {
+                let text = if transient { "stands in no block" } else { "is not the plan's own" };
+                return invalid(format!("`{}` {text}, and names {:?}", resource.name, resource.block));
+            }
+        }
+        Ok(())
+    }
+
     fn memory(&self) -> Result<(), BackendError> {
-        let total: u64 = self.plan.resources.iter().fold(0, |sum, r| sum.saturating_add(r.bytes()));
+        let others = self.plan.resources.iter().filter(|r| r.source != Source::Transient);
+        let total = others.fold(self.plan.transient_bytes(), |sum, r| sum.saturating_add(r.bytes()));
         if total <= self.limits.heap_bytes {
             return Ok(());
         }
@@ -208,6 +245,27 @@ impl<'a> Checker<'a> {
             mib(self.limits.heap_bytes),
             largest.unwrap_or_default()
         ))
+    }
+
+    fn barriers(&self, barriers: &[Barrier], place: &str) -> Result<(), BackendError> {
+        for (index, barrier) in barriers.iter().enumerate() {
+            let Some(Transition { image, new, .. }) = barrier.image else {
+                if index > 0 {
+                    return invalid(format!(
+                        "of the barriers {place}, one on all memory does not come first"
+                    ));
+                }
+                continue;
+            };
+            let resource = self.resources(image, &format!("a barrier {place}"))?;
+            if !resource.is_image() || new == Layout::Undefined {
+                return invalid(format!(
+                    "a barrier {place} brings `{}` into the layout {new:?}, which it cannot have",
+                    resource.name
+                ));
+            }
+        }
+        Ok(())
     }
 
     fn pass(&self, pass: &Pass) -> Result<(), BackendError> {
@@ -226,6 +284,9 @@ impl<'a> Checker<'a> {
             ));
         }
         self.bindings(pass)?;
+        for touch in &pass.touches {
+            self.resources(touch.resource, name)?;
+        }
         match &pass.work {
             Work::Dispatch { shader, groups } => self.dispatch(pass, *shader, *groups),
             Work::Draw { vertex, fragment, call, targets, .. } => {
@@ -236,19 +297,23 @@ impl<'a> Checker<'a> {
                 }
                 self.targets(targets, name)
             }
-            Work::Fill { buffer, .. } => {
-                let bytes = self.used(*buffer, Usage::COPY_TARGET, name)?.bytes();
-                let resource = self.words(*buffer, 0, bytes, name)?;
-                if !bytes.is_multiple_of(4) {
-                    return invalid(format!(
-                        "pass `{name}` fills `{}`, which is not whole words",
-                        resource.name
-                    ));
-                }
-                Ok(())
+            Work::Fill { buffer, .. } => self.filled(*buffer, name),
+            Work::Start { resource } => {
+                let image = self.used(*resource, Usage::COPY_TARGET, name)?.is_image();
+                if image { Ok(()) } else { self.filled(*resource, name) }
             }
-            Work::Export => Ok(()),
+            Work::Export | Work::Host => Ok(()),
         }
+    }
+
+    /// A buffer that `user` fills with a word.
+    fn filled(&self, buffer: ResourceId, user: &str) -> Result<(), BackendError> {
+        let bytes = self.used(buffer, Usage::COPY_TARGET, user)?.bytes();
+        let resource = self.words(buffer, 0, bytes, user)?;
+        if !bytes.is_multiple_of(4) {
+            return invalid(format!("pass `{user}` fills `{}`, which is not whole words", resource.name));
+        }
+        Ok(())
     }
 
     fn bindings(&self, pass: &Pass) -> Result<(), BackendError> {
@@ -371,141 +436,40 @@ impl<'a> Checker<'a> {
         for stat in &self.plan.stats {
             self.words(stat.buffer, stat.offset, 4, &stat.name)?;
         }
-        let exports = |steps: &[Step]| -> Vec<bool> {
-            steps.iter().map(|step| self.plan.pass(step.pass).work == Work::Export).collect()
-        };
-        let frame = exports(&self.plan.frame);
-        let last_only = frame.iter().rposition(|&e| e).is_some_and(|last| last + 1 == frame.len())
-            && frame.iter().filter(|&&e| e).count() == 1;
-        if !last_only || exports(&self.plan.prologue).contains(&true) {
-            return invalid("a plan exports its output once, in the last step of its frame".to_string());
+        let readbacks = self.plan.resources.iter().filter(|r| r.source == Source::Readback);
+        let bytes: Vec<u64> = readbacks.map(Resource::bytes).collect();
+        let room = bytes.first().copied().unwrap_or(0);
+        if bytes.len() > 1 || room < 4 * self.plan.stats.len() as u64 {
+            return invalid(format!(
+                "the plan has {} statistics, and {} resources of {room} bytes to read them back from",
+                self.plan.stats.len(),
+                bytes.len()
+            ));
+        }
+        Ok(())
+    }
+
+    /// Starts are in the prologue; the frame ends with its export, or with that and the host's step.
+    fn order(&self) -> Result<(), BackendError> {
+        let work = |step: &Step| &self.plan.pass(step.pass).work;
+        if self.plan.frame.iter().any(|step| matches!(work(step), Work::Start { .. })) {
+            return invalid("a frame zeroes a resource's history".to_string());
+        }
+        let (host, statistics) = (&Work::Host, !self.plan.stats.is_empty());
+        let frame: Vec<&Work> = self.plan.frame.iter().map(work).collect();
+        let rest = if statistics { frame.strip_suffix(&[host]) } else { Some(frame.as_slice()) };
+        let rest = rest.and_then(|rest| rest.strip_suffix(&[&Work::Export]));
+        let once = self.plan.prologue.iter().map(work).chain(rest.unwrap_or_default().iter().copied());
+        if rest.is_none() || once.into_iter().any(|work| matches!(work, Work::Export | Work::Host)) {
+            return invalid(
+                "a plan's frame ends with the export of its output, and then the host's step if it has statistics, and \
+                 has both once"
+                    .to_string(),
+            );
         }
         Ok(())
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing::*;
-
-    /// About what lavapipe has.
-    fn limits() -> Limits {
-        Limits {
-            max_storage_bytes: 128 << 20,
-            max_uniform_bytes: 65536,
-            max_buffer_bytes: 2 << 30,
-            max_push_bytes: 128,
-            max_groups: [65535; 3],
-            max_local_size: [1024; 3],
-            max_invocations: 1024,
-            shared_bytes: 32768,
-            max_image_size: 16384,
-            max_targets: 8,
-            rounds_half: true,
-            max_storage_buffers: 32,
-            max_uniform_buffers: 16,
-            max_storage_images: 16,
-            heap_bytes: 4 << 30,
-            independent_blend: true,
-            subgroup: SubgroupLimits { size: 8, max_size: 8, selectable: true, max_per_group: 32 },
-            timestamp_bits: 64,
-            timestamp_period: 1.0,
-        }
-    }
-
-    /// What is said of an altered plan, under altered limits; empty if it is accepted.
-    fn said(alter: impl FnOnce(&mut Plan, &mut Limits)) -> String {
-        let (mut plan, mut limits) = (plan(), limits());
-        alter(&mut plan, &mut limits);
-        check(&plan, &limits).err().map(|error| error.to_string()).unwrap_or_default()
-    }
-
-    fn buffer(plan: &mut Plan, id: ResourceId, count: u64) {
-        plan.resources[id.index()].shape = Shape::Buffer { stride: 4, count };
-    }
-
-    #[test]
-    fn a_plan_within_the_limits_is_accepted() {
-        assert_eq!(said(|_, _| {}), "");
-    }
-
-    #[test]
-    fn sizes_are_compared_in_mebibytes_and_name_the_resource() {
-        assert_eq!(
-            said(|plan, _| buffer(plan, WORDS, 40_000_000)),
-            "`words`, bound by pass `scan[0]`, is 152.6 MiB, and a storage binding of this device may have 128.0 MiB \
-             at most"
-        );
-        assert_eq!(
-            said(|plan, _| buffer(plan, ARGS, 1 << 30)),
-            "buffer `args` is 4096.0 MiB, and a buffer of this device may have 2048.0 MiB at most"
-        );
-        assert!(said(|plan, _| buffer(plan, CAMERA, 65536)).contains("a uniform block of this device"));
-        assert_eq!(
-            said(|plan, limits| {
-                buffer(plan, SPLATS, 5000);
-                limits.heap_bytes = 40_000
-            }),
-            "the plan's resources are 40768 bytes in all, and the device's memory is 40000 bytes; the largest is \
-             `splats` with 20000 bytes"
-        );
-    }
-
-    #[test]
-    fn too_much_of_anything_else_is_refused() {
-        let push = said(|_, limits| limits.max_push_bytes = 4);
-        assert!(push.contains("pass `clear` has 8 bytes of push constants"), "{push}");
-        let groups = said(|_, limits| limits.max_groups[0] = 3);
-        assert!(groups.contains("pass `scan[0]` dispatches [4, 1, 1] workgroups"), "{groups}");
-        let local = said(|_, limits| limits.max_invocations = 32);
-        assert!(local.contains("`scan.comp` has workgroups of [64, 1, 1]"), "{local}");
-        let shared = said(|_, limits| limits.shared_bytes = 512);
-        assert!(shared.contains("uses 1024 bytes of shared memory"), "{shared}");
-        let image = said(|_, limits| limits.max_image_size = 63);
-        assert!(image.contains("image `color` is 64 x 32 pixels"), "{image}");
-        let storage = said(|_, limits| limits.max_storage_buffers = 1);
-        assert!(storage.contains("pass `splat` binds 2 storage buffers"), "{storage}");
-        let targets = said(|_, limits| limits.max_targets = 0);
-        assert!(targets.contains("1 targets"), "{targets}");
-    }
-
-    #[test]
-    fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
-        let nowhere = ResourceId(77);
-        type Alteration = fn(&mut Plan);
-        let alterations: [(&str, Alteration); 14] = [
-            ("version", |plan| plan.version += 1),
-            ("pass 9", |plan| plan.frame[0].pass = PassId(9)),
-            ("in two steps", |plan| plan.frame[0].pass = PassId(0)),
-            ("resource 77", |plan| plan.output = ResourceId(77)),
-            ("resource 77", |plan| plan.passes[1].bindings[0].resource = ResourceId(77)),
-            ("no Compute shader", |plan| {
-                plan.passes[1].work = Work::Dispatch { shader: ShaderId(1), groups: Groups::Direct([1; 3]) };
-            }),
-            ("0 elements", |plan| buffer(plan, WORDS, 0)),
-            ("not a StorageBuffer", |plan| plan.passes[1].bindings[0].resource = COLOR),
-            ("12 bytes at byte 24", |plan| {
-                let groups = Groups::Indirect { buffer: ARGS, offset: 24 };
-                plan.passes[2].work = Work::Dispatch { shader: ShaderId(0), groups };
-            }),
-            ("at byte 18446744073709551612", |plan| plan.stats[0].offset = u64::MAX - 3),
-            ("uses `splats` as", |plan| plan.passes[0].work = Work::Fill { buffer: SPLATS, value: 0 }),
-            ("exports its output once", |plan| drop(plan.frame.pop())),
-            ("exports its output once", |plan| plan.frame.rotate_left(1)),
-            ("layouts that do not fit", |plan| {
-                let nothing = (Stages::COMPUTE, Accesses::STORAGE_WRITE);
-                plan.frame[0].barriers.push(barrier(COLOR, nothing, nothing, None));
-            }),
-        ];
-        for (expected, alter) in alterations {
-            let text = said(|plan, _| alter(plan));
-            assert!(text.contains(expected), "expected `{expected}` in `{text}`");
-        }
-        let text = said(|plan, _| {
-            let some = (Stages::COMPUTE, Accesses::STORAGE_WRITE);
-            plan.frame[1].barriers.push(barrier(nowhere, some, some, None));
-        });
-        assert!(text.contains("resource 77"), "{text}");
-    }
-}
+mod tests;

@@ -2,15 +2,16 @@
 
 use crate::error::api;
 use crate::gpu::{Gpu, Owned};
+use crate::history::{self, History};
 use crate::limits;
 use crate::lower::{self, Lowered, LoweredStep};
-use crate::memory::Buffer;
+use crate::memory::{Buffer, Memory};
 use crate::pipelines::{DescriptorSets, Pipelines};
-use crate::resources::{Planes, Resources};
+use crate::resources::{Created, Estate, Resources};
 use crate::upload::upload;
 use ash::vk;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress, SceneData};
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::plan::{Plan, ResourceId, Source, Work};
 use std::sync::Arc;
 
 /// Dropped in the order of its fields, when no frame of it is in flight.
@@ -21,9 +22,15 @@ pub(crate) struct Loaded {
     pub resources: Resources,
     pub lowered: Lowered,
     pub plan: Plan,
+    /// Tells plans apart that are loaded one after another.
+    pub number: u64,
+    /// The scene's.
+    identity: u64,
     /// The layouts that the frames submitted so far leave the images in.
     pub layouts: Vec<vk::ImageLayout>,
-    /// The next frame runs the prologue.
+    /// Resources that go on from the history of a former plan, until the first frame was submitted.
+    pub carried: Vec<ResourceId>,
+    /// The next frame is the first: it runs the prologue.
     pub prologue_due: bool,
 }
 
@@ -31,8 +38,6 @@ pub(crate) struct Loaded {
 pub(crate) struct LoadedSlot {
     /// See [`queries`]; none where the queue has no timestamps.
     pub timestamps: Option<Owned<vk::QueryPool>>,
-    /// The words of the statistics, copied here by every frame; none where the plan has none.
-    pub stats: Option<Buffer>,
     /// The output's pixels; made when first asked for.
     pub output: Option<Buffer>,
 }
@@ -46,35 +51,91 @@ impl Loaded {
     pub fn new(
         gpu: &Arc<Gpu>,
         plan: Plan,
+        number: u64,
         scene: &dyn SceneData,
-        kept: &Planes,
+        estate: &Estate,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Loaded, BackendError> {
         limits::check(&plan, &gpu.limits)?;
+        let identity = scene.identity();
         let lowered = lower::lower(&plan, &gpu.limits.subgroup);
         let pipelines = Pipelines::new(gpu, &plan, &lowered, progress)?;
-        let (resources, missing) = Resources::new(gpu, &plan, scene.identity(), kept)?;
+        let Created { resources, missing, carried } = Resources::create(gpu, &plan, identity, estate)?;
         let sets = DescriptorSets::new(gpu, &plan, &lowered, &pipelines, &resources)?;
         let slots = [LoadedSlot::new(gpu, &plan)?, LoadedSlot::new(gpu, &plan)?];
         // Last, since it takes the longest: a plan that cannot run is refused before.
         upload(gpu, scene, &missing, &resources.planes, progress)?;
-        let layouts = lower::untouched(&plan);
-        Ok(Loaded { sets, pipelines, slots, resources, lowered, plan, layouts, prologue_due: true })
+        let mut layouts = vec![vk::ImageLayout::UNDEFINED; plan.resources.len()];
+        for &(id, layout) in &carried {
+            layouts[id.index()] = layout;
+        }
+        let carried = carried.into_iter().map(|(id, _)| id).collect();
+        Ok(Loaded {
+            sets,
+            pipelines,
+            slots,
+            resources,
+            lowered,
+            plan,
+            number,
+            identity,
+            layouts,
+            carried,
+            prologue_due: true,
+        })
     }
 
-    /// The steps of the next frame.
+    /// What a plan that is loaded after this one may share.
+    pub fn estate(&self) -> Estate {
+        let ids = (0..self.plan.resources.len() as u32).map(ResourceId);
+        // Before the first frame only what this plan took over itself has contents.
+        let full = ids.filter(|id| !self.prologue_due || self.carried.contains(id));
+        let history = |id: ResourceId| {
+            Some(History {
+                name: history::name(&self.plan, id)?.to_string(),
+                shape: self.plan.resource(id).shape,
+                identity: self.identity,
+                layout: self.layouts[id.index()],
+                bound: self.resources.bound(id)?.clone(),
+            })
+        };
+        Estate { planes: self.resources.planes.clone(), histories: full.filter_map(history).collect() }
+    }
+
+    /// The steps of the prologue, if the next frame runs it.
+    pub fn prologue(&self) -> &[LoweredStep] {
+        if self.prologue_due { &self.lowered.prologue } else { &[] }
+    }
+
+    /// The step would zero a history that goes on: its pass does not run.
+    pub fn is_left_out(&self, step: &LoweredStep) -> bool {
+        matches!(self.plan.pass(step.pass).work, Work::Start { resource } if self.carried.contains(&resource))
+    }
+
+    /// The steps whose passes the next frame runs.
     pub fn steps(&self) -> impl Iterator<Item = &LoweredStep> {
-        let prologue = if self.prologue_due { self.lowered.prologue.as_slice() } else { &[] };
-        prologue.iter().chain(&self.lowered.frame)
+        self.prologue().iter().filter(|step| !self.is_left_out(step)).chain(&self.lowered.frame)
+    }
+
+    /// Where the statistics of the frame in this slot are copied to; none where the plan has none.
+    pub fn readback(&self, slot: usize) -> Option<&Buffer> {
+        let index = self.plan.resources.iter().position(|resource| resource.source == Source::Readback)?;
+        Some(self.resources.buffer(ResourceId(index as u32), slot))
+    }
+
+    /// Every piece of memory, some more than once: plans may share some.
+    pub fn pieces(&self) -> impl Iterator<Item = &Arc<Memory>> {
+        let outputs = self.slots.iter().flat_map(|slot| &slot.output);
+        self.resources.pieces().chain(outputs.map(|buffer| &buffer.memory))
     }
 
     /// Names and bytes of what is allocated; see [`splatgraph_api::Device::memory`].
     pub fn memory(&self) -> Vec<(String, u64)> {
         let mut memory = self.resources.memory(&self.plan);
-        let buffers = self.slots.iter().flat_map(|slot| [&slot.stats, &slot.output]).flatten();
-        let readback: u64 = buffers.map(Buffer::allocated_bytes).sum();
+        let outputs = self.slots.iter().flat_map(|slot| &slot.output);
+        let readback: u64 = outputs.map(|buffer| buffer.memory.bytes()).sum();
         if readback > 0 {
-            memory.push(("readback".to_string(), readback));
+            memory.push(("output readback".to_string(), readback));
         }
         memory
     }
@@ -92,8 +153,6 @@ impl LoadedSlot {
             let pool = unsafe { gpu.device.create_query_pool(&info, None) };
             Some(Owned::new(gpu, pool.map_err(api("vkCreateQueryPool"))?))
         };
-        let bytes = 4 * plan.stats.len() as u64;
-        let stats = if bytes == 0 { None } else { Some(Buffer::to_host(gpu, "statistics readback", bytes)?) };
-        Ok(LoadedSlot { timestamps, stats, output: None })
+        Ok(LoadedSlot { timestamps, output: None })
     }
 }

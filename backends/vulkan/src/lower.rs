@@ -1,68 +1,15 @@
 //! The plan in Vulkan's terms, as plain data.
 //!
-//! Everything here is a pure function of the plan: stages, accesses, layouts, formats and blends become Vulkan's,
-//! each step's barriers become the contents of one `VkDependencyInfo`, bindings become descriptor set layouts, and
-//! passes that can share a pipeline do. Nothing calls the API, so that the lowering is tested on any machine; the
-//! rest of the crate creates and records exactly what is listed here.
+//! Everything here is a pure function of the plan: formats, blends and usages become Vulkan's, each call's barriers
+//! become one `VkDependencyInfo` (see [`crate::barriers`]), bindings become descriptor set layouts, and passes that can
+//! share a pipeline do. Nothing calls the API, so that the lowering is tested on any machine; the rest of the crate
+//! creates and records exactly what is listed here.
 
+use crate::barriers::{self, Dependency};
 use crate::limits::SubgroupLimits;
 use ash::vk;
 use splatgraph_framework::plan::*;
 use splatgraph_framework::shader::Reflection;
-
-/// One side of a barrier.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Scope {
-    pub stages: vk::PipelineStageFlags2,
-    pub accesses: vk::AccessFlags2,
-}
-
-/// A barrier on all memory.
-///
-/// The plan's barriers on buffers become these: what they order, they order for all resources (so says the
-/// specification of buffer barriers, too), the solver counts on that, and drivers do the same for both. Validation
-/// layers of old see the order that a buffer barrier gives for that buffer alone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct MemoryBarrier {
-    pub source: Scope,
-    pub target: Scope,
-}
-
-/// A barrier on a whole image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct ImageBarrier {
-    pub resource: ResourceId,
-    pub source: Scope,
-    pub target: Scope,
-    pub old: vk::ImageLayout,
-    pub new: vk::ImageLayout,
-}
-
-/// What one `vkCmdPipelineBarrier2` waits for.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Dependency {
-    pub memory: Vec<MemoryBarrier>,
-    pub images: Vec<ImageBarrier>,
-}
-
-impl Dependency {
-    pub fn is_empty(&self) -> bool {
-        self.memory.is_empty() && self.images.is_empty()
-    }
-
-    /// Adds a barrier on all memory; barriers between the same stages are one.
-    fn add(&mut self, source: Scope, target: Scope) {
-        let same =
-            |b: &&mut MemoryBarrier| b.source.stages == source.stages && b.target.stages == target.stages;
-        match self.memory.iter_mut().find(same) {
-            Some(barrier) => {
-                barrier.source.accesses |= source.accesses;
-                barrier.target.accesses |= target.accesses;
-            }
-            None => self.memory.push(MemoryBarrier { source, target }),
-        }
-    }
-}
 
 /// A descriptor set layout (set 0) and the push constants beside it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -114,7 +61,7 @@ pub(crate) struct BlendState {
 pub(crate) struct LoweredStep {
     pub pass: PassId,
     pub dependency: Dependency,
-    /// Index into [`Lowered::pipelines`]; none for fills and exports.
+    /// Index into [`Lowered::pipelines`]; only dispatches and draws have one.
     pub pipeline: Option<usize>,
 }
 
@@ -125,13 +72,23 @@ pub(crate) struct Lowered {
     /// Pipelines, each with the index of its interface.
     pub pipelines: Vec<(PipelineState, usize)>,
     pub prologue: Vec<LoweredStep>,
+    /// Between the prologue and the first frame.
+    pub handover: Dependency,
     pub frame: Vec<LoweredStep>,
+    /// The host's step of the frame shows it all that was copied before, not the statistics alone.
+    pub host_sees_copies: bool,
 }
 
 /// Lowers a plan that [`crate::limits::check`] accepted.
 pub(crate) fn lower(plan: &Plan, subgroups: &SubgroupLimits) -> Lowered {
-    let mut lowered =
-        Lowered { interfaces: Vec::new(), pipelines: Vec::new(), prologue: Vec::new(), frame: Vec::new() };
+    let mut lowered = Lowered {
+        interfaces: Vec::new(),
+        pipelines: Vec::new(),
+        prologue: Vec::new(),
+        handover: barriers::dependency(&plan.handover),
+        frame: Vec::new(),
+        host_sees_copies: false,
+    };
     let mut steps = |steps: &[Step]| -> Vec<LoweredStep> {
         steps
             .iter()
@@ -141,11 +98,14 @@ pub(crate) fn lower(plan: &Plan, subgroups: &SubgroupLimits) -> Lowered {
                     let interface = position_or_push(&mut lowered.interfaces, interface(pass));
                     position_or_push(&mut lowered.pipelines, (state, interface))
                 });
-                LoweredStep { pass: step.pass, dependency: dependency(&step.barriers), pipeline }
+                let dependency = barriers::dependency(&step.barriers);
+                LoweredStep { pass: step.pass, dependency, pipeline }
             })
             .collect()
     };
     (lowered.prologue, lowered.frame) = (steps(&plan.prologue), steps(&plan.frame));
+    let host = lowered.frame.iter().find(|step| plan.pass(step.pass).work == Work::Host);
+    lowered.host_sees_copies = host.is_some_and(|step| step.dependency.shows_copies_to_host());
     lowered
 }
 
@@ -154,30 +114,6 @@ fn position_or_push<T: PartialEq>(list: &mut Vec<T>, item: T) -> usize {
         list.push(item);
         list.len() - 1
     })
-}
-
-pub(crate) fn dependency(barriers: &[Barrier]) -> Dependency {
-    let mut dependency = Dependency::default();
-    for barrier in barriers {
-        let resource = barrier.resource;
-        let source =
-            Scope { stages: stages(barrier.source_stages), accesses: accesses(barrier.source_accesses) };
-        let target =
-            Scope { stages: stages(barrier.target_stages), accesses: accesses(barrier.target_accesses) };
-        match barrier.layouts {
-            None => dependency.add(source, target),
-            Some((old, new)) => {
-                let (old, new) = (layout(old), layout(new));
-                dependency.images.push(ImageBarrier { resource, source, target, old, new });
-                // Its order holds for everything as well.
-                if !source.stages.is_empty() {
-                    let order = |scope: Scope| Scope { accesses: vk::AccessFlags2::NONE, ..scope };
-                    dependency.add(order(source), order(target));
-                }
-            }
-        }
-    }
-    dependency
 }
 
 fn interface(pass: &Pass) -> Interface {
@@ -220,7 +156,7 @@ fn pipeline(plan: &Plan, pass: &Pass, limits: &SubgroupLimits) -> Option<Pipelin
                 targets: targets.collect(),
             })
         }
-        Work::Fill { .. } | Work::Export => None,
+        Work::Fill { .. } | Work::Start { .. } | Work::Export | Work::Host => None,
     }
 }
 
@@ -238,64 +174,6 @@ pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgrou
     let selected = limits.selectable && fits && whole;
     let full = selected || (limits.max_size > 0 && shader.local_size[0].is_multiple_of(limits.max_size));
     Subgroups { size: selected.then_some(limits.size), full }
-}
-
-/// The layouts that the images of a plan are in before the first frame: none has been touched.
-pub(crate) fn untouched(plan: &Plan) -> Vec<vk::ImageLayout> {
-    vec![vk::ImageLayout::UNDEFINED; plan.resources.len()]
-}
-
-/// The barrier's old layout, given what the image is really in. A plan describes the steady state; in the first frame
-/// an image that the frame before would have left in some layout is in that of the prologue, or has not been touched yet.
-pub(crate) fn old_layout(planned: vk::ImageLayout, current: vk::ImageLayout) -> vk::ImageLayout {
-    if planned == vk::ImageLayout::UNDEFINED { planned } else { current }
-}
-
-/// `CLEAR` stands for fills. The specification counts `vkCmdFillBuffer` among the clear commands; validation layers
-/// before 1.3.280 counted it among the copies. Naming both stages costs nothing, as both run in the same place.
-pub(crate) fn stages(stages: Stages) -> vk::PipelineStageFlags2 {
-    const TABLE: [(Stages, vk::PipelineStageFlags2); 7] = [
-        (Stages::INDIRECT, vk::PipelineStageFlags2::DRAW_INDIRECT),
-        (Stages::VERTEX, vk::PipelineStageFlags2::VERTEX_SHADER),
-        (Stages::FRAGMENT, vk::PipelineStageFlags2::FRAGMENT_SHADER),
-        (Stages::COLOR_OUTPUT, vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT),
-        (Stages::COMPUTE, vk::PipelineStageFlags2::COMPUTE_SHADER),
-        (Stages::COPY, vk::PipelineStageFlags2::COPY),
-        (Stages::CLEAR, FILL),
-    ];
-    const FILL: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::from_raw(
-        vk::PipelineStageFlags2::CLEAR.as_raw() | vk::PipelineStageFlags2::COPY.as_raw(),
-    );
-    TABLE
-        .iter()
-        .filter(|(stage, _)| stages.contains(*stage))
-        .fold(vk::PipelineStageFlags2::NONE, |all, (_, flag)| all | *flag)
-}
-
-pub(crate) fn accesses(accesses: Accesses) -> vk::AccessFlags2 {
-    const TABLE: [(Accesses, vk::AccessFlags2); 8] = [
-        (Accesses::INDIRECT_READ, vk::AccessFlags2::INDIRECT_COMMAND_READ),
-        (Accesses::UNIFORM_READ, vk::AccessFlags2::UNIFORM_READ),
-        (Accesses::STORAGE_READ, vk::AccessFlags2::SHADER_STORAGE_READ),
-        (Accesses::STORAGE_WRITE, vk::AccessFlags2::SHADER_STORAGE_WRITE),
-        (Accesses::COLOR_READ, vk::AccessFlags2::COLOR_ATTACHMENT_READ),
-        (Accesses::COLOR_WRITE, vk::AccessFlags2::COLOR_ATTACHMENT_WRITE),
-        (Accesses::TRANSFER_READ, vk::AccessFlags2::TRANSFER_READ),
-        (Accesses::TRANSFER_WRITE, vk::AccessFlags2::TRANSFER_WRITE),
-    ];
-    TABLE
-        .iter()
-        .filter(|(access, _)| accesses.contains(*access))
-        .fold(vk::AccessFlags2::NONE, |all, (_, flag)| all | *flag)
-}
-
-pub(crate) fn layout(layout: Layout) -> vk::ImageLayout {
-    match layout {
-        Layout::Undefined => vk::ImageLayout::UNDEFINED,
-        Layout::General => vk::ImageLayout::GENERAL,
-        Layout::ColorTarget => vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
-        Layout::TransferSource => vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
-    }
 }
 
 pub(crate) fn format(format: Format) -> vk::Format {
@@ -340,6 +218,13 @@ pub(crate) fn blend(blend: Blend) -> Option<BlendState> {
 
 /// The usage of a buffer or an image; copies out are always allowed, so that any resource can be inspected.
 pub(crate) fn buffer_usage(resource: &Resource) -> vk::BufferUsageFlags {
+    const ALL: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
+        vk::BufferUsageFlags::STORAGE_BUFFER.as_raw()
+            | vk::BufferUsageFlags::UNIFORM_BUFFER.as_raw()
+            | vk::BufferUsageFlags::INDIRECT_BUFFER.as_raw()
+            | vk::BufferUsageFlags::TRANSFER_SRC.as_raw()
+            | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
+    );
     const TABLE: [(Usage, vk::BufferUsageFlags); 5] = [
         (Usage::STORAGE, vk::BufferUsageFlags::STORAGE_BUFFER),
         (Usage::UNIFORM, vk::BufferUsageFlags::UNIFORM_BUFFER),
@@ -348,17 +233,14 @@ pub(crate) fn buffer_usage(resource: &Resource) -> vk::BufferUsageFlags {
         (Usage::COPY_TARGET, vk::BufferUsageFlags::TRANSFER_DST),
     ];
     let base = match resource.source {
-        // The same for every plan, since plans share it; uploaded by a copy.
-        Source::Scene { .. } => {
-            return vk::BufferUsageFlags::STORAGE_BUFFER
-                | vk::BufferUsageFlags::UNIFORM_BUFFER
-                | vk::BufferUsageFlags::TRANSFER_SRC
-                | vk::BufferUsageFlags::TRANSFER_DST;
-        }
+        // The same for every plan, since plans share them.
+        Source::Scene { .. } => return ALL,
+        Source::Transient if resource.history.is_some() => return ALL,
+        Source::Transient => vk::BufferUsageFlags::TRANSFER_SRC,
         Source::Frame { .. } | Source::Live => {
             vk::BufferUsageFlags::UNIFORM_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC
         }
-        Source::Transient => vk::BufferUsageFlags::TRANSFER_SRC,
+        Source::Readback => vk::BufferUsageFlags::TRANSFER_DST | vk::BufferUsageFlags::TRANSFER_SRC,
     };
     TABLE.iter().filter(|(usage, _)| resource.usage.contains(*usage)).fold(base, |all, (_, flag)| all | *flag)
 }
@@ -372,6 +254,9 @@ pub(crate) fn image_usage(usage: Usage) -> vk::ImageUsageFlags {
     if usage.contains(Usage::COLOR_TARGET) {
         flags |= vk::ImageUsageFlags::COLOR_ATTACHMENT;
     }
+    if usage.contains(Usage::COPY_TARGET) {
+        flags |= vk::ImageUsageFlags::TRANSFER_DST;
+    }
     flags
 }
 
@@ -380,87 +265,16 @@ mod tests {
     use super::*;
     use crate::testing::*;
     use splatgraph_framework::shader::ShaderStage;
-    use vk::{AccessFlags2 as A, PipelineStageFlags2 as S};
 
     const LIMITS: SubgroupLimits =
         SubgroupLimits { size: 32, max_size: 64, selectable: true, max_per_group: 8 };
-
-    #[test]
-    fn every_stage_and_access_has_its_vulkan_counterpart() {
-        let of_stages: Vec<S> = Stages::all().iter().map(stages).collect();
-        assert_eq!(of_stages.len(), 7);
-        assert!(of_stages.iter().all(|flags| !flags.is_empty()));
-        assert_eq!(
-            stages(Stages::all()),
-            S::DRAW_INDIRECT
-                | S::VERTEX_SHADER
-                | S::FRAGMENT_SHADER
-                | S::COLOR_ATTACHMENT_OUTPUT
-                | S::COMPUTE_SHADER
-                | S::COPY
-                | S::CLEAR
-        );
-        let of_accesses: Vec<A> = Accesses::all().iter().map(accesses).collect();
-        assert!(of_accesses.iter().all(|flags| flags.as_raw().count_ones() == 1));
-        assert_eq!(accesses(Accesses::all()).as_raw().count_ones() as usize, of_accesses.len());
-    }
-
-    #[test]
-    fn nothing_lowers_to_nothing() {
-        assert_eq!(stages(Stages::empty()), S::NONE);
-        assert_eq!(accesses(Accesses::empty()), A::NONE);
-        assert!(dependency(&[]).is_empty());
-    }
-
-    #[test]
-    fn a_steps_barriers_become_one_dependency_with_the_same_masks_and_layouts() {
-        let lowered = dependency(&[
-            barrier(
-                WORDS,
-                (Stages::COMPUTE, Accesses::STORAGE_WRITE),
-                (Stages::COMPUTE | Stages::INDIRECT, Accesses::STORAGE_READ | Accesses::INDIRECT_READ),
-                None,
-            ),
-            barrier(
-                COLOR,
-                (Stages::COPY, Accesses::TRANSFER_READ),
-                (Stages::COLOR_OUTPUT, Accesses::COLOR_READ | Accesses::COLOR_WRITE),
-                Some((Layout::Undefined, Layout::ColorTarget)),
-            ),
-        ]);
-        let memory = [
-            MemoryBarrier {
-                source: Scope { stages: S::COMPUTE_SHADER, accesses: A::SHADER_STORAGE_WRITE },
-                target: Scope {
-                    stages: S::COMPUTE_SHADER | S::DRAW_INDIRECT,
-                    accesses: A::SHADER_STORAGE_READ | A::INDIRECT_COMMAND_READ,
-                },
-            },
-            // What the image's barrier orders, it orders for all memory.
-            MemoryBarrier {
-                source: Scope { stages: S::COPY, accesses: A::NONE },
-                target: Scope { stages: S::COLOR_ATTACHMENT_OUTPUT, accesses: A::NONE },
-            },
-        ];
-        let images = [ImageBarrier {
-            resource: COLOR,
-            source: Scope { stages: S::COPY, accesses: A::TRANSFER_READ },
-            target: Scope {
-                stages: S::COLOR_ATTACHMENT_OUTPUT,
-                accesses: A::COLOR_ATTACHMENT_READ | A::COLOR_ATTACHMENT_WRITE,
-            },
-            old: vk::ImageLayout::UNDEFINED,
-            new: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
-        }];
-        assert_eq!(lowered, Dependency { memory: memory.into(), images: images.into() });
-    }
 
     #[test]
     fn passes_of_one_shader_and_state_share_a_pipeline() {
         let lowered = lower(&plan(), &LIMITS);
         assert_eq!(lowered.pipelines.len(), 2);
         let pipelines: Vec<_> = lowered.frame.iter().map(|step| step.pipeline).collect();
-        assert_eq!(pipelines, [Some(0), Some(0), Some(1), None]);
+        assert_eq!(pipelines, [Some(0), Some(0), Some(1), None, None]);
         assert_eq!(lowered.prologue[0].pipeline, None);
     }
 
@@ -524,24 +338,48 @@ mod tests {
     }
 
     #[test]
-    fn an_image_that_was_not_touched_yet_has_no_layout_to_come_from() {
-        let (left, undefined) = (vk::ImageLayout::TRANSFER_SRC_OPTIMAL, vk::ImageLayout::UNDEFINED);
-        assert_eq!(old_layout(left, undefined), undefined);
-        assert_eq!(old_layout(left, left), left);
-        // A plan that discards keeps doing so.
-        assert_eq!(old_layout(undefined, left), undefined);
-        assert_eq!(untouched(&plan()), [undefined; 5]);
-    }
-
-    #[test]
-    fn every_resource_can_be_copied_from_and_scene_planes_have_one_usage() {
+    fn every_resource_can_be_copied_from_and_what_plans_share_has_one_usage() {
         for resource in &plan().resources {
             assert!(buffer_usage(resource).contains(vk::BufferUsageFlags::TRANSFER_SRC));
         }
         assert!(image_usage(Usage::empty()).contains(vk::ImageUsageFlags::TRANSFER_SRC));
-        let mut plane = plan().resources[SPLATS.index()].clone();
-        let usage = buffer_usage(&plane);
-        plane.usage = Usage::UNIFORM;
-        assert_eq!(buffer_usage(&plane), usage);
+        let mut history = plan().resources[ARGS.index()].clone();
+        history.history = Some("args".to_string());
+        for mut shared in [plan().resources[SPLATS.index()].clone(), history] {
+            let usage = buffer_usage(&shared);
+            shared.usage = Usage::UNIFORM;
+            assert_eq!(buffer_usage(&shared), usage);
+        }
+    }
+
+    #[test]
+    fn an_image_that_is_a_target_of_copies_can_be_cleared() {
+        assert!(image_usage(Usage::COPY_TARGET).contains(vk::ImageUsageFlags::TRANSFER_DST));
+        assert!(!image_usage(Usage::STORAGE).contains(vk::ImageUsageFlags::TRANSFER_DST));
+    }
+
+    #[test]
+    fn the_handover_is_one_dependency() {
+        let mut plan = plan();
+        let wrote = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
+        plan.handover = vec![on_memory(wrote, (Stages::COMPUTE, Accesses::STORAGE_READ))];
+        let lowered = lower(&plan, &LIMITS);
+        assert_eq!(lowered.handover, barriers::dependency(&plan.handover));
+        assert_eq!(lowered.handover.memory.len(), 1);
+    }
+
+    #[test]
+    fn the_host_sees_all_copies_where_its_step_says_so() {
+        let sees = |plan: &Plan| lower(plan, &LIMITS).host_sees_copies;
+        let copies = (Stages::COPY, Accesses::TRANSFER_WRITE);
+        let shows = on_memory(copies, (Stages::HOST, Accesses::HOST_READ));
+        let mut with = plan();
+        assert!(!sees(&with));
+        with.frame[4].barriers = vec![shows.clone()];
+        assert!(sees(&with));
+        // Before another step it would come too early.
+        let mut early = plan();
+        early.frame[3].barriers = vec![shows];
+        assert!(!sees(&early));
     }
 }

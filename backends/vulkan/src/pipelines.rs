@@ -322,7 +322,7 @@ fn write(gpu: &Gpu, pass: &Pass, set: vk::DescriptorSet, slot: usize, resources:
             write.image_info(&image)
         } else {
             buffer = [vk::DescriptorBufferInfo::default()
-                .buffer(resources.buffer(binding.resource, slot).raw)
+                .buffer(*resources.buffer(binding.resource, slot).raw)
                 .range(vk::WHOLE_SIZE)];
             write.buffer_info(&buffer)
         };

@@ -1,14 +1,16 @@
 //! The recording of a frame: the plan's steps, one after another, into a command buffer.
 //!
 //! Between the passes stands what the plan says and nothing else: one `vkCmdPipelineBarrier2` per step that has
-//! barriers. The backend adds barriers only around transfers of its own: around the copies that somebody asked to
-//! inspect, and before the host reads.
+//! barriers, and one for the handover. The backend adds barriers only for what it does itself: at the start of a plan
+//! that goes on from another's histories, around the copies that somebody asked to inspect, and before the host reads
+//! what no step of the plan shows it.
 
+use crate::barriers::{ANYTHING, Dependency, Scope, going_on, take_over};
 use crate::error::api;
 use crate::gpu::Gpu;
 use crate::limits::invalid;
 use crate::loaded::{Loaded, queries};
-use crate::lower::{Dependency, LoweredStep, Scope, old_layout};
+use crate::lower::LoweredStep;
 use crate::memory::{Buffer, WHOLE};
 use ash::vk;
 use splatgraph_api::{BackendError, FrameId, FrameInputs, Inspect};
@@ -50,8 +52,15 @@ impl Recorder<'_> {
         self.gpu.begin_label(self.commands, &format!("frame {}", self.frame.0));
         self.reset_timestamps();
         self.timestamp(0);
-        for step in self.loaded.steps() {
-            self.step(step, &mut recorded);
+        self.take_over(&mut recorded.layouts);
+        for step in self.loaded.prologue() {
+            self.step(step, &going_on(&step.dependency, &self.loaded.carried), &mut recorded);
+        }
+        if self.loaded.prologue_due {
+            self.barrier(&self.loaded.lowered.handover, &mut recorded.layouts);
+        }
+        for step in &self.loaded.lowered.frame {
+            self.step(step, &step.dependency, &mut recorded);
         }
         self.host_barrier();
         self.timestamp(1);
@@ -61,21 +70,36 @@ impl Recorder<'_> {
         Ok(recorded)
     }
 
-    fn step(&self, step: &LoweredStep, recorded: &mut Recorded) {
+    /// Histories that another plan's frames wrote, and may still be writing.
+    fn take_over(&self, layouts: &mut [vk::ImageLayout]) {
+        if self.loaded.carried.is_empty() {
+            return;
+        }
+        let images = self.loaded.carried.iter().filter(|&&id| self.loaded.resources.image(id).is_some());
+        let dependency = take_over(images.map(|&id| (id, layouts[id.index()])));
+        self.barrier(&dependency, layouts);
+    }
+
+    /// Barriers, the pass of a step, and what is to be inspected after it.
+    fn step(&self, step: &LoweredStep, barriers: &Dependency, recorded: &mut Recorded) {
         let pass = self.loaded.plan.pass(step.pass);
         self.gpu.begin_label(self.commands, &pass.name);
-        self.barrier(&step.dependency, &mut recorded.layouts);
-        let query = queries(recorded.passes.len());
-        self.timestamp(query);
-        self.bind(step, pass);
-        match &pass.work {
-            Work::Dispatch { groups, .. } => self.dispatch(*groups),
-            Work::Draw { call, targets, .. } => self.draw(*call, targets),
-            Work::Fill { buffer, value } => self.fill(*buffer, *value),
-            Work::Export => self.export(),
+        self.barrier(barriers, &mut recorded.layouts);
+        if pass.work != Work::Host && !self.loaded.is_left_out(step) {
+            let query = queries(recorded.passes.len());
+            self.timestamp(query);
+            self.bind(step, pass);
+            match &pass.work {
+                Work::Dispatch { groups, .. } => self.dispatch(*groups),
+                Work::Draw { call, targets, .. } => self.draw(*call, targets),
+                Work::Fill { buffer, value } => self.fill(*buffer, *value),
+                Work::Start { resource } => self.zero(*resource),
+                Work::Export => self.export(),
+                Work::Host => {}
+            }
+            self.timestamp(query + 1);
+            recorded.passes.push(step.pass);
         }
-        self.timestamp(query + 1);
-        recorded.passes.push(step.pass);
         self.gpu.end_label(self.commands);
         for (inspect, buffer) in self.inputs.inspect.iter().zip(&recorded.inspected) {
             if inspect.after == step.pass {
@@ -86,7 +110,7 @@ impl Recorder<'_> {
         }
     }
 
-    /// The barriers of a step, as one call.
+    /// The barriers of one call.
     fn barrier(&self, dependency: &Dependency, layouts: &mut [vk::ImageLayout]) {
         if dependency.is_empty() {
             return;
@@ -96,9 +120,9 @@ impl Recorder<'_> {
             .images
             .iter()
             .filter_map(|b| {
-                let image = self.loaded.resources.image(b.resource)?.raw;
-                let current = std::mem::replace(&mut layouts[b.resource.index()], b.new);
-                Some(image_barrier(image, b.source, b.target, old_layout(b.old, current), b.new))
+                layouts[b.resource.index()] = b.new;
+                let image = *self.loaded.resources.image(b.resource)?.raw;
+                Some(image_barrier(image, b.source, b.target, b.old, b.new))
             })
             .collect();
         let info = vk::DependencyInfo::default().memory_barriers(&memory).image_memory_barriers(&images);
@@ -143,7 +167,7 @@ impl Recorder<'_> {
             match groups {
                 Groups::Direct([x, y, z]) => device.cmd_dispatch(self.commands, x, y, z),
                 Groups::Indirect { buffer, offset } => {
-                    let buffer = self.loaded.resources.buffer(buffer, self.slot).raw;
+                    let buffer = *self.loaded.resources.buffer(buffer, self.slot).raw;
                     device.cmd_dispatch_indirect(self.commands, buffer, offset);
                 }
             }
@@ -192,7 +216,7 @@ impl Recorder<'_> {
                     device.cmd_draw(self.commands, vertices, instances, 0, 0);
                 }
                 DrawCall::Indirect { buffer, offset } => {
-                    let buffer = self.loaded.resources.buffer(buffer, self.slot).raw;
+                    let buffer = *self.loaded.resources.buffer(buffer, self.slot).raw;
                     device.cmd_draw_indirect(self.commands, buffer, offset, 1, 16);
                 }
             }
@@ -201,21 +225,38 @@ impl Recorder<'_> {
     }
 
     fn fill(&self, buffer: ResourceId, value: u32) {
-        let buffer = self.loaded.resources.buffer(buffer, self.slot).raw;
+        let buffer = *self.loaded.resources.buffer(buffer, self.slot).raw;
         // SAFETY: the buffer is alive and a target of transfers, and its size is in whole words.
         unsafe { self.gpu.device.cmd_fill_buffer(self.commands, buffer, 0, vk::WHOLE_SIZE, value) };
     }
 
+    /// Zeros for a buffer, or for an image that is in the layout of a transfer's target.
+    fn zero(&self, resource: ResourceId) {
+        let Some(image) = self.loaded.resources.image(resource) else { return self.fill(resource, 0) };
+        // Zero has the same bits in every format.
+        let zero = vk::ClearColorValue { uint32: [0; 4] };
+        // SAFETY: the image is alive and a target of transfers.
+        unsafe {
+            self.gpu.device.cmd_clear_color_image(
+                self.commands,
+                *image.raw,
+                vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+                &zero,
+                &[WHOLE],
+            );
+        }
+    }
+
     /// Statistics, and the output if it is read, to where the host finds them.
     fn export(&self) {
-        let slot = &self.loaded.slots[self.slot];
-        if let Some(target) = &slot.stats {
+        if let Some(target) = self.loaded.readback(self.slot) {
             for (index, stat) in self.loaded.plan.stats.iter().enumerate() {
                 let source = self.loaded.resources.buffer(stat.buffer, self.slot);
                 self.copy_buffer(source, stat.offset, target, 4 * index as u64, 4);
             }
         }
-        if let (true, Some(target)) = (self.inputs.read_output, &slot.output) {
+        let output = &self.loaded.slots[self.slot].output;
+        if let (true, Some(target)) = (self.inputs.read_output, output) {
             self.copy_image(self.loaded.plan.output, target);
         }
     }
@@ -223,7 +264,7 @@ impl Recorder<'_> {
     fn copy_buffer(&self, source: &Buffer, from: u64, target: &Buffer, to: u64, bytes: u64) {
         let region = [vk::BufferCopy { src_offset: from, dst_offset: to, size: bytes }];
         // SAFETY: both buffers are alive, allow the copy, and hold the ranges.
-        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.raw, target.raw, &region) };
+        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, *source.raw, *target.raw, &region) };
     }
 
     /// Copies an image that is in the layout of a transfer's source, rows tightly packed.
@@ -241,18 +282,21 @@ impl Recorder<'_> {
         unsafe {
             self.gpu.device.cmd_copy_image_to_buffer(
                 self.commands,
-                image.raw,
+                *image.raw,
                 vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
-                target.raw,
+                *target.raw,
                 &region,
             );
         }
     }
 
-    /// Makes this frame's copies visible to the host; waiting for the fence alone does not.
+    /// Makes the copies that this frame was asked for visible to the host, which waiting for the fence alone does not.
+    /// Where the plan shows the statistics to the host, that shows what was copied before as well.
     fn host_barrier(&self) {
-        let slot = &self.loaded.slots[self.slot];
-        if slot.stats.is_none() && !self.inputs.read_output && self.inputs.inspect.is_empty() {
+        let inspect = &self.inputs.inspect;
+        let copies = self.inputs.read_output || !inspect.is_empty();
+        let late = inspect.iter().any(|i| self.loaded.plan.pass(i.after).work == Work::Host);
+        if !copies || (self.loaded.lowered.host_sees_copies && !late) {
             return;
         }
         let barrier = [vk::MemoryBarrier2::default()
@@ -279,34 +323,50 @@ impl Recorder<'_> {
                     resource.name, pass.name
                 ));
             };
-            let undefined = self.loaded.layouts[inspect.resource.index()] == vk::ImageLayout::UNDEFINED;
-            let mut barriers = self.loaded.steps().take(last + 1).flat_map(|step| &step.dependency.images);
-            if self.loaded.resources.image(inspect.resource).is_some()
-                && undefined
-                && !barriers.any(|barrier| barrier.resource == inspect.resource)
-            {
-                return invalid(format!(
-                    "image `{}` has no contents yet after pass `{}`",
-                    resource.name, pass.name
-                ));
-            }
+            self.check_contents(inspect, last)?;
             buffers.push(Buffer::to_host(self.gpu, "inspection", resource.bytes())?);
         }
         Ok(buffers)
     }
 
+    /// Refuses to inspect what has no contents of its own right after step `last` of this frame: an image that nothing has
+    /// written, or a resource whose memory belongs to another at that time (changing the layout of such an image would
+    /// spoil what is there).
+    fn check_contents(&self, inspect: &Inspect, last: usize) -> Result<(), BackendError> {
+        let (plan, id) = (&self.loaded.plan, inspect.resource);
+        let (resource, pass) = (plan.resource(id), plan.pass(inspect.after));
+        let touches = || self.loaded.steps().take(last + 1).flat_map(|step| &plan.pass(step.pass).touches);
+        if plan.aliases(id).next().is_some() {
+            let holds = |touch: &&Touch| plan.resource(touch.resource).block == resource.block;
+            let holder = touches().filter(holds).last().map(|touch| touch.resource);
+            if holder != Some(id) {
+                let holder = match holder {
+                    Some(holder) => format!("holds `{}` then", plan.resource(holder).name),
+                    None => "holds nothing yet".to_string(),
+                };
+                return invalid(format!(
+                    "`{}` cannot be inspected after pass `{}`: it shares its memory, which {holder}",
+                    resource.name, pass.name
+                ));
+            }
+        }
+        let written = !self.loaded.prologue_due
+            || self.loaded.carried.contains(&id)
+            || touches().any(|touch| touch.resource == id && touch.accesses.writes());
+        if self.loaded.resources.image(id).is_some() && !written {
+            return invalid(format!(
+                "image `{}` has no contents yet after pass `{}`",
+                resource.name, pass.name
+            ));
+        }
+        Ok(())
+    }
+
     /// Copies a resource as it is now. The full barriers on both sides keep the copy out of the plan's hazards.
     fn inspect(&self, inspect: Inspect, target: &Buffer, layouts: &[vk::ImageLayout]) {
-        let any = Scope {
-            stages: vk::PipelineStageFlags2::ALL_COMMANDS,
-            accesses: vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE,
-        };
-        let memory = [vk::MemoryBarrier2::default()
-            .src_stage_mask(any.stages)
-            .src_access_mask(any.accesses)
-            .dst_stage_mask(any.stages)
-            .dst_access_mask(any.accesses)];
-        let image = self.loaded.resources.image(inspect.resource).map(|image| image.raw);
+        let any = ANYTHING;
+        let memory = [memory_barrier(any, any)];
+        let image = self.loaded.resources.image(inspect.resource).map(|image| *image.raw);
         let layout = layouts[inspect.resource.index()];
         let between = |old, new| {
             let images: Vec<_> =

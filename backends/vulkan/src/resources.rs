@@ -1,11 +1,14 @@
 //! The buffers and images of one plan.
 //!
-//! Transients are single. A uniform block that the host writes exists once per frame in flight, mapped for good.
-//! Planes of the scene are shared: what an earlier plan uploaded from the same data is used again.
+//! Transients are single, and stand in the plan's blocks. A uniform block that the host writes exists once per frame in
+//! flight, mapped for good, and so does the memory that the host reads statistics from. Planes of the scene are shared:
+//! what an earlier plan uploaded from the same data is used again. So are histories ([`crate::history`]).
 
+use crate::blocks::{self, Bound, Unbound};
 use crate::gpu::Gpu;
+use crate::history::{self, History};
 use crate::lower;
-use crate::memory::{Buffer, Image};
+use crate::memory::{Buffer, Image, Memory, UnboundBuffer, UnboundImage, check_format};
 use ash::vk;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_framework::plan::*;
@@ -25,11 +28,17 @@ pub(crate) struct PlaneKey {
 /// Planes that are on the device.
 pub(crate) type Planes = HashMap<PlaneKey, Arc<Buffer>>;
 
+/// What the plan before leaves to the next.
+#[derive(Default)]
+pub(crate) struct Estate {
+    pub planes: Planes,
+    pub histories: Vec<History>,
+}
+
 enum Held {
-    Buffer(Buffer),
+    Bound(Bound),
     Plane(Arc<Buffer>),
     PerFrame([Buffer; FRAMES_IN_FLIGHT]),
-    Image(Image),
 }
 
 pub(crate) struct Resources {
@@ -38,29 +47,37 @@ pub(crate) struct Resources {
     pub planes: Planes,
 }
 
+/// Resources, and what is still to be done about them.
+pub(crate) struct Created {
+    pub resources: Resources,
+    /// Planes that are new and want their data.
+    pub missing: Vec<PlaneKey>,
+    /// Resources that go on from a former plan's history, with the layouts that images were left in.
+    pub carried: Vec<(ResourceId, vk::ImageLayout)>,
+}
+
 impl Resources {
-    /// Creates what `plan` needs. The second part of the answer is the planes that are new and want their data.
-    pub fn new(
+    /// Creates what `plan` needs.
+    pub fn create(
         gpu: &Arc<Gpu>,
         plan: &Plan,
         identity: u64,
-        kept: &Planes,
-    ) -> Result<(Resources, Vec<PlaneKey>), BackendError> {
-        let mut resources = Resources { held: Vec::new(), planes: Planes::new() };
-        let mut missing = Vec::new();
+        estate: &Estate,
+    ) -> Result<Created, BackendError> {
+        let (mut planes, mut missing) = (Planes::new(), Vec::new());
+        let (mut bound, carried) = transients(gpu, plan, identity, &estate.histories)?;
+        let mut held = Vec::new();
         for (index, resource) in plan.resources.iter().enumerate() {
             let name = resource.name.as_str();
-            let usage = lower::buffer_usage(resource);
-            let held = match (&resource.shape, &resource.source) {
-                (&Shape::Image { format, width, height }, _) => {
-                    let extent = vk::Extent2D { width, height };
-                    let blended = is_blended(plan, ResourceId(index as u32));
-                    Held::Image(Image::new(gpu, name, format, extent, resource.usage, blended)?)
-                }
-                (Shape::Buffer { .. }, Source::Scene { attribute, plane }) => {
-                    let (attribute, plane, bytes) = (attribute.clone(), *plane, resource.bytes());
-                    let key = PlaneKey { identity, attribute, plane, bytes };
-                    let found = resources.planes.get(&key).or_else(|| kept.get(&key)).cloned();
+            let (bytes, usage) = (resource.bytes(), lower::buffer_usage(resource));
+            held.push(match &resource.source {
+                Source::Transient => match bound.remove(&ResourceId(index as u32)) {
+                    Some(bound) => Held::Bound(bound),
+                    None => unreachable!("every transient stands in a block of a plan that was checked"),
+                },
+                Source::Scene { attribute, plane } => {
+                    let key = PlaneKey { identity, attribute: attribute.clone(), plane: *plane, bytes };
+                    let found = planes.get(&key).or_else(|| estate.planes.get(&key)).cloned();
                     let buffer = match found {
                         Some(buffer) => buffer,
                         None => {
@@ -68,26 +85,26 @@ impl Resources {
                             Arc::new(Buffer::on_device(gpu, name, bytes, usage)?)
                         }
                     };
-                    resources.planes.insert(key, buffer.clone());
+                    planes.insert(key, buffer.clone());
                     Held::Plane(buffer)
                 }
-                (Shape::Buffer { .. }, Source::Frame { .. } | Source::Live) => {
-                    let copy = || Buffer::to_device(gpu, name, resource.bytes(), usage);
+                Source::Frame { .. } | Source::Live => {
+                    let copy = || Buffer::to_device(gpu, name, bytes, usage);
                     Held::PerFrame([copy()?, copy()?])
                 }
-                (Shape::Buffer { .. }, Source::Transient) => {
-                    Held::Buffer(Buffer::on_device(gpu, name, resource.bytes(), usage)?)
+                Source::Readback => {
+                    let copy = || Buffer::read_back(gpu, name, bytes, usage);
+                    Held::PerFrame([copy()?, copy()?])
                 }
-            };
-            resources.held.push(held);
+            });
         }
-        Ok((resources, missing))
+        Ok(Created { resources: Resources { held, planes }, missing, carried })
     }
 
     /// The image behind a resource, if it is one.
     pub fn image(&self, id: ResourceId) -> Option<&Image> {
         match &self.held[id.index()] {
-            Held::Image(image) => Some(image),
+            Held::Bound(Bound::Image(image)) => Some(image),
             _ => None,
         }
     }
@@ -98,36 +115,117 @@ impl Resources {
     /// On an image. [`crate::limits::check`] made sure that what is used as a buffer is one.
     pub fn buffer(&self, id: ResourceId, slot: usize) -> &Buffer {
         match &self.held[id.index()] {
-            Held::Buffer(buffer) => buffer,
-            Held::Plane(buffer) => buffer,
+            Held::Bound(Bound::Buffer(buffer)) | Held::Plane(buffer) => buffer,
             Held::PerFrame(copies) => &copies[slot],
-            Held::Image(_) => unreachable!("images are not used as buffers in a plan that was checked"),
+            Held::Bound(Bound::Image(_)) => {
+                unreachable!("images are not used as buffers in a plan that was checked")
+            }
         }
     }
 
-    /// The host's view of a uniform block, for the frame in this slot; none for resources of other kinds.
-    pub fn uniform_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut [u8]> {
+    /// A transient's buffer or image, to be shared with another plan.
+    pub fn bound(&self, id: ResourceId) -> Option<&Bound> {
+        match &self.held[id.index()] {
+            Held::Bound(bound) => Some(bound),
+            _ => None,
+        }
+    }
+
+    /// The host's view of what exists once per frame in flight; none for resources of other kinds.
+    pub fn mapped_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut [u8]> {
         match &mut self.held[id.index()] {
             Held::PerFrame(copies) => Some(copies[slot].mapped_mut()),
             _ => None,
         }
     }
 
-    /// Names and allocated bytes: what the plan owns, then the planes of the scene.
+    /// Every piece of memory, some more than once.
+    pub fn pieces(&self) -> impl Iterator<Item = &Arc<Memory>> {
+        self.held.iter().flat_map(|held| match held {
+            Held::Bound(bound) => vec![bound.memory()],
+            Held::Plane(buffer) => vec![&buffer.memory],
+            Held::PerFrame(copies) => copies.iter().map(|copy| &copy.memory).collect(),
+        })
+    }
+
+    /// Names and allocated bytes: what the plan owns, then the planes of the scene. Resources that share memory are one
+    /// entry.
     pub fn memory(&self, plan: &Plan) -> Vec<(String, u64)> {
-        let (mut own, mut planes) = (Vec::new(), Vec::new());
-        for (held, resource) in self.held.iter().zip(&plan.resources) {
-            let name = resource.name.clone();
-            match held {
-                Held::Buffer(buffer) => own.push((name, buffer.allocated_bytes())),
-                Held::Image(image) => own.push((name, image.allocated_bytes())),
-                Held::PerFrame(copies) => own.push((name, copies.iter().map(Buffer::allocated_bytes).sum())),
-                Held::Plane(buffer) => planes.push((name, buffer.allocated_bytes())),
+        let mut entries: Vec<(String, u64)> = Vec::new();
+        // Each piece of memory with its entry.
+        let mut seen = HashMap::new();
+        let is_plane = |index: &usize| matches!(self.held[*index], Held::Plane(_));
+        let (planes, own): (Vec<_>, Vec<_>) = (0..self.held.len()).partition(is_plane);
+        for index in own.into_iter().chain(planes) {
+            let name = &plan.resources[index].name;
+            let memory = match &self.held[index] {
+                Held::Bound(bound) => bound.memory(),
+                Held::Plane(buffer) => &buffer.memory,
+                Held::PerFrame(copies) => {
+                    entries.push((name.clone(), copies.iter().map(|copy| copy.memory.bytes()).sum()));
+                    continue;
+                }
+            };
+            match seen.get(&Arc::as_ptr(memory)) {
+                Some(&entry) => {
+                    let (names, _): &mut (String, u64) = &mut entries[entry];
+                    *names = format!("{names} + {name}");
+                }
+                None => {
+                    seen.insert(Arc::as_ptr(memory), entries.len());
+                    entries.push((name.clone(), memory.bytes()));
+                }
             }
         }
-        own.append(&mut planes);
-        own
+        entries
     }
+}
+
+type Transients = (HashMap<ResourceId, Bound>, Vec<(ResourceId, vk::ImageLayout)>);
+
+/// The tenants of all blocks, and those of them that were taken over.
+fn transients(
+    gpu: &Arc<Gpu>,
+    plan: &Plan,
+    identity: u64,
+    histories: &[History],
+) -> Result<Transients, BackendError> {
+    let (mut all, mut carried) = (HashMap::new(), Vec::new());
+    for block in &plan.blocks {
+        let mut tenants = Vec::new();
+        for &id in &block.tenants {
+            let resource = plan.resource(id);
+            if let Shape::Image { format, .. } = resource.shape {
+                check_format(gpu, &resource.name, format, resource.usage, is_blended(plan, id))?;
+            }
+            match history::find(plan, id, identity, histories) {
+                Some(history) => {
+                    carried.push((id, history.layout));
+                    all.insert(id, history.bound.clone());
+                }
+                None => tenants.push((id, unbound(gpu, resource)?)),
+            }
+        }
+        let (ids, tenants): (Vec<_>, Vec<_>) = tenants.into_iter().unzip();
+        let names = ids.iter().map(|&id| plan.resource(id).name.as_str());
+        let bound = blocks::bind(gpu, names.zip(tenants).collect())?;
+        all.extend(ids.into_iter().zip(bound));
+    }
+    Ok((all, carried))
+}
+
+fn unbound(gpu: &Arc<Gpu>, resource: &Resource) -> Result<Unbound, BackendError> {
+    let name = resource.name.as_str();
+    Ok(match resource.shape {
+        Shape::Image { format, width, height } => {
+            let (extent, usage) = (vk::Extent2D { width, height }, lower::image_usage(resource.usage));
+            Unbound::Image(UnboundImage::new(gpu, name, format, extent, usage)?)
+        }
+        Shape::Buffer { .. } => {
+            let (bytes, usage) = (resource.bytes(), lower::buffer_usage(resource));
+            Unbound::Buffer(UnboundBuffer::new(gpu, name, bytes, usage)?)
+        }
+    })
 }
 
 /// Some draw blends into the image.

@@ -10,17 +10,21 @@ pub(crate) const ARGS: ResourceId = ResourceId(1);
 pub(crate) const CAMERA: ResourceId = ResourceId(2);
 pub(crate) const SPLATS: ResourceId = ResourceId(3);
 pub(crate) const COLOR: ResourceId = ResourceId(4);
+pub(crate) const READBACK: ResourceId = ResourceId(5);
 
-/// Prologue: `clear` fills `words`. Frame: `scan[0]` and `scan[1]` dispatch, `splat` draws into `color`, `export`.
+/// Prologue: `clear` fills `words`. Frame: `scan[0]` and `scan[1]` dispatch, `splat` draws into `color`, `export`, `host`.
+/// Each transient has a block of its own.
 pub(crate) fn plan() -> Plan {
     let buffer = |count| Shape::Buffer { stride: 4, count };
     let color = Shape::Image { format: Format::Rgba16Float, width: 64, height: 32 };
     let any = Usage::STORAGE | Usage::INDIRECT | Usage::COPY_TARGET;
-    let resource = |name: &str, shape, usage, source| Resource {
+    let resource = |name: &str, shape, usage, source, block| Resource {
         name: name.to_string(),
         shape,
         usage,
         source,
+        block,
+        history: None,
         origin: origin(),
     };
     let scene = Source::Scene { attribute: "scene.sh".to_string(), plane: 0 };
@@ -49,16 +53,24 @@ pub(crate) fn plan() -> Plan {
         facts: BTreeMap::new(),
         params: Vec::new(),
         resources: vec![
-            resource("words", buffer(1024), any, Source::Transient),
-            resource("args", buffer(8), any, Source::Transient),
+            resource("words", buffer(1024), any, Source::Transient, Some(BlockId(0))),
+            resource("args", buffer(8), any, Source::Transient, Some(BlockId(1))),
             resource(
                 "camera",
                 buffer(64),
                 Usage::UNIFORM,
                 Source::Frame { uniform: "frame.camera".to_string() },
+                None,
             ),
-            resource("splats", buffer(4096), Usage::STORAGE, scene),
-            resource("color", color, Usage::COLOR_TARGET | Usage::COPY_SOURCE, Source::Transient),
+            resource("splats", buffer(4096), Usage::STORAGE, scene, None),
+            resource(
+                "color",
+                color,
+                Usage::COLOR_TARGET | Usage::COPY_SOURCE,
+                Source::Transient,
+                Some(BlockId(2)),
+            ),
+            resource("readback", buffer(1), Usage::COPY_TARGET, Source::Readback, None),
         ],
         shaders: vec![
             shader("scan.comp", ShaderStage::Compute),
@@ -71,9 +83,12 @@ pub(crate) fn plan() -> Plan {
             pass("scan[1]", Run::Frame, dispatch(Groups::Indirect { buffer: ARGS, offset: 4 }), scans),
             pass("splat", Run::Frame, draw, splats),
             pass("export", Run::Frame, Work::Export, Vec::new()),
+            pass("host", Run::Frame, Work::Host, Vec::new()),
         ],
+        blocks: [WORDS, ARGS, COLOR].map(|id| Block { tenants: vec![id] }).into(),
         prologue: vec![step(0)],
-        frame: vec![step(1), step(2), step(3), step(4)],
+        handover: Vec::new(),
+        frame: vec![step(1), step(2), step(3), step(4), step(5)],
         left_out: Vec::new(),
         output: COLOR,
         stats: vec![Stat { name: "visible".to_string(), buffer: ARGS, offset: 20 }],
@@ -84,23 +99,24 @@ fn step(pass: u32) -> Step {
     Step { barriers: Vec::new(), pass: PassId(pass) }
 }
 
-pub(crate) fn barrier(
-    resource: ResourceId,
-    source: (Stages, Accesses),
-    target: (Stages, Accesses),
-    layouts: Option<(Layout, Layout)>,
-) -> Barrier {
+/// A barrier on all memory.
+pub(crate) fn on_memory(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
     Barrier {
-        resource,
-        hazard: Hazard::ReadAfterWrite,
-        after: Vec::new(),
-        across_frames: false,
+        image: None,
         source_stages: source.0,
         source_accesses: source.1,
         target_stages: target.0,
         target_accesses: target.1,
-        layouts,
+        dependencies: Vec::new(),
     }
+}
+
+pub(crate) fn on_image(
+    change: Transition,
+    source: (Stages, Accesses),
+    target: (Stages, Accesses),
+) -> Barrier {
+    Barrier { image: Some(change), ..on_memory(source, target) }
 }
 
 fn binding(binding: u32, element: u32, resource: ResourceId, kind: DescriptorKind) -> Binding {

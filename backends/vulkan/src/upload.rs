@@ -115,7 +115,7 @@ impl<'a> Uploader<'a> {
             .dst_access_mask(vk::AccessFlags2::MEMORY_READ)
             .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
             .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-            .buffer(target.raw)
+            .buffer(*target.raw)
             .offset(offset)
             .size(chunk.len() as u64)];
         // SAFETY: the half's last submission is done, so that its pool and staging memory are free; the copy lies
@@ -125,7 +125,7 @@ impl<'a> Uploader<'a> {
                 .reset_command_pool(**pool, vk::CommandPoolResetFlags::empty())
                 .map_err(api("vkResetCommandPool"))?;
             device.begin_command_buffer(*commands, &begin).map_err(api("vkBeginCommandBuffer"))?;
-            device.cmd_copy_buffer(*commands, staging.raw, target.raw, &region);
+            device.cmd_copy_buffer(*commands, *staging.raw, *target.raw, &region);
             let dependency = vk::DependencyInfo::default().buffer_memory_barriers(&barrier);
             device.cmd_pipeline_barrier2(*commands, &dependency);
             device.end_command_buffer(*commands).map_err(api("vkEndCommandBuffer"))?;

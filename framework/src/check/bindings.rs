@@ -170,6 +170,12 @@ impl Checker<'_> {
                 format!("`{}` has {} planes", first.name, resources.len()),
             );
         }
+        if block.writes && self.flat.last(resources[0]).is_some() {
+            wrong = wrong.or(error(
+                format!("`{shader}` writes to `{name}`"),
+                format!("`{}` is of the frame before and can only be read", first.name),
+            ));
+        }
         let kind = match (&block.kind, first.shape) {
             (ReflectedKind::StorageBuffer { stride, fixed_bytes }, Shape::Buffer { stride: ours, count }) => {
                 if !matches!(first.source, Source::Scene { .. } | Source::Transient) {
@@ -351,10 +357,13 @@ impl Checker<'_> {
 
     /// A resource must not be bound twice to a pass that writes it: its invocations run in any order.
     pub(super) fn conflicts(&mut self, pass: &FlatPass, touches: &[Touch]) {
+        // What the frame before left in a resource stands in the resource itself.
+        let real = |id: &ResourceId| self.flat.last(*id).unwrap_or(*id);
         for (i, bind) in pass.bind.iter().enumerate() {
             for id in &bind.resources {
-                let written = touches.iter().any(|t| t.resource == *id && t.accesses.writes());
-                let twice = pass.bind[..i].iter().find(|b| b.resources.contains(id));
+                let written = touches.iter().any(|t| real(&t.resource) == real(id) && t.accesses.writes());
+                let twice =
+                    pass.bind[..i].iter().find(|b| b.resources.iter().any(|other| real(other) == real(id)));
                 if let (true, Some(other)) = (written, twice) {
                     self.errors.push(
                         Diagnostic::new(
@@ -369,7 +378,9 @@ impl Checker<'_> {
         }
         if let FlatWork::Draw { targets, .. } = &pass.work {
             for (target, span) in targets {
-                if let Some(bind) = pass.bind.iter().find(|b| b.resources.contains(&target.image)) {
+                if let Some(bind) =
+                    pass.bind.iter().find(|b| b.resources.iter().any(|id| real(id) == target.image))
+                {
                     let name = &self.resource(target.image).name;
                     self.errors.push(
                         Diagnostic::new(

@@ -52,7 +52,7 @@ impl Checker<'_> {
                 ));
                 continue;
             };
-            if image.source != Source::Transient {
+            if image.source != Source::Transient || self.flat.last(target.image).is_some() {
                 self.errors.push(Diagnostic::new(
                     format!("`{}` cannot be drawn to", image.name),
                     *span,

@@ -15,7 +15,9 @@ use crate::plan::{
     Touch, Value, Work,
 };
 use crate::shader::{Compiled, ShaderCompiler, ShaderRequest, ShaderStage};
-use crate::source::{Diagnostic, Kind, SourceMap, Span};
+use crate::source::{Diagnostic, FileId, Kind, SourceMap, Span};
+use std::collections::HashMap;
+use std::rc::Rc;
 
 /// The binding number of the generated block of live parameters.
 pub const LIVE_BINDING: u32 = 31;
@@ -45,6 +47,7 @@ pub fn check(
         limits: Limits::of(request),
         generated: vec![("live.glsl".to_string(), flat.live_glsl.clone())],
         shaders: Vec::new(),
+        compiled: HashMap::new(),
         errors: Vec::new(),
         files,
         compiler,
@@ -101,6 +104,8 @@ impl Limits {
     }
 }
 
+type Defines = Vec<(String, String)>;
+
 struct Checker<'a> {
     flat: &'a Flat,
     limits: Limits,
@@ -108,6 +113,8 @@ struct Checker<'a> {
     compiler: &'a mut dyn ShaderCompiler,
     generated: Vec<(String, String)>,
     shaders: Vec<Shader>,
+    /// What was compiled for other passes, by file and list of defines: repeats share theirs, and need not ask the compiler.
+    compiled: HashMap<(FileId, *const Defines), ShaderId>,
     errors: Vec<Diagnostic>,
 }
 
@@ -190,6 +197,10 @@ impl Checker<'_> {
                 return None;
             }
         };
+        let key = (file, Rc::as_ptr(&pass.defines));
+        if let Some(id) = self.compiled.get(&key) {
+            return Some(*id);
+        }
         let request = ShaderRequest { file, stage, defines: &pass.defines, generated: &self.generated };
         match self.compiler.compile(self.files, &request) {
             Ok(Compiled { spirv, defines, reflection }) => {
@@ -198,7 +209,9 @@ impl Checker<'_> {
                     self.shaders.push(shader);
                     self.shaders.len() - 1
                 });
-                Some(ShaderId(at as u32))
+                let id = ShaderId(at as u32);
+                self.compiled.insert(key, id);
+                Some(id)
             }
             Err(errors) => {
                 self.errors.extend(errors);

@@ -1,12 +1,13 @@
-//! The dump for Graphviz: passes as boxes in the order they run, and between them what flows, with its barrier.
+//! The dump for Graphviz: passes as boxes in the order they run, and between them the dependencies that barriers stand for.
 
-use super::Dump;
-use super::text::barrier_line;
+use super::text::{dependency_line, subject};
+use super::{Dump, DumpBarrier};
+use crate::plan::Hazard;
 
-/// A DOT graph. Edges are barriers, from the passes that they wait for to the one that they stand before; dashed ones only keep
-/// passes apart. Who reads what a barrier made visible to an earlier pass has no edge of its own.
+/// A DOT graph. Edges are the dependencies of barriers, from the passes that are waited for to the one that waits;
+/// dashed ones only keep passes apart, or come from the frame before. Who reads what a barrier made visible to an earlier
+/// pass has no edge of its own.
 pub fn dot(dump: &Dump) -> String {
-    let quote = |s: &str| format!("\"{}\"", s.replace('\\', "\\\\").replace('"', "\\\""));
     let mut out = format!(
         "digraph {} {{\n  rankdir=TB;\n  node [shape=box, style=\"rounded,filled\", fontname=\"sans-serif\"];\n  edge [fontname=\"sans-serif\", fontsize=9];\n",
         quote(&dump.graph)
@@ -19,29 +20,45 @@ pub fn dot(dump: &Dump) -> String {
         let phase = phases.iter().position(|p| *p == pass.phase).unwrap_or(0);
         // Hues a golden angle apart are easily told from each other, however many there are.
         let hue = (phase as f64 * 0.381_966).fract();
-        let detail = format!("{}\\n{} {}", pass.name, pass.kind, pass.size);
+        let mut lines = vec![pass.name.clone(), format!("{} {}", pass.kind, pass.size).trim_end().into()];
+        lines.extend(pass.gpu_ms.map(|ms| format!("{ms:.3} ms")));
         out += &format!(
             "  {} [label={}, fillcolor=\"{hue:.3} 0.25 0.95\"];\n",
             quote(&pass.name),
-            quote(&detail).replace("\\\\n", "\\n")
+            quote(&lines.join("\n"))
         );
     }
-    for pass in &dump.passes {
-        for barrier in &pass.barriers {
-            for after in &barrier.after {
-                let kept_apart = barrier.hazard != "ReadAfterWrite";
-                let style = if kept_apart || barrier.across_frames { "dashed" } else { "solid" };
-                // An edge from the frame before must not turn the picture upside down.
-                let constraint = if barrier.across_frames { ", constraint=false" } else { "" };
-                out += &format!(
-                    "  {} -> {} [label={}, tooltip={}, style={style}{constraint}];\n",
-                    quote(after),
-                    quote(&pass.name),
-                    quote(&barrier.resource),
-                    quote(&barrier_line(barrier))
-                );
-            }
-        }
+    for barrier in dump.barriers() {
+        write_edges(&mut out, barrier);
     }
     out + "}\n"
+}
+
+fn write_edges(out: &mut String, barrier: &DumpBarrier) {
+    for dependency in &barrier.dependencies {
+        for after in &dependency.after {
+            let kept_apart = dependency.hazard != Hazard::ReadAfterWrite;
+            let style = if kept_apart || dependency.previous_frame { "dashed" } else { "solid" };
+            // An edge from the frame before must not turn the picture upside down.
+            let constraint = if dependency.previous_frame { ", constraint=false" } else { "" };
+            let tip = format!(
+                "barrier {} {}\n{}",
+                barrier.id,
+                subject(barrier),
+                dependency_line(barrier, dependency)
+            );
+            *out += &format!(
+                "  {} -> {} [label={}, tooltip={}, style={style}{constraint}];\n",
+                quote(&after.name),
+                quote(&dependency.before.name),
+                quote(&dependency.resource.name),
+                quote(&tip)
+            );
+        }
+    }
+}
+
+/// A DOT string; line ends become those of labels.
+fn quote(s: &str) -> String {
+    format!("\"{}\"", s.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n"))
 }

@@ -1,67 +1,177 @@
 //! The plan for people and programs.
 //!
-//! [`Dump`] is the plan with names in place of numbers; as JSON ([`json`]) it is the canonical form, and [`text`] and
-//! [`dot`] are drawn from it. It says what a reader asks: which passes run, in what order, what each touches, and for every
-//! barrier which hazard it stands against, between which passes, at which line of the graph.
+//! [`Dump`] is the plan with names in place of numbers. As JSON ([`json`]) it is the canonical form, and every other form is
+//! drawn from it alone: [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for a page that one can click through, and
+//! [`diff()`] for two dumps side by side. It says what a reader asks: which passes run, in what order, what each touches; where
+//! each resource stands in memory, and from when to when; and for every barrier what it stands against, between which
+//! passes, at which line of the graph.
+//!
+//! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`; a test holds the three
+//! together.
 
+mod diff;
+mod diff_text;
 mod dot;
+mod from_plan;
+mod html;
+mod repeats;
+#[cfg(test)]
+mod tests;
 mod text;
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-use crate::plan::{
-    Accesses, Barrier, DrawCall, Groups, Layout, Origin, PassId, Plan, Run, Shape, Source, Stages, Step,
-    Value, Work,
-};
+use crate::plan::{Blend, DescriptorKind, Hazard, Layout, Load, Origin, Run, Shape, Topology, Value};
 
+pub use diff::{
+    BarrierChange, Change, Diff, DiffSide, Differences, NamedChange, ResourceSize, TotalChange, diff,
+};
+pub use diff_text::diff_text;
 pub use dot::dot;
-pub use text::{barrier_line, bytes, text};
+pub use from_plan::{dump, json};
+pub use html::html;
+pub use text::{barrier_line, bytes, dependency_line, text};
 
 /// The version of the JSON form. Raised when a field changes its meaning or goes.
-pub const DUMP_VERSION: u32 = 1;
+pub const DUMP_VERSION: u32 = 2;
 
+/// The plan with names in place of numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dump {
     pub version: u32,
+    /// The name that the graph was asked for by.
     pub graph: String,
     pub summary: String,
-    pub parameters: BTreeMap<String, Value>,
+    /// In the order of the file.
+    pub parameters: Vec<DumpParameter>,
+    /// What was known of the scene, the device and the viewport.
     pub facts: BTreeMap<String, Value>,
     pub totals: Totals,
+    /// The memory of the transient resources.
+    pub blocks: Vec<DumpBlock>,
     pub resources: Vec<DumpResource>,
+    /// In the order in which each comes first.
+    pub phases: Vec<DumpPhase>,
+    /// Passes that one repeat of the graph made, and that run one after another.
+    pub repeats: Vec<DumpRepeat>,
     /// The prologue's passes, then the frame's, as they run.
     pub passes: Vec<DumpPass>,
+    /// Recorded once, as one call, between the prologue and the first frame.
+    pub handover: Vec<DumpBarrier>,
     pub left_out: Vec<DumpLeftOut>,
+    /// The image that is shown or saved.
     pub output: String,
-    /// Name, and `buffer+offset`.
-    pub stats: BTreeMap<String, String>,
+    pub stats: Vec<DumpStat>,
+    /// Milliseconds that the frame's passes take on the GPU, in sum. Filled in by [`Dump::with_times`].
+    pub gpu_ms: Option<f64>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DumpParameter {
+    pub name: String,
+    pub label: String,
+    pub value: Value,
+    pub default: Value,
+    /// The value that costs no accuracy, where the graph names one.
+    pub exact: Option<Value>,
+    /// It can be changed between frames; others are baked into the plan.
+    pub live: bool,
+    pub declared: Origin,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Totals {
+    pub passes: usize,
     pub prologue_passes: usize,
     pub frame_passes: usize,
-    /// Barriers of a frame, and the calls that they are recorded with.
-    pub frame_barriers: usize,
-    pub frame_barrier_calls: usize,
-    /// Bytes of the plan's own buffers and images.
+    pub prologue: BarrierTotals,
+    pub handover: BarrierTotals,
+    pub frame: BarrierTotals,
+    /// Bytes of the memory blocks: what the plan itself owns.
     pub transient_bytes: u64,
+    /// Bytes that the same resources would take if each had memory of its own.
+    pub unshared_bytes: u64,
+    /// The difference.
+    pub saved_bytes: u64,
     /// Bytes of the scene's attributes that the plan reads.
     pub scene_bytes: u64,
+    /// Bytes that the host writes or reads, for each frame in flight.
+    pub host_bytes: u64,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BarrierTotals {
+    /// Barriers that are recorded together are one call.
+    pub calls: usize,
+    pub barriers: usize,
+    pub memory_barriers: usize,
+    pub image_barriers: usize,
+    pub dependencies: usize,
+}
+
+/// A piece of memory, as large as its largest tenant.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DumpBlock {
+    pub id: u32,
+    pub bytes: u64,
+    /// Resources that stand in it, of which only one is alive at any time.
+    pub tenants: Vec<String>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpResource {
     pub name: String,
-    /// `transient`, `scene`, `frame` or `live`.
+    /// `transient`, `scene`, `frame`, `live` or `readback`.
     pub source: String,
+    /// The scene's attribute, or the uniform block that the host writes.
+    pub from: Option<String>,
     /// For buffers `count x stride`, for images `width x height format`.
     pub shape: String,
+    /// The same, for programs.
+    pub dimensions: Shape,
     pub bytes: u64,
-    /// For instance `STORAGE | INDIRECT`.
-    pub usage: String,
+    /// For instance `STORAGE`, `INDIRECT`.
+    pub usage: Vec<String>,
+    /// The block that a transient resource stands in.
+    pub block: Option<u32>,
+    /// Other resources in the same block.
+    pub aliases: Vec<String>,
+    /// `None` for what lives longer than a frame.
+    pub lifetime: Option<Lifetime>,
+    /// The name under which its contents live on from frame to frame and from plan to plan.
+    pub history: Option<String>,
     pub declared: Origin,
+}
+
+/// Indices into [`Dump::passes`]. Before the first of them the contents are undefined, after the last nobody needs them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Lifetime {
+    pub first: usize,
+    pub last: usize,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DumpPhase {
+    pub name: String,
+    /// A phase with passes in the prologue and in the frame appears twice.
+    pub run: Run,
+    pub passes: usize,
+    /// Milliseconds, in sum; `None` where a pass has no time.
+    pub gpu_ms: Option<f64>,
+}
+
+/// A run of passes that a repeat made.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DumpRepeat {
+    /// What the passes' names begin with, or the first pass's own name where that is nothing; unique.
+    pub name: String,
+    /// How often the body runs; for nested repeats, all of them together.
+    pub iterations: usize,
+    /// Index into [`Dump::passes`].
+    pub first: usize,
+    /// How many there are.
+    pub passes: usize,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,192 +179,208 @@ pub struct DumpPass {
     pub name: String,
     pub phase: String,
     pub run: Run,
-    /// `dispatch`, `draw`, `fill` or `export`.
+    /// `dispatch`, `draw`, `fill`, `start`, `export` or `host`.
     pub kind: String,
+    /// Where it stands in a repeat.
+    pub repeat: Option<Iteration>,
     pub shaders: Vec<DumpShader>,
-    /// How much: workgroups, vertices, or where the arguments are.
+    /// How much: workgroups, vertices, bytes, or where the arguments are.
     pub size: String,
-    pub reads: Vec<String>,
-    pub writes: Vec<String>,
-    /// Block or image, and resource.
-    pub bindings: Vec<(String, String)>,
-    /// Push constants as 32-bit words.
-    pub push: Vec<u32>,
+    /// Of a draw.
+    pub topology: Option<Topology>,
+    /// Of a draw.
+    pub targets: Vec<DumpTarget>,
+    pub reads: Vec<DumpTouch>,
+    pub writes: Vec<DumpTouch>,
+    pub bindings: Vec<DumpBinding>,
+    pub push: Vec<DumpPush>,
+    /// Recorded as one call before the pass.
     pub barriers: Vec<DumpBarrier>,
+    /// Milliseconds on the GPU. Filled in by [`Dump::with_times`].
+    pub gpu_ms: Option<f64>,
     pub declared: Origin,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Where a pass stands in a repeat.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Iteration {
+    /// The [repeat](DumpRepeat::name).
+    pub group: String,
+    /// The pass's name without indices: the same in every iteration.
+    pub member: String,
+    /// The indices, outermost first.
+    pub index: Vec<u32>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpShader {
     pub file: String,
-    pub defines: Vec<(String, String)>,
+    pub defines: Vec<Define>,
+    /// Invocations of a workgroup in x, y, z.
     pub local_size: [u32; 3],
+    /// Bytes of shared memory of a workgroup.
     pub shared_bytes: u32,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DumpBarrier {
-    pub resource: String,
-    pub hazard: String,
-    /// Passes waited for.
-    pub after: Vec<String>,
-    pub before: String,
-    pub across_frames: bool,
-    pub source_stages: String,
-    pub source_accesses: String,
-    pub target_stages: String,
-    pub target_accesses: String,
-    pub layouts: Option<(Layout, Layout)>,
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Define {
+    pub name: String,
+    pub value: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DumpTarget {
+    pub image: String,
+    pub load: Load,
+    pub blend: Blend,
+}
+
+/// How a pass reads, or writes, a resource at one stage.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DumpTouch {
+    pub resource: String,
+    pub stages: Vec<String>,
+    pub accesses: Vec<String>,
+    /// The layout that an image must be in.
+    pub layout: Option<Layout>,
+    /// Nothing of the former contents is needed.
+    pub discards: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DumpBinding {
+    /// Of the GLSL block or image.
+    pub name: String,
+    pub binding: u32,
+    /// Index in an array of descriptors, 0 where there is none.
+    pub element: u32,
+    pub kind: DescriptorKind,
+    pub resource: String,
+}
+
+/// A push constant.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DumpPush {
+    /// Of the member, if the shader has one here.
+    pub name: Option<String>,
+    /// Bytes.
+    pub offset: usize,
+    /// The number, as the shader reads it.
+    pub value: Value,
+}
+
+/// A resource or a pass, and where the graph declares it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Place {
+    pub name: String,
+    pub declared: Origin,
+}
+
+/// Order and memory between what came before and what comes after; see [`crate::plan::Barrier`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DumpBarrier {
+    /// Counts from 1 in the order of recording: prologue, handover, frame.
+    pub id: u32,
+    /// The pass that it stands before; `None` in the handover.
+    pub before: Option<Place>,
+    /// The image that changes its layout; `None` for a barrier on all memory.
+    pub image: Option<DumpTransition>,
+    #[serde(flatten)]
+    pub masks: Masks,
+    /// What it stands against.
+    pub dependencies: Vec<DumpDependency>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DumpTransition {
+    pub image: String,
+    pub old: Layout,
+    pub new: Layout,
+}
+
+/// Stages and accesses by name, after Vulkan's synchronization2.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Masks {
+    pub source_stages: Vec<String>,
+    pub source_accesses: Vec<String>,
+    pub target_stages: Vec<String>,
+    pub target_accesses: Vec<String>,
+}
+
+/// One reason for a barrier.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DumpDependency {
+    pub hazard: Hazard,
+    /// The pass that needs it: the one that the barrier stands before, or a later one that would otherwise need a call of its
+    /// own. (It may be one at the start of the next frame, whose needs the last call of this one meets.)
+    pub before: Place,
+    /// What that pass touches.
+    pub resource: Place,
+    /// The passes that are waited for. Empty where an image was never touched.
+    pub after: Vec<Place>,
+    /// They ran in the frame before that of `before`.
+    pub previous_frame: bool,
+    /// The resource that they touched, where it is another one in the same memory.
+    pub alias: Option<Place>,
+    /// What this reason alone asks of the barrier.
+    #[serde(flatten)]
+    pub masks: Masks,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpLeftOut {
     pub pass: String,
     pub why: String,
     pub declared: Origin,
 }
 
-/// The plan with names in place of numbers.
-pub fn dump(plan: &Plan) -> Dump {
-    let calls = plan.frame.iter().filter(|s| !s.barriers.is_empty()).count();
-    let scene = plan.resources.iter().filter(|r| matches!(r.source, Source::Scene { .. }));
-    Dump {
-        version: DUMP_VERSION,
-        graph: plan.name.clone(),
-        summary: plan.summary.clone(),
-        parameters: plan.params.iter().map(|p| (p.name.clone(), p.value.clone())).collect(),
-        facts: plan.facts.clone(),
-        totals: Totals {
-            prologue_passes: plan.prologue.len(),
-            frame_passes: plan.frame.len(),
-            frame_barriers: plan.frame.iter().map(|s| s.barriers.len()).sum(),
-            frame_barrier_calls: calls,
-            transient_bytes: plan.transient_bytes(),
-            scene_bytes: scene.map(|r| r.bytes()).sum(),
-        },
-        resources: plan.resources.iter().map(resource).collect(),
-        passes: plan.prologue.iter().chain(&plan.frame).map(|step| pass(plan, step)).collect(),
-        left_out: plan
-            .left_out
-            .iter()
-            .map(|l| DumpLeftOut { pass: l.pass.clone(), why: l.why.clone(), declared: l.origin.clone() })
-            .collect(),
-        output: plan.resource(plan.output).name.clone(),
-        stats: plan
-            .stats
-            .iter()
-            .map(|s| (s.name.clone(), format!("{}+{}", plan.resource(s.buffer).name, s.offset)))
-            .collect(),
-    }
+/// A number that the GPU computes: a 32-bit word of a buffer.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DumpStat {
+    pub name: String,
+    pub buffer: String,
+    /// Bytes.
+    pub offset: u64,
 }
 
-/// The canonical form.
-pub fn json(plan: &Plan) -> serde_json::Value {
-    serde_json::to_value(dump(plan)).expect("a dump is plain data with string keys")
-}
-
-fn resource(resource: &crate::plan::Resource) -> DumpResource {
-    DumpResource {
-        name: resource.name.clone(),
-        source: match &resource.source {
-            Source::Transient => "transient".into(),
-            Source::Scene { .. } => "scene".into(),
-            Source::Frame { .. } => "frame".into(),
-            Source::Live => "live".into(),
-        },
-        shape: match resource.shape {
-            Shape::Buffer { stride, count } => format!("{count} x {stride}"),
-            Shape::Image { format, width, height } => format!("{width} x {height} {format:?}"),
-        },
-        bytes: resource.bytes(),
-        usage: flags(resource.usage.iter_names()),
-        declared: resource.origin.clone(),
-    }
-}
-
-fn pass(plan: &Plan, step: &Step) -> DumpPass {
-    let pass = plan.pass(step.pass);
-    let name = |id| plan.resource(id).name.clone();
-    let argument = |buffer, offset: u64| format!("from {}+{offset}", name(buffer));
-    let (kind, shaders, size) = match &pass.work {
-        Work::Dispatch { shader, groups } => (
-            "dispatch",
-            vec![*shader],
-            match groups {
-                Groups::Direct([x, 1, 1]) => format!("{x} groups"),
-                Groups::Direct([x, y, z]) => format!("{x} x {y} x {z} groups"),
-                Groups::Indirect { buffer, offset } => argument(*buffer, *offset),
-            },
-        ),
-        Work::Draw { vertex, fragment, call, .. } => (
-            "draw",
-            vec![*vertex, *fragment],
-            match call {
-                DrawCall::Direct { vertices, instances } => format!("{vertices} vertices x {instances}"),
-                DrawCall::Indirect { buffer, offset } => argument(*buffer, *offset),
-            },
-        ),
-        Work::Fill { buffer, value } => {
-            ("fill", vec![], format!("{} bytes with {value:#010x}", plan.resource(*buffer).bytes()))
+impl Dump {
+    /// The dump with the times of a run, in milliseconds by the passes' names. Names that no pass has are passed over: the
+    /// answer is how many passes got a time, and who cares can compare.
+    pub fn with_times(mut self, times: &[(String, f64)]) -> (Dump, usize) {
+        let by_name: BTreeMap<&str, f64> = times.iter().map(|(name, ms)| (name.as_str(), *ms)).collect();
+        for pass in &mut self.passes {
+            pass.gpu_ms = by_name.get(pass.name.as_str()).copied();
         }
-        Work::Export => ("export", vec![], String::new()),
-    };
-    let touched = |wanted: fn(Accesses) -> bool| {
-        let mut names: Vec<String> = Vec::new();
-        for touch in pass.touches.iter().filter(|t| wanted(t.accesses)) {
-            let name = name(touch.resource);
-            if !names.contains(&name) {
-                names.push(name);
-            }
+        for phase in &mut self.phases {
+            let passes = self.passes.iter().filter(|p| p.phase == phase.name && p.run == phase.run);
+            phase.gpu_ms = sum(passes);
         }
-        names
-    };
-    DumpPass {
-        name: pass.name.clone(),
-        phase: pass.phase.clone(),
-        run: pass.run,
-        kind: kind.into(),
-        shaders: shaders
-            .into_iter()
-            .map(|id| {
-                let shader = plan.shader(id);
-                DumpShader {
-                    file: shader.name.clone(),
-                    defines: shader.defines.clone(),
-                    local_size: shader.reflection.local_size,
-                    shared_bytes: shader.reflection.shared_bytes,
-                }
-            })
-            .collect(),
-        size,
-        reads: touched(Accesses::reads),
-        writes: touched(Accesses::writes),
-        bindings: pass.bindings.iter().map(|b| (b.name.clone(), name(b.resource))).collect(),
-        push: pass.push.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect(),
-        barriers: step.barriers.iter().map(|b| barrier(plan, b, step.pass)).collect(),
-        declared: pass.origin.clone(),
+        self.gpu_ms = sum(self.passes.iter().filter(|p| p.run == Run::Frame));
+        let found = self.passes.iter().filter(|p| p.gpu_ms.is_some()).count();
+        (self, found)
+    }
+
+    /// All barriers, in the order of their ids.
+    pub fn barriers(&self) -> impl Iterator<Item = &DumpBarrier> {
+        let of = |run| self.passes.iter().filter(move |p| p.run == run).flat_map(|p| &p.barriers);
+        of(Run::Once).chain(&self.handover).chain(of(Run::Frame))
+    }
+
+    /// The pass of this name.
+    pub fn pass(&self, name: &str) -> Option<&DumpPass> {
+        self.passes.iter().find(|p| p.name == name)
     }
 }
 
-fn barrier(plan: &Plan, barrier: &Barrier, before: PassId) -> DumpBarrier {
-    let stages = |s: Stages| flags(s.iter_names());
-    let accesses = |a: Accesses| flags(a.iter_names());
-    DumpBarrier {
-        resource: plan.resource(barrier.resource).name.clone(),
-        hazard: format!("{:?}", barrier.hazard),
-        after: barrier.after.iter().map(|id| plan.pass(*id).name.clone()).collect(),
-        before: plan.pass(before).name.clone(),
-        across_frames: barrier.across_frames,
-        source_stages: stages(barrier.source_stages),
-        source_accesses: accesses(barrier.source_accesses),
-        target_stages: stages(barrier.target_stages),
-        target_accesses: accesses(barrier.target_accesses),
-        layouts: barrier.layouts,
+impl DumpPass {
+    /// Whether a run may have no time for it: what does nothing on the device, and what a backend may leave out.
+    pub fn needs_no_time(&self) -> bool {
+        matches!(self.kind.as_str(), "export" | "host" | "start")
     }
 }
 
-/// `A | B`, or `NONE`.
-fn flags<T>(names: impl Iterator<Item = (&'static str, T)>) -> String {
-    let names: Vec<&str> = names.map(|(name, _)| name).collect();
-    if names.is_empty() { "NONE".into() } else { names.join(" | ") }
+/// The sum of their times, if there is something to add and no time is missing.
+fn sum<'a>(passes: impl Iterator<Item = &'a DumpPass>) -> Option<f64> {
+    let times = passes.filter(|p| p.gpu_ms.is_some() || !p.needs_no_time()).map(|p| p.gpu_ms);
+    times.reduce(|a, b| Some(a? + b?)).flatten()
 }

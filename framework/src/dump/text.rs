@@ -1,9 +1,11 @@
 //! The dump as text, to read in a terminal or to compare in a test.
 
-use std::fmt::Write;
+use std::fmt::{self, Write};
 
-use super::{Dump, DumpBarrier, DumpPass};
-use crate::plan::Run;
+use super::{
+    BarrierTotals, Dump, DumpBarrier, DumpDependency, DumpPass, DumpResource, Lifetime, Masks, Place,
+};
+use crate::plan::{Hazard, Run};
 
 /// Bytes with a unit, three significant digits.
 pub fn bytes(n: u64) -> String {
@@ -23,39 +25,52 @@ pub fn text(dump: &Dump) -> String {
     out
 }
 
-fn write_text(out: &mut String, dump: &Dump) -> std::fmt::Result {
+fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
     writeln!(out, "{}: {}", dump.graph, dump.summary)?;
-    let parameters: Vec<String> = dump.parameters.iter().map(|(k, v)| format!("{k}={v}")).collect();
+    let parameters: Vec<String> = dump.parameters.iter().map(|p| format!("{}={}", p.name, p.value)).collect();
     writeln!(out, "parameters: {}", parameters.join(" "))?;
     let totals = &dump.totals;
     writeln!(
         out,
-        "{} passes once, {} every frame; {} barriers in {} calls; {} of its own, {} of the scene's",
+        "{} passes once, {} every frame; {}",
         totals.prologue_passes,
         totals.frame_passes,
-        totals.frame_barriers,
-        totals.frame_barrier_calls,
+        barrier_counts(&totals.frame)
+    )?;
+    writeln!(
+        out,
+        "{} of its own ({} if nothing were shared), {} of the scene's",
         bytes(totals.transient_bytes),
+        bytes(totals.unshared_bytes),
         bytes(totals.scene_bytes),
     )?;
-    writeln!(out, "\nresources")?;
-    for r in &dump.resources {
-        writeln!(
-            out,
-            "  {:<20} {:>10}  {:<24} {:<10} {}",
-            r.name,
-            bytes(r.bytes),
-            r.shape,
-            r.source,
-            r.usage
-        )?;
+    if let Some(ms) = dump.gpu_ms {
+        let phases = dump.phases.iter().filter(|p| p.run == Run::Frame);
+        let phases: Vec<String> =
+            phases.filter_map(|p| Some(format!("{} {:.3}", p.name, p.gpu_ms?))).collect();
+        writeln!(out, "{ms:.3} ms on the GPU: {}", phases.join(", "))?;
     }
-    for (run, title) in [(Run::Once, "once"), (Run::Frame, "every frame")] {
-        if dump.passes.iter().any(|p| p.run == run) {
-            writeln!(out, "\n{title}")?;
-            dump.passes.iter().filter(|p| p.run == run).try_for_each(|p| write_pass(out, p))?;
+    writeln!(out, "\nresources")?;
+    dump.resources.iter().try_for_each(|r| write_resource(out, dump, r))?;
+    let shared: Vec<_> = dump.blocks.iter().filter(|b| b.tenants.len() > 1).collect();
+    if !shared.is_empty() {
+        writeln!(out, "\nmemory that is shared")?;
+        for block in shared {
+            writeln!(
+                out,
+                "  block {:<3} {:>10}  {}",
+                block.id,
+                bytes(block.bytes),
+                block.tenants.join(", ")
+            )?;
         }
     }
+    write_passes(out, dump, Run::Once, "once")?;
+    if !dump.handover.is_empty() {
+        writeln!(out, "\nbefore the first frame")?;
+        dump.handover.iter().try_for_each(|b| write_barrier(out, b))?;
+    }
+    write_passes(out, dump, Run::Frame, "every frame")?;
     if !dump.left_out.is_empty() {
         writeln!(out, "\nleft out")?;
         for l in &dump.left_out {
@@ -63,61 +78,119 @@ fn write_text(out: &mut String, dump: &Dump) -> std::fmt::Result {
         }
     }
     writeln!(out, "\noutput: {}", dump.output)?;
-    for (name, place) in &dump.stats {
-        writeln!(out, "stat {name}: {place}")?;
+    dump.stats.iter().try_for_each(|s| writeln!(out, "stat {}: {}+{}", s.name, s.buffer, s.offset))
+}
+
+fn write_resource(out: &mut String, dump: &Dump, r: &DumpResource) -> fmt::Result {
+    let size = bytes(r.bytes);
+    let mut notes = r.usage.join(" | ");
+    if let Some(block) = r.block {
+        notes += &format!(", block {block}");
+    }
+    if let Some(Lifetime { first, last }) = r.lifetime {
+        let name = |i: usize| dump.passes.get(i).map_or("?", |p| p.name.as_str());
+        notes += &format!(", {} to {}", name(first), name(last));
+    }
+    if let Some(history) = &r.history {
+        notes += &format!(", history {history}");
+    }
+    writeln!(out, "  {:<20} {size:>10}  {:<24} {:<10} {notes}", r.name, r.shape, r.source)
+}
+
+fn write_passes(out: &mut String, dump: &Dump, run: Run, title: &str) -> fmt::Result {
+    let passes: Vec<&DumpPass> = dump.passes.iter().filter(|p| p.run == run).collect();
+    if !passes.is_empty() {
+        writeln!(out, "\n{title}")?;
+    }
+    passes.into_iter().try_for_each(|p| write_pass(out, p))
+}
+
+fn write_pass(out: &mut String, pass: &DumpPass) -> fmt::Result {
+    pass.barriers.iter().try_for_each(|b| write_barrier(out, b))?;
+    let mut words = vec![format!("[{}]", pass.phase), pass.kind.clone()];
+    words.extend((!pass.shaders.is_empty()).then(|| shader_files(pass)));
+    words.extend((!pass.size.is_empty()).then(|| pass.size.clone()));
+    words.extend(pass.gpu_ms.map(|ms| format!("{ms:.3} ms")));
+    writeln!(out, "  {:<24} {} ({}:{})", pass.name, words.join(" "), pass.declared.file, pass.declared.line)?;
+    for (title, names) in [("reads ", pass.read_names()), ("writes", pass.written_names())] {
+        if !names.is_empty() {
+            writeln!(out, "      {title} {}", names.join(", "))?;
+        }
     }
     Ok(())
 }
 
-fn write_pass(out: &mut String, pass: &DumpPass) -> std::fmt::Result {
-    for barrier in &pass.barriers {
-        writeln!(out, "    | {}", barrier_line(barrier))?;
-    }
-    let shaders: Vec<&str> = pass.shaders.iter().map(|s| s.file.as_str()).collect();
-    writeln!(
-        out,
-        "  {:<24} [{}] {} {} {} ({}:{})",
-        pass.name,
-        pass.phase,
-        pass.kind,
-        shaders.join(" + "),
-        pass.size,
-        pass.declared.file,
-        pass.declared.line
-    )?;
-    if !pass.reads.is_empty() {
-        writeln!(out, "      reads  {}", pass.reads.join(", "))?;
-    }
-    if !pass.writes.is_empty() {
-        writeln!(out, "      writes {}", pass.writes.join(", "))?;
-    }
-    Ok(())
+/// `splat.vert + splat.frag`.
+pub(super) fn shader_files(pass: &DumpPass) -> String {
+    let files: Vec<&str> = pass.shaders.iter().map(|s| s.file.as_str()).collect();
+    files.join(" + ")
 }
 
-/// `read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ`.
+fn write_barrier(out: &mut String, barrier: &DumpBarrier) -> fmt::Result {
+    writeln!(out, "    | {}", barrier_line(barrier))?;
+    barrier.dependencies.iter().try_for_each(|d| writeln!(out, "    |   {}", dependency_line(barrier, d)))
+}
+
+/// `14 barriers (12 on all memory, 2 on images) in 12 calls, for 20 dependencies`.
+pub(super) fn barrier_counts(t: &BarrierTotals) -> String {
+    format!(
+        "{} barriers ({} on all memory, {} on images) in {} calls, for {} dependencies",
+        t.barriers, t.memory_barriers, t.image_barriers, t.calls, t.dependencies
+    )
+}
+
+/// `barrier 3 on all memory: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ`, or `barrier 9 on image color, General ->
+/// ColorTarget: ...`.
 pub fn barrier_line(b: &DumpBarrier) -> String {
-    let hazard = match b.hazard.as_str() {
-        "ReadAfterWrite" => "read after write",
-        "WriteAfterRead" => "write after read",
-        "WriteAfterWrite" => "write after write",
-        _ => "layout change",
-    };
-    let mut line = format!("{hazard} on {}", b.resource);
-    if !b.after.is_empty() {
-        let frame = if b.across_frames { " of the frame before" } else { "" };
-        line += &format!(", after {}{frame}", b.after.join(", "));
+    format!("barrier {} {}: {}", b.id, subject(b), mask_text(&b.masks))
+}
+
+/// `on all memory`, or `on image color, General -> ColorTarget`.
+pub(super) fn subject(b: &DumpBarrier) -> String {
+    match &b.image {
+        Some(t) => format!("on image {}, {:?} -> {:?}", t.image, t.old, t.new),
+        None => "on all memory".into(),
     }
-    let accesses = |stages: &str, accesses: &str| match accesses {
-        "NONE" => stages.to_string(),
-        _ => format!("{stages} {accesses}"),
-    };
-    line += &format!(
-        ": {} -> {}",
-        accesses(&b.source_stages, &b.source_accesses),
-        accesses(&b.target_stages, &b.target_accesses)
-    );
-    if let Some((old, new)) = b.layouts {
-        line += &format!(", {old:?} -> {new:?}");
+}
+
+/// `read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ`. A pass other than the one
+/// that the barrier stands before is named.
+pub fn dependency_line(barrier: &DumpBarrier, d: &DumpDependency) -> String {
+    let mut line = format!("{} on {}", hazard_words(d.hazard), d.resource.name);
+    if let Some(alias) = &d.alias {
+        line += &format!(" in the memory of {}", alias.name);
     }
-    line
+    if !d.after.is_empty() {
+        let after: Vec<&str> = d.after.iter().map(|Place { name, .. }| name.as_str()).collect();
+        let frame = if d.previous_frame { " of the frame before" } else { "" };
+        line += &format!(", after {}{frame}", after.join(", "));
+    }
+    if barrier.before.as_ref().is_none_or(|before| before.name != d.before.name) {
+        line += &format!(", for {}", d.before.name);
+    }
+    line + ": " + &mask_text(&d.masks)
+}
+
+/// What a reader says.
+pub(super) fn hazard_words(hazard: Hazard) -> &'static str {
+    match hazard {
+        Hazard::ReadAfterWrite => "read after write",
+        Hazard::WriteAfterRead => "write after read",
+        Hazard::WriteAfterWrite => "write after write",
+        Hazard::LayoutChange => "layout change",
+    }
+}
+
+/// `COMPUTE STORAGE_WRITE -> INDIRECT | COMPUTE INDIRECT_READ | STORAGE_READ`.
+pub(super) fn mask_text(m: &Masks) -> String {
+    let half = |stages: &[String], accesses: &[String]| match (stages, accesses) {
+        ([], _) => "NONE".to_owned(),
+        (stages, []) => stages.join(" | "),
+        (stages, accesses) => format!("{} {}", stages.join(" | "), accesses.join(" | ")),
+    };
+    format!(
+        "{} -> {}",
+        half(&m.source_stages, &m.source_accesses),
+        half(&m.target_stages, &m.target_accesses)
+    )
 }

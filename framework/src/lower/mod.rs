@@ -36,6 +36,8 @@ pub struct Flat {
     pub resource_spans: Vec<Span>,
     pub passes: Vec<FlatPass>,
     pub left_out: Vec<LeftOut>,
+    /// What `last(name)` stands for.
+    pub lasts: Vec<Last>,
     /// Transient resources whose writers were removed by a `when`: the resource, the pass and where its `when` is.
     pub unwritten: Vec<(ResourceId, String, Span)>,
     pub output: ResourceId,
@@ -46,6 +48,22 @@ pub struct Flat {
     pub live_glsl: String,
     /// The uniform block of the live parameters.
     pub live: ResourceId,
+}
+
+/// A resource with a history. Passes that read what the frame before left name a stand-in, so that order can tell them from
+/// those that read what this frame writes.
+#[derive(Clone, Copy, Debug)]
+pub struct Last {
+    pub stand_in: ResourceId,
+    /// The resource itself; of a ping-pong resource, the half that is the front when the frame ends.
+    pub real: ResourceId,
+}
+
+impl Flat {
+    /// The resource whose former contents `id` stands for, if it is a stand-in.
+    pub fn last(&self, id: ResourceId) -> Option<ResourceId> {
+        self.lasts.iter().find(|last| last.stand_in == id).map(|last| last.real)
+    }
 }
 
 #[derive(Clone, Debug)]

@@ -7,13 +7,13 @@ use std::rc::Rc;
 use super::defines::{define_text, defines};
 use super::document::{self, Opened};
 use super::params;
-use super::resources::{Handle, PingPong};
+use super::resources::{Handle, History, PingPong};
 use super::scope::{Names, Place};
 use super::{Flat, FlatBind, FlatPass, FlatPush, FlatSize, FlatWork, ShaderName};
 use crate::build::Request;
 use crate::plan::{DrawCall, LeftOut, Param, Resource, ResourceId, Run, Shape, Source, Stat, Target, Value};
 use crate::schema::{Call, Graph, Number, PassDecl, Size};
-use crate::solve::EXPORT;
+use crate::solve::{EXPORT, HOST};
 use crate::source::{Diagnostic, FileId, Outline, Path, SourceMap, Span};
 
 /// Passes that a graph may have after its repeats: far beyond any use, and short of exhausting memory by a typing error.
@@ -38,6 +38,7 @@ pub(super) struct Lowering<'a> {
     /// Name and place of every pass, to refuse one used twice.
     pass_names: BTreeMap<String, Option<Span>>,
     left_out: Vec<LeftOut>,
+    pub histories: Vec<History>,
     unwritten: Vec<(ResourceId, String, Span)>,
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
@@ -78,9 +79,10 @@ impl<'a> Lowering<'a> {
             ping_pongs: Vec::new(),
             passes: Vec::new(),
             steps: 0,
-            // The frame's last pass, which the solver adds.
-            pass_names: BTreeMap::from([(EXPORT.to_string(), None)]),
+            // The frame's last passes, which the solver adds.
+            pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
             left_out: Vec::new(),
+            histories: Vec::new(),
             unwritten: Vec::new(),
             includes: Vec::new(),
         }
@@ -111,6 +113,7 @@ impl<'a> Lowering<'a> {
         let live_span = root.outline.key(&Path::root().field("params"));
         let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
         let live = self.add(crate::check::LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
+        let lasts = self.lasts();
         match output {
             Some((output, output_span)) if self.errors.is_empty() => Ok(Flat {
                 name: self.request.graph.into(),
@@ -122,6 +125,7 @@ impl<'a> Lowering<'a> {
                 resource_spans: self.resource_spans,
                 passes: self.passes,
                 left_out: self.left_out,
+                lasts,
                 unwritten: self.unwritten,
                 output,
                 output_span,
@@ -292,7 +296,9 @@ impl<'a> Lowering<'a> {
                 let at = place.field("buffer");
                 let Some(id) = self.look_up_one(level, buffer, &at)? else { return Ok(()) };
                 let target = &self.resources[id.index()];
-                if !matches!(target.shape, Shape::Buffer { .. }) || target.source != Source::Transient {
+                let last = self.histories.iter().any(|history| history.stand_in == id);
+                if !matches!(target.shape, Shape::Buffer { .. }) || target.source != Source::Transient || last
+                {
                     return Err(
                         at.error(format!("`{buffer}` cannot be filled"), "only the graph's own buffers can")
                     );

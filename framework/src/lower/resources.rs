@@ -1,8 +1,9 @@
 //! Resources: from declarations, imports and ports to numbered buffers and images.
 
+use super::Last;
 use super::params::is_identifier;
 use super::passes::{Level, Lowering};
-use super::scope::{Names, Place};
+use super::scope::{Names, Place, describe};
 use crate::plan::{Format, Resource, ResourceId, Shape, Source, Usage, Value};
 use crate::schema::{Import, Number, Port, ResourceDecl};
 use crate::source::{Diagnostic, Path, Span};
@@ -23,11 +24,20 @@ pub(super) struct PingPong {
     pub front: usize,
 }
 
-/// Which half of a ping-pong resource a name asks for.
+/// Which half of a ping-pong resource a name asks for, or whether it asks for the contents of the frame before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Half {
     Front,
     Back,
+    Last,
+}
+
+/// A resource that was declared with a history.
+#[derive(Clone, Debug)]
+pub(super) struct History {
+    name: String,
+    pub stand_in: ResourceId,
+    of: Handle,
 }
 
 impl Lowering<'_> {
@@ -122,7 +132,7 @@ impl Lowering<'_> {
     ) -> Result<Handle, Diagnostic> {
         let full = format!("{}{name}", level.prefix);
         match declaration {
-            ResourceDecl::Buffer { stride, count, ping_pong } => {
+            ResourceDecl::Buffer { stride, count, ping_pong, history } => {
                 let stride = level.names.positive(stride, &place.field("stride"))?;
                 let count = level.names.positive(count, &place.field("count"))?;
                 if stride.checked_mul(count).is_none_or(|bytes| bytes > 1 << 48) {
@@ -137,15 +147,20 @@ impl Lowering<'_> {
                         .error("a stride is a multiple of 4 bytes", format!("is {stride}")));
                 }
                 let shape = Shape::Buffer { stride, count };
-                if !ping_pong {
-                    return Ok(Handle::Plain(vec![self.add(full, shape, Source::Transient, place.key())]));
+                let mut add = |name| self.add(name, shape, Source::Transient, place.key());
+                let handle = if *ping_pong {
+                    let halves = [0, 1].map(|i| add(format!("{full}#{i}")));
+                    self.ping_pongs.push(PingPong { halves, front: 0 });
+                    Handle::PingPong(self.ping_pongs.len() - 1)
+                } else {
+                    Handle::Plain(vec![add(full.clone())])
+                };
+                if *history {
+                    self.add_history(full, shape, &handle, place.key());
                 }
-                let halves =
-                    [0, 1].map(|i| self.add(format!("{full}#{i}"), shape, Source::Transient, place.key()));
-                self.ping_pongs.push(PingPong { halves, front: 0 });
-                Ok(Handle::PingPong(self.ping_pongs.len() - 1))
+                Ok(handle)
             }
-            ResourceDecl::Image { format, size } => {
+            ResourceDecl::Image { format, size, history } => {
                 let side = |number, index| -> Result<u32, Diagnostic> {
                     let at = place.field("size").index(index);
                     let v = level.names.positive(number, &at)?;
@@ -157,9 +172,36 @@ impl Lowering<'_> {
                 let (width, height) = (side(&size.0, 0)?, side(&size.1, 1)?);
                 let format = self.format(level, format, &place.field("format"))?;
                 let shape = Shape::Image { format, width, height };
-                Ok(Handle::Plain(vec![self.add(full, shape, Source::Transient, place.key())]))
+                let handle =
+                    Handle::Plain(vec![self.add(full.clone(), shape, Source::Transient, place.key())]);
+                if *history {
+                    self.add_history(full, shape, &handle, place.key());
+                }
+                Ok(handle)
             }
         }
+    }
+
+    fn add_history(&mut self, name: String, shape: Shape, of: &Handle, span: Span) {
+        let stand_in = self.add(format!("last({name})"), shape, Source::Transient, span);
+        self.histories.push(History { name, stand_in, of: of.clone() });
+    }
+
+    /// What the stand-ins stand for, once every swap of the frame is known.
+    pub(super) fn lasts(&mut self) -> Vec<Last> {
+        let mut lasts = Vec::new();
+        for History { name, stand_in, of } in &self.histories {
+            let real = match of {
+                Handle::Plain(ids) => ids[0],
+                Handle::PingPong(index) => {
+                    let pair = &self.ping_pongs[*index];
+                    pair.halves[pair.front]
+                }
+            };
+            self.resources[real.index()].history = Some(name.clone());
+            lasts.push(Last { stand_in: *stand_in, real });
+        }
+        lasts
     }
 
     fn format(&self, level: &Level, text: &str, place: &Place) -> Result<Format, Diagnostic> {
@@ -192,34 +234,60 @@ impl Lowering<'_> {
             );
         }
         let origin = self.files.origin(span);
-        self.resources.push(Resource { name, shape, usage: Usage::empty(), source, origin });
+        let (usage, block, history) = (Usage::empty(), None, None);
+        self.resources.push(Resource { name, shape, usage, source, block, history, origin });
         self.resource_spans.push(span);
         id
     }
 
-    /// The resources that the name at `place` stands for at this point of the walk: `keys`, `front(keys)`, `back(keys)`.
-    /// `Ok(None)` where the name is known but its declaration was in error.
+    /// The resources that the name at `place` stands for at this point of the walk: `keys`, `front(keys)`, `back(keys)`,
+    /// `last(keys)`, or an expression that comes to one of these. `Ok(None)` where the name is known but its declaration was
+    /// in error.
     pub(super) fn look_up(
         &self,
         level: &Level,
         text: &str,
         place: &Place,
     ) -> Result<Option<Vec<ResourceId>>, Diagnostic> {
-        let (name, half, start) = match text.strip_suffix(')') {
-            None => (text, None, 0),
-            Some(inner) => {
-                if let Some(name) = inner.strip_prefix("front(") {
-                    (name, Some(Half::Front), 6)
-                } else if let Some(name) = inner.strip_prefix("back(") {
-                    (name, Some(Half::Back), 5)
-                } else {
-                    return Err(place
-                        .error("this is not the name of a resource", "cannot be read")
-                        .with_help("write `name`, `front(name)` or `back(name)`"));
+        // An expression chooses between names, which are texts in it.
+        let named = level.names.values.get(text).filter(|_| !level.handles.contains_key(text));
+        if text.contains(['?', '\'']) || matches!(named, Some(Value::Text(_))) {
+            let name = match level.names.evaluate(&Number::Expression(text.into()), place)? {
+                Value::Text(name) if !name.contains(['?', '\'']) => name,
+                other => {
+                    return Err(
+                        place.error("a resource is needed here", format!("this is {}", describe(&other)))
+                    );
                 }
+            };
+            return self.look_up_named(level, &name, place, || place.span());
+        }
+        self.look_up_named(level, text, place, || {
+            let start = text.find('(').map_or(0, |at| at + 1);
+            place.outline.within_string(&place.path, start..text.trim_end_matches(')').len().max(start))
+        })
+    }
+
+    /// `span` is where the name itself stands.
+    fn look_up_named(
+        &self,
+        level: &Level,
+        text: &str,
+        place: &Place,
+        span: impl Fn() -> Span,
+    ) -> Result<Option<Vec<ResourceId>>, Diagnostic> {
+        let (name, half) = match text.strip_suffix(')').map(|inner| inner.split_once('(')) {
+            None => (text, None),
+            Some(Some(("front", name))) => (name, Some(Half::Front)),
+            Some(Some(("back", name))) => (name, Some(Half::Back)),
+            Some(Some(("last", name))) => (name, Some(Half::Last)),
+            Some(_) => {
+                return Err(place
+                    .error("this is not the name of a resource", "cannot be read")
+                    .with_help("write `name`, `front(name)`, `back(name)` or `last(name)`"));
             }
         };
-        let span = place.outline.within_string(&place.path, start..start + name.len());
+        let span = span();
         let Some(handle) = level.handles.get(name) else {
             let diagnostic = Diagnostic::new(format!("there is no resource `{name}`"), span, "not declared");
             let names = level.handles.keys().map(String::as_str);
@@ -227,6 +295,21 @@ impl Lowering<'_> {
         };
         match (handle, half) {
             (None, _) => Ok(None),
+            (Some(handle), Some(Half::Last)) => {
+                let history = self.histories.iter().find(|h| match (&h.of, handle) {
+                    (Handle::Plain(a), Handle::Plain(b)) => a == b,
+                    (Handle::PingPong(a), Handle::PingPong(b)) => a == b,
+                    _ => false,
+                });
+                match history {
+                    Some(history) => Ok(Some(vec![history.stand_in])),
+                    None => Err(Diagnostic::new(
+                        format!("`{name}` does not live on from frame to frame"),
+                        span,
+                        "declared without `history: true`",
+                    )),
+                }
+            }
             (Some(Handle::Plain(ids)), None) => Ok(Some(ids.clone())),
             (Some(Handle::Plain(_)), Some(_)) => Err(Diagnostic::new(
                 format!("`{name}` has no front and back"),

@@ -185,12 +185,18 @@ pub enum ResourceDecl {
         /// Two buffers, of which one is the front; `Swap` exchanges them. Each frame starts at the same front.
         #[serde(default)]
         ping_pong: bool,
+        /// Contents live on: `last(name)` is what the frame before left. Zeros at first.
+        #[serde(default)]
+        history: bool,
     },
     Image {
         /// GLSL's name of a format (`rgba16f`), or an expression that comes to one.
         format: String,
         /// Width and height in pixels.
         size: (Number, Number),
+        /// As for buffers. An image of another size starts from zeros again.
+        #[serde(default)]
+        history: bool,
     },
 }
 

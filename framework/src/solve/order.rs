@@ -11,8 +11,8 @@ use petgraph::visit::EdgeRef;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use crate::lower::Flat;
-use crate::plan::{Accesses, Hazard, LeftOut, Pass, ResourceId, Run, Source};
+use crate::lower::{Flat, Last};
+use crate::plan::{Accesses, LeftOut, Pass, ResourceId, Run, Source, Work};
 use crate::source::{Diagnostic, SourceMap, Span};
 
 /// Indices into the passes, as they run.
@@ -22,16 +22,10 @@ pub(super) struct Order {
     pub left_out: Vec<LeftOut>,
 }
 
-/// Why one pass follows another.
-#[derive(Clone, Copy, Debug)]
-struct Need {
-    hazard: Hazard,
-    resource: ResourceId,
-}
+/// Passes, and between two of them the resource for which one follows the other.
+type Needs = DiGraph<usize, ResourceId>;
 
-type Needs = DiGraph<usize, Need>;
-
-/// Orders the passes; the last of them is the frame's export, which everything else is there for.
+/// Orders the passes; the last of them are the frame's end (the export and the host), which everything else is there for.
 pub(super) fn order(
     passes: &[Pass],
     spans: &[Span],
@@ -48,7 +42,7 @@ pub(super) fn order(
         return Err(vec![describe_cycle(&cycle, &needs, passes, spans, flat)]);
     }
 
-    let live = live(&needs, passes, &users);
+    let live = live(passes, &users, flat);
     let left_out = (0..passes.len())
         .filter(|i| !live[*i])
         .map(|i| LeftOut {
@@ -59,7 +53,7 @@ pub(super) fn order(
         .collect();
 
     // Sorted with the dead ones still in, which keep apart what is on their two sides.
-    let sorted = sort(&needs).into_iter().filter(|i| live[*i]);
+    let sorted = sort(&needs, passes).into_iter().filter(|i| live[*i]);
     let (once, frame) = sorted.partition(|i| passes[*i].run == Run::Once);
     Ok(Order { once, frame, left_out })
 }
@@ -101,12 +95,13 @@ fn needs(
     }
     for (resource, users) in users.iter().enumerate() {
         let id = ResourceId(resource as u32);
-        if flat.resources[resource].source != Source::Transient {
+        let written = matches!(flat.resources[resource].source, Source::Transient | Source::Readback);
+        if !written || flat.last(id).is_some() {
             continue;
         }
         let writers: Vec<usize> = users.iter().filter(|u| u.accesses.writes()).map(|u| u.pass).collect();
-        let mut edge = |from: usize, to: usize, hazard| {
-            graph.add_edge(NodeIndex::new(from), NodeIndex::new(to), Need { hazard, resource: id });
+        let mut edge = |from: usize, to: usize| {
+            graph.add_edge(NodeIndex::new(from), NodeIndex::new(to), id);
         };
         if let Some(writer) = writers.iter().find(|w| passes[**w].run == Run::Frame) {
             let written_before = writers.iter().any(|w| passes[*w].run == Run::Once);
@@ -121,40 +116,46 @@ fn needs(
                 );
             }
         }
+        let history = flat.resources[resource].history.is_some();
         if let [writer] = writers[..] {
             for user in users {
                 if user.pass != writer {
-                    edge(writer, user.pass, Hazard::ReadAfterWrite);
-                } else if user.accesses.contains(Accesses::COLOR_READ) {
+                    edge(writer, user.pass);
+                } else if user.accesses.contains(Accesses::COLOR_READ) && !history {
                     errors.push(never_written(writer, id, &[], passes, spans, flat));
                 }
             }
             continue;
         }
-        // Every write so far may be part of what is read: two passes may fill a buffer's two halves.
-        let mut written: Vec<usize> = Vec::new();
+        // Every pass waits for the last write; those before it have been waited for by then.
+        let mut written: Option<usize> = None;
         let mut read: Vec<usize> = Vec::new();
         for User { pass, accesses } in users {
             if accesses.reads() {
                 // Shaders may read what they wrote themselves; a target that is kept is read before.
                 let needs_contents = !accesses.writes() || accesses.contains(Accesses::COLOR_READ);
-                if written.is_empty() && needs_contents && passes[*pass].run == Run::Frame {
+                if written.is_none() && needs_contents && passes[*pass].run == Run::Frame && !history {
                     errors.push(never_written(*pass, id, &writers, passes, spans, flat));
                 }
-                written.iter().for_each(|w| edge(*w, *pass, Hazard::ReadAfterWrite));
+                written.iter().for_each(|w| edge(*w, *pass));
             }
             if accesses.writes() {
-                read.drain(..).for_each(|r| edge(r, *pass, Hazard::WriteAfterRead));
-                if let Some(last) = written.last() {
-                    edge(*last, *pass, Hazard::WriteAfterWrite);
+                read.drain(..).for_each(|r| edge(r, *pass));
+                if !accesses.reads() {
+                    written.iter().for_each(|w| edge(*w, *pass));
                 }
-                if accesses.reads() {
-                    // Whoever needs this pass needs, through it, all that it read.
-                    written.clear();
-                }
-                written.push(*pass);
+                written = Some(*pass);
             } else {
                 read.push(*pass);
+            }
+        }
+    }
+    // What the frame before left is read before this frame writes over it.
+    for Last { stand_in, real } in &flat.lasts {
+        let writes = |u: &&User| u.accesses.writes() && passes[u.pass].run == Run::Frame;
+        for reader in &users[stand_in.index()] {
+            for writer in users[real.index()].iter().filter(writes).filter(|w| w.pass != reader.pass) {
+                graph.add_edge(NodeIndex::new(reader.pass), NodeIndex::new(writer.pass), *real);
             }
         }
     }
@@ -194,46 +195,93 @@ fn never_written(
     diagnostic
 }
 
-/// Which passes lead to the export by what is read; the edges of the other hazards only keep passes apart.
-fn live(needs: &Needs, passes: &[Pass], users: &[Vec<User>]) -> Vec<bool> {
-    // What a pass reads may also have been written in the frame before: in a resource that a `Once` pass started, a frame's
-    // passes find what the last frame's left, wherever in the file they stand.
-    let mut carried: Vec<Vec<usize>> = vec![Vec::new(); passes.len()];
-    for users in users {
-        let starts = |u: &User| passes[u.pass].run == Run::Once && u.accesses.writes();
-        if users.iter().any(starts) {
-            let frame = users.iter().filter(|u| passes[u.pass].run == Run::Frame);
-            let writers: Vec<usize> = frame.clone().filter(|u| u.accesses.writes()).map(|u| u.pass).collect();
-            frame.filter(|u| u.accesses.reads()).for_each(|u| carried[u.pass].extend(&writers));
-        }
+/// Which passes the frame's end needs, through what they read.
+fn live(passes: &[Pass], users: &[Vec<User>], flat: &Flat) -> Vec<bool> {
+    // Of each resource, who wrote what a reader may find there.
+    let mut sources: Vec<Sources> = users.iter().map(|users| Sources::of(users, passes)).collect();
+    for Last { real, .. } in &flat.lasts {
+        sources[real.index()].carried |= flat.resources[real.index()].history.is_some();
     }
     let mut live = vec![false; passes.len()];
-    let mut open = vec![passes.len() - 1];
+    let mut open: Vec<usize> =
+        (0..passes.len()).filter(|i| matches!(passes[*i].work, Work::Export | Work::Host)).collect();
     while let Some(pass) = open.pop() {
         if std::mem::replace(&mut live[pass], true) {
             continue;
         }
-        let read = needs.edges_directed(NodeIndex::new(pass), Direction::Incoming);
-        open.extend(read.filter(|e| e.weight().hazard == Hazard::ReadAfterWrite).map(|e| e.source().index()));
-        open.extend(&carried[pass]);
+        for touch in passes[pass].touches.iter().filter(|t| t.accesses.reads()) {
+            let (resource, last) = match flat.last(touch.resource) {
+                Some(real) => (real.index(), true),
+                None => (touch.resource.index(), false),
+            };
+            sources[resource].found_by(pass, last, &users[resource], passes, &mut open);
+        }
     }
     live
 }
 
-/// Kahn's algorithm; of those that could run next, the first in the file does.
-fn sort(needs: &Needs) -> Vec<usize> {
+/// The writers of one resource, and which of them have been found needed.
+struct Sources {
+    /// Positions among the users, in the order of the file.
+    writers: Vec<usize>,
+    /// What a frame leaves, the next finds: a `Once` pass started it, or it has a history.
+    carried: bool,
+    /// Of each writer, whether what it and those before it wrote has been followed.
+    followed: Vec<bool>,
+}
+
+impl Sources {
+    fn of(users: &[User], passes: &[Pass]) -> Sources {
+        let writers: Vec<usize> = (0..users.len()).filter(|i| users[*i].accesses.writes()).collect();
+        let carried = writers.iter().any(|w| passes[users[*w].pass].run == Run::Once);
+        let followed = vec![false; writers.len()];
+        Sources { writers, carried, followed }
+    }
+
+    /// Adds to `open` the passes that wrote what `pass` reads, in this frame or, where `last`, in the one before.
+    fn found_by(&mut self, pass: usize, last: bool, users: &[User], passes: &[Pass], open: &mut Vec<usize>) {
+        let place = |pass: usize| (passes[pass].run == Run::Frame, pass);
+        let at = users.binary_search_by_key(&place(pass), |u| place(u.pass)).ok();
+        let at = at.filter(|_| self.writers.len() > 1 && !last);
+        let mut before = match at {
+            Some(at) => self.writers.partition_point(|w| *w < at),
+            // A single writer comes first, wherever the reader stands.
+            None => self.writers.len(),
+        };
+        // Every write may be part of what is read: two passes may fill a buffer's two halves.
+        while before > 0 && !std::mem::replace(&mut self.followed[before - 1], true) {
+            before -= 1;
+            let writer = users[self.writers[before]];
+            open.push(writer.pass);
+            if writer.accesses.reads() {
+                // Whoever needs this pass needs, through it, all that it read.
+                break;
+            }
+        }
+        if self.carried && (last || passes[pass].run == Run::Frame) {
+            // What the last frame's passes left, wherever in the file they stand.
+            let writers = self.writers.iter().map(|w| users[*w].pass);
+            open.extend(writers.filter(|w| passes[*w].run == Run::Frame));
+            self.carried = false;
+        }
+    }
+}
+
+/// Kahn's algorithm; of those that could run next, the first in the file does, those of `Once` before all others.
+fn sort(needs: &Needs, passes: &[Pass]) -> Vec<usize> {
+    let place = |i: usize| Reverse((passes[i].run == Run::Frame, i));
     let mut waiting: Vec<usize> =
         needs.node_indices().map(|n| needs.edges_directed(n, Direction::Incoming).count()).collect();
-    let mut ready: BinaryHeap<Reverse<usize>> =
-        (0..waiting.len()).filter(|i| waiting[*i] == 0).map(Reverse).collect();
+    let mut ready: BinaryHeap<Reverse<(bool, usize)>> =
+        (0..waiting.len()).filter(|i| waiting[*i] == 0).map(place).collect();
     let mut sorted = Vec::with_capacity(waiting.len());
-    while let Some(Reverse(i)) = ready.pop() {
+    while let Some(Reverse((_, i))) = ready.pop() {
         sorted.push(i);
         for edge in needs.edges(NodeIndex::new(i)) {
             let next = edge.target().index();
             waiting[next] -= 1;
             if waiting[next] == 0 {
-                ready.push(Reverse(next));
+                ready.push(place(next));
             }
         }
     }
@@ -281,7 +329,7 @@ fn describe_cycle(
         let (from, to) = (cycle[(i + cycle.len() - 1) % cycle.len()], cycle[i]);
         let resource = needs
             .find_edge(from, to)
-            .map_or("?".to_string(), |edge| flat.resources[needs[edge].resource.index()].name.clone());
+            .map_or("?".to_string(), |edge| flat.resources[needs[edge].index()].name.clone());
         format!("{} needs {} first, for `{resource}`", name(to), name(from))
     };
     let message = format!("these passes wait for each other: {}", all.join(", "));

@@ -38,7 +38,7 @@ pub(super) fn prune(plan: &mut Plan) {
                 shader_used[vertex.index()] = true;
                 shader_used[fragment.index()] = true;
             }
-            Work::Fill { .. } | Work::Export => {}
+            Work::Fill { .. } | Work::Start { .. } | Work::Export | Work::Host => {}
         }
     }
     let resources = renumber(&mut plan.resources, |i| !usage[i].is_empty());
@@ -69,12 +69,19 @@ pub(super) fn prune(plan: &mut Plan) {
                 }
             }
             Work::Fill { buffer, .. } => resource(buffer),
-            Work::Export => {}
+            Work::Start { resource: id } => resource(id),
+            Work::Export | Work::Host => {}
         }
     }
-    for step in plan.prologue.iter_mut().chain(&mut plan.frame) {
-        step.barriers.iter_mut().for_each(|b| resource(&mut b.resource));
+    let steps = plan.prologue.iter_mut().chain(&mut plan.frame).flat_map(|step| &mut step.barriers);
+    for barrier in steps.chain(&mut plan.handover) {
+        barrier.image.iter_mut().for_each(|t| resource(&mut t.image));
+        for dependency in &mut barrier.dependencies {
+            resource(&mut dependency.resource);
+            dependency.alias.iter_mut().for_each(resource);
+        }
     }
+    plan.blocks.iter_mut().flat_map(|block| &mut block.tenants).for_each(resource);
     resource(&mut plan.output);
     plan.stats.iter_mut().for_each(|s| resource(&mut s.buffer));
 }

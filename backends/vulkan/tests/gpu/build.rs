@@ -1,8 +1,8 @@
 //! Small plans, built by hand.
 //!
-//! [`Build`] is a stand-in for the framework's solver, as plain as can be: before every pass it puts a barrier on
-//! everything that the pass touches and anything writes, waiting for whatever any pass does to it. That is more than is
-//! needed and never less.
+//! [`Build`] is a stand-in for the framework's solver, as plain as can be: before every pass that touches anything that is
+//! ever written, a barrier on all memory waits for whatever any pass does, and so does the change of an image's layout.
+//! That is more than is needed and never less.
 
 use splatgraph_api::{BackendError, Device, FrameInputs, FrameResult, SceneData};
 use splatgraph_framework::plan::*;
@@ -31,6 +31,31 @@ pub fn load(vulkan: &mut Vulkan, plan: Plan) {
 pub fn frame(vulkan: &mut Vulkan, inputs: &FrameInputs) -> FrameResult {
     let id = vulkan.submit(inputs).expect("the frame is submitted");
     vulkan.wait(id).expect("the frame is done")
+}
+
+/// Makes the validation layer compare what is submitted with what was submitted before. It looks when an instance is created.
+const COMPARE: (&str, &str) =
+    ("VK_LAYER_ENABLES", "VALIDATION_CHECK_ENABLE_SYNCHRONIZATION_VALIDATION_QUEUE_SUBMIT");
+
+/// This process is one that [`again_comparing_submissions`] started.
+pub fn compares_submissions() -> bool {
+    std::env::var(COMPARE.0).is_ok_and(|value| value == COMPARE.1)
+}
+
+/// Runs a test of this binary again in a process of its own, where the validation layer compares submissions.
+pub fn again_comparing_submissions(test: &str) {
+    if compares_submissions() {
+        return;
+    }
+    let output = std::process::Command::new(std::env::current_exe().expect("this program"))
+        .args([test, "--exact", "--nocapture"])
+        .env(COMPARE.0, COMPARE.1)
+        .output()
+        .expect("the tests can run themselves");
+    let text =
+        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "where submissions are compared:\n{text}");
+    assert!(text.contains("1 passed"), "the test did not run:\n{text}");
 }
 
 pub fn with_output() -> FrameInputs {
@@ -98,7 +123,9 @@ impl Build {
                 resources: Vec::new(),
                 shaders: Vec::new(),
                 passes: Vec::new(),
+                blocks: Vec::new(),
                 prologue: Vec::new(),
+                handover: Vec::new(),
                 frame: Vec::new(),
                 left_out: Vec::new(),
                 output: ResourceId(0),
@@ -108,8 +135,48 @@ impl Build {
     }
 
     fn resource(&mut self, name: &str, shape: Shape, usage: Usage, source: Source) -> ResourceId {
-        self.plan.resources.push(Resource { name: name.to_string(), shape, usage, source, origin: origin() });
-        ResourceId(self.plan.resources.len() as u32 - 1)
+        let id = ResourceId(self.plan.resources.len() as u32);
+        let block = (source == Source::Transient).then(|| {
+            self.plan.blocks.push(Block { tenants: vec![id] });
+            BlockId(self.plan.blocks.len() as u32 - 1)
+        });
+        let name = name.to_string();
+        self.plan.resources.push(Resource {
+            name,
+            shape,
+            usage,
+            source,
+            block,
+            history: None,
+            origin: origin(),
+        });
+        id
+    }
+
+    /// Puts resources into one block. They must never be alive at the same time.
+    pub fn share(&mut self, tenants: &[ResourceId]) {
+        for &id in tenants {
+            let block = self.plan.resource(id).block.expect("a transient");
+            self.plan.blocks[block.index()].tenants.retain(|tenant| *tenant != id);
+        }
+        let block = self.plan.resource(tenants[0]).block;
+        for &id in tenants {
+            self.plan.resources[id.index()].block = block;
+            self.plan.blocks[block.unwrap().index()].tenants.push(id);
+        }
+    }
+
+    /// Gives a resource a history, under its own name, that starts with zeros.
+    pub fn history(&mut self, id: ResourceId) -> PassId {
+        let resource = &mut self.plan.resources[id.index()];
+        resource.history = Some(resource.name.clone());
+        resource.usage |= Usage::COPY_TARGET;
+        let name = format!("start {}", resource.name);
+        let image = matches!(resource.shape, Shape::Image { .. });
+        let mut touch =
+            touch(id, Stages::CLEAR, Accesses::TRANSFER_WRITE, image.then_some(Layout::TransferTarget));
+        touch.discards = true;
+        self.pass(Run::Once, &name, Work::Start { resource: id }, &[], vec![touch])
     }
 
     /// A buffer of 32-bit words that can be used for anything.
@@ -178,7 +245,9 @@ impl Build {
     fn bound(&self, binds: &[Bind], stages: Stages) -> Vec<Touch> {
         let touch = |&(resource, _, accesses): &Bind| {
             let image = matches!(self.plan.resource(resource).shape, Shape::Image { .. });
-            touch(resource, stages, accesses, image.then_some(Layout::General))
+            let touch = touch(resource, stages, accesses, image.then_some(Layout::General));
+            // An image that is only written is written as a whole.
+            Touch { discards: image && accesses == WRITE, ..touch }
         };
         binds.iter().map(touch).collect()
     }
@@ -249,57 +318,98 @@ impl Build {
             vec![touch(output, Stages::COPY, Accesses::TRANSFER_READ, Some(Layout::TransferSource))];
         let stats = self.plan.stats.iter();
         touches.extend(stats.map(|s| touch(s.buffer, Stages::COPY, Accesses::TRANSFER_READ, None)));
+        let count = self.plan.stats.len() as u64;
+        let readback = (count > 0).then(|| {
+            let shape = Shape::Buffer { stride: 4, count };
+            self.resource("stats", shape, Usage::COPY_TARGET, Source::Readback)
+        });
+        touches.extend(readback.map(|id| touch(id, Stages::COPY, Accesses::TRANSFER_WRITE, None)));
         self.pass(Run::Frame, "export", Work::Export, &[], touches);
+        if let Some(id) = readback {
+            let touches = vec![touch(id, Stages::HOST, Accesses::HOST_READ, None)];
+            self.pass(Run::Frame, "host", Work::Host, &[], touches);
+        }
 
         let order = |run: Run| {
             let passes = self.plan.passes.iter().enumerate().filter(move |(_, pass)| pass.run == run);
             passes.map(|(index, _)| PassId(index as u32)).collect::<Vec<_>>()
         };
         let (once, always) = (order(Run::Once), order(Run::Frame));
-        // The layout that each image is in, followed through one frame to where the next begins.
-        let mut layouts = BTreeMap::new();
-        self.steps(&once, &mut layouts);
-        let mut steady = layouts.clone();
+        // The layouts that images are in: after the prologue, and after a frame.
+        let mut started = Layouts::new();
+        let prologue = self.steps(&once, &mut started);
+        let mut steady = started.clone();
         self.steps(&always, &mut steady);
-        let (prologue, frame) = (self.steps(&once, &mut BTreeMap::new()), self.steps(&always, &mut steady));
-        Plan { prologue, frame, ..self.plan }
+        let mut layouts = steady.clone();
+        let frame = self.steps(&always, &mut layouts);
+        let first = |image: ResourceId| {
+            let touches = always.iter().flat_map(|&pass| &self.plan.pass(pass).touches);
+            touches.clone().find(|touch| touch.resource == image)
+        };
+        let kept = steady.iter().filter(|(image, _)| first(**image).is_some_and(|touch| !touch.discards));
+        let handover = kept.filter_map(|(&image, &new)| {
+            let old = started.get(&image).copied().unwrap_or(Layout::Undefined);
+            (old != new).then(|| Barrier {
+                image: Some(Transition { image, old, new }),
+                ..self.barrier(self.anything())
+            })
+        });
+        let handover = handover.collect();
+        Plan { prologue, handover, frame, ..self.plan }
     }
 
-    fn steps(&self, passes: &[PassId], layouts: &mut BTreeMap<ResourceId, Layout>) -> Vec<Step> {
+    /// What any pass does, other than the host's.
+    fn anything(&self) -> (Stages, Accesses) {
+        let touches = self.plan.passes.iter().flat_map(|p| &p.touches).filter(|t| t.stages != Stages::HOST);
+        touches.fold((Stages::empty(), Accesses::empty()), |(s, a), t| (s | t.stages, a | t.accesses))
+    }
+
+    /// A barrier from anything to `target`.
+    fn barrier(&self, target: (Stages, Accesses)) -> Barrier {
+        barrier(self.anything(), target)
+    }
+
+    fn steps(&self, passes: &[PassId], layouts: &mut Layouts) -> Vec<Step> {
+        let written = |id: ResourceId| {
+            let mut touches = self.plan.passes.iter().flat_map(|p| &p.touches);
+            let same = |other| other == id || self.plan.aliases(id).any(|alias| alias == other);
+            touches.any(|t| same(t.resource) && t.accesses.writes())
+        };
         let step = |&pass: &PassId| {
-            let mut barriers: Vec<Barrier> = Vec::new();
-            for touch in &self.plan.pass(pass).touches {
-                let all = self.plan.passes.iter().flat_map(|p| &p.touches);
-                let all: Vec<_> = all.filter(|t| t.resource == touch.resource).collect();
-                if !all.iter().any(|t| t.accesses.writes()) {
-                    continue;
+            let touches = &self.plan.pass(pass).touches;
+            let fresh = touches.iter().filter(|touch| written(touch.resource));
+            let target =
+                fresh.fold((Stages::empty(), Accesses::empty()), |(s, a), t| (s | t.stages, a | t.accesses));
+            let mut barriers = Vec::new();
+            if !target.0.is_empty() {
+                barriers.push(self.barrier(target));
+            }
+            for touch in touches {
+                let (image, Some(new)) = (touch.resource, touch.layout) else { continue };
+                let was = layouts.insert(image, new).unwrap_or(Layout::Undefined);
+                let old = if touch.discards { Layout::Undefined } else { was };
+                if old != new {
+                    let change = Some(Transition { image, old, new });
+                    barriers.push(Barrier { image: change, ..self.barrier((touch.stages, touch.accesses)) });
                 }
-                // A resource touched twice by one pass (as arguments and by the shader) has one barrier.
-                if let Some(known) = barriers.iter_mut().find(|b| b.resource == touch.resource) {
-                    known.target_stages |= touch.stages;
-                    known.target_accesses |= touch.accesses;
-                    continue;
-                }
-                let old = layouts.get(&touch.resource).copied().unwrap_or(Layout::Undefined);
-                let new = touch.layout;
-                if let Some(new) = new {
-                    layouts.insert(touch.resource, new);
-                }
-                barriers.push(Barrier {
-                    resource: touch.resource,
-                    hazard: Hazard::ReadAfterWrite,
-                    after: Vec::new(),
-                    across_frames: false,
-                    source_stages: all.iter().fold(Stages::empty(), |s, t| s | t.stages),
-                    source_accesses: all.iter().fold(Accesses::empty(), |s, t| s | t.accesses),
-                    target_stages: touch.stages,
-                    target_accesses: touch.accesses,
-                    layouts: new.map(|new| (if touch.discards { Layout::Undefined } else { old }, new)),
-                });
             }
             Step { barriers, pass }
         };
         passes.iter().map(step).collect()
+    }
+}
+
+type Layouts = BTreeMap<ResourceId, Layout>;
+
+/// A barrier on all memory.
+pub fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
+    Barrier {
+        image: None,
+        source_stages: source.0,
+        source_accesses: source.1,
+        target_stages: target.0,
+        target_accesses: target.1,
+        dependencies: Vec::new(),
     }
 }
 
@@ -325,6 +435,16 @@ pub fn add(constant: u32) -> String {
 layout(local_size_x = 1) in;
 layout(set = 0, binding = 0) buffer Words {{ uint words[]; }};
 void main() {{ words[gl_WorkGroupID.x] += gl_WorkGroupID.x + {constant}u; }}"
+    )
+}
+
+/// Sets the one pixel of `image`, a storage image of 32-bit words, to `value`.
+pub fn image_shader(value: &str) -> String {
+    format!(
+        "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0, r32ui) uniform uimage2D image;
+void main() {{ imageStore(image, ivec2(0), {value}); }}"
     )
 }
 

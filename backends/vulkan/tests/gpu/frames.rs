@@ -135,27 +135,42 @@ fn a_frame_without_a_plan_is_an_error() {
 }
 
 #[test]
-fn an_image_that_is_kept_across_frames_is_well_defined_in_the_first() {
-    // Each frame adds 1 to the image; the plan's first barrier expects the layout that the frame before left.
+fn the_handover_brings_an_image_that_frames_keep_to_where_the_frame_before_would_have_left_it() {
+    // The prologue sets the image to 100 and each frame adds 1; frames find it as the export leaves it.
     let mut build = Build::new();
-    let image = build.image("history", Format::R32Uint, 1, 1, Usage::STORAGE);
-    let shader = build.shader(
-        "grow.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0, r32ui) uniform uimage2D history;
-layout(push_constant) uniform Push { uint keep; };
-void main() { imageStore(history, ivec2(0), imageLoad(history, ivec2(0)) * keep + 1); }",
-    );
-    let grow = build.dispatch(Run::Frame, "grow", shader, 1, &[(image, 0, BOTH)]);
-    build.plan.passes[grow.index()].push = 1u32.to_le_bytes().to_vec();
+    let image = build.image("kept", Format::R32Uint, 1, 1, Usage::STORAGE);
+    let set = build.shader("set.comp", &image_shader("uvec4(100)"));
+    build.dispatch(Run::Once, "set", set, 1, &[(image, 0, WRITE)]);
+    let grow = build.shader("grow.comp", &image_shader("imageLoad(image, ivec2(0)) + 1"));
+    build.dispatch(Run::Frame, "grow", grow, 1, &[(image, 0, BOTH)]);
     let plan = build.export(image);
-    assert_eq!(plan.frame[0].barriers[0].layouts, Some((Layout::TransferSource, Layout::General)));
+    let change = |old, new| Some(Transition { image, old, new });
+    assert_eq!(plan.handover[0].image, change(Layout::General, Layout::TransferSource));
+    assert_eq!(plan.frame[0].barriers[1].image, change(Layout::TransferSource, Layout::General));
     let mut vulkan = open();
     load(&mut vulkan, plan);
     let mut pixel = || words(&frame(&mut vulkan, &with_output()).output.unwrap().bytes)[0];
-    let first = pixel();
-    assert_eq!([pixel(), pixel()], [first.wrapping_add(1), first.wrapping_add(2)]);
+    assert_eq!([pixel(), pixel(), pixel()], [101, 102, 103]);
+    finish(vulkan);
+}
+
+#[test]
+fn what_the_host_is_shown_by_the_plan_is_all_that_was_copied_before() {
+    // Statistics, the output and an inspected buffer, all behind the barrier of the host's step; then one inspected behind it.
+    let (plan, count) = counter();
+    let host = PassId(plan.passes.len() as u32 - 1);
+    assert_eq!(plan.pass(host).work, Work::Host);
+    let mut vulkan = open();
+    load(&mut vulkan, plan);
+    for (after, expected) in [(PassId(2), 101), (host, 102)] {
+        let inspect = vec![Inspect { resource: count, after }];
+        let result = frame(&mut vulkan, &FrameInputs { inspect, ..with_output() });
+        assert_eq!(result.stats, [("count".to_string(), expected)]);
+        assert_eq!(words(&result.output.unwrap().bytes), [expected]);
+        assert_eq!(words(&result.inspected[0]), [expected]);
+        // The host's step does nothing on the device, and has no time.
+        assert!(result.pass_ms.iter().all(|(pass, _)| *pass != host));
+    }
     finish(vulkan);
 }
 

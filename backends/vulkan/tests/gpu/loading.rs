@@ -157,7 +157,7 @@ fn memory_lists_the_plans_resources_then_the_scenes_planes_then_the_backends_own
     frame(&mut vulkan, &with_output());
     let memory = vulkan.memory();
     let names: Vec<&str> = memory.iter().map(|(name, _)| name.as_str()).collect();
-    assert_eq!(names, ["sum", "row", "numbers", "readback"]);
+    assert_eq!(names, ["sum", "row", "numbers", "output readback"]);
     assert!(memory.iter().all(|&(_, bytes)| bytes >= 16), "{memory:?}");
     finish(vulkan);
 }

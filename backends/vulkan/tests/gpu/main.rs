@@ -9,3 +9,5 @@ mod compute;
 mod draw;
 mod frames;
 mod loading;
+mod sharing;
+mod swapping;

@@ -1,0 +1,99 @@
+//! GPU times for a dump, from the statistics that `splatgraph render --json` writes.
+
+use anyhow::{Context, Result, bail};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What matters here of [`crate::stats::CameraStats`].
+#[derive(Deserialize)]
+struct Camera {
+    pipeline: String,
+    passes: Vec<Pass>,
+}
+
+#[derive(Deserialize)]
+struct Pass {
+    name: String,
+    gpu_ms: Option<f64>,
+}
+
+/// The times of a file.
+#[derive(Debug, PartialEq)]
+pub struct Times {
+    /// The graph that was drawn.
+    pub pipeline: String,
+    /// The median over the cameras, in milliseconds, by the passes' names.
+    pub passes: Vec<(String, f64)>,
+}
+
+/// Reads a file of statistics.
+pub fn load(path: &Path) -> Result<Times> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?;
+    parse(&text).with_context(|| format!("{} has no GPU times", path.display()))
+}
+
+fn parse(text: &str) -> Result<Times> {
+    let cameras: Vec<Camera> = serde_json::from_str(text).context(
+        "it does not look like what `splatgraph render --json` writes, a list with an entry for each camera",
+    )?;
+    let Some(first) = cameras.first() else { bail!("the list is empty") };
+    let pipeline = first.pipeline.clone();
+    if let Some(other) = cameras.iter().find(|camera| camera.pipeline != pipeline) {
+        bail!("some are of {pipeline} and some of {}", other.pipeline);
+    }
+    let mut found: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for pass in cameras.into_iter().flat_map(|camera| camera.passes) {
+        found.entry(pass.name).or_default().extend(pass.gpu_ms);
+    }
+    let passes: Vec<(String, f64)> =
+        found.into_iter().filter_map(|(name, times)| Some((name, median(times)?))).collect();
+    if passes.is_empty() {
+        bail!("the device that drew has no timestamps");
+    }
+    Ok(Times { pipeline, passes })
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    match n {
+        0 => None,
+        _ if n % 2 == 1 => Some(values[n / 2]),
+        _ => Some(0.5 * (values[n / 2 - 1] + values[n / 2])),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(times: &str) -> String {
+        format!(r#"{{"pipeline": "splat", "passes": [{times}], "gpu_ms": 3.0}}"#)
+    }
+
+    #[test]
+    fn a_pass_has_the_median_of_its_times_over_the_cameras() {
+        let cameras = [
+            camera(r#"{"name": "once", "gpu_ms": 7.0}, {"name": "draw", "gpu_ms": 5.0}"#),
+            camera(r#"{"name": "draw", "gpu_ms": 1.0}, {"name": "untimed", "gpu_ms": null}"#),
+            camera(r#"{"name": "draw", "gpu_ms": 2.0}"#),
+        ];
+        let times = parse(&format!("[{}]", cameras.join(","))).expect("they have times");
+        assert_eq!(times.pipeline, "splat");
+        assert_eq!(times.passes, [("draw".to_owned(), 2.0), ("once".to_owned(), 7.0)]);
+    }
+
+    #[test]
+    fn files_without_times_are_refused_with_the_reason() {
+        for (text, reason) in [
+            ("{}", "render --json"),
+            ("[]", "empty"),
+            (&format!("[{}]", camera(r#"{"name": "draw", "gpu_ms": null}"#)), "timestamps"),
+            (&format!("[{},{}]", camera(""), camera("").replace("splat", "key16")), "key16"),
+        ] {
+            let error = format!("{:#}", parse(text).unwrap_err());
+            assert!(error.contains(reason), "{text}: {error}");
+        }
+    }
+}

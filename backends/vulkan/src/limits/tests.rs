@@ -1,0 +1,162 @@
+use super::*;
+use crate::testing::*;
+
+/// About what lavapipe has.
+fn limits() -> Limits {
+    Limits {
+        max_storage_bytes: 128 << 20,
+        max_uniform_bytes: 65536,
+        max_buffer_bytes: 2 << 30,
+        max_push_bytes: 128,
+        max_groups: [65535; 3],
+        max_local_size: [1024; 3],
+        max_invocations: 1024,
+        shared_bytes: 32768,
+        max_image_size: 16384,
+        max_targets: 8,
+        rounds_half: true,
+        max_storage_buffers: 32,
+        max_uniform_buffers: 16,
+        max_storage_images: 16,
+        heap_bytes: 4 << 30,
+        device_memory_types: 1,
+        buffer_image_granularity: 64,
+        independent_blend: true,
+        subgroup: SubgroupLimits { size: 8, max_size: 8, selectable: true, max_per_group: 32 },
+        timestamp_bits: 64,
+        timestamp_period: 1.0,
+    }
+}
+
+/// What is said of an altered plan, under altered limits; empty if it is accepted.
+fn said(alter: impl FnOnce(&mut Plan, &mut Limits)) -> String {
+    let (mut plan, mut limits) = (plan(), limits());
+    alter(&mut plan, &mut limits);
+    check(&plan, &limits).err().map(|error| error.to_string()).unwrap_or_default()
+}
+
+fn buffer(plan: &mut Plan, id: ResourceId, count: u64) {
+    plan.resources[id.index()].shape = Shape::Buffer { stride: 4, count };
+}
+
+#[test]
+fn a_plan_within_the_limits_is_accepted() {
+    assert_eq!(said(|_, _| {}), "");
+}
+
+#[test]
+fn sizes_are_compared_in_mebibytes_and_name_the_resource() {
+    assert_eq!(
+        said(|plan, _| buffer(plan, WORDS, 40_000_000)),
+        "`words`, bound by pass `scan[0]`, is 152.6 MiB, and a storage binding of this device may have 128.0 MiB \
+         at most"
+    );
+    assert_eq!(
+        said(|plan, _| buffer(plan, ARGS, 1 << 30)),
+        "buffer `args` is 4096.0 MiB, and a buffer of this device may have 2048.0 MiB at most"
+    );
+    assert!(said(|plan, _| buffer(plan, CAMERA, 65536)).contains("a uniform block of this device"));
+    assert_eq!(
+        said(|plan, limits| {
+            buffer(plan, SPLATS, 5000);
+            limits.heap_bytes = 40_000
+        }),
+        "the plan's resources are 40772 bytes in all, and the device's memory is 40000 bytes; the largest is \
+         `splats` with 20000 bytes"
+    );
+}
+
+#[test]
+fn too_much_of_anything_else_is_refused() {
+    let push = said(|_, limits| limits.max_push_bytes = 4);
+    assert!(push.contains("pass `clear` has 8 bytes of push constants"), "{push}");
+    let groups = said(|_, limits| limits.max_groups[0] = 3);
+    assert!(groups.contains("pass `scan[0]` dispatches [4, 1, 1] workgroups"), "{groups}");
+    let local = said(|_, limits| limits.max_invocations = 32);
+    assert!(local.contains("`scan.comp` has workgroups of [64, 1, 1]"), "{local}");
+    let shared = said(|_, limits| limits.shared_bytes = 512);
+    assert!(shared.contains("uses 1024 bytes of shared memory"), "{shared}");
+    let image = said(|_, limits| limits.max_image_size = 63);
+    assert!(image.contains("image `color` is 64 x 32 pixels"), "{image}");
+    let storage = said(|_, limits| limits.max_storage_buffers = 1);
+    assert!(storage.contains("pass `splat` binds 2 storage buffers"), "{storage}");
+    let targets = said(|_, limits| limits.max_targets = 0);
+    assert!(targets.contains("1 targets"), "{targets}");
+}
+
+#[test]
+fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
+    type Alteration = fn(&mut Plan);
+    let alterations: [(&str, Alteration); 25] = [
+        ("version", |plan| plan.version += 1),
+        ("pass 9", |plan| plan.frame[0].pass = PassId(9)),
+        ("in two steps", |plan| plan.frame[0].pass = PassId(0)),
+        ("resource 77", |plan| plan.output = ResourceId(77)),
+        ("resource 77", |plan| plan.passes[1].bindings[0].resource = ResourceId(77)),
+        ("resource 77", |plan| {
+            let (stages, accesses) = WROTE;
+            let touch = Touch { resource: ResourceId(77), stages, accesses, layout: None, discards: false };
+            plan.passes[1].touches.push(touch);
+        }),
+        ("`args` is not the only resource with the history `past`", |plan| {
+            for id in [WORDS, ARGS] {
+                plan.resources[id.index()].history = Some("past".to_string());
+            }
+        }),
+        ("no Compute shader", |plan| {
+            plan.passes[1].work = Work::Dispatch { shader: ShaderId(1), groups: Groups::Direct([1; 3]) };
+        }),
+        ("0 elements", |plan| buffer(plan, WORDS, 0)),
+        ("not a StorageBuffer", |plan| plan.passes[1].bindings[0].resource = COLOR),
+        ("12 bytes at byte 24", |plan| {
+            let groups = Groups::Indirect { buffer: ARGS, offset: 24 };
+            plan.passes[2].work = Work::Dispatch { shader: ShaderId(0), groups };
+        }),
+        ("at byte 18446744073709551612", |plan| plan.stats[0].offset = u64::MAX - 3),
+        ("uses `splats` as", |plan| plan.passes[0].work = Work::Fill { buffer: SPLATS, value: 0 }),
+        ("frame ends with the export", |plan| drop(plan.frame.pop())),
+        ("frame ends with the export", |plan| drop(plan.frame.remove(3))),
+        ("frame ends with the export", |plan| plan.frame.rotate_left(1)),
+        ("frame ends with the export", |plan| plan.passes[1].work = Work::Host),
+        ("zeroes a resource's history", |plan| plan.passes[1].work = Work::Start { resource: WORDS }),
+        ("uses `color` as", |plan| plan.passes[0].work = Work::Start { resource: COLOR }),
+        ("1 statistics, and 0 resources of 0 bytes", |plan| {
+            plan.resources[READBACK.index()].source = Source::Live;
+        }),
+        ("does not come first", |plan| plan.frame[0].barriers = vec![on_memory(WROTE, WROTE); 2]),
+        ("brings `words` into the layout General", |plan| {
+            let change = Transition { image: WORDS, old: Layout::Undefined, new: Layout::General };
+            plan.handover = vec![on_image(change, WROTE, WROTE)];
+        }),
+        ("layout Undefined", |plan| {
+            let change = Transition { image: COLOR, old: Layout::General, new: Layout::Undefined };
+            plan.frame[0].barriers = vec![on_image(change, WROTE, WROTE)];
+        }),
+        ("tenant `args` that is not its", |plan| plan.blocks[0].tenants.push(ARGS)),
+        ("`words` stands in no block", |plan| plan.blocks[0].tenants.clear()),
+    ];
+    for (expected, alter) in alterations {
+        let text = said(|plan, _| alter(plan));
+        assert!(text.contains(expected), "expected `{expected}` in `{text}`");
+    }
+}
+
+#[test]
+fn what_shares_memory_counts_once() {
+    // `words` and `args` are of 4096 bytes each.
+    let apart = |plan: &mut Plan, limits: &mut Limits| {
+        buffer(plan, ARGS, 1024);
+        limits.heap_bytes = 41_000;
+    };
+    let text = said(apart);
+    assert!(text.contains("resources are 41220 bytes in all"), "{text}");
+    let together = |plan: &mut Plan, limits: &mut Limits| {
+        apart(plan, limits);
+        plan.blocks[0].tenants.push(ARGS);
+        plan.blocks[1].tenants.clear();
+        plan.resources[ARGS.index()].block = Some(BlockId(0));
+    };
+    assert_eq!(said(together), "");
+}
+
+const WROTE: (Stages, Accesses) = (Stages::COMPUTE, Accesses::STORAGE_WRITE);

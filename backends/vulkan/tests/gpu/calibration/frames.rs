@@ -1,0 +1,110 @@
+//! From one frame to the next, to copies and to the host.
+//!
+//! Two frames are submitted one after the other, and neither is waited for. The layer compares submissions with one another
+//! only if its environment asks it to ([`again_comparing_submissions`]): so each of these tests runs as it is, and once
+//! more where that is set.
+
+use super::*;
+
+/// A mistake that is caught between two frames if the layer compares submissions, and otherwise not seen. `test` is the
+/// name of the test that says so, in this file.
+fn caught_between_submissions(
+    test: &str,
+    case: impl Fn() -> Case,
+    mistake: impl FnOnce(&mut Plan),
+    expected: &str,
+) {
+    let case = Case { frames: 2, ..case() };
+    if compares_submissions() {
+        case.caught(mistake, expected);
+    } else {
+        case.not_seen(mistake);
+        again_comparing_submissions(&format!("calibration::frames::{test}"));
+    }
+}
+
+/// Two passes on one buffer, in each frame one after the other, with exactly this barrier between them.
+fn two(
+    first: fn(&mut Build, &str, ResourceId),
+    second: fn(&mut Build, &str, ResourceId),
+    (source, target): (Side, Side),
+) -> Case {
+    let mut build = Build::new();
+    let words = build.words("words", 4);
+    first(&mut build, "first", words);
+    second(&mut build, "second", words);
+    case(build).between("second", source, target)
+}
+
+fn fills(build: &mut Build, name: &str, buffer: ResourceId) {
+    build.fill(Run::Frame, name, buffer, 1);
+}
+
+/// A buffer that every frame fills, and whose first word is a statistic.
+fn statistic() -> Case {
+    let mut build = Build::new();
+    let words = build.words("words", 4);
+    build.fill(Run::Frame, "first", words, 1);
+    build.stat("statistic", words, 0);
+    case(build).between("export", FILLS, (Stages::COPY, Accesses::TRANSFER_READ))
+}
+
+#[test]
+fn read_after_write_across_frames() {
+    let order = (stage(Stages::COMPUTE), stage(Stages::COMPUTE));
+    let case = || two(Build::reads, Build::writes, order);
+    let test = "read_after_write_across_frames";
+    caught_between_submissions(test, case, removed("first"), RAW);
+}
+
+#[test]
+fn a_missing_access_across_frames() {
+    let case = || {
+        let order = (stage(Stages::COMPUTE), stage(Stages::COMPUTE));
+        two(Build::reads, Build::writes, order).between("first", COMPUTE_WRITES, (Stages::COMPUTE, BOTH))
+    };
+    let test = "a_missing_access_across_frames";
+    caught_between_submissions(test, case, cleared("first", access(WRITE), NOTHING), RAW);
+}
+
+#[test]
+fn write_after_read_across_frames() {
+    let case = || two(Build::writes, Build::reads, (COMPUTE_WRITES, COMPUTE_READS));
+    caught_between_submissions("write_after_read_across_frames", case, removed("first"), WAR);
+}
+
+#[test]
+fn write_after_write_of_a_fill_across_frames() {
+    let case = || two(fills, Build::changes, (FILLS, COMPUTE_DOES_BOTH));
+    let test = "write_after_write_of_a_fill_across_frames";
+    caught_between_submissions(test, case, removed("first"), WAW);
+}
+
+#[test]
+fn a_copy_that_reads_what_the_next_frame_writes() {
+    let test = "a_copy_that_reads_what_the_next_frame_writes";
+    caught_between_submissions(test, statistic, removed("first"), WAR);
+}
+
+#[test]
+fn a_copy_that_reads_what_a_fill_writes_is_caught() {
+    statistic().caught(removed("export"), RAW);
+    statistic().caught(cleared("export", access(Accesses::TRANSFER_WRITE), NOTHING), RAW);
+    statistic().caught(cleared("export", NOTHING, access(Accesses::TRANSFER_READ)), RAW);
+}
+
+#[test]
+fn a_host_that_reads_without_a_barrier_is_not_seen() {
+    statistic().not_seen(removed("host"));
+}
+
+#[test]
+fn an_image_in_the_wrong_layout_across_frames_is_caught() {
+    let mut build = Build::new();
+    let image = build.image("kept", Format::R32Uint, 1, 1, Usage::STORAGE);
+    let grow = build.shader("grow.comp", &image_shader("imageLoad(image, ivec2(0)) + 1"));
+    build.dispatch(Run::Frame, "grow", grow, 1, &[(image, 0, BOTH)]);
+    let case = Case { plan: build.export(image), frames: 2, read_output: false };
+    case.caught(|plan| plan.handover.clear(), "InvalidImageLayout");
+    case.caught(removed("grow"), "VUID-vkCmdDispatch");
+}

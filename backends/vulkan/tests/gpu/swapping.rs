@@ -1,0 +1,345 @@
+//! From one plan to the next: frames in flight of the one before, and histories that live on.
+
+use crate::build::*;
+use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect};
+use splatgraph_framework::plan::*;
+use splatgraph_vulkan::Vulkan;
+
+/// The first word of a buffer and every pixel of an image of this width, both with a history, grow by `step` in every frame. The
+/// statistic `name` is the word, the output the image. `alter` is called before the plan is finished, with the two.
+fn growing_with(
+    name: &str,
+    step: u32,
+    width: u32,
+    alter: impl FnOnce(&mut Build, ResourceId, ResourceId),
+) -> Plan {
+    let mut build = Build::new();
+    let count = build.words("count", 4);
+    let trail = build.image("trail", Format::R32Uint, width, 1, Usage::STORAGE);
+    build.history(count);
+    build.history(trail);
+    let shader = build.shader(
+        "grow.comp",
+        &format!(
+            "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) buffer Count {{ uint count; }};
+layout(set = 0, binding = 1, r32ui) uniform uimage2D trail;
+void main() {{
+    ivec2 at = ivec2(gl_WorkGroupID.x, 0);
+    imageStore(trail, at, imageLoad(trail, at) + {step});
+    if (at.x == 0) count += {step};
+}}"
+        ),
+    );
+    build.dispatch(Run::Frame, "grow", shader, width, &[(count, 0, BOTH), (trail, 1, BOTH)]);
+    build.stat(name, count, 0);
+    alter(&mut build, count, trail);
+    build.export(trail)
+}
+
+fn growing(name: &str, step: u32) -> Plan {
+    growing_with(name, step, 2, |_, _, _| {})
+}
+
+fn submit(vulkan: &mut Vulkan) -> FrameId {
+    vulkan.submit(&with_output()).expect("the frame is submitted")
+}
+
+/// The name of the statistic and its value, which every pixel must have as well.
+fn grown(vulkan: &mut Vulkan, frame: FrameId) -> (String, u32) {
+    let result = vulkan.wait(frame).expect("the frame is done");
+    let [(name, value)] = result.stats.try_into().expect("one statistic");
+    let pixels = words(&result.output.expect("the output was asked for").bytes);
+    assert!(pixels.iter().all(|&pixel| pixel == value), "{name} is {value}, and the image {pixels:?}");
+    (name, value)
+}
+
+/// The value after one more frame.
+fn grow(vulkan: &mut Vulkan) -> u32 {
+    let frame = submit(vulkan);
+    grown(vulkan, frame).1
+}
+
+#[test]
+fn histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight() {
+    let mut vulkan = open();
+    load(&mut vulkan, growing("slow", 1));
+    let slow = [submit(&mut vulkan), submit(&mut vulkan)];
+    load(&mut vulkan, growing("fast", 10));
+    let fast = [submit(&mut vulkan), submit(&mut vulkan), submit(&mut vulkan)];
+    // And back, with another frame in between.
+    load(&mut vulkan, growing("slow again", 1));
+    let again = [submit(&mut vulkan), submit(&mut vulkan)];
+    let values: Vec<_> =
+        [&slow[..], &fast, &again].concat().into_iter().map(|f| grown(&mut vulkan, f)).collect();
+    let expected = [("slow", 1), ("slow", 2), ("fast", 12), ("fast", 22), ("fast", 32)];
+    let expected = expected.into_iter().chain([("slow again", 33), ("slow again", 34)]);
+    assert_eq!(values, expected.map(|(name, value)| (name.to_string(), value)).collect::<Vec<_>>());
+    finish(vulkan);
+    // The barriers between the plans are between submissions.
+    again_comparing_submissions(
+        "swapping::histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight",
+    );
+}
+
+#[test]
+fn a_plan_sees_its_history_however_the_one_before_wrote_it() {
+    let plan = |finish: fn(&mut Build, ResourceId)| {
+        let mut build = Build::new();
+        let count = build.words("count", 4);
+        build.history(count);
+        finish(&mut build, count);
+        let output = build.image("output", Format::R32Uint, 1, 1, Usage::STORAGE);
+        build.export(output)
+    };
+    // The first ends with a dispatch that writes the words...
+    let adds = plan(|build, count| {
+        let shader = build.shader("add.comp", &add(7));
+        build.dispatch(Run::Frame, "add", shader, 1, &[(count, 0, BOTH)]);
+    });
+    // ... and the second, which copies them, waits for nothing but its own start.
+    let mut shows = plan(|build, count| build.stat("count", count, 0));
+    let fill = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
+    shows.handover.insert(0, barrier(fill, (Stages::COPY, Accesses::TRANSFER_READ)));
+    shows.frame[0].barriers.clear();
+    let mut vulkan = open();
+    load(&mut vulkan, adds);
+    vulkan.submit(&FrameInputs::default()).unwrap();
+    load(&mut vulkan, shows);
+    assert_eq!(frame(&mut vulkan, &FrameInputs::default()).stats, [("count".to_string(), 7)]);
+    finish(vulkan);
+    again_comparing_submissions("swapping::a_plan_sees_its_history_however_the_one_before_wrote_it");
+}
+
+#[test]
+fn a_history_that_goes_on_is_not_zeroed_and_the_rest_of_the_prologue_runs() {
+    let with_constant = |step| {
+        growing_with("count", step, 2, |build, _, _| {
+            let constant = build.words("constant", 1);
+            build.fill(Run::Once, "fill", constant, 3);
+        })
+    };
+    let ran = |vulkan: &mut Vulkan, plan: &Plan| -> Vec<String> {
+        let passes = frame(vulkan, &with_output()).pass_ms;
+        passes.iter().map(|&(pass, _)| plan.pass(pass).name.clone()).collect()
+    };
+    let mut vulkan = open();
+    let plan = with_constant(1);
+    load(&mut vulkan, plan.clone());
+    assert_eq!(ran(&mut vulkan, &plan), ["start count", "start trail", "fill", "grow", "export"]);
+    assert_eq!(ran(&mut vulkan, &plan), ["grow", "export"]);
+    load(&mut vulkan, plan.clone());
+    assert_eq!(ran(&mut vulkan, &plan), ["fill", "grow", "export"]);
+    assert_eq!(grow(&mut vulkan), 4);
+    finish(vulkan);
+}
+
+#[test]
+fn barriers_before_a_start_that_is_left_out_still_stand_for_the_passes_behind_it() {
+    let copy = "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) readonly buffer Source { uint source; };
+layout(set = 0, binding = 1) writeonly buffer Target { uint target; };
+void main() { target = source; }";
+    let mut constants = [ResourceId(0); 2];
+    let mut plan = growing_with("count", 1, 2, |build, _, _| {
+        constants = [build.words("source", 1), build.words("target", 1)];
+        build.fill(Run::Once, "fill", constants[0], 3);
+        let last = build.words("last", 1);
+        build.history(last);
+        let shader = build.shader("copy.comp", copy);
+        let binds = [(constants[0], 0, READ), (constants[1], 1, WRITE)];
+        build.dispatch(Run::Once, "copy", shader, 1, &binds);
+    });
+    // The copy's barrier moves to the start before it.
+    let [.., start, copy] = &mut plan.prologue[..] else { panic!("a start and a copy") };
+    let fill = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
+    start.barriers = vec![barrier(fill, (Stages::COMPUTE, Accesses::STORAGE_READ))];
+    copy.barriers.clear();
+    let inspect = vec![Inspect { resource: constants[1], after: copy.pass }];
+    let mut vulkan = open();
+    for _ in 0..2 {
+        load(&mut vulkan, plan.clone());
+        let result = frame(&mut vulkan, &FrameInputs { inspect: inspect.clone(), ..Default::default() });
+        assert_eq!(words(&result.inspected[0]), [3]);
+    }
+    finish(vulkan);
+}
+
+#[test]
+fn a_start_leaves_zeros_whatever_was_there() {
+    // The prologue writes to both before they start.
+    let mut build = Build::new();
+    let count = build.words("count", 1);
+    let trail = build.image("trail", Format::R32Uint, 1, 1, Usage::STORAGE);
+    build.fill(Run::Once, "fill", count, 7);
+    let set = build.shader("set.comp", &image_shader("uvec4(7)"));
+    build.dispatch(Run::Once, "set", set, 1, &[(trail, 0, WRITE)]);
+    build.history(count);
+    build.history(trail);
+    let keep = build.shader("keep.comp", &image_shader("imageLoad(image, ivec2(0))"));
+    build.dispatch(Run::Frame, "keep", keep, 1, &[(trail, 0, BOTH)]);
+    build.stat("count", count, 0);
+    let mut vulkan = open();
+    load(&mut vulkan, build.export(trail));
+    assert_eq!(grow(&mut vulkan), 0);
+    finish(vulkan);
+}
+
+#[test]
+fn a_history_of_another_shape_starts_from_zeros() {
+    let mut vulkan = open();
+    load(&mut vulkan, growing("count", 1));
+    assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
+    // As after a resize: the image starts anew, and the buffer goes on.
+    load(&mut vulkan, growing_with("count", 1, 3, |_, _, _| {}));
+    let result = frame(&mut vulkan, &with_output());
+    assert_eq!(result.stats[0].1, 3);
+    assert_eq!(words(&result.output.unwrap().bytes), [1, 1, 1]);
+    finish(vulkan);
+}
+
+#[test]
+fn a_history_starts_from_zeros_where_it_cannot_go_on() {
+    /// A plan whose history has to be its own.
+    fn apart(alter: impl FnOnce(&mut Build, ResourceId, ResourceId)) -> Plan {
+        growing_with("count", 1, 2, alter)
+    }
+    let rename = |build: &mut Build, count: ResourceId, trail: ResourceId| {
+        build.plan.resources[count.index()].history = Some("another".to_string());
+        build.plan.resources[trail.index()].history = None;
+    };
+    let crowd = |build: &mut Build, count: ResourceId, trail: ResourceId| {
+        let idle = [build.words("idle[0]", 4), build.words("idle[1]", 4)];
+        build.share(&[count, idle[0]]);
+        build.share(&[trail, idle[1]]);
+    };
+    for plan in [apart(rename), apart(crowd)] {
+        let mut vulkan = open();
+        // On the way there, and on the way back.
+        load(&mut vulkan, growing("count", 1));
+        assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
+        load(&mut vulkan, plan);
+        assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
+        load(&mut vulkan, growing("count", 1));
+        assert_eq!(grow(&mut vulkan), 1);
+        finish(vulkan);
+    }
+    // Another scene.
+    let mut vulkan = open();
+    load(&mut vulkan, growing("count", 1));
+    assert_eq!(grow(&mut vulkan), 1);
+    let scene = Scene { identity: 2, ..Default::default() };
+    vulkan.load(growing("count", 1), &scene, &mut |_| {}).unwrap();
+    assert_eq!(grow(&mut vulkan), 1);
+    finish(vulkan);
+}
+
+#[test]
+fn a_plan_that_never_ran_has_no_history_but_hands_on_the_one_that_it_took_over() {
+    let mut vulkan = open();
+    load(&mut vulkan, growing("count", 100));
+    load(&mut vulkan, growing("count", 1));
+    assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
+    load(&mut vulkan, growing("count", 100));
+    load(&mut vulkan, growing("count", 10));
+    assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (12, 22));
+    finish(vulkan);
+}
+
+#[test]
+fn an_image_that_the_next_plan_uses_for_more_than_it_was_made_for_starts_from_zeros() {
+    let mut vulkan = open();
+    load(&mut vulkan, growing("count", 1));
+    assert_eq!(grow(&mut vulkan), 1);
+    let more = growing_with("count", 1, 2, |build, _, trail| {
+        build.plan.resources[trail.index()].usage |= Usage::COLOR_TARGET;
+    });
+    load(&mut vulkan, more);
+    let result = frame(&mut vulkan, &with_output());
+    // Buffers with a history are made for anything.
+    assert_eq!(result.stats[0].1, 2);
+    assert_eq!(words(&result.output.unwrap().bytes), [1, 1]);
+    finish(vulkan);
+}
+
+#[test]
+fn a_plan_is_kept_until_its_frames_in_flight_are_done() {
+    let rest = |vulkan: &Vulkan| {
+        let memory = vulkan.memory();
+        memory.iter().find(|(name, _)| name == "frames in flight").map(|(_, bytes)| *bytes)
+    };
+    let large = |name: &str| {
+        growing_with(name, 1, 2, |build, _, _| {
+            let large = build.words("large", 1 << 18);
+            build.fill(Run::Frame, "fill", large, 1);
+        })
+    };
+    let mut vulkan = open();
+    load(&mut vulkan, large("first"));
+    let first = submit(&mut vulkan);
+    assert_eq!(rest(&vulkan), None);
+    load(&mut vulkan, large("second"));
+    let second = submit(&mut vulkan);
+    load(&mut vulkan, large("third"));
+    // Both former plans' large buffers; what the three have in common is the third's.
+    let held = rest(&vulkan).expect("two plans are in flight");
+    assert!((2 << 20..(2 << 20) + 4096).contains(&held), "{held}");
+    assert_eq!(grown(&mut vulkan, second), ("second".to_string(), 2));
+    assert!(rest(&vulkan).is_some_and(|held| held < 2 << 20));
+    assert_eq!(grown(&mut vulkan, first), ("first".to_string(), 1));
+    assert_eq!(rest(&vulkan), None);
+    assert_eq!(grow(&mut vulkan), 3);
+    finish(vulkan);
+}
+
+#[test]
+fn many_swaps_do_not_grow_the_memory() {
+    let bytes = |vulkan: &Vulkan| vulkan.memory().iter().map(|(_, bytes)| bytes).sum::<u64>();
+    let plans = [growing("even", 1), growing("odd", 1)];
+    let mut vulkan = open();
+    let mut frames = Vec::new();
+    let mut most = Vec::new();
+    for swap in 0..50 {
+        load(&mut vulkan, plans[swap % 2].clone());
+        frames.push(submit(&mut vulkan));
+        most.push(bytes(&vulkan));
+        if swap == 9 {
+            // Without any frame, nothing is kept of a plan.
+            load(&mut vulkan, plans[0].clone());
+            let before = bytes(&vulkan);
+            for plan in plans.iter().rev().cycle().take(20) {
+                load(&mut vulkan, plan.clone());
+            }
+            assert_eq!(bytes(&vulkan), before);
+        }
+    }
+    // From the third on, the frames of two former plans at most are in flight.
+    assert!(most[2..].iter().all(|&bytes| bytes <= most[2]), "{most:?}");
+    for (index, frame) in frames.into_iter().enumerate() {
+        assert_eq!(grown(&mut vulkan, frame).1, index as u32 + 1);
+    }
+    assert_eq!(bytes(&vulkan), most[0]);
+    finish(vulkan);
+}
+
+#[test]
+fn a_load_that_fails_leaves_the_former_plan_its_frames_and_its_histories() {
+    let mut vulkan = open();
+    load(&mut vulkan, growing("count", 1));
+    let pending = [submit(&mut vulkan), submit(&mut vulkan)];
+    let lacking = growing_with("count", 10, 2, |build, count, _| {
+        let scene = build.scene("absent", 0, 4, 4);
+        let shader = build.shader("add.comp", &add(0));
+        build.dispatch(Run::Frame, "add", shader, 1, &[(scene, 0, READ), (count, 1, READ)]);
+    });
+    let error = vulkan.load(lacking, &Scene::default(), &mut |_| {});
+    assert!(matches!(error, Err(BackendError::Scene(_))), "{error:?}");
+    assert_eq!(grow(&mut vulkan), 3);
+    assert_eq!(pending.map(|frame| grown(&mut vulkan, frame).1), [1, 2]);
+    load(&mut vulkan, growing("count", 10));
+    assert_eq!(grow(&mut vulkan), 13);
+    vulkan.submit(&FrameInputs::default()).unwrap();
+    finish(vulkan);
+}

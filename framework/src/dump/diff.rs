@@ -1,0 +1,281 @@
+//! Two dumps side by side: what a parameter, or another graph, changes.
+//!
+//! Passes and resources are matched by name, barriers by the pass that they stand before and the image that they are on.
+//! Where something is declared, and a barrier's number, say nothing about what runs and are not compared.
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+use super::text::mask_text;
+use super::{DUMP_VERSION, Dump, DumpBarrier, DumpDependency, DumpPass, DumpResource, DumpTouch};
+
+/// What is different between two dumps, `a` and `b`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Diff {
+    /// Of the dumps, and of this.
+    pub version: u32,
+    pub a: DiffSide,
+    pub b: DiffSide,
+    /// Those whose values differ.
+    pub parameters: Vec<Change>,
+    /// Those that differ.
+    pub facts: Vec<Change>,
+    /// All of them, also those that are the same.
+    pub totals: Vec<TotalChange>,
+    /// Names in the lists of what only one side has.
+    pub passes: Differences<String, NamedChange>,
+    pub barriers: Differences<DumpBarrier, BarrierChange>,
+    pub resources: Differences<ResourceSize, NamedChange>,
+}
+
+/// Which dump this is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DiffSide {
+    pub graph: String,
+    pub summary: String,
+}
+
+/// A value that differs; `None` on the side that has no such thing.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Change {
+    pub name: String,
+    pub a: Option<String>,
+    pub b: Option<String>,
+}
+
+/// A number of both sides.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TotalChange {
+    pub name: String,
+    pub a: u64,
+    pub b: u64,
+    /// `b - a`.
+    pub change: i64,
+}
+
+/// What only one side has, and what both have with a difference.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Differences<T, C> {
+    pub only_a: Vec<T>,
+    pub only_b: Vec<T>,
+    pub changed: Vec<C>,
+    /// How many are the same on both sides.
+    pub same: usize,
+}
+
+/// A pass or a resource with the properties that differ, like `size`, `define DIGIT_BITS` or `push shift`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NamedChange {
+    pub name: String,
+    pub changes: Vec<Change>,
+}
+
+/// A resource that only one side has.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ResourceSize {
+    pub name: String,
+    /// As in [`DumpResource::shape`].
+    pub shape: String,
+    pub bytes: u64,
+}
+
+/// A barrier that stands at the same place on both sides, with other masks, layouts or dependencies.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BarrierChange {
+    pub a: DumpBarrier,
+    pub b: DumpBarrier,
+}
+
+impl Diff {
+    /// Whether the two plans do the same in the same memory.
+    pub fn is_empty(&self) -> bool {
+        fn none<T, C>(d: &Differences<T, C>) -> bool {
+            d.only_a.is_empty() && d.only_b.is_empty() && d.changed.is_empty()
+        }
+        none(&self.passes) && none(&self.barriers) && none(&self.resources)
+    }
+}
+
+/// Compares two dumps.
+pub fn diff(a: &Dump, b: &Dump) -> Diff {
+    let side = |d: &Dump| DiffSide { graph: d.graph.clone(), summary: d.summary.clone() };
+    let parameters = |d: &Dump| d.parameters.iter().map(|p| (p.name.clone(), p.value.to_string())).collect();
+    let facts = |d: &Dump| d.facts.iter().map(|(name, value)| (name.clone(), value.to_string())).collect();
+    let size =
+        |r: &DumpResource| ResourceSize { name: r.name.clone(), shape: r.shape.clone(), bytes: r.bytes };
+    Diff {
+        version: DUMP_VERSION,
+        a: side(a),
+        b: side(b),
+        parameters: changes(&parameters(a), &parameters(b)),
+        facts: changes(&facts(a), &facts(b)),
+        totals: totals(a).into_iter().zip(totals(b)).map(|((name, a), (_, b))| total(name, a, b)).collect(),
+        passes: match_up(
+            &a.passes,
+            &b.passes,
+            |p| p.name.clone(),
+            |p| p.name.clone(),
+            |a, b| named(&a.name, changes(&pass_properties(a), &pass_properties(b))),
+        ),
+        barriers: match_up(
+            &a.barriers().cloned().collect::<Vec<_>>(),
+            &b.barriers().cloned().collect::<Vec<_>>(),
+            |b| (b.before.as_ref().map(|p| p.name.clone()), b.image.as_ref().map(|t| t.image.clone())),
+            DumpBarrier::clone,
+            |a, b| {
+                let same = a.image == b.image && a.masks == b.masks && reasons(a) == reasons(b);
+                (!same).then(|| BarrierChange { a: a.clone(), b: b.clone() })
+            },
+        ),
+        resources: match_up(
+            &a.resources,
+            &b.resources,
+            |r| r.name.clone(),
+            size,
+            |x, y| named(&x.name, changes(&resource_properties(a, x), &resource_properties(b, y))),
+        ),
+    }
+}
+
+/// Pairs the elements of two lists that have the same key (which is unique in each list).
+fn match_up<E, K: Ord, T, C>(
+    a: &[E],
+    b: &[E],
+    key: impl Fn(&E) -> K,
+    only: impl Fn(&E) -> T,
+    change: impl Fn(&E, &E) -> Option<C>,
+) -> Differences<T, C> {
+    let in_a: BTreeMap<K, &E> = a.iter().map(|e| (key(e), e)).collect();
+    let in_b: BTreeMap<K, &E> = b.iter().map(|e| (key(e), e)).collect();
+    let pairs = || a.iter().filter_map(|e| Some((e, *in_b.get(&key(e))?)));
+    let changed: Vec<C> = pairs().filter_map(|(a, b)| change(a, b)).collect();
+    Differences {
+        only_a: a.iter().filter(|e| !in_b.contains_key(&key(e))).map(&only).collect(),
+        only_b: b.iter().filter(|e| !in_a.contains_key(&key(e))).map(&only).collect(),
+        same: pairs().count() - changed.len(),
+        changed,
+    }
+}
+
+fn named(name: &str, changes: Vec<Change>) -> Option<NamedChange> {
+    (!changes.is_empty()).then(|| NamedChange { name: name.into(), changes })
+}
+
+/// Properties by name, in the order in which a reader wants them.
+type Properties = Vec<(String, String)>;
+
+fn changes(a: &Properties, b: &Properties) -> Vec<Change> {
+    let value = |of: &Properties, name: &str| of.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone());
+    let only_b = b.iter().filter(|(name, _)| value(a, name).is_none());
+    let names = a.iter().chain(only_b).map(|(name, _)| name.clone());
+    let change = |name: String| {
+        let (a, b) = (value(a, &name), value(b, &name));
+        (a != b).then_some(Change { name, a, b })
+    };
+    names.filter_map(change).collect()
+}
+
+fn total(name: &str, a: u64, b: u64) -> TotalChange {
+    TotalChange { name: name.into(), a, b, change: b as i64 - a as i64 }
+}
+
+/// The names of byte counts end with `bytes`.
+fn totals(dump: &Dump) -> Vec<(&'static str, u64)> {
+    let t = &dump.totals;
+    let count = |n: usize| n as u64;
+    vec![
+        ("passes", count(t.passes)),
+        ("passes of the prologue", count(t.prologue_passes)),
+        ("passes of the frame", count(t.frame_passes)),
+        ("barrier calls of the frame", count(t.frame.calls)),
+        ("barriers of the frame", count(t.frame.barriers)),
+        ("barriers on all memory", count(t.frame.memory_barriers)),
+        ("barriers on images", count(t.frame.image_barriers)),
+        ("dependencies of the frame", count(t.frame.dependencies)),
+        ("barriers of the prologue", count(t.prologue.barriers)),
+        ("barriers of the handover", count(t.handover.barriers)),
+        ("unshared bytes", t.unshared_bytes),
+        ("saved bytes", t.saved_bytes),
+        ("transient bytes", t.transient_bytes),
+        ("scene bytes", t.scene_bytes),
+        ("host bytes", t.host_bytes),
+    ]
+}
+
+fn pass_properties(pass: &DumpPass) -> Properties {
+    let mut all = vec![
+        ("phase".to_owned(), pass.phase.clone()),
+        ("run".into(), format!("{:?}", pass.run)),
+        ("kind".into(), pass.kind.clone()),
+        ("size".into(), pass.size.clone()),
+    ];
+    all.extend(pass.topology.map(|t| ("topology".into(), format!("{t:?}"))));
+    for (i, target) in pass.targets.iter().enumerate() {
+        let value = format!("{} {:?} {:?}", target.image, target.load, target.blend);
+        all.push((format!("target {i}"), value));
+    }
+    for (i, shader) in pass.shaders.iter().enumerate() {
+        // A draw has two shaders, and both may have a define of the same name.
+        let of = if i == 0 { String::new() } else { format!(" of {}", shader.file) };
+        all.push((format!("shader {i}"), shader.file.clone()));
+        all.push((format!("workgroup{of}"), format!("{:?}", shader.local_size)));
+        all.push((format!("shared bytes{of}"), shader.shared_bytes.to_string()));
+        all.extend(shader.defines.iter().map(|d| (format!("define {}{of}", d.name), d.value.clone())));
+    }
+    for b in &pass.bindings {
+        let element = if b.element == 0 { String::new() } else { format!("[{}]", b.element) };
+        all.push((format!("binding {}{element}", b.name), b.resource.clone()));
+    }
+    for p in &pass.push {
+        let name = p.name.clone().unwrap_or_else(|| format!("at byte {}", p.offset));
+        all.push((format!("push {name}"), p.value.to_string()));
+    }
+    all.push(("reads".into(), touches(&pass.reads)));
+    all.push(("writes".into(), touches(&pass.writes)));
+    all
+}
+
+fn touches(touches: &[DumpTouch]) -> String {
+    let touch =
+        |t: &DumpTouch| format!("{} ({} {})", t.resource, t.stages.join(" | "), t.accesses.join(" | "));
+    touches.iter().map(touch).collect::<Vec<_>>().join(", ")
+}
+
+fn resource_properties(dump: &Dump, resource: &DumpResource) -> Properties {
+    let mut aliases = resource.aliases.clone();
+    aliases.sort();
+    let name = |i: usize| dump.passes.get(i).map_or("?", |p| p.name.as_str());
+    let lifetime = match resource.lifetime {
+        Some(l) => format!("{} to {}", name(l.first), name(l.last)),
+        None => "longer than a frame".into(),
+    };
+    let mut all = vec![
+        ("shape".to_owned(), resource.shape.clone()),
+        ("bytes".into(), resource.bytes.to_string()),
+        ("source".into(), resource.source.clone()),
+        ("usage".into(), resource.usage.join(" | ")),
+        ("shares memory with".into(), aliases.join(", ")),
+        ("lifetime".into(), lifetime),
+    ];
+    all.extend(resource.from.clone().map(|from| ("from".into(), from)));
+    all.extend(resource.history.clone().map(|history| ("history".into(), history)));
+    all
+}
+
+/// A barrier's dependencies, less where things are declared.
+fn reasons(barrier: &DumpBarrier) -> Vec<String> {
+    barrier.dependencies.iter().map(reason).collect()
+}
+
+fn reason(d: &DumpDependency) -> String {
+    let after: Vec<&str> = d.after.iter().map(|p| p.name.as_str()).collect();
+    let alias = d.alias.as_ref().map(|p| &p.name);
+    format!(
+        "{:?} {} {} {after:?} {} {alias:?} {}",
+        d.hazard,
+        d.before.name,
+        d.resource.name,
+        d.previous_frame,
+        mask_text(&d.masks)
+    )
+}

@@ -1,0 +1,387 @@
+//! From the plan to its dump: names for numbers, sums, lifetimes.
+
+use super::{
+    BarrierTotals, DUMP_VERSION, Define, Dump, DumpBarrier, DumpBinding, DumpBlock, DumpDependency,
+    DumpLeftOut, DumpParameter, DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader, DumpStat,
+    DumpTarget, DumpTouch, DumpTransition, Lifetime, Masks, Place, Totals, repeats,
+};
+use crate::plan::{
+    Accesses, Barrier, Dependency, DrawCall, Groups, ParamBinding, Pass, PassId, Plan, ResourceId, ShaderId,
+    Shape, Source, Stages, Step, Value, Work,
+};
+use crate::shader::MemberKind;
+
+/// The plan with names in place of numbers.
+pub fn dump(plan: &Plan) -> Dump {
+    let mut next_id = 1;
+    let mut barriers = |of: &[Barrier], before: Option<PassId>| -> Vec<DumpBarrier> {
+        let number = |barrier| {
+            next_id += 1;
+            barrier_of(plan, barrier, before, next_id - 1)
+        };
+        of.iter().map(number).collect()
+    };
+    // Barriers are numbered in the order in which they are recorded.
+    let mut passes: Vec<DumpPass> = Vec::new();
+    for step in &plan.prologue {
+        passes.push(pass_of(plan, step.pass, barriers(&step.barriers, Some(step.pass))));
+    }
+    let handover = barriers(&plan.handover, None);
+    for step in &plan.frame {
+        passes.push(pass_of(plan, step.pass, barriers(&step.barriers, Some(step.pass))));
+    }
+    let repeats = repeats::find(&mut passes);
+    let resources = (0..plan.resources.len() as u32).map(|i| resource_of(plan, ResourceId(i))).collect();
+    Dump {
+        version: DUMP_VERSION,
+        graph: plan.name.clone(),
+        summary: plan.summary.clone(),
+        parameters: plan.params.iter().map(parameter_of).collect(),
+        facts: plan.facts.clone(),
+        totals: totals(plan),
+        blocks: blocks(plan),
+        resources,
+        phases: phases(&passes),
+        repeats,
+        passes,
+        handover,
+        left_out: plan
+            .left_out
+            .iter()
+            .map(|l| DumpLeftOut { pass: l.pass.clone(), why: l.why.clone(), declared: l.origin.clone() })
+            .collect(),
+        output: plan.resource(plan.output).name.clone(),
+        stats: plan
+            .stats
+            .iter()
+            .map(|s| DumpStat {
+                name: s.name.clone(),
+                buffer: plan.resource(s.buffer).name.clone(),
+                offset: s.offset,
+            })
+            .collect(),
+        gpu_ms: None,
+    }
+}
+
+/// The canonical form.
+pub fn json(dump: &Dump) -> serde_json::Value {
+    serde_json::to_value(dump).expect("a dump is plain data with string keys")
+}
+
+fn parameter_of(param: &crate::plan::Param) -> DumpParameter {
+    DumpParameter {
+        name: param.name.clone(),
+        label: param.label.clone(),
+        value: param.value.clone(),
+        default: param.default.clone(),
+        exact: param.exact.clone(),
+        live: matches!(param.binding, ParamBinding::Live { .. }),
+        declared: param.origin.clone(),
+    }
+}
+
+fn totals(plan: &Plan) -> Totals {
+    let bytes = |wanted: fn(&Source) -> bool| {
+        plan.resources.iter().filter(|r| wanted(&r.source)).map(|r| r.bytes()).sum()
+    };
+    let calls =
+        |steps: &[Step]| steps.iter().map(|s| call_totals(&s.barriers)).fold(BarrierTotals::default(), add);
+    let (transient_bytes, unshared_bytes) = (plan.transient_bytes(), plan.unshared_bytes());
+    Totals {
+        passes: plan.prologue.len() + plan.frame.len(),
+        prologue_passes: plan.prologue.len(),
+        frame_passes: plan.frame.len(),
+        prologue: calls(&plan.prologue),
+        handover: call_totals(&plan.handover),
+        frame: calls(&plan.frame),
+        transient_bytes,
+        unshared_bytes,
+        saved_bytes: unshared_bytes.saturating_sub(transient_bytes),
+        scene_bytes: bytes(|s| matches!(s, Source::Scene { .. })),
+        host_bytes: bytes(|s| matches!(s, Source::Frame { .. } | Source::Live | Source::Readback)),
+    }
+}
+
+/// What one call counts for.
+fn call_totals(barriers: &[Barrier]) -> BarrierTotals {
+    let images = barriers.iter().filter(|b| b.image.is_some()).count();
+    BarrierTotals {
+        calls: usize::from(!barriers.is_empty()),
+        barriers: barriers.len(),
+        memory_barriers: barriers.len() - images,
+        image_barriers: images,
+        dependencies: barriers.iter().map(|b| b.dependencies.len()).sum(),
+    }
+}
+
+fn add(a: BarrierTotals, b: BarrierTotals) -> BarrierTotals {
+    BarrierTotals {
+        calls: a.calls + b.calls,
+        barriers: a.barriers + b.barriers,
+        memory_barriers: a.memory_barriers + b.memory_barriers,
+        image_barriers: a.image_barriers + b.image_barriers,
+        dependencies: a.dependencies + b.dependencies,
+    }
+}
+
+fn blocks(plan: &Plan) -> Vec<DumpBlock> {
+    let block = |(id, block): (usize, &crate::plan::Block)| DumpBlock {
+        id: id as u32,
+        bytes: block.tenants.iter().map(|t| plan.resource(*t).bytes()).max().unwrap_or(0),
+        tenants: block.tenants.iter().map(|t| plan.resource(*t).name.clone()).collect(),
+    };
+    plan.blocks.iter().enumerate().map(block).collect()
+}
+
+fn phases(passes: &[DumpPass]) -> Vec<DumpPhase> {
+    let mut phases: Vec<DumpPhase> = Vec::new();
+    for pass in passes {
+        match phases.iter_mut().find(|p| p.name == pass.phase && p.run == pass.run) {
+            Some(phase) => phase.passes += 1,
+            None => {
+                phases.push(DumpPhase { name: pass.phase.clone(), run: pass.run, passes: 1, gpu_ms: None })
+            }
+        }
+    }
+    phases
+}
+
+fn resource_of(plan: &Plan, id: ResourceId) -> DumpResource {
+    let resource = plan.resource(id);
+    let (source, from) = match &resource.source {
+        Source::Transient => ("transient", None),
+        Source::Scene { attribute, .. } => ("scene", Some(attribute)),
+        Source::Frame { uniform } => ("frame", Some(uniform)),
+        Source::Live => ("live", None),
+        Source::Readback => ("readback", None),
+    };
+    DumpResource {
+        name: resource.name.clone(),
+        source: source.into(),
+        from: from.cloned(),
+        shape: match resource.shape {
+            Shape::Buffer { stride, count } => format!("{count} x {stride}"),
+            Shape::Image { format, width, height } => format!("{width} x {height} {}", format.name()),
+        },
+        dimensions: resource.shape,
+        bytes: resource.bytes(),
+        usage: flags(resource.usage.iter_names()),
+        block: resource.block.map(|b| b.0),
+        aliases: plan.aliases(id).map(|other| plan.resource(other).name.clone()).collect(),
+        lifetime: lifetime(plan, id),
+        history: resource.history.clone(),
+        declared: resource.origin.clone(),
+    }
+}
+
+/// The span of the frame from the first pass that touches it to the last. What the prologue touches, what has a history, and
+/// what the frame finds already written, lives longer.
+fn lifetime(plan: &Plan, id: ResourceId) -> Option<Lifetime> {
+    let resource = plan.resource(id);
+    let touches = |step: &&Step| plan.pass(step.pass).touches.iter().any(|t| t.resource == id);
+    if resource.source != Source::Transient
+        || resource.history.is_some()
+        || plan.prologue.iter().any(|step| touches(&step))
+    {
+        return None;
+    }
+    let first = plan.frame.iter().position(|step| touches(&step))?;
+    let last = plan.frame.iter().rposition(|step| touches(&step))?;
+    let mut beginning = plan.pass(plan.frame[first].pass).touches.iter().filter(|t| t.resource == id);
+    if !beginning.any(|t| t.accesses.writes()) {
+        return None;
+    }
+    // In the dump the prologue's passes are in front.
+    Some(Lifetime { first: plan.prologue.len() + first, last: plan.prologue.len() + last })
+}
+
+fn pass_of(plan: &Plan, id: PassId, barriers: Vec<DumpBarrier>) -> DumpPass {
+    let pass = plan.pass(id);
+    let (kind, size) = kind_and_size(plan, &pass.work);
+    let (shaders, topology, targets) = match &pass.work {
+        Work::Dispatch { shader, .. } => (vec![*shader], None, &[][..]),
+        Work::Draw { vertex, fragment, topology, targets, .. } => {
+            (vec![*vertex, *fragment], Some(*topology), targets.as_slice())
+        }
+        Work::Fill { .. } | Work::Start { .. } | Work::Export | Work::Host => (vec![], None, &[][..]),
+    };
+    DumpPass {
+        name: pass.name.clone(),
+        phase: pass.phase.clone(),
+        run: pass.run,
+        kind: kind.into(),
+        repeat: None,
+        size,
+        topology,
+        targets: targets
+            .iter()
+            .map(|t| DumpTarget { image: plan.resource(t.image).name.clone(), load: t.load, blend: t.blend })
+            .collect(),
+        reads: touched(plan, pass, Accesses::WRITES.complement()),
+        writes: touched(plan, pass, Accesses::WRITES),
+        bindings: pass
+            .bindings
+            .iter()
+            .map(|b| DumpBinding {
+                name: b.name.clone(),
+                binding: b.binding,
+                element: b.element,
+                kind: b.kind,
+                resource: plan.resource(b.resource).name.clone(),
+            })
+            .collect(),
+        push: push(plan, pass, &shaders),
+        shaders: shaders.iter().map(|id| shader_of(plan, *id)).collect(),
+        barriers,
+        gpu_ms: None,
+        declared: pass.origin.clone(),
+    }
+}
+
+fn kind_and_size(plan: &Plan, work: &Work) -> (&'static str, String) {
+    let name = |id: &ResourceId| &plan.resource(*id).name;
+    let argument = |buffer, offset: &u64| format!("from {}+{offset}", name(buffer));
+    let bytes = |id: &ResourceId| plan.resource(*id).bytes();
+    match work {
+        Work::Dispatch { groups, .. } => (
+            "dispatch",
+            match groups {
+                Groups::Direct([1, 1, 1]) => "1 group".into(),
+                Groups::Direct([x, 1, 1]) => format!("{x} groups"),
+                Groups::Direct([x, y, z]) => format!("{x} x {y} x {z} groups"),
+                Groups::Indirect { buffer, offset } => argument(buffer, offset),
+            },
+        ),
+        Work::Draw { call, .. } => (
+            "draw",
+            match call {
+                DrawCall::Direct { vertices, instances } => format!("{vertices} vertices x {instances}"),
+                DrawCall::Indirect { buffer, offset } => argument(buffer, offset),
+            },
+        ),
+        Work::Fill { buffer, value } => ("fill", format!("{} bytes with {value:#010x}", bytes(buffer))),
+        Work::Start { resource } => ("start", format!("{} bytes with zeros", bytes(resource))),
+        Work::Export => ("export", String::new()),
+        Work::Host => ("host", String::new()),
+    }
+}
+
+fn shader_of(plan: &Plan, id: ShaderId) -> DumpShader {
+    let shader = plan.shader(id);
+    let define = |(name, value): &(String, String)| Define { name: name.clone(), value: value.clone() };
+    DumpShader {
+        file: shader.name.clone(),
+        defines: shader.defines.iter().map(define).collect(),
+        local_size: shader.reflection.local_size,
+        shared_bytes: shader.reflection.shared_bytes,
+    }
+}
+
+/// The touches with at least one of the wanted accesses, reduced to them.
+fn touched(plan: &Plan, pass: &Pass, wanted: Accesses) -> Vec<DumpTouch> {
+    let touch = |t: &crate::plan::Touch| DumpTouch {
+        resource: plan.resource(t.resource).name.clone(),
+        stages: flags(t.stages.iter_names()),
+        accesses: flags(t.accesses.intersection(wanted).iter_names()),
+        layout: t.layout,
+        discards: t.discards,
+    };
+    pass.touches.iter().filter(|t| t.accesses.intersects(wanted)).map(touch).collect()
+}
+
+/// The words of the push constants, each as the shader that has a member there reads it.
+fn push(plan: &Plan, pass: &Pass, shaders: &[ShaderId]) -> Vec<DumpPush> {
+    let blocks = shaders.iter().filter_map(|id| plan.shader(*id).reflection.push.as_ref());
+    let members: Vec<_> = blocks.flat_map(|block| &block.members).collect();
+    let word = |(i, bytes): (usize, &[u8])| {
+        let offset = 4 * i;
+        let word = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+        let member = members.iter().find(|m| m.offset as usize == offset);
+        let value = match member.map(|m| m.kind) {
+            // JSON has no word for infinities.
+            Some(MemberKind::Float) if f32::from_bits(word).is_finite() => {
+                Value::Float(f32::from_bits(word).into())
+            }
+            Some(MemberKind::Int) => Value::Int((word as i32).into()),
+            _ => Value::Int(word.into()),
+        };
+        DumpPush { name: member.map(|m| m.name.clone()), offset, value }
+    };
+    pass.push.chunks_exact(4).enumerate().map(word).collect()
+}
+
+fn barrier_of(plan: &Plan, barrier: &Barrier, before: Option<PassId>, id: u32) -> DumpBarrier {
+    DumpBarrier {
+        id,
+        before: before.map(|id| pass_place(plan, id)),
+        image: barrier.image.map(|t| DumpTransition {
+            image: plan.resource(t.image).name.clone(),
+            old: t.old,
+            new: t.new,
+        }),
+        masks: masks(
+            (barrier.source_stages, barrier.source_accesses),
+            (barrier.target_stages, barrier.target_accesses),
+        ),
+        dependencies: barrier.dependencies.iter().map(|d| dependency_of(plan, d)).collect(),
+    }
+}
+
+fn dependency_of(plan: &Plan, dependency: &Dependency) -> DumpDependency {
+    DumpDependency {
+        hazard: dependency.hazard,
+        before: pass_place(plan, dependency.before),
+        resource: resource_place(plan, dependency.resource),
+        after: dependency.after.iter().map(|id| pass_place(plan, *id)).collect(),
+        previous_frame: dependency.previous_frame,
+        alias: dependency.alias.map(|id| resource_place(plan, id)),
+        masks: masks(
+            (dependency.source_stages, dependency.source_accesses),
+            (dependency.target_stages, dependency.target_accesses),
+        ),
+    }
+}
+
+fn pass_place(plan: &Plan, id: PassId) -> Place {
+    Place { name: plan.pass(id).name.clone(), declared: plan.pass(id).origin.clone() }
+}
+
+fn resource_place(plan: &Plan, id: ResourceId) -> Place {
+    Place { name: plan.resource(id).name.clone(), declared: plan.resource(id).origin.clone() }
+}
+
+fn masks(source: (Stages, Accesses), target: (Stages, Accesses)) -> Masks {
+    Masks {
+        source_stages: flags(source.0.iter_names()),
+        source_accesses: flags(source.1.iter_names()),
+        target_stages: flags(target.0.iter_names()),
+        target_accesses: flags(target.1.iter_names()),
+    }
+}
+
+fn flags<T>(names: impl Iterator<Item = (&'static str, T)>) -> Vec<String> {
+    names.map(|(name, _)| name.to_owned()).collect()
+}
+
+impl DumpPass {
+    /// The resources that it reads, each once.
+    pub fn read_names(&self) -> Vec<&str> {
+        names(&self.reads)
+    }
+
+    /// The resources that it writes, each once.
+    pub fn written_names(&self) -> Vec<&str> {
+        names(&self.writes)
+    }
+}
+
+fn names(touches: &[DumpTouch]) -> Vec<&str> {
+    let mut names: Vec<&str> = Vec::new();
+    for touch in touches {
+        if !names.contains(&touch.resource.as_str()) {
+            names.push(&touch.resource);
+        }
+    }
+    names
+}

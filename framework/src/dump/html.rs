@@ -1,0 +1,40 @@
+//! The dump as a page: one file with everything in it, to open in any browser, with no network and no other file.
+//!
+//! The page holds the dump's JSON as it is, and a script (`page/page.js`) draws the timeline from it; nothing is computed
+//! here, so the page can show nothing that the JSON does not say.
+
+use super::{Dump, json};
+
+const PAGE: &str = include_str!("page/page.html");
+const STYLE: &str = include_str!("page/page.css");
+const SCRIPTS: [&str; 4] = [
+    include_str!("page/model.js"),
+    include_str!("page/timeline.js"),
+    include_str!("page/panel.js"),
+    include_str!("page/main.js"),
+];
+
+/// The page, as the text of an HTML file. `#barrier=3`, `#pass=NAME`, `#resource=NAME`, `#unfold=REPEAT` (or `*`) and
+/// `#fold=REPEAT` behind its address, joined by `&`, open it at a place.
+pub fn html(dump: &Dump) -> String {
+    // In a script element nothing is a character reference, but `</script>` and `<!--` end or change it: with no `<` in it,
+    // the JSON is the same and neither can occur.
+    let data = json(dump).to_string().replace('<', "\\u003c");
+    let title = dump.graph.replace('&', "&amp;").replace('<', "&lt;");
+    let mut page = String::with_capacity(PAGE.len() + STYLE.len() + data.len() + 64 * 1024);
+    // One walk over the template: what is filled in may contain anything, placeholders too.
+    let mut rest = PAGE;
+    while let Some((before, after)) = rest.split_once("{{") {
+        page += before;
+        let (name, after) = after.split_once("}}").unwrap_or((after, ""));
+        match name {
+            "title" => page += &title,
+            "style" => page += STYLE,
+            "data" => page += &data,
+            "script" => SCRIPTS.iter().for_each(|script| page += script),
+            _ => {}
+        }
+        rest = after;
+    }
+    page + rest
+}

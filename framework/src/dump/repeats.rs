@@ -1,0 +1,112 @@
+//! Which passes a repeat made.
+//!
+//! The plan is flat: a repeat's body appears as often as it runs, with the index in the passes' names, like
+//! `sort.scatter[3]`, or `level[1].blur[0]` where the body is an include, or `tile[0][2]` for a repeat in a repeat. Reading that
+//! back here keeps repeats out of what a backend has to know.
+
+use super::{DumpPass, DumpRepeat, Iteration};
+use std::collections::BTreeSet;
+
+/// A pass's name taken apart.
+#[derive(Debug, PartialEq, Eq)]
+struct Parts<'a> {
+    /// What is before the last dot before the first index: the include that the repeat stands in.
+    scope: &'a str,
+    /// The name without indices.
+    member: String,
+    /// The indices, in the order of the name.
+    index: Vec<u32>,
+}
+
+/// `None` for a name without an index.
+fn parts(name: &str) -> Option<Parts<'_>> {
+    let (before, _) = name.split_once('[')?;
+    let scope = before.rsplit_once('.').map_or("", |(scope, _)| scope);
+    let mut member = String::new();
+    let mut index = Vec::new();
+    let mut rest = name;
+    while let Some((text, after)) = rest.split_once('[') {
+        let (number, after) = after.split_once(']')?;
+        member += text;
+        index.push(number.parse().ok()?);
+        rest = after;
+    }
+    Some(Parts { scope, member: member + rest, index })
+}
+
+/// The name with its only index taken out, as in `sort.scan[]`, and the index; `None` for names with none or with several.
+pub fn single_index(name: &str) -> Option<(String, u32)> {
+    let (before, rest) = name.split_once('[')?;
+    let (number, after) = rest.split_once(']')?;
+    if after.contains('[') {
+        return None;
+    }
+    Some((format!("{before}[]{after}"), number.parse().ok()?))
+}
+
+/// Notes in each pass which repeat it belongs to, and lists the repeats.
+///
+/// Passes belong together that stand next to each other, in the same part of the plan, in the same scope, while the outermost
+/// index does not fall: where it does, another repeat of the same scope has begun. What runs only once is no repeat.
+pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
+    let mut repeats: Vec<DumpRepeat> = Vec::new();
+    let mut first = 0;
+    while first < passes.len() {
+        let Some(head) = parts(&passes[first].name) else {
+            first += 1;
+            continue;
+        };
+        let (scope, mut latest) = (head.scope.to_owned(), head.index[0]);
+        let run = passes[first].run;
+        let mut members = Vec::new();
+        for pass in passes[first..].iter().take_while(|p| p.run == run) {
+            match parts(&pass.name) {
+                Some(next) if next.scope == scope && next.index[0] >= latest => {
+                    latest = next.index[0];
+                    members.push((next.member, next.index));
+                }
+                _ => break,
+            }
+        }
+        let iterations: BTreeSet<&[u32]> = members.iter().map(|(_, index)| index.as_slice()).collect();
+        let count = members.len();
+        if iterations.len() > 1 {
+            let wanted = if scope.is_empty() { members[0].0.clone() } else { scope };
+            let name = unique(wanted, &repeats);
+            let iterations = iterations.len();
+            repeats.push(DumpRepeat { name: name.clone(), iterations, first, passes: count });
+            for (pass, (member, index)) in passes[first..].iter_mut().zip(members) {
+                pass.repeat = Some(Iteration { group: name.clone(), member, index });
+            }
+        }
+        first += count;
+    }
+    repeats
+}
+
+/// `sort`, or `sort (2)` where there is a `sort` already.
+fn unique(wanted: String, repeats: &[DumpRepeat]) -> String {
+    let taken = |name: &str| repeats.iter().any(|r| r.name == name);
+    if !taken(&wanted) {
+        return wanted;
+    }
+    let numbered = (2..).map(|n| format!("{wanted} ({n})"));
+    numbered.into_iter().find(|name| !taken(name)).unwrap_or(wanted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_taken_apart_into_scope_member_and_indices() {
+        let expected = |scope, member: &str, index: &[u32]| {
+            Some(Parts { scope, member: member.into(), index: index.to_vec() })
+        };
+        assert_eq!(parts("sort.scatter[3]"), expected("sort", "sort.scatter", &[3]));
+        assert_eq!(parts("level[1].blur.row[0]"), expected("", "level.blur.row", &[1, 0]));
+        assert_eq!(parts("a.b.tile[0][12]"), expected("a.b", "a.b.tile", &[0, 12]));
+        assert_eq!(parts("project"), None);
+        assert_eq!(parts("odd[x]"), None, "not an index");
+    }
+}

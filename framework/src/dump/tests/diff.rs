@@ -1,0 +1,114 @@
+use super::example;
+use crate::dump::{Diff, Dump, diff, diff_text, dump};
+
+fn example_dump(digits: u32) -> Dump {
+    dump(&example::splat(digits, 1000))
+}
+
+fn total(diff: &Diff, name: &str) -> (u64, u64, i64) {
+    let total = diff.totals.iter().find(|t| t.name == name).unwrap_or_else(|| panic!("no {name}"));
+    (total.a, total.b, total.change)
+}
+
+#[test]
+fn a_plan_is_no_different_from_itself() {
+    let dump = example_dump(8);
+    let diff = diff(&dump, &dump);
+    assert!(diff.is_empty() && diff.parameters.is_empty() && diff.facts.is_empty());
+    assert_eq!(diff.passes.same, dump.passes.len());
+    assert_eq!(diff.barriers.same, dump.barriers().count());
+    assert_eq!(diff.resources.same, dump.resources.len());
+    assert!(diff.totals.iter().all(|t| t.a == t.b && t.change == 0));
+}
+
+#[test]
+fn more_iterations_are_passes_and_barriers_of_one_side() {
+    let (a, b) = (example_dump(4), example_dump(8));
+    let there = diff(&a, &b);
+    assert_eq!(there.passes.only_b.len(), 12);
+    assert!(there.passes.only_a.is_empty());
+    assert_eq!(total(&there, "passes"), (22, 34, 12));
+    let change = b.totals.frame.barriers as i64 - a.totals.frame.barriers as i64;
+    assert_eq!(total(&there, "barriers of the frame").2, change);
+    assert_eq!(there.barriers.only_b.len() as i64, change);
+    let parameter = &there.parameters[0];
+    assert_eq!((parameter.a.as_deref(), parameter.b.as_deref()), (Some("8"), Some("4")));
+
+    let back = diff(&b, &a);
+    assert_eq!(back.passes.only_a, there.passes.only_b);
+    assert_eq!(back.resources.changed.len(), there.resources.changed.len());
+    assert_eq!(total(&back, "passes"), (34, 22, -12));
+}
+
+#[test]
+fn changes_of_a_pass_are_named() {
+    let a = example_dump(4);
+    let mut plan = example::splat(4, 1000);
+    plan.shaders.iter_mut().filter(|s| s.name == "project.comp").for_each(|s| {
+        s.defines[0].1 = "5".into();
+        s.defines.push(("NEW".into(), "1".into()));
+    });
+    let project = plan.passes.iter_mut().find(|p| p.name == "project").expect("it is there");
+    project.bindings[0].resource = project.bindings[1].resource;
+    let diff = diff(&a, &dump(&plan));
+    assert_eq!(diff.passes.changed.len(), 1);
+    let change = &diff.passes.changed[0];
+    assert_eq!(change.name, "project");
+    let names: Vec<&str> = change.changes.iter().map(|c| c.name.as_str()).collect();
+    assert_eq!(names, ["define DIGIT_BITS", "binding CAMERA", "define NEW"]);
+    assert_eq!((&change.changes[2].a, change.changes[2].b.as_deref()), (&None, Some("1")));
+}
+
+#[test]
+fn a_barrier_with_other_masks_or_reasons_is_changed_and_one_on_another_line_is_not() {
+    let a = example_dump(4);
+    let mut plan = example::splat(4, 1000);
+    plan.passes.iter_mut().for_each(|p| p.origin.line += 7);
+    plan.handover.clear();
+    let moved = diff(&a, &dump(&plan));
+    assert!(moved.passes.changed.is_empty() && moved.barriers.changed.is_empty());
+    assert_eq!(moved.barriers.only_a.len(), 1, "the handover's");
+
+    let step = plan.frame.iter_mut().find(|s| !s.barriers.is_empty()).expect("there are barriers");
+    step.barriers[0].source_stages = crate::plan::Stages::all();
+    let wider = diff(&a, &dump(&plan));
+    assert_eq!(wider.barriers.changed.len(), 1);
+    assert_eq!(wider.barriers.changed[0].a.masks.source_stages.len(), 2);
+    assert_eq!(wider.barriers.changed[0].b.masks.source_stages.len(), 8);
+}
+
+#[test]
+fn resources_change_in_size_and_neighbours() {
+    let a = example_dump(4);
+    let mut plan = example::splat(4, 1000);
+    let table = plan.find_resource("sort.table").expect("it is there");
+    plan.blocks.iter_mut().for_each(|b| b.tenants.retain(|t| *t != table));
+    plan.resources[table.index()].block = None;
+    let diff = diff(&a, &dump(&plan));
+    let changed: Vec<&str> = diff.resources.changed.iter().map(|c| c.name.as_str()).collect();
+    assert_eq!(changed, ["depth", "sort.table", "color"]);
+    assert!(diff.resources.changed.iter().all(|c| c.changes[0].name == "shares memory with"));
+}
+
+#[test]
+fn the_text_says_once_what_is_the_same_for_all_iterations() {
+    let text = diff_text(&diff(&example_dump(4), &example_dump(8)));
+    for line in [
+        "  digit_bits           8 -> 4",
+        "  only in b (12): sort.histogram[4..7], sort.scan[4..7], sort.scatter[4..7]",
+        "  sort.scan[1..3]\n    push shift: 8 -> 4, 16 -> 8, 24 -> 12",
+        "  only in b: before sort.scan[4..7], on all memory",
+        "    - write after read on sort.totals, after sort.scan[3] of the frame before: COMPUTE -> CLEAR TRANSFER_WRITE",
+        "    + write after read on sort.totals, after sort.scan[7] of the frame before: COMPUTE -> CLEAR TRANSFER_WRITE",
+        "  passes                                  22            34           +12",
+    ] {
+        assert!(text.contains(line), "no {line} in\n{text}");
+    }
+}
+
+#[test]
+fn a_comparison_survives_json() {
+    let diff = diff(&example_dump(4), &example_dump(8));
+    let text = serde_json::to_string(&diff).expect("plain data");
+    assert_eq!(serde_json::from_str::<Diff>(&text).expect("it is JSON"), diff);
+}

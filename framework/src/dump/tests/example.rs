@@ -1,0 +1,378 @@
+//! A plan to test with, made by hand: what a graph that sorts splats becomes, with everything that a plan can have. Its
+//! barriers are placed by a walk that keeps every hazard apart and is content with that.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::plan::*;
+use crate::shader::{Member, MemberKind, PushBlock, Reflection, ShaderStage};
+
+/// A plan under construction.
+struct Maker {
+    resources: Vec<Resource>,
+    shaders: Vec<Shader>,
+    passes: Vec<Pass>,
+    blocks: Vec<Block>,
+}
+
+const COMPUTE_READ: (Stages, Accesses) = (Stages::COMPUTE, Accesses::STORAGE_READ);
+const COMPUTE_WRITE: (Stages, Accesses) = (Stages::COMPUTE, Accesses::STORAGE_WRITE);
+
+fn both() -> (Stages, Accesses) {
+    (Stages::COMPUTE, Accesses::STORAGE_READ | Accesses::STORAGE_WRITE)
+}
+
+fn origin(line: u32) -> Origin {
+    Origin { file: "pipelines/splat.ron".into(), line, column: 5 }
+}
+
+/// `digits` iterations of the sort, over `count` splats.
+pub fn splat(digits: u32, count: u64) -> Plan {
+    let mut m = Maker { resources: vec![], shaders: vec![], passes: vec![], blocks: vec![] };
+    let scene = |name: &str, plane| Source::Scene { attribute: format!("scene.{name}"), plane };
+    let position = m.buffer("position", 12, count, scene("position", 0));
+    let scale = m.buffer("scale", 12, count, scene("scale", 0));
+    let sh: Vec<_> = (0..6).map(|i| m.buffer(&format!("sh[{i}]"), 16, count, scene("sh", i))).collect();
+    let camera = m.buffer("camera", 256, 1, Source::Frame { uniform: "frame.camera".into() });
+    let live = m.buffer("Live", 16, 1, Source::Live);
+    let covariances = m.own("covariances", 24, count);
+    let splats = m.own("splats", 48, count);
+    let depth = m.own("depth", 4, count);
+    let visible = m.own("visible", 4, count.div_ceil(256));
+    let args = m.own("args", 4, 9);
+    let keys = [m.own("keys#0", 4, count), m.own("keys#1", 4, count)];
+    let order = [m.own("order#0", 4, count), m.own("order#1", 4, count)];
+    let table = m.own("sort.table", 4, count.div_ceil(2048) << (32 / digits));
+    let totals = m.own("sort.totals", 4, 8 << (32 / digits));
+    let shape = Shape::Image { format: Format::Rgba16Float, width: 960, height: 540 };
+    let color = m.resource("color", shape, Source::Transient);
+    let shape = Shape::Image { format: Format::Rgba32Float, width: 960, height: 540 };
+    let last = m.resource("final", shape, Source::Transient);
+    let exposure = m.own("exposure", 4, 256);
+    m.resources[exposure.index()].history = Some("exposure".into());
+    let readback = m.buffer("readback", 4, 2, Source::Readback);
+    for alone in
+        [covariances, splats, visible, args, keys[0], keys[1], order[0], order[1], totals, last, exposure]
+    {
+        m.block(&[alone]);
+    }
+    m.block(&[depth, table, color]);
+
+    let one = Groups::Direct([1, 1, 1]);
+    let wide = Groups::Direct([(count.div_ceil(256)) as u32, 1, 1]);
+    let indirect = Groups::Indirect { buffer: args, offset: 0 };
+    let uniform = (Stages::COMPUTE, Accesses::UNIFORM_READ);
+    m.add(
+        "start.exposure",
+        "load",
+        Run::Once,
+        Work::Start { resource: exposure },
+        &[(exposure, (Stages::CLEAR, Accesses::TRANSFER_WRITE))],
+    );
+    m.dispatch("covariance", "load", wide, &[(scale, COMPUTE_READ), (covariances, COMPUTE_WRITE)]);
+    m.passes.last_mut().unwrap().run = Run::Once;
+    let mut touches = vec![(camera, uniform), (position, COMPUTE_READ), (covariances, COMPUTE_READ)];
+    touches.extend(sh.iter().map(|plane| (*plane, COMPUTE_READ)));
+    touches.extend([splats, depth, visible].map(|id| (id, COMPUTE_WRITE)));
+    m.dispatch("project", "project", wide, &touches);
+    m.dispatch("scan_blocks", "key", one, &[(live, uniform), (visible, both()), (args, COMPUTE_WRITE)]);
+    let made = [(keys[0], COMPUTE_WRITE), (order[0], COMPUTE_WRITE)];
+    let read = [(depth, COMPUTE_READ), (visible, COMPUTE_READ)];
+    m.dispatch("compact", "key", wide, &[&read[..], &made[..]].concat());
+    let clear = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
+    m.add("sort.clear", "sort", Run::Frame, Work::Fill { buffer: totals, value: 0 }, &[(totals, clear)]);
+    let arguments = (args, (Stages::INDIRECT, Accesses::INDIRECT_READ));
+    for i in 0..digits {
+        let (front, back) = ((i % 2) as usize, ((i + 1) % 2) as usize);
+        let head = [arguments, (keys[front], COMPUTE_READ)];
+        let of = |name: &str| format!("sort.{name}[{i}]");
+        m.dispatch(
+            &of("histogram"),
+            "sort",
+            indirect,
+            &[&head[..], &[(table, COMPUTE_WRITE), (totals, both())]].concat(),
+        );
+        m.dispatch(&of("scan"), "sort", wide, &[(table, both()), (totals, COMPUTE_READ)]);
+        let rest = [
+            (order[front], COMPUTE_READ),
+            (table, COMPUTE_READ),
+            (keys[back], COMPUTE_WRITE),
+            (order[back], COMPUTE_WRITE),
+        ];
+        m.dispatch(&of("scatter"), "sort", indirect, &[&head[..], &rest[..]].concat());
+        for pass in m.passes.iter_mut().rev().take(3) {
+            pass.push = (i * 32 / digits).to_le_bytes().to_vec();
+        }
+    }
+    m.draw(
+        [arguments, (order[digits as usize % 2], (Stages::VERTEX, Accesses::STORAGE_READ))],
+        splats,
+        color,
+    );
+    let touches = [(live, uniform), (color, COMPUTE_READ), (last, COMPUTE_WRITE), (exposure, both())];
+    m.dispatch("compose", "compose", wide, &touches);
+    let copy = (Stages::COPY, Accesses::TRANSFER_READ);
+    let copied = (Stages::COPY, Accesses::TRANSFER_WRITE);
+    m.add("export", "export", Run::Frame, Work::Export, &[(last, copy), (args, copy), (readback, copied)]);
+    let host = (Stages::HOST, Accesses::HOST_READ);
+    m.add("host", "export", Run::Frame, Work::Host, &[(readback, host)]);
+    m.finish(last, args, digits)
+}
+
+impl Maker {
+    fn resource(&mut self, name: &str, shape: Shape, source: Source) -> ResourceId {
+        let origin = origin(40 + self.resources.len() as u32);
+        let usage = Usage::STORAGE;
+        let (block, history) = (None, None);
+        self.resources.push(Resource { name: name.into(), shape, usage, source, block, history, origin });
+        ResourceId(self.resources.len() as u32 - 1)
+    }
+
+    fn buffer(&mut self, name: &str, stride: u64, count: u64, source: Source) -> ResourceId {
+        self.resource(name, Shape::Buffer { stride, count }, source)
+    }
+
+    fn own(&mut self, name: &str, stride: u64, count: u64) -> ResourceId {
+        self.buffer(name, stride, count, Source::Transient)
+    }
+
+    fn block(&mut self, tenants: &[ResourceId]) {
+        let id = BlockId(self.blocks.len() as u32);
+        tenants.iter().for_each(|t| self.resources[t.index()].block = Some(id));
+        self.blocks.push(Block { tenants: tenants.to_vec() });
+    }
+
+    fn shader(&mut self, file: &str, stage: ShaderStage) -> ShaderId {
+        let member = Member { name: "shift".into(), offset: 0, kind: MemberKind::Uint };
+        let reflection = Reflection {
+            stage,
+            local_size: [256, 1, 1],
+            shared_bytes: 1024,
+            bindings: vec![],
+            push: Some(PushBlock { bytes: 4, members: vec![member] }),
+            inputs: vec![],
+            outputs: vec![],
+            subgroups: false,
+        };
+        let defines = vec![("DIGIT_BITS".into(), "4".into())];
+        self.shaders.push(Shader { name: file.into(), defines, spirv: Arc::default(), reflection });
+        ShaderId(self.shaders.len() as u32 - 1)
+    }
+
+    fn dispatch(
+        &mut self,
+        name: &str,
+        phase: &str,
+        groups: Groups,
+        touches: &[(ResourceId, (Stages, Accesses))],
+    ) {
+        let file = name.split('[').next().unwrap_or(name).replace('.', "/") + ".comp";
+        let shader = self.shader(&file, ShaderStage::Compute);
+        self.add(name, phase, Run::Frame, Work::Dispatch { shader, groups }, touches);
+    }
+
+    fn draw(&mut self, read: [(ResourceId, (Stages, Accesses)); 2], splats: ResourceId, image: ResourceId) {
+        let vertex = self.shader("splat.vert", ShaderStage::Vertex);
+        let fragment = self.shader("splat.frag", ShaderStage::Fragment);
+        let target = Target { image, load: Load::Clear(0.0, 0.0, 0.0, 0.0), blend: Blend::PremultipliedOver };
+        let call = DrawCall::Indirect { buffer: read[0].0, offset: 16 };
+        let topology = Topology::TriangleStrip;
+        let work = Work::Draw { vertex, fragment, topology, call, targets: vec![target] };
+        let blended = (Stages::COLOR_OUTPUT, Accesses::COLOR_READ | Accesses::COLOR_WRITE);
+        let vertex = (Stages::VERTEX, Accesses::STORAGE_READ);
+        let touches = [read[0], read[1], (splats, vertex), (image, blended)];
+        self.add("back_to_front", "draw", Run::Frame, work, &touches);
+    }
+
+    fn add(
+        &mut self,
+        name: &str,
+        phase: &str,
+        run: Run,
+        work: Work,
+        touches: &[(ResourceId, (Stages, Accesses))],
+    ) {
+        let is_image = |id: ResourceId| matches!(self.resources[id.index()].shape, Shape::Image { .. });
+        let layout = |accesses: Accesses| match accesses {
+            a if a.intersects(Accesses::COLOR_WRITE) => Layout::ColorTarget,
+            a if a.intersects(Accesses::TRANSFER_READ) => Layout::TransferSource,
+            _ => Layout::General,
+        };
+        let touch = |&(resource, (stages, accesses)): &(ResourceId, (Stages, Accesses))| Touch {
+            resource,
+            stages,
+            accesses,
+            layout: is_image(resource).then(|| layout(accesses)),
+            discards: accesses.intersects(Accesses::COLOR_WRITE),
+        };
+        let touches: Vec<Touch> = touches.iter().map(touch).collect();
+        let bound = |t: &&Touch| t.accesses.intersects(both().1 | Accesses::UNIFORM_READ);
+        let binding = |(i, t): (usize, &Touch)| Binding {
+            name: self.resources[t.resource.index()].name.to_uppercase(),
+            binding: i as u32,
+            element: 0,
+            kind: DescriptorKind::StorageBuffer,
+            resource: t.resource,
+        };
+        let bindings = touches.iter().filter(bound).enumerate().map(binding).collect();
+        let origin = origin(70 + self.passes.len() as u32);
+        let (name, phase, push) = (name.into(), phase.into(), vec![]);
+        self.passes.push(Pass { name, phase, run, work, bindings, push, touches, origin });
+    }
+
+    fn finish(self, output: ResourceId, args: ResourceId, digits: u32) -> Plan {
+        let param = |name: &str, value: Value, binding| Param {
+            name: name.into(),
+            label: name.replace('_', " "),
+            help: String::new(),
+            default: value.clone(),
+            exact: Some(value.clone()),
+            value,
+            domain: Domain::Bool,
+            binding,
+            origin: origin(6),
+        };
+        let mut plan = Plan {
+            version: PLAN_VERSION,
+            name: "example".into(),
+            summary: "Depth-sorted quads, made by hand".into(),
+            facts: BTreeMap::from([("scene.count".into(), Value::Int(1000))]),
+            params: vec![
+                param("digit_bits", Value::Int((32 / digits).into()), ParamBinding::Const),
+                param("cutoff", Value::Float(3.33), ParamBinding::Live { offset: 0 }),
+                param("blend", Value::Text("back_to_front".into()), ParamBinding::Const),
+            ],
+            resources: self.resources,
+            shaders: self.shaders,
+            passes: self.passes,
+            blocks: self.blocks,
+            prologue: vec![],
+            handover: vec![],
+            frame: vec![],
+            left_out: vec![LeftOut {
+                pass: "front_to_back".into(),
+                why: "its `when` is false".into(),
+                origin: origin(99),
+            }],
+            output,
+            stats: vec![Stat { name: "visible".into(), buffer: args, offset: 12 }],
+        };
+        place(&mut plan);
+        plan
+    }
+}
+
+/// What was done to one piece of memory since it was last written.
+#[derive(Clone, Default)]
+struct Past {
+    /// Pass, frame, resource, and how.
+    touches: Vec<(PassId, u32, Touch)>,
+    layout: Option<Layout>,
+}
+
+/// Places a barrier against every hazard, in the prologue and in the second of two frames.
+fn place(plan: &mut Plan) {
+    let (once, frame): (Vec<_>, Vec<_>) =
+        (0..plan.passes.len() as u32).map(PassId).partition(|id| plan.pass(*id).run == Run::Once);
+    let mut past: BTreeMap<String, Past> = BTreeMap::new();
+    plan.prologue = once.iter().map(|id| step(plan, &mut past, *id, 0)).collect();
+    let mut handover = past.get("block 0").map(|p| p.touches.clone()).unwrap_or_default();
+    for (round, number) in [(1, 1), (2, 2)] {
+        let steps: Vec<Step> = frame.iter().map(|id| step(plan, &mut past, *id, number)).collect();
+        if round == 2 {
+            plan.frame = steps;
+        }
+    }
+    plan.handover = handover
+        .drain(..)
+        .map(|(pass, _, touch)| {
+            let dependency = Dependency {
+                hazard: Hazard::ReadAfterWrite,
+                before: frame[0],
+                resource: touch.resource,
+                after: vec![pass],
+                previous_frame: false,
+                alias: None,
+                source_stages: touch.stages,
+                source_accesses: touch.accesses,
+                target_stages: COMPUTE_READ.0,
+                target_accesses: COMPUTE_READ.1,
+            };
+            barrier(None, vec![dependency])
+        })
+        .collect();
+}
+
+fn step(plan: &Plan, past: &mut BTreeMap<String, Past>, id: PassId, frame: u32) -> Step {
+    let mut memory = Vec::new();
+    let mut images = Vec::new();
+    for touch in &plan.pass(id).touches {
+        let resource = plan.resource(touch.resource);
+        let place = resource.block.map_or(resource.name.clone(), |b| format!("block {}", b.0));
+        let past = past.entry(place).or_default();
+        let write = touch.accesses.writes();
+        let others = |p: &&(PassId, u32, Touch)| p.0 != id && (write || p.2.accesses.writes());
+        let mut found: Vec<_> = past.touches.iter().filter(others).cloned().collect();
+        let changes = touch.layout.is_some() && touch.layout != past.layout;
+        if changes && found.is_empty() {
+            found = past.touches.clone();
+        }
+        if let Some(latest) = found.last().cloned() {
+            let hazard = match (latest.2.accesses.writes(), write) {
+                (true, true) => Hazard::WriteAfterWrite,
+                (true, false) => Hazard::ReadAfterWrite,
+                (false, true) => Hazard::WriteAfterRead,
+                (false, false) => Hazard::LayoutChange,
+            };
+            let dependency = Dependency {
+                hazard,
+                before: id,
+                resource: touch.resource,
+                after: vec![latest.0],
+                previous_frame: latest.1 != frame,
+                alias: (latest.2.resource != touch.resource).then_some(latest.2.resource),
+                source_stages: latest.2.stages,
+                source_accesses: latest.2.accesses & Accesses::WRITES,
+                target_stages: touch.stages,
+                target_accesses: touch.accesses,
+            };
+            match touch.layout.filter(|_| changes) {
+                Some(new) => {
+                    let old =
+                        if write { Layout::Undefined } else { past.layout.unwrap_or(Layout::Undefined) };
+                    images.push(barrier(
+                        Some(Transition { image: touch.resource, old, new }),
+                        vec![dependency],
+                    ));
+                }
+                None => memory.push(dependency),
+            }
+        }
+        if write {
+            past.touches.clear();
+        }
+        past.layout = touch.layout;
+        past.touches.push((id, frame, *touch));
+    }
+    let memory = (!memory.is_empty()).then(|| barrier(None, memory));
+    Step { barriers: memory.into_iter().chain(images).collect(), pass: id }
+}
+
+/// The union of what its dependencies ask for.
+fn barrier(image: Option<Transition>, dependencies: Vec<Dependency>) -> Barrier {
+    let mut all = Barrier {
+        image,
+        source_stages: Stages::empty(),
+        source_accesses: Accesses::empty(),
+        target_stages: Stages::empty(),
+        target_accesses: Accesses::empty(),
+        dependencies: vec![],
+    };
+    for d in &dependencies {
+        all.source_stages |= d.source_stages;
+        all.source_accesses |= d.source_accesses;
+        all.target_stages |= d.target_stages;
+        all.target_accesses |= d.target_accesses;
+    }
+    Barrier { dependencies, ..all }
+}

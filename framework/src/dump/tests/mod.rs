@@ -1,0 +1,269 @@
+//! What the forms of a dump promise, one sentence a test.
+
+mod diff;
+mod example;
+mod schema;
+
+use super::*;
+use crate::plan::{Plan, Source};
+use crate::testing;
+
+/// A dump in which the frame's passes take 1, 2, 3, ... milliseconds, as far as a run has times for them.
+fn timed(plan: Plan) -> Dump {
+    let dump = dump(&plan);
+    let times =
+        dump.passes.iter().filter(|p| !p.needs_no_time() && p.run == Run::Frame).map(|p| p.name.clone());
+    let times: Vec<(String, f64)> = times.zip((1..).map(f64::from)).collect();
+    dump.with_times(&times).0
+}
+
+fn resource<'a>(dump: &'a Dump, name: &str) -> &'a DumpResource {
+    dump.resources.iter().find(|r| r.name == name).unwrap_or_else(|| panic!("no resource {name}"))
+}
+
+#[test]
+fn a_dump_read_back_from_json_is_the_same() {
+    let dump = timed(example::splat(8, 1000));
+    let back: Dump = serde_json::from_str(&json(&dump).to_string()).expect("it is JSON");
+    assert_eq!(back, dump);
+}
+
+#[test]
+fn barriers_are_numbered_in_the_order_of_recording() {
+    let mut plan = example::splat(4, 1000);
+    // The prologue has one, too.
+    plan.prologue[1].barriers = plan.handover.clone();
+    let dump = dump(&plan);
+    let ids: Vec<u32> = dump.barriers().map(|b| b.id).collect();
+    assert_eq!(ids, (1..=ids.len() as u32).collect::<Vec<_>>());
+    assert_eq!(dump.pass("covariance").unwrap().barriers[0].id, 1);
+    assert_eq!((dump.handover[0].id, &dump.handover[0].before), (2, &None));
+    assert_eq!(dump.pass("project").unwrap().barriers[0].id, 3);
+}
+
+#[test]
+fn totals_count_every_barrier_and_dependency() {
+    let dump = dump(&example::splat(8, 1000));
+    let t = &dump.totals;
+    assert_eq!((t.passes, t.prologue_passes, t.frame_passes), (34, 2, 32));
+    let frame: Vec<_> = dump.passes.iter().filter(|p| p.run == Run::Frame).collect();
+    assert_eq!(t.frame.calls, frame.iter().filter(|p| !p.barriers.is_empty()).count());
+    assert_eq!(t.frame.barriers, frame.iter().map(|p| p.barriers.len()).sum::<usize>());
+    assert_eq!(t.frame.barriers, t.frame.memory_barriers + t.frame.image_barriers);
+    assert_eq!(t.frame.image_barriers, 4);
+    let dependencies = |b: &DumpBarrier| b.dependencies.len();
+    let all = t.prologue.dependencies + t.handover.dependencies + t.frame.dependencies;
+    assert_eq!(all, dump.barriers().map(dependencies).sum::<usize>());
+    assert_eq!(t.saved_bytes, t.unshared_bytes - t.transient_bytes);
+    assert_eq!(t.transient_bytes, dump.blocks.iter().map(|b| b.bytes).sum::<u64>());
+}
+
+#[test]
+fn resources_in_one_block_know_each_other_and_live_one_after_another() {
+    let dump = dump(&example::splat(4, 1000));
+    let depth = resource(&dump, "depth");
+    assert_eq!(depth.aliases, ["sort.table", "color"]);
+    let block = &dump.blocks[depth.block.expect("it is transient") as usize];
+    assert_eq!(block.tenants, ["depth", "sort.table", "color"]);
+    let lifetimes: Vec<Lifetime> =
+        block.tenants.iter().map(|t| resource(&dump, t).lifetime.expect("it lives in the frame")).collect();
+    assert!(lifetimes.windows(2).all(|pair| pair[0].last < pair[1].first), "{lifetimes:?}");
+    assert_eq!(dump.passes[lifetimes[0].first].name, "project");
+    assert_eq!(dump.passes[lifetimes[2].last].name, "compose");
+}
+
+#[test]
+fn what_outlives_a_frame_has_no_lifetime() {
+    let mut plan = example::splat(4, 1000);
+    let by_history = dump(&plan);
+    assert_eq!(resource(&by_history, "exposure").history.as_deref(), Some("exposure"));
+    for name in ["exposure", "covariances", "position", "camera", "readback"] {
+        assert_eq!(resource(&by_history, name).lifetime, None, "{name}");
+    }
+    // What a frame reads before it writes must have been there before.
+    let id = plan.find_resource("splats").expect("it is there");
+    let writer = plan.passes.iter_mut().find(|p| p.name == "project").expect("it is there");
+    writer.touches.retain(|t| t.resource != id);
+    assert_eq!(resource(&dump(&plan), "splats").lifetime, None);
+}
+
+#[test]
+fn names_say_which_passes_a_repeat_made() {
+    let dump = dump(&example::splat(8, 1000));
+    let first = dump.passes.iter().position(|p| p.name == "sort.histogram[0]").expect("it is there");
+    let expected = DumpRepeat { name: "sort".into(), iterations: 8, first, passes: 24 };
+    assert_eq!(dump.repeats, [expected]);
+    let scatter = dump.pass("sort.scatter[5]").and_then(|p| p.repeat.clone()).expect("it is in the repeat");
+    assert_eq!(
+        (scatter.group.as_str(), scatter.member.as_str(), scatter.index),
+        ("sort", "sort.scatter", vec![5])
+    );
+    assert_eq!(dump.pass("sort.clear").unwrap().repeat, None);
+}
+
+/// Which repeat each of these passes belongs to.
+fn grouped(names: &[&str]) -> Vec<Option<String>> {
+    let any = dump(&example::splat(4, 1000)).passes[2].clone();
+    let mut passes: Vec<DumpPass> =
+        names.iter().map(|name| DumpPass { name: name.to_string(), ..any.clone() }).collect();
+    repeats::find(&mut passes);
+    passes.into_iter().map(|p| p.repeat.map(|r| r.group)).collect()
+}
+
+#[test]
+fn repeats_that_follow_each_other_stay_apart() {
+    let some = |name: &str| Some(name.to_string());
+    assert_eq!(grouped(&["a[0]", "a[1]", "b[0]", "b[1]"]), [some("a"), some("a"), some("b"), some("b")]);
+    assert_eq!(
+        grouped(&["s.a[0]", "s.a[1]", "s.b[0]", "s.b[1]"]),
+        [some("s"), some("s"), some("s (2)"), some("s (2)")]
+    );
+    assert_eq!(grouped(&["a[0]", "x", "a[1]"]), [None, None, None], "others stand between");
+    assert_eq!(grouped(&["a[0]", "b[0]"]), [None, None], "a single iteration is no repeat");
+    let nested = ["t[0][0]", "t[0][1]", "t[1][0]", "t[1][1]"];
+    assert_eq!(grouped(&nested), vec![some("t"); 4], "a repeat in a repeat is one");
+}
+
+#[test]
+fn push_constants_have_the_names_of_the_shader() {
+    let dump = dump(&example::splat(8, 1000));
+    let push = &dump.pass("sort.scan[3]").unwrap().push;
+    assert_eq!(push.len(), 1);
+    assert_eq!(
+        (push[0].name.as_deref(), push[0].offset, &push[0].value),
+        (Some("shift"), 0, &Value::Int(12))
+    );
+}
+
+#[test]
+fn times_are_summed_by_phase_and_frame_and_a_missing_one_leaves_no_sum() {
+    let dump = timed(example::splat(4, 1000));
+    let ms = |name: &str| dump.pass(name).unwrap().gpu_ms.unwrap_or_else(|| panic!("no time for {name}"));
+    let phase = |name: &str| dump.phases.iter().find(|p| p.name == name).unwrap();
+    assert_eq!(phase("key").gpu_ms, Some(ms("scan_blocks") + ms("compact")));
+    assert_eq!(phase("load").gpu_ms, None, "the prologue has no times");
+    // 18 passes of the frame do something that a run times.
+    assert_eq!(dump.gpu_ms, Some((1..=18).map(f64::from).sum()));
+    assert_eq!(dump.pass("export").unwrap().gpu_ms, None);
+
+    let (partly, found) = dump.with_times(&[("compact".into(), 1.0), ("of another graph".into(), 2.0)]);
+    assert_eq!((found, partly.gpu_ms), (1, None));
+    assert_eq!(partly.phases.iter().find(|p| p.name == "key").unwrap().gpu_ms, None);
+}
+
+#[test]
+fn the_text_names_every_pass_barrier_and_resource() {
+    let dump = timed(example::splat(4, 1000));
+    let text = text(&dump);
+    for pass in &dump.passes {
+        assert!(text.lines().any(|line| line.starts_with(&format!("  {} ", pass.name))), "{}", pass.name);
+    }
+    for barrier in dump.barriers() {
+        assert!(text.contains(&format!("    | {}\n", barrier_line(barrier))), "barrier {}", barrier.id);
+        for dependency in &barrier.dependencies {
+            assert!(text.contains(&dependency_line(barrier, dependency)), "barrier {}", barrier.id);
+        }
+    }
+    for line in [
+        "read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ",
+        "depth in the memory of color, after compose of the frame before: COMPUTE -> COMPUTE STORAGE_WRITE",
+        "on image color, Undefined -> ColorTarget: ",
+        "block 11 ",
+        "history exposure",
+        "before the first frame",
+        "stat visible: args+12",
+        "front_to_back ",
+    ] {
+        assert!(text.contains(line), "no {line} in\n{text}");
+    }
+}
+
+#[test]
+fn a_need_of_another_pass_is_named_with_it() {
+    let dump = dump(&example::splat(4, 1000));
+    let mut barrier = dump.pass("compact").unwrap().barriers[0].clone();
+    let line = dependency_line(&barrier, &barrier.dependencies[0]);
+    assert!(!line.contains(", for "), "{line}");
+    barrier.dependencies[0].before =
+        Place { name: "sort.clear".into(), ..barrier.dependencies[0].before.clone() };
+    let line = dependency_line(&barrier, &barrier.dependencies[0]);
+    assert!(line.contains(", for sort.clear: "), "{line}");
+}
+
+#[test]
+fn the_picture_has_an_edge_for_every_pass_that_is_waited_for() {
+    let dump = dump(&example::splat(4, 1000));
+    let dot = dot(&dump);
+    let waits: usize = dump.barriers().flat_map(|b| &b.dependencies).map(|d| d.after.len()).sum();
+    assert_eq!(dot.matches(" -> \"").count(), waits);
+    assert_eq!(dot.matches("fillcolor=").count(), dump.passes.len());
+    assert!(dot.contains("  \"sort.scatter[0]\" -> \"sort.histogram[1]\" [label=\"keys#1\""), "{dot}");
+    assert_eq!(dot.matches('{').count(), dot.matches('}').count());
+}
+
+/// The data that a page holds.
+fn data_of(page: &str) -> serde_json::Value {
+    let (_, rest) = page.split_once("<script type=\"application/json\" id=\"dump\">").expect("it has data");
+    let (data, _) = rest.split_once("</script>").expect("the data ends");
+    serde_json::from_str(data).expect("the data is JSON")
+}
+
+#[test]
+fn the_page_holds_the_whole_dump() {
+    let dump = timed(example::splat(8, 1000));
+    let page = html(&dump);
+    assert_eq!(data_of(&page), json(&dump));
+    assert!(page.starts_with("<!doctype html>") && page.trim_end().ends_with("</html>"));
+    for tag in ["html", "head", "body", "style", "script", "main", "header"] {
+        let opened = page.matches(&format!("<{tag}>")).count() + page.matches(&format!("<{tag} ")).count();
+        assert_eq!(opened, page.matches(&format!("</{tag}>")).count(), "{tag}");
+    }
+    assert!(!page.contains("{{"), "a placeholder is left");
+}
+
+#[test]
+fn the_page_asks_no_network() {
+    // What the page refers to within itself is no request.
+    let page = html(&dump(&example::splat(4, 1000))).replace("url(#", "");
+    for word in [" src=", "<link", "@import", "url(", "fetch(", "XMLHttpRequest", "import("] {
+        assert!(!page.contains(word), "{word}");
+    }
+}
+
+#[test]
+fn no_name_ends_the_script_or_fills_a_placeholder() {
+    let mut plan = example::splat(4, 1000);
+    let wicked = "</script><script>alert(1)</script><!-- {{script}} & \u{2028}";
+    plan.name = wicked.into();
+    plan.summary = wicked.into();
+    plan.resources[0].name = wicked.into();
+    plan.passes[0].name = wicked.into();
+    let page = html(&dump(&plan));
+    let plain = html(&dump(&example::splat(4, 1000)));
+    assert_eq!(page.matches("<script").count(), plain.matches("<script").count());
+    assert_eq!(page.matches("</script").count(), plain.matches("</script").count());
+    assert!(!page.contains("<!--"));
+    assert!(page.contains("<title>&lt;/script>"));
+    let data = data_of(&page);
+    assert_eq!([&data["graph"], &data["passes"][0]["name"], &data["resources"][0]["name"]], [wicked; 3]);
+}
+
+#[test]
+fn a_solved_graph_says_which_pass_waits_for_which_on_what() {
+    let passes = [
+        testing::dispatch("make", "make.comp", r#""Out": "a""#),
+        testing::dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ];
+    let plan = testing::plan(&testing::graph("", &passes.join("\n")), &[]).unwrap_or_else(|e| panic!("{e}"));
+    let dump = dump(&plan);
+    let barrier = &dump.pass("show").expect("it is there").barriers[0];
+    let dependency = &barrier.dependencies[0];
+    assert_eq!(dependency.hazard, Hazard::ReadAfterWrite);
+    assert_eq!((dependency.resource.name.as_str(), dependency.before.name.as_str()), ("a", "show"));
+    assert_eq!(dependency.after[0].name, "make");
+    assert_eq!(dependency.after[0].declared, plan.passes[0].origin);
+    assert_eq!(barrier.masks.source_accesses, ["STORAGE_WRITE"]);
+    assert_eq!(dump.resources.len(), plan.resources.len());
+    let transient = plan.resources.iter().filter(|r| r.source == Source::Transient).count();
+    assert_eq!(dump.blocks.iter().map(|b| b.tenants.len()).sum::<usize>(), transient);
+}

@@ -1,0 +1,177 @@
+//! Whether barriers are necessary: takes away each of them, and each bit of their masks, and looks whether the oracle
+//! minds.
+
+use super::Replay;
+use super::objection::flag_names;
+use super::script::Script;
+use super::world::World;
+use crate::plan::{Accesses, Barrier, Plan, Stages};
+
+/// A call of barriers in a plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Before the pass of this step of [`Plan::prologue`].
+    Prologue(usize),
+    Handover,
+    /// Before the pass of this step of [`Plan::frame`].
+    Frame(usize),
+}
+
+impl Place {
+    /// The barriers of the call.
+    ///
+    /// # Panics
+    /// Where the plan has no such step.
+    pub fn barriers(self, plan: &Plan) -> &Vec<Barrier> {
+        match self {
+            Place::Prologue(step) => &plan.prologue[step].barriers,
+            Place::Handover => &plan.handover,
+            Place::Frame(step) => &plan.frame[step].barriers,
+        }
+    }
+
+    fn barriers_mut(self, plan: &mut Plan) -> &mut Vec<Barrier> {
+        match self {
+            Place::Prologue(step) => &mut plan.prologue[step].barriers,
+            Place::Handover => &mut plan.handover,
+            Place::Frame(step) => &mut plan.frame[step].barriers,
+        }
+    }
+}
+
+/// One bit of one of a barrier's masks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bit {
+    SourceStage(Stages),
+    SourceAccess(Accesses),
+    TargetStage(Stages),
+    TargetAccess(Accesses),
+}
+
+/// A plan with a little less synchronisation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mutation {
+    /// The whole barrier, with the layout change of its image.
+    Remove { at: Place, barrier: usize },
+    /// One bit; a mask that loses its last is empty, which is Vulkan's `NONE`.
+    Clear { at: Place, barrier: usize, what: Bit },
+}
+
+impl Mutation {
+    fn at(&self) -> (Place, usize) {
+        match *self {
+            Mutation::Remove { at, barrier } | Mutation::Clear { at, barrier, .. } => (at, barrier),
+        }
+    }
+
+    /// A phrase that says where and what, for instance "target stage COMPUTE of barrier 0 (all memory) before `sort`
+    /// in the frame".
+    pub fn describe(&self, plan: &Plan) -> String {
+        let (at, number) = self.at();
+        let place = match at {
+            Place::Prologue(step) => {
+                format!("before `{}` in the prologue", plan.pass(plan.prologue[step].pass).name)
+            }
+            Place::Handover => "in the handover".to_string(),
+            Place::Frame(step) => format!("before `{}` in the frame", plan.pass(plan.frame[step].pass).name),
+        };
+        let barrier = &at.barriers(plan)[number];
+        let subject = match barrier.image {
+            Some(image) => {
+                let name = &plan.resource(image.image).name;
+                format!("barrier {number} (`{name}`, {:?} to {:?}) {place}", image.old, image.new)
+            }
+            None => format!("barrier {number} (all memory) {place}"),
+        };
+        match self {
+            Mutation::Remove { .. } => subject,
+            Mutation::Clear { what, .. } => {
+                let bit = match what {
+                    Bit::SourceStage(bit) => format!("source stage {}", flag_names(bit.iter_names())),
+                    Bit::SourceAccess(bit) => format!("source access {}", flag_names(bit.iter_names())),
+                    Bit::TargetStage(bit) => format!("target stage {}", flag_names(bit.iter_names())),
+                    Bit::TargetAccess(bit) => format!("target access {}", flag_names(bit.iter_names())),
+                };
+                format!("{bit} of {subject}")
+            }
+        }
+    }
+}
+
+/// Everything that can be taken away from the plan's barriers, one thing at a time.
+pub fn mutations(plan: &Plan) -> Vec<Mutation> {
+    let prologue = (0..plan.prologue.len()).map(Place::Prologue);
+    let frame = (0..plan.frame.len()).map(Place::Frame);
+    let mut all = Vec::new();
+    for at in prologue.chain([Place::Handover]).chain(frame) {
+        for (barrier, masks) in at.barriers(plan).iter().enumerate() {
+            all.push(Mutation::Remove { at, barrier });
+            let bits = (masks.source_stages.iter().map(Bit::SourceStage))
+                .chain(masks.source_accesses.iter().map(Bit::SourceAccess))
+                .chain(masks.target_stages.iter().map(Bit::TargetStage))
+                .chain(masks.target_accesses.iter().map(Bit::TargetAccess));
+            all.extend(bits.map(|what| Mutation::Clear { at, barrier, what }));
+        }
+    }
+    all
+}
+
+/// The plan with less.
+///
+/// # Panics
+/// Where the mutation is not one of this plan's [`mutations`].
+pub fn apply(plan: &Plan, mutation: &Mutation) -> Plan {
+    let mut mutant = plan.clone();
+    take_away(&mut mutant, mutation);
+    mutant
+}
+
+/// Changes the plan, and returns the barrier as it was.
+fn take_away(plan: &mut Plan, mutation: &Mutation) -> Barrier {
+    let (at, number) = mutation.at();
+    let barriers = at.barriers_mut(plan);
+    match *mutation {
+        Mutation::Remove { .. } => barriers.remove(number),
+        Mutation::Clear { what, .. } => {
+            let barrier = &mut barriers[number];
+            let before = barrier.clone();
+            match what {
+                Bit::SourceStage(bit) => barrier.source_stages.remove(bit),
+                Bit::SourceAccess(bit) => barrier.source_accesses.remove(bit),
+                Bit::TargetStage(bit) => barrier.target_stages.remove(bit),
+                Bit::TargetAccess(bit) => barrier.target_accesses.remove(bit),
+            }
+            before
+        }
+    }
+}
+
+fn put_back(plan: &mut Plan, mutation: &Mutation, before: Barrier) {
+    let (at, number) = mutation.at();
+    let barriers = at.barriers_mut(plan);
+    match mutation {
+        Mutation::Remove { .. } => barriers.insert(number, before),
+        Mutation::Clear { .. } => barriers[number] = before,
+    }
+}
+
+/// What could be taken away without any objection within four frames. Ask it of plans that are not objected to as
+/// they are.
+pub fn needless(plan: &Plan) -> Vec<Mutation> {
+    let replay = Replay::default();
+    let script = Script::new(plan, replay.copies);
+    let mut world = World::new(&script, true);
+    // One copy serves all mutants.
+    let mut mutant = plan.clone();
+    let mut needless = Vec::new();
+    for mutation in mutations(plan) {
+        let before = take_away(&mut mutant, &mutation);
+        world.reset(&script);
+        world.run(&mutant, &script, &replay);
+        if world.findings.objections.is_empty() {
+            needless.push(mutation);
+        }
+        put_back(&mut mutant, &mutation, before);
+    }
+    needless
+}

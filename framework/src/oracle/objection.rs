@@ -1,0 +1,218 @@
+//! What the oracle says when it objects.
+
+use std::fmt;
+use std::ops::Range;
+
+use crate::plan::{Accesses, Layout, PassId, Plan, ResourceId, Stages};
+
+/// One access that Vulkan leaves undefined.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Objection {
+    pub kind: Kind,
+    /// Who touched the bytes before. `None` where nobody is to blame: bytes never written, a layout never set.
+    pub first: Option<Actor>,
+    pub second: Actor,
+    /// What `second` touches.
+    pub resource: ResourceId,
+    /// What `first` touched, where it was another resource in the same memory.
+    pub through: Option<ResourceId>,
+    /// Bytes of `resource`.
+    pub range: Range<u64>,
+    pub missing: Missing,
+    /// Which of the plans that were replayed one after another; 0 where there was one.
+    pub plan: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    ReadAfterWrite,
+    WriteAfterRead,
+    WriteAfterWrite,
+    /// An image is touched, or changed, in a layout in which it is not.
+    Layout,
+    /// A read of bytes that hold nothing of the resource, or nothing of this frame.
+    Unwritten,
+}
+
+/// The first of the things that the later access needs and does not have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Missing {
+    /// The earlier access may still be running.
+    Order,
+    /// The earlier write may still be in a cache of the stage that wrote.
+    Availability,
+    /// The earlier write may not have reached this access at this stage.
+    Visibility(Stages, Accesses),
+    Layout {
+        found: Layout,
+        needed: Layout,
+    },
+    Contents,
+}
+
+/// When something happened in a replay. The prologue and the handover are submitted with frame 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum When {
+    Prologue,
+    Handover,
+    Frame(u32),
+}
+
+impl When {
+    /// The frame with which it was submitted.
+    pub(super) fn frame(self) -> u32 {
+        match self {
+            When::Prologue | When::Handover => 0,
+            When::Frame(n) => n,
+        }
+    }
+}
+
+/// Who touches memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Actor {
+    Pass {
+        when: When,
+        pass: PassId,
+    },
+    /// The layout change of an image, in the barriers before a pass or in the handover.
+    Transition {
+        when: When,
+        image: ResourceId,
+        before: Option<PassId>,
+    },
+    /// The host, writing a uniform block for a frame.
+    Host {
+        frame: u32,
+    },
+}
+
+impl Actor {
+    pub(super) fn when(self) -> When {
+        match self {
+            Actor::Pass { when, .. } | Actor::Transition { when, .. } => when,
+            Actor::Host { frame } => When::Frame(frame),
+        }
+    }
+
+    /// The same actor in another frame.
+    fn recurs_as(self, other: Actor) -> bool {
+        match (self, other) {
+            (Actor::Pass { pass, .. }, Actor::Pass { pass: other, .. }) => pass == other,
+            (
+                Actor::Transition { image, before, .. },
+                Actor::Transition { image: other_image, before: other_before, .. },
+            ) => (image, before) == (other_image, other_before),
+            (Actor::Host { .. }, Actor::Host { .. }) => true,
+            _ => false,
+        }
+    }
+
+    fn describe(self, plan: &Plan) -> String {
+        match self {
+            Actor::Pass { when, pass } => format!("`{}` ({when})", plan.pass(pass).name),
+            Actor::Transition { when, image, before: Some(pass) } => {
+                let (image, pass) = (&plan.resource(image).name, &plan.pass(pass).name);
+                format!("the layout change of `{image}` before `{pass}` ({when})")
+            }
+            Actor::Transition { when, image, before: None } => {
+                format!("the layout change of `{}` ({when})", plan.resource(image).name)
+            }
+            Actor::Host { frame } => format!("the host, preparing frame {frame},"),
+        }
+    }
+}
+
+impl fmt::Display for When {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            When::Prologue => write!(f, "prologue"),
+            When::Handover => write!(f, "handover"),
+            When::Frame(n) => write!(f, "frame {n}"),
+        }
+    }
+}
+
+impl Objection {
+    /// The same complaint, perhaps in another frame or about other bytes.
+    fn recurs_as(&self, other: &Objection) -> bool {
+        let same_first = match (self.first, other.first) {
+            (Some(first), Some(other)) => first.recurs_as(other),
+            (None, None) => true,
+            _ => false,
+        };
+        same_first
+            && self.second.recurs_as(other.second)
+            && (self.kind, self.resource) == (other.kind, other.resource)
+    }
+
+    /// A sentence with both passes, the resource, the bytes and what is missing. `plan` is the one that it is about.
+    pub fn describe(&self, plan: &Plan) -> String {
+        let second = self.second.describe(plan);
+        let Range { start, end } = self.range;
+        let what = format!("`{}`, bytes {start}..{end}", plan.resource(self.resource).name);
+        let first = self.first.map_or("nobody".to_string(), |first| first.describe(plan));
+        let through = match self.through {
+            Some(alias) => format!(" through `{}` in the same memory", plan.resource(alias).name),
+            None => String::new(),
+        };
+        let verb = if self.kind == Kind::ReadAfterWrite { "reads" } else { "writes" };
+        let did = if self.kind == Kind::WriteAfterRead { "read" } else { "wrote" };
+        match self.missing {
+            Missing::Order => {
+                format!("{second} {verb} {what}, without waiting for {first}, which {did} them{through}")
+            }
+            Missing::Availability => {
+                format!(
+                    "{second} {verb} {what}, but what {first} wrote there{through} was not made available"
+                )
+            }
+            Missing::Visibility(stage, access) => {
+                let (stage, access) = (flag_names(stage.iter_names()), flag_names(access.iter_names()));
+                format!(
+                    "{second} {verb} {what}, but what {first} wrote there{through} is not visible to {access} at {stage}"
+                )
+            }
+            Missing::Layout { found, needed } => {
+                format!("{second} needs {what} in the layout {needed:?}, but it is in {found:?}")
+            }
+            Missing::Contents if self.first.is_none() => {
+                format!("{second} reads {what}, which were never written")
+            }
+            Missing::Contents => {
+                format!("{second} reads {what}, which hold only what {first} left there{through}")
+            }
+        }
+    }
+}
+
+/// `A | B` of a set's named members.
+pub(super) fn flag_names<T>(names: impl Iterator<Item = (&'static str, T)>) -> String {
+    names.map(|(name, _)| name).collect::<Vec<_>>().join(" | ")
+}
+
+/// Objections as they come up.
+pub(super) struct Findings {
+    pub objections: Vec<Objection>,
+    pub first_only: bool,
+}
+
+impl Findings {
+    pub fn add(&mut self, new: Objection) {
+        match self.objections.iter_mut().find(|old| old.recurs_as(&new)) {
+            None => self.objections.push(new),
+            // The same two accesses, on the bytes that follow.
+            Some(old)
+                if (old.first, old.second, old.missing) == (new.first, new.second, new.missing)
+                    && old.range.end == new.range.start =>
+            {
+                old.range.end = new.range.end;
+            }
+            Some(_) => {}
+        }
+    }
+
+    pub fn enough(&self) -> bool {
+        self.first_only && !self.objections.is_empty()
+    }
+}

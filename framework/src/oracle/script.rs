@@ -1,0 +1,277 @@
+//! What each pass of a plan does to which bytes, without its barriers.
+//!
+//! Memory is cut into cells at every boundary that an access has, so that an access is always to whole cells. Blocks
+//! come first, then the memory of the resources that stand alone. What the host touches has its cells once per copy.
+
+use std::ops::Range;
+
+use super::stages::performed_by;
+use crate::plan::{
+    Accesses, DrawCall, Groups, Layout, PassId, Plan, ResourceId, Run, Shape, Source, Stages, Touch, Work,
+};
+
+/// One kind of access at one stage.
+#[derive(Clone)]
+pub struct Access {
+    pub resource: ResourceId,
+    pub stage: Stages,
+    pub access: Accesses,
+    /// It reads what was there before the pass.
+    pub needs_contents: bool,
+    /// In the first copy.
+    cells: Range<usize>,
+    /// From one copy to the next; 0 where there is one.
+    stride: usize,
+}
+
+impl Access {
+    pub fn cells(&self, copy: u32) -> Range<usize> {
+        let offset = self.stride * copy as usize;
+        self.cells.start + offset..self.cells.end + offset
+    }
+
+    pub fn writes(&self) -> bool {
+        self.access.writes()
+    }
+}
+
+/// Two accesses of one pass through different resources in the same memory, which nothing can order.
+#[derive(Clone)]
+pub struct Clash {
+    pub first: Access,
+    pub second: Access,
+}
+
+#[derive(Default)]
+pub struct Actions {
+    pub accesses: Vec<Access>,
+    pub layouts: Vec<(ResourceId, Layout)>,
+    pub clashes: Vec<Clash>,
+}
+
+/// Where a resource stands.
+pub struct Place {
+    /// All cells of its memory, and its own, in the first copy.
+    all: Range<usize>,
+    own: Range<usize>,
+    stride: usize,
+    /// Images that lose their layout when this resource is written.
+    pub alias_images: Vec<ResourceId>,
+    /// Reads must find what this frame wrote: nothing keeps it from one frame to the next.
+    pub fresh: bool,
+    pub host_writes: bool,
+    /// The scene's: filled before the replay.
+    pub uploaded: bool,
+}
+
+impl Place {
+    pub fn cells(&self, copy: u32) -> Range<usize> {
+        let offset = self.stride * copy as usize;
+        self.own.start + offset..self.own.end + offset
+    }
+
+    pub fn per_frame(&self) -> bool {
+        self.stride != 0
+    }
+}
+
+pub struct Script {
+    pub passes: Vec<Actions>,
+    pub places: Vec<Place>,
+    /// Bytes that a cell covers, from the start of its memory.
+    pub cells: Vec<Range<u64>>,
+}
+
+/// An access before memory was cut into cells.
+struct Extent {
+    pass: usize,
+    resource: ResourceId,
+    stage: Stages,
+    access: Accesses,
+    needs_contents: bool,
+    bytes: Range<u64>,
+}
+
+impl Script {
+    /// `copies` is how often that exists which the host touches.
+    pub fn new(plan: &Plan, copies: u32) -> Script {
+        let extents: Vec<Extent> =
+            plan.passes.iter().enumerate().flat_map(|(index, _)| extents(plan, index)).collect();
+        let (mut places, cells) = cut(plan, &extents, copies.max(1));
+
+        // What the prologue writes is there to be read in every frame.
+        for extent in extents.iter().filter(|extent| extent.access.writes()) {
+            let place = &mut places[extent.resource.index()];
+            place.fresh &= plan.passes[extent.pass].run != Run::Once;
+        }
+
+        let mut passes: Vec<Actions> = plan.passes.iter().map(|_| Actions::default()).collect();
+        for extent in &extents {
+            let place = &places[extent.resource.index()];
+            passes[extent.pass].accesses.push(Access {
+                resource: extent.resource,
+                stage: extent.stage,
+                access: extent.access,
+                needs_contents: extent.needs_contents,
+                cells: covered(&cells, &place.all, &extent.bytes),
+                stride: place.stride,
+            });
+        }
+        for (actions, pass) in passes.iter_mut().zip(&plan.passes) {
+            actions.layouts =
+                pass.touches.iter().filter_map(|t| t.layout.map(|layout| (t.resource, layout))).collect();
+            actions.clashes = clashes(&actions.accesses);
+        }
+        Script { passes, places, cells }
+    }
+
+    pub fn actions(&self, pass: PassId) -> &Actions {
+        &self.passes[pass.index()]
+    }
+
+    pub fn place(&self, id: ResourceId) -> &Place {
+        &self.places[id.index()]
+    }
+}
+
+/// The cells among `of` that lie in `bytes`.
+fn covered(cells: &[Range<u64>], of: &Range<usize>, bytes: &Range<u64>) -> Range<usize> {
+    let own = &cells[of.clone()];
+    let start = own.partition_point(|cell| cell.start < bytes.start);
+    let end = own.partition_point(|cell| cell.start < bytes.end);
+    of.start + start..of.start + end.max(start)
+}
+
+/// Each stage and access of a pass's touches, with the bytes that it is about.
+fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
+    let pass = &plan.passes[index];
+    // A shader may read what the same pass wrote; in what order is its own affair.
+    let storage_written: Vec<ResourceId> = (pass.touches.iter())
+        .filter(|touch| touch.accesses.contains(Accesses::STORAGE_WRITE))
+        .map(|touch| touch.resource)
+        .collect();
+    let mut extents = Vec::new();
+    for touch in &pass.touches {
+        for stage in touch.stages.iter() {
+            for access in (touch.accesses & performed_by(stage)).iter() {
+                let cleared = touch.discards && access == Accesses::COLOR_READ;
+                let own = storage_written.contains(&touch.resource);
+                for bytes in ranges(plan, &pass.work, touch, access) {
+                    extents.push(Extent {
+                        pass: index,
+                        resource: touch.resource,
+                        stage,
+                        access,
+                        needs_contents: access.reads() && !cleared && !own,
+                        bytes,
+                    });
+                }
+            }
+        }
+    }
+    extents
+}
+
+/// The bytes of a resource that one access of a pass touches: all of them, unless the work says which.
+fn ranges(plan: &Plan, work: &Work, touch: &Touch, access: Accesses) -> Vec<Range<u64>> {
+    const WORD: u64 = 4;
+    let words = |offset: u64, count: u64| offset..offset.saturating_add(WORD * count);
+    let whole = 0..plan.resource(touch.resource).bytes();
+    let narrow: Vec<_> = match (work, access) {
+        (Work::Dispatch { groups: Groups::Indirect { buffer, offset }, .. }, Accesses::INDIRECT_READ)
+            if *buffer == touch.resource =>
+        {
+            vec![words(*offset, 3)]
+        }
+        (Work::Draw { call: DrawCall::Indirect { buffer, offset }, .. }, Accesses::INDIRECT_READ)
+            if *buffer == touch.resource =>
+        {
+            vec![words(*offset, 4)]
+        }
+        (Work::Export, Accesses::TRANSFER_READ) => {
+            let of_buffer = plan.stats.iter().filter(|stat| stat.buffer == touch.resource);
+            of_buffer.map(|stat| words(stat.offset, 1)).collect()
+        }
+        (Work::Export, Accesses::TRANSFER_WRITE) | (Work::Host, Accesses::HOST_READ)
+            if plan.resource(touch.resource).source == Source::Readback =>
+        {
+            vec![words(0, plan.stats.len() as u64)]
+        }
+        _ => vec![],
+    };
+    // The output is exported whole, and is no statistic.
+    if narrow.is_empty() { vec![whole] } else { narrow }
+}
+
+/// Where each resource stands, and the cells of all memory.
+fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u64>>) {
+    let mut memories = plan.blocks.len();
+    let memory_of: Vec<usize> = (plan.resources.iter())
+        .map(|resource| match resource.block {
+            Some(block) => block.index(),
+            None => {
+                memories += 1;
+                memories - 1
+            }
+        })
+        .collect();
+    let mut bounds: Vec<Vec<u64>> = vec![vec![0]; memories];
+    for (resource, memory) in plan.resources.iter().zip(&memory_of) {
+        bounds[*memory].push(resource.bytes());
+    }
+    for extent in extents {
+        let memory = &mut bounds[memory_of[extent.resource.index()]];
+        memory.extend([extent.bytes.start, extent.bytes.end]);
+    }
+
+    let mut cells: Vec<Range<u64>> = Vec::new();
+    let mut starts = Vec::new();
+    for (memory, bounds) in bounds.iter_mut().enumerate() {
+        bounds.sort_unstable();
+        bounds.dedup();
+        starts.push(cells.len());
+        let alone = memory_of.iter().position(|m| *m == memory).map(|i| &plan.resources[i].source);
+        let per_frame = matches!(alone, Some(Source::Frame { .. } | Source::Live | Source::Readback));
+        for _ in 0..if per_frame { copies } else { 1 } {
+            cells.extend(bounds.windows(2).map(|pair| pair[0]..pair[1]));
+        }
+    }
+
+    let places = (plan.resources.iter().enumerate())
+        .map(|(index, resource)| {
+            let memory = memory_of[index];
+            let count = bounds[memory].len() - 1;
+            let all = starts[memory]..starts[memory] + count;
+            let image = |other: &usize| matches!(plan.resources[*other].shape, Shape::Image { .. });
+            let others = (0..memory_of.len())
+                .filter(|other| *other != index && memory_of[*other] == memory)
+                .filter(image);
+            let per_frame = matches!(resource.source, Source::Frame { .. } | Source::Live | Source::Readback);
+            Place {
+                own: covered(&cells, &all, &(0..resource.bytes())),
+                all,
+                stride: if per_frame { count } else { 0 },
+                alias_images: others.map(|other| ResourceId(other as u32)).collect(),
+                fresh: resource.source == Source::Transient && resource.history.is_none()
+                    || resource.source == Source::Readback,
+                host_writes: matches!(resource.source, Source::Frame { .. } | Source::Live),
+                uploaded: matches!(resource.source, Source::Scene { .. }),
+            }
+        })
+        .collect();
+    (places, cells)
+}
+
+/// Accesses of one pass that meet in memory through different resources, one of them a write.
+fn clashes(accesses: &[Access]) -> Vec<Clash> {
+    let mut clashes = Vec::new();
+    for (index, first) in accesses.iter().enumerate() {
+        for second in &accesses[index + 1..] {
+            let meet = first.cells.start.max(second.cells.start) < first.cells.end.min(second.cells.end);
+            if meet && first.resource != second.resource && (first.writes() || second.writes()) {
+                clashes.push(Clash { first: first.clone(), second: second.clone() });
+            }
+        }
+    }
+    clashes
+}

@@ -1,0 +1,157 @@
+//! Plans with no more barriers than they need, and with one bit more.
+
+use super::mutate::{Bit, Mutation, Place, apply, mutations, needless};
+use super::*;
+use crate::plan::Layout::{ColorTarget, General, TransferSource, Undefined};
+
+/// Compute writes a buffer and an image, a draw reads the buffer, the image is exported.
+fn minimal() -> Sketch {
+    let mut sketch = Sketch::new();
+    let (table, keys, image) = (sketch.buffer("table"), sketch.buffer("keys"), sketch.image("image"));
+    let color = sketch.image("color");
+    let output = (Stages::COLOR_OUTPUT, Accesses::COLOR_WRITE);
+    let transfer = (COPY, Accesses::TRANSFER_READ);
+    sketch.once("fill", &[], &[fills(table)]);
+    sketch.once(
+        "load",
+        &[barrier((CLEAR, Accesses::TRANSFER_WRITE), (COMPUTE, BOTH))],
+        &[touch(table, COMPUTE, BOTH)],
+    );
+    sketch.plan.handover = vec![compute_to_compute()];
+    // The draw of the frame before reads the keys, the export the image.
+    let again = change(image, (Undefined, General), (COPY, NO_ACCESS), (COMPUTE, WRITE));
+    sketch.frame(
+        "key",
+        &[order(VERTEX, COMPUTE), again],
+        &[reads(table), writes(keys), in_general(image, WRITE)],
+    );
+    let target = Touch { layout: Some(ColorTarget), discards: true, ..touch(color, output.0, output.1) };
+    let ready = change(color, (Undefined, ColorTarget), output, output);
+    sketch.frame(
+        "draw",
+        &[barrier((COMPUTE, WRITE), (VERTEX, READ)), ready],
+        &[touch(keys, VERTEX, READ), target],
+    );
+    let exported = Touch { layout: Some(TransferSource), ..touch(image, transfer.0, transfer.1) };
+    let shown = change(image, (General, TransferSource), (COMPUTE, WRITE), transfer);
+    sketch.frame_work("export", &[shown], Work::Export, &[exported]);
+    sketch
+}
+
+#[test]
+fn a_minimal_plan_is_sufficient_and_nothing_in_it_is_needless() {
+    let sketch = minimal();
+    assert_eq!(sketch.found_in(4), NOTHING);
+    let needless: Vec<_> = needless(&sketch.plan).iter().map(|m| m.describe(&sketch.plan)).collect();
+    assert_eq!(needless, NOTHING);
+    for mutation in mutations(&sketch.plan) {
+        assert!(objects(&apply(&sketch.plan, &mutation)), "{}", mutation.describe(&sketch.plan));
+    }
+}
+
+#[test]
+fn a_world_that_is_used_again_is_as_good_as_new() {
+    let mut sketch = minimal();
+    let (script, replay) = (Script::new(&sketch.plan, 2), Replay::default());
+    let mut world = World::new(&script, false);
+    world.run(&sketch.plan, &script, &replay);
+    // Without what fills the table and without any change of layout, there is much to find.
+    sketch.plan.prologue.clear();
+    sketch.plan.frame.iter_mut().for_each(|step| step.barriers.retain(|barrier| barrier.image.is_none()));
+    for _ in 0..2 {
+        world.reset(&script);
+        world.run(&sketch.plan, &script, &replay);
+        assert_eq!(world.findings.objections, super::replay(&sketch.plan, &replay));
+    }
+    let lines = tell(&sketch.plan, &world.findings.objections);
+    for line in
+        ["Unwritten: nobody, key: table: Contents", "Layout: nobody, key: image: General, not Undefined"]
+    {
+        assert!(lines.contains(&line.to_string()), "{lines:#?}");
+    }
+}
+
+#[test]
+fn every_barrier_and_every_bit_is_tried() {
+    let sketch = minimal();
+    let all = mutations(&sketch.plan);
+    // Seven barriers: their number and the bits of their masks.
+    let barriers: Vec<&Barrier> = (sketch.plan.prologue.iter().chain(&sketch.plan.frame))
+        .flat_map(|step| &step.barriers)
+        .chain(&sketch.plan.handover)
+        .collect();
+    assert_eq!(barriers.len(), 7);
+    assert_eq!(all.iter().filter(|m| matches!(m, Mutation::Remove { .. })).count(), 7);
+    // Of stages and accesses: 5 in the prologue, 4 in the handover, 2 + 3, 4 + 4 and 4 in the frame.
+    assert_eq!(all.len(), 7 + 5 + 4 + 5 + 8 + 4);
+    for mutation in &all {
+        assert_ne!(apply(&sketch.plan, mutation), sketch.plan);
+    }
+}
+
+#[test]
+fn a_bit_too_much_is_found_needless() {
+    let at = Place::Frame(1);
+    let extra = |change: fn(&mut Barrier)| {
+        let mut sketch = minimal();
+        change(&mut sketch.plan.frame[1].barriers[0]);
+        assert_eq!(sketch.found_in(4), NOTHING);
+        needless(&sketch.plan)
+    };
+    let clear = |what| vec![Mutation::Clear { at, barrier: 0, what }];
+    assert_eq!(extra(|b| b.source_stages |= COPY), clear(Bit::SourceStage(COPY)));
+    assert_eq!(
+        extra(|b| b.source_accesses |= Accesses::TRANSFER_WRITE),
+        clear(Bit::SourceAccess(Accesses::TRANSFER_WRITE))
+    );
+    assert_eq!(extra(|b| b.target_stages |= FRAGMENT), clear(Bit::TargetStage(FRAGMENT)));
+    assert_eq!(
+        extra(|b| b.target_accesses |= Accesses::UNIFORM_READ),
+        clear(Bit::TargetAccess(Accesses::UNIFORM_READ))
+    );
+}
+
+#[test]
+fn a_barrier_too_much_is_found_needless_with_all_its_bits() {
+    let mut sketch = minimal();
+    sketch.plan.handover.push(order(CLEAR, COPY));
+    let at = Place::Handover;
+    let expected = vec![
+        Mutation::Remove { at, barrier: 1 },
+        Mutation::Clear { at, barrier: 1, what: Bit::SourceStage(CLEAR) },
+        Mutation::Clear { at, barrier: 1, what: Bit::TargetStage(COPY) },
+    ];
+    assert_eq!(needless(&sketch.plan), expected);
+    assert!(sketch.plan.prologue[1].barriers[0] == minimal().plan.prologue[1].barriers[0]);
+}
+
+#[test]
+fn removing_takes_the_layout_change_away_and_clearing_one_bit() {
+    let sketch = minimal();
+    let removed = apply(&sketch.plan, &Mutation::Remove { at: Place::Frame(0), barrier: 1 });
+    assert_eq!(removed.frame[0].barriers, [order(VERTEX, COMPUTE)]);
+    let clear = Mutation::Clear { at: Place::Prologue(1), barrier: 0, what: Bit::TargetAccess(READ) };
+    let cleared = apply(&sketch.plan, &clear);
+    let expected = barrier((CLEAR, Accesses::TRANSFER_WRITE), (COMPUTE, WRITE));
+    assert_eq!(cleared.prologue[1].barriers, [expected]);
+}
+
+#[test]
+fn a_mutation_says_what_and_where() {
+    let plan = minimal().plan;
+    let clear = Mutation::Clear { at: Place::Frame(1), barrier: 0, what: Bit::TargetStage(VERTEX) };
+    assert_eq!(
+        clear.describe(&plan),
+        "target stage VERTEX of barrier 0 (all memory) before `draw` in the frame"
+    );
+    let remove = Mutation::Remove { at: Place::Frame(2), barrier: 0 };
+    assert_eq!(
+        remove.describe(&plan),
+        "barrier 0 (`image`, General to TransferSource) before `export` in the frame"
+    );
+    let clear = Mutation::Clear { at: Place::Handover, barrier: 0, what: Bit::SourceAccess(WRITE) };
+    assert_eq!(
+        clear.describe(&plan),
+        "source access STORAGE_WRITE of barrier 0 (all memory) in the handover"
+    );
+}

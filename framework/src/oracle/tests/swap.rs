@@ -1,0 +1,127 @@
+//! Plans that follow one another.
+
+use super::*;
+use crate::plan::Layout::{General, TransferTarget, Undefined};
+
+/// Draws with what the last frame left in `kept`, then makes it anew.
+fn with_history(name: &str, bytes: u64) -> Sketch {
+    let mut sketch = Sketch::new();
+    let kept = sketch.sized("kept", bytes);
+    sketch.history(kept, name);
+    sketch.once_work("start", &[], Work::Start { resource: kept }, &[fills(kept)]);
+    sketch.plan.handover = vec![barrier((CLEAR, Accesses::TRANSFER_WRITE), (COMPUTE, READ))];
+    sketch.frame("draw", &[compute_to_compute()], &[reads(kept)]);
+    sketch.frame("make", &[order(COMPUTE, COMPUTE)], &[writes(kept)]);
+    sketch
+}
+
+fn swapped(plans: &[(&Sketch, u32)]) -> Vec<String> {
+    let plans: Vec<_> = plans.iter().map(|(sketch, frames)| (&sketch.plan, *frames)).collect();
+    replay_swap(&plans)
+        .iter()
+        .flat_map(|found| {
+            tell(plans[found.plan].0, std::slice::from_ref(found))
+                .into_iter()
+                .map(|line| format!("{}: {line}", found.plan))
+        })
+        .collect()
+}
+
+#[test]
+fn a_plan_that_needs_nothing_of_another_follows_it() {
+    let sketch = with_history("kept", BYTES);
+    assert_eq!(swapped(&[(&sketch, 3), (&sketch, 3), (&sketch, 0), (&sketch, 1)]), NOTHING);
+}
+
+/// The same without its start: whether that is noticed tells whether the history was carried over.
+fn without_start(name: &str, bytes: u64) -> Sketch {
+    let mut sketch = with_history(name, bytes);
+    sketch.plan.prologue.clear();
+    sketch
+}
+
+#[test]
+fn a_history_of_the_same_name_and_shape_lives_on() {
+    let old = with_history("kept", BYTES);
+    assert_eq!(swapped(&[(&old, 2), (&without_start("kept", BYTES), 2)]), NOTHING);
+    // Even if no frame of the old plan came to be.
+    assert_eq!(swapped(&[(&old, 0), (&without_start("kept", BYTES), 2)]), NOTHING);
+}
+
+#[test]
+fn another_name_or_another_shape_starts_afresh() {
+    let old = with_history("kept", BYTES);
+    let unwritten = ["1: Unwritten: nobody, draw: kept: Contents"];
+    assert_eq!(swapped(&[(&old, 2), (&without_start("other", BYTES), 2)]), unwritten);
+    assert_eq!(swapped(&[(&old, 2), (&without_start("kept", 2 * BYTES), 2)]), unwritten);
+    assert_eq!(swapped(&[(&old, 2), (&with_history("other", BYTES), 2)]), NOTHING);
+}
+
+#[test]
+fn what_has_no_history_is_fresh_memory() {
+    let mut old = with_history("kept", BYTES);
+    old.plan.resources[0].history = None;
+    assert_eq!(
+        swapped(&[(&old, 1), (&without_start("kept", BYTES), 1)])[..],
+        ["1: Unwritten: nobody, draw: kept: Contents"]
+    );
+}
+
+#[test]
+fn a_history_that_was_never_written_is_none() {
+    let mut old = without_start("kept", BYTES);
+    old.plan.frame.clear();
+    assert_eq!(
+        swapped(&[(&old, 1), (&with_history("kept", BYTES), 1)]),
+        ["1: Unwritten: nobody, draw: kept: Contents"]
+    );
+}
+
+#[test]
+fn the_start_of_a_history_that_lives_on_is_left_out_and_the_barriers_of_others_stay() {
+    let mut new = with_history("kept", BYTES);
+    let other = new.buffer("other");
+    // What another pass of the prologue relies on may stand in the start's call.
+    let first = new.pass("first", Run::Once, dispatch(), &[writes(other)]);
+    new.plan.prologue.insert(0, Step { barriers: vec![], pass: first });
+    new.plan.prologue[1].barriers = vec![compute_to_compute()];
+    new.once("last", &[], &[reads(other)]);
+    let old = with_history("kept", BYTES);
+    assert_eq!(swapped(&[(&new, 1)]), NOTHING);
+    assert_eq!(swapped(&[(&old, 1), (&new, 1)]), NOTHING);
+}
+
+/// An image with a history, which its start leaves for transfers and the frame has in `General`.
+fn image_history() -> Sketch {
+    let mut sketch = Sketch::new();
+    let kept = sketch.image("kept");
+    sketch.history(kept, "kept");
+    let fill = (CLEAR, Accesses::TRANSFER_WRITE);
+    let started = change(kept, (Undefined, TransferTarget), (Stages::empty(), NO_ACCESS), fill);
+    let start = Touch { layout: Some(TransferTarget), ..fills(kept) };
+    sketch.once_work("start", &[started], Work::Start { resource: kept }, &[start]);
+    sketch.plan.handover = vec![change(kept, (TransferTarget, General), fill, (COMPUTE, READ))];
+    sketch.frame("draw", &[compute_to_compute()], &[in_general(kept, READ)]);
+    sketch.frame("make", &[order(COMPUTE, COMPUTE)], &[in_general(kept, WRITE)]);
+    sketch
+}
+
+#[test]
+fn an_image_that_lives_on_is_in_the_layout_that_its_start_leaves() {
+    let sketch = image_history();
+    assert_eq!(swapped(&[(&sketch, 3), (&sketch, 3)]), NOTHING);
+    let mut other = image_history();
+    other.plan.passes[0].touches[0].layout = Some(Layout::TransferSource);
+    assert_eq!(
+        swapped(&[(&sketch, 3), (&other, 3)]),
+        ["1: Layout: nobody, change in handover: kept: TransferTarget, not TransferSource"]
+    );
+}
+
+#[test]
+fn an_image_without_a_start_keeps_its_layout() {
+    let mut other = image_history();
+    other.plan.prologue.clear();
+    other.plan.handover.clear();
+    assert_eq!(swapped(&[(&image_history(), 3), (&other, 3)]), NOTHING);
+}

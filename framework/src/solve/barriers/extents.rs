@@ -1,0 +1,119 @@
+//! Which bytes a touch is about.
+//!
+//! Memory is cut wherever something begins or ends: a tenant of a block, the arguments of an indirect command, the word of a
+//! statistic. What lies between two cuts is a cell, and everything is known cell by cell: the export of one word of a buffer
+//! says nothing of its other words, and the next tenant of a block nothing of the bytes beyond its own end.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use crate::plan::{Accesses, DrawCall, Groups, Pass, Plan, Resource, ResourceId, Stages, Touch, Work};
+
+/// A touch, with the cells that it is about.
+pub(super) struct Access {
+    pub touch: Touch,
+    pub cells: Vec<Range<usize>>,
+}
+
+/// A pass's touches of one resource.
+pub(super) struct Group {
+    pub resource: ResourceId,
+    pub accesses: Vec<Access>,
+}
+
+impl Group {
+    /// The touches that write, or that do not.
+    pub fn accesses(&self, writing: bool) -> impl Iterator<Item = &Access> {
+        self.accesses.iter().filter(move |access| access.touch.accesses.writes() == writing)
+    }
+}
+
+pub(super) struct Extents {
+    /// Of each pass, what it touches, in the order of first appearance.
+    pub passes: Vec<Vec<Group>>,
+    /// Of each resource, all its cells.
+    pub resources: Vec<Range<usize>>,
+    /// Number of cells.
+    pub cells: usize,
+}
+
+impl Extents {
+    pub fn of(plan: &Plan) -> Extents {
+        // A piece of memory for each block, and one for each resource that stands in none.
+        let mut pieces = plan.blocks.len();
+        let mut piece_of = |resource: &Resource| match resource.block {
+            Some(block) => block.index(),
+            None => {
+                pieces += 1;
+                pieces - 1
+            }
+        };
+        let piece: Vec<usize> = plan.resources.iter().map(&mut piece_of).collect();
+
+        let mut cuts: Vec<BTreeSet<u64>> = vec![BTreeSet::from([0]); pieces];
+        for (resource, piece) in plan.resources.iter().zip(&piece) {
+            cuts[*piece].insert(resource.bytes());
+        }
+        for pass in &plan.passes {
+            for touch in &pass.touches {
+                let bytes = bytes(plan, pass, touch);
+                cuts[piece[touch.resource.index()]].extend(bytes.iter().flat_map(|b| [b.start, b.end]));
+            }
+        }
+        let cuts: Vec<Vec<u64>> = cuts.into_iter().map(|cuts| cuts.into_iter().collect()).collect();
+        let mut first = vec![0; pieces];
+        let mut cells = 0;
+        for (first, cuts) in first.iter_mut().zip(&cuts) {
+            *first = cells;
+            cells += cuts.len() - 1;
+        }
+
+        let cells_of = |resource: ResourceId, bytes: &Range<u64>| {
+            let piece = piece[resource.index()];
+            let at = |byte| first[piece] + cuts[piece].partition_point(|cut| *cut < byte);
+            at(bytes.start)..at(bytes.end)
+        };
+        let group = |pass: &Pass| {
+            let mut groups: Vec<Group> = Vec::new();
+            for touch in &pass.touches {
+                // Uniform blocks are written by the host before the frame is submitted, which needs no barrier.
+                if touch.accesses == Accesses::UNIFORM_READ {
+                    continue;
+                }
+                let cells = bytes(plan, pass, touch).iter().map(|b| cells_of(touch.resource, b)).collect();
+                let access = Access { touch: *touch, cells };
+                match groups.iter_mut().find(|group| group.resource == touch.resource) {
+                    Some(group) => group.accesses.push(access),
+                    None => groups.push(Group { resource: touch.resource, accesses: vec![access] }),
+                }
+            }
+            groups
+        };
+        let whole = |(index, resource): (usize, &Resource)| {
+            cells_of(ResourceId(index as u32), &(0..resource.bytes()))
+        };
+        Extents {
+            passes: plan.passes.iter().map(group).collect(),
+            resources: plan.resources.iter().enumerate().map(whole).collect(),
+            cells,
+        }
+    }
+}
+
+/// The bytes of a resource that a touch is about: all of them, but for what a command itself reads.
+#[allow(clippy::single_range_in_vec_init)] // A list that mostly has one range.
+fn bytes(plan: &Plan, pass: &Pass, touch: &Touch) -> Vec<Range<u64>> {
+    let arguments = |buffer: ResourceId, offset: u64, bytes: u64| {
+        (buffer == touch.resource && touch.stages == Stages::INDIRECT).then(|| vec![offset..offset + bytes])
+    };
+    let some = match pass.work {
+        Work::Dispatch { groups: Groups::Indirect { buffer, offset }, .. } => arguments(buffer, offset, 12),
+        Work::Draw { call: DrawCall::Indirect { buffer, offset }, .. } => arguments(buffer, offset, 16),
+        Work::Export if touch.accesses == Accesses::TRANSFER_READ && touch.layout.is_none() => {
+            let words = plan.stats.iter().filter(|stat| stat.buffer == touch.resource);
+            Some(words.map(|stat| stat.offset..stat.offset + 4).collect())
+        }
+        _ => None,
+    };
+    some.unwrap_or_else(|| vec![0..plan.resource(touch.resource).bytes()])
+}

@@ -1,0 +1,208 @@
+//! Where barriers go: a walk over the passes with a model of what each piece of memory has been through.
+//!
+//! A barrier is placed as late as possible, right before the pass that needs it, and with as few bits as will do; where what it
+//! waits for is older than the last call, that call is given the bits instead, so that there are as few calls as can be. So it is
+//! enough to ask, pass by pass, what the barriers so far leave open: `needs` puts that into words (something happened, and
+//! something else is about to), `world` remembers what happened, and `scopes` knows what barriers have done about it.
+//!
+//! Every frame records the same list of barriers, and follows a frame that did. So the frame is walked again and again, each
+//! time after itself, until the list stays the same; two rounds are usual, a third confirms. What the first frame needs on top,
+//! because it follows the prologue instead, is done once, by the handover between them.
+
+mod extents;
+mod needs;
+mod scopes;
+mod settle;
+mod world;
+
+use crate::plan::{Barrier, Hazard, Layout, PassId, Plan, ResourceId, Run, Step, Transition};
+use extents::Extents;
+use needs::Need;
+use scopes::Masks;
+use world::{Facts, World};
+
+pub(super) struct Solved {
+    pub prologue: Vec<Step>,
+    pub handover: Vec<Barrier>,
+    pub frame: Vec<Step>,
+}
+
+/// Rounds after which the walk is not expected to settle by itself any more; three have been enough for nearly every graph.
+const MOST_ROUNDS: usize = 8;
+
+/// Places the barriers of the prologue, the handover and the frame. Those of the plan so far are not looked at. `None` if none
+/// were found that hold, which would be a mistake in here.
+pub(super) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Option<Solved> {
+    let facts = facts(plan);
+    let walk = |world: &mut World, ids: &[PassId]| -> Vec<Step> {
+        world.start_frame(&facts);
+        let mut steps = Vec::with_capacity(ids.len());
+        ids.iter().for_each(|id| world.place(*id, &mut steps, &facts));
+        steps
+    };
+
+    let mut start = World::new(&facts);
+    let prologue = walk(&mut start, prologue);
+
+    let mut world = World::new(&facts);
+    let mut steps = walk(&mut world, frame);
+    for _ in 0..MOST_ROUNDS {
+        let again = walk(&mut world, frame);
+        if again == steps {
+            let handover = handover(&start, &world, &steps, &facts)?;
+            return Some(Solved { prologue, handover, frame: steps });
+        }
+        steps = again;
+    }
+    let frame = settle::settle(steps, walk(&mut world, frame), &facts)?;
+    let handover = handover(&start, &world, &frame, &facts)?;
+    Some(Solved { prologue, handover, frame })
+}
+
+fn facts(plan: &Plan) -> Facts<'_> {
+    let mut kept: Vec<bool> = plan.resources.iter().map(|r| r.history.is_some()).collect();
+    for touch in plan.passes.iter().filter(|p| p.run == Run::Once).flat_map(|p| &p.touches) {
+        kept[touch.resource.index()] |= touch.accesses.writes();
+    }
+    let shared =
+        plan.resources.iter().map(|r| r.block.is_some_and(|b| plan.blocks[b.index()].tenants.len() > 1));
+    Facts { plan, extents: Extents::of(plan), kept, shared: shared.collect() }
+}
+
+/// What the frame that follows the prologue needs on top of its own barriers, as one call between them: images in the layouts
+/// that frames find them in, and whatever the prologue wrote made visible. `None` if there is no such call.
+fn handover(start: &World, steady: &World, frame: &[Step], facts: &Facts) -> Option<Vec<Barrier>> {
+    let mut call = Handover { memory: Masks::default(), needs: Vec::new(), images: Vec::new() };
+    for (image, first) in carried_images(frame, facts) {
+        let (old, new) = (start.layout(image), steady.layout(image));
+        if old != new {
+            let needs = start.change_needs_of(image, first, facts);
+            let masks = needs::least_source(&needs);
+            call.images.push((Transition { image, old, new }, masks, needs, first));
+        }
+    }
+    // Every round gives the call what the last one missed.
+    loop {
+        let missing = call.missing(start, frame, facts);
+        if missing.is_empty() {
+            break;
+        }
+        if missing.iter().filter(|need| call.add(need)).count() == 0 {
+            return None;
+        }
+    }
+    call.reduce(start, frame, facts);
+    Some(call.barriers())
+}
+
+/// The images that the frame's barriers expect in the layout that the frame before left, and who first touches them.
+fn carried_images(frame: &[Step], facts: &Facts) -> Vec<(ResourceId, PassId)> {
+    let mut met = vec![false; facts.plan.resources.len()];
+    let mut carried = Vec::new();
+    for step in frame {
+        for touch in &facts.plan.pass(step.pass).touches {
+            let resource = touch.resource;
+            if touch.layout.is_none() || std::mem::replace(&mut met[resource.index()], true) {
+                continue;
+            }
+            let change = step.barriers.iter().filter_map(|b| b.image).find(|t| t.image == resource);
+            if change.is_none_or(|t| t.old != Layout::Undefined) {
+                carried.push((resource, step.pass));
+            }
+        }
+    }
+    carried
+}
+
+/// The handover while it is being made.
+struct Handover {
+    memory: Masks,
+    /// What `memory` is for.
+    needs: Vec<Need>,
+    /// With the pass that is the first to touch the image.
+    images: Vec<(Transition, Masks, Vec<Need>, PassId)>,
+}
+
+impl Handover {
+    fn barriers(&self) -> Vec<Barrier> {
+        let of_prologue = |needs: &[Need]| {
+            let mut dependencies = needs::dependencies(needs);
+            dependencies.iter_mut().for_each(|d| d.previous_frame = false);
+            dependencies
+        };
+        let mut barriers = Vec::new();
+        if self.memory != Masks::default() {
+            barriers.push(needs::barrier(self.memory, None, of_prologue(&self.needs)));
+        }
+        for (transition, masks, needs, first) in &self.images {
+            let mut dependencies = of_prologue(needs);
+            if dependencies.is_empty() {
+                dependencies.push(needs::dependency(Hazard::LayoutChange, *first, transition.image));
+            }
+            for dependency in &mut dependencies {
+                dependency.target_stages = masks.target_stages;
+                dependency.target_accesses = masks.target_accesses;
+                if dependency.hazard == Hazard::WriteAfterWrite && masks.target_accesses.reads() {
+                    dependency.hazard = Hazard::ReadAfterWrite;
+                }
+            }
+            barriers.push(needs::barrier(*masks, Some(*transition), dependencies));
+        }
+        barriers
+    }
+
+    /// What the first frame lacks with this handover.
+    fn missing(&self, start: &World, frame: &[Step], facts: &Facts) -> Vec<Need> {
+        let mut world = start.clone();
+        // The call stands right before the first pass.
+        let first = frame.first().map_or(PassId(0), |step| step.pass);
+        world.call(&self.barriers(), first, facts);
+        world.start_frame(facts);
+        frame.iter().flat_map(|step| world.replay(step.pass, &step.barriers, facts)).collect()
+    }
+
+    /// Gives the call what `need` is missing; false if it has it already.
+    fn add(&mut self, need: &Need) -> bool {
+        let mut target = need.least_target();
+        let before = (self.memory, self.images.iter().map(|i| i.1).collect::<Vec<_>>());
+        let changed = |(t, ..): &&mut (Transition, Masks, Vec<Need>, PassId)| t.image == need.reason.resource;
+        match self.images.iter_mut().find(changed) {
+            // It waits for the change of layout itself.
+            Some((_, masks, ..)) => masks.add(target),
+            None => {
+                // What the first frame's own barriers would chain with comes after this call: it flushes by itself.
+                let flushes =
+                    Masks { source_stages: need.from, source_accesses: need.flush, ..Masks::default() };
+                target.add(if need.flush.is_empty() { need.least_source() } else { flushes });
+                self.memory.add(target);
+                self.needs.push(*need);
+            }
+        }
+        before != (self.memory, self.images.iter().map(|i| i.1).collect())
+    }
+
+    /// Clears every bit that the first frame can do without.
+    fn reduce(&mut self, start: &World, frame: &[Step], facts: &Facts) {
+        let reduced = needs::least(self.memory, |masks| {
+            let less = Handover { memory: *masks, needs: self.needs.clone(), images: self.images.clone() };
+            less.missing(start, frame, facts).is_empty()
+        });
+        self.memory = reduced;
+        for i in 0..self.images.len() {
+            // What the change waits for is least by itself.
+            let masks = self.images[i].1;
+            let source =
+                Masks { target_stages: Default::default(), target_accesses: Default::default(), ..masks };
+            let target = masks.without(source);
+            let reduced = needs::least(target, |target| {
+                let mut images = self.images.clone();
+                images[i].1 = source;
+                images[i].1.add(*target);
+                let less = Handover { memory: self.memory, needs: self.needs.clone(), images };
+                less.missing(start, frame, facts).is_empty()
+            });
+            self.images[i].1 = source;
+            self.images[i].1.add(reduced);
+        }
+    }
+}

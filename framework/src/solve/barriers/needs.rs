@@ -1,0 +1,193 @@
+//! What a pass needs of the barriers before it, and the least barrier that gives it.
+
+use super::scopes::{Masks, Time, with_earlier, with_later};
+use crate::plan::{Accesses, Barrier, Dependency, Hazard, PassId, ResourceId, Stages};
+
+/// Why: what happened before, and to what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Reason {
+    pub hazard: Hazard,
+    /// What the pass touches.
+    pub resource: ResourceId,
+    /// Where it was another resource in the same memory that was touched before.
+    pub alias: Option<ResourceId>,
+    pub after: PassId,
+    pub previous_frame: bool,
+    /// Who needs it.
+    pub before: PassId,
+    /// When it happened.
+    pub time: Time,
+}
+
+/// That something which happened comes before something which is about to: for one stage and one access on either side.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Need {
+    pub reason: Reason,
+    /// The stage that did it, and the access to make available, where that was a write which no barrier has made available yet
+    /// to anybody of use here.
+    pub from: Stages,
+    pub flush: Accesses,
+    /// Stages to wait for that have the same effect as flushing: a chain with earlier barriers.
+    pub via: Stages,
+    /// The stage that is about to do something, and the access that must see it; no access where order is enough.
+    pub to: Stages,
+    pub access: Accesses,
+}
+
+impl Need {
+    /// Whether the same barriers meet both.
+    pub fn asks_the_same_as(&self, other: &Need) -> bool {
+        let asked = |n: &Need| (n.from, n.flush, n.via, n.to, n.access);
+        asked(self) == asked(other)
+    }
+
+    /// Whether a barrier with these masks gives it.
+    pub fn is_met_by(&self, masks: &Masks) -> bool {
+        let target = match self.access.is_empty() {
+            true => with_later(masks.target_stages).contains(self.to),
+            false => masks.target_stages.contains(self.to) && masks.target_accesses.contains(self.access),
+        };
+        target && self.source_is_met_by(masks)
+    }
+
+    /// The source's half of [`Self::is_met_by`].
+    pub fn source_is_met_by(&self, masks: &Masks) -> bool {
+        let flushes = !self.flush.is_empty()
+            && masks.source_stages.contains(self.from)
+            && masks.source_accesses.contains(self.flush);
+        flushes || with_earlier(masks.source_stages).intersects(self.via)
+    }
+
+    /// Whether a barrier on some image, whatever it does to memory, gives it.
+    pub fn is_met_by_order(&self, masks: &Masks) -> bool {
+        self.access.is_empty() && self.is_met_by(masks)
+    }
+
+    /// The least source for this need alone.
+    pub fn least_source(&self) -> Masks {
+        let chained = self.via.iter().find(|stage| *stage == self.from).or(self.via.iter().next());
+        match chained {
+            Some(stage) => Masks { source_stages: stage, ..Masks::default() },
+            None => Masks { source_stages: self.from, source_accesses: self.flush, ..Masks::default() },
+        }
+    }
+
+    /// The least target for this need alone.
+    pub fn least_target(&self) -> Masks {
+        Masks { target_stages: self.to, target_accesses: self.access, ..Masks::default() }
+    }
+}
+
+/// The least barrier on all memory that meets the needs: no bit can be cleared without missing one.
+pub(super) fn memory_barrier(needs: &[Need]) -> Masks {
+    let mut masks = Masks::default();
+    // First what has no alternative, so that the rest can do with it where possible.
+    for need in needs.iter().filter(|n| !n.access.is_empty()) {
+        masks.add(need.least_target());
+    }
+    for need in needs.iter().filter(|n| n.via.is_empty()) {
+        masks.add(need.least_source());
+    }
+    for need in needs {
+        if !with_later(masks.target_stages).contains(need.to) {
+            masks.add(need.least_target());
+        }
+        if !need.source_is_met_by(&masks) {
+            masks.add(need.least_source());
+        }
+    }
+    least(masks, |masks| needs.iter().all(|need| need.is_met_by(masks)))
+}
+
+/// The least source that meets the needs of a change of layout, whose targets are the change itself.
+pub(super) fn least_source(needs: &[Need]) -> Masks {
+    let mut masks = Masks::default();
+    let (forced, free): (Vec<&Need>, Vec<&Need>) = needs.iter().partition(|n| n.via.is_empty());
+    for need in forced.into_iter().chain(free) {
+        if !need.source_is_met_by(&masks) {
+            masks.add(need.least_source());
+        }
+    }
+    least(masks, |masks| needs.iter().all(|need| need.source_is_met_by(masks)))
+}
+
+/// Clears every bit that is not needed, one after the other.
+pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool) -> Masks {
+    for bit in masks.bits() {
+        let less = masks.without(bit);
+        if is_enough(&less) {
+            masks = less;
+        }
+    }
+    masks
+}
+
+/// The needs, one entry per resource and hazard, as a barrier's reasons.
+pub(super) fn dependencies(needs: &[Need]) -> Vec<Dependency> {
+    let mut dependencies: Vec<Dependency> = Vec::new();
+    for need in needs {
+        let Reason { hazard, resource, alias, after, previous_frame, before, .. } = need.reason;
+        let source = need.least_source();
+        // Who reads and writes what another wrote says so once, as a reader.
+        let apart = hazard == Hazard::WriteAfterRead;
+        let same = |d: &&mut Dependency| {
+            (d.before, d.resource, d.alias, d.previous_frame) == (before, resource, alias, previous_frame)
+                && (d.hazard == Hazard::WriteAfterRead) == apart
+        };
+        let dependency = match dependencies.iter_mut().find(same) {
+            Some(dependency) => dependency,
+            None => {
+                dependencies.push(Dependency {
+                    alias,
+                    previous_frame,
+                    ..dependency(hazard, before, resource)
+                });
+                dependencies.last_mut().expect("just pushed")
+            }
+        };
+        if hazard == Hazard::ReadAfterWrite {
+            dependency.hazard = hazard;
+        }
+        if !dependency.after.contains(&after) {
+            dependency.after.push(after);
+        }
+        dependency.source_stages |= source.source_stages;
+        dependency.source_accesses |= source.source_accesses;
+        dependency.target_stages |= need.to;
+        dependency.target_accesses |= need.access;
+    }
+    dependencies.iter_mut().for_each(|d| d.after.sort());
+    dependencies
+}
+
+/// A reason that asks for nothing yet.
+pub(super) fn dependency(hazard: Hazard, before: PassId, resource: ResourceId) -> Dependency {
+    Dependency {
+        hazard,
+        before,
+        resource,
+        after: Vec::new(),
+        previous_frame: false,
+        alias: None,
+        source_stages: Stages::empty(),
+        source_accesses: Accesses::empty(),
+        target_stages: Stages::empty(),
+        target_accesses: Accesses::empty(),
+    }
+}
+
+/// A barrier of the plan.
+pub(super) fn barrier(
+    masks: Masks,
+    image: Option<crate::plan::Transition>,
+    dependencies: Vec<Dependency>,
+) -> Barrier {
+    Barrier {
+        image,
+        source_stages: masks.source_stages,
+        source_accesses: masks.source_accesses,
+        target_stages: masks.target_stages,
+        target_accesses: masks.target_accesses,
+        dependencies,
+    }
+}

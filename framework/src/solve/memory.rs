@@ -1,0 +1,141 @@
+//! Which transient resources can stand in the same memory.
+//!
+//! A resource is alive from its first use in the frame to its last; before, its contents are undefined, and afterwards nobody
+//! reads them. Two whose lives do not meet may be tenants of one block of memory. What lives longer than a frame (written by a
+//! `Once` pass, or with a history) has a block of its own. Blocks rather than offsets into one heap, because only the device
+//! knows how many bytes an image takes: whatever they are, a block is as large as its largest tenant.
+//!
+//! Sharing must not cost time: the next tenant has to wait for the last one, and where nothing else lies between the two, that would
+//! be a barrier of its own. So it only follows one that the passes have left behind anyway: whose last pass is on a lower level,
+//! levels being counted along the longest chain of passes that depend on each other.
+//!
+//! The packing is greedy, the largest resource first, each into the smallest block that is free for as long as it lives: a
+//! first fit by decreasing size, as for registers with intervals. (Optimal packing is NP-hard.)
+
+use std::collections::BTreeMap;
+
+use crate::plan::{Block, BlockId, Pass, PassId, Resource, ResourceId, Run, Shape, Source, Touch};
+
+/// Blocks that are tried for each resource, from the smallest that fits up: so that packing grows with the number of resources
+/// and not with its square. No graph that people write comes near it.
+const MOST_TRIED: usize = 64;
+
+/// First and last use within the frame, as positions in it.
+#[derive(Clone, Copy, Debug)]
+struct Life {
+    first: usize,
+    last: usize,
+    /// The last use is a write, which nobody reads.
+    ends_written: bool,
+    /// Levels of the first pass and of the last.
+    levels: (u32, u32),
+}
+
+/// Gives every transient resource that some pass touches its block.
+pub(super) fn place(
+    passes: &[Pass],
+    frame: &[PassId],
+    resources: &mut [Resource],
+    share: bool,
+) -> Vec<Block> {
+    resources.iter_mut().for_each(|resource| resource.block = None);
+    let lives = lives(passes, frame, resources);
+    let mut touched = vec![false; resources.len()];
+    passes.iter().flat_map(|p| &p.touches).for_each(|t| touched[t.resource.index()] = true);
+    let mut by_size: Vec<usize> =
+        (0..resources.len()).filter(|i| touched[*i] && resources[*i].source == Source::Transient).collect();
+    by_size.sort_by_key(|i| (std::cmp::Reverse(resources[*i].bytes()), *i));
+
+    let mut blocks: Vec<Block> = Vec::new();
+    // Of each block that can be shared, who lives in it: by first use, with the life's end.
+    let mut open: Vec<(BlockId, BTreeMap<usize, Life>, bool)> = Vec::new();
+    for i in by_size {
+        let image = matches!(resources[i].shape, Shape::Image { .. });
+        let life = lives[i].filter(|_| share);
+        // Blocks were opened by falling size: the last are the smallest.
+        let found = life.and_then(|life| {
+            open.iter_mut().rev().take(MOST_TRIED).find(|(_, tenants, images)| {
+                // A change of layout cannot wait for writes that went through another resource: an image only follows
+                // tenants whose contents somebody read.
+                let written = life.ends_written || tenants.values().any(|l| l.ends_written);
+                is_free(tenants, life) && !((image || *images) && written)
+            })
+        });
+        let block = match (life, found) {
+            (Some(life), Some((block, tenants, images))) => {
+                tenants.insert(life.first, life);
+                *images |= image;
+                *block
+            }
+            (life, _) => {
+                let block = BlockId(blocks.len() as u32);
+                blocks.push(Block { tenants: Vec::new() });
+                open.extend(life.map(|life| (block, BTreeMap::from([(life.first, life)]), image)));
+                block
+            }
+        };
+        blocks[block.index()].tenants.push(ResourceId(i as u32));
+        resources[i].block = Some(block);
+    }
+    blocks
+}
+
+/// The lives of the transient resources that do not outlive a frame.
+fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Option<Life>> {
+    let mut lives: Vec<Option<Life>> = vec![None; resources.len()];
+    let levels = levels(passes, frame, resources.len());
+    for (position, id) in frame.iter().enumerate() {
+        for touch in &passes[id.index()].touches {
+            let writes = touch.accesses.writes();
+            let life = lives[touch.resource.index()].get_or_insert(Life {
+                first: position,
+                last: position,
+                ends_written: writes,
+                levels: (levels[position], levels[position]),
+            });
+            // A pass may touch a resource in several stages.
+            life.ends_written = writes || life.last == position && life.ends_written;
+            (life.last, life.levels.1) = (position, levels[position]);
+        }
+    }
+    let once = passes.iter().filter(|p| p.run == Run::Once);
+    once.flat_map(|p| &p.touches).for_each(|touch| lives[touch.resource.index()] = None);
+    for (life, resource) in lives.iter_mut().zip(resources) {
+        if resource.source != Source::Transient || resource.history.is_some() {
+            *life = None;
+        }
+    }
+    lives
+}
+
+/// Of each position in the frame, the passes that have to run one after the other before it.
+fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
+    // Of each resource, the level after which it can be read, and after which it can be written.
+    let mut ready = vec![(0, 0); resources];
+    let level = |id: &PassId| {
+        let touches = &passes[id.index()].touches;
+        let after = |touch: &Touch| {
+            let (read, written) = ready[touch.resource.index()];
+            if touch.accesses.writes() { written } else { read }
+        };
+        let level = touches.iter().map(after).max().unwrap_or(0);
+        for touch in touches {
+            let (read, written) = &mut ready[touch.resource.index()];
+            if touch.accesses.writes() {
+                *read = level + 1;
+            }
+            *written = (*written).max(level + 1);
+        }
+        level
+    };
+    frame.iter().map(level).collect()
+}
+
+/// Whether nobody of these lives while `life` does, nor so shortly before or after that somebody would have to wait.
+fn is_free(tenants: &BTreeMap<usize, Life>, life: Life) -> bool {
+    // They do not meet among each other, so that its neighbours in time are the only ones that could.
+    let before = tenants.range(..=life.last).next_back();
+    let after = tenants.range(life.last + 1..).next();
+    before.is_none_or(|(_, other)| other.last < life.first && other.levels.1 < life.levels.0)
+        && after.is_none_or(|(_, other)| life.levels.1 < other.levels.0)
+}

@@ -1,0 +1,65 @@
+//! Bounds on the calls of barriers that a frame needs, derived from what its passes touch and from nothing that the solver did
+//! about barriers.
+//!
+//! Where one pass depends on another, some call has to be recorded between the two. Along a chain of such pairs these calls
+//! are different ones, because the second pass of one pair is the first of the next. So that no list of barriers has fewer
+//! calls than the longest chain has links. There are two such bounds:
+//!
+//! - with [`reads_what_was_written`] it holds whatever the order of the passes, and whichever resources share memory;
+//! - with [`conflicts`] it holds for the order and the memory of the plan.
+
+use splatgraph_framework::plan::{Plan, Touch};
+
+/// The calls of barriers that a frame of this plan records.
+pub fn calls(plan: &Plan) -> usize {
+    plan.frame.iter().filter(|step| !step.barriers.is_empty()).count()
+}
+
+/// The passes of the longest chain of one frame, by name, each of which depends on the one before it. `depends` is given two
+/// steps of the frame, the earlier first.
+pub fn longest(plan: &Plan, depends: impl Fn(&Plan, usize, usize) -> bool) -> Vec<&str> {
+    // For each step the length of the longest chain that ends there, and the step before it in that chain.
+    let mut best: Vec<(usize, Option<usize>)> = Vec::new();
+    for step in 0..plan.frame.len() {
+        let before =
+            (0..step).filter(|before| depends(plan, *before, step)).max_by_key(|before| best[*before].0);
+        best.push((before.map_or(0, |before| best[before].0 + 1), before));
+    }
+    let mut chain = Vec::new();
+    let mut next = (0..best.len()).max_by_key(|step| best[*step].0);
+    while let Some(step) = next {
+        chain.push(plan.pass(plan.frame[step].pass).name.as_str());
+        next = best[step].1;
+    }
+    chain.reverse();
+    chain
+}
+
+fn touches(plan: &Plan, step: usize) -> &[Touch] {
+    &plan.pass(plan.frame[step].pass).touches
+}
+
+/// The later step reads what the earlier was the last to write.
+pub fn reads_what_was_written(plan: &Plan, earlier: usize, later: usize) -> bool {
+    touches(plan, later).iter().filter(|touch| reads(touch)).any(|touch| {
+        let writes = |other: &Touch| other.resource == touch.resource && other.accesses.writes();
+        (0..later).rfind(|step| touches(plan, *step).iter().any(writes)) == Some(earlier)
+    })
+}
+
+/// The two steps touch the same memory, and one of them writes it, or they need an image in different layouts.
+pub fn conflicts(plan: &Plan, earlier: usize, later: usize) -> bool {
+    touches(plan, earlier).iter().any(|one| {
+        touches(plan, later).iter().any(|other| {
+            let same = one.resource == other.resource;
+            let meet = same || plan.aliases(one.resource).any(|alias| alias == other.resource);
+            let writes = one.accesses.writes() || other.accesses.writes();
+            meet && (writes || same && one.layout != other.layout)
+        })
+    })
+}
+
+/// An attachment that is cleared is not read, although blending names the access.
+fn reads(touch: &Touch) -> bool {
+    touch.accesses.reads() && !touch.discards
+}

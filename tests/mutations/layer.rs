@@ -1,0 +1,306 @@
+//! What synchronization validation ought to see of a mistake in the barriers.
+//!
+//! The classes are those that the calibration tests of the Vulkan backend established for Khronos validation 1.3.239, one plan
+//! with one mistake each. Whether a mutant falls into one is derived from the objections that the oracle has to it: each tells
+//! which two accesses meet and what lacks between them, and the layer sees it unless it is blind for one of the two, or for
+//! the pair. That the layer was silent about a mutant is no argument here.
+
+use splatgraph_api::FRAMES_IN_FLIGHT;
+use splatgraph_framework::oracle::{Actor, Kind, Missing, Objection, Replay, When, replay};
+use splatgraph_framework::plan::{
+    Accesses, Binding, DescriptorKind, DrawCall, Groups, PassId, Plan, ResourceId, ShaderId, Stages, Work,
+};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+/// Why the layer does not see something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Blind {
+    /// Attachments of dynamic rendering, and the layouts that they are in.
+    Attachments,
+    /// A write by a shader after a write by a shader.
+    ShaderWrites,
+    /// A binding that a shader both loads from and stores to counts as a write alone.
+    LoadsBesideStores,
+    /// A binding with atomics alone counts as a read alone.
+    Atomics,
+    /// Reads and writes of the host.
+    Host,
+    /// What a frame did that the host waited for counts as settled, also what was not made available or visible since.
+    Fences,
+    /// A write that somebody has seen counts as visible to all who wait for that reader.
+    SeenByAnother,
+    /// A fill counts as a copy, and the backend says `CLEAR` and `COPY` for the one: each implies the other.
+    FillsAreCopies,
+    /// What memory holds.
+    Contents,
+}
+
+impl fmt::Display for Blind {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Blind::Attachments => "attachments",
+            Blind::ShaderWrites => "write after write of shaders",
+            Blind::LoadsBesideStores => "loads beside stores",
+            Blind::Atomics => "atomics' writes",
+            Blind::Host => "host",
+            Blind::Fences => "fences",
+            Blind::SeenByAnother => "seen by another reader",
+            Blind::FillsAreCopies => "fills are copies",
+            Blind::Contents => "contents",
+        })
+    }
+}
+
+/// An access as the layer knows it.
+#[derive(Clone, Copy, PartialEq)]
+struct View {
+    /// Empty for a change of layout.
+    stage: Stages,
+    access: Accesses,
+    writes: bool,
+}
+
+impl View {
+    fn shader_write(self) -> bool {
+        self.writes && self.access == Accesses::STORAGE_WRITE
+    }
+
+    /// Whether the layer minds this access followed by the other, where `missing` lacks between them.
+    fn conflicts(self, other: View, missing: Missing) -> bool {
+        let pair = self.writes || other.writes;
+        let lacks = match missing {
+            Missing::Order => true,
+            Missing::Availability => self.writes,
+            Missing::Visibility(stage, access) => {
+                self.writes && (stage, access) == (other.stage, other.access)
+            }
+            Missing::Layout { .. } | Missing::Contents => false,
+        };
+        pair && lacks && !(self.shader_write() && other.shader_write())
+    }
+}
+
+/// What the layer knows of a plan's passes.
+pub struct Layer<'a> {
+    plan: &'a Plan,
+    /// The bindings of each shader that it stores to, other than by atomics.
+    stores: Vec<BTreeSet<u32>>,
+}
+
+impl Layer<'_> {
+    pub fn new(plan: &Plan) -> Layer<'_> {
+        Layer { plan, stores: plan.shaders.iter().map(|shader| stores(&shader.spirv)).collect() }
+    }
+
+    /// Whether the layer ought to see what is wrong with a mutant of the plan; if not, why. `frames` are drawn.
+    pub fn ought_to_see(&self, mutant: &Plan, frames: u32) -> Result<(), Blind> {
+        let mutant = with_fills_as_copies(mutant);
+        let objections = replay(&mutant, &Replay { frames, ..Replay::default() });
+        let blind: Option<BTreeSet<Blind>> =
+            objections.iter().map(|objection| self.sees(&mutant, objection).err()).collect();
+        // The oracle objects to every mutant: where it no longer does, that is because of the copies.
+        blind.map_or(Ok(()), |blind| Err(blind.first().copied().unwrap_or(Blind::FillsAreCopies)))
+    }
+
+    fn sees(&self, mutant: &Plan, objection: &Objection) -> Result<(), Blind> {
+        let Objection { kind, first, second, resource, through, missing, .. } = *objection;
+        match (kind, first, second) {
+            (Kind::Unwritten, ..) => return Err(Blind::Contents),
+            (Kind::Layout, _, Actor::Pass { pass, .. }) if self.attaches(pass, resource) => {
+                return Err(Blind::Attachments);
+            }
+            (Kind::Layout, ..) => return Ok(()),
+            _ => {}
+        }
+        let Some(first) = first else { return Err(Blind::Contents) };
+        if frame(second).saturating_sub(frame(first)) >= FRAMES_IN_FLIGHT as u32 {
+            return Err(Blind::Fences);
+        }
+        let sides = [(first, through.unwrap_or(resource)), (second, resource)];
+        let [before, after] = sides.map(|(actor, resource)| self.views(actor, resource));
+        if before.iter().any(|a| after.iter().any(|b| a.conflicts(*b, missing))) {
+            let settled = kind == Kind::ReadAfterWrite && missing != Missing::Order;
+            let settled = settled && self.seen_between(mutant, first, second, resource, &after);
+            return if settled { Err(Blind::SeenByAnother) } else { Ok(()) };
+        }
+        let any = |test: &dyn Fn(PassId, ResourceId) -> bool| {
+            sides
+                .iter()
+                .any(|(actor, resource)| matches!(actor, Actor::Pass { pass, .. } if test(*pass, *resource)))
+        };
+        Err(if any(&|pass, resource| self.attaches(pass, resource)) {
+            Blind::Attachments
+        } else if matches!(first, Actor::Host { .. })
+            || matches!(second, Actor::Host { .. })
+            || any(&|pass, _| self.plan.pass(pass).work == Work::Host)
+        {
+            Blind::Host
+        } else if before.iter().any(|v| v.shader_write()) && after.iter().any(|v| v.shader_write()) {
+            Blind::ShaderWrites
+        } else if missing == Missing::Visibility(Stages::COMPUTE, Accesses::STORAGE_READ) {
+            Blind::LoadsBesideStores
+        } else {
+            Blind::Atomics
+        })
+    }
+
+    /// Whether another pass reads the resource between these two of one frame, and the second waits for it.
+    fn seen_between(
+        &self,
+        mutant: &Plan,
+        first: Actor,
+        second: Actor,
+        resource: ResourceId,
+        after: &[View],
+    ) -> bool {
+        let step = |actor| match actor {
+            Actor::Pass { when: When::Frame(frame), pass } => {
+                Some((frame, mutant.frame.iter().position(|step| step.pass == pass)?))
+            }
+            _ => None,
+        };
+        let (Some((frame, first)), Some((same, second))) = (step(first), step(second)) else { return false };
+        let waits = |reader: usize, at: Stages| {
+            let barriers = mutant.frame[reader + 1..=second].iter().flat_map(|step| &step.barriers);
+            // A later stage of the reader's own command stands for it.
+            let with_later = if at == Stages::INDIRECT { at | Stages::COMPUTE | Stages::VERTEX } else { at };
+            let target = |stages: Stages| after.iter().all(|view| stages.contains(view.stage));
+            barriers.into_iter().any(|b| b.source_stages.intersects(with_later) && target(b.target_stages))
+        };
+        frame == same
+            && (first + 1..second).any(|reader| {
+                let pass = mutant.frame[reader].pass;
+                let views = self.views(Actor::Pass { when: When::Frame(frame), pass }, resource);
+                views.iter().any(|view| !view.writes && waits(reader, view.stage))
+            })
+    }
+
+    fn attaches(&self, pass: PassId, image: ResourceId) -> bool {
+        match &self.plan.pass(pass).work {
+            Work::Draw { targets, .. } => targets.iter().any(|target| target.image == image),
+            _ => false,
+        }
+    }
+
+    /// How somebody touches a resource, as far as the layer knows.
+    fn views(&self, actor: Actor, resource: ResourceId) -> Vec<View> {
+        let view = |stage, access: Accesses| View { stage, access, writes: access.writes() };
+        let pass = match actor {
+            Actor::Host { .. } => return Vec::new(),
+            Actor::Transition { .. } => {
+                return vec![View { stage: Stages::empty(), access: Accesses::empty(), writes: true }];
+            }
+            Actor::Pass { pass, .. } => self.plan.pass(pass),
+        };
+        let mut views = Vec::new();
+        let mut shader = |stage: Stages, shader: ShaderId| {
+            for reflected in &self.plan.shader(shader).reflection.bindings {
+                let bound = |b: &&Binding| is_bound(b, reflected.binding, resource);
+                for binding in pass.bindings.iter().filter(bound) {
+                    let stored = self.stores[shader.index()].contains(&reflected.binding);
+                    let access = match binding.kind {
+                        DescriptorKind::UniformBuffer => Accesses::UNIFORM_READ,
+                        _ if stored => Accesses::STORAGE_WRITE,
+                        _ => Accesses::STORAGE_READ,
+                    };
+                    views.push(view(stage, access));
+                }
+            }
+        };
+        match &pass.work {
+            Work::Dispatch { shader: id, groups } => {
+                shader(Stages::COMPUTE, *id);
+                if matches!(groups, Groups::Indirect { buffer, .. } if *buffer == resource) {
+                    views.push(view(Stages::INDIRECT, Accesses::INDIRECT_READ));
+                }
+            }
+            Work::Draw { vertex, fragment, call, .. } => {
+                shader(Stages::VERTEX, *vertex);
+                shader(Stages::FRAGMENT, *fragment);
+                if matches!(call, DrawCall::Indirect { buffer, .. } if *buffer == resource) {
+                    views.push(view(Stages::INDIRECT, Accesses::INDIRECT_READ));
+                }
+            }
+            Work::Fill { .. } | Work::Start { .. } | Work::Export => {
+                for touch in pass.touches.iter().filter(|touch| touch.resource == resource) {
+                    views.extend(
+                        touch
+                            .stages
+                            .iter()
+                            .flat_map(|stage| touch.accesses.iter().map(move |a| view(stage, a))),
+                    );
+                }
+            }
+            Work::Host => {}
+        }
+        views
+    }
+}
+
+/// The frame with which something is submitted.
+fn frame(actor: Actor) -> u32 {
+    match actor {
+        Actor::Pass { when: When::Frame(frame), .. }
+        | Actor::Transition { when: When::Frame(frame), .. }
+        | Actor::Host { frame } => frame,
+        Actor::Pass { .. } | Actor::Transition { .. } => 0,
+    }
+}
+
+fn is_bound(binding: &Binding, number: u32, resource: ResourceId) -> bool {
+    binding.binding == number && binding.resource == resource
+}
+
+/// The plan as the backend and the layer have it: fills run at the stage of copies, and `CLEAR` names that stage.
+fn with_fills_as_copies(plan: &Plan) -> Plan {
+    let mut plan = plan.clone();
+    let rename = |stages: &mut Stages| {
+        if stages.contains(Stages::CLEAR) {
+            stages.remove(Stages::CLEAR);
+            stages.insert(Stages::COPY);
+        }
+    };
+    plan.passes.iter_mut().flat_map(|pass| &mut pass.touches).for_each(|touch| rename(&mut touch.stages));
+    let steps = plan.prologue.iter_mut().chain(&mut plan.frame).flat_map(|step| &mut step.barriers);
+    for barrier in steps.chain(&mut plan.handover) {
+        rename(&mut barrier.source_stages);
+        rename(&mut barrier.target_stages);
+    }
+    plan
+}
+
+/// The bindings that a module stores to. The operations are those of the SPIR-V specification, section 3; what is written by
+/// an atomic alone is left out.
+fn stores(spirv: &[u32]) -> BTreeSet<u32> {
+    const HEADER: usize = 5;
+    const LOAD: u32 = 61;
+    const STORE: u32 = 62;
+    const ACCESS_CHAIN: u32 = 65;
+    const IN_BOUNDS_ACCESS_CHAIN: u32 = 66;
+    const DECORATE: u32 = 71;
+    const COPY_OBJECT: u32 = 83;
+    const IMAGE_WRITE: u32 = 99;
+    const BINDING: u32 = 33;
+    let (mut bindings, mut bases, mut stored) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
+    let mut rest = spirv.get(HEADER..).unwrap_or_default();
+    while let [first, operands @ ..] = rest {
+        let length = (first >> 16).max(1) as usize;
+        match (first & 0xffff, operands) {
+            (DECORATE, [id, BINDING, binding, ..]) => drop(bindings.insert(*id, *binding)),
+            (LOAD | ACCESS_CHAIN | IN_BOUNDS_ACCESS_CHAIN | COPY_OBJECT, [_, result, base, ..]) => {
+                bases.insert(*result, *base);
+            }
+            (STORE | IMAGE_WRITE, [target, ..]) => stored.push(*target),
+            _ => {}
+        }
+        rest = rest.get(length..).unwrap_or_default();
+    }
+    let origin = |mut id: u32| {
+        while let Some(base) = bases.get(&id) {
+            id = *base;
+        }
+        bindings.get(&id).copied()
+    };
+    stored.into_iter().filter_map(origin).collect()
+}

@@ -1,0 +1,276 @@
+//! Builds random graphs, and runs properties over many of them.
+
+use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestError, TestRng, TestRunner};
+use splatgraph_framework::oracle;
+use splatgraph_framework::oracle::mutate::{mutations, needless};
+use splatgraph_framework::plan::{Barrier, PassId, Plan, Step, Value};
+use splatgraph_framework::shader::ShaderCompiler;
+use splatgraph_framework::source::{Library, SourceMap, render as explain};
+use splatgraph_framework::{Catalog, Facts, Request, build};
+use std::io::Write;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::time::Instant;
+
+use super::compiler::HeaderCompiler;
+use super::recipe::{Limits, Recipe, World, recipes};
+use super::render::{Files, Style, render};
+use super::sketch::Sketch;
+use crate::common::long;
+
+/// Facts of a plain device.
+fn facts() -> Facts {
+    let ints = [
+        ("scene.count", 1000),
+        ("viewport.width", 16),
+        ("viewport.height", 8),
+        ("device.subgroup_size", 8),
+        ("device.max_groups_x", 65535),
+        ("device.max_storage_bytes", 128 << 20),
+    ];
+    ints.into_iter().map(|(name, value)| (name.to_string(), Value::Int(value))).collect()
+}
+
+/// Builds the graph of these files. An error is as a user would read it.
+pub fn plan_with(
+    files: &Files,
+    world: World,
+    share_memory: bool,
+    compiler: &mut dyn ShaderCompiler,
+) -> Result<Plan, String> {
+    let mut library = Library::default();
+    library.memory.extend(files.shaders.iter().cloned());
+    library.memory.insert("graph.ron".into(), files.graph.clone());
+    let mut map = SourceMap::new(library);
+    let set = [("flag".into(), world.flag.to_string()), ("steps".into(), world.steps.to_string())];
+    let (facts, catalog) = (facts(), Catalog::default());
+    let request = Request { graph: "graph.ron", set: &set, facts: &facts, catalog: &catalog, share_memory };
+    build(&request, &mut map, compiler).map_err(|errors| explain(&map, &errors, false))
+}
+
+pub fn plan(files: &Files, world: World, share_memory: bool) -> Result<Plan, String> {
+    plan_with(files, world, share_memory, &mut HeaderCompiler)
+}
+
+/// The plan, unless the builder refused the graph. That it could not solve one is no refusal but a mistake.
+pub fn accepted(built: Result<Plan, String>) -> Result<Option<Plan>, String> {
+    match built {
+        Err(error) if error.contains("mistake of the solver") => Err(error),
+        other => Ok(other.ok()),
+    }
+}
+
+/// Every call of barriers in a plan.
+pub fn calls(plan: &Plan) -> impl Iterator<Item = &Vec<Barrier>> {
+    let prologue = plan.prologue.iter().map(|step| &step.barriers);
+    prologue.chain([&plan.handover]).chain(plan.frame.iter().map(|step| &step.barriers))
+}
+
+/// A graph that the builder takes.
+pub struct Case<'a> {
+    pub sketch: Sketch,
+    pub files: Files,
+    /// Under the first of the recipe's settings, with memory shared.
+    pub plan: Plan,
+    counts: &'a Counts,
+}
+
+impl Case<'_> {
+    /// The plan under these settings.
+    pub fn plan(&self, world: World, share_memory: bool) -> Result<Plan, String> {
+        let plan = plan(&self.files, world, share_memory);
+        plan.inspect(|plan| self.counts.add(plan))
+    }
+
+    /// Counts a plan that came another way.
+    pub fn count(&self, plan: &Plan) {
+        self.counts.add(plan);
+    }
+
+    /// Fails with what the oracle has to say of a plan, if it has anything to say. `what` says which plan it is.
+    pub fn judge(&self, plan: &Plan, what: &str) -> Result<(), String> {
+        let objections = oracle::replay(plan, &oracle::Replay::default());
+        if let Some(objection) = objections.first() {
+            return Err(format!("{what}: {}\n{}", objection.describe(plan), shown(plan)));
+        }
+        self.counts.mutants.fetch_add(mutations(plan).len() as u64, Relaxed);
+        match needless(plan).first() {
+            Some(mutation) => Err(format!("{what}: needless: {}\n{}", mutation.describe(plan), shown(plan))),
+            None => Ok(()),
+        }
+    }
+}
+
+fn names<T>(flags: impl Iterator<Item = (&'static str, T)>) -> String {
+    flags.map(|(name, _)| name).collect::<Vec<_>>().join("|")
+}
+
+/// A plan's steps and barriers, as people can read them.
+pub fn shown(plan: &Plan) -> String {
+    let name = |id: PassId| plan.pass(id).name.as_str();
+    let shown = |barriers: &[Barrier]| -> String {
+        (barriers.iter())
+            .map(|b| {
+                let image = b.image.map_or(String::new(), |t| {
+                    format!(" [{} {:?} to {:?}]", plan.resource(t.image).name, t.old, t.new)
+                });
+                let [source, target] =
+                    [(b.source_stages, b.source_accesses), (b.target_stages, b.target_accesses)].map(
+                        |(stages, accesses)| {
+                            format!("{} / {}", names(stages.iter_names()), names(accesses.iter_names()))
+                        },
+                    );
+                let reasons: Vec<String> = (b.dependencies.iter())
+                    .map(|d| {
+                        let after: Vec<&str> = d.after.iter().map(|id| name(*id)).collect();
+                        let resource = &plan.resource(d.resource).name;
+                        format!(
+                            "{:?} on {resource} of {} after {}",
+                            d.hazard,
+                            name(d.before),
+                            after.join("+")
+                        )
+                    })
+                    .collect();
+                format!("        {source} -> {target}{image}: {}\n", reasons.join(", "))
+            })
+            .collect()
+    };
+    let steps = |steps: &[Step]| -> String {
+        steps.iter().map(|s| format!("{}    {}\n", shown(&s.barriers), name(s.pass))).collect()
+    };
+    let blocks: Vec<String> = (plan.blocks.iter())
+        .filter(|block| block.tenants.len() > 1)
+        .map(|block| {
+            block.tenants.iter().map(|id| plan.resource(*id).name.clone()).collect::<Vec<_>>().join(" ")
+        })
+        .collect();
+    format!(
+        "prologue\n{}handover\n{}frame\n{}shared memory: {}\n",
+        steps(&plan.prologue),
+        shown(&plan.handover),
+        steps(&plan.frame),
+        blocks.join("; ")
+    )
+}
+
+/// What a run over random graphs has met.
+#[derive(Default)]
+struct Counts {
+    graphs: AtomicU64,
+    refused: AtomicU64,
+    plans: AtomicU64,
+    passes: AtomicU64,
+    barriers: AtomicU64,
+    mutants: AtomicU64,
+}
+
+impl Counts {
+    fn add(&self, plan: &Plan) {
+        let add = |counter: &AtomicU64, number: usize| counter.fetch_add(number as u64, Relaxed);
+        add(&self.plans, 1);
+        add(&self.passes, plan.prologue.len() + plan.frame.len());
+        add(&self.barriers, calls(plan).map(Vec::len).sum());
+    }
+}
+
+/// Graphs of a long run.
+const LONG: u32 = 100_000;
+
+/// Graphs that one random generator makes, so that the graphs are the same whatever the number of threads.
+const BATCH: u32 = 50;
+
+/// Holds `property` against `quick` random graphs, or 100,000 in a long run, on all cores. A failure is shrunk first.
+///
+/// # Panics
+/// If the property fails, with the graph; or if the builder refuses more than one graph in ten.
+pub fn for_all(
+    name: &str,
+    limits: Limits,
+    quick: u32,
+    property: impl Fn(&Case) -> Result<(), String> + Sync,
+) {
+    let counts = Counts::default();
+    let batches = (if long() { LONG } else { quick }).div_ceil(BATCH);
+    let (next, failure) = (AtomicU32::new(0), Mutex::new(None));
+    let start = Instant::now();
+    let say = |what: &str| {
+        let number = |counter: &AtomicU64| counter.load(Relaxed);
+        // Not by `eprintln!`, which is kept back in tests that pass.
+        let _ = writeln!(
+            std::io::stderr(),
+            "random graphs: {name}: {what}{} graphs, {} refused, {} plans, {} passes, {} barriers, {} mutants, {:.1} s",
+            number(&counts.graphs),
+            number(&counts.refused),
+            number(&counts.plans),
+            number(&counts.passes),
+            number(&counts.barriers),
+            number(&counts.mutants),
+            start.elapsed().as_secs_f32(),
+        );
+    };
+    let work = || {
+        while failure.lock().is_ok_and(|failure| failure.is_none()) {
+            let batch = next.fetch_add(1, Relaxed);
+            if batch >= batches {
+                break;
+            }
+            if batch > 0 && batch % 200 == 0 {
+                say("so far ");
+            }
+            let found = run_batch(batch, BATCH, limits, |recipe| {
+                counts.graphs.fetch_add(1, Relaxed);
+                let sketch = Sketch::of(recipe, limits);
+                let files = render(&sketch, Style::default());
+                let Some(plan) = accepted(plan(&files, sketch.worlds[0], true))? else {
+                    counts.refused.fetch_add(1, Relaxed);
+                    return Ok(());
+                };
+                counts.add(&plan);
+                property(&Case { sketch, files, plan, counts: &counts })
+            });
+            if let (Err(text), Ok(mut failure)) = (found, failure.lock()) {
+                failure.get_or_insert(text);
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        let threads = std::thread::available_parallelism().map_or(1, |count| count.get());
+        (0..threads).for_each(|_| drop(scope.spawn(work)));
+    });
+    if let Ok(Some(text)) = failure.into_inner() {
+        panic!("{text}");
+    }
+    say("");
+    let [graphs, refused] = [&counts.graphs, &counts.refused].map(|counter| counter.load(Relaxed));
+    assert!(refused * 10 <= graphs, "{refused} of {graphs} random graphs are refused");
+}
+
+/// Holds `property` against so many recipes, which depend on the number of the batch alone. An error holds the smallest graph
+/// that fails.
+pub fn run_batch(
+    batch: u32,
+    cases: u32,
+    limits: Limits,
+    property: impl Fn(&Recipe) -> Result<(), String>,
+) -> Result<(), String> {
+    let config = Config {
+        cases,
+        failure_persistence: None,
+        max_shrink_iters: 20_000,
+        max_shrink_time: 60_000,
+        ..Config::default()
+    };
+    let mut seed = [0x5A; 32];
+    seed[..4].copy_from_slice(&batch.to_le_bytes());
+    let random = TestRng::from_seed(RngAlgorithm::ChaCha, &seed);
+    let mut runner = TestRunner::new_with_rng(config, random);
+    let result = runner.run(&recipes(limits), |recipe| property(&recipe).map_err(TestCaseError::fail));
+    result.map_err(|error| match error {
+        TestError::Abort(reason) => reason.to_string(),
+        TestError::Fail(reason, recipe) => {
+            let sketch = Sketch::of(&recipe, limits);
+            format!("{reason}\nof the graph (batch {batch})\n{}", render(&sketch, Style::default()).graph)
+        }
+    })
+}

@@ -1,0 +1,82 @@
+//! A compiler that reads only the comments at a generated shader's head, so that graphs can be built by the thousand and
+//! without C++. They say what the real compiler finds out:
+//!
+//! ```text
+//! //: local 16                    workgroup size
+//! //: buffer 0 In0 r 4            binding, block, how it is accessed, bytes of an element
+//! //: image 1 Out0 rw r32ui       likewise, format
+//! //: push c                      a push constant, a uint
+//! //: in 0 tone uint flat         a stage input; `out` likewise
+//! ```
+
+use splatgraph_framework::plan::Format;
+use splatgraph_framework::shader::{
+    Compiled, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderCompiler,
+    ShaderRequest, ShaderStage, Varying,
+};
+use splatgraph_framework::source::{Diagnostic, SourceMap};
+use std::sync::Arc;
+
+pub struct HeaderCompiler;
+
+impl ShaderCompiler for HeaderCompiler {
+    fn compile(
+        &mut self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+    ) -> Result<Compiled, Vec<Diagnostic>> {
+        let reflection = reflection(files.text(request.file), request.stage);
+        Ok(Compiled { spirv: Arc::new(Vec::new()), defines: Vec::new(), reflection })
+    }
+}
+
+/// # Panics
+/// On a header that the generator should not have written.
+pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
+    let mut reflection = Reflection {
+        stage,
+        local_size: [1; 3],
+        shared_bytes: 0,
+        bindings: Vec::new(),
+        push: None,
+        inputs: Vec::new(),
+        outputs: Vec::new(),
+        subgroups: false,
+    };
+    for line in text.lines().filter_map(|line| line.strip_prefix("//: ")) {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let number = |at: usize| -> u32 { words[at].parse().expect("a number") };
+        match words[0] {
+            "local" => reflection.local_size[0] = number(1),
+            "push" => {
+                let member = Member { name: words[1].into(), offset: 0, kind: MemberKind::Uint };
+                reflection.push = Some(PushBlock { bytes: 4, members: vec![member] });
+            }
+            kind @ ("buffer" | "image") => reflection.bindings.push(ReflectedBinding {
+                name: words[2].into(),
+                set: 0,
+                binding: number(1),
+                count: 1,
+                kind: match kind {
+                    "buffer" => ReflectedKind::StorageBuffer { stride: Some(number(4)), fixed_bytes: 0 },
+                    _ => ReflectedKind::StorageImage {
+                        format: Format::ALL.into_iter().find(|format| format.name() == words[4]),
+                    },
+                },
+                reads: words[3].contains('r'),
+                writes: words[3].contains('w'),
+            }),
+            way @ ("in" | "out") => {
+                let varyings = if way == "in" { &mut reflection.inputs } else { &mut reflection.outputs };
+                varyings.push(Varying {
+                    name: words[2].into(),
+                    location: number(1),
+                    glsl_type: words[3].into(),
+                    flat: words.get(4) == Some(&"flat"),
+                });
+            }
+            other => panic!("a header of a generated shader says `{other}`"),
+        }
+    }
+    reflection
+}

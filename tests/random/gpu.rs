@@ -1,0 +1,286 @@
+//! Random graphs on the CPU driver, with synchronization validation: a plan gives the same bytes whatever the order of its passes,
+//! whether or not its resources share memory, and with every barrier as wide as can be.
+
+use splatgraph_api::{Device, FrameInputs, Inspect, SceneData};
+use splatgraph_framework::plan::{Accesses, Barrier, PassId, Plan, ResourceId, Source, Stages, Step};
+use splatgraph_framework::shader::Glslang;
+use splatgraph_framework::solve::reorder;
+use splatgraph_vulkan::Vulkan;
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::time::Instant;
+
+use super::builds::{accepted, plan_with, run_batch, shown};
+use super::orders::orders;
+use super::recipe::{LARGE, Limits, SMALL, World};
+use super::render::{Files, Style, render};
+use super::sketch::Sketch;
+use crate::common::{self, long};
+
+/// One device and one compiler for many plans.
+pub struct Bench {
+    device: Vulkan,
+    compiler: Glslang,
+    /// Histories live on from plan to plan of one run.
+    run: u64,
+    loads: u32,
+}
+
+/// No data. The number is the run's: histories are those of a scene.
+struct NoScene(u64);
+
+impl SceneData for NoScene {
+    fn write(&self, attribute: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
+        Err(format!("no {attribute}"))
+    }
+
+    fn identity(&self) -> u64 {
+        self.0
+    }
+}
+
+/// What a frame gave: the output, the statistics, and what was inspected, by name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    pub output: Vec<u8>,
+    stats: Vec<(String, u32)>,
+    contents: BTreeMap<String, Vec<u8>>,
+}
+
+/// How fast the host is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// It waits for each frame before it goes on.
+    Waits,
+    /// Two frames are in flight, also of two plans.
+    InFlight,
+}
+
+impl Bench {
+    pub fn new() -> Bench {
+        Bench { device: common::device(), compiler: Glslang::default(), run: 0, loads: 0 }
+    }
+
+    pub fn plan(&mut self, files: &Files, world: World, share_memory: bool) -> Result<Plan, String> {
+        plan_with(files, world, share_memory, &mut self.compiler)
+    }
+
+    /// Loads plans one after another, each for so many frames. The last frame of all also reads back every resource that it
+    /// wrote; the others do not, because reading has barriers of its own.
+    pub fn run(&mut self, plans: &[(&Plan, u32)], pace: Pace) -> Result<Vec<Outcome>, String> {
+        self.run += 1;
+        let mut waiting = Vec::new();
+        let mut outcomes = Vec::new();
+        let mut wait = |device: &mut Vulkan, (frame, names): (_, Vec<String>)| -> Result<(), String> {
+            let result = device.wait(frame).map_err(|e| e.to_string())?;
+            let output = result.output.ok_or("no output")?.bytes;
+            let contents = names.into_iter().zip(result.inspected).collect();
+            outcomes.push(Outcome { output, stats: result.stats, contents });
+            Ok(())
+        };
+        for (number, (plan, frames)) in plans.iter().enumerate() {
+            self.loads += 1;
+            let loaded = self.device.load((*plan).clone(), &NoScene(self.run), &mut |_| {});
+            loaded.map_err(|e| e.to_string())?;
+            for frame in 0..*frames {
+                let last = number + 1 == plans.len() && frame + 1 == *frames;
+                let inspect = if last { inspections(plan) } else { Vec::new() };
+                let names = inspect.iter().map(|i| plan.resource(i.resource).name.clone()).collect();
+                let inputs = FrameInputs { read_output: true, inspect, ..FrameInputs::default() };
+                let submitted = (self.device.submit(&inputs).map_err(|e| e.to_string())?, names);
+                match pace {
+                    Pace::Waits => wait(&mut self.device, submitted)?,
+                    Pace::InFlight => waiting.push(submitted),
+                }
+            }
+        }
+        waiting.into_iter().try_for_each(|submitted| wait(&mut self.device, submitted))?;
+        let mut messages = self.device.take_messages();
+        messages.retain(|message| !is_too_strict(message));
+        if messages.is_empty() { Ok(outcomes) } else { Err(messages.join("\n")) }
+    }
+
+    /// Runs a plan for three frames.
+    fn frames(&mut self, plan: &Plan) -> Result<Vec<Outcome>, String> {
+        self.run(&[(plan, 3)], Pace::InFlight)
+    }
+}
+
+/// Whether the layer objects to a write after a write where the specification does not:
+///
+/// - a change of layout after a write that an earlier barrier made available: the layer wants that write in the change's own source,
+///   by the specification the chain is enough;
+/// - a write after one of another submission, with a read between the two that saw the first and that the second waits for: when
+///   it compares submissions, the layer does not think of that read.
+fn is_too_strict(message: &str) -> bool {
+    let change = message.contains("usage: SYNC_IMAGE_LAYOUT_TRANSITION, ")
+        && message.contains("prior_usage: SYNC_COMPUTE_SHADER_SHADER_STORAGE_WRITE");
+    message.contains("SYNC-HAZARD-WRITE-AFTER-WRITE") && (change || message.contains("vkQueueSubmit2"))
+}
+
+/// Every buffer and image of the plan's own, after the last pass of the frame that writes it.
+fn inspections(plan: &Plan) -> Vec<Inspect> {
+    let ids = (0..plan.resources.len() as u32).map(ResourceId);
+    let own = ids.filter(|id| plan.resource(*id).source == Source::Transient);
+    own.filter_map(|resource| {
+        let writes = |pass: &PassId| {
+            let touches = &plan.pass(*pass).touches;
+            touches.iter().any(|t| t.resource == resource && t.accesses.writes())
+        };
+        let after = plan.frame.iter().map(|step| step.pass).rfind(writes)?;
+        Some(Inspect { resource, after })
+    })
+    .collect()
+}
+
+/// The plan with everything waiting for everything, and changes of layouts where they are.
+fn with_full_barriers(plan: &Plan) -> Plan {
+    let mut plan = plan.clone();
+    let widen = |barriers: &mut Vec<Barrier>| {
+        barriers.retain(|barrier| barrier.image.is_some());
+        barriers.insert(
+            0,
+            Barrier {
+                image: None,
+                source_stages: Stages::all(),
+                source_accesses: Accesses::all(),
+                target_stages: Stages::all(),
+                target_accesses: Accesses::all(),
+                dependencies: Vec::new(),
+            },
+        );
+        for barrier in barriers {
+            (barrier.source_stages, barrier.target_stages) = (Stages::all(), Stages::all());
+            (barrier.source_accesses, barrier.target_accesses) = (Accesses::all(), Accesses::all());
+        }
+    };
+    let steps = |steps: &mut Vec<Step>| steps.iter_mut().for_each(|step| widen(&mut step.barriers));
+    steps(&mut plan.prologue);
+    widen(&mut plan.handover);
+    steps(&mut plan.frame);
+    plan
+}
+
+/// Says where two runs differ.
+fn same(one: &[Outcome], other: &[Outcome], plan: &Plan, what: &str) -> Result<(), String> {
+    if one == other {
+        return Ok(());
+    }
+    let differs = one.iter().zip(other).position(|(a, b)| a != b).unwrap_or(one.len().min(other.len()));
+    let names: Vec<&String> = match (one.get(differs), other.get(differs)) {
+        (Some(a), Some(b)) => {
+            a.contents.keys().filter(|name| a.contents.get(*name) != b.contents.get(*name)).collect()
+        }
+        _ => Vec::new(),
+    };
+    Err(format!("other bytes {what}, in frame {differs} (counted from 0), {names:?}\n{}", shown(plan)))
+}
+
+/// Asks the validation layer to compare each submission with those before it. It reads this when an instance is created.
+const COMPARES: (&str, &str) =
+    ("VK_LAYER_ENABLES", "VALIDATION_CHECK_ENABLE_SYNCHRONIZATION_VALIDATION_QUEUE_SUBMIT");
+
+/// Whether this process compares submissions. If not, runs the test of this name again in one that does, and fails if that fails.
+pub fn compares_submissions(test: &str) -> bool {
+    if std::env::var(COMPARES.0).is_ok_and(|value| value == COMPARES.1) {
+        return true;
+    }
+    let output = std::process::Command::new(std::env::current_exe().expect("this program"))
+        .args([test, "--exact", "--nocapture"])
+        .env(COMPARES.0, COMPARES.1)
+        .stderr(std::process::Stdio::inherit())
+        .output()
+        .expect("the tests can run themselves");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "where submissions are compared:\n{text}");
+    assert!(text.contains("1 passed"), "the test did not run:\n{text}");
+    false
+}
+
+/// Runs `property` on random graphs, with all that is asked of a GPU, on one device.
+fn on_device(
+    name: &str,
+    limits: Limits,
+    cases: u32,
+    property: impl Fn(&mut Bench, &Sketch, &Files, &Plan) -> Result<(), String>,
+) {
+    let bench = RefCell::new(Bench::new());
+    let (graphs, refused) = (Cell::new(0), Cell::new(0));
+    let start = Instant::now();
+    let limits = Limits { runs: true, ..limits };
+    let cases = if long() { 20 * cases } else { cases };
+    let found = run_batch(0, cases, limits, |recipe| {
+        let sketch = Sketch::of(recipe, limits);
+        let files = render(&sketch, Style::default());
+        let mut bench = bench.borrow_mut();
+        graphs.set(graphs.get() + 1);
+        match accepted(bench.plan(&files, sketch.worlds[0], true))? {
+            Some(plan) => property(&mut bench, &sketch, &files, &plan),
+            None => {
+                refused.set(refused.get() + 1);
+                Ok(())
+            }
+        }
+    });
+    let _ = writeln!(
+        std::io::stderr(),
+        "random graphs on the device: {name}: {} graphs, {} refused, {} plans run, {:.1} s",
+        graphs.get(),
+        refused.get(),
+        bench.borrow().loads,
+        start.elapsed().as_secs_f32(),
+    );
+    found.unwrap_or_else(|text| panic!("{text}"));
+    assert!(refused.get() * 10 <= graphs.get(), "too many random graphs are refused");
+}
+
+#[test]
+fn every_order_of_a_frame_gives_the_same_bytes() {
+    if !compares_submissions("random::gpu::every_order_of_a_frame_gives_the_same_bytes") {
+        return;
+    }
+    const MOST: usize = 12;
+    on_device("orders", SMALL, 300, |bench, _, _, plan| {
+        let expected = bench.frames(plan)?;
+        for order in orders(plan, MOST) {
+            for share_memory in [true, false] {
+                let other = reorder(plan, &order, share_memory).ok_or("an order without barriers")?;
+                let found = bench.frames(&other).map_err(|e| format!("{e}\n{}", shown(&other)))?;
+                same(&expected, &found, &other, "in another order")?;
+            }
+        }
+        Ok(())
+    });
+}
+
+#[test]
+fn full_barriers_and_memory_apart_give_the_same_bytes() {
+    if !compares_submissions("random::gpu::full_barriers_and_memory_apart_give_the_same_bytes") {
+        return;
+    }
+    on_device("large", LARGE, 150, |bench, sketch, files, plan| {
+        let found = bench.frames(plan).map_err(|e| format!("{e}\n{}", shown(plan)))?;
+        let expected = bench.frames(&with_full_barriers(plan))?;
+        same(&expected, &found, plan, "than with full barriers")?;
+        let Some(apart) = accepted(bench.plan(files, sketch.worlds[0], false))? else { return Ok(()) };
+        let found = bench.frames(&apart).map_err(|e| format!("{e}\n{}", shown(&apart)))?;
+        same(&expected, &found, &apart, "with memory apart")
+    });
+}
+
+#[test]
+fn plans_that_follow_each_other_in_flight_give_the_bytes_of_a_patient_host() {
+    if !compares_submissions(
+        "random::gpu::plans_that_follow_each_other_in_flight_give_the_bytes_of_a_patient_host",
+    ) {
+        return;
+    }
+    on_device("swaps", LARGE, 100, |bench, sketch, files, one| {
+        let Some(two) = accepted(bench.plan(files, sketch.worlds[1], true))? else { return Ok(()) };
+        let plans = [(one, 2), (&two, 1), (one, 1), (&two, 3)];
+        let found = bench.run(&plans, Pace::InFlight)?;
+        let expected = bench.run(&plans, Pace::Waits)?;
+        same(&expected, &found, &two, "with two frames in flight")
+    });
+}

@@ -1,0 +1,236 @@
+//! Properties that hold for every graph, held against graphs made at random.
+//!
+//! `recipe` has proptest's raw material, `sketch` makes of it a graph that can be built, `render` writes that down as a file and its
+//! shaders, `compiler` stands in for the one in C++, `builds` builds and counts, and `orders` finds the other orders of a frame. The
+//! properties here need no GPU: the [oracle](splatgraph_framework::oracle) judges. Those in `gpu` run the shaders.
+
+pub mod builds;
+mod compiler;
+pub mod gpu;
+mod histories;
+mod orders;
+mod recipe;
+mod render;
+mod sketch;
+
+use builds::{calls, for_all, plan, run_batch, shown};
+use recipe::{LARGE, SMALL};
+use render::{Style, render};
+use sketch::Sketch;
+use splatgraph_framework::oracle;
+use splatgraph_framework::plan::{Origin, Plan, Run, Source};
+use splatgraph_framework::shader::{Glslang, ShaderCompiler, ShaderRequest, ShaderStage};
+use splatgraph_framework::solve::reorder;
+use splatgraph_framework::source::{Kind, Library, SourceMap, render as explain};
+use std::io::Write;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+use crate::common::long;
+
+#[test]
+fn no_barrier_is_missing_and_none_is_needless() {
+    for_all("barriers", LARGE, 4000, |case| {
+        for share_memory in [true, false] {
+            let plan = case.plan(case.sketch.worlds[0], share_memory)?;
+            let what = if share_memory { "with memory shared" } else { "with memory apart" };
+            case.judge(&plan, what)?;
+        }
+        Ok(())
+    });
+}
+
+#[test]
+fn a_call_has_at_most_one_barrier_on_all_memory_and_every_barrier_has_a_reason() {
+    for_all("calls", LARGE, 2000, |case| {
+        for call in calls(&case.plan) {
+            if call.iter().filter(|barrier| barrier.image.is_none()).count() > 1 {
+                return Err(format!("two barriers on all memory in one call\n{}", shown(&case.plan)));
+            }
+            if call.iter().any(|barrier| barrier.dependencies.is_empty()) {
+                return Err(format!("a barrier without a reason\n{}", shown(&case.plan)));
+            }
+        }
+        Ok(())
+    });
+}
+
+#[test]
+fn a_graph_that_is_built_twice_gives_the_same_plan() {
+    for_all("twice", LARGE, 1000, |case| {
+        let again = case.plan(case.sketch.worlds[0], true)?;
+        same(&case.plan, &again, "built again")
+    });
+}
+
+#[test]
+fn names_decide_nothing() {
+    for_all("names", LARGE, 1000, |case| {
+        let files = render(&case.sketch, Style { other_names: true, ..Style::default() });
+        let renamed = plan(&files, case.sketch.worlds[0], true)?;
+        case.count(&renamed);
+        same(&nameless(&case.plan), &nameless(&renamed), "with other names")
+    });
+}
+
+/// The plan with nothing in it that a name could be told from.
+fn nameless(plan: &Plan) -> Plan {
+    let mut plan = plan.clone();
+    plan.resources.iter_mut().for_each(|r| {
+        r.name.clear();
+        r.history.iter_mut().for_each(String::clear);
+    });
+    plan.shaders.iter_mut().for_each(|shader| shader.name.clear());
+    plan.passes.iter_mut().for_each(|pass| {
+        pass.name.clear();
+        pass.phase.clear();
+    });
+    plan.left_out.iter_mut().for_each(|left_out| left_out.pass.clear());
+    plan
+}
+
+#[test]
+fn passes_that_nobody_reads_decide_nothing() {
+    for_all("idle passes", LARGE, 1000, |case| {
+        let files = render(&case.sketch, Style { idle_passes: true, ..Style::default() });
+        let with_idle = plan(&files, case.sketch.worlds[0], true)?;
+        case.count(&with_idle);
+        let idle = with_idle.left_out.iter().filter(|left_out| left_out.pass.starts_with("idle")).count();
+        if idle == 0 {
+            return Err(format!("no idle pass is left out of\n{}", files.graph));
+        }
+        same(&placeless(&case.plan), &placeless(&with_idle), "with idle passes")
+    });
+}
+
+/// The plan without lines of files, and without what is not in it.
+fn placeless(plan: &Plan) -> Plan {
+    let mut plan = plan.clone();
+    plan.left_out.clear();
+    let nowhere = Origin { file: String::new(), line: 0, column: 0 };
+    plan.params.iter_mut().for_each(|param| param.origin = nowhere.clone());
+    plan.resources.iter_mut().for_each(|resource| resource.origin = nowhere.clone());
+    plan.passes.iter_mut().for_each(|pass| pass.origin = nowhere.clone());
+    plan
+}
+
+fn same(one: &Plan, other: &Plan, what: &str) -> Result<(), String> {
+    if one == other {
+        return Ok(());
+    }
+    Err(format!("another plan {what}:\n{}\n{}", shown(one), shown(other)))
+}
+
+#[test]
+fn shared_memory_is_no_more_and_held_by_one_at_a_time() {
+    for_all("memory", LARGE, 2000, |case| {
+        let apart = case.plan(case.sketch.worlds[0], false)?;
+        let [shared_bytes, bytes] = [&case.plan, &apart].map(Plan::transient_bytes);
+        if shared_bytes > bytes || bytes != apart.unshared_bytes() {
+            return Err(format!("{shared_bytes} bytes shared, {bytes} apart\n{}", shown(&case.plan)));
+        }
+        if let Some(block) = apart.blocks.iter().find(|block| block.tenants.len() != 1) {
+            return Err(format!("{block:?} is shared, and should not be"));
+        }
+        tenants_take_turns(&case.plan)
+    });
+}
+
+/// Of every two tenants of a block, one is last touched before the other is first; and what is to outlive a frame is alone.
+fn tenants_take_turns(plan: &Plan) -> Result<(), String> {
+    for (resource, block) in plan.resources.iter().filter_map(|r| Some((r, r.block?))) {
+        if resource.source != Source::Transient || block.index() >= plan.blocks.len() {
+            return Err(format!("`{}` stands in no block that there is", resource.name));
+        }
+    }
+    for block in plan.blocks.iter().filter(|block| block.tenants.len() > 1) {
+        let mut lives = Vec::new();
+        for tenant in &block.tenants {
+            let resource = plan.resource(*tenant);
+            let touches = |id| plan.pass(id).touches.iter().any(|touch| touch.resource == *tenant);
+            let once = plan
+                .passes
+                .iter()
+                .any(|p| p.run == Run::Once && p.touches.iter().any(|t| t.resource == *tenant));
+            let uses: Vec<usize> = (0..plan.frame.len()).filter(|at| touches(plan.frame[*at].pass)).collect();
+            match (uses.first(), uses.last()) {
+                (Some(first), Some(last)) if !once && resource.history.is_none() => {
+                    lives.push((*first, *last, &resource.name));
+                }
+                _ => return Err(format!("`{}` shares memory\n{}", resource.name, shown(plan))),
+            }
+        }
+        lives.sort();
+        if let Some(pair) = lives.windows(2).find(|pair| pair[0].1 >= pair[1].0) {
+            return Err(format!("`{}` and `{}` share memory\n{}", pair[0].2, pair[1].2, shown(plan)));
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn plans_of_one_graph_can_follow_each_other() {
+    for_all("swaps", LARGE, 2000, |case| {
+        let [world, other] = case.sketch.worlds;
+        for share_memory in [true, false] {
+            let (one, two) = (case.plan(world, share_memory)?, case.plan(other, share_memory)?);
+            let plans = [(&one, 2), (&two, 1), (&one, 1), (&two, 3), (&two, 1), (&one, 4)];
+            if let Some(objection) = oracle::replay_swap(&plans).first() {
+                let plan = plans[objection.plan].0;
+                let text = objection.describe(plan);
+                return Err(format!("in plan {} of a row: {text}\n{}", objection.plan, shown(plan)));
+            }
+        }
+        Ok(())
+    });
+}
+
+#[test]
+fn barriers_suit_every_order_of_a_frame() {
+    const MOST: usize = 200;
+    for_all("orders", SMALL, 3000, |case| {
+        for order in orders::orders(&case.plan, MOST) {
+            for share_memory in [true, false] {
+                let Some(plan) = reorder(&case.plan, &order, share_memory) else {
+                    return Err(format!(
+                        "no barriers are found for the order {order:?}\n{}",
+                        shown(&case.plan)
+                    ));
+                };
+                case.count(&plan);
+                case.judge(&plan, &format!("in the order {order:?}"))?;
+            }
+        }
+        Ok(())
+    });
+}
+
+#[test]
+fn headers_say_what_the_compiler_finds() {
+    let compared = AtomicUsize::new(0);
+    let cases = if long() { 1000 } else { 40 };
+    let found = run_batch(0, cases, LARGE, |recipe| {
+        let files = render(&Sketch::of(recipe, LARGE), Style::default());
+        compared.fetch_add(files.shaders.len(), Relaxed);
+        files.shaders.iter().try_for_each(|(name, text)| compare_reflections(name, text))
+    });
+    found.unwrap_or_else(|text| panic!("{text}"));
+    let compared = compared.into_inner();
+    let _ = writeln!(std::io::stderr(), "random graphs: headers of {compared} shaders compared");
+}
+
+/// Compiles a shader, and compares all that is found in it.
+fn compare_reflections(name: &str, text: &str) -> Result<(), String> {
+    let mut library = Library::default();
+    library.memory.insert(name.into(), text.into());
+    let mut files = SourceMap::new(library);
+    let file = files.find(None, name, Kind::Shader).map_err(|e| e.to_string())?;
+    let stage = ShaderStage::of_file(name).ok_or("no shader's name")?;
+    let request = ShaderRequest { file, stage, defines: &[], generated: &[] };
+    let compiled = Glslang::default().compile(&mut files, &request);
+    let compiled = compiled.map_err(|e| explain(&files, &e, false))?;
+    let stated = compiler::reflection(text, stage);
+    if compiled.reflection == stated {
+        return Ok(());
+    }
+    Err(format!("the header says {stated:#?}\nand the compiler {:#?}\nof\n{text}", compiled.reflection))
+}

@@ -1,0 +1,321 @@
+//! What a random graph is made from: proptest's raw material.
+//!
+//! A recipe is a list of wishes. Indices are taken modulo what there is, and wishes that would make no graph (a read of what nobody
+//! has written yet) are dropped by [`super::sketch`], so that any part of a recipe can be taken away and a graph is left: that is
+//! what lets a failure shrink to a few lines.
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use proptest::sample::select;
+
+#[derive(Clone, Debug)]
+pub struct Recipe {
+    pub buffers: Vec<BufferWish>,
+    pub images: Vec<ImageWish>,
+    pub items: Vec<Item>,
+    /// What the last pass reads, besides what the graph wrote last.
+    pub shown: Vec<Pick>,
+    /// The last pass draws its image rather than storing to it.
+    pub drawn: bool,
+    /// Words that are read back: the buffer, and which word.
+    pub stats: Vec<(Pick, u8)>,
+    /// Two settings of the graph's constants; the first are their defaults.
+    pub worlds: [World; 2],
+}
+
+/// Values of the constant parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct World {
+    pub flag: bool,
+    /// 0 to 4.
+    pub steps: u32,
+}
+
+impl World {
+    pub fn all() -> impl Iterator<Item = World> {
+        (0..=MOST_STEPS).flat_map(|steps| [false, true].map(|flag| World { flag, steps }))
+    }
+}
+
+pub const MOST_STEPS: u32 = 4;
+
+#[derive(Clone, Debug)]
+pub struct BufferWish {
+    /// 32-bit words; a multiple of 4.
+    pub words: u32,
+    /// Elements of four words.
+    pub wide: bool,
+    pub role: Role,
+    pub history: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    Plain,
+    PingPong,
+    /// Holds arguments of indirect dispatches and draws.
+    Args,
+}
+
+#[derive(Clone, Debug)]
+pub struct ImageWish {
+    /// `rgba32f`, which can be drawn to; else `r32ui`.
+    pub color: bool,
+    pub small: bool,
+    pub history: bool,
+}
+
+/// Some resource, of those that can be what is wanted.
+#[derive(Clone, Copy, Debug)]
+pub struct Pick {
+    pub index: u8,
+    pub want: Want,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Want {
+    Any,
+    /// The front or the back of a ping-pong buffer.
+    Front,
+    Back,
+    /// What the frame before left.
+    Last,
+}
+
+#[derive(Clone, Debug)]
+pub enum Item {
+    Pass(PassWish),
+    Swap(u8),
+    /// The body holds no repeats of its own.
+    Repeat(Count, Vec<Item>),
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum Count {
+    Literal(u32),
+    Steps,
+    StepsLeft,
+}
+
+impl Count {
+    pub fn of(self, world: World) -> u32 {
+        match self {
+            Count::Literal(n) => n,
+            Count::Steps => world.steps,
+            Count::StepsLeft => MOST_STEPS - world.steps,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum When {
+    Always,
+    Flag,
+    NotFlag,
+    OddSteps,
+}
+
+impl When {
+    pub fn holds(self, world: World) -> bool {
+        match self {
+            When::Always => true,
+            When::Flag => world.flag,
+            When::NotFlag => !world.flag,
+            When::OddSteps => world.steps % 2 == 1,
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct PassWish {
+    pub kind: Kind,
+    pub reads: Vec<(Pick, Stage)>,
+    /// With whether the former contents are read as well, and (in a draw) where.
+    pub writes: Vec<(Pick, bool, Stage)>,
+    /// A buffer of arguments, and which of its ranges.
+    pub indirect: Option<(Pick, u8)>,
+    pub when: When,
+    pub stands: Stands,
+    /// A number that makes shaders differ.
+    pub salt: u32,
+    /// The number is a push constant.
+    pub push: bool,
+}
+
+#[derive(Clone, Debug)]
+pub enum Kind {
+    Dispatch {
+        once: bool,
+        local: u32,
+    },
+    /// The targets, with whether their contents are kept.
+    Draw {
+        targets: Vec<(u8, bool)>,
+        strip: bool,
+    },
+    Fill {
+        value: u32,
+    },
+}
+
+/// Where in a draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    Vertex,
+    Fragment,
+    Both,
+}
+
+/// Where in the file a pass stands that may stand anywhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stands {
+    InPlace,
+    First,
+    Last,
+}
+
+/// How large graphs may get.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    pub buffers: usize,
+    pub images: usize,
+    /// Items of the file.
+    pub items: usize,
+    /// Passes after repeats, the last one included.
+    pub passes: usize,
+    /// Leave out what no GPU is to be asked for: indirect arguments that may be zero or anything.
+    pub runs: bool,
+}
+
+pub const LARGE: Limits = Limits { buffers: 8, images: 4, items: 24, passes: 40, runs: false };
+pub const SMALL: Limits = Limits { buffers: 8, images: 2, items: 10, passes: 7, runs: false };
+
+pub fn recipes(limits: Limits) -> impl Strategy<Value = Recipe> {
+    (
+        vec(buffer(), 1..=limits.buffers),
+        vec(image(), 0..=limits.images),
+        vec(item(), 1..=limits.items),
+        vec(pick(), 2..=8),
+        weighted(1, 4),
+        vec((pick(), any::<u8>()), 0..=3),
+        [world(), world()],
+    )
+        .prop_map(|(buffers, images, items, shown, drawn, stats, worlds)| Recipe {
+            buffers,
+            images,
+            items,
+            shown,
+            drawn,
+            stats,
+            worlds,
+        })
+}
+
+/// True so often of so many times.
+fn weighted(of: u32, times: u32) -> impl Strategy<Value = bool> + Clone {
+    (0..times).prop_map(move |n| n >= times - of)
+}
+
+fn world() -> impl Strategy<Value = World> {
+    (any::<bool>(), 0..=MOST_STEPS).prop_map(|(flag, steps)| World { flag, steps })
+}
+
+fn buffer() -> impl Strategy<Value = BufferWish> {
+    let role = prop_oneof![4 => Just(Role::Plain), 2 => Just(Role::PingPong), 2 => Just(Role::Args)];
+    let words = select(vec![4, 16, 20, 64, 100]);
+    (words, weighted(1, 5), role, weighted(1, 5)).prop_map(|(words, wide, role, history)| BufferWish {
+        words,
+        wide: wide && role != Role::Args,
+        role,
+        history,
+    })
+}
+
+fn image() -> impl Strategy<Value = ImageWish> {
+    (any::<bool>(), weighted(1, 3), weighted(1, 4)).prop_map(|(color, small, history)| ImageWish {
+        color,
+        small,
+        history,
+    })
+}
+
+fn pick() -> impl Strategy<Value = Pick> + Clone {
+    let want = prop_oneof![6 => Just(Want::Any), 1 => Just(Want::Back), 1 => Just(Want::Last)];
+    (any::<u8>(), want).prop_map(|(index, want)| Pick { index, want })
+}
+
+fn stage() -> impl Strategy<Value = Stage> {
+    prop_oneof![3 => Just(Stage::Fragment), 2 => Just(Stage::Vertex), 1 => Just(Stage::Both)]
+}
+
+fn when() -> impl Strategy<Value = When> {
+    prop_oneof![
+        7 => Just(When::Always),
+        1 => Just(When::Flag),
+        1 => Just(When::NotFlag),
+        1 => Just(When::OddSteps),
+    ]
+}
+
+fn kind() -> impl Strategy<Value = (Kind, usize)> {
+    prop_oneof![
+        8 => (weighted(1, 6), select(vec![8u32, 16, 64])).prop_map(|(once, local)| (Kind::Dispatch { once, local }, 1)),
+        3 => (vec((any::<u8>(), any::<bool>()), 1..=2), any::<bool>()).prop_map(|(targets, strip)| (Kind::Draw { targets, strip }, 0)),
+        1 => (0u32..4).prop_map(|value| (Kind::Fill { value }, 1)),
+    ]
+}
+
+fn pass() -> impl Strategy<Value = PassWish> {
+    kind().prop_flat_map(|(kind, least_writes)| {
+        let dispatch = matches!(kind, Kind::Dispatch { .. });
+        let most_writes = if dispatch { 2 } else { 1 };
+        let stands =
+            prop_oneof![8 => Just(Stands::InPlace), 1 => Just(Stands::First), 1 => Just(Stands::Last)];
+        (
+            Just(kind),
+            vec((pick(), stage()), 0..=3),
+            vec((pick(), weighted(1, 3), stage()), least_writes..=most_writes),
+            prop_oneof![2 => Just(None), 1 => (pick(), any::<u8>()).prop_map(Some)],
+            when(),
+            stands,
+            0u32..1000,
+            any::<bool>(),
+        )
+            .prop_map(|(kind, reads, writes, indirect, when, stands, salt, push)| PassWish {
+                kind,
+                reads,
+                writes,
+                indirect,
+                when,
+                stands,
+                salt,
+                push,
+            })
+    })
+}
+
+fn count() -> impl Strategy<Value = Count> {
+    prop_oneof![
+        3 => (0..=MOST_STEPS).prop_map(Count::Literal),
+        2 => Just(Count::Steps),
+        1 => Just(Count::StepsLeft),
+    ]
+}
+
+fn item() -> impl Strategy<Value = Item> {
+    let inner = prop_oneof![4 => pass().prop_map(Item::Pass), 1 => any::<u8>().prop_map(Item::Swap)];
+    prop_oneof![
+        12 => pass().prop_map(Item::Pass),
+        1 => any::<u8>().prop_map(Item::Swap),
+        1 => (count(), vec(inner, 1..=3)).prop_map(|(count, body)| Item::Repeat(count, body)),
+        2 => (count(), any::<u8>(), pass()).prop_map(|(count, buffer, pass)| ping_pong(count, buffer, pass)),
+    ]
+}
+
+/// The way that ping-pong buffers are meant to be used: each round reads the front, writes the back and swaps.
+fn ping_pong(count: Count, index: u8, mut pass: PassWish) -> Item {
+    pass.kind = Kind::Dispatch { once: false, local: 16 };
+    pass.reads.insert(0, (Pick { index, want: Want::Front }, Stage::Both));
+    pass.writes = vec![(Pick { index, want: Want::Back }, false, Stage::Both)];
+    Item::Repeat(count, vec![Item::Pass(pass), Item::Swap(index)])
+}

@@ -1,0 +1,511 @@
+//! A sketch as text: `graph.ron` and its shaders.
+//!
+//! What shaders compute is a pure function of what they read: words are mixed with a hash, images that are drawn to get whole
+//! numbers that a float holds exactly, and no invocation reads what another one of the same pass writes. (Draws write buffers by
+//! `atomicMax`, which comes to the same in every order.) So two runs that differ in a byte differ because of their barriers.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use super::recipe::{Count, Role, Stage, Stands, When};
+use super::sketch::{Bind, Half, Node, Pass, Ref, Sketch, Target, Work};
+
+pub struct Files {
+    pub graph: String,
+    /// Name and text.
+    pub shaders: Vec<(String, String)>,
+}
+
+/// How things are called, and what stands between them.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Style {
+    /// Other names of the same length, which sort the other way round.
+    pub other_names: bool,
+    /// Passes that nobody reads, after those of the others that stand in their place.
+    pub idle_passes: bool,
+}
+
+pub fn render(sketch: &Sketch, style: Style) -> Files {
+    let mut writer = Writer {
+        sketch,
+        style,
+        shaders: BTreeMap::new(),
+        passes: String::new(),
+        idle: 0,
+        idle_runs: false,
+        idle_shaders: Vec::new(),
+    };
+    writer.nodes(&sketch.nodes, false);
+    let Writer { shaders, passes, idle, idle_shaders, .. } = writer;
+
+    let mut resources = String::new();
+    let flags = |flags: &[(&str, bool)]| -> String {
+        flags.iter().filter(|(_, on)| *on).map(|(name, _)| format!(", {name}: true")).collect()
+    };
+    for (at, buffer) in sketch.buffers.iter().enumerate() {
+        let (name, stride) = (style.resource(Target::Buffer(at)), sketch.stride(at));
+        let flags = flags(&[("ping_pong", buffer.role == Role::PingPong), ("history", buffer.history)]);
+        let count = buffer.words * 4 / stride;
+        let _ = writeln!(resources, "    \"{name}\": Buffer(stride: {stride}, count: {count}{flags}),");
+    }
+    for (at, image) in sketch.images.iter().enumerate() {
+        let (width, height) = sketch.size(at);
+        let (name, format) = (style.resource(Target::Image(at)), format(sketch, at));
+        let flags = flags(&[("history", image.history)]);
+        let _ = writeln!(
+            resources,
+            "    \"{name}\": Image(format: \"{format}\", size: ({width}, {height}){flags}),"
+        );
+    }
+    for at in 0..idle {
+        let _ = writeln!(resources, "    \"idle{at}\": Buffer(stride: 4, count: 16),");
+    }
+    let stats: String = (sketch.stats.iter().enumerate())
+        .map(|(at, (what, offset))| format!("\"s{at}\": (\"{}\", {offset}), ", style.resource(what.of)))
+        .collect();
+    let [world, _] = sketch.worlds;
+    let graph = format!(
+        r#"Graph(
+  version: 1, summary: "at random",
+  params: {{
+    "flag": Const(Bool(default: {})),
+    "steps": Const(Int(default: {}, range: (0, 4))),
+  }},
+  resources: {{
+{resources}  }},
+  passes: [
+{passes}  ],
+  stats: {{ {stats}}},
+  output: "{}",
+)
+"#,
+        world.flag,
+        world.steps,
+        style.resource(Target::Image(sketch.output())),
+    );
+    let shaders = shaders.into_iter().map(|(text, name)| (name, text)).chain(idle_shaders).collect();
+    Files { graph, shaders }
+}
+
+impl Style {
+    fn number(self, at: usize) -> usize {
+        if self.other_names { 99 - at } else { at }
+    }
+
+    fn resource(self, of: Target) -> String {
+        let letters = if self.other_names { ["y", "x"] } else { ["b", "i"] };
+        match of {
+            Target::Buffer(at) => format!("{}{:02}", letters[0], self.number(at)),
+            Target::Image(at) => format!("{}{:02}", letters[1], self.number(at)),
+        }
+    }
+
+    fn named(self, what: Ref) -> String {
+        let name = self.resource(what.of);
+        match what.half {
+            Half::Front => name,
+            Half::Back => format!("back({name})"),
+            Half::Last => format!("last({name})"),
+        }
+    }
+
+    fn pass(self, at: usize) -> String {
+        format!("{}{:02}", if self.other_names { 'q' } else { 'p' }, self.number(at))
+    }
+}
+
+fn format(sketch: &Sketch, image: usize) -> &'static str {
+    if sketch.images[image].color { "rgba32f" } else { "r32ui" }
+}
+
+struct Writer<'a> {
+    sketch: &'a Sketch,
+    style: Style,
+    /// Text and name.
+    shaders: BTreeMap<String, String>,
+    passes: String,
+    /// Idle passes so far, and whether the last of them runs whatever the constants are.
+    idle: usize,
+    idle_runs: bool,
+    idle_shaders: Vec<(String, String)>,
+}
+
+impl Writer<'_> {
+    fn nodes(&mut self, nodes: &[Node], repeated: bool) {
+        for node in nodes {
+            match node {
+                Node::Pass(at) => {
+                    self.pass(*at, repeated);
+                    let in_place = self.sketch.passes[*at].stands == Stands::InPlace;
+                    if self.style.idle_passes && !repeated && in_place {
+                        self.idle_pass(*at);
+                    }
+                }
+                Node::Swap(at) => {
+                    let name = self.style.resource(Target::Buffer(*at));
+                    self.line(&format!("Swap(\"{name}\"),"));
+                }
+                Node::Repeat(count, body) => {
+                    let count = match count {
+                        Count::Literal(n) => n.to_string(),
+                        Count::Steps => "\"steps\"".into(),
+                        Count::StepsLeft => "\"4 - steps\"".into(),
+                    };
+                    self.line(&format!("Repeat(var: \"i\", count: {count}, body: ["));
+                    self.nodes(body, true);
+                    self.line("]),");
+                }
+            }
+        }
+    }
+
+    fn line(&mut self, text: &str) {
+        self.passes += "    ";
+        self.passes += text;
+        self.passes += "\n";
+    }
+
+    /// A shader of this text, by name.
+    fn shader(&mut self, text: String, ending: &str) -> String {
+        let number = self.style.number(self.shaders.len());
+        let letter = if self.style.other_names { 't' } else { 'k' };
+        self.shaders.entry(text).or_insert_with(|| format!("{letter}{number:02}.{ending}")).clone()
+    }
+
+    fn pass(&mut self, at: usize, repeated: bool) {
+        let (sketch, style) = (self.sketch, self.style);
+        let pass = &sketch.passes[at];
+        let name = style.pass(at);
+        let (mut ins, mut outs) = (0, 0);
+        let slots: Vec<Slot> = pass
+            .binds
+            .iter()
+            .enumerate()
+            .map(|(number, bind)| {
+                let counter = if bind.writes { &mut outs } else { &mut ins };
+                let (word, var) = if bind.writes { ("Out", "out_") } else { ("In", "in_") };
+                *counter += 1;
+                let digit = *counter - 1;
+                Slot { number, bind: *bind, block: format!("{word}{digit}"), var: format!("{var}{digit}") }
+            })
+            .collect();
+        let bind: String = slots
+            .iter()
+            .map(|slot| format!("\"{}\": \"{}\", ", slot.block, style.named(slot.bind.what)))
+            .collect();
+        let when = condition(pass.when);
+        let push = match (pass.push, repeated) {
+            (false, _) => String::new(),
+            (true, false) => format!(" push: {{ \"c\": {} }},", pass.salt),
+            (true, true) => format!(" push: {{ \"c\": \"i * 7 + {}\" }},", pass.salt),
+        };
+        let indirect =
+            pass.indirect.map(|(what, offset)| format!("Indirect(\"{}\", {offset})", style.named(what)));
+        let shows = at + 1 == sketch.passes.len();
+        match &pass.work {
+            Work::Fill { value } => {
+                let buffer = style.named(pass.binds[0].what);
+                self.line(&format!("Fill(name: \"{name}\",{when} buffer: \"{buffer}\", value: {value}),"));
+            }
+            Work::Dispatch { once, local } => {
+                let text = compute(sketch, pass, &slots, *local, shows);
+                let shader = self.shader(text, "comp");
+                let size = indirect.unwrap_or_else(|| {
+                    let largest = slots.iter().filter(|s| s.bind.writes).map(|s| elements(sketch, s)).max();
+                    format!("Threads({})", largest.unwrap_or(1))
+                });
+                let run = if *once { " run: Once," } else { "" };
+                self.line(&format!(
+                    "Dispatch(name: \"{name}\",{when}{run} shader: \"{shader}\", size: {size}, bind: {{ {bind}}},{push}),"
+                ));
+            }
+            Work::Draw { targets, strip } => {
+                let [vertex, fragment] = draw(sketch, pass, targets, &slots, shows);
+                let (vertex, fragment) = (self.shader(vertex, "vert"), self.shader(fragment, "frag"));
+                let topology = if *strip { "TriangleStrip" } else { "TriangleList" };
+                let call = indirect.unwrap_or_else(|| "Direct(vertices: 3, instances: 1)".into());
+                let targets: String = targets
+                    .iter()
+                    .map(|(image, keep)| {
+                        let load = if *keep { "Keep" } else { "Clear(1, 2, 3, 4)" };
+                        let image = style.resource(Target::Image(*image));
+                        format!("Target(image: \"{image}\", load: {load}, blend: Replace), ")
+                    })
+                    .collect();
+                self.line(&format!(
+                    "Draw(name: \"{name}\",{when} vertex: \"{vertex}\", fragment: \"{fragment}\", topology: {topology}, call: {call}, bind: {{ {bind}}},{push} targets: [{targets}]),"
+                ));
+            }
+        }
+    }
+
+    /// Reads what the pass before it touched, or what another idle pass wrote; and writes what nobody reads.
+    fn idle_pass(&mut self, after: usize) {
+        let (sketch, style) = (self.sketch, self.style);
+        let pass = &sketch.passes[after];
+        let mut text = String::from("//: local 16\n");
+        let mut bind = String::new();
+        if std::mem::replace(&mut self.idle_runs, false) && !pass.once() {
+            text += "//: buffer 0 In0 r 4\n";
+            bind = format!("\"In0\": \"idle{}\", ", self.idle - 1);
+        } else {
+            for (number, of) in pass.binds.iter().enumerate() {
+                let (reads, writes) = (true, false);
+                let bound = Bind { reads, writes, ..*of };
+                let slot = Slot { number, bind: bound, block: format!("In{number}"), var: String::new() };
+                text += &header(sketch, &slot);
+                bind += &format!("\"{}\": \"{}\", ", slot.block, style.named(of.what));
+            }
+            self.idle_runs = pass.when == When::Always;
+        }
+        text += "//: buffer 31 Idle w 4\n";
+        let shader = format!("idle{}.comp", self.idle);
+        self.idle_shaders.push((shader.clone(), text));
+        let when = condition(pass.when);
+        let run = if pass.once() { " run: Once," } else { "" };
+        let number = self.idle;
+        self.line(&format!(
+            "Dispatch(name: \"idle{number}\",{when}{run} shader: \"{shader}\", size: Threads(16), bind: {{ {bind}\"Idle\": \"idle{number}\" }}),"
+        ));
+        self.idle += 1;
+    }
+}
+
+fn condition(when: When) -> &'static str {
+    match when {
+        When::Always => "",
+        When::Flag => " when: \"flag\",",
+        When::NotFlag => " when: \"!flag\",",
+        When::OddSteps => " when: \"steps % 2 == 1\",",
+    }
+}
+
+/// A binding of a shader.
+struct Slot {
+    number: usize,
+    bind: Bind,
+    block: String,
+    var: String,
+}
+
+/// Elements of a buffer, pixels of an image.
+fn elements(sketch: &Sketch, slot: &Slot) -> u32 {
+    match slot.bind.what.of {
+        Target::Buffer(at) => sketch.buffers[at].words * 4 / sketch.stride(at),
+        Target::Image(at) => {
+            let (width, height) = sketch.size(at);
+            width * height
+        }
+    }
+}
+
+/// The header's line for a binding.
+fn header(sketch: &Sketch, slot: &Slot) -> String {
+    let Slot { number, bind, block, .. } = slot;
+    let access = match (bind.reads, bind.writes) {
+        (true, true) => "rw",
+        (true, false) => "r",
+        (false, _) => "w",
+    };
+    match bind.what.of {
+        Target::Buffer(at) => format!("//: buffer {number} {block} {access} {}\n", sketch.stride(at)),
+        Target::Image(at) => format!("//: image {number} {block} {access} {}\n", format(sketch, at)),
+    }
+}
+
+/// The declaration of a binding.
+fn declaration(sketch: &Sketch, slot: &Slot) -> String {
+    let Slot { number, bind, block, var } = slot;
+    let qualifier = match (bind.reads, bind.writes) {
+        (true, true) => "",
+        (true, false) => "readonly ",
+        (false, _) => "writeonly ",
+    };
+    match bind.what.of {
+        Target::Buffer(at) => {
+            let element = if sketch.stride(at) == 16 { "uvec4" } else { "uint" };
+            format!(
+                "layout(set = 0, binding = {number}, std430) {qualifier}buffer {block} {{ {element} {var}[]; }};\n"
+            )
+        }
+        Target::Image(at) => {
+            let (format, kind) =
+                (format(sketch, at), if sketch.images[at].color { "image2D" } else { "uimage2D" });
+            format!("layout(set = 0, binding = {number}, {format}) uniform {qualifier}{kind} {block};\n")
+        }
+    }
+}
+
+/// One word from an element.
+fn load(sketch: &Sketch, slot: &Slot, at: &str) -> String {
+    match slot.bind.what.of {
+        Target::Buffer(buffer) if sketch.stride(buffer) == 16 => format!("fold({}[{at}])", slot.var),
+        Target::Buffer(_) => format!("{}[{at}]", slot.var),
+        Target::Image(image) => {
+            let (width, _) = sketch.size(image);
+            let load = format!("imageLoad({}, ivec2(({at}) % {width}u, ({at}) / {width}u))", slot.block);
+            if sketch.images[image].color { format!("fold(uvec4({load}))") } else { format!("{load}.x") }
+        }
+    }
+}
+
+const FUNCTIONS: &str = "
+uint mixed(uint a, uint b) {
+    a ^= b * 0x9E3779B9u;
+    a = (a ^ (a >> 15)) * 0x85EBCA6Bu;
+    return a ^ (a >> 13);
+}
+uint fold(uvec4 v) { return v.x ^ (v.y * 3u) ^ (v.z * 5u) ^ (v.w * 7u); }
+";
+
+/// The version, the header, the declarations and the functions.
+fn head(sketch: &Sketch, pass: &Pass, slots: &[&Slot], mut lines: String, mut body: String) -> String {
+    for slot in slots {
+        lines += &header(sketch, slot);
+        body += &declaration(sketch, slot);
+    }
+    if pass.push {
+        lines += "//: push c\n";
+        body += "layout(push_constant) uniform Push { uint c; };\n";
+    } else {
+        let _ = writeln!(body, "const uint c = {}u;", pass.salt);
+    }
+    format!("#version 460\n{lines}{body}{FUNCTIONS}")
+}
+
+/// Statements that mix what the pass reads into `h`, at an element that depends on `index`.
+fn mix_reads(sketch: &Sketch, slots: &[&Slot], index: &str, all: bool) -> String {
+    let mut text = String::new();
+    for slot in slots.iter().filter(|slot| !slot.bind.writes) {
+        let count = elements(sketch, slot);
+        if all {
+            let read = load(sketch, slot, "k");
+            let _ = writeln!(
+                text,
+                "        for (uint k = {index}; k < {count}u; k += 128u) h = mixed(h, {read});"
+            );
+        } else {
+            let read = load(sketch, slot, &format!("({index} * 5u + c) % {count}u"));
+            let _ = writeln!(text, "        h = mixed(h, {read});");
+        }
+    }
+    text
+}
+
+fn compute(sketch: &Sketch, pass: &Pass, slots: &[Slot], local: u32, all: bool) -> String {
+    let slots: Vec<&Slot> = slots.iter().collect();
+    let mut text = head(
+        sketch,
+        pass,
+        &slots,
+        format!("//: local {local}\n"),
+        format!("layout(local_size_x = {local}) in;\n"),
+    );
+    // Whatever the number of workgroups, everything is written.
+    let _ = write!(
+        text,
+        "void main() {{
+    uvec3 groups = gl_NumWorkGroups;
+    uint group = (gl_WorkGroupID.z * groups.y + gl_WorkGroupID.y) * groups.x + gl_WorkGroupID.x;
+    uint first = group * {local}u + gl_LocalInvocationID.x;
+    uint stride = groups.x * groups.y * groups.z * {local}u;
+"
+    );
+    for slot in slots.iter().filter(|slot| slot.bind.writes) {
+        let count = elements(sketch, slot);
+        let _ = writeln!(text, "    for (uint i = first; i < {count}u; i += stride) {{");
+        let _ = writeln!(text, "        uint h = mixed(c + {}u, i);", slot.number);
+        text += &mix_reads(sketch, &slots, "i", all);
+        if slot.bind.reads {
+            let _ = writeln!(text, "        h = mixed(h, {});", load(sketch, slot, "i"));
+        }
+        let _ = writeln!(text, "        {}", store(sketch, slot));
+        text += "    }\n";
+    }
+    text + "}\n"
+}
+
+/// A statement that stores `h` at `i`.
+fn store(sketch: &Sketch, slot: &Slot) -> String {
+    let var = &slot.var;
+    match slot.bind.what.of {
+        // Arguments are small: vertices, instances and the first vertex, or workgroups in x, y and z. The first instance is 0.
+        Target::Buffer(at) if sketch.buffers[at].role == Role::Args => {
+            format!("{var}[i] = i % 4u == 0u ? 3u + (h & 1u) : i % 4u == 3u ? 0u : 1u + (h & 1u);")
+        }
+        Target::Buffer(at) if sketch.stride(at) == 16 => {
+            format!("{var}[i] = uvec4(h, h + 1u, h ^ c, i);")
+        }
+        Target::Buffer(_) => format!("{var}[i] = h;"),
+        Target::Image(at) => {
+            let (width, _) = sketch.size(at);
+            let value = if sketch.images[at].color { COLOR } else { "uvec4(h, 0u, 0u, 0u)" };
+            format!("imageStore({}, ivec2(i % {width}u, i / {width}u), {value});", slot.block)
+        }
+    }
+}
+
+/// Whole numbers that floats hold.
+const COLOR: &str = "vec4(h & 0xffffu, h >> 16, h & 0xffu, (h >> 8) & 0xffffffu)";
+
+/// The vertex and the fragment shader.
+fn draw(sketch: &Sketch, pass: &Pass, targets: &[(usize, bool)], slots: &[Slot], all: bool) -> [String; 2] {
+    let of = |stages: [Stage; 2]| -> Vec<&Slot> {
+        slots.iter().filter(|slot| stages.contains(&slot.bind.stage)).collect()
+    };
+    let atomics = |slots: &[&Slot], index: &str| -> String {
+        (slots.iter().filter(|slot| slot.bind.writes))
+            .map(|slot| {
+                let count = elements(sketch, slot);
+                format!("    atomicMax({}[{index} % {count}u], mixed(h, {}u));\n", slot.var, slot.number)
+            })
+            .collect()
+    };
+
+    let inside = of([Stage::Vertex, Stage::Both]);
+    let mut vertex = head(
+        sketch,
+        pass,
+        &inside,
+        "//: out 0 tone uint flat\n".into(),
+        "layout(location = 0) flat out uint tone;\n".into(),
+    );
+    // All of the target; half of it where something is kept, so that it is seen.
+    let kept = targets.iter().any(|(_, keep)| *keep);
+    let far = if kept { "1.0" } else { "3.0" };
+    let _ = write!(
+        vertex,
+        "void main() {{
+        uint v = uint(gl_VertexIndex);
+        uint h = mixed(c, v);
+{}{}        tone = h;
+        gl_Position = vec4(v % 3u == 1u ? {far} : -1.0, v % 3u == 2u ? {far} : -1.0, 0.0, 1.0);
+}}
+",
+        mix_reads(sketch, &inside, "v", false),
+        atomics(&inside, "v"),
+    );
+
+    let inside = of([Stage::Fragment, Stage::Both]);
+    let mut header = String::from("//: in 0 tone uint flat\n");
+    let mut body = String::from("layout(location = 0) flat in uint tone;\n");
+    let mut stores = String::new();
+    for (at, _) in targets.iter().enumerate() {
+        let _ = writeln!(header, "//: out {at} color{at} vec4");
+        let _ = writeln!(body, "layout(location = {at}) out vec4 color{at};");
+        let _ = writeln!(stores, "        h += {at}u;\n        color{at} = {COLOR};");
+    }
+    let (width, _) = sketch.size(targets[0].0);
+    let mut fragment = head(sketch, pass, &inside, header, body);
+    let _ = write!(
+        fragment,
+        "void main() {{
+        uint p = uint(gl_FragCoord.y) * {width}u + uint(gl_FragCoord.x);
+        uint h = mixed(c ^ tone, p);
+{}{}{stores}}}
+",
+        mix_reads(sketch, &inside, "p", all),
+        atomics(&inside, "p"),
+    );
+    [vertex, fragment]
+}

@@ -1,0 +1,518 @@
+//! From a recipe to a graph that can be built: wishes are resolved to resources, and those that no graph can grant are dropped.
+//!
+//! Whether a pass may read a buffer depends on what has been written by then, which depends on conditions, repeats and swaps. So
+//! the sketch is walked under every setting of the constants, and whatever any of them would make invalid goes. The walk
+//! is a model of the language of its own, in a few lines; where it and the builder disagree, a graph is refused, and those are counted.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::recipe::{
+    BufferWish, Count, ImageWish, Item, Kind, Limits, PassWish, Pick, Recipe, Role, Stage, Stands, Want,
+    When, World,
+};
+
+#[derive(Clone, Debug)]
+pub struct Sketch {
+    pub buffers: Vec<BufferWish>,
+    /// The last one is the output.
+    pub images: Vec<ImageWish>,
+    /// In the order of declaration; the last one shows.
+    pub passes: Vec<Pass>,
+    pub nodes: Vec<Node>,
+    /// A buffer and a byte offset.
+    pub stats: Vec<(Ref, u32)>,
+    pub worlds: [World; 2],
+}
+
+#[derive(Clone, Debug)]
+pub enum Node {
+    Pass(usize),
+    /// A ping-pong buffer.
+    Swap(usize),
+    Repeat(Count, Vec<Node>),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Target {
+    Buffer(usize),
+    Image(usize),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Half {
+    Front,
+    Back,
+    Last,
+}
+
+/// A resource as a graph names it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ref {
+    pub of: Target,
+    pub half: Half,
+}
+
+#[derive(Clone, Debug)]
+pub struct Pass {
+    pub work: Work,
+    pub binds: Vec<Bind>,
+    pub indirect: Option<(Ref, u32)>,
+    pub when: When,
+    pub stands: Stands,
+    pub salt: u32,
+    pub push: bool,
+}
+
+#[derive(Clone, Debug)]
+pub enum Work {
+    Dispatch {
+        once: bool,
+        local: u32,
+    },
+    /// Images, with whether they are kept.
+    Draw {
+        targets: Vec<(usize, bool)>,
+        strip: bool,
+    },
+    /// Fills what is bound.
+    Fill {
+        value: u32,
+    },
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Bind {
+    pub what: Ref,
+    pub reads: bool,
+    pub writes: bool,
+    pub stage: Stage,
+}
+
+impl Pass {
+    pub fn once(&self) -> bool {
+        matches!(self.work, Work::Dispatch { once: true, .. })
+    }
+
+    /// Everything it names, with whether it writes.
+    fn uses(&self) -> impl Iterator<Item = (Ref, bool)> + '_ {
+        let targets = match &self.work {
+            Work::Draw { targets, .. } => targets.as_slice(),
+            _ => &[],
+        };
+        let targets = targets.iter().map(|(image, _)| (front(Target::Image(*image)), true));
+        let indirect = self.indirect.iter().map(|(what, _)| (*what, false));
+        self.binds.iter().map(|bind| (bind.what, bind.writes)).chain(targets).chain(indirect)
+    }
+}
+
+fn front(of: Target) -> Ref {
+    Ref { of, half: Half::Front }
+}
+
+/// One half of a ping-pong buffer, or (half 0) any other resource.
+type Real = (Target, usize);
+
+/// What a pass asks for and cannot have: contents that nobody wrote.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Fault {
+    /// Of a binding.
+    Read(usize),
+    /// Of a target.
+    Keep(usize),
+    Indirect,
+}
+
+/// The passes that run in one world, in the order of the file.
+struct Runs {
+    /// With the half of each buffer that is the front then.
+    passes: Vec<(usize, Vec<usize>)>,
+    /// The fronts at the end.
+    fronts: Vec<usize>,
+}
+
+impl Sketch {
+    pub fn of(recipe: &Recipe, limits: Limits) -> Sketch {
+        let mut sketch = Sketch {
+            buffers: recipe.buffers.clone(),
+            images: recipe.images.clone(),
+            passes: Vec::new(),
+            nodes: Vec::new(),
+            stats: Vec::new(),
+            worlds: recipe.worlds,
+        };
+        if limits.runs {
+            // Arguments that start as zeros would make passes write nothing.
+            sketch.buffers.iter_mut().filter(|b| b.role == Role::Args).for_each(|b| b.history = false);
+        }
+        sketch.nodes = recipe.items.iter().filter_map(|item| sketch.node(item, limits)).collect();
+        while sketch.longest() + 1 > limits.passes {
+            sketch.nodes.pop();
+        }
+        sketch.stats = recipe.stats.iter().filter_map(|(pick, word)| sketch.stat(*pick, *word)).collect();
+        sketch.show(recipe);
+        while World::all().any(|world| sketch.mend(world)) {}
+        sketch.move_passes();
+        sketch
+    }
+
+    pub fn output(&self) -> usize {
+        self.images.len() - 1
+    }
+
+    pub fn stride(&self, buffer: usize) -> u32 {
+        if self.buffers[buffer].wide { 16 } else { 4 }
+    }
+
+    pub fn size(&self, image: usize) -> (u32, u32) {
+        if self.images[image].small { (8, 4) } else { (16, 8) }
+    }
+
+    /// Passes of the frame and the prologue in the world where they are most.
+    pub fn longest(&self) -> usize {
+        World::all().map(|world| self.runs(world).passes.len()).max().unwrap_or(0)
+    }
+
+    fn node(&mut self, item: &Item, limits: Limits) -> Option<Node> {
+        match item {
+            Item::Pass(wish) => {
+                let pass = self.pass(wish, limits)?;
+                self.passes.push(pass);
+                Some(Node::Pass(self.passes.len() - 1))
+            }
+            Item::Swap(index) => {
+                let pick = Pick { index: *index, want: Want::Front };
+                match self.resolve(pick) {
+                    Ref { of: Target::Buffer(at), .. } if self.buffers[at].role == Role::PingPong => {
+                        Some(Node::Swap(at))
+                    }
+                    _ => None,
+                }
+            }
+            Item::Repeat(count, body) => {
+                let body: Vec<Node> = body.iter().filter_map(|item| self.node(item, limits)).collect();
+                Some(Node::Repeat(*count, body))
+            }
+        }
+    }
+
+    /// The resource that a wish comes to; any, where there is none of the kind.
+    fn resolve(&self, pick: Pick) -> Ref {
+        let buffers = (0..self.buffers.len()).map(Target::Buffer);
+        let all: Vec<Target> = buffers.chain((0..self.images.len()).map(Target::Image)).collect();
+        let has_history = |of: &Target| match *of {
+            Target::Buffer(at) => self.buffers[at].history,
+            Target::Image(at) => self.images[at].history,
+        };
+        let is_pair =
+            |of: &Target| matches!(*of, Target::Buffer(at) if self.buffers[at].role == Role::PingPong);
+        let fitting = |half, fits: &dyn Fn(&Target) -> bool| {
+            let fitting: Vec<Target> = all.iter().copied().filter(fits).collect();
+            let of = fitting.get(pick.index as usize % fitting.len().max(1))?;
+            Some(Ref { of: *of, half })
+        };
+        match pick.want {
+            Want::Any => None,
+            Want::Front => fitting(Half::Front, &is_pair),
+            Want::Back => fitting(Half::Back, &is_pair),
+            Want::Last => fitting(Half::Last, &has_history),
+        }
+        .unwrap_or_else(|| front(all[pick.index as usize % all.len()]))
+    }
+
+    fn stat(&self, pick: Pick, word: u8) -> Option<(Ref, u32)> {
+        let what = Ref { half: Half::Front, ..self.resolve(pick) };
+        match what.of {
+            Target::Buffer(at) => Some((what, u32::from(word) % self.buffers[at].words * 4)),
+            Target::Image(_) => None,
+        }
+    }
+
+    /// What can be said of a pass without looking at others.
+    fn pass(&self, wish: &PassWish, limits: Limits) -> Option<Pass> {
+        let work = match &wish.kind {
+            Kind::Dispatch { once, local } => Work::Dispatch { once: *once, local: *local },
+            Kind::Draw { targets, strip } => Work::Draw { targets: self.targets(targets)?, strip: *strip },
+            Kind::Fill { value } => Work::Fill { value: *value },
+        };
+        let draws = matches!(work, Work::Draw { .. });
+        let drawn: Vec<Target> = match &work {
+            Work::Draw { targets, .. } => targets.iter().map(|(image, _)| Target::Image(*image)).collect(),
+            _ => Vec::new(),
+        };
+        let mut binds: Vec<Bind> = Vec::new();
+        for (pick, reads, stage) in &wish.writes {
+            let what = self.resolve(*pick);
+            let what = if what.half == Half::Last { front(what.of) } else { what };
+            let taken = drawn.contains(&what.of) || binds.iter().any(|bind| bind.what == what);
+            let fits = match (&work, what.of) {
+                // Draws write by atomics, to single words.
+                (Work::Draw { .. }, Target::Buffer(at)) => {
+                    !self.buffers[at].wide && self.buffers[at].role != Role::Args
+                }
+                (Work::Draw { .. }, Target::Image(_)) => false,
+                (Work::Fill { .. }, Target::Buffer(at)) => {
+                    !limits.runs || self.buffers[at].role != Role::Args
+                }
+                (Work::Fill { .. }, Target::Image(_)) => false,
+                (Work::Dispatch { .. }, _) => true,
+            };
+            if fits && !taken {
+                binds.push(Bind { what, reads: *reads || draws, writes: true, stage: *stage });
+            }
+        }
+        if binds.is_empty() && !draws {
+            return None;
+        }
+        let fills = matches!(work, Work::Fill { .. });
+        if fills {
+            binds.iter_mut().for_each(|bind| bind.reads = false);
+        }
+        let is_written = |binds: &[Bind], what: Ref| {
+            let same = |bind: &&Bind| bind.what == what || what.half == Half::Last && bind.what.of == what.of;
+            binds.iter().filter(|bind| bind.writes).any(|bind| same(&bind))
+        };
+        for (pick, stage) in wish.reads.iter().filter(|_| !fills) {
+            let what = self.resolve(*pick);
+            let taken = drawn.contains(&what.of)
+                || is_written(&binds, what)
+                || binds.iter().any(|bind| bind.what == what);
+            if !taken {
+                binds.push(Bind { what, reads: true, writes: false, stage: *stage });
+            }
+        }
+        let args: Vec<usize> =
+            (0..self.buffers.len()).filter(|at| self.buffers[*at].role == Role::Args).collect();
+        let indirect = wish.indirect.filter(|_| !fills && !args.is_empty()).and_then(|(pick, range)| {
+            let at = args[pick.index as usize % args.len()];
+            let last = pick.want == Want::Last && self.buffers[at].history;
+            let what = Ref { of: Target::Buffer(at), half: if last { Half::Last } else { Half::Front } };
+            let offset = u32::from(range) % (self.buffers[at].words / 4) * 16;
+            Some((what, offset)).filter(|_| !is_written(&binds, what) && !is_written(&binds, front(what.of)))
+        });
+        let PassWish { when, stands, salt, .. } = *wish;
+        Some(Pass { work, binds, indirect, when, stands, salt, push: wish.push && !fills })
+    }
+
+    /// Images of one size that can be drawn to; `None` if there is none.
+    fn targets(&self, wishes: &[(u8, bool)]) -> Option<Vec<(usize, bool)>> {
+        let mut targets: Vec<(usize, bool)> = Vec::new();
+        for (index, keep) in wishes {
+            let free = |at: &usize| {
+                let fits = |(other, _): &(usize, bool)| other != at && self.size(*other) == self.size(*at);
+                self.images[*at].color && targets.iter().all(fits)
+            };
+            let free: Vec<usize> = (0..self.images.len()).filter(free).collect();
+            if !free.is_empty() {
+                targets.push((free[*index as usize % free.len()], *keep));
+            }
+        }
+        (!targets.is_empty()).then_some(targets)
+    }
+
+    /// Adds the pass that the output comes from.
+    fn show(&mut self, recipe: &Recipe) {
+        let mut binds: Vec<Bind> = Vec::new();
+        let written = self.passes.iter().rev().flat_map(|pass| pass.uses().filter(|(_, writes)| *writes));
+        let latest = written.map(|(what, _)| what).take(1);
+        for what in recipe.shown.iter().map(|pick| self.resolve(*pick)).chain(latest) {
+            if binds.iter().all(|bind| bind.what != what) {
+                binds.push(Bind { what, reads: true, writes: false, stage: Stage::Fragment });
+            }
+        }
+        self.images.push(ImageWish { color: recipe.drawn, small: false, history: false });
+        let output = self.output();
+        let work = if recipe.drawn {
+            Work::Draw { targets: vec![(output, false)], strip: false }
+        } else {
+            let what = front(Target::Image(output));
+            binds.push(Bind { what, reads: false, writes: true, stage: Stage::Fragment });
+            Work::Dispatch { once: false, local: 16 }
+        };
+        let (when, stands) = (When::Always, Stands::InPlace);
+        self.passes.push(Pass { work, binds, indirect: None, when, stands, salt: 7, push: false });
+        self.nodes.push(Node::Pass(self.passes.len() - 1));
+    }
+
+    fn runs(&self, world: World) -> Runs {
+        let mut runs = Runs { passes: Vec::new(), fronts: vec![0; self.buffers.len()] };
+        self.unroll(&self.nodes, world, &mut runs);
+        runs
+    }
+
+    fn unroll(&self, nodes: &[Node], world: World, runs: &mut Runs) {
+        for node in nodes {
+            match node {
+                Node::Pass(at) if self.passes[*at].when.holds(world) => {
+                    runs.passes.push((*at, runs.fronts.clone()));
+                }
+                Node::Pass(_) => {}
+                Node::Swap(at) => runs.fronts[*at] = 1 - runs.fronts[*at],
+                Node::Repeat(count, body) => {
+                    (0..count.of(world)).for_each(|_| self.unroll(body, world, runs))
+                }
+            }
+        }
+    }
+
+    fn history(&self, of: Target) -> bool {
+        match of {
+            Target::Buffer(at) => self.buffers[at].history,
+            Target::Image(at) => self.images[at].history,
+        }
+    }
+
+    /// Drops what has nothing to read in this world. False if there was nothing to drop.
+    fn mend(&mut self, world: World) -> bool {
+        let runs = self.runs(world);
+        let past = Past::of(self, &runs);
+        let mut written: BTreeSet<Real> = BTreeSet::new();
+        let mut faults: BTreeSet<(usize, Fault)> = BTreeSet::new();
+        for once in [true, false] {
+            let mut framed: BTreeSet<Real> = BTreeSet::new();
+            for (at, fronts) in runs.passes.iter().filter(|(at, _)| self.passes[*at].once() == once) {
+                let pass = &self.passes[*at];
+                let readable = |what: Ref, sole: bool| {
+                    let real = real(what, fronts, &runs.fronts);
+                    let writers = past.writers.get(&real).copied().unwrap_or(0);
+                    let carried = self.history(what.of) && is_final(real, &runs.fronts);
+                    match (what.half, once) {
+                        (Half::Last, true) => !past.once.contains(&real),
+                        // The frame's writers follow those who read what the last frame left.
+                        (Half::Last, false) => !framed.contains(&real),
+                        (_, true) => written.contains(&real),
+                        // A single writer runs before its readers, wherever in the file it stands.
+                        (_, false) => written.contains(&real) || carried && (writers != 1 || sole),
+                    }
+                };
+                for (number, bind) in pass.binds.iter().enumerate().filter(|(_, bind)| bind.reads) {
+                    if !readable(bind.what, bind.writes) {
+                        faults.insert((*at, Fault::Read(number)));
+                    }
+                }
+                if let Work::Draw { targets, .. } = &pass.work {
+                    for (number, (image, keep)) in targets.iter().enumerate() {
+                        if *keep && !readable(front(Target::Image(*image)), true) {
+                            faults.insert((*at, Fault::Keep(number)));
+                        }
+                    }
+                }
+                if pass.indirect.is_some_and(|(what, _)| !readable(what, false)) {
+                    faults.insert((*at, Fault::Indirect));
+                }
+                for (what, _) in pass.uses().filter(|(_, writes)| *writes) {
+                    let real = real(what, fronts, &runs.fronts);
+                    written.insert(real);
+                    framed.insert(real);
+                }
+            }
+        }
+        // From the back, so that the numbers before stay what they are.
+        for (at, fault) in faults.iter().rev() {
+            let Pass { work, binds, indirect, .. } = &mut self.passes[*at];
+            match (fault, work) {
+                (Fault::Indirect, _) => *indirect = None,
+                (Fault::Keep(number), Work::Draw { targets, .. }) => targets[*number].1 = false,
+                // What a dispatch would have read and written it only writes; a draw cannot.
+                (Fault::Read(number), Work::Dispatch { .. }) if binds[*number].writes => {
+                    binds[*number].reads = false;
+                }
+                (Fault::Read(number) | Fault::Keep(number), _) => {
+                    binds.remove(*number);
+                }
+            }
+        }
+        let stats = self.stats.len();
+        let carried = |real: Real| {
+            self.history(real.0) && is_final(real, &runs.fronts) && past.writers.get(&real) != Some(&1)
+        };
+        let kept = |(what, _): &(Ref, u32)| {
+            let real = real(*what, &runs.fronts, &runs.fronts);
+            written.contains(&real) || carried(real)
+        };
+        let stats_kept: Vec<(Ref, u32)> = self.stats.iter().copied().filter(kept).collect();
+        self.stats = stats_kept;
+        !faults.is_empty() || self.stats.len() != stats
+    }
+
+    /// Moves passes in the file that may stand anywhere, because nothing that they touch has several writers.
+    fn move_passes(&mut self) {
+        let mut writers: BTreeMap<Target, usize> = BTreeMap::new();
+        count_writers(&self.nodes, &self.passes, 1, &mut writers);
+        let is_free = |what: Ref| {
+            let pair = matches!(what.of, Target::Buffer(at) if self.buffers[at].role == Role::PingPong);
+            let single = writers.get(&what.of).is_none_or(|count| *count <= 1);
+            !pair && (what.half == Half::Last || single && !self.history(what.of))
+        };
+        let moves = |node: &Node, to: Stands| match node {
+            Node::Pass(at) => {
+                let pass = &self.passes[*at];
+                pass.stands == to && !pass.once() && pass.uses().all(|(what, _)| is_free(what))
+            }
+            _ => false,
+        };
+        let nodes = self.nodes.clone();
+        let (mut ordered, rest): (Vec<Node>, Vec<Node>) =
+            nodes.into_iter().partition(|node| moves(node, Stands::First));
+        let (last, middle): (Vec<Node>, Vec<Node>) =
+            rest.into_iter().partition(|node| moves(node, Stands::Last));
+        ordered.extend(middle.into_iter().chain(last));
+        self.nodes = ordered;
+    }
+}
+
+/// Who writes what in one world.
+struct Past {
+    /// Written before any frame.
+    once: BTreeSet<Real>,
+    writers: BTreeMap<Real, usize>,
+}
+
+impl Past {
+    fn of(sketch: &Sketch, runs: &Runs) -> Past {
+        let mut past = Past { once: BTreeSet::new(), writers: BTreeMap::new() };
+        for (at, fronts) in &runs.passes {
+            let pass = &sketch.passes[*at];
+            for (what, _) in pass.uses().filter(|(_, writes)| *writes) {
+                let real = real(what, fronts, &runs.fronts);
+                *past.writers.entry(real).or_default() += 1;
+                if pass.once() {
+                    past.once.insert(real);
+                }
+            }
+        }
+        past
+    }
+}
+
+fn real(what: Ref, fronts: &[usize], last: &[usize]) -> Real {
+    let half = match (what.of, what.half) {
+        (Target::Image(_), _) => 0,
+        (Target::Buffer(at), Half::Front) => fronts[at],
+        (Target::Buffer(at), Half::Back) => 1 - fronts[at],
+        (Target::Buffer(at), Half::Last) => last[at],
+    };
+    (what.of, half)
+}
+
+/// Whether this is the half that a frame ends with as the front.
+fn is_final((of, half): Real, last: &[usize]) -> bool {
+    match of {
+        Target::Buffer(at) => half == last[at],
+        Target::Image(_) => true,
+    }
+}
+
+/// Passes in the file that write each resource; those in a repeat count for many.
+fn count_writers(nodes: &[Node], passes: &[Pass], times: usize, writers: &mut BTreeMap<Target, usize>) {
+    for node in nodes {
+        match node {
+            Node::Pass(at) => {
+                for (what, _) in passes[*at].uses().filter(|(_, writes)| *writes) {
+                    *writers.entry(what.of).or_default() += times;
+                }
+            }
+            Node::Swap(_) => {}
+            Node::Repeat(_, body) => count_writers(body, passes, 2, writers),
+        }
+    }
+}
