@@ -97,7 +97,11 @@ fn catalog_of(scene: &Scene, count: u64) -> Catalog {
         let info = scene.attribute(name)?;
         Some((name.to_string(), Attribute { stride: info.stride, count, planes: info.planes }))
     });
-    Catalog { attributes: attributes.collect(), uniforms: [(CAMERA.to_owned(), CAMERA_BYTES)].into() }
+    Catalog {
+        attributes: attributes.collect(),
+        uniforms: [(CAMERA.to_owned(), CAMERA_BYTES)].into(),
+        ..Catalog::default()
+    }
 }
 
 #[cfg(test)]

@@ -40,6 +40,7 @@ fn catalog() -> Catalog {
             })
             .collect(),
         uniforms: [("frame.camera".to_string(), 320)].into(),
+        ..Catalog::default()
     }
 }
 

@@ -17,6 +17,15 @@ pub struct Catalog {
     pub attributes: BTreeMap<String, Attribute>,
     /// Uniform blocks that the host writes for every frame, by full name, with their size in bytes.
     pub uniforms: BTreeMap<String, u64>,
+    /// Storage buffers that come with every frame, by full name.
+    pub buffers: BTreeMap<String, GivenBuffer>,
+}
+
+/// A storage buffer that comes with every frame: elements of `stride` bytes, `least` of them or more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GivenBuffer {
+    pub stride: u64,
+    pub least: u64,
 }
 
 /// An attribute of the scene: `planes` buffers of `count` elements of `stride` bytes.

@@ -30,5 +30,5 @@ pub mod source;
 #[cfg(test)]
 mod testing;
 
-pub use build::{Catalog, Facts, Request, build};
+pub use build::{Catalog, Facts, GivenBuffer, Request, build};
 pub use plan::Plan;

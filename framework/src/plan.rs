@@ -254,11 +254,21 @@ pub enum Source {
     Scene { attribute: String, plane: u32 },
     /// A uniform block that the host writes for every frame, one copy per frame in flight.
     Frame { uniform: String },
+    /// A storage buffer that comes with every frame and is as long as that frame makes it: words of the host, or the picture
+    /// that another plan drew on the same device. No pass writes it. Its shape is the least that it holds.
+    Given { buffer: String },
     /// The uniform block of the live parameters; like `Frame`, laid out by [`Plan::params`].
     Live,
     /// Host memory that the export writes and the host reads when the frame is done, one copy per frame in flight: the
     /// words of [`Plan::stats`].
     Readback,
+}
+
+impl Source {
+    /// Whether there is a copy for each frame in flight.
+    pub fn is_per_frame(&self) -> bool {
+        matches!(self, Source::Frame { .. } | Source::Given { .. } | Source::Live | Source::Readback)
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::build::{Attribute, Catalog, Facts, Request, build};
+use crate::build::{Attribute, Catalog, Facts, GivenBuffer, Request, build};
 use crate::plan::{Format, Plan, Value};
 use crate::shader::{
     Compiled, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderCompiler,
@@ -108,6 +108,7 @@ pub fn catalog() -> Catalog {
             ("scene.sh".to_string(), attribute(16, 12)),
         ]),
         uniforms: BTreeMap::from([("frame.camera".to_string(), 256)]),
+        buffers: BTreeMap::from([("frame.words".to_string(), GivenBuffer { stride: 4, least: 4 })]),
     }
 }
 

@@ -6,8 +6,9 @@
 //! [`Device::wait`] for their results, with up to [`FRAMES_IN_FLIGHT`] submitted and not yet waited for.
 
 use serde::{Deserialize, Serialize};
-use splatgraph_framework::plan::{Plan, Value};
+use splatgraph_framework::plan::{Format, Plan, Value};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Frames that may be submitted before the oldest is waited for.
 pub const FRAMES_IN_FLIGHT: usize = 2;
@@ -46,11 +47,37 @@ pub struct FrameInputs {
     pub uniforms: BTreeMap<String, Vec<u8>>,
     /// Bytes of the live uniform block.
     pub live: Vec<u8>,
+    /// What each buffer with source `Given` holds, by name.
+    pub buffers: BTreeMap<String, Given>,
+    /// Keep the output as a picture that other plans of this device can be given: see [`Device::picture`].
+    pub show: bool,
+    /// Show the output in the device's window, if it has one: see [`Windowed`].
+    pub present: bool,
     /// Read the output image back.
     pub read_output: bool,
     /// Read resources back, each right after a pass of the frame (by index into the plan's passes), or after a pass of the
     /// prologue in the frame that runs it.
     pub inspect: Vec<Inspect>,
+}
+
+/// What a buffer that comes with a frame holds.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Given {
+    /// Words of the host. The same [`Arc`] as in the frame before need not be copied again.
+    Bytes(Arc<Vec<u8>>),
+    /// What another plan drew, row 0 at the top, rows tightly packed, pixels as its format has them.
+    Picture(Picture),
+}
+
+/// The output of a frame that was submitted with [`FrameInputs::show`], on the device. It lives as long as the one that drew it
+/// has no other, and as long as a frame that was given it is in flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Picture {
+    /// Tells pictures of one device apart.
+    pub id: u64,
+    pub format: Format,
+    pub width: u32,
+    pub height: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,7 +111,7 @@ pub struct FrameResult {
 /// An image as the GPU holds it, row 0 at the top, rows tightly packed.
 #[derive(Clone, Debug)]
 pub struct Pixels {
-    pub format: splatgraph_framework::plan::Format,
+    pub format: Format,
     pub width: u32,
     pub height: u32,
     pub bytes: Vec<u8>,
@@ -97,9 +124,33 @@ pub enum Progress<'a> {
     Upload { done_bytes: u64, of_bytes: u64 },
 }
 
+/// Makes a plan ready to run while frames of another are being drawn, on any thread.
+pub trait Loader: Send + 'static {
+    /// A plan with everything that was created for it.
+    type Ready: Send + 'static;
+
+    /// Creates what the plan needs, pipelines among it, and uploads the scene attributes that it reads and that are not on
+    /// the device yet.
+    fn prepare(
+        self,
+        plan: Plan,
+        scene: &dyn SceneData,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Self::Ready, BackendError>;
+}
+
 /// An opened device, and the plan that it executes.
-pub trait Device {
+///
+/// Several can be open on one device at a time ([`Device::beside`]): each has a plan and frames of its own, and they take turns
+/// on one queue, in the order of their submission. What they read of a scene is on the device once.
+pub trait Device: Sized {
+    /// See [`Device::loader`].
+    type Loader: Loader;
+
     fn info(&self) -> &DeviceInfo;
+
+    /// Another on the same device, without a plan.
+    fn beside(&self) -> Result<Self, BackendError>;
 
     /// Makes the plan the current one: creates what it needs, uploads the scene attributes that it reads, and lets the
     /// next frame run its prologue. On an error the former plan stays current.
@@ -111,7 +162,21 @@ pub trait Device {
         plan: Plan,
         scene: &dyn SceneData,
         progress: &mut dyn FnMut(Progress),
-    ) -> Result<(), BackendError>;
+    ) -> Result<(), BackendError> {
+        let ready = self.loader().prepare(plan, scene, progress)?;
+        self.swap(ready)
+    }
+
+    /// The first half of [`Device::load`], to be done beside the frames, on any thread. It is made for what comes after the
+    /// plan of now: a loader that was taken before a [`Device::swap`] still gives a plan that can be swapped to, whose
+    /// histories may start anew.
+    fn loader(&self) -> Self::Loader;
+
+    /// The second half, at a frame's edge: makes the plan the current one. Takes no time to speak of.
+    fn swap(&mut self, ready: <Self::Loader as Loader>::Ready) -> Result<(), BackendError>;
+
+    /// The output of the last frame that was submitted with [`FrameInputs::show`].
+    fn picture(&self) -> Option<Picture>;
 
     /// Records and submits a frame. Blocks only while [`FRAMES_IN_FLIGHT`] frames are still being executed.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
@@ -126,6 +191,16 @@ pub trait Device {
 
     /// Validation messages since the last call (empty when validation is off).
     fn take_messages(&mut self) -> Vec<String>;
+}
+
+/// A device that shows what it draws in a window. (Each backend has a constructor of its own for it.)
+pub trait Windowed: Device {
+    /// The window's size in pixels is now this; a size of 0 is a window that shows nothing for a while.
+    fn resize_window(&mut self, width: u32, height: u32);
+
+    /// Whether frames wait for the display's refresh, which is so at first. Without it they come as fast as they are drawn;
+    /// where that cannot be had, nothing changes.
+    fn set_vsync(&mut self, vsync: bool);
 }
 
 /// Why a backend could not do what it was asked to.

@@ -107,17 +107,11 @@ fn over<T>(text: String) -> Result<T, BackendError> {
 /// What the checks and the recording ask of a resource.
 pub(crate) trait ResourceExt {
     fn is_image(&self) -> bool;
-    /// One copy exists per frame in flight.
-    fn is_per_frame(&self) -> bool;
 }
 
 impl ResourceExt for Resource {
     fn is_image(&self) -> bool {
         matches!(self.shape, Shape::Image { .. })
-    }
-
-    fn is_per_frame(&self) -> bool {
-        matches!(self.source, Source::Frame { .. } | Source::Live | Source::Readback)
     }
 }
 

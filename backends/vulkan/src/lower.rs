@@ -237,6 +237,7 @@ pub(crate) fn buffer_usage(resource: &Resource) -> vk::BufferUsageFlags {
         Source::Scene { .. } => return ALL,
         Source::Transient if resource.history.is_some() => return ALL,
         Source::Transient => vk::BufferUsageFlags::TRANSFER_SRC,
+        Source::Given { .. } => return ALL,
         Source::Frame { .. } | Source::Live => {
             vk::BufferUsageFlags::UNIFORM_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC
         }

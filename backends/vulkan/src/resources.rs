@@ -88,7 +88,7 @@ impl Resources {
                     planes.insert(key, buffer.clone());
                     Held::Plane(buffer)
                 }
-                Source::Frame { .. } | Source::Live => {
+                Source::Frame { .. } | Source::Given { .. } | Source::Live => {
                     let copy = || Buffer::to_device(gpu, name, bytes, usage);
                     Held::PerFrame([copy()?, copy()?])
                 }

@@ -31,7 +31,8 @@ impl Checker<'_> {
                     continue;
                 };
                 let Some(kind) = self.fits(*shader, block, &resources, span) else { continue };
-                if pass.run == Run::Once && kind == DescriptorKind::UniformBuffer {
+                let changes = resources.iter().any(|id| self.resource(*id).source.is_per_frame());
+                if pass.run == Run::Once && changes {
                     let shader = &self.shaders[shader.index()].name;
                     self.errors.push(
                         Diagnostic::new(
@@ -178,7 +179,7 @@ impl Checker<'_> {
         }
         let kind = match (&block.kind, first.shape) {
             (ReflectedKind::StorageBuffer { stride, fixed_bytes }, Shape::Buffer { stride: ours, count }) => {
-                if !matches!(first.source, Source::Scene { .. } | Source::Transient) {
+                if matches!(first.source, Source::Frame { .. } | Source::Live) {
                     wrong = wrong.or(error(
                         format!("`{}` is a uniform block", first.name),
                         format!("`{name}` of `{shader}` is a storage buffer"),
@@ -218,7 +219,12 @@ impl Checker<'_> {
                 if block.writes && first.source != Source::Transient {
                     wrong = wrong.or(error(
                         format!("`{shader}` writes to `{name}`"),
-                        format!("`{}` is the scene's and cannot be written", first.name),
+                        match first.source {
+                            Source::Scene { .. } => {
+                                format!("`{}` is the scene's and cannot be written", first.name)
+                            }
+                            _ => format!("`{}` is given to every frame and cannot be written", first.name),
+                        },
                     ));
                 }
                 DescriptorKind::StorageBuffer

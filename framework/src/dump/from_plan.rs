@@ -99,7 +99,7 @@ fn totals(plan: &Plan) -> Totals {
         unshared_bytes,
         saved_bytes: unshared_bytes.saturating_sub(transient_bytes),
         scene_bytes: bytes(|s| matches!(s, Source::Scene { .. })),
-        host_bytes: bytes(|s| matches!(s, Source::Frame { .. } | Source::Live | Source::Readback)),
+        host_bytes: bytes(Source::is_per_frame),
     }
 }
 
@@ -153,6 +153,7 @@ fn resource_of(plan: &Plan, id: ResourceId) -> DumpResource {
         Source::Transient => ("transient", None),
         Source::Scene { attribute, .. } => ("scene", Some(attribute)),
         Source::Frame { uniform } => ("frame", Some(uniform)),
+        Source::Given { buffer } => ("given", Some(buffer)),
         Source::Live => ("live", None),
         Source::Readback => ("readback", None),
     };

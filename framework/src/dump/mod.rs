@@ -124,7 +124,7 @@ pub struct DumpResource {
     pub name: String,
     /// `transient`, `scene`, `frame`, `live` or `readback`.
     pub source: String,
-    /// The scene's attribute, or the uniform block that the host writes.
+    /// The scene's attribute, or the uniform block or buffer that comes with every frame.
     pub from: Option<String>,
     /// For buffers `count x stride`, for images `width x height format`.
     pub shape: String,

@@ -4,6 +4,7 @@ use super::Last;
 use super::params::is_identifier;
 use super::passes::{Level, Lowering};
 use super::scope::{Names, Place, describe};
+use crate::build::GivenBuffer;
 use crate::plan::{Format, Resource, ResourceId, Shape, Source, Usage, Value};
 use crate::schema::{Import, Number, Port, ResourceDecl};
 use crate::source::{Diagnostic, Path, Span};
@@ -87,21 +88,29 @@ impl Lowering<'_> {
             Some(number) => level.names.positive(number, &place.field("planes"))?,
             None => 1,
         };
-        if let Some(bytes) = catalog.uniforms.get(&import.from) {
+        let whole = |name: &String| {
+            let uniform = || {
+                let bytes = *catalog.uniforms.get(name)?;
+                let shape = Shape::Buffer { stride: bytes, count: 1 };
+                Some(("a uniform block", shape, Source::Frame { uniform: name.clone() }))
+            };
+            let given = || {
+                let GivenBuffer { stride, least } = *catalog.buffers.get(name)?;
+                let shape = Shape::Buffer { stride, count: least.max(1) };
+                Some(("a buffer of the frame", shape, Source::Given { buffer: name.clone() }))
+            };
+            uniform().or_else(given)
+        };
+        if let Some((what, shape, source)) = whole(&import.from) {
             if planes != 1 {
-                return Err(place.field("planes").error("a uniform block has no planes", "leave this out"));
+                return Err(place.field("planes").error(format!("{what} has no planes"), "leave this out"));
             }
-            let shape = Shape::Buffer { stride: *bytes, count: 1 };
-            let source = Source::Frame { uniform: import.from.clone() };
-            return Ok(Handle::Plain(vec![self.add(
-                format!("{}{name}", level.prefix),
-                shape,
-                source,
-                place.key(),
-            )]));
+            let name = format!("{}{name}", level.prefix);
+            return Ok(Handle::Plain(vec![self.add(name, shape, source, place.key())]));
         }
         let Some(attribute) = catalog.attributes.get(&import.from) else {
-            let known = || catalog.attributes.keys().chain(catalog.uniforms.keys()).map(String::as_str);
+            let uniforms = catalog.uniforms.keys().chain(catalog.buffers.keys());
+            let known = || catalog.attributes.keys().chain(uniforms.clone()).map(String::as_str);
             let diagnostic = place
                 .field("from")
                 .error(format!("nothing is called `{}`", import.from), "cannot be imported");

@@ -1,6 +1,6 @@
 //! Mistakes in graphs, with the whole text that a person sees, and the constructs that lowering resolves.
 
-use crate::plan::{Value, Work};
+use crate::plan::{Shape, Source, Value, Work};
 use crate::testing::{SHADERS, dispatch, graph, plan, plan_of};
 
 fn error(graph: &str, set: &[(&str, &str)]) -> String {
@@ -241,6 +241,26 @@ fn a_pass_that_runs_once_cannot_read_what_changes_with_every_frame() {
     let text = error(&graph, &[]);
     assert!(text.contains("`make` runs once, and reads what changes with every frame"), "{text}");
     assert!(plan(&graph.replace("run: Once, ", ""), &[]).is_ok());
+}
+
+#[test]
+fn a_buffer_that_comes_with_every_frame_is_read_as_a_storage_buffer_and_written_by_no_pass() {
+    let imported = |passes: &str| {
+        graph("", passes)
+            .replace("resources:", r#"imports: {"words": Import(from: "frame.words")}, resources:"#)
+    };
+    let read = [dispatch("copy", "copy.comp", r#""In": "words", "Out": "a""#), shown("show")].join("\n");
+    let plan = plan(&imported(&read), &[]).unwrap_or_else(|error| panic!("{error}"));
+    let words = plan.resource(plan.find_resource("words").unwrap());
+    assert_eq!(words.source, Source::Given { buffer: "frame.words".to_string() });
+    assert_eq!(words.shape, Shape::Buffer { stride: 4, count: 4 });
+
+    let written = [dispatch("make", "make.comp", r#""Out": "words""#), shown("show")].join("\n");
+    let text = error(&imported(&written), &[]);
+    assert!(text.contains("`words` is given to every frame and cannot be written"), "{text}");
+    let once = read.replace(r#"name: "copy""#, r#"name: "copy", run: Once"#);
+    let text = error(&imported(&once), &[]);
+    assert!(text.contains("`copy` runs once, and reads what changes with every frame"), "{text}");
 }
 
 #[test]

@@ -231,7 +231,7 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u
         bounds.dedup();
         starts.push(cells.len());
         let alone = memory_of.iter().position(|m| *m == memory).map(|i| &plan.resources[i].source);
-        let per_frame = matches!(alone, Some(Source::Frame { .. } | Source::Live | Source::Readback));
+        let per_frame = alone.is_some_and(|source| source.is_per_frame());
         for _ in 0..if per_frame { copies } else { 1 } {
             cells.extend(bounds.windows(2).map(|pair| pair[0]..pair[1]));
         }
@@ -246,7 +246,7 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u
             let others = (0..memory_of.len())
                 .filter(|other| *other != index && memory_of[*other] == memory)
                 .filter(image);
-            let per_frame = matches!(resource.source, Source::Frame { .. } | Source::Live | Source::Readback);
+            let per_frame = resource.source.is_per_frame();
             Place {
                 own: covered(&cells, &all, &(0..resource.bytes())),
                 all,
@@ -254,7 +254,7 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u
                 alias_images: others.map(|other| ResourceId(other as u32)).collect(),
                 fresh: resource.source == Source::Transient && resource.history.is_none()
                     || resource.source == Source::Readback,
-                host_writes: matches!(resource.source, Source::Frame { .. } | Source::Live),
+                host_writes: resource.source.is_per_frame() && resource.source != Source::Readback,
                 uploaded: matches!(resource.source, Source::Scene { .. }),
             }
         })

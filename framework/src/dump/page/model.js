@@ -71,7 +71,7 @@ function makeGroups() {
   const alone = of("transient").filter((r) => !inShared.has(r.name));
   groups.push({ title: "each in its own memory", bytes: sum(alone), lanes: single(alone) });
   groups.push({ title: "the scene's", bytes: sum(of("scene")), lanes: byAttribute(of("scene")) });
-  const host = of("frame", "live", "readback");
+  const host = of("frame", "given", "live", "readback");
   groups.push({ title: "the host's", bytes: sum(host), lanes: single(host) });
   return groups.filter((group) => group.lanes.length > 0);
 }
