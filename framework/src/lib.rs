@@ -15,6 +15,8 @@
 //! 6. [`check`] holds the flat list against the shaders;
 //! 7. [`solve`] orders the passes and places the barriers;
 //! 8. [`plan`] is the result, [`dump`] writes it for people and programs.
+//!
+//! When a file changes, [`reload`] notices and sends it on the same way again, while the last good plan goes on being drawn.
 
 pub mod build;
 pub mod check;
@@ -23,6 +25,7 @@ pub mod expr;
 pub mod lower;
 pub mod oracle;
 pub mod plan;
+pub mod reload;
 pub mod schema;
 pub mod shader;
 pub mod solve;

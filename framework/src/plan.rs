@@ -124,9 +124,14 @@ impl Plan {
     /// The bytes of the live uniform block, from the parameters' values; empty where no pass reads it. A choice is the index of its
     /// name, a bool 0 or 1.
     pub fn live_bytes(&self) -> Vec<u8> {
+        self.live_bytes_of(&self.params)
+    }
+
+    /// The same with other values: `params` are the plan's own, some of the live ones changed.
+    pub fn live_bytes_of(&self, params: &[Param]) -> Vec<u8> {
         let size = self.resources.iter().find(|r| r.source == Source::Live).map_or(0, Resource::bytes);
         let mut bytes = vec![0; size as usize];
-        for param in &self.params {
+        for param in params {
             let ParamBinding::Live { offset } = param.binding else { continue };
             let word = match (&param.value, &param.domain) {
                 (Value::Float(v), _) => (*v as f32).to_le_bytes(),
@@ -271,7 +276,7 @@ impl Source {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Format {
     Rgba8Unorm,
     Rgba16Float,

@@ -7,10 +7,10 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
-use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::{fmt, fs};
 
+use super::content::{self, Content, LARGEST_FILE, Wanted};
 use super::{Diagnostic, nearest};
 use crate::plan;
 
@@ -68,6 +68,8 @@ pub struct SourceMap {
     library: Library,
     files: Vec<File>,
     known: HashMap<Identity, FileId>,
+    /// Every path on disk that was looked at, and what was there the first time.
+    looked: BTreeMap<PathBuf, Content>,
 }
 
 #[derive(Debug)]
@@ -77,7 +79,8 @@ struct File {
     text: Cow<'static, str>,
     /// Offset at which each line starts; the first is 0.
     lines: Vec<usize>,
-    on_disk: bool,
+    /// What was read, for files on disk.
+    content: Option<Content>,
 }
 
 /// What makes two names the same file.
@@ -153,7 +156,7 @@ impl SourceMap {
     /// [`SourceMap::find`] does not find it; but what it names is found as if it stood in memory at that
     /// path.
     pub fn add(&mut self, path: impl Into<String>, text: impl Into<String>) -> FileId {
-        self.insert(path.into(), Cow::Owned(text.into()), false)
+        self.insert(path.into(), Cow::Owned(text.into()), None)
     }
 
     /// Finds the file called `name` in the file `from`, or on the command line if `from` is `None`, and reads
@@ -210,16 +213,23 @@ impl SourceMap {
 
     /// Every file that was opened, with its path, and whether it is on disk (where it can change).
     pub fn opened(&self) -> impl Iterator<Item = (FileId, &str, bool)> {
-        self.files.iter().enumerate().map(|(i, f)| (FileId(i as u32), f.path.as_str(), f.on_disk))
+        self.files.iter().enumerate().map(|(i, f)| (FileId(i as u32), f.path.as_str(), f.content.is_some()))
+    }
+
+    /// Every path on disk that [`SourceMap::find`] looked at, sorted: files that were read, files that could not be, and
+    /// the places where a file was looked for and was not. As files are read once, a map stands for one build: when
+    /// something changed, build with a new one. See [`crate::reload`].
+    pub fn wanted(&self) -> Vec<Wanted> {
+        self.looked.iter().map(|(path, content)| Wanted { path: path.clone(), content: *content }).collect()
     }
 
     fn file(&self, file: FileId) -> Option<&File> {
         self.files.get(file.0 as usize)
     }
 
-    fn insert(&mut self, path: String, text: Cow<'static, str>, on_disk: bool) -> FileId {
+    fn insert(&mut self, path: String, text: Cow<'static, str>, content: Option<Content>) -> FileId {
         let lines = std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect();
-        self.files.push(File { path, text, lines, on_disk });
+        self.files.push(File { path, text, lines, content });
         FileId(self.files.len() as u32 - 1)
     }
 
@@ -238,7 +248,7 @@ impl SourceMap {
                 if let Some(file) = self.known.get(&identity) {
                     return Ok(Some(*file));
                 }
-                let file = self.insert(path.clone(), Cow::Owned(text.clone()), false);
+                let file = self.insert(path.clone(), Cow::Owned(text.clone()), None);
                 self.known.insert(identity, file);
                 return Ok(Some(file));
             }
@@ -256,7 +266,7 @@ impl SourceMap {
                 if let Some(file) = self.known.get(&identity) {
                     return Ok(Some(*file));
                 }
-                let file = self.insert(path.clone(), Cow::Borrowed(self.library.builtin[index].1), false);
+                let file = self.insert(path.clone(), Cow::Borrowed(self.library.builtin[index].1), None);
                 self.known.insert(identity, file);
                 return Ok(Some(file));
             }
@@ -287,7 +297,7 @@ impl SourceMap {
     /// The folders on disk in which a name may be, nearest first.
     fn disk_folders(&self, from: Option<FileId>, kind: Kind) -> Vec<String> {
         let Some(from) = from else { return vec![String::new(), kind.folder().to_string()] };
-        let Some(file) = self.file(from).filter(|f| f.on_disk) else { return Vec::new() };
+        let Some(file) = self.file(from).filter(|f| f.content.is_some()) else { return Vec::new() };
         let folder = parent(&file.path);
         let mut folders = vec![folder.to_string()];
         if let Some((root, _)) = root_and_rest(folder) {
@@ -299,15 +309,39 @@ impl SourceMap {
 
     /// Reads a file from disk, unless it was read before. `None` if there is none.
     fn open(&mut self, path: &Path) -> Result<Option<FileId>, String> {
-        let Some(identity) = identity_on_disk(path)? else { return Ok(None) };
-        let identity = Identity::Disk(identity);
+        let (content, found) = self.look(path);
+        // A path that held something else a moment ago has changed since, whatever it holds now.
+        self.looked.entry(path.to_path_buf()).or_insert(content);
+        found
+    }
+
+    fn look(&mut self, path: &Path) -> (Content, Result<Option<FileId>, String>) {
+        let metadata = match content::file_at(path) {
+            Ok(Some(metadata)) => metadata,
+            Ok(None) => return (Content::Missing, Ok(None)),
+            Err(error) => return (Content::Unusable, Err(cannot_be_read(&error))),
+        };
+        // What is no regular file (a pipe, say) has no other name that matters.
+        let identity = Identity::Disk(fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf()));
         if let Some(file) = self.known.get(&identity) {
-            return Ok(Some(*file));
+            let content = self.file(*file).and_then(|f| f.content);
+            return (content.unwrap_or(Content::Unusable), Ok(Some(*file)));
         }
-        let text = read_text(path)?;
-        let file = self.insert(displayed(path), Cow::Owned(text), true);
+        let bytes = match content::read(path) {
+            Ok(Some(bytes)) => bytes,
+            Ok(None) => {
+                return (Content::Unusable, Err(format!("is larger than {} MiB", LARGEST_FILE >> 20)));
+            }
+            Err(error) => return (Content::Unusable, Err(cannot_be_read(&error))),
+        };
+        let content = if metadata.is_file() { Content::of(&bytes) } else { Content::Unusable };
+        let text = match as_text(bytes) {
+            Ok(text) => text,
+            Err(why) => return (content, Err(why)),
+        };
+        let file = self.insert(displayed(path), Cow::Owned(text), Some(content));
         self.known.insert(identity, file);
-        Ok(Some(file))
+        (content, Ok(Some(file)))
     }
 
     /// Of everything that could have been named, what comes nearest to `name`.
@@ -354,9 +388,6 @@ impl SourceMap {
 /// Entries of a folder that are looked at for a similar name.
 const MOST_LISTED: usize = 1000;
 
-/// Larger files are not graphs or shaders; reading one by mistake must not fill the memory.
-const LARGEST_FILE: u64 = 16 << 20;
-
 /// The ways to write a file's name, likelier ones first.
 fn spellings(name: &str, kind: Kind) -> Vec<String> {
     let last = name.rsplit('/').next().unwrap_or_default();
@@ -369,29 +400,12 @@ fn spellings(name: &str, kind: Kind) -> Vec<String> {
     if last.contains('.') { vec![name.to_string(), full] } else { vec![full, name.to_string()] }
 }
 
-/// An absolute path with links followed, if there is a file (and not a folder) at `path`.
-fn identity_on_disk(path: &Path) -> Result<Option<PathBuf>, String> {
-    match fs::metadata(path) {
-        Ok(metadata) if metadata.is_dir() => Ok(None),
-        // What is no regular file (a pipe, say) has no other name that matters.
-        Ok(_) => Ok(Some(fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf()))),
-        Err(error) => match error.kind() {
-            ErrorKind::NotFound
-            | ErrorKind::NotADirectory
-            | ErrorKind::InvalidInput
-            | ErrorKind::InvalidFilename => Ok(None),
-            _ => Err(format!("cannot be read ({error})")),
-        },
-    }
+fn cannot_be_read(error: &std::io::Error) -> String {
+    format!("cannot be read ({error})")
 }
 
-fn read_text(path: &Path) -> Result<String, String> {
-    let cannot = |error: std::io::Error| format!("cannot be read ({error})");
-    let mut bytes = Vec::new();
-    fs::File::open(path).map_err(cannot)?.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(cannot)?;
-    if bytes.len() as u64 > LARGEST_FILE {
-        return Err(format!("is larger than {} MiB", LARGEST_FILE >> 20));
-    }
+/// The text of a file, without the byte order mark.
+fn as_text(bytes: Vec<u8>) -> Result<String, String> {
     let text = String::from_utf8(bytes).map_err(|error| {
         format!("is not UTF-8 text (the first wrong byte is at offset {})", error.utf8_error().valid_up_to())
     })?;

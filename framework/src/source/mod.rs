@@ -11,7 +11,11 @@
 //! - a [`Diagnostic`] says what is wrong, where, and what to do about it, and [`render`] draws a list of them
 //!   as a compiler would. [`nearest`] finds the name that was probably meant;
 //! - [`ron_error`] turns the `ron` crate's own errors into diagnostics.
+//!
+//! And what of the disk a build has seen, the map remembers as [`Wanted`] paths: as long as each of them holds the same
+//! [`Content`], building again is of no use.
 
+mod content;
 mod diagnostic;
 mod files;
 mod outline;
@@ -20,6 +24,7 @@ mod ron_error;
 mod tests;
 mod token;
 
+pub use content::{Content, Wanted};
 pub use diagnostic::{Diagnostic, Label, nearest, render};
 pub use files::{FileId, Kind, Library, NotFound, SourceMap, Span};
 pub use outline::{Outline, Path};

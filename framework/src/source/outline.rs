@@ -494,7 +494,8 @@ impl<'a> Parser<'a> {
         if let Some(error) = self.lexical_error.take() {
             return Box::new(error);
         }
-        let end = self.text.len();
+        // Behind the last thing that stands there: no editor, and no drawing, has a line behind the last line's end.
+        let end = self.text.trim_end().len();
         if let Some(opener) = self.open.last() {
             let opened = &self.text[opener.start..opener.end];
             let error =

@@ -299,3 +299,70 @@ fn an_unknown_file_has_a_name_and_no_text() {
     assert_eq!((files.path(FileId(3)), files.text(FileId(3))), ("<unknown file>", ""));
     assert_eq!(files.line_column(Span { file: FileId(3), start: 5, end: 7 }), (1, 1));
 }
+
+/// What a map says that it looked at, by path under the folder: the text that is there, or what is wrong.
+fn looked(files: &SourceMap, folder: &Folder) -> Vec<(String, Content)> {
+    let mut below = Vec::new();
+    for wanted in files.wanted() {
+        let path = fs::canonicalize(wanted.path.parent().unwrap())
+            .unwrap_or_else(|_| wanted.path.parent().unwrap().to_path_buf())
+            .join(wanted.path.file_name().unwrap());
+        let root = fs::canonicalize(&folder.0).unwrap();
+        below.push((path.strip_prefix(root).unwrap().to_str().unwrap().to_string(), wanted.content));
+    }
+    below
+}
+
+#[test]
+fn a_map_knows_what_it_read_and_where_it_looked_in_vain() {
+    let folder = Folder::new(&[
+        ("pipelines/a.ron", "\u{feff}graph"),
+        ("shaders/camera.glsl", "camera"),
+        ("shaders/broken.comp", ""),
+    ]);
+    fs::write(folder.path("shaders/broken.comp"), b"\xff").unwrap();
+    let mut files = library(&[("pipelines/held.ron", "in memory")]);
+    let graph = files.find(None, &folder.path("pipelines/a"), Kind::Graph).unwrap();
+    files.find(Some(graph), "camera.glsl", Kind::Shader).unwrap();
+    finds(&mut files, Some(graph), "covariance.comp", Kind::Shader, "built-in covariance");
+    finds(&mut files, Some(graph), "held", Kind::Graph, "in memory");
+    files.find(Some(graph), "broken.comp", Kind::Shader).unwrap_err();
+    let read = |text: &[u8]| Content::of(text);
+    let expected = [
+        ("pipelines/a.ron", read("\u{feff}graph".as_bytes())),
+        ("pipelines/broken.comp", Content::Missing),
+        ("pipelines/camera.glsl", Content::Missing),
+        ("pipelines/covariance.comp", Content::Missing),
+        ("shaders/broken.comp", read(b"\xff")),
+        ("shaders/camera.glsl", read(b"camera")),
+        ("shaders/covariance.comp", Content::Missing),
+    ];
+    let mut looked = looked(&files, &folder);
+    // Both ways to the shaders' folder are the same one; where it is not there, a name has two places.
+    looked.dedup();
+    looked.sort_by(|a, b| a.0.cmp(&b.0));
+    looked.dedup();
+    assert_eq!(looked, expected.map(|(path, content)| (path.to_string(), content)));
+    for wanted in files.wanted() {
+        assert_eq!(Content::at(&wanted.path), wanted.content, "{wanted:?}");
+    }
+}
+
+#[test]
+fn what_appears_while_a_map_is_used_counts_as_missing() {
+    let folder = Folder::new(&[("a.ron", "")]);
+    let mut files = library(&[]);
+    let graph = files.find(None, &folder.path("a.ron"), Kind::Graph).unwrap();
+    files.find(Some(graph), "late.comp", Kind::Shader).unwrap_err();
+    fs::write(folder.path("late.comp"), "late").unwrap();
+    finds(&mut files, Some(graph), "late.comp", Kind::Shader, "late");
+    let wanted = files.wanted().into_iter().find(|w| w.path.ends_with("late.comp")).unwrap();
+    assert_eq!(wanted.content, Content::Missing, "a build that saw both must be done again");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_not_read_to_tell_what_it_holds() {
+    assert_eq!(Content::at(std::path::Path::new("/dev/zero")), Content::Unusable);
+    assert_eq!(Content::at(std::path::Path::new("/")), Content::Missing);
+}

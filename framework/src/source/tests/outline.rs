@@ -246,6 +246,17 @@ fn missing_and_wrong_punctuation_is_pointed_at() {
 }
 
 #[test]
+fn the_end_of_a_file_is_on_its_last_line_that_is_not_empty() {
+    for (text, at) in
+        [("\n", 0), (" \n\n", 0), ("// only a comment\n\n", 17), ("[1,\n 2\n", 6), ("Graph(a:\n\n", 8)]
+    {
+        let error = Outline::parse(FileId(0), text).expect_err(text);
+        let end = error.secondary.first().unwrap_or(&error.primary).span.start;
+        assert_eq!(end, at, "{text:?}: {error:?}");
+    }
+}
+
+#[test]
 fn an_open_bracket_is_pointed_at_with_what_closes_instead() {
     let error = fails("(a: [1, 2", "this `[` is not closed", "[");
     assert_eq!(error.secondary[0].text, "the file ends without its `]`");

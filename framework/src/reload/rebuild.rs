@@ -1,0 +1,267 @@
+//! A thread that builds, so that whoever draws need not wait.
+//!
+//! There is at most one job waiting: a newer one takes its place, since nobody wants to see what is out of date. A job that
+//! was begun is finished, and every output comes out, in order: an older one may be the last that is without an error.
+
+use std::any::Any;
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+
+/// Builds on a thread of its own. Dropping it waits for the job that is being built; one that waits is dropped undone.
+#[derive(Debug)]
+pub struct Rebuilder<Job, Output> {
+    shared: Arc<Shared<Job, Output>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// The build did not come to an end, which is a bug in it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the build stopped unexpectedly: {message}")]
+pub struct Panicked {
+    /// What the panic said.
+    pub message: String,
+}
+
+#[derive(Debug)]
+struct Shared<Job, Output> {
+    state: Mutex<State<Job, Output>>,
+    /// A job waits, or the thread is to end.
+    called: Condvar,
+}
+
+#[derive(Debug)]
+struct State<Job, Output> {
+    waiting: Option<Job>,
+    building: bool,
+    done: VecDeque<Result<Output, Panicked>>,
+    ending: bool,
+}
+
+impl<Job, Output> Shared<Job, Output> {
+    fn state(&self) -> MutexGuard<'_, State<Job, Output>> {
+        // Nothing panics while it holds the lock.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<Job: Send + 'static, Output: Send + 'static> Rebuilder<Job, Output> {
+    /// Starts the thread. `make` is called there, before the first job, for what does a job, so that can be something that
+    /// must stay on its thread; and again after a panic, which may have left it in pieces. `wake` is called there whenever an
+    /// output has become ready.
+    pub fn new<Build: FnMut(Job) -> Output>(
+        make: impl FnMut() -> Build + Send + 'static,
+        wake: impl Fn() + Send + 'static,
+    ) -> std::io::Result<Self> {
+        let state = State { waiting: None, building: false, done: VecDeque::new(), ending: false };
+        let shared = Arc::new(Shared { state: Mutex::new(state), called: Condvar::new() });
+        let builder = thread::Builder::new().name("rebuild".into());
+        let thread = builder.spawn({
+            let shared = shared.clone();
+            move || work(&shared, make, wake)
+        })?;
+        Ok(Rebuilder { shared, thread: Some(thread) })
+    }
+}
+
+impl<Job, Output> Rebuilder<Job, Output> {
+    /// Has a job done as soon as the one before is. Gives back the job that waited until now and will not be done.
+    pub fn submit(&self, job: Job) -> Option<Job> {
+        let before = self.shared.state().waiting.replace(job);
+        self.shared.called.notify_one();
+        before
+    }
+
+    /// The oldest output that was not taken yet.
+    pub fn poll(&self) -> Option<Result<Output, Panicked>> {
+        self.shared.state().done.pop_front()
+    }
+
+    /// Whether a job waits or is being done.
+    pub fn busy(&self) -> bool {
+        let state = self.shared.state();
+        state.building || state.waiting.is_some()
+    }
+}
+
+impl<Job, Output> Drop for Rebuilder<Job, Output> {
+    fn drop(&mut self) {
+        self.shared.state().ending = true;
+        self.shared.called.notify_one();
+        if let Some(thread) = self.thread.take() {
+            // A panic there (in `wake`) was already reported, and a second one here would end the process.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// What the thread does.
+fn work<Job, Output, Build: FnMut(Job) -> Output>(
+    shared: &Shared<Job, Output>,
+    mut make: impl FnMut() -> Build,
+    wake: impl Fn(),
+) {
+    let mut build: Option<Build> = None;
+    loop {
+        let job = {
+            let mut state = shared.state();
+            loop {
+                if state.ending {
+                    return;
+                }
+                if let Some(job) = state.waiting.take() {
+                    state.building = true;
+                    break job;
+                }
+                state = shared.called.wait(state).unwrap_or_else(PoisonError::into_inner);
+            }
+        };
+        // What a panic leaves in `build` is thrown away below.
+        let output = catch_unwind(AssertUnwindSafe(|| build.get_or_insert_with(&mut make)(job)));
+        let output = output.map_err(|payload| {
+            // Nor may the pieces' end take the thread with it.
+            let _ = catch_unwind(AssertUnwindSafe(|| build = None));
+            Panicked { message: message(payload) }
+        });
+        let mut state = shared.state();
+        state.building = false;
+        state.done.push_back(output);
+        drop(state);
+        wake();
+    }
+}
+
+/// What a panic said, if it said it in words.
+fn message(payload: Box<dyn Any + Send>) -> String {
+    match payload.downcast::<String>() {
+        Ok(text) => *text,
+        Err(payload) => {
+            payload.downcast_ref::<&str>().map_or("for no given reason".into(), |t| t.to_string())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::rc::Rc;
+    use std::sync::mpsc::{Receiver, channel};
+
+    use super::*;
+
+    /// A rebuilder, and what its `wake` sends.
+    fn started<Job: Send + 'static, Output: Send + 'static, Build: FnMut(Job) -> Output>(
+        make: impl FnMut() -> Build + Send + 'static,
+    ) -> (Rebuilder<Job, Output>, Receiver<()>) {
+        let (woken, wakes) = channel();
+        let rebuilder = Rebuilder::new(make, move || _ = woken.send(())).expect("a thread");
+        (rebuilder, wakes)
+    }
+
+    #[test]
+    fn a_job_comes_out_as_its_output_and_whoever_waits_is_woken() {
+        let (rebuilder, wakes) = started(|| |job: u32| job + 1);
+        assert!(!rebuilder.busy());
+        assert_eq!(rebuilder.submit(1), None);
+        wakes.recv().expect("woken");
+        assert_eq!(rebuilder.poll(), Some(Ok(2)));
+        assert_eq!(rebuilder.poll(), None);
+        assert!(!rebuilder.busy());
+    }
+
+    #[test]
+    fn what_builds_is_made_on_the_thread_and_may_be_bound_to_it() {
+        let (rebuilder, wakes) = started(|| {
+            let count = Rc::new(std::cell::Cell::new(0));
+            move |job: u32| {
+                count.set(count.get() + job);
+                (count.get(), thread::current().name().map(str::to_string))
+            }
+        });
+        for (job, sum) in [(1, 1), (2, 3)] {
+            rebuilder.submit(job);
+            wakes.recv().expect("woken");
+            assert_eq!(rebuilder.poll(), Some(Ok((sum, Some("rebuild".into())))));
+        }
+    }
+
+    #[test]
+    fn of_the_jobs_that_wait_only_the_newest_is_done() {
+        let (begun, begins) = channel();
+        let (go, gate) = channel();
+        let gate = Arc::new(Mutex::new(gate));
+        let (rebuilder, wakes) = started(move || {
+            let (begun, gate) = (begun.clone(), gate.clone());
+            move |job: u32| {
+                begun.send(()).expect("the test listens");
+                gate.lock().expect("a gate").recv().expect("the test goes on");
+                job
+            }
+        });
+        rebuilder.submit(1);
+        begins.recv().expect("begun");
+        assert_eq!(rebuilder.submit(2), None);
+        assert_eq!(rebuilder.submit(3), Some(2));
+        assert_eq!(rebuilder.submit(4), Some(3));
+        assert!(rebuilder.busy());
+        for _ in 0..2 {
+            go.send(()).expect("a build waits");
+            wakes.recv().expect("woken");
+        }
+        assert_eq!(rebuilder.poll(), Some(Ok(1)));
+        assert_eq!(rebuilder.poll(), Some(Ok(4)));
+        assert!(!rebuilder.busy());
+    }
+
+    #[test]
+    fn a_panic_is_an_output_and_the_next_job_is_done_by_a_new_builder() {
+        let (rebuilder, wakes) = started(|| {
+            let mut done = 0;
+            move |job: &str| {
+                done += 1;
+                assert!(job != "formatted", "this {job} panic is part of a test");
+                if job == "plain" {
+                    panic!("this panic is part of a test");
+                }
+                done
+            }
+        });
+        let build = |job| {
+            rebuilder.submit(job);
+            wakes.recv().expect("woken");
+            rebuilder.poll().expect("an output")
+        };
+        let panicked = |message: &str| Err(Panicked { message: message.into() });
+        assert_eq!(build("good"), Ok(1));
+        assert_eq!(build("good"), Ok(2));
+        assert_eq!(build("formatted"), panicked("this formatted panic is part of a test"));
+        assert_eq!(build("good"), Ok(1));
+        assert_eq!(build("plain"), panicked("this panic is part of a test"));
+        assert!(!rebuilder.busy());
+    }
+
+    #[test]
+    fn a_builder_that_cannot_be_made_fails_every_job() {
+        let make = || -> fn(u32) -> u32 { panic!("this panic is part of a test") };
+        let (rebuilder, wakes) = started(make);
+        for job in 0..2 {
+            rebuilder.submit(job);
+            wakes.recv().expect("woken");
+            assert!(rebuilder.poll().expect("an output").is_err());
+        }
+    }
+
+    #[test]
+    fn dropping_waits_for_the_job_that_was_begun() {
+        let (begun, begins) = channel();
+        let (rebuilder, wakes) = started(move || {
+            let begun = begun.clone();
+            move |()| begun.send(()).expect("the test listens")
+        });
+        rebuilder.submit(());
+        begins.recv().expect("begun");
+        drop(rebuilder);
+        assert_eq!(wakes.try_iter().count(), 1, "the job was finished and announced, and the thread is gone");
+        assert!(wakes.recv().is_err());
+    }
+}

@@ -1,0 +1,498 @@
+//! Real files, and the system's real events. Nothing is measured: a wait ends with the change, or fails after a minute. Where
+//! nothing should come, something else is saved afterwards, and has to be all that comes.
+
+use std::fs;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::*;
+use crate::source::{Kind, Library, SourceMap};
+
+const LONG: Duration = Duration::from_secs(60);
+
+/// As in life, but that no look-round can stand in for an event that did not come, and that no pause of the machine can make
+/// a file be gone for long.
+const EVENTS: Patience = Patience { rounds: None, gone: LONG, ..PATIENCE };
+
+/// Files in a folder, and a watcher on them.
+struct Desk {
+    root: tempfile::TempDir,
+    watcher: Watcher,
+    wakes: Receiver<()>,
+    wanted: Vec<PathBuf>,
+}
+
+impl Desk {
+    /// A folder with these files, all of them watched.
+    fn new(files: &[(&str, &str)]) -> Desk {
+        Desk::with(EVENTS, true, files)
+    }
+
+    fn with(patience: Patience, events: bool, files: &[(&str, &str)]) -> Desk {
+        let (sender, wakes) = channel();
+        let wake = move || _ = sender.send(());
+        let native = move |handler| -> notify::Result<Native> {
+            if events {
+                Ok(Box::new(notify::recommended_watcher(handler)?))
+            } else {
+                Err(notify::Error::generic(ON_DEMAND))
+            }
+        };
+        let watcher = Watcher::start(patience, native, wake).expect("a watcher");
+        let root = tempfile::tempdir().expect("a folder");
+        let mut desk = Desk { root, watcher, wakes, wanted: Vec::new() };
+        for (name, text) in files {
+            desk.save(name, text);
+        }
+        desk.want(&files.iter().map(|(name, _)| *name).collect::<Vec<_>>());
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.root.path().join(name)
+    }
+
+    fn save(&self, name: &str, text: &str) {
+        let path = self.path(name);
+        fs::create_dir_all(path.parent().expect("a folder")).expect("folders");
+        fs::write(path, text).expect("saved");
+    }
+
+    /// Watches these, as they are now.
+    fn want(&mut self, names: &[&str]) {
+        self.wanted = names.iter().map(|name| self.path(name)).collect();
+        self.built();
+    }
+
+    /// As if everything had just been built.
+    fn built(&mut self) -> Vec<Wanted> {
+        let read = |path: &PathBuf| Wanted { path: path.clone(), content: Content::at(path) };
+        let wanted: Vec<Wanted> = self.wanted.iter().map(read).collect();
+        self.watcher.watch(&wanted);
+        // What is done next is not noticed because everything is looked at now.
+        let (sender, answer) = channel();
+        self.watcher.inbox.send(Message::Answer(sender)).expect("the thread runs");
+        answer.recv().expect("the thread answers");
+        wanted
+    }
+
+    /// The next change's files, by name.
+    #[track_caller]
+    fn change(&mut self) -> Vec<String> {
+        let change = self.whole_change();
+        let name =
+            |path: &PathBuf| path.strip_prefix(self.root.path()).expect("below").to_string_lossy().into();
+        change.files.iter().map(name).collect()
+    }
+
+    #[track_caller]
+    fn whole_change(&mut self) -> Change {
+        let begun = Instant::now();
+        loop {
+            if let Some(change) = self.watcher.take() {
+                return change;
+            }
+            let left = LONG.saturating_sub(begun.elapsed());
+            assert!(self.wakes.recv_timeout(left).is_ok(), "no change came");
+        }
+    }
+
+    /// Fails if something changed that was not told: of what is saved from here on, only this comes.
+    #[track_caller]
+    fn nothing_changed(&mut self) {
+        let text = format!("{:?}", Instant::now());
+        self.save("sentinel", &text);
+        assert_eq!(self.change(), ["sentinel"]);
+        self.built();
+    }
+}
+
+#[test]
+fn a_saved_file_is_a_change() {
+    let mut desk = Desk::new(&[("a", "one"), ("b", "one")]);
+    assert_eq!(desk.watcher.kind(), WatchKind::Events);
+    for text in ["two", "three", "four"] {
+        let before = Instant::now();
+        desk.save("a", text);
+        let change = desk.whole_change();
+        assert_eq!(change.files, [desk.path("a")]);
+        assert!(change.first_seen >= before && change.first_seen <= Instant::now());
+        desk.built();
+    }
+}
+
+#[test]
+fn a_file_that_changed_since_it_was_built_is_a_change_at_once() {
+    let mut desk = Desk::new(&[("a", "one")]);
+    let old = Wanted { path: desk.path("a"), content: Content::of(b"zero") };
+    desk.watcher.watch(&[old]);
+    assert_eq!(desk.change(), ["a"]);
+}
+
+#[test]
+fn a_file_that_is_replaced_by_a_rename_is_a_change() {
+    let mut desk = Desk::new(&[("a", "one")]);
+    for text in ["two", "three"] {
+        desk.save(".a.swp", text);
+        fs::rename(desk.path(".a.swp"), desk.path("a")).expect("renamed");
+        assert_eq!(desk.change(), ["a"]);
+        desk.built();
+    }
+}
+
+#[test]
+fn a_file_that_is_renamed_away_and_written_anew_is_one_change() {
+    let mut desk = Desk::new(&[("a", "one"), ("sentinel", "")]);
+    for text in ["two", "three"] {
+        fs::rename(desk.path("a"), desk.path("a~")).expect("renamed");
+        desk.save("a", text);
+        assert_eq!(desk.change(), ["a"]);
+        desk.built();
+        fs::remove_file(desk.path("a~")).expect("removed");
+        desk.nothing_changed();
+    }
+}
+
+#[test]
+fn a_touch_is_no_change_and_neither_is_a_save_of_the_same_text() {
+    let mut desk = Desk::new(&[("a", "one"), ("b", "one"), ("c", "one"), ("sentinel", "")]);
+    let a = fs::File::options().write(true).open(desk.path("a")).expect("opened");
+    a.set_modified(std::time::SystemTime::now() + LONG).expect("touched");
+    desk.save("b", "one");
+    desk.save("new", "one");
+    fs::rename(desk.path("new"), desk.path("c")).expect("renamed");
+    desk.save("not wanted", "one");
+    desk.nothing_changed();
+}
+
+#[test]
+fn a_change_that_is_taken_back_before_the_file_is_still_is_none() {
+    let patience = Patience { quiet: Duration::from_secs(2), ..EVENTS };
+    let mut desk = Desk::with(patience, true, &[("a", "one"), ("sentinel", "")]);
+    desk.save("a", "two");
+    desk.save("a", "one");
+    desk.nothing_changed();
+}
+
+#[test]
+fn an_editor_that_empties_a_file_and_writes_it_later_makes_one_change() {
+    let mut desk = Desk::new(&[("a", "one"), ("sentinel", "")]);
+    desk.save("a", "");
+    desk.nothing_changed();
+    desk.save("a", "two");
+    assert_eq!(desk.change(), ["a"]);
+}
+
+#[test]
+fn a_file_that_stays_empty_or_away_is_a_change_after_the_grace() {
+    let patience = Patience { gone: Duration::from_millis(300), ..EVENTS };
+    let mut desk = Desk::with(patience, true, &[("a", "one"), ("b", "one")]);
+    desk.save("a", "");
+    assert_eq!(desk.change(), ["a"]);
+    desk.built();
+    fs::remove_file(desk.path("b")).expect("removed");
+    assert_eq!(desk.change(), ["b"]);
+    desk.built();
+    desk.save("b", "one");
+    assert_eq!(desk.change(), ["b"]);
+}
+
+#[test]
+fn a_file_that_never_stands_still_is_a_change_nevertheless() {
+    let patience = Patience { quiet: LONG, moving: Duration::from_millis(200), ..EVENTS };
+    let mut desk = Desk::with(patience, true, &[("a", "one")]);
+    desk.save("a", "two");
+    assert_eq!(desk.change(), ["a"]);
+}
+
+#[test]
+fn a_change_does_not_wait_long_for_a_file_that_is_still_moving() {
+    // `b` moves all the time, and would wait for long; `a` is saved once.
+    let patience = Patience { moving: LONG, ..EVENTS };
+    let mut desk = Desk::with(patience, true, &[("a", "one"), ("b", "one")]);
+    let b = desk.path("b");
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            for count in 0.. {
+                if stop.load(Ordering::SeqCst) {
+                    break;
+                }
+                fs::write(&b, format!("{count}")).expect("saved");
+                std::thread::sleep(Duration::from_millis(2));
+            }
+        });
+        desk.save("a", "two");
+        while !desk.change().contains(&"a".to_string()) {}
+        stop.store(true, Ordering::SeqCst);
+    });
+}
+
+#[test]
+fn files_that_are_saved_together_are_one_change() {
+    let patience = Patience { quiet: Duration::from_secs(1), gather: LONG, ..EVENTS };
+    let mut desk = Desk::with(patience, true, &[("a/one", "1"), ("b/two", "1"), ("c", "1")]);
+    desk.save("b/two", "2");
+    desk.save("a/one", "2");
+    assert_eq!(desk.change(), ["a/one", "b/two"]);
+}
+
+#[test]
+fn a_burst_of_saves_is_few_changes_and_the_last_one_wins() {
+    let patience = Patience { quiet: Duration::from_millis(500), moving: LONG, ..EVENTS };
+    let mut desk = Desk::with(patience, true, &[("a", "")]);
+    let last = Content::of(b"99");
+    for text in 0..100 {
+        desk.save("a", &text.to_string());
+    }
+    let mut changes = 0;
+    loop {
+        assert_eq!(desk.change(), ["a"]);
+        changes += 1;
+        if desk.built()[0].content == last {
+            break;
+        }
+    }
+    assert!(changes < 10, "{changes} changes for one burst");
+}
+
+#[test]
+fn a_file_in_folders_that_do_not_exist_yet_is_a_change_when_it_comes() {
+    let mut desk = Desk::new(&[("here", "one")]);
+    desk.want(&["here", "one/two/three/file"]);
+    fs::create_dir(desk.path("one")).expect("a folder");
+    fs::create_dir(desk.path("one/two")).expect("a folder");
+    desk.save("one/two/three/file", "new");
+    assert_eq!(desk.change(), ["one/two/three/file"]);
+    // All levels at once.
+    desk.want(&["here", "four/five/file"]);
+    desk.save("made/five/file", "new");
+    fs::rename(desk.path("made"), desk.path("four")).expect("renamed");
+    assert_eq!(desk.change(), ["four/five/file"]);
+}
+
+#[test]
+fn a_folder_that_is_removed_and_restored_is_watched_on() {
+    let mut desk = Desk::new(&[("p/shaders/a", "one"), ("p/shaders/b", "one"), ("sentinel", "")]);
+    for (round, folder) in ["p/shaders", "p", "p/shaders"].into_iter().enumerate() {
+        fs::remove_dir_all(desk.path(folder)).expect("removed");
+        desk.save("p/shaders/a", "one");
+        desk.save("p/shaders/b", &format!("restored {round}"));
+        // `a` is as it was; that it was away for a moment is nothing.
+        assert_eq!(desk.change(), ["p/shaders/b"]);
+        desk.built();
+        desk.save("p/shaders/a", &format!("saved {round}"));
+        assert_eq!(desk.change(), ["p/shaders/a"]);
+        desk.save("p/shaders/a", "one");
+        assert_eq!(desk.change(), ["p/shaders/a"]);
+        desk.built();
+    }
+}
+
+/// On macOS this is left to the rounds; see [`EVERY_FOLDER`].
+#[cfg(not(target_os = "macos"))]
+#[test]
+fn a_folder_that_is_exchanged_far_above_is_noticed() {
+    let mut desk = Desk::new(&[("p/q/r/a", "one")]);
+    desk.save("new/q/r/a", "two");
+    fs::rename(desk.path("p"), desk.path("old")).expect("renamed");
+    fs::rename(desk.path("new"), desk.path("p")).expect("renamed");
+    assert_eq!(desk.change(), ["p/q/r/a"]);
+    desk.built();
+    desk.save("p/q/r/a", "three");
+    assert_eq!(desk.change(), ["p/q/r/a"]);
+    desk.built();
+    // What went away is no longer meant.
+    desk.want(&["p/q/r/a", "sentinel"]);
+    desk.save("old/q/r/a", "four");
+    desk.nothing_changed();
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_that_is_turned_to_another_place_is_a_change() {
+    use std::os::unix::fs::symlink;
+    let mut desk = Desk::new(&[("..v1/a", "one"), ("..v2/a", "two"), ("..v3/a", "three")]);
+    symlink("..v1", desk.path("..data")).expect("a link");
+    symlink("..data/a", desk.path("a")).expect("a link");
+    desk.want(&["a"]);
+    for version in ["..v2", "..v3"] {
+        symlink(version, desk.path("..tmp")).expect("a link");
+        fs::rename(desk.path("..tmp"), desk.path("..data")).expect("renamed");
+        assert_eq!(desk.change(), ["a"]);
+        desk.built();
+        // And what it leads to now is watched.
+        desk.save(&format!("{version}/a"), "edited in place");
+        assert_eq!(desk.change(), ["a"]);
+        desk.built();
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_file_behind_a_link_to_its_folder_is_watched_where_it_is() {
+    let mut desk = Desk::new(&[("real/shaders/a", "one")]);
+    std::os::unix::fs::symlink(desk.path("real"), desk.path("link")).expect("a link");
+    desk.want(&["link/shaders/a"]);
+    desk.save("real/shaders/a", "two");
+    assert_eq!(desk.change(), ["link/shaders/a"]);
+}
+
+#[test]
+fn a_change_that_the_build_has_read_already_need_not_be_taken() {
+    let mut desk = Desk::new(&[("a", "one"), ("sentinel", "")]);
+    desk.save("a", "two");
+    // Announced, but taken by nobody.
+    desk.wakes.recv_timeout(LONG).expect("woken");
+    desk.built();
+    assert_eq!(desk.watcher.take(), None);
+    desk.nothing_changed();
+}
+
+#[test]
+fn a_change_that_was_taken_is_not_told_again_when_an_older_build_is_done() {
+    let mut desk = Desk::new(&[("a", "one"), ("sentinel", "")]);
+    let old = desk.built();
+    desk.save("a", "two");
+    assert_eq!(desk.change(), ["a"]);
+    // A build that began before the change.
+    desk.watcher.watch(&old);
+    desk.save("sentinel", "saved");
+    assert_eq!(desk.change(), ["sentinel"]);
+    // But a file that goes back to what that build has read is a change: the newer build will not have it.
+    desk.save("a", "one");
+    assert_eq!(desk.change(), ["a"]);
+}
+
+#[test]
+fn of_two_builds_that_read_different_texts_one_is_out_of_date() {
+    let mut desk = Desk::new(&[("a", "two")]);
+    let read = |text: &str| Wanted { path: desk.path("a"), content: Content::of(text.as_bytes()) };
+    let both = [read("two"), read("one")];
+    desk.watcher.watch(&both);
+    assert_eq!(desk.change(), ["a"]);
+}
+
+const BUILTIN: &[(&str, &str)] = &[("shaders/splat.frag", "built in")];
+
+/// What a build of `pipelines/a.ron` would look at, and the shader that it would find.
+fn build(desk: &mut Desk) -> (Vec<Wanted>, String) {
+    let mut files = SourceMap::new(Library { builtin: BUILTIN, ..Library::default() });
+    let graph = desk.path("pipelines/a.ron");
+    let graph = files.find(None, graph.to_str().expect("text"), Kind::Graph).expect("the graph");
+    let shader = files.find(Some(graph), "splat.frag", Kind::Shader).expect("the shader");
+    let text = files.text(shader).to_string();
+    let wanted = files.wanted();
+    desk.watcher.watch(&wanted);
+    (wanted, text)
+}
+
+#[test]
+fn a_file_that_appears_earlier_in_the_search_is_a_change() {
+    let patience = Patience { gone: Duration::from_millis(300), ..EVENTS };
+    let mut desk = Desk::with(patience, true, &[("pipelines/a.ron", "")]);
+    assert_eq!(build(&mut desk).1, "built in");
+    // In place of what is built in, in a folder that is not there yet.
+    desk.save("shaders/splat.frag", "beside the graphs");
+    assert!(desk.change().contains(&"shaders/splat.frag".to_string()));
+    assert_eq!(build(&mut desk).1, "beside the graphs");
+    // And one that is nearer to the graph than that.
+    desk.save("pipelines/splat.frag", "beside the graph");
+    assert_eq!(desk.change(), ["pipelines/splat.frag"]);
+    let (wanted, text) = build(&mut desk);
+    assert_eq!(text, "beside the graph");
+    // What comes later in the search does not matter now.
+    assert!(wanted.iter().all(|wanted| !wanted.path.ends_with("shaders/splat.frag")), "{wanted:?}");
+    // Back to what is built in.
+    fs::remove_dir_all(desk.path("shaders")).expect("removed");
+    fs::remove_file(desk.path("pipelines/splat.frag")).expect("removed");
+    assert_eq!(desk.change(), ["pipelines/splat.frag"]);
+    assert_eq!(build(&mut desk).1, "built in");
+}
+
+#[test]
+fn without_events_the_same_is_noticed_by_looking() {
+    let mut desk = Desk::with(EVENTS, false, &[("a", "one"), ("p/b", "one"), ("sentinel", "")]);
+    assert_eq!(desk.watcher.kind(), WatchKind::Polling("that is wanted".into()));
+    assert_eq!(desk.watcher.kind().to_string(), "polling, because that is wanted");
+    desk.save("a", "two");
+    assert_eq!(desk.change(), ["a"]);
+    desk.built();
+    desk.save("new", "three");
+    fs::rename(desk.path("new"), desk.path("a")).expect("renamed");
+    assert_eq!(desk.change(), ["a"]);
+    desk.built();
+    fs::remove_dir_all(desk.path("p")).expect("removed");
+    desk.save("p/b", "two");
+    assert_eq!(desk.change(), ["p/b"]);
+    desk.built();
+    desk.save("a", "three");
+    desk.nothing_changed();
+    desk.want(&["one/two/file"]);
+    desk.save("one/two/file", "new");
+    assert_eq!(desk.change(), ["one/two/file"]);
+}
+
+#[test]
+fn where_events_are_silent_the_rounds_notice() {
+    let (sender, wakes) = channel();
+    let native = |_| -> notify::Result<Native> { Ok(Box::new(notify::NullWatcher)) };
+    let patience = Patience { rounds: Some(Duration::from_millis(50)), ..EVENTS };
+    let watcher = Watcher::start(patience, native, move || _ = sender.send(())).expect("a watcher");
+    let root = tempfile::tempdir().expect("a folder");
+    let mut desk = Desk { root, watcher, wakes, wanted: Vec::new() };
+    desk.save("a", "one");
+    desk.want(&["a"]);
+    desk.save("a", "two");
+    assert_eq!(desk.change(), ["a"]);
+    assert_eq!(desk.watcher.kind(), WatchKind::Events);
+}
+
+/// A system that lets nobody watch anything.
+struct Full;
+
+impl notify::Watcher for Full {
+    fn new<F: notify::EventHandler>(_: F, _: notify::Config) -> notify::Result<Self> {
+        Ok(Full)
+    }
+    fn watch(&mut self, _: &Path, _: RecursiveMode) -> notify::Result<()> {
+        Err(notify::Error::new(ErrorKind::MaxFilesWatch))
+    }
+    fn unwatch(&mut self, _: &Path) -> notify::Result<()> {
+        Ok(())
+    }
+    fn kind() -> notify::WatcherKind {
+        notify::WatcherKind::NullWatcher
+    }
+}
+
+#[test]
+fn a_system_whose_watches_are_used_up_is_polled_and_says_so() {
+    let (sender, wakes) = channel();
+    let native = |_| -> notify::Result<Native> { Ok(Box::new(Full)) };
+    let watcher = Watcher::start(EVENTS, native, move || _ = sender.send(())).expect("a watcher");
+    let root = tempfile::tempdir().expect("a folder");
+    let mut desk = Desk { root, watcher, wakes, wanted: Vec::new() };
+    desk.save("a", "one");
+    desk.want(&["a"]);
+    desk.wakes.recv_timeout(LONG).expect("woken, as the kind is another");
+    let why = "polling, because the system's limit on watched folders is reached";
+    assert_eq!(desk.watcher.kind().to_string(), why);
+    desk.save("a", "two");
+    assert_eq!(desk.change(), ["a"]);
+}
+
+#[test]
+fn paths_that_lead_nowhere_are_harmless() {
+    let mut desk = Desk::new(&[("a", "one")]);
+    let strange = ["", ".", "..", "/", "a\0b", "../../../..", "\n", "a/b/c", "é/🦀", "*"];
+    let long = "x".repeat(10_000);
+    let mut wanted: Vec<Wanted> = strange
+        .into_iter()
+        .chain([long.as_str()])
+        .map(|path| Wanted { path: path.into(), content: Content::Missing })
+        .collect();
+    wanted.push(Wanted { path: desk.path("a"), content: Content::of(b"one") });
+    desk.watcher.watch(&wanted);
+    desk.save("a", "two");
+    assert_eq!(desk.change(), ["a"]);
+}
