@@ -178,7 +178,8 @@ pub trait Device: Sized {
     /// The output of the last frame that was submitted with [`FrameInputs::show`].
     fn picture(&self) -> Option<Picture>;
 
-    /// Records and submits a frame. Blocks only while [`FRAMES_IN_FLIGHT`] frames are still being executed.
+    /// Records and submits a frame. Blocks only while [`FRAMES_IN_FLIGHT`] frames are still being executed, and, if the frame is
+    /// to be shown in a window, until the window can take it: see [`Windowed`].
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
     /// Blocks until the frame is done. Each frame's result can be taken once.
@@ -194,6 +195,10 @@ pub trait Device: Sized {
 }
 
 /// A device that shows what it draws in a window. (Each backend has a constructor of its own for it.)
+///
+/// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks for them until the window has room,
+/// which with vsync is so once per refresh of the display. While the window shows nothing they are drawn as ever, and nobody
+/// sees them.
 pub trait Windowed: Device {
     /// The window's size in pixels is now this; a size of 0 is a window that shows nothing for a while.
     fn resize_window(&mut self, width: u32, height: u32);

@@ -5,9 +5,9 @@
 //! features that [`create`] lists.
 
 use crate::error::api;
-use crate::instance::{API_VERSION, Instance, NO_DRIVER};
+use crate::instance::{API_VERSION, Instance, NO_DRIVER, offers};
 use crate::limits::{Limits, SubgroupLimits};
-use ash::vk;
+use ash::{khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo};
 use splatgraph_framework::plan::Value;
 use std::collections::BTreeMap;
@@ -16,14 +16,15 @@ use std::ffi::{CStr, c_char};
 /// A physical device and what is known of it.
 pub(crate) struct Physical {
     pub handle: vk::PhysicalDevice,
-    /// Index of the queue family that can compute and draw.
+    /// Index of the queue family that can compute and draw, and show pictures in the instance's window if it has one.
     pub family: u32,
     pub info: DeviceInfo,
     pub limits: Limits,
     kind: vk::PhysicalDeviceType,
 }
 
-/// Every physical device of the instance, in the loader's order.
+/// Every physical device of the instance, in the loader's order. If the instance is one for a window, those that cannot show
+/// pictures in it are unfit.
 pub(crate) fn all(instance: &Instance) -> Result<Vec<Physical>, BackendError> {
     let handles = instance.physical_devices()?;
     Ok(handles.into_iter().enumerate().map(|(index, handle)| describe(instance, handle, index)).collect())
@@ -99,10 +100,9 @@ fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Ph
         ));
     } else {
         (limits, driver) = query(instance, handle);
-        if let Some((_, properties)) = family {
-            limits.timestamp_bits = properties.timestamp_valid_bits;
-        } else {
-            unfit = Some("it has no queue that can both compute and draw".to_string());
+        match &family {
+            Ok((_, properties)) => limits.timestamp_bits = properties.timestamp_valid_bits,
+            Err(why) => unfit = Some(why.to_string()),
         }
     }
     let facts = limits.facts();
@@ -110,12 +110,37 @@ fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Ph
     Physical { handle, family: family.map_or(0, |f| f.0), info, limits, kind }
 }
 
-fn queue_family(instance: &Instance, handle: vk::PhysicalDevice) -> Option<(u32, vk::QueueFamilyProperties)> {
+fn queue_family(
+    instance: &Instance,
+    handle: vk::PhysicalDevice,
+) -> Result<(u32, vk::QueueFamilyProperties), &'static str> {
     // SAFETY: `handle` is one of the instance's.
     let families = unsafe { instance.raw.get_physical_device_queue_family_properties(handle) };
+    let flags: Vec<vk::QueueFlags> = families.iter().map(|family| family.queue_flags).collect();
+    let index = match &instance.surface {
+        None => fit_family(&flags, |_| true)?,
+        Some(_) if !has_swapchains(instance, handle) => return Err(NO_PRESENTING),
+        Some(surface) => fit_family(&flags, |family| surface.can_show(handle, family))?,
+    };
+    Ok((index, families[index as usize]))
+}
+
+const NO_PRESENTING: &str = "it cannot show pictures in this window";
+
+/// The first of these queue families that can compute and draw, and that `presents`; or why there is none.
+fn fit_family(families: &[vk::QueueFlags], presents: impl Fn(u32) -> bool) -> Result<u32, &'static str> {
     let needed = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
-    let index = families.iter().position(|family| family.queue_flags.contains(needed))?;
-    Some((index as u32, families[index]))
+    let mut able = (0..).zip(families).filter(|(_, flags)| flags.contains(needed)).peekable();
+    if able.peek().is_none() {
+        return Err("it has no queue that can both compute and draw");
+    }
+    able.map(|(index, _)| index).find(|&index| presents(index)).ok_or(NO_PRESENTING)
+}
+
+fn has_swapchains(instance: &Instance, handle: vk::PhysicalDevice) -> bool {
+    // SAFETY: `handle` is one of the instance's.
+    let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
+    extensions.is_ok_and(|extensions| offers(&extensions, khr::swapchain::NAME))
 }
 
 /// Limits and the driver's name, of a device of version 1.3 or later.
@@ -314,6 +339,16 @@ mod tests {
         assert_eq!(chosen(machine(), Some("4090")), Ok(2));
         let error = chosen(machine(), Some("arc")).unwrap_err();
         assert!(error.contains("no device `arc`") && error.contains("1: Iris"), "{error}");
+    }
+
+    #[test]
+    fn the_queue_is_of_a_family_that_draws_and_computes_and_shows_pictures_in_the_window() {
+        let (draw, compute) = (vk::QueueFlags::GRAPHICS, vk::QueueFlags::COMPUTE);
+        let families = [compute, draw | compute, draw | compute];
+        assert_eq!(fit_family(&families, |_| true), Ok(1));
+        assert_eq!(fit_family(&families, |family| family != 1), Ok(2));
+        assert_eq!(fit_family(&families, |family| family == 0), Err(NO_PRESENTING));
+        assert!(fit_family(&[compute, draw], |_| true).unwrap_err().contains("both compute and draw"));
     }
 
     #[test]

@@ -1,15 +1,18 @@
 //! Frames in flight: submission, completion and what is read back.
 //!
 //! Each frame in flight has a slot: a command pool that is reset and recorded again, a fence, and (with the plan, in
-//! [`crate::loaded`]) timestamps and readback memory. Frame `n` uses slot `n % FRAMES_IN_FLIGHT`.
+//! [`crate::loaded`]) timestamps, readback memory and what comes with the frame. Frame `n` uses slot `n % FRAMES_IN_FLIGHT`.
 
 use crate::error::api;
+use crate::given;
 use crate::gpu::{Gpu, Owned};
 use crate::limits::invalid;
 use crate::loaded::{Loaded, LoadedSlot, queries};
 use crate::memory::Buffer;
+use crate::picture::PictureBuffer;
 use crate::queue;
 use crate::record::Recorder;
+use crate::screen::{Presentation, Screen};
 use ash::vk;
 use splatgraph_api::{BackendError, FrameId, FrameInputs, FrameResult, Pixels};
 use splatgraph_framework::plan::{PassId, Plan, ResourceId, Source};
@@ -32,8 +35,18 @@ pub(crate) struct Pending {
     /// The passes that it runs, in order.
     pub passes: Vec<PassId>,
     pub inspected: Vec<Buffer>,
+    /// The pictures that it reads, and that which it writes.
+    pub pictures: Vec<Arc<PictureBuffer>>,
     read_output: bool,
     record_ms: f64,
+}
+
+/// Who sees a frame's output.
+pub(crate) struct Viewers<'a> {
+    /// It is copied to this, for other executors.
+    pub picture: Option<&'a Arc<PictureBuffer>>,
+    /// It is blitted to this window, unless that shows nothing now.
+    pub screen: Option<&'a mut Screen>,
 }
 
 impl Slot {
@@ -43,7 +56,8 @@ impl Slot {
         Ok(Slot { pool, commands, fence: queue::fence(gpu)?, pending: None })
     }
 
-    /// Records and submits a frame. The slot must have nothing pending.
+    /// Records and submits a frame, whose output also goes `to` where it is seen. The slot must have nothing pending. What is
+    /// given back is still to be presented.
     pub fn submit(
         &mut self,
         gpu: &Arc<Gpu>,
@@ -51,9 +65,12 @@ impl Slot {
         slot: usize,
         frame: FrameId,
         inputs: &FrameInputs,
-    ) -> Result<(), BackendError> {
+        to: Viewers,
+    ) -> Result<Option<Presentation>, BackendError> {
+        let Viewers { picture, screen } = to;
         let start = Instant::now();
         write_uniforms(loaded, slot, inputs)?;
+        given::take(gpu, loaded, slot, inputs)?;
         if inputs.read_output && loaded.slots[slot].output.is_none() {
             let bytes = loaded.resources.image(loaded.plan.output).map_or(0, |image| image.bytes());
             loaded.slots[slot].output = Some(Buffer::to_host(gpu, "output readback", bytes)?);
@@ -61,21 +78,33 @@ impl Slot {
         // SAFETY: the frame that last used this slot is done.
         unsafe { gpu.device.reset_command_pool(*self.pool, vk::CommandPoolResetFlags::empty()) }
             .map_err(api("vkResetCommandPool"))?;
-        let recorder = Recorder { gpu, loaded, inputs, frame, slot, commands: self.commands };
+        let (commands, copy) = (self.commands, picture.map(Arc::as_ref));
+        let recorder = Recorder { gpu, loaded, inputs, frame, slot, commands, picture: copy };
         let recorded = recorder.record()?;
-        queue::submit(gpu, self.commands, *self.fence)?;
+        let waiting = Instant::now();
+        let presentation = match (screen, loaded.resources.image(loaded.plan.output)) {
+            (Some(screen), Some(output)) => screen.prepare(output, slot)?,
+            _ => None,
+        };
+        let waited = waiting.elapsed();
+        match &presentation {
+            Some(there) => queue::submit_and_blit(gpu, self.commands, there.blit, *self.fence)?,
+            None => queue::submit(gpu, self.commands, *self.fence)?,
+        }
         loaded.layouts = recorded.layouts;
         loaded.prologue_due = false;
         loaded.carried.clear();
+        let pictures = picture.cloned().into_iter().chain(loaded.resources.take_pictures(slot)).collect();
         self.pending = Some(Pending {
             frame,
             plan: loaded.number,
             passes: recorded.passes,
             inspected: recorded.inspected,
+            pictures,
             read_output: inputs.read_output,
-            record_ms: start.elapsed().as_secs_f64() * 1e3,
+            record_ms: (start.elapsed() - waited).as_secs_f64() * 1e3,
         });
-        Ok(())
+        Ok(presentation)
     }
 
     /// Blocks until the slot's frame is done, and gives what it read back. The slot is free after this, unless the
@@ -123,7 +152,7 @@ fn write_uniforms(loaded: &mut Loaded, slot: usize, inputs: &FrameInputs) -> Res
                 None => return invalid(format!("the frame was given no uniform block `{uniform}`")),
             },
             Source::Live => &inputs.live,
-            Source::Transient | Source::Scene { .. } | Source::Readback => continue,
+            Source::Transient | Source::Scene { .. } | Source::Given { .. } | Source::Readback => continue,
         };
         let Some(target) = loaded.resources.mapped_mut(ResourceId(index as u32), slot) else { continue };
         if bytes.len() > target.len() {

@@ -3,21 +3,27 @@
 //! Everything made from the device holds it by an [`Arc<Gpu>`], so that the device outlives what was made from it in
 //! whatever order things are dropped. What the GPU may still be using is not guarded here: the owner of frames in
 //! flight ([`crate::Vulkan`]) waits for them before it lets go of anything.
+//!
+//! One device serves several executors and the threads on which plans are made ready: it can be used from any of them at a
+//! time. Vulkan wants one caller at a time for the queue (so it stands behind a lock) and for pools (each has one owner);
+//! creating and destroying objects it allows anywhere.
 
 use crate::device::{self, Physical};
 use crate::error::api;
 use crate::instance::Instance;
 use crate::limits::Limits;
+use crate::picture::Pictures;
+use crate::planes::Shelf;
 use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use splatgraph_api::BackendError;
 use std::ffi::{CStr, CString};
 use std::ops::Deref;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 pub(crate) struct Gpu {
     pub device: ash::Device,
-    pub queue: vk::Queue,
+    queue: Mutex<vk::Queue>,
     pub family: u32,
     pub limits: Limits,
     pub physical: vk::PhysicalDevice,
@@ -25,6 +31,11 @@ pub(crate) struct Gpu {
     pub pipeline_cache: vk::PipelineCache,
     /// `None` once the device is being destroyed.
     pub allocator: Mutex<Option<Allocator>>,
+    /// The scene's planes that some plan has.
+    pub planes: Shelf,
+    pub pictures: Pictures,
+    /// What the first executor said that found the device lost; nothing works after that.
+    pub lost: OnceLock<String>,
     labels: Option<ext::debug_utils::Device>,
     // Dropped after the device is destroyed.
     pub instance: Instance,
@@ -38,12 +49,15 @@ impl Gpu {
         let labels = instance.labels.then(|| ext::debug_utils::Device::new(&instance.raw, &device));
         let mut gpu = Gpu {
             device,
-            queue,
+            queue: Mutex::new(queue),
             family: physical.family,
             limits: physical.limits.clone(),
             physical: physical.handle,
             pipeline_cache: vk::PipelineCache::null(),
             allocator: Mutex::new(None),
+            planes: Shelf::default(),
+            pictures: Pictures::default(),
+            lost: OnceLock::new(),
             labels,
             instance,
         };
@@ -61,8 +75,21 @@ impl Gpu {
         // SAFETY: an empty cache of a live device.
         gpu.pipeline_cache = unsafe { gpu.device.create_pipeline_cache(&Default::default(), None) }
             .map_err(api("vkCreatePipelineCache"))?;
-        gpu.name(gpu.queue, "queue");
+        gpu.name(queue, "queue");
         Ok(gpu)
+    }
+
+    /// The queue, for one submission or one frame to present.
+    pub fn queue(&self) -> MutexGuard<'_, vk::Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// An error, once the device is lost.
+    pub fn check_lost(&self) -> Result<(), BackendError> {
+        match self.lost.get() {
+            Some(text) => Err(BackendError::DeviceLost(text.clone())),
+            None => Ok(()),
+        }
     }
 
     /// Names an object in captures and messages.
@@ -91,7 +118,8 @@ impl Gpu {
 
     /// Blocks until the device has nothing left to do; a lost device has.
     pub fn wait_idle(&self) {
-        // SAFETY: `Vulkan` owns the queue and calls from one thread at a time.
+        let _queue = self.queue();
+        // SAFETY: the device's one queue is locked.
         let _ = unsafe { self.device.device_wait_idle() };
     }
 }
@@ -144,6 +172,7 @@ destroy!(
     Pipeline by destroy_pipeline,
     PipelineLayout by destroy_pipeline_layout,
     QueryPool by destroy_query_pool,
+    Semaphore by destroy_semaphore,
     ShaderModule by destroy_shader_module,
 );
 

@@ -4,6 +4,11 @@
 //! scene, they share the buffer or the image, and the new plan leaves out the [`Work::Start`] that would have zeroed it. A
 //! history is taken over only if it has contents, if it stands in its block alone in both plans, and if it was made for all
 //! that the new plan uses it for; otherwise it starts from zeros.
+//!
+//! A plan is made ready some time before it becomes the current one, and frames of other plans go on in between. So every plan
+//! is made with memory of its own, and what it goes on from is settled when it is swapped in
+//! ([`crate::loaded::Loaded::follow`]): with the layouts and the contents of that moment, it is bound to what the plan before it
+//! has, and lets go of its own.
 
 use crate::blocks::Bound;
 use crate::lower;

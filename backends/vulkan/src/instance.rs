@@ -1,9 +1,10 @@
 //! The Vulkan instance: the loader, the validation layer and the messenger that collects what the layer says.
 //!
 //! The loader is opened at run time, so that the program starts (and can say what is missing) on a machine without
-//! Vulkan. An instance needs no window system: a windowed program passes the surface extensions that it wants.
+//! Vulkan. An instance needs no window system: only one that is made for a window enables a window system's extensions.
 
 use crate::error::api;
+use crate::surface::{self, Surface, Window};
 use ash::{ext, vk};
 use splatgraph_api::BackendError;
 use std::ffi::{CStr, c_char, c_void};
@@ -58,10 +59,19 @@ pub(crate) struct Instance {
     /// Objects and command buffers can be named.
     pub labels: bool,
     pub messages: Arc<Messages>,
+    /// Of the window that it was made for.
+    pub surface: Option<Surface>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
 }
 
 impl Instance {
+    /// An instance that can show pictures in `window`.
+    pub fn in_window(validation: Validation, window: Arc<dyn Window>) -> Result<Instance, BackendError> {
+        let mut instance = Instance::new(validation, &surface::extensions(&*window)?)?;
+        instance.surface = Some(Surface::new(loader()?, &instance.raw, window)?);
+        Ok(instance)
+    }
+
     /// An instance with `extensions` (a window system's, for instance) besides what this crate uses itself.
     pub fn new(validation: Validation, extensions: &[&CStr]) -> Result<Instance, BackendError> {
         let entry = loader()?;
@@ -73,8 +83,15 @@ impl Instance {
         };
         let layers: &[*const c_char] = if validation == Validation::Off { &[] } else { &[LAYER.as_ptr()] };
 
-        let labels = offers(&instance_extensions(entry, None)?, ext::debug_utils::NAME)
-            || offers(&layer_extensions, ext::debug_utils::NAME);
+        let offered = instance_extensions(entry, None)?;
+        if let Some(missing) = extensions.iter().find(|name| !offers(&offered, name)) {
+            return Err(BackendError::Unavailable(format!(
+                "no Vulkan driver here can show pictures in a window of this window system: none has {}",
+                missing.to_string_lossy()
+            )));
+        }
+        let labels =
+            offers(&offered, ext::debug_utils::NAME) || offers(&layer_extensions, ext::debug_utils::NAME);
         let mut names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
         if labels {
             names.push(ext::debug_utils::NAME.as_ptr());
@@ -115,7 +132,7 @@ impl Instance {
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => BackendError::Unavailable(NO_DRIVER.to_string()),
             _ => api("vkCreateInstance")(answer),
         })?;
-        let mut instance = Instance { raw, labels, messages, messenger: None };
+        let mut instance = Instance { raw, labels, messages, surface: None, messenger: None };
         if validation != Validation::Off && labels {
             instance.listen(entry)?;
         }
@@ -141,6 +158,7 @@ impl Instance {
 
 impl Drop for Instance {
     fn drop(&mut self) {
+        self.surface = None;
         // SAFETY: whatever was made from the instance holds it alive, so nothing is left; `messages`, to which the
         // destruction itself may still report, is dropped after this.
         unsafe {

@@ -4,6 +4,8 @@
 //! a sentence that names the resource and both numbers, and so that everything after it may index into the plan
 //! freely: a plan that was read from a file can say anything.
 
+mod given;
+
 use crate::error::mib;
 use splatgraph_api::BackendError;
 use splatgraph_framework::plan::*;
@@ -104,8 +106,8 @@ fn over<T>(text: String) -> Result<T, BackendError> {
     Err(BackendError::Limit(text))
 }
 
-/// What the checks and the recording ask of a resource.
-pub(crate) trait ResourceExt {
+/// What the checks ask of a resource.
+trait ResourceExt {
     fn is_image(&self) -> bool;
 }
 
@@ -281,6 +283,7 @@ impl<'a> Checker<'a> {
         for touch in &pass.touches {
             self.resources(touch.resource, name)?;
         }
+        self.given(pass)?;
         match &pass.work {
             Work::Dispatch { shader, groups } => self.dispatch(pass, *shader, *groups),
             Work::Draw { vertex, fragment, call, targets, .. } => {

@@ -1,4 +1,7 @@
 //! A plan that is ready to run: everything that is created for it, and nothing of any one frame.
+//!
+//! It is made beside the frames, on any thread ([`Loaded::new`]), and becomes the current one when it [follows](Loaded::follow)
+//! the plan before it. Only then is it known what that one leaves behind.
 
 use crate::error::api;
 use crate::gpu::{Gpu, Owned};
@@ -7,7 +10,8 @@ use crate::limits;
 use crate::lower::{self, Lowered, LoweredStep};
 use crate::memory::{Buffer, Memory};
 use crate::pipelines::{DescriptorSets, Pipelines};
-use crate::resources::{Created, Estate, Resources};
+use crate::planes;
+use crate::resources::{Created, Resources};
 use crate::upload::upload;
 use ash::vk;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress, SceneData};
@@ -22,7 +26,7 @@ pub(crate) struct Loaded {
     pub resources: Resources,
     pub lowered: Lowered,
     pub plan: Plan,
-    /// Tells plans apart that are loaded one after another.
+    /// Tells plans apart that are loaded one after another; see [`Loaded::follow`].
     pub number: u64,
     /// The scene's.
     identity: u64,
@@ -48,28 +52,27 @@ pub(crate) fn queries(passes: usize) -> u32 {
 }
 
 impl Loaded {
+    /// Makes a plan ready.
     pub fn new(
         gpu: &Arc<Gpu>,
         plan: Plan,
-        number: u64,
         scene: &dyn SceneData,
-        estate: &Estate,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Loaded, BackendError> {
         limits::check(&plan, &gpu.limits)?;
         let identity = scene.identity();
         let lowered = lower::lower(&plan, &gpu.limits.subgroup);
         let pipelines = Pipelines::new(gpu, &plan, &lowered, progress)?;
-        let Created { resources, missing, carried } = Resources::create(gpu, &plan, identity, estate)?;
+        // Where planes are missing this may wait, so it comes after the pipelines.
+        let (mut planes, turn) = gpu.planes.find(&planes::keys(&plan, identity));
+        let Created { resources, missing } = Resources::create(gpu, &plan, identity, &mut planes)?;
         let sets = DescriptorSets::new(gpu, &plan, &lowered, &pipelines, &resources)?;
         let slots = [LoadedSlot::new(gpu, &plan)?, LoadedSlot::new(gpu, &plan)?];
         // Last, since it takes the longest: a plan that cannot run is refused before.
-        upload(gpu, scene, &missing, &resources.planes, progress)?;
-        let mut layouts = vec![vk::ImageLayout::UNDEFINED; plan.resources.len()];
-        for &(id, layout) in &carried {
-            layouts[id.index()] = layout;
-        }
-        let carried = carried.into_iter().map(|(id, _)| id).collect();
+        upload(gpu, scene, &missing, &planes, progress)?;
+        gpu.planes.add(missing.iter().map(|key| (key, &planes[key])));
+        drop(turn);
+        let layouts = vec![vk::ImageLayout::UNDEFINED; plan.resources.len()];
         Ok(Loaded {
             sets,
             pipelines,
@@ -77,19 +80,37 @@ impl Loaded {
             resources,
             lowered,
             plan,
-            number,
+            number: 0,
             identity,
             layouts,
-            carried,
+            carried: Vec::new(),
             prologue_due: true,
         })
     }
 
-    /// What a plan that is loaded after this one may share.
-    pub fn estate(&self) -> Estate {
-        let ids = (0..self.plan.resources.len() as u32).map(ResourceId);
+    /// Becomes the plan of this number, which goes on from the `histories` that the plan before has now, after the last frame
+    /// of it that there will be. No frame of this one was submitted yet.
+    pub fn follow(&mut self, gpu: &Gpu, number: u64, histories: &[History]) {
+        self.number = number;
+        for id in self.ids() {
+            let Some(history) = history::find(&self.plan, id, self.identity, histories) else { continue };
+            self.carried.push(id);
+            self.layouts[id.index()] = history.layout;
+            self.resources.rebind(id, history.bound.clone());
+        }
+        for slot in 0..FRAMES_IN_FLIGHT {
+            self.sets.rewrite(gpu, &self.plan, &self.resources, slot, &self.carried);
+        }
+    }
+
+    fn ids(&self) -> impl Iterator<Item = ResourceId> + use<> {
+        (0..self.plan.resources.len() as u32).map(ResourceId)
+    }
+
+    /// What a plan that comes after this one may take over.
+    pub fn histories(&self) -> Vec<History> {
         // Before the first frame only what this plan took over itself has contents.
-        let full = ids.filter(|id| !self.prologue_due || self.carried.contains(id));
+        let full = self.ids().filter(|id| !self.prologue_due || self.carried.contains(id));
         let history = |id: ResourceId| {
             Some(History {
                 name: history::name(&self.plan, id)?.to_string(),
@@ -99,7 +120,7 @@ impl Loaded {
                 bound: self.resources.bound(id)?.clone(),
             })
         };
-        Estate { planes: self.resources.planes.clone(), histories: full.filter_map(history).collect() }
+        full.filter_map(history).collect()
     }
 
     /// The steps of the prologue, if the next frame runs it.

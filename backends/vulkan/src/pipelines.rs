@@ -1,17 +1,17 @@
 //! Pipelines and descriptor sets, made once per plan.
 //!
 //! The lists come from [`crate::lower`]: an interface is a descriptor set layout with a pipeline layout, and each
-//! pipeline names the interface that it is made for. A pass that binds a uniform block of the frame has one descriptor
-//! set per frame in flight, any other pass has one.
+//! pipeline names the interface that it is made for. A pass that binds something of the frame has one descriptor set per
+//! frame in flight, any other pass has one. What is bound is written when the set is made, but for buffers that come with a
+//! frame ([`crate::given`]), and written again where it changes.
 
 use crate::error::api;
 use crate::gpu::{Gpu, Owned};
-use crate::limits::ResourceExt;
 use crate::lower::{Interface, Lowered, PipelineState, Subgroups, TargetState, descriptor};
 use crate::resources::Resources;
 use ash::vk;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress};
-use splatgraph_framework::plan::{Pass, Plan, ShaderId};
+use splatgraph_framework::plan::{Pass, Plan, ResourceId, ShaderId, Source};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -256,11 +256,31 @@ impl DescriptorSets {
                 .map_err(api("vkAllocateDescriptorSets"))?;
             for (slot, &set) in new.iter().enumerate() {
                 gpu.name(set, &pass.name);
-                write(gpu, pass, set, slot, resources);
+                write(gpu, pass, set, slot, resources, |id| !is_given(plan, id));
             }
             sets[index] = std::array::from_fn(|slot| new[slot % made]);
         }
         Ok(DescriptorSets { sets, _pool: Some(pool) })
+    }
+
+    /// Points all that this slot's sets bind of `changed` to where it is now. No frame that uses these sets is in flight.
+    pub fn rewrite(
+        &self,
+        gpu: &Gpu,
+        plan: &Plan,
+        resources: &Resources,
+        slot: usize,
+        changed: &[ResourceId],
+    ) {
+        if changed.is_empty() {
+            return;
+        }
+        for (pass, sets) in plan.passes.iter().zip(&self.sets) {
+            // Passes that no step runs have none.
+            if sets[slot] != vk::DescriptorSet::null() {
+                write(gpu, pass, sets[slot], slot, resources, |id| changed.contains(&id));
+            }
+        }
     }
 
     /// The set of a pass (by index) for the frame in this slot.
@@ -271,7 +291,7 @@ impl DescriptorSets {
 
 /// How many sets a pass needs.
 fn copies(plan: &Plan, pass: &Pass) -> usize {
-    let per_frame = pass.bindings.iter().any(|b| plan.resource(b.resource).is_per_frame());
+    let per_frame = pass.bindings.iter().any(|b| plan.resource(b.resource).source.is_per_frame());
     if per_frame { FRAMES_IN_FLIGHT } else { 1 }
 }
 
@@ -306,8 +326,20 @@ fn pool(
     Ok(Some(Owned::new(gpu, pool)))
 }
 
-fn write(gpu: &Gpu, pass: &Pass, set: vk::DescriptorSet, slot: usize, resources: &Resources) {
-    for binding in &pass.bindings {
+fn is_given(plan: &Plan, id: ResourceId) -> bool {
+    matches!(plan.resource(id).source, Source::Given { .. })
+}
+
+/// Writes those bindings of a pass whose resources are `wanted`.
+fn write(
+    gpu: &Gpu,
+    pass: &Pass,
+    set: vk::DescriptorSet,
+    slot: usize,
+    resources: &Resources,
+    wanted: impl Fn(ResourceId) -> bool,
+) {
+    for binding in pass.bindings.iter().filter(|binding| wanted(binding.resource)) {
         let write = vk::WriteDescriptorSet::default()
             .dst_set(set)
             .dst_binding(binding.binding)
@@ -321,12 +353,11 @@ fn write(gpu: &Gpu, pass: &Pass, set: vk::DescriptorSet, slot: usize, resources:
                 .image_layout(vk::ImageLayout::GENERAL)];
             write.image_info(&image)
         } else {
-            buffer = [vk::DescriptorBufferInfo::default()
-                .buffer(*resources.buffer(binding.resource, slot).raw)
-                .range(vk::WHOLE_SIZE)];
+            let (held, bytes) = resources.part(binding.resource, slot);
+            buffer = [vk::DescriptorBufferInfo::default().buffer(*held.raw).range(bytes)];
             write.buffer_info(&buffer)
         };
-        // SAFETY: the set is new, the resources are alive, and the kinds fit (checked with the plan).
+        // SAFETY: the set is not in use, the resources are alive, and the kinds fit (checked with the plan).
         unsafe { gpu.device.update_descriptor_sets(&[write], &[]) };
     }
 }

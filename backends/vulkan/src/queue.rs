@@ -1,8 +1,8 @@
-//! Command pools, fences and submissions: what uploads and frames have in common.
+//! Command pools, fences, semaphores and submissions: what uploads and frames have in common.
 
 use crate::error::api;
 use crate::gpu::{Gpu, Owned};
-use ash::vk;
+use ash::{khr, vk};
 use splatgraph_api::BackendError;
 use std::sync::Arc;
 
@@ -32,12 +32,78 @@ pub(crate) fn fence(gpu: &Arc<Gpu>) -> Result<Owned<vk::Fence>, BackendError> {
     Ok(Owned::new(gpu, fence.map_err(api("vkCreateFence"))?))
 }
 
+pub(crate) fn semaphore(gpu: &Arc<Gpu>) -> Result<Owned<vk::Semaphore>, BackendError> {
+    // SAFETY: a plain creation on a live device.
+    let semaphore = unsafe { gpu.device.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) };
+    Ok(Owned::new(gpu, semaphore.map_err(api("vkCreateSemaphore"))?))
+}
+
 /// Submits one command buffer; `fence` is signalled when it is done.
 pub(crate) fn submit(gpu: &Gpu, commands: vk::CommandBuffer, fence: vk::Fence) -> Result<(), BackendError> {
     let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
     let submits = [vk::SubmitInfo2::default().command_buffer_infos(&buffers)];
-    // SAFETY: the command buffer was recorded and is not in use, nor is the fence; `Vulkan` owns the queue.
-    unsafe { gpu.device.queue_submit2(gpu.queue, &submits, fence) }.map_err(api("vkQueueSubmit2"))
+    let queue = gpu.queue();
+    // SAFETY: the command buffer was recorded and is not in use, nor is the fence; the queue is locked.
+    unsafe { gpu.device.queue_submit2(*queue, &submits, fence) }.map_err(api("vkQueueSubmit2"))
+}
+
+/// What blits a frame's output to the window, and what it waits for and signals.
+#[derive(Clone, Copy)]
+pub(crate) struct Blit {
+    pub commands: vk::CommandBuffer,
+    /// Signalled when the window's image may be written.
+    pub acquired: vk::Semaphore,
+    /// Will be signalled when the window's image may be shown.
+    pub finished: vk::Semaphore,
+}
+
+/// Submits a frame, and after it the blit of its output; `fence` is signalled when both are done.
+///
+/// They are two batches: drivers wait for a semaphore before they begin a batch, whatever stage the wait names, and the
+/// frame has no reason to wait for the window.
+pub(crate) fn submit_and_blit(
+    gpu: &Gpu,
+    commands: vk::CommandBuffer,
+    blit: Blit,
+    fence: vk::Fence,
+) -> Result<(), BackendError> {
+    let frame = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
+    let blits = [vk::CommandBufferSubmitInfo::default().command_buffer(blit.commands)];
+    let waits = [vk::SemaphoreSubmitInfo::default()
+        .semaphore(blit.acquired)
+        .stage_mask(vk::PipelineStageFlags2::BLIT)];
+    let signals = [vk::SemaphoreSubmitInfo::default()
+        .semaphore(blit.finished)
+        .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
+    let submits = [
+        vk::SubmitInfo2::default().command_buffer_infos(&frame),
+        vk::SubmitInfo2::default()
+            .wait_semaphore_infos(&waits)
+            .command_buffer_infos(&blits)
+            .signal_semaphore_infos(&signals),
+    ];
+    let queue = gpu.queue();
+    // SAFETY: the command buffers were recorded and are not in use, nor is the fence; one semaphore is about to be signalled,
+    // the other has been waited for; the queue is locked.
+    unsafe { gpu.device.queue_submit2(*queue, &submits, fence) }.map_err(api("vkQueueSubmit2"))
+}
+
+/// Hands an image of a swapchain to the window once `finished` is signalled. True if the swapchain does not fit the window as
+/// well as another would.
+pub(crate) fn present(
+    gpu: &Gpu,
+    functions: &khr::swapchain::Device,
+    swapchain: vk::SwapchainKHR,
+    image: u32,
+    finished: vk::Semaphore,
+) -> Result<bool, vk::Result> {
+    let (waits, swapchains, images) = ([finished], [swapchain], [image]);
+    let info =
+        vk::PresentInfoKHR::default().wait_semaphores(&waits).swapchains(&swapchains).image_indices(&images);
+    let queue = gpu.queue();
+    // SAFETY: the image was acquired and is in the layout to be shown in once the semaphore is signalled, which a submission
+    // will do; the swapchain is one screen's alone, and the queue is locked.
+    unsafe { functions.queue_present(*queue, &info) }
 }
 
 /// Blocks until the fence is signalled, and resets it.

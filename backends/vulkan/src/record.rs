@@ -2,8 +2,8 @@
 //!
 //! Between the passes stands what the plan says and nothing else: one `vkCmdPipelineBarrier2` per step that has
 //! barriers, and one for the handover. The backend adds barriers only for what it does itself: at the start of a plan
-//! that goes on from another's histories, around the copies that somebody asked to inspect, and before the host reads
-//! what no step of the plan shows it.
+//! that goes on from another's histories, around the copies that somebody asked to inspect, around that to a picture
+//! ([`crate::picture`]), and before the host reads what no step of the plan shows it.
 
 use crate::barriers::{ANYTHING, Dependency, Scope, going_on, take_over};
 use crate::error::api;
@@ -12,6 +12,7 @@ use crate::limits::invalid;
 use crate::loaded::{Loaded, queries};
 use crate::lower::LoweredStep;
 use crate::memory::{Buffer, WHOLE};
+use crate::picture::PictureBuffer;
 use ash::vk;
 use splatgraph_api::{BackendError, FrameId, FrameInputs, Inspect};
 use splatgraph_framework::plan::*;
@@ -35,6 +36,8 @@ pub(crate) struct Recorder<'a> {
     pub frame: FrameId,
     pub slot: usize,
     pub commands: vk::CommandBuffer,
+    /// Where the output is to be copied to.
+    pub picture: Option<&'a PictureBuffer>,
 }
 
 impl Recorder<'_> {
@@ -62,6 +65,7 @@ impl Recorder<'_> {
         for step in &self.loaded.lowered.frame {
             self.step(step, &step.dependency, &mut recorded);
         }
+        self.copy_to_picture();
         self.host_barrier();
         self.timestamp(1);
         self.gpu.end_label(self.commands);
@@ -129,7 +133,7 @@ impl Recorder<'_> {
         self.pipeline_barrier(&info);
     }
 
-    fn pipeline_barrier(&self, info: &vk::DependencyInfo) {
+    pub(crate) fn pipeline_barrier(&self, info: &vk::DependencyInfo) {
         // SAFETY: the command buffer is being recorded outside of rendering, and the resources are alive.
         unsafe { self.gpu.device.cmd_pipeline_barrier2(self.commands, info) };
     }
@@ -268,7 +272,7 @@ impl Recorder<'_> {
     }
 
     /// Copies an image that is in the layout of a transfer's source, rows tightly packed.
-    fn copy_image(&self, image: ResourceId, target: &Buffer) {
+    pub(crate) fn copy_image(&self, image: ResourceId, target: &Buffer) {
         let Some(image) = self.loaded.resources.image(image) else { return };
         let region = [vk::BufferImageCopy::default()
             .image_subresource(vk::ImageSubresourceLayers {
@@ -324,7 +328,11 @@ impl Recorder<'_> {
                 ));
             };
             self.check_contents(inspect, last)?;
-            buffers.push(Buffer::to_host(self.gpu, "inspection", resource.bytes())?);
+            let bytes = match self.loaded.resources.image(inspect.resource) {
+                Some(image) => image.bytes(),
+                None => self.loaded.resources.part(inspect.resource, self.slot).1,
+            };
+            buffers.push(Buffer::to_host(self.gpu, "inspection", bytes)?);
         }
         Ok(buffers)
     }
@@ -378,8 +386,8 @@ impl Recorder<'_> {
         if image.is_some() {
             self.copy_image(inspect.resource, target);
         } else {
-            let source = self.loaded.resources.buffer(inspect.resource, self.slot);
-            self.copy_buffer(source, 0, target, 0, source.bytes);
+            let (source, bytes) = self.loaded.resources.part(inspect.resource, self.slot);
+            self.copy_buffer(source, 0, target, 0, bytes);
         }
         between(vk::ImageLayout::TRANSFER_SRC_OPTIMAL, layout);
     }

@@ -1,50 +1,32 @@
 //! The buffers and images of one plan.
 //!
 //! Transients are single, and stand in the plan's blocks. A uniform block that the host writes exists once per frame in
-//! flight, mapped for good, and so does the memory that the host reads statistics from. Planes of the scene are shared:
-//! what an earlier plan uploaded from the same data is used again. So are histories ([`crate::history`]).
+//! flight, mapped for good, and so does the memory that the host reads statistics from; a buffer that comes with a frame is
+//! made when it comes ([`crate::given`]). Planes of the scene are shared by all
+//! plans of the device ([`crate::planes`]), and histories by plans that follow one another ([`crate::history`]).
 
 use crate::blocks::{self, Bound, Unbound};
+use crate::given::Given;
 use crate::gpu::Gpu;
-use crate::history::{self, History};
 use crate::lower;
 use crate::memory::{Buffer, Image, Memory, UnboundBuffer, UnboundImage, check_format};
+use crate::picture::PictureBuffer;
+use crate::planes::{PlaneKey, Planes};
 use ash::vk;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_framework::plan::*;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// What tells one plane of scene data from another.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct PlaneKey {
-    /// [`splatgraph_api::SceneData::identity`].
-    pub identity: u64,
-    pub attribute: String,
-    pub plane: u32,
-    pub bytes: u64,
-}
-
-/// Planes that are on the device.
-pub(crate) type Planes = HashMap<PlaneKey, Arc<Buffer>>;
-
-/// What the plan before leaves to the next.
-#[derive(Default)]
-pub(crate) struct Estate {
-    pub planes: Planes,
-    pub histories: Vec<History>,
-}
-
 enum Held {
     Bound(Bound),
     Plane(Arc<Buffer>),
     PerFrame([Buffer; FRAMES_IN_FLIGHT]),
+    Given([Given; FRAMES_IN_FLIGHT]),
 }
 
 pub(crate) struct Resources {
     held: Vec<Held>,
-    /// The planes among them.
-    pub planes: Planes,
 }
 
 /// Resources, and what is still to be done about them.
@@ -52,21 +34,18 @@ pub(crate) struct Created {
     pub resources: Resources,
     /// Planes that are new and want their data.
     pub missing: Vec<PlaneKey>,
-    /// Resources that go on from a former plan's history, with the layouts that images were left in.
-    pub carried: Vec<(ResourceId, vk::ImageLayout)>,
 }
 
 impl Resources {
-    /// Creates what `plan` needs.
+    /// Creates what `plan` needs, but for the `planes` that are there. Those that are not are added to them.
     pub fn create(
         gpu: &Arc<Gpu>,
         plan: &Plan,
         identity: u64,
-        estate: &Estate,
+        planes: &mut Planes,
     ) -> Result<Created, BackendError> {
-        let (mut planes, mut missing) = (Planes::new(), Vec::new());
-        let (mut bound, carried) = transients(gpu, plan, identity, &estate.histories)?;
-        let mut held = Vec::new();
+        let mut bound = transients(gpu, plan)?;
+        let (mut held, mut missing) = (Vec::new(), Vec::new());
         for (index, resource) in plan.resources.iter().enumerate() {
             let name = resource.name.as_str();
             let (bytes, usage) = (resource.bytes(), lower::buffer_usage(resource));
@@ -77,18 +56,14 @@ impl Resources {
                 },
                 Source::Scene { attribute, plane } => {
                     let key = PlaneKey { identity, attribute: attribute.clone(), plane: *plane, bytes };
-                    let found = planes.get(&key).or_else(|| estate.planes.get(&key)).cloned();
-                    let buffer = match found {
-                        Some(buffer) => buffer,
-                        None => {
-                            missing.push(key.clone());
-                            Arc::new(Buffer::on_device(gpu, name, bytes, usage)?)
-                        }
-                    };
-                    planes.insert(key, buffer.clone());
-                    Held::Plane(buffer)
+                    if !planes.contains_key(&key) {
+                        missing.push(key.clone());
+                        planes.insert(key.clone(), Arc::new(Buffer::on_device(gpu, name, bytes, usage)?));
+                    }
+                    Held::Plane(planes[&key].clone())
                 }
-                Source::Frame { .. } | Source::Given { .. } | Source::Live => {
+                Source::Given { .. } => Held::Given(Default::default()),
+                Source::Frame { .. } | Source::Live => {
                     let copy = || Buffer::to_device(gpu, name, bytes, usage);
                     Held::PerFrame([copy()?, copy()?])
                 }
@@ -98,7 +73,7 @@ impl Resources {
                 }
             });
         }
-        Ok(Created { resources: Resources { held, planes }, missing, carried })
+        Ok(Created { resources: Resources { held }, missing })
     }
 
     /// The image behind a resource, if it is one.
@@ -112,15 +87,46 @@ impl Resources {
     /// The buffer behind a resource, for the frame in this slot.
     ///
     /// # Panics
-    /// On an image. [`crate::limits::check`] made sure that what is used as a buffer is one.
+    /// As [`Resources::part`].
     pub fn buffer(&self, id: ResourceId, slot: usize) -> &Buffer {
-        match &self.held[id.index()] {
+        self.part(id, slot).0
+    }
+
+    /// The same, and how many of its bytes belong to the resource, from the first on.
+    ///
+    /// # Panics
+    /// On an image, and on a buffer that comes with the frame before it has come. [`crate::limits::check`] made sure that what
+    /// is used as a buffer is one, and [`crate::given::take`] that a frame has all its buffers.
+    pub fn part(&self, id: ResourceId, slot: usize) -> (&Buffer, u64) {
+        let buffer = match &self.held[id.index()] {
             Held::Bound(Bound::Buffer(buffer)) | Held::Plane(buffer) => buffer,
             Held::PerFrame(copies) => &copies[slot],
+            Held::Given(given) => match given[slot].held() {
+                Some(held) => return held,
+                None => unreachable!("a frame is not recorded before it has all its buffers"),
+            },
             Held::Bound(Bound::Image(_)) => {
                 unreachable!("images are not used as buffers in a plan that was checked")
             }
+        };
+        (buffer, buffer.bytes)
+    }
+
+    /// What is held for the frame in this slot, if it comes with the frame.
+    pub fn given_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut Given> {
+        match &mut self.held[id.index()] {
+            Held::Given(given) => Some(&mut given[slot]),
+            _ => None,
         }
+    }
+
+    /// The pictures that the frame in this slot was given, once it is recorded. They must be kept until it is done.
+    pub fn take_pictures(&mut self, slot: usize) -> Vec<Arc<PictureBuffer>> {
+        let given = self.held.iter_mut().filter_map(|held| match held {
+            Held::Given(given) => given[slot].let_go(),
+            _ => None,
+        });
+        given.collect()
     }
 
     /// A transient's buffer or image, to be shared with another plan.
@@ -129,6 +135,11 @@ impl Resources {
             Held::Bound(bound) => Some(bound),
             _ => None,
         }
+    }
+
+    /// Gives a transient another plan's buffer or image in place of its own.
+    pub fn rebind(&mut self, id: ResourceId, bound: Bound) {
+        self.held[id.index()] = Held::Bound(bound);
     }
 
     /// The host's view of what exists once per frame in flight; none for resources of other kinds.
@@ -145,6 +156,7 @@ impl Resources {
             Held::Bound(bound) => vec![bound.memory()],
             Held::Plane(buffer) => vec![&buffer.memory],
             Held::PerFrame(copies) => copies.iter().map(|copy| &copy.memory).collect(),
+            Held::Given(given) => given.iter().filter_map(Given::memory).collect(),
         })
     }
 
@@ -165,6 +177,14 @@ impl Resources {
                     entries.push((name.clone(), copies.iter().map(|copy| copy.memory.bytes()).sum()));
                     continue;
                 }
+                Held::Given(given) => {
+                    let bytes = given.iter().filter_map(Given::memory).map(|memory| memory.bytes()).sum();
+                    // None before the first frame, and none where only pictures are given.
+                    if bytes > 0 {
+                        entries.push((name.clone(), bytes));
+                    }
+                    continue;
+                }
             };
             match seen.get(&Arc::as_ptr(memory)) {
                 Some(&entry) => {
@@ -181,16 +201,9 @@ impl Resources {
     }
 }
 
-type Transients = (HashMap<ResourceId, Bound>, Vec<(ResourceId, vk::ImageLayout)>);
-
-/// The tenants of all blocks, and those of them that were taken over.
-fn transients(
-    gpu: &Arc<Gpu>,
-    plan: &Plan,
-    identity: u64,
-    histories: &[History],
-) -> Result<Transients, BackendError> {
-    let (mut all, mut carried) = (HashMap::new(), Vec::new());
+/// The tenants of all blocks.
+fn transients(gpu: &Arc<Gpu>, plan: &Plan) -> Result<HashMap<ResourceId, Bound>, BackendError> {
+    let mut all = HashMap::new();
     for block in &plan.blocks {
         let mut tenants = Vec::new();
         for &id in &block.tenants {
@@ -198,20 +211,11 @@ fn transients(
             if let Shape::Image { format, .. } = resource.shape {
                 check_format(gpu, &resource.name, format, resource.usage, is_blended(plan, id))?;
             }
-            match history::find(plan, id, identity, histories) {
-                Some(history) => {
-                    carried.push((id, history.layout));
-                    all.insert(id, history.bound.clone());
-                }
-                None => tenants.push((id, unbound(gpu, resource)?)),
-            }
+            tenants.push((resource.name.as_str(), unbound(gpu, resource)?));
         }
-        let (ids, tenants): (Vec<_>, Vec<_>) = tenants.into_iter().unzip();
-        let names = ids.iter().map(|&id| plan.resource(id).name.as_str());
-        let bound = blocks::bind(gpu, names.zip(tenants).collect())?;
-        all.extend(ids.into_iter().zip(bound));
+        all.extend(block.tenants.iter().copied().zip(blocks::bind(gpu, tenants)?));
     }
-    Ok((all, carried))
+    Ok(all)
 }
 
 fn unbound(gpu: &Arc<Gpu>, resource: &Resource) -> Result<Unbound, BackendError> {

@@ -6,8 +6,8 @@
 use crate::error::api;
 use crate::gpu::{Gpu, Owned};
 use crate::memory::Buffer;
+use crate::planes::{PlaneKey, Planes};
 use crate::queue::{command_pool, fence, submit, wait};
-use crate::resources::{PlaneKey, Planes};
 use ash::vk;
 use splatgraph_api::{BackendError, Progress, SceneData};
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 const CHUNK: u64 = 16 << 20;
 
 /// Fetches the data of the planes `missing` and brings it to the device. When this returns, also with an error, the
-/// device uses none of it any more.
+/// device uses none of it any more: `missing` is on the device, or can be dropped.
 pub(crate) fn upload(
     gpu: &Arc<Gpu>,
     scene: &dyn SceneData,
@@ -27,13 +27,7 @@ pub(crate) fn upload(
     if missing.is_empty() {
         return Ok(());
     }
-    let mut uploader = Uploader::new(gpu, missing)?;
-    let result = uploader.run(scene, missing, planes, progress);
-    if result.is_err() {
-        // Before the staging buffer is dropped.
-        gpu.wait_idle();
-    }
-    result
+    Uploader::new(gpu, missing)?.run(scene, missing, planes, progress)
 }
 
 /// A chunk on its way.
@@ -142,5 +136,15 @@ impl<'a> Uploader<'a> {
             half.busy = false;
         }
         Ok(())
+    }
+}
+
+impl Drop for Uploader<'_> {
+    /// An error, or a panic of the scene's, leaves copies on their way out of the staging buffers.
+    fn drop(&mut self) {
+        for half in 0..self.halves.len() {
+            // A device that is lost has nothing left to do.
+            let _ = self.wait(half);
+        }
     }
 }

@@ -142,6 +142,69 @@ fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
 }
 
 #[test]
+fn a_buffer_that_comes_with_a_frame_is_storage_that_frames_read() {
+    let with = |alter: fn(&mut Plan)| {
+        said(|plan, _| {
+            plan.resources[SPLATS.index()].source = Source::Given { buffer: "frame.words".to_string() };
+            alter(plan);
+        })
+    };
+    let touch = |accesses| Touch {
+        resource: SPLATS,
+        stages: Stages::COMPUTE,
+        accesses,
+        layout: None,
+        discards: false,
+    };
+    assert_eq!(with(|_| {}), "");
+    let read = with(|plan| {
+        plan.resources[SPLATS.index()].usage |= Usage::INDIRECT;
+        let groups = Groups::Indirect { buffer: SPLATS, offset: 0 };
+        plan.passes[2].work = Work::Dispatch { shader: ShaderId(0), groups };
+    });
+    assert_eq!(read, "");
+    // Of its words, those can be counted on that it holds at least.
+    let beyond = with(|plan| {
+        plan.resources[SPLATS.index()].usage |= Usage::INDIRECT;
+        let offset = plan.resources[SPLATS.index()].bytes() - 8;
+        let groups = Groups::Indirect { buffer: SPLATS, offset };
+        plan.passes[2].work = Work::Dispatch { shader: ShaderId(0), groups };
+    });
+    assert!(beyond.contains("uses 12 bytes at byte"), "{beyond}");
+    let uniform = with(|plan| {
+        let binding = plan.passes[3].bindings.iter_mut().find(|b| b.resource == SPLATS);
+        binding.expect("it is bound").kind = DescriptorKind::UniformBuffer;
+    });
+    assert!(uniform.contains("pass `splat` binds `splats`, a storage buffer"), "{uniform}");
+    let filled = with(|plan| {
+        plan.resources[SPLATS.index()].usage |= Usage::COPY_TARGET;
+        plan.passes[0].work = Work::Fill { buffer: SPLATS, value: 0 };
+    });
+    assert!(filled.contains("pass `clear` writes to `splats`"), "{filled}");
+    for (accesses, refused) in [(Accesses::STORAGE_READ, false), (Accesses::STORAGE_WRITE, true)] {
+        let text = said(|plan, _| {
+            plan.resources[SPLATS.index()].source = Source::Given { buffer: "frame.words".to_string() };
+            plan.passes[3].touches.push(touch(accesses));
+        });
+        assert_eq!(text.contains("pass `splat` writes to `splats`"), refused, "{text}");
+    }
+}
+
+#[test]
+fn a_buffer_that_comes_with_a_frame_counts_among_a_passs_descriptors_and_sizes() {
+    let with = |alter: fn(&mut Plan, &mut Limits)| {
+        said(|plan, limits| {
+            plan.resources[SPLATS.index()].source = Source::Given { buffer: "frame.words".to_string() };
+            alter(plan, limits);
+        })
+    };
+    let many = with(|_, limits| limits.max_storage_buffers = 1);
+    assert!(many.contains("pass `splat` binds 2 storage buffers, and this device allows 1"), "{many}");
+    let large = with(|plan, _| buffer(plan, SPLATS, 40_000_000));
+    assert!(large.contains("`splats`, bound by pass `splat`, is 152.6 MiB"), "{large}");
+}
+
+#[test]
 fn what_shares_memory_counts_once() {
     // `words` and `args` are of 4096 bytes each.
     let apart = |plan: &mut Plan, limits: &mut Limits| {

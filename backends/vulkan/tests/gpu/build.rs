@@ -22,6 +22,11 @@ pub fn finish(vulkan: Vulkan) {
     assert_eq!(vulkan.close(), Vec::<String>::new());
 }
 
+/// Another on the same device.
+pub fn beside(vulkan: &Vulkan) -> Vulkan {
+    vulkan.beside().expect("there can be another")
+}
+
 /// Loads a plan that reads nothing of a scene.
 pub fn load(vulkan: &mut Vulkan, plan: Plan) {
     vulkan.load(plan, &Scene::default(), &mut |_| {}).expect("the plan loads");
@@ -81,6 +86,11 @@ pub struct Scene {
 impl Scene {
     pub fn new(identity: u64, attribute: &str, plane: u32, bytes: Vec<u8>) -> Scene {
         Scene { identity, planes: [((attribute.to_string(), plane), bytes)].into(), ..Default::default() }
+    }
+
+    /// How often a plane was asked for.
+    pub fn asked(&self) -> usize {
+        self.asked.load(Ordering::Relaxed)
     }
 }
 
@@ -188,6 +198,13 @@ impl Build {
     pub fn scene(&mut self, attribute: &str, plane: u32, stride: u64, count: u64) -> ResourceId {
         let source = Source::Scene { attribute: attribute.to_string(), plane };
         self.resource(attribute, Shape::Buffer { stride, count }, Usage::STORAGE, source)
+    }
+
+    /// A buffer that comes with every frame, of `count` elements or more.
+    pub fn given(&mut self, name: &str, stride: u64, count: u64) -> ResourceId {
+        let source = Source::Given { buffer: name.to_string() };
+        let usage = Usage::STORAGE | Usage::INDIRECT | Usage::COPY_SOURCE;
+        self.resource(name, Shape::Buffer { stride, count }, usage, source)
     }
 
     pub fn uniform(&mut self, source: Source, bytes: u64) -> ResourceId {

@@ -7,7 +7,7 @@ use splatgraph_vulkan::Vulkan;
 
 /// The first word of a buffer and every pixel of an image of this width, both with a history, grow by `step` in every frame. The
 /// statistic `name` is the word, the output the image. `alter` is called before the plan is finished, with the two.
-fn growing_with(
+pub fn growing_with(
     name: &str,
     step: u32,
     width: u32,
@@ -38,16 +38,16 @@ void main() {{
     build.export(trail)
 }
 
-fn growing(name: &str, step: u32) -> Plan {
+pub fn growing(name: &str, step: u32) -> Plan {
     growing_with(name, step, 2, |_, _, _| {})
 }
 
-fn submit(vulkan: &mut Vulkan) -> FrameId {
+pub fn submit(vulkan: &mut Vulkan) -> FrameId {
     vulkan.submit(&with_output()).expect("the frame is submitted")
 }
 
 /// The name of the statistic and its value, which every pixel must have as well.
-fn grown(vulkan: &mut Vulkan, frame: FrameId) -> (String, u32) {
+pub fn grown(vulkan: &mut Vulkan, frame: FrameId) -> (String, u32) {
     let result = vulkan.wait(frame).expect("the frame is done");
     let [(name, value)] = result.stats.try_into().expect("one statistic");
     let pixels = words(&result.output.expect("the output was asked for").bytes);
@@ -56,7 +56,7 @@ fn grown(vulkan: &mut Vulkan, frame: FrameId) -> (String, u32) {
 }
 
 /// The value after one more frame.
-fn grow(vulkan: &mut Vulkan) -> u32 {
+pub fn grow(vulkan: &mut Vulkan) -> u32 {
     let frame = submit(vulkan);
     grown(vulkan, frame).1
 }

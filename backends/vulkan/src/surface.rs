@@ -1,0 +1,279 @@
+//! The surface: what a window is to Vulkan, and what can be asked of it.
+//!
+//! A surface belongs to an instance and knows nothing of a device: which devices can show pictures in the window, in what
+//! formats and how paced, is asked here. What is made of the answers ([`format()`], [`present_mode`], [`extent`] and others) are
+//! plain functions on data. The swapchain that follows from them is in [`crate::screen`].
+
+use crate::error::api;
+use ash::{khr, vk};
+use raw_window_handle::{HandleError, HasDisplayHandle, HasWindowHandle};
+use splatgraph_api::BackendError;
+use std::ffi::CStr;
+use std::sync::Arc;
+
+/// What a window must be to be drawn in. It is kept for as long as its surface exists.
+pub(crate) trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
+
+impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
+
+/// The instance extensions that windows of this window system need.
+pub(crate) fn extensions(window: &dyn Window) -> Result<Vec<&'static CStr>, BackendError> {
+    let display = window.display_handle().map_err(no_handle)?;
+    let names = ash_window::enumerate_required_extensions(display.as_raw()).map_err(|_| {
+        BackendError::Unavailable("Vulkan knows no surfaces for windows of this window system".to_string())
+    })?;
+    // SAFETY: the names are constants of `ash`.
+    Ok(names.iter().map(|&name| unsafe { CStr::from_ptr(name) }).collect())
+}
+
+/// A surface that is destroyed when it is dropped, which must be before its instance is.
+pub(crate) struct Surface {
+    pub raw: vk::SurfaceKHR,
+    functions: khr::surface::Instance,
+    // Dropped after the surface is destroyed.
+    _window: Arc<dyn Window>,
+}
+
+impl Surface {
+    /// The instance has the window system's [`extensions`].
+    pub fn new(
+        entry: &ash::Entry,
+        instance: &ash::Instance,
+        window: Arc<dyn Window>,
+    ) -> Result<Surface, BackendError> {
+        let display = window.display_handle().map_err(no_handle)?.as_raw();
+        let handle = window.window_handle().map_err(no_handle)?.as_raw();
+        // SAFETY: both handles are valid for as long as the window is there, and the surface keeps the window. The owner of
+        // the instance drops the surface first.
+        let raw = unsafe { ash_window::create_surface(entry, instance, display, handle, None) };
+        let raw = raw.map_err(api("vkCreate*SurfaceKHR"))?;
+        Ok(Surface { raw, functions: khr::surface::Instance::new(entry, instance), _window: window })
+    }
+
+    /// Whether queues of this family can show pictures in the window.
+    pub fn can_show(&self, device: vk::PhysicalDevice, family: u32) -> bool {
+        // SAFETY: the device is one of the instance's, and the family one of the device's.
+        unsafe { self.functions.get_physical_device_surface_support(device, family, self.raw) }
+            .unwrap_or(false)
+    }
+
+    /// What a swapchain may be like at this moment.
+    pub fn capabilities(
+        &self,
+        device: vk::PhysicalDevice,
+    ) -> Result<vk::SurfaceCapabilitiesKHR, BackendError> {
+        // SAFETY: the device is one of the instance's that can show pictures in the window.
+        unsafe { self.functions.get_physical_device_surface_capabilities(device, self.raw) }
+            .map_err(window("vkGetPhysicalDeviceSurfaceCapabilitiesKHR"))
+    }
+
+    pub fn formats(&self, device: vk::PhysicalDevice) -> Result<Vec<vk::SurfaceFormatKHR>, BackendError> {
+        // SAFETY: as above.
+        unsafe { self.functions.get_physical_device_surface_formats(device, self.raw) }
+            .map_err(window("vkGetPhysicalDeviceSurfaceFormatsKHR"))
+    }
+
+    pub fn present_modes(&self, device: vk::PhysicalDevice) -> Result<Vec<vk::PresentModeKHR>, BackendError> {
+        // SAFETY: as above.
+        unsafe { self.functions.get_physical_device_surface_present_modes(device, self.raw) }
+            .map_err(window("vkGetPhysicalDeviceSurfacePresentModesKHR"))
+    }
+}
+
+impl Drop for Surface {
+    fn drop(&mut self) {
+        // SAFETY: the instance is alive, and its devices, with the swapchains that were made of this, are gone.
+        unsafe { self.functions.destroy_surface(self.raw, None) };
+    }
+}
+
+/// For `map_err`: the error of a Vulkan call of this name that has to do with the window.
+pub(crate) fn window(call: &'static str) -> impl Fn(vk::Result) -> BackendError {
+    move |answer| match answer {
+        vk::Result::ERROR_SURFACE_LOST_KHR => BackendError::Unavailable(format!(
+            "{call} answered that the window's surface is lost: the window was closed, or its display went away; nothing can \
+             be shown in it any more"
+        )),
+        vk::Result::ERROR_NATIVE_WINDOW_IN_USE_KHR => BackendError::Unavailable(format!(
+            "{call} answered that something else draws in this window already"
+        )),
+        _ => api(call)(answer),
+    }
+}
+
+fn no_handle(error: HandleError) -> BackendError {
+    BackendError::Unavailable(format!("the window cannot be drawn in now: {error}"))
+}
+
+/// Formats of the window that hold numbers as they are, the best first: colours are display-encoded when they are drawn, so
+/// that an sRGB format would encode them once more.
+const FORMATS: [vk::Format; 3] =
+    [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM, vk::Format::A2B10G10R10_UNORM_PACK32];
+
+/// The format of the window's images, of those `offered`. The device must be able to blit into it.
+pub(crate) fn format(
+    offered: &[vk::SurfaceFormatKHR],
+    can_blit: impl Fn(vk::Format) -> bool,
+) -> Result<vk::SurfaceFormatKHR, BackendError> {
+    let plain = |format| vk::SurfaceFormatKHR { format, color_space: vk::ColorSpaceKHR::SRGB_NONLINEAR };
+    let found = FORMATS.into_iter().map(plain).find(|want| offered.contains(want) && can_blit(want.format));
+    found.ok_or_else(|| {
+        let offered: Vec<String> =
+            offered.iter().map(|offer| format!("{:?} as {:?}", offer.format, offer.color_space)).collect();
+        BackendError::Unavailable(format!(
+            "this device cannot copy pictures into the window as they are: that takes one of {FORMATS:?} in the colour \
+             space SRGB_NONLINEAR, and the window offers {offered:?}"
+        ))
+    })
+}
+
+/// How images follow one another: at the display's refresh, in order, or the newest as soon as it is there. The first is
+/// offered by every window.
+pub(crate) fn present_mode(offered: &[vk::PresentModeKHR], vsync: bool) -> vk::PresentModeKHR {
+    let wanted: &[vk::PresentModeKHR] =
+        if vsync { &[] } else { &[vk::PresentModeKHR::MAILBOX, vk::PresentModeKHR::IMMEDIATE] };
+    wanted.iter().copied().find(|mode| offered.contains(mode)).unwrap_or(vk::PresentModeKHR::FIFO)
+}
+
+/// The size of the window's images; none while the window has no pixels. On some window systems the window has the size of
+/// what is shown in it: there it is what the program was `told`.
+pub(crate) fn extent(capabilities: &vk::SurfaceCapabilitiesKHR, told: vk::Extent2D) -> Option<vk::Extent2D> {
+    const ANY: vk::Extent2D = vk::Extent2D { width: u32::MAX, height: u32::MAX };
+    let (least, most) = (capabilities.min_image_extent, capabilities.max_image_extent);
+    let extent = match capabilities.current_extent {
+        _ if told.width == 0 || told.height == 0 => return None,
+        ANY => vk::Extent2D {
+            width: told.width.min(most.width).max(least.width),
+            height: told.height.min(most.height).max(least.height),
+        },
+        current => current,
+    };
+    (extent.width > 0 && extent.height > 0).then_some(extent)
+}
+
+/// One image more than the window system keeps to itself at the least, so that one can be drawn without waiting for it.
+pub(crate) fn image_count(capabilities: &vk::SurfaceCapabilitiesKHR) -> u32 {
+    let most = if capabilities.max_image_count == 0 { u32::MAX } else { capabilities.max_image_count };
+    (capabilities.min_image_count + 1).min(most)
+}
+
+/// What becomes of alpha: nothing, if the window system lets us choose.
+pub(crate) fn composite_alpha(offered: vk::CompositeAlphaFlagsKHR) -> vk::CompositeAlphaFlagsKHR {
+    use vk::CompositeAlphaFlagsKHR as Alpha;
+    let known = [Alpha::OPAQUE, Alpha::INHERIT, Alpha::PRE_MULTIPLIED, Alpha::POST_MULTIPLIED];
+    known.into_iter().find(|&alpha| offered.contains(alpha)).unwrap_or(Alpha::OPAQUE)
+}
+
+/// Pictures are drawn upright; on a display that is turned, the window system turns them if it can.
+pub(crate) fn transform(capabilities: &vk::SurfaceCapabilitiesKHR) -> vk::SurfaceTransformFlagsKHR {
+    if capabilities.supported_transforms.contains(vk::SurfaceTransformFlagsKHR::IDENTITY) {
+        vk::SurfaceTransformFlagsKHR::IDENTITY
+    } else {
+        capabilities.current_transform
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn offer(format: vk::Format) -> vk::SurfaceFormatKHR {
+        vk::SurfaceFormatKHR { format, color_space: vk::ColorSpaceKHR::SRGB_NONLINEAR }
+    }
+
+    #[test]
+    fn the_format_is_the_first_that_encodes_nothing_and_can_be_blitted_to() {
+        use vk::Format as F;
+        let all =
+            [F::B8G8R8A8_SRGB, F::A2B10G10R10_UNORM_PACK32, F::R8G8B8A8_UNORM, F::B8G8R8A8_UNORM].map(offer);
+        assert_eq!(format(&all, |_| true).unwrap(), offer(F::B8G8R8A8_UNORM));
+        assert_eq!(format(&all, |format| format != F::B8G8R8A8_UNORM).unwrap(), offer(F::R8G8B8A8_UNORM));
+        assert_eq!(format(&all[..2], |_| true).unwrap(), offer(F::A2B10G10R10_UNORM_PACK32));
+    }
+
+    #[test]
+    fn a_window_that_only_encodes_or_has_another_colour_space_is_refused_with_what_it_has() {
+        let wide = vk::SurfaceFormatKHR {
+            format: vk::Format::B8G8R8A8_UNORM,
+            color_space: vk::ColorSpaceKHR::DISPLAY_P3_NONLINEAR_EXT,
+        };
+        let said = format(&[offer(vk::Format::B8G8R8A8_SRGB), wide], |_| true).unwrap_err().to_string();
+        assert!(said.contains("B8G8R8A8_SRGB as SRGB_NONLINEAR"), "{said}");
+        assert!(said.contains("B8G8R8A8_UNORM as DISPLAY_P3_NONLINEAR"), "{said}");
+        assert!(format(&[offer(vk::Format::B8G8R8A8_UNORM)], |_| false).is_err());
+    }
+
+    #[test]
+    fn without_vsync_images_do_not_queue_and_tearing_is_the_second_choice() {
+        use vk::PresentModeKHR as Mode;
+        let all = [Mode::IMMEDIATE, Mode::FIFO_RELAXED, Mode::FIFO, Mode::MAILBOX];
+        assert_eq!(present_mode(&all, true), Mode::FIFO);
+        assert_eq!(present_mode(&all, false), Mode::MAILBOX);
+        assert_eq!(present_mode(&all[..3], false), Mode::IMMEDIATE);
+        assert_eq!(present_mode(&[Mode::FIFO], false), Mode::FIFO);
+    }
+
+    fn size(width: u32, height: u32) -> vk::Extent2D {
+        vk::Extent2D { width, height }
+    }
+
+    fn capabilities(current: vk::Extent2D) -> vk::SurfaceCapabilitiesKHR {
+        vk::SurfaceCapabilitiesKHR {
+            current_extent: current,
+            min_image_extent: size(16, 16),
+            max_image_extent: size(4096, 2048),
+            ..Default::default()
+        }
+    }
+
+    #[test]
+    fn the_window_tells_its_size_or_leaves_it_to_the_program_within_limits() {
+        let fixed = capabilities(size(640, 480));
+        assert_eq!(extent(&fixed, size(800, 600)), Some(size(640, 480)));
+        let free = capabilities(size(u32::MAX, u32::MAX));
+        assert_eq!(extent(&free, size(800, 600)), Some(size(800, 600)));
+        assert_eq!(extent(&free, size(1, 5000)), Some(size(16, 2048)));
+    }
+
+    #[test]
+    fn a_window_without_pixels_has_no_extent_whoever_says_so() {
+        assert_eq!(extent(&capabilities(size(0, 0)), size(800, 600)), None);
+        assert_eq!(extent(&capabilities(size(640, 480)), size(0, 600)), None);
+        assert_eq!(extent(&capabilities(size(u32::MAX, u32::MAX)), size(800, 0)), None);
+        // Some window systems say so by the limits.
+        let none = vk::SurfaceCapabilitiesKHR {
+            min_image_extent: size(0, 0),
+            max_image_extent: size(0, 0),
+            ..capabilities(size(u32::MAX, u32::MAX))
+        };
+        assert_eq!(extent(&none, size(800, 600)), None);
+    }
+
+    #[test]
+    fn there_is_one_image_more_than_the_least_unless_that_is_the_most() {
+        let count = |min_image_count, max_image_count| {
+            image_count(&vk::SurfaceCapabilitiesKHR {
+                min_image_count,
+                max_image_count,
+                ..Default::default()
+            })
+        };
+        assert_eq!([count(2, 0), count(3, 8), count(2, 2)], [3, 4, 2]);
+    }
+
+    #[test]
+    fn alpha_is_ignored_where_that_can_be_had() {
+        use vk::CompositeAlphaFlagsKHR as Alpha;
+        assert_eq!(composite_alpha(Alpha::INHERIT | Alpha::OPAQUE), Alpha::OPAQUE);
+        assert_eq!(composite_alpha(Alpha::PRE_MULTIPLIED | Alpha::INHERIT), Alpha::INHERIT);
+        assert_eq!(composite_alpha(Alpha::POST_MULTIPLIED), Alpha::POST_MULTIPLIED);
+    }
+
+    #[test]
+    fn a_lost_surface_is_told_in_words() {
+        let said = window("vkQueuePresentKHR")(vk::Result::ERROR_SURFACE_LOST_KHR).to_string();
+        assert!(said.contains("vkQueuePresentKHR") && said.contains("surface is lost"), "{said}");
+        let other = window("vkQueuePresentKHR")(vk::Result::ERROR_DEVICE_LOST);
+        assert!(matches!(other, BackendError::DeviceLost(_)));
+    }
+}

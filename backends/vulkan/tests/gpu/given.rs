@@ -1,0 +1,237 @@
+//! Buffers that come with every frame.
+
+use crate::build::*;
+use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Given, Inspect, Picture};
+use splatgraph_framework::plan::*;
+use splatgraph_vulkan::Vulkan;
+use std::sync::Arc;
+
+const NAME: &str = "frame.words";
+
+/// The first words of the buffer `frame.words`, and, as the last pixel, how many it has. It has `count` or more.
+fn words_and_length(count: u64) -> Plan {
+    let mut build = Build::new();
+    let given = build.given(NAME, 4, count);
+    let image = build.image("row", Format::R32Uint, count as u32 + 1, 1, Usage::STORAGE);
+    let shader = build.shader(
+        "show.comp",
+        &format!(
+            "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) readonly buffer Words {{ uint words[]; }};
+layout(set = 0, binding = 1, r32ui) writeonly uniform uimage2D row;
+void main() {{
+    uint i = gl_WorkGroupID.x;
+    imageStore(row, ivec2(i, 0), uvec4(i == {count} ? words.length() : words[i]));
+}}"
+        ),
+    );
+    build.dispatch(Run::Frame, "show", shader, count as u32 + 1, &[(given, 0, READ), (image, 1, WRITE)]);
+    build.export(image)
+}
+
+fn bytes(words: &[u32]) -> Arc<Vec<u8>> {
+    Arc::new(words.iter().flat_map(|word| word.to_le_bytes()).collect())
+}
+
+fn giving(given: Given) -> FrameInputs {
+    FrameInputs { buffers: [(NAME.to_string(), given)].into(), ..with_output() }
+}
+
+fn given(words: &[u32]) -> FrameInputs {
+    giving(Given::Bytes(bytes(words)))
+}
+
+fn row(vulkan: &mut Vulkan, frame: FrameId) -> Vec<u32> {
+    words(&vulkan.wait(frame).expect("the frame is done").output.expect("it was asked for").bytes)
+}
+
+fn shown(vulkan: &mut Vulkan, inputs: &FrameInputs) -> Vec<u32> {
+    let frame = vulkan.submit(inputs).expect("the frame is submitted");
+    row(vulkan, frame)
+}
+
+fn given_bytes(vulkan: &Vulkan) -> Option<u64> {
+    vulkan.memory().iter().find(|(name, _)| name == NAME).map(|(_, bytes)| *bytes)
+}
+
+#[test]
+fn each_frame_in_flight_reads_its_own_buffer_however_long_it_is() {
+    let mut vulkan = open();
+    load(&mut vulkan, words_and_length(2));
+    // It grows, stays and shrinks, with two frames in flight all the time.
+    let lengths = [2, 3, 2, 5000, 4, 100_000, 2, 2, 1 << 20, 3];
+    let frames: Vec<(FrameId, u32)> = (0..)
+        .zip(lengths)
+        .map(|(index, length)| {
+            let mut words = vec![7; length];
+            (words[0], words[1]) = (index, 10 * index);
+            (vulkan.submit(&given(&words)).expect("the frame is submitted"), length as u32)
+        })
+        .collect();
+    for (index, (frame, length)) in (0..).zip(frames) {
+        assert_eq!(row(&mut vulkan, frame), [index, 10 * index, length]);
+    }
+    finish(vulkan);
+    again_comparing_submissions("given::each_frame_in_flight_reads_its_own_buffer_however_long_it_is");
+}
+
+#[test]
+fn the_same_words_may_come_again_and_others_in_between() {
+    let mut vulkan = open();
+    load(&mut vulkan, words_and_length(2));
+    let (first, second, longer) = (bytes(&[1, 2]), bytes(&[3, 4]), bytes(&[5, 6, 7]));
+    // Each slot sees some twice in a row, and some again after others.
+    let order =
+        [&first, &first, &first, &second, &first, &second, &longer, &second, &second, &first, &second];
+    let frames: Vec<_> = order
+        .iter()
+        .map(|&words| vulkan.submit(&giving(Given::Bytes(words.clone()))).expect("the frame is submitted"))
+        .collect();
+    for (frame, &given) in frames.into_iter().zip(&order) {
+        let given = words(given);
+        assert_eq!(row(&mut vulkan, frame), [given[0], given[1], given.len() as u32]);
+    }
+    // What a slot's buffer holds is kept from changing: the words are shared with nobody else here.
+    let mut last = order[9].clone();
+    drop((first, second, longer));
+    assert!(Arc::get_mut(&mut last).is_none(), "the slot holds what it will not copy again");
+    finish(vulkan);
+    assert!(Arc::get_mut(&mut last).is_some());
+}
+
+#[test]
+fn equal_words_in_another_allocation_are_other_words() {
+    let mut vulkan = open();
+    load(&mut vulkan, words_and_length(1));
+    for index in 0..8 {
+        // Freed when the slot holds the next, so that an address may come back.
+        assert_eq!(shown(&mut vulkan, &given(&[index])), [index, 1]);
+    }
+    finish(vulkan);
+}
+
+#[test]
+fn memory_for_words_grows_in_powers_of_two_and_is_not_there_before_they_come() {
+    let mut vulkan = open();
+    load(&mut vulkan, words_and_length(1));
+    assert_eq!(given_bytes(&vulkan), None);
+    let mut listed = Vec::new();
+    for length in [1025, 1026, 2048, 1, 2049] {
+        // In both slots.
+        for _ in 0..2 {
+            assert_eq!(shown(&mut vulkan, &given(&vec![7; length])), [7, length as u32]);
+        }
+        listed.push(given_bytes(&vulkan).expect("both slots have some"));
+    }
+    assert_eq!(listed, [16384, 16384, 16384, 16384, 32768]);
+    finish(vulkan);
+}
+
+#[test]
+fn a_frame_without_the_buffer_or_with_too_little_of_it_is_refused_and_the_next_runs() {
+    let mut vulkan = open();
+    load(&mut vulkan, words_and_length(2));
+    let refused = |vulkan: &mut Vulkan, inputs: &FrameInputs, expected: &str| {
+        let error = vulkan.submit(inputs).expect_err("this should have been refused");
+        assert!(matches!(error, BackendError::Invalid(_)), "{error:?}");
+        assert!(error.to_string().contains(expected), "{error}");
+    };
+    refused(&mut vulkan, &with_output(), "given no buffer `frame.words`");
+    refused(&mut vulkan, &given(&[1]), "given 4 bytes for `frame.words`, which wants 8 or more");
+    refused(&mut vulkan, &giving(Given::Bytes(Arc::default())), "given 0 bytes");
+    refused(&mut vulkan, &giving(Given::Bytes(Arc::new(vec![0; 10]))), "in elements of 4");
+    let unknown = Picture { id: 77, format: Format::R32Uint, width: 4, height: 4 };
+    refused(&mut vulkan, &giving(Given::Picture(unknown)), "the picture 77 for `frame.words`");
+    assert_eq!(shown(&mut vulkan, &given(&[3, 4])), [3, 4, 2]);
+    refused(&mut vulkan, &given(&[1]), "given 4 bytes");
+    assert_eq!(shown(&mut vulkan, &given(&[5, 6, 7])), [5, 6, 3]);
+    finish(vulkan);
+}
+
+#[test]
+fn a_buffer_that_is_longer_than_a_binding_may_be_is_a_limit() {
+    let mut vulkan = open();
+    load(&mut vulkan, words_and_length(1));
+    let most = match vulkan.info().facts["device.max_storage_bytes"] {
+        Value::Int(most) => most as u64,
+        ref other => panic!("{other:?}"),
+    };
+    // Zeros that nobody looks at take no memory, however many.
+    let long = vec![0; most as usize / 4 * 4 + 4];
+    let error = vulkan.submit(&giving(Given::Bytes(Arc::new(long))));
+    assert!(matches!(error, Err(BackendError::Limit(_))), "{error:?}");
+    assert_eq!(shown(&mut vulkan, &given(&[1])), [1, 1]);
+    finish(vulkan);
+}
+
+#[test]
+fn arguments_of_dispatches_and_draws_may_come_with_the_frame() {
+    let mut build = Build::new();
+    let args = build.given(NAME, 4, 7);
+    let count = build.words("count", 1);
+    let target = build.image("target", Format::Rgba8Unorm, 4, 1, Usage::COLOR_TARGET);
+    build.fill(Run::Frame, "clear", count, 0);
+    let shader = build.shader(
+        "count.comp",
+        "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) buffer Count { uint count; };
+void main() { atomicAdd(count, 1); }",
+    );
+    build.dispatch_indirect("count", shader, (args, 0), &[(count, 0, BOTH)]);
+    // Instance i covers pixel i. The draw also binds what its arguments come from.
+    let vertex = build.shader(
+        "pixel.vert",
+        "#version 460
+layout(set = 0, binding = 0) readonly buffer Args { uint args[]; };
+void main() {
+    float left = float(gl_InstanceIndex) / 2.0 - 1.0, right = left + 0.5;
+    if (args[3] == 0) right = left;
+    vec2 corners[6] = vec2[](vec2(left, -1), vec2(right, -1), vec2(left, 1),
+                             vec2(right, -1), vec2(right, 1), vec2(left, 1));
+    gl_Position = vec4(corners[gl_VertexIndex], 0, 1);
+}",
+    );
+    let fragment = build.shader(
+        "white.frag",
+        "#version 460
+layout(location = 0) out vec4 color;
+void main() { color = vec4(1); }",
+    );
+    let targets = [Target { image: target, load: Load::Clear(0.0, 0.0, 0.0, 0.0), blend: Blend::Replace }];
+    let call = DrawCall::Indirect { buffer: args, offset: 12 };
+    build.draw("pixels", [vertex, fragment], call, &targets, &[(args, 0, READ)]);
+    build.stat("count", count, 0);
+    build.stat("groups", args, 0);
+    let mut vulkan = open();
+    load(&mut vulkan, build.export(target));
+    let frames: Vec<_> = (1..=4u32)
+        .map(|n| {
+            let args = [n, 2, 1, 6, n, 0, 0];
+            vulkan.submit(&given(&args)).expect("the frame is submitted")
+        })
+        .collect();
+    for (n, frame) in (1..=4u32).zip(frames) {
+        let result = vulkan.wait(frame).expect("the frame is done");
+        assert_eq!(result.stats.iter().map(|(_, value)| *value).collect::<Vec<_>>(), [2 * n, n]);
+        let pixels = words(&result.output.expect("it was asked for").bytes);
+        let expected: Vec<u32> = (0..4).map(|i| if i < n { u32::MAX } else { 0 }).collect();
+        assert_eq!(pixels, expected);
+    }
+    finish(vulkan);
+}
+
+#[test]
+fn what_is_inspected_of_a_buffer_that_came_with_the_frame_is_all_of_it() {
+    let mut vulkan = open();
+    let plan = words_and_length(1);
+    load(&mut vulkan, plan.clone());
+    let resource = plan.find_resource(NAME).expect("it is in the plan");
+    let inspect = vec![Inspect { resource, after: PassId(0) }];
+    for words_ in [&[1, 2, 3, 4, 5][..], &[6], &[7, 8, 9]] {
+        let result = frame(&mut vulkan, &FrameInputs { inspect: inspect.clone(), ..given(words_) });
+        assert_eq!(words(&result.inspected[0]), words_);
+    }
+    finish(vulkan);
+}

@@ -1,0 +1,310 @@
+//! Plans that are made ready beside the frames, and executors of one device in several threads.
+
+use crate::build::*;
+use crate::swapping::{grow, growing, growing_with, grown, submit};
+use splatgraph_api::{BackendError, Device, FrameInputs, Loader as _, Progress, SceneData};
+use splatgraph_framework::plan::*;
+use splatgraph_vulkan::{Loader, Ready, Vulkan};
+use std::sync::Barrier as Meeting;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+
+/// Makes a plan ready that reads nothing of a scene.
+fn prepare(loader: Loader, plan: Plan) -> Ready {
+    loader.prepare(plan, &Scene::default(), &mut |_| {}).expect("the plan is made ready")
+}
+
+/// Shows the attribute `numbers` of the scene.
+fn numbers(count: u64) -> Plan {
+    let mut build = Build::new();
+    let numbers = build.scene("numbers", 0, 4, count);
+    show(build, numbers)
+}
+
+fn scene(values: &[u32]) -> Scene {
+    Scene::new(1, "numbers", 0, values.iter().flat_map(|v| v.to_le_bytes()).collect())
+}
+
+fn shown(vulkan: &mut Vulkan) -> Vec<u32> {
+    words(&frame(vulkan, &with_output()).output.expect("it was asked for").bytes)
+}
+
+#[test]
+fn a_plan_is_made_ready_on_another_thread_and_goes_on_from_frames_that_were_drawn_meanwhile() {
+    let mut vulkan = open();
+    load(&mut vulkan, growing("slow", 1));
+    // Before the first frame, when there is no history yet.
+    let loader = vulkan.loader();
+    let done = AtomicBool::new(false);
+    let mut frames = Vec::new();
+    let ready = thread::scope(|scope| {
+        let thread = scope.spawn(|| {
+            let ready = prepare(loader, growing("fast", 10));
+            done.store(true, Ordering::Release);
+            ready
+        });
+        while frames.len() < 3 || !done.load(Ordering::Acquire) {
+            frames.push(submit(&mut vulkan));
+        }
+        thread.join().expect("it ends well")
+    });
+    let slow = frames.len() as u32;
+    // Two frames of the one before are in flight.
+    vulkan.swap(ready).expect("it becomes the current plan");
+    frames.extend([submit(&mut vulkan), submit(&mut vulkan)]);
+    let last = frames.split_off(frames.len() - 4);
+    let values: Vec<_> = last.into_iter().map(|frame| grown(&mut vulkan, frame)).collect();
+    let expected = [("slow", slow - 1), ("slow", slow), ("fast", slow + 10), ("fast", slow + 20)];
+    assert_eq!(values, expected.map(|(name, value)| (name.to_string(), value)));
+    finish(vulkan);
+    again_comparing_submissions(
+        "threads::a_plan_is_made_ready_on_another_thread_and_goes_on_from_frames_that_were_drawn_meanwhile",
+    );
+}
+
+#[test]
+fn a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in() {
+    let wide = |step| growing_with("wide", step, 3, |_, _, _| {});
+    let mut vulkan = open();
+    load(&mut vulkan, growing("narrow", 1));
+    assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
+    // Both are made for what comes after the narrow one.
+    let (first, second) = (prepare(vulkan.loader(), wide(10)), prepare(vulkan.loader(), wide(100)));
+    let back = vulkan.loader();
+    vulkan.swap(first).expect("it becomes the current plan");
+    // The image is of another shape and starts anew; the word goes on.
+    let result = frame(&mut vulkan, &with_output());
+    assert_eq!(
+        (result.stats[0].1, words(&result.output.expect("it was asked for").bytes)),
+        (12, vec![10; 3])
+    );
+    submit(&mut vulkan);
+    vulkan.swap(second).expect("it becomes the current plan");
+    // The word and the image are those of the plan in between.
+    let result = frame(&mut vulkan, &with_output());
+    let pixels = words(&result.output.expect("it was asked for").bytes);
+    assert_eq!((result.stats[0].1, pixels), (122, vec![120; 3]));
+    // And back, with a loader of long ago: the image of that time is gone.
+    submit(&mut vulkan);
+    vulkan.swap(prepare(back, growing("narrow", 1))).expect("it becomes the current plan");
+    let result = frame(&mut vulkan, &with_output());
+    let pixels = words(&result.output.expect("it was asked for").bytes);
+    assert_eq!((result.stats[0].1, pixels), (223, vec![1; 2]));
+    finish(vulkan);
+    again_comparing_submissions("threads::a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in");
+}
+
+#[test]
+fn a_plan_that_was_made_ready_in_vain_leaves_nothing_behind() {
+    let bytes = |vulkan: &Vulkan| (vulkan.memory(), vulkan.device_memory().used);
+    let mut vulkan = open();
+    let data = scene(&[1, 2, 3]);
+    load(&mut vulkan, growing("count", 1));
+    let pending = [submit(&mut vulkan), submit(&mut vulkan)];
+    let before = bytes(&vulkan);
+    let loader = vulkan.loader();
+    thread::scope(|scope| {
+        scope.spawn(|| drop(loader.prepare(numbers(3), &data, &mut |_| {}).expect("it is made ready")));
+    });
+    let ready = prepare(vulkan.loader(), growing("count", 10));
+    // It is on the device, and no executor's yet.
+    assert!(vulkan.memory() == before.0 && vulkan.device_memory().used > before.1);
+    assert!(vulkan.device_memory().reserved >= vulkan.device_memory().used);
+    drop(ready);
+    assert_eq!(bytes(&vulkan), before);
+    assert_eq!(pending.map(|frame| grown(&mut vulkan, frame).1), [1, 2]);
+    assert_eq!(grow(&mut vulkan), 3);
+    // What was uploaded for it went with it.
+    assert_eq!(data.asked(), 1);
+    vulkan.load(numbers(3), &data, &mut |_| {}).expect("the plan loads");
+    assert_eq!(data.asked(), 2);
+    assert_eq!(shown(&mut vulkan), [1, 2, 3]);
+    // One that outlives every executor keeps the device, and nothing more.
+    let rest = vulkan.loader().prepare(numbers(3), &data, &mut |_| {}).expect("it is made ready");
+    assert_eq!(vulkan.close(), Vec::<String>::new());
+    drop(rest);
+}
+
+#[test]
+fn a_plan_belongs_to_the_executor_whose_loader_made_it() {
+    let first = open();
+    let mut second = beside(&first);
+    let mut other = open();
+    let error = error_of(second.swap(prepare(first.loader(), growing("count", 1))));
+    assert!(error.contains("`hand-made` was made ready for another executor"), "{error}");
+    assert!(error_of(other.swap(prepare(first.loader(), growing("count", 1)))).contains("another executor"));
+    drop(second);
+    finish(first);
+    finish(other);
+}
+
+#[test]
+fn what_executors_read_of_a_scene_is_on_the_device_once() {
+    let data = scene(&[4, 5, 6]);
+    let mut first = open();
+    let mut second = beside(&first);
+    first.load(numbers(3), &data, &mut |_| {}).expect("the plan loads");
+    let again = &mut |progress: Progress| {
+        assert!(!matches!(progress, Progress::Upload { .. }), "nothing is uploaded twice");
+    };
+    second.load(numbers(3), &data, again).expect("the plan loads");
+    assert_eq!(data.asked(), 1);
+    assert_eq!((shown(&mut first), shown(&mut second)), (vec![4, 5, 6], vec![4, 5, 6]));
+    // Each lists it, and it is there as long as one of them reads it.
+    assert!([&first, &second].iter().all(|v| v.memory().iter().any(|(name, _)| name == "numbers")));
+    first.submit(&with_output()).expect("the frame is submitted");
+    drop(first);
+    assert_eq!(shown(&mut second), [4, 5, 6]);
+    let mut third = beside(&second);
+    third.load(numbers(3), &data, again).expect("the plan loads");
+    assert_eq!((data.asked(), shown(&mut third)), (1, vec![4, 5, 6]));
+    drop(second);
+    finish(third);
+}
+
+#[test]
+fn plans_that_are_made_ready_at_the_same_time_upload_what_they_share_once() {
+    const THREADS: usize = 4;
+    let values: Vec<u32> = (0..1 << 20).collect();
+    let data = scene(&values);
+    // Of a large plane, the last word.
+    let plan = {
+        let mut build = Build::new();
+        let numbers = build.scene("numbers", 0, 4, values.len() as u64);
+        let last = build.words("last", 1);
+        let shader = build.shader(
+            "last.comp",
+            "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) readonly buffer Numbers { uint numbers[]; };
+layout(set = 0, binding = 1) writeonly buffer Last { uint last; };
+void main() { last = numbers[numbers.length() - 1]; }",
+        );
+        build.dispatch(Run::Frame, "last", shader, 1, &[(numbers, 0, READ), (last, 1, WRITE)]);
+        show(build, last)
+    };
+    let vulkan = open();
+    let meeting = Meeting::new(THREADS);
+    let executors: Vec<Vulkan> = thread::scope(|scope| {
+        let threads: Vec<_> = (0..THREADS)
+            .map(|_| {
+                let (plan, mut own) = (plan.clone(), beside(&vulkan));
+                let (data, meeting) = (&data, &meeting);
+                scope.spawn(move || {
+                    meeting.wait();
+                    own.load(plan, data, &mut |_| {}).expect("the plan loads");
+                    for _ in 0..3 {
+                        assert_eq!(shown(&mut own), [(1 << 20) - 1]);
+                    }
+                    own
+                })
+            })
+            .collect();
+        threads.into_iter().map(|thread| thread.join().expect("it ends well")).collect()
+    });
+    assert_eq!(data.asked(), 1);
+    drop(executors);
+    finish(vulkan);
+}
+
+/// A scene whose data cannot be had.
+struct Broken {
+    panics: bool,
+}
+
+impl SceneData for Broken {
+    fn write(&self, _: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
+        assert!(!self.panics, "the scene breaks on purpose");
+        Err("any of it".to_string())
+    }
+
+    fn identity(&self) -> u64 {
+        1
+    }
+}
+
+#[test]
+fn an_upload_that_fails_stands_in_nobodys_way() {
+    let mut vulkan = open();
+    let loader = vulkan.loader();
+    let error = loader.prepare(numbers(2), &Broken { panics: false }, &mut |_| {}).err();
+    assert!(matches!(error, Some(BackendError::Scene(_))), "{error:?}");
+    let loader = vulkan.loader();
+    let thread =
+        thread::spawn(move || loader.prepare(numbers(2), &Broken { panics: true }, &mut |_| {}).map(drop));
+    assert!(thread.join().is_err(), "the thread panics");
+    // The same scene, by its identity: nothing of the attempts before is taken for it.
+    let data = scene(&[8, 9]);
+    vulkan.load(numbers(2), &data, &mut |_| {}).expect("the plan loads");
+    assert_eq!((data.asked(), shown(&mut vulkan)), (1, vec![8, 9]));
+    finish(vulkan);
+}
+
+#[test]
+fn executors_draw_in_threads_of_their_own_while_plans_are_made_ready_in_others() {
+    let vulkan = open();
+    let threads: Vec<_> = (0..2)
+        .map(|index| {
+            let mut own = beside(&vulkan);
+            thread::spawn(move || {
+                let mut value = 0;
+                load(&mut own, growing("count", 1));
+                for round in 0..4 {
+                    let step = 10 * index + round;
+                    let loader = own.loader();
+                    let maker = thread::spawn(move || prepare(loader, growing("count", step)));
+                    let before = if round == 0 { 1 } else { 10 * index + round - 1 };
+                    let frames: Vec<_> = (0..5).map(|_| submit(&mut own)).collect();
+                    for frame in frames {
+                        value += before;
+                        assert_eq!(grown(&mut own, frame).1, value);
+                    }
+                    own.swap(maker.join().expect("it ends well")).expect("it becomes the current plan");
+                }
+                own
+            })
+        })
+        .collect();
+    for thread in threads {
+        assert_eq!(thread.join().expect("it ends well").close(), Vec::<String>::new());
+    }
+    finish(vulkan);
+}
+
+#[test]
+fn executors_in_several_threads_take_turns_on_the_queue() {
+    // Frames of next to nothing, so that the threads meet at the queue: the validation layer says so if two use it at a time.
+    let vulkan = open();
+    let meeting = Meeting::new(4);
+    let executors: Vec<Vulkan> = thread::scope(|scope| {
+        let threads: Vec<_> = (0..4)
+            .map(|_| {
+                let mut own = beside(&vulkan);
+                load(&mut own, growing("count", 1));
+                let meeting = &meeting;
+                scope.spawn(move || {
+                    meeting.wait();
+                    for _ in 0..300 {
+                        own.submit(&FrameInputs::default()).expect("the frame is submitted");
+                    }
+                    assert_eq!(grow(&mut own), 301);
+                    own
+                })
+            })
+            .collect();
+        threads.into_iter().map(|thread| thread.join().expect("it ends well")).collect()
+    });
+    drop(executors);
+    finish(vulkan);
+}
+
+#[test]
+fn messages_are_the_devices_and_closing_one_executor_leaves_the_others_open() {
+    let first = open();
+    let mut second = beside(&first);
+    assert_eq!(first.close(), Vec::<String>::new());
+    load(&mut second, growing("count", 1));
+    assert_eq!((grow(&mut second), grow(&mut second)), (1, 2));
+    second.submit(&FrameInputs::default()).expect("the frame is submitted");
+    finish(second);
+}
