@@ -144,11 +144,30 @@ fn every_preset_passes_its_check_and_every_command_teaches() {
     let text = done(folder.path(), &["check"]);
     assert_eq!(
         text.lines().filter(|l| l.contains("OK")).count(),
-        splatgraph::builtin::names().len(),
+        splatgraph::builtin::names().len() + 1,
         "{text}"
     );
-    for command in ["render", "dump", "check", "info", "compare", "synth", "devices"] {
+    assert!(text.contains("view/window: OK"), "{text}");
+    for command in ["view", "render", "dump", "check", "info", "compare", "synth", "devices"] {
         let help = done(folder.path(), &[command, "--help"]);
         assert!(help.contains("Examples:"), "{command} has no examples:\n{help}");
+    }
+}
+
+#[test]
+fn without_a_display_there_is_no_window_and_the_program_says_what_to_do() {
+    let folder = scene();
+    for display in [None, Some(":4321")] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_splatgraph"));
+        for name in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"] {
+            command.env_remove(name);
+        }
+        command.envs(display.map(|display| ("DISPLAY", display)));
+        let output = command.args(["view", "scene.ply"]).current_dir(folder.path()).output();
+        let output = output.expect("the program runs");
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{text}");
+        assert!(text.starts_with("error: there is no display to open a window on ("), "{text}");
+        assert!(text.contains("`splatgraph render` draws without one"), "{text}");
     }
 }

@@ -7,9 +7,7 @@ use std::path::PathBuf;
 
 /// The CPU driver, with synchronization validation on.
 pub fn device() -> Vulkan {
-    let name = std::env::var("SPLATGRAPH_TEST_DEVICE").unwrap_or_else(|_| "llvmpipe".into());
-    let options = Options { device: Some(name), validation: Validation::Synchronization };
-    let device = Vulkan::open(&options)
+    let device = Vulkan::open(&options(Validation::Synchronization))
         .unwrap_or_else(|e| panic!("the tests need lavapipe and the validation layers: {e}"));
     if let Ok(lanes) = std::env::var(EXPECTED_LANES) {
         let found = &device.info().facts["device.subgroup_size"];
@@ -18,11 +16,17 @@ pub fn device() -> Vulkan {
     device
 }
 
+/// The same as options, with other validation.
+pub fn options(validation: Validation) -> Options {
+    let name = std::env::var("SPLATGRAPH_TEST_DEVICE").unwrap_or_else(|_| "llvmpipe".into());
+    Options { device: Some(name), validation }
+}
+
 /// Set in the processes that [`again_with_vectors_of`] starts.
 const EXPECTED_LANES: &str = "SPLATGRAPH_EXPECT_LANES";
 
 /// Fails if the validation layers had anything to say.
-pub fn assert_silent(device: &mut dyn Device, what: &str) {
+pub fn assert_silent(device: &mut impl Device, what: &str) {
     let messages = device.take_messages();
     assert!(messages.is_empty(), "{what}: the validation layers say\n{}", messages.join("\n"));
 }
@@ -51,14 +55,36 @@ pub fn long() -> bool {
 /// Runs a test of this binary again in a process of its own, where lavapipe has vectors of this many bits. The driver reads
 /// the variable once, when it is loaded.
 pub fn again_with_vectors_of(bits: u32, test: &str) {
+    let set = [("LP_NATIVE_VECTOR_WIDTH", bits.to_string()), (EXPECTED_LANES, (bits / 32).to_string())];
+    let (passed, text) = again(test, &set);
+    assert!(passed, "with vectors of {bits} bits:\n{text}");
+    assert!(text.contains("1 passed"), "the test did not run:\n{text}");
+}
+
+/// Set in the processes that [`alone`] starts.
+const ALONE: &str = "SPLATGRAPH_ALONE";
+
+/// Runs `body` in a process that has nothing else to do: what belongs to a process (memory, threads, open files, a panic on
+/// whatever thread) is then the test's. The process is this binary, told to run `test` alone, which is the test that calls this.
+pub fn alone(test: &str, body: impl FnOnce()) {
+    if std::env::var_os(ALONE).is_some_and(|name| name == test) {
+        return body();
+    }
+    let (passed, text) = again(test, &[(ALONE, test.to_string())]);
+    // What it printed is kept back here unless that is asked for, like any test's.
+    print!("{text}");
+    assert!(passed, "alone in a process, it failed");
+    assert!(text.contains("1 passed"), "the test did not run");
+}
+
+/// Runs a test of this binary again in a process of its own. Gives whether it passed, and what it printed.
+fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
     let output = std::process::Command::new(std::env::current_exe().expect("this program"))
         .args([test, "--exact", "--nocapture", "--include-ignored"])
-        .env("LP_NATIVE_VECTOR_WIDTH", bits.to_string())
-        .env(EXPECTED_LANES, (bits / 32).to_string())
+        .envs(set.iter().map(|(name, value)| (name, value)))
         .output()
         .expect("the tests can run themselves");
     let text =
         format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "with vectors of {bits} bits:\n{text}");
-    assert!(text.contains("1 passed"), "the test did not run:\n{text}");
+    (output.status.success(), text)
 }

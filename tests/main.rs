@@ -7,9 +7,12 @@
 mod commands;
 mod common;
 mod covariance;
+mod fuzz;
 mod images;
 mod mistakes;
 mod mutations;
 mod page;
 mod random;
 mod sort;
+mod view;
+mod window_graph;

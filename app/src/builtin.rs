@@ -19,8 +19,8 @@ pub fn source_map() -> SourceMap {
     SourceMap::new(Library { builtin: FILES, ..Library::default() })
 }
 
-/// The names of the built-in graphs that draw something, sorted. Graphs made to be included have no output and are not
-/// among them.
+/// The names of the built-in graphs that draw a scene, sorted. Graphs made to be included have no output and are not among
+/// them, nor are those in folders of their own, which draw for the program itself ([`crate::view::paint::GRAPH`]).
 pub fn names() -> Vec<&'static str> {
     let options = ron::Options::default()
         .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME);
@@ -32,7 +32,7 @@ pub fn names() -> Vec<&'static str> {
     };
     let graph = |(path, text): &(&'static str, &str)| {
         let name = path.strip_prefix("pipelines/")?.strip_suffix(".ron")?;
-        draws(text).then_some(name)
+        (!name.contains('/') && draws(text)).then_some(name)
     };
     FILES.iter().filter_map(graph).collect()
 }
@@ -48,7 +48,7 @@ pub struct Preset {
     pub params: Vec<Param>,
 }
 
-/// The built-in graphs that draw something, sorted by name.
+/// The built-in graphs that draw a scene, sorted by name.
 pub fn presets() -> Vec<Preset> {
     let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
@@ -75,6 +75,7 @@ mod tests {
             assert!(names.contains(&name), "{name} is not among {names:?}");
         }
         assert!(!names.contains(&"sort"), "{names:?}");
+        assert!(!names.iter().any(|name| name.contains("window")), "{names:?}");
         assert!(presets.iter().all(|p| !p.params.is_empty()), "{presets:?}");
     }
 }

@@ -5,6 +5,7 @@
 //! what builds for it, in all the widths of [`SUBGROUP_SIZES`], builds everywhere.
 
 use crate::camera::{CAMERA, CAMERA_BYTES};
+use crate::view::paint;
 use splatgraph_assets::{ATTRIBUTES, Scene, Splat};
 use splatgraph_framework::build::{Attribute, Catalog, Facts};
 use splatgraph_framework::plan::Value;
@@ -79,7 +80,7 @@ pub fn catalog(scene: &Scene) -> Catalog {
     catalog_of(scene, scene.count().into())
 }
 
-/// What a graph can import of the nominal scene.
+/// What any graph can import: of the nominal scene, and of the viewer's window.
 pub fn nominal_catalog() -> Catalog {
     let splat = |_| Splat {
         position: [0.0; 3],
@@ -89,7 +90,10 @@ pub fn nominal_catalog() -> Catalog {
         sh: [0.0; 48],
     };
     // Attributes depend on the degree alone: one splat will do.
-    catalog_of(&Scene::generate(1, SceneFacts::NOMINAL.stored_sh_degree, splat), SceneFacts::NOMINAL.count)
+    let scene = Scene::generate(1, SceneFacts::NOMINAL.stored_sh_degree, splat);
+    let mut catalog = catalog_of(&scene, SceneFacts::NOMINAL.count);
+    paint::offer(&mut catalog);
+    catalog
 }
 
 fn catalog_of(scene: &Scene, count: u64) -> Catalog {
@@ -109,11 +113,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_nominal_catalog_has_every_attribute_of_a_scene_of_degree_3() {
+    fn the_nominal_catalog_has_every_attribute_of_a_scene_of_degree_3_and_the_windows_inputs() {
         let catalog = nominal_catalog();
         assert_eq!(catalog.attributes.len(), ATTRIBUTES.len());
         let expected = Attribute { stride: 16, count: 1_000_000, planes: 12 };
         assert_eq!(catalog.attributes["scene.sh"], expected);
         assert_eq!(catalog.uniforms["frame.camera"], 256);
+        assert_eq!(catalog.uniforms["frame.window"], 96);
     }
 }

@@ -11,6 +11,7 @@
 //! - [`stats`]: what frames cost, for people and programs;
 //! - [`inspect`]: what a buffer holds after a pass;
 //! - [`image`] and [`metrics`]: pictures in files, and how far two of them are apart;
+//! - [`view`]: the window in which everything can be changed while it runs;
 //! - [`demo`]: the scene that is drawn when none is given;
 //! - [`progress`]: progress on standard error.
 
@@ -26,3 +27,4 @@ pub mod planner;
 pub mod progress;
 pub mod session;
 pub mod stats;
+pub mod view;

@@ -2,7 +2,9 @@
 
 use crate::builtin;
 use splatgraph_framework::build::{Catalog, Facts, Request, build};
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::lower;
+use splatgraph_framework::plan::{Param, Plan};
+use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Diagnostic, SourceMap, render};
 use std::fmt;
@@ -33,6 +35,29 @@ impl Planner {
         let request = Request { graph, set, facts, catalog, share_memory: self.share_memory };
         build(&request, &mut self.files, &mut self.compiler)
             .map_err(|found| GraphErrors::new(&self.files, &found))
+    }
+
+    /// The parameters that `graph` declares, with their defaults.
+    pub fn params(
+        &mut self,
+        graph: &str,
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<Vec<Param>, GraphErrors> {
+        let request = Request { graph, set: &[], facts, catalog, share_memory: self.share_memory };
+        lower::params(&request, &mut self.files)
+            .map(|(_, params)| params)
+            .map_err(|found| GraphErrors::new(&self.files, &found))
+    }
+
+    /// Lets the next plan read its files anew. Shaders whose texts and constants are the same are not compiled again.
+    pub fn forget_files(&mut self) {
+        self.files = builtin::source_map();
+    }
+
+    /// What of the disk the plans since [`Planner::forget_files`] depend on.
+    pub fn wanted(&self) -> Vec<Wanted> {
+        self.files.wanted()
     }
 }
 

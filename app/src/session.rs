@@ -125,6 +125,7 @@ impl<D: Device> Session<D> {
             live: plan.live_bytes(),
             read_output: request.read_output,
             inspect: request.inspect.clone(),
+            ..FrameInputs::default()
         };
         self.frame += 1;
         Ok(self.device.submit(&inputs)?)
@@ -137,7 +138,7 @@ impl<D: Device> Session<D> {
 }
 
 /// The scene as the device asks for it.
-struct Upload<'a>(&'a Scene);
+pub(crate) struct Upload<'a>(pub &'a Scene);
 
 impl SceneData for Upload<'_> {
     fn write(&self, attribute: &str, plane: u32, target: &mut [u8]) -> Result<(), String> {

@@ -144,7 +144,8 @@ fn json(value: &Value) -> Json {
     }
 }
 
-fn median(mut values: Vec<f64>) -> Option<f64> {
+/// Between the two in the middle where their number is even.
+pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let n = values.len();
     match n {
@@ -152,6 +153,12 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
         _ if n % 2 == 1 => Some(values[n / 2]),
         _ => Some(0.5 * (values[n / 2 - 1] + values[n / 2])),
     }
+}
+
+/// The least of the ascending `values` that the share `q` of them does not exceed.
+pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
+    let rank = (q * values.len() as f64).ceil() as usize;
+    values.get(rank.saturating_sub(1)).copied()
 }
 
 /// The median of each pass, in the order in which they ran first.

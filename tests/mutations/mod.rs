@@ -132,8 +132,12 @@ impl Bench {
             let depth = camera::depth_range(&self.camera, &self.scene.bounds());
             let view = View { background: [0.0; 3], depth, frame };
             let uniforms = [(camera::CAMERA.to_owned(), camera::uniform(&self.camera, &view))].into();
-            let inputs =
-                FrameInputs { uniforms, live: plan.live_bytes(), read_output: true, inspect: Vec::new() };
+            let inputs = FrameInputs {
+                uniforms,
+                live: plan.live_bytes(),
+                read_output: true,
+                ..FrameInputs::default()
+            };
             in_flight.push_back(self.device.submit(&inputs).expect("submitted"));
         }
         for frame in in_flight {

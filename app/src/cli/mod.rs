@@ -12,6 +12,7 @@ mod info;
 mod options;
 mod render;
 mod synth;
+mod view;
 
 use crate::builtin;
 use crate::planner::GraphErrors;
@@ -28,7 +29,8 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(name = "splatgraph", version, max_term_width = 110)]
 #[command(after_help = "Examples:
-  splatgraph render -o demo.png                     # the demo scene
+  splatgraph view                                   # a window on the demo scene
+  splatgraph render -o demo.png                     # a picture of it
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --json stats.json
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
@@ -41,6 +43,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Render(render::Args),
+    View(view::Args),
     Dump(dump::Args),
     Check(check::Args),
     Info(info::Args),
@@ -63,6 +66,24 @@ enum Outcome {
 #[error("{0}")]
 struct Usage(String);
 
+/// Prints what the validation layer said, and whether that is well.
+fn validated(asked: bool, messages: &[String]) -> Outcome {
+    for message in messages {
+        eprintln!("validation: {message}");
+    }
+    match (asked, messages.len()) {
+        (false, _) => Outcome::Done,
+        (true, 0) => {
+            eprintln!("validation: no messages");
+            Outcome::Done
+        }
+        (true, count) => {
+            eprintln!("error: the validation layer gave {count} messages");
+            Outcome::Failed
+        }
+    }
+}
+
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
     let matches = command().get_matches();
@@ -72,6 +93,7 @@ pub fn main() -> ExitCode {
     };
     let result = match &cli.command {
         Command::Render(args) => render::run(args),
+        Command::View(args) => view::run(args),
         Command::Dump(args) => dump::run(args),
         Command::Check(args) => check::run(args),
         Command::Info(args) => info::run(args),
@@ -99,6 +121,7 @@ fn command() -> clap::Command {
         |c: clap::Command, examples: &str| c.after_long_help(format!("{examples}\n\n{presets}"));
     command
         .mut_subcommand("render", |c| with_presets(c, render::EXAMPLES))
+        .mut_subcommand("view", |c| with_presets(c, view::EXAMPLES))
         .mut_subcommand("dump", |c| with_presets(c, dump::EXAMPLES))
         .mut_subcommand("check", |c| with_presets(c, check::EXAMPLES))
         .mut_subcommand("info", |c| with_presets(c, info::EXAMPLES))

@@ -146,26 +146,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(path) = &args.json {
         options::write_json(path, &serde_json::to_value(&all)?)?;
     }
-    Ok(finish(args, session.into_device()))
-}
-
-/// Closes the device and prints what validation had to say.
-fn finish(args: &Args, device: Vulkan) -> Outcome {
-    let messages = device.close();
-    for message in &messages {
-        eprintln!("validation: {message}");
-    }
-    match (args.validate, messages.len()) {
-        (false, _) => Outcome::Done,
-        (true, 0) => {
-            eprintln!("validation: no messages");
-            Outcome::Done
-        }
-        (true, count) => {
-            eprintln!("error: the validation layer gave {count} messages");
-            Outcome::Failed
-        }
-    }
+    Ok(super::validated(args.validate, &session.into_device().close()))
 }
 
 /// The scene, and the cameras to draw it from, in the size that was asked for, each with a name of its own.

@@ -1,5 +1,6 @@
 //! GPU times for a dump, from the statistics that `splatgraph render --json` writes.
 
+use crate::stats::median;
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -52,16 +53,6 @@ fn parse(text: &str) -> Result<Times> {
         bail!("the device that drew has no timestamps");
     }
     Ok(Times { pipeline, passes })
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    match n {
-        0 => None,
-        _ if n % 2 == 1 => Some(values[n / 2]),
-        _ => Some(0.5 * (values[n / 2 - 1] + values[n / 2])),
-    }
 }
 
 #[cfg(test)]

@@ -5,6 +5,8 @@
 //! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers; of depth keys, which must ascend over the
 //! visible splats, it is said whether they do.
 
+mod contents;
+
 use crate::image::{ImageError, save_words};
 use half::f16;
 use serde::Serialize;
@@ -12,6 +14,8 @@ use splatgraph_api::Inspect;
 use splatgraph_framework::plan::{Format, Pass, PassId, Plan, Resource, ResourceId, Run, Shape};
 use splatgraph_framework::source::nearest;
 use std::path::Path;
+
+pub use contents::{Histogram, ReadAs, Words};
 
 /// How many words are shown from either end.
 const SHOWN: usize = 8;
@@ -93,13 +97,6 @@ fn without_half(name: &str) -> &str {
     name.split_once('#').map_or(name, |(stem, _)| stem)
 }
 
-/// The words of a resource.
-#[derive(Clone, Debug, PartialEq)]
-enum Words {
-    Uint(Vec<u32>),
-    Float(Vec<f32>),
-}
-
 /// What was read back.
 #[derive(Clone, Debug, Serialize)]
 pub struct Finding {
@@ -112,8 +109,15 @@ pub struct Finding {
     /// Whether its keys ascend; only for resources whose name begins with `keys`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<KeyOrder>,
+    /// How many of its elements hold something, where the plan says so: the visible ones of a resource with one element per splat.
     #[serde(skip)]
-    words: Words,
+    pub counted: Option<u64>,
+    /// Whether it is an image.
+    #[serde(skip)]
+    pub is_image: bool,
+    /// What it holds.
+    #[serde(skip)]
+    pub words: Words,
 }
 
 /// Whether keys ascend.
@@ -140,7 +144,9 @@ impl Finding {
             _ => None,
         };
         let pass = plan.pass(target.after).name.clone();
-        Finding { resource: resource.name.clone(), pass, shape, order, words }
+        let is_image = matches!(resource.shape, Shape::Image { .. });
+        let counted = order.as_ref().map(|order: &KeyOrder| order.keys);
+        Finding { resource: resource.name.clone(), pass, shape, order, counted, is_image, words }
     }
 
     /// Writes the words as a NumPy array: uint32 for buffers, float32 for images of floats.

@@ -1,0 +1,158 @@
+//! How long it takes from a change to the first frame that shows it, and what recording a frame costs the host.
+//!
+//! `cargo bench -p splatgraph --bench reload [-- --device NAME] [--scene SCENE.ply] [--size WxH] [--runs N]` draws the default
+//! preset from a copy of the shipped files, without a window, changes something, and measures what the viewer itself measures: from
+//! the moment at which the system tells of the save until the device has finished the first frame of the new plan. Frames are
+//! drawn all the while, one after another, and counted.
+
+use anyhow::{Context, Result, bail};
+use splatgraph::view::events::Event;
+use splatgraph::view::studio::Studio;
+use splatgraph_api::Device;
+use splatgraph_assets::{Scene, synth};
+use splatgraph_framework::plan::Value;
+use splatgraph_vulkan::{Options, Vulkan};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Nothing takes so long.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+struct Args {
+    device: Option<String>,
+    scene: Option<PathBuf>,
+    size: (u32, u32),
+    runs: usize,
+}
+
+impl Args {
+    fn parse() -> Result<Args> {
+        let mut args = Args { device: None, scene: None, size: (640, 360), runs: 15 };
+        let mut words = std::env::args().skip(1);
+        while let Some(word) = words.next() {
+            let mut value = || words.next().with_context(|| format!("{word} wants a value"));
+            match word.as_str() {
+                "--device" => args.device = Some(value()?),
+                "--scene" => args.scene = Some(value()?.into()),
+                "--runs" => args.runs = value()?.parse()?,
+                "--size" => {
+                    let text = value()?;
+                    let (width, height) = text.split_once('x').context("--size wants WIDTHxHEIGHT")?;
+                    args.size = (width.parse()?, height.parse()?);
+                }
+                // Cargo's own.
+                "--bench" => {}
+                other => bail!("there is no option {other}"),
+            }
+        }
+        Ok(args)
+    }
+}
+
+/// What is changed.
+enum Change {
+    /// A line is added to a file of the copy.
+    Edit(&'static str, fn(usize) -> String),
+    /// A parameter gets one of two values in turn.
+    Set(&'static str, [Value; 2]),
+}
+
+fn main() -> Result<()> {
+    let args = Args::parse()?;
+    let folder = tempfile::tempdir()?;
+    for (name, text) in splatgraph::builtin::FILES {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap_or(folder.path()))?;
+        std::fs::write(path, text)?;
+    }
+    let (scene, path) = match &args.scene {
+        Some(path) => (Scene::load(path, &|_, _| {})?, path.clone()),
+        None => (synth::generate("demo", 200_000, 0)?, folder.path().join("demo.ply")),
+    };
+    let splats = scene.count();
+    let device = Vulkan::open(&Options { device: args.device.clone(), ..Options::default() })?;
+    println!("{}, {splats} splats, {} x {}", device.info().name, args.size.0, args.size.1);
+    let graph = folder.path().join("pipelines/splat.ron");
+    let mut studio = Studio::new(device, (scene, path), &graph.to_string_lossy(), &[], Arc::new(|| {}))?;
+    until_swapped(&mut studio, args.size)?;
+    for _ in 0..200.min(20 * args.runs) {
+        studio.frame(args.size)?;
+    }
+    studio.finish()?;
+    let quantiles = |q: Option<splatgraph::view::history::Quantiles>| q.unwrap_or_default();
+    let (gpu, cpu) = (quantiles(studio.a.history.total()), quantiles(studio.a.history.record()));
+    println!(
+        "a frame: GPU {:.3} ms (99 %: {:.3}), host {:.3} ms (99 %: {:.3})",
+        gpu.median, gpu.p99, cpu.median, cpu.p99
+    );
+
+    let comment = |run: usize| format!("\n// {run}\n");
+    let changes = [
+        ("a compute shader's text (project.comp)", Change::Edit("shaders/project.comp", comment)),
+        ("a fragment shader's text (splat.frag)", Change::Edit("shaders/splat.frag", comment)),
+        ("an include of both (splat.glsl)", Change::Edit("shaders/splat.glsl", comment)),
+        ("the graph's text (splat.ron)", Change::Edit("pipelines/splat.ron", comment)),
+        ("a constant (digit_bits)", Change::Set("digit_bits", [Value::Int(4), Value::Int(8)])),
+    ];
+    println!(
+        "{:40} {:>9} {:>9} {:>9}   {:>7} {:>7}",
+        "change of", "median", "least", "most", "plan", "device"
+    );
+    for (name, change) in changes {
+        let mut found: Vec<[f64; 3]> = Vec::new();
+        for run in 0..args.runs {
+            let before = studio.a.history.frames();
+            match &change {
+                Change::Edit(file, line) => append(&folder.path().join(file), &line(run))?,
+                Change::Set(param, values) => {
+                    studio.a.renderer.set_param(param, Some(values[run % 2].clone()))
+                }
+            }
+            let (swap, asked) = until_swapped(&mut studio, args.size)?;
+            studio.finish()?;
+            let drawn = studio.a.history.frames() - before;
+            if drawn != asked {
+                bail!("{drawn} of {asked} frames were drawn");
+            }
+            found.push(swap);
+        }
+        let column = |i: usize| {
+            let mut values: Vec<f64> = found.iter().map(|swap| swap[i]).collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        let (latency, plan, device) = (column(0), column(1), column(2));
+        let (middle, last) = (latency.len() / 2, latency.len() - 1);
+        println!(
+            "{name:40} {:9.1} {:9.1} {:9.1}   {:7.1} {:7.1}   ms",
+            latency[middle], latency[0], latency[last], plan[middle], device[middle]
+        );
+    }
+    Ok(())
+}
+
+/// Draws until a plan was swapped: [latency, plan, device] in milliseconds, and how many frames it took.
+fn until_swapped(studio: &mut Studio<Vulkan>, size: (u32, u32)) -> Result<([f64; 3], u64)> {
+    let begun = Instant::now();
+    let mut frames = 0;
+    while begun.elapsed() < PATIENCE {
+        studio.frame(size)?;
+        frames += u64::from(studio.a.renderer.plan().is_some());
+        for event in studio.take_events() {
+            match event {
+                Event::Swapped { plan_ms, prepare_ms, latency_ms, .. } => {
+                    return Ok(([latency_ms, plan_ms, prepare_ms], frames));
+                }
+                Event::Failed { text, .. } => bail!("{text}"),
+                _ => {}
+            }
+        }
+    }
+    bail!("no new plan came")
+}
+
+fn append(path: &Path, text: &str) -> Result<()> {
+    use std::io::Write;
+    Ok(std::fs::OpenOptions::new().append(true).open(path)?.write_all(text.as_bytes())?)
+}

@@ -1,0 +1,238 @@
+//! `splatgraph view`: a window on a scene.
+
+use super::options::{self, Drawing};
+use super::{Outcome, Usage};
+use crate::demo;
+use crate::view::events::Who;
+use crate::view::paint::Mode;
+use crate::view::shell::Shell;
+use crate::view::studio;
+use crate::view::window::{self, Opening};
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use indexmap::IndexMap;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_vulkan::{Options, Validation, Vulkan};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+pub const EXAMPLES: &str = "Examples:
+  splatgraph view                                        # the demo scene
+  splatgraph view scene.ply --cameras cameras.json
+  splatgraph view scene.ply --pipeline my/graph.ron      # edit the file and its shaders, and see
+  splatgraph view scene.ply --compare key16 --as split   # two graphs, one camera
+  splatgraph view scene.ply --show settings,graph --frames 60 --screenshot window.png
+
+Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A S D fly. F frames the scene, F1 lists the rest.";
+
+/// Open a window on a scene, and change everything while it runs
+///
+/// The graph, its includes and its shaders are read again whenever a file changes, and so are the built-in ones once a file
+/// of their name lies in ./pipelines or ./shaders. Parameters that the graph declares become controls. A mistake is shown
+/// over the last good picture until it is mended.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// A .ply file in the layout of the reference implementation
+    ///
+    /// Without it the demo scene is shown; it is generated on first use. `cameras.json` beside the scene is found by itself.
+    scene: Option<PathBuf>,
+    #[command(flatten)]
+    drawing: Drawing,
+    /// Colour of what nothing covers, display-encoded, 0 to 1
+    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", value_parser = options::colour)]
+    background: [f32; 3],
+    /// Compare with another graph
+    #[arg(long, value_name = "NAME")]
+    compare: Option<String>,
+    /// Change a parameter of the graph to compare with; without --compare, of the same graph
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting)]
+    compare_set: Vec<(String, String)>,
+    /// How the two are shown [default: split]
+    #[arg(long = "as", value_name = "HOW")]
+    compare_as: Option<How>,
+    /// Where the split line stands, as a share of the width
+    #[arg(long, value_name = "0..1", default_value_t = 0.5)]
+    split: f32,
+    /// How much the difference is amplified
+    #[arg(long, value_name = "FACTOR", default_value_t = 8.0)]
+    gain: f32,
+    /// Pixels that are drawn per pixel of the window, across and down
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    scale: f32,
+    /// Panels that are open at first, comma-separated [default: settings,performance, or settings alone in a small window]
+    #[arg(long, value_name = "PANELS", value_enum, value_delimiter = ',')]
+    show: Vec<ShowPanel>,
+    /// Look at a resource after a pass (names as in `dump`), in the graph panel
+    #[arg(long, value_name = "RESOURCE@PASS")]
+    inspect: Option<String>,
+    /// Draw as fast as the device can, not as fast as the display shows
+    #[arg(long)]
+    no_vsync: bool,
+    /// The device: a part of its name, or its index in `splatgraph devices`
+    #[arg(long, value_name = "NAME|INDEX")]
+    device: Option<String>,
+    /// Run under Vulkan's validation layer with synchronization validation; exit with code 1 if it says anything
+    #[arg(long)]
+    validate: bool,
+    /// Write what happens as JSON, one object per line; `-` is standard output
+    #[arg(long, value_name = "FILE")]
+    events: Option<PathBuf>,
+    /// Save what the window shows once everything is built, and close it
+    #[arg(long, value_name = "FILE.png")]
+    screenshot: Option<PathBuf>,
+    /// Close after this many frames (with --screenshot: draw at least so many)
+    #[arg(long, value_name = "N")]
+    frames: Option<u64>,
+}
+
+/// In a window that is narrower than this, two panels leave no room for a picture.
+const SMALL: u32 = 900;
+
+impl Args {
+    /// Of the window's content, in pixels.
+    fn size(&self) -> (u32, u32) {
+        self.drawing.size.unwrap_or((1600, 900))
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum How {
+    /// A left of a line, B right of it
+    Split,
+    /// How far they are apart, amplified
+    Difference,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ShowPanel {
+    /// Presets and parameters
+    Settings,
+    /// Times and memory
+    Performance,
+    /// Passes, barriers, and what resources hold
+    Graph,
+    /// Nothing but the picture
+    None,
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    let cameras = args.drawing.cameras()?;
+    if !(0.05..=4.0).contains(&args.scale) {
+        return Err(Usage(format!("--scale is {}, and can be 0.05 to 4", args.scale)).into());
+    }
+    let (scene, cameras) = scene_and_cameras(args, cameras)?;
+    let events: Option<Box<dyn Write>> = match &args.events {
+        None => None,
+        Some(path) if path == Path::new("-") => Some(Box::new(std::io::stdout())),
+        Some(path) => Some(Box::new(
+            std::fs::File::create(path).with_context(|| format!("{} cannot be written", path.display()))?,
+        )),
+    };
+    let validation = if args.validate { Validation::Synchronization } else { Validation::Off };
+    let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
+    let first = First::of(args)?;
+    let messages = window::run(Opening {
+        scene,
+        pipeline,
+        set,
+        cameras,
+        size: args.size(),
+        device: Options { device: args.device.clone(), validation },
+        vsync: !args.no_vsync,
+        setup: Box::new(move |shell| first.set(shell)),
+        events,
+        screenshot: args.screenshot.clone(),
+        frames: args.frames,
+    })?;
+    Ok(super::validated(args.validate, &messages))
+}
+
+/// The scene with its path, and the cameras to choose from.
+fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
+    let (path, own) = match &args.scene {
+        Some(path) => (path.clone(), None),
+        None => {
+            let path = demo::path();
+            demo::ensure(&path)
+                .with_context(|| format!("the demo scene cannot be written to {}", path.display()))?;
+            (path, demo::camera())
+        }
+    };
+    let scene = options::load_scene(&path)?;
+    let cameras = match (given, own, studio::cameras_of(&path)) {
+        (Some(cameras), ..) => cameras,
+        (None, Some(own), _) => vec![own],
+        (None, None, Some(file)) => Camera::load(&file)?,
+        (None, None, None) => Vec::new(),
+    };
+    Ok(((scene, path), cameras))
+}
+
+/// What the first frames show.
+struct First {
+    background: [f32; 3],
+    compare: Option<(Mode, Option<String>, IndexMap<String, String>)>,
+    split: f32,
+    gain: f32,
+    scale: f32,
+    show: Vec<ShowPanel>,
+    inspect: Option<(String, String)>,
+}
+
+impl First {
+    fn of(args: &Args) -> Result<First> {
+        let wanted = args.compare.is_some() || !args.compare_set.is_empty() || args.compare_as.is_some();
+        let how = match args.compare_as {
+            Some(How::Difference) => Mode::Difference,
+            _ => Mode::Split,
+        };
+        let compare = wanted.then(|| (how, args.compare.clone(), args.compare_set.iter().cloned().collect()));
+        let inspect = match &args.inspect {
+            None => None,
+            Some(target) => match target.split_once('@') {
+                Some((resource, pass)) => Some((resource.to_owned(), pass.to_owned())),
+                None => {
+                    return Err(
+                        Usage("--inspect takes RESOURCE@PASS, for instance keys@scatter".into()).into()
+                    );
+                }
+            },
+        };
+        Ok(First {
+            background: args.background,
+            compare,
+            split: args.split.clamp(0.0, 1.0),
+            gain: args.gain.max(0.0),
+            scale: args.scale,
+            show: match args.show.as_slice() {
+                [] if args.size().0 < SMALL => vec![ShowPanel::Settings],
+                [] => vec![ShowPanel::Settings, ShowPanel::Performance],
+                show => show.to_vec(),
+            },
+            inspect,
+        })
+    }
+
+    fn set(self, shell: &mut Shell<Vulkan>) -> Result<()> {
+        let has = |panel| self.show.contains(&panel);
+        shell.panels.settings = has(ShowPanel::Settings);
+        shell.panels.performance = has(ShowPanel::Performance);
+        shell.panels.graph = has(ShowPanel::Graph) || self.inspect.is_some();
+        shell.panels.hidden = has(ShowPanel::None);
+        let studio = &mut shell.studio;
+        studio.background = self.background;
+        (studio.split, studio.gain, studio.scale) = (self.split, self.gain, self.scale);
+        if let Some((how, graph, set)) = self.compare {
+            studio.set_compare(how)?;
+            if let Some(b) = studio.side(Who::B) {
+                let graph = graph.unwrap_or_else(|| b.renderer.graph().to_owned());
+                b.renderer.choose(&graph, set);
+            }
+        }
+        if let Some((resource, pass)) = self.inspect {
+            studio.a.look_at(&resource, &pass);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,139 @@
+//! What happens in the viewer, for people (the log in the window) and programs (`--events`, one JSON object per line).
+
+use super::renderer::{Happening, Swap};
+use serde::Serialize;
+use std::fmt;
+use std::path::PathBuf;
+
+/// Which renderer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Who {
+    /// The scene, as it is shown alone or left of the split line.
+    A,
+    /// What it is compared with.
+    B,
+    /// The window itself: pictures and user interface.
+    Window,
+}
+
+impl fmt::Display for Who {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Who::A => "A",
+            Who::B => "B",
+            Who::Window => "window",
+        })
+    }
+}
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Event {
+    /// A new plan draws from now on; see [`Swap`].
+    Swapped {
+        who: Who,
+        graph: String,
+        cause: String,
+        passes: usize,
+        plan_ms: f64,
+        prepare_ms: f64,
+        latency_ms: f64,
+    },
+    /// There is no new plan; the one before goes on.
+    Failed { who: Who, text: String },
+    /// What had failed does no longer.
+    Mended { who: Who },
+    /// Parameters that the new graph does not have were forgotten.
+    Dropped { who: Who, parameters: Vec<String> },
+    /// A scene was loaded.
+    Scene { path: PathBuf, splats: u32, load_ms: f64 },
+    /// A scene could not be loaded; the one before stays.
+    SceneFailed { path: PathBuf, error: String },
+    /// Cameras to choose from were loaded.
+    Cameras { path: PathBuf, count: usize },
+    /// A file that is nothing that can be opened, or could not be read or written.
+    FileFailed { path: PathBuf, error: String },
+    /// A picture was written.
+    Screenshot { path: PathBuf },
+    /// A and B were compared, on the view of that moment.
+    Compared { psnr: f64, ssim: Option<f64>, worst: f64 },
+    /// The window's content has this size, in pixels, and that many pixels per point of the user interface.
+    Window { width: u32, height: u32, pixels_per_point: f32 },
+    /// Where a control stands in the window, in pixels: for programs that move it.
+    Control { name: String, left: f32, top: f32, right: f32, bottom: f32 },
+    /// A control is no longer there.
+    ControlGone { name: String },
+    /// The window shows its frame of this number. While it is busy, something is being built, loaded or compared, and frames are
+    /// of what was before.
+    Frame { number: u64, busy: bool },
+}
+
+impl Event {
+    /// What happened to a renderer.
+    pub fn of(who: Who, happening: Happening) -> Event {
+        match happening {
+            Happening::Swapped(Swap { graph, cause, passes, plan_ms, prepare_ms, latency_ms }) => {
+                Event::Swapped {
+                    who,
+                    graph,
+                    cause: cause.to_string(),
+                    passes,
+                    plan_ms,
+                    prepare_ms,
+                    latency_ms,
+                }
+            }
+            Happening::Failed(text) => Event::Failed { who, text },
+            Happening::Mended => Event::Mended { who },
+            Happening::Dropped(parameters) => Event::Dropped { who, parameters },
+        }
+    }
+
+    /// Whether it belongs in the log that people read.
+    pub fn is_for_people(&self) -> bool {
+        use Event::{Control, ControlGone, Frame, Window};
+        !matches!(self, Window { .. } | Control { .. } | ControlGone { .. } | Frame { .. })
+    }
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Event::Swapped { who, graph, cause, passes, plan_ms, prepare_ms, latency_ms } => write!(
+                f,
+                "{who}: {graph} after {cause}: {latency_ms:.0} ms to its first frame ({passes} passes; plan {plan_ms:.0} ms, \
+                 device {prepare_ms:.0} ms)"
+            ),
+            Event::Failed { who, text } => write!(f, "{who}: {}", text.lines().next().unwrap_or_default()),
+            Event::Mended { who } => write!(f, "{who}: mended"),
+            Event::Dropped { who, parameters } => {
+                write!(f, "{who}: this graph has no parameter {}", parameters.join(", "))
+            }
+            Event::Scene { path, splats, load_ms } => {
+                let splats = splatgraph_assets::grouped((*splats).into());
+                write!(f, "{}: {splats} splats in {load_ms:.0} ms", path.display())
+            }
+            Event::SceneFailed { path, error } | Event::FileFailed { path, error } => {
+                // Most errors begin with the file's name.
+                let name = path.display().to_string();
+                if error.contains(&name) { f.write_str(error) } else { write!(f, "{name}: {error}") }
+            }
+            Event::Cameras { path, count } => write!(f, "{}: {count} cameras", path.display()),
+            Event::Screenshot { path } => write!(f, "{} written", path.display()),
+            Event::Compared { psnr, ssim, worst } => {
+                write!(f, "A against B: {psnr:.2} dB PSNR, worst pixel {worst:.4}")?;
+                ssim.map_or(Ok(()), |ssim| write!(f, ", SSIM {ssim:.4}"))
+            }
+            Event::Window { width, height, pixels_per_point } => {
+                write!(f, "{width} x {height} pixels, {pixels_per_point} per point")
+            }
+            Event::Control { name, left, top, right, bottom } => {
+                write!(f, "{name} at {left:.0},{top:.0} to {right:.0},{bottom:.0}")
+            }
+            Event::ControlGone { name } => write!(f, "{name} gone"),
+            Event::Frame { number, .. } => write!(f, "frame {number}"),
+        }
+    }
+}

@@ -1,0 +1,282 @@
+//! What the last frames took: for the rolling plot, and for the table of medians and 99th percentiles.
+//!
+//! Every frame that is done leaves a [`Sample`]. The newest [`WINDOW`] are kept, across changes of the plan, so that the plot
+//! shows what a change did; the table is about the frames of the current plan alone, prologues left out.
+
+use crate::stats::quantile;
+use splatgraph_api::FrameResult;
+use splatgraph_framework::plan::{PassId, Plan, Run};
+use std::collections::VecDeque;
+
+/// Frames that are remembered.
+pub const WINDOW: usize = 300;
+
+/// One frame.
+#[derive(Clone, Debug)]
+struct Sample {
+    /// Counts the plans.
+    generation: u64,
+    /// Counts the frames.
+    number: u64,
+    prologue: bool,
+    total_ms: Option<f64>,
+    record_ms: f64,
+    /// Per phase, in the order in which they run; prologue passes left out.
+    phases: Vec<(String, Option<f64>)>,
+    passes: Vec<(PassId, Option<f64>)>,
+}
+
+/// Milliseconds over the frames of the current plan.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Quantiles {
+    /// Half of the frames took less.
+    pub median: f64,
+    /// One frame in a hundred took longer. (Of fewer than a hundred, the longest.)
+    pub p99: f64,
+}
+
+impl Quantiles {
+    fn of(values: &mut [f64]) -> Option<Quantiles> {
+        values.sort_by(f64::total_cmp);
+        Some(Quantiles { median: quantile(values, 0.5)?, p99: quantile(values, 0.99)? })
+    }
+}
+
+/// A row of the table: a phase, or a pass of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// The pass's, or the phase's.
+    pub name: String,
+    /// Which phase a pass belongs to; `None` for a phase.
+    pub phase: Option<String>,
+    /// `None` where the device has no timestamps.
+    pub ms: Option<Quantiles>,
+}
+
+/// A line of the plot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    /// The phase's, or the pass's.
+    pub name: String,
+    /// Number of the frame, milliseconds.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug, Default)]
+pub struct History {
+    samples: VecDeque<Sample>,
+    generation: u64,
+    frames: u64,
+}
+
+impl History {
+    /// The frames that come from now on are of another plan.
+    pub fn next_plan(&mut self) {
+        self.generation += 1;
+    }
+
+    /// Remembers a frame of the current plan.
+    pub fn push(&mut self, plan: &Plan, result: &FrameResult) {
+        let mut phases: Vec<(String, Option<f64>)> = Vec::new();
+        let mut prologue = false;
+        for &(id, ms) in &result.pass_ms {
+            let pass = plan.pass(id);
+            if pass.run == Run::Once {
+                prologue = true;
+                continue;
+            }
+            match phases.iter_mut().find(|(phase, _)| *phase == pass.phase) {
+                Some((_, sum)) => *sum = sum.zip(ms).map(|(a, b)| a + b),
+                None => phases.push((pass.phase.clone(), ms)),
+            }
+        }
+        if self.samples.len() == WINDOW {
+            self.samples.pop_front();
+        }
+        self.frames += 1;
+        self.samples.push_back(Sample {
+            generation: self.generation,
+            number: self.frames,
+            prologue,
+            total_ms: result.total_ms,
+            record_ms: result.record_ms,
+            phases,
+            passes: result.pass_ms.clone(),
+        });
+    }
+
+    /// Frames so far, those that are forgotten among them.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Frames that the table is of.
+    pub fn steady_frames(&self) -> usize {
+        self.steady().count()
+    }
+
+    /// From the first command of a frame to its last.
+    pub fn total(&self) -> Option<Quantiles> {
+        Quantiles::of(&mut self.steady().filter_map(|s| s.total_ms).collect::<Vec<_>>())
+    }
+
+    /// What the host takes to record and submit a frame.
+    pub fn record(&self) -> Option<Quantiles> {
+        Quantiles::of(&mut self.steady().map(|s| s.record_ms).collect::<Vec<_>>())
+    }
+
+    /// The phases, each with its passes, in the order in which they first run.
+    pub fn table(&self, plan: &Plan) -> Vec<Row> {
+        let Some(last) = self.steady().last() else { return Vec::new() };
+        let mut rows = Vec::new();
+        for (phase, _) in &last.phases {
+            let of_phase =
+                |s: &Sample| s.phases.iter().find(|(name, _)| name == phase).and_then(|(_, ms)| *ms);
+            let ms = Quantiles::of(&mut self.steady().filter_map(of_phase).collect::<Vec<_>>());
+            rows.push(Row { name: phase.clone(), phase: None, ms });
+            for (index, &(id, _)) in last.passes.iter().enumerate() {
+                let pass = plan.pass(id);
+                if pass.phase != *phase || pass.run == Run::Once {
+                    continue;
+                }
+                // Frames of one plan run the same passes.
+                let of_pass =
+                    |s: &Sample| s.passes.get(index).filter(|(i, _)| *i == id).and_then(|(_, ms)| *ms);
+                let ms = Quantiles::of(&mut self.steady().filter_map(of_pass).collect::<Vec<_>>());
+                rows.push(Row { name: pass.name.clone(), phase: Some(phase.clone()), ms });
+            }
+        }
+        rows
+    }
+
+    /// Milliseconds per phase over the frames that are remembered, phases in the order in which they first came.
+    pub fn phase_series(&self) -> Vec<Series> {
+        let phases = |sample: &Sample| sample.phases.clone();
+        collect(&self.samples, phases)
+    }
+
+    /// Milliseconds per pass of one phase, over the frames of the current plan.
+    pub fn pass_series(&self, plan: &Plan, phase: &str) -> Vec<Series> {
+        let passes = |sample: &Sample| {
+            let of_phase = sample.passes.iter().filter(|(id, _)| {
+                plan.passes.get(id.index()).is_some_and(|pass| pass.phase == phase && pass.run == Run::Frame)
+            });
+            of_phase.map(|(id, ms)| (plan.pass(*id).name.clone(), *ms)).collect()
+        };
+        collect(self.steady(), passes)
+    }
+
+    /// Where in the plot the plan changed: the numbers of the first frames of another plan.
+    pub fn changes(&self) -> Vec<f64> {
+        let pairs = self.samples.iter().zip(self.samples.iter().skip(1));
+        pairs.filter(|(a, b)| a.generation != b.generation).map(|(_, b)| b.number as f64).collect()
+    }
+
+    /// Milliseconds per pass of the newest steady frames, as medians, by name: for [`Dump::with_times`].
+    ///
+    /// [`Dump::with_times`]: splatgraph_framework::dump::Dump::with_times
+    pub fn medians(&self, plan: &Plan) -> Vec<(String, f64)> {
+        let passes = self.table(plan).into_iter().filter(|row| row.phase.is_some());
+        passes.filter_map(|row| Some((row.name, row.ms?.median))).collect()
+    }
+
+    /// Frames of the current plan that did not run the prologue.
+    fn steady(&self) -> impl DoubleEndedIterator<Item = &Sample> {
+        self.samples.iter().filter(|s| s.generation == self.generation && !s.prologue)
+    }
+}
+
+/// A line per name, names in the order in which they first come.
+fn collect<'a>(
+    samples: impl IntoIterator<Item = &'a Sample>,
+    named: impl Fn(&Sample) -> Vec<(String, Option<f64>)>,
+) -> Vec<Series> {
+    let mut series: Vec<Series> = Vec::new();
+    for sample in samples {
+        for (name, ms) in named(sample) {
+            let Some(ms) = ms else { continue };
+            let point = [sample.number as f64, ms];
+            match series.iter_mut().find(|series| series.name == name) {
+                Some(series) => series.points.push(point),
+                None => series.push(Series { name, points: vec![point] }),
+            }
+        }
+    }
+    series
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::testing;
+
+    /// A frame of the testing plan, whose passes take this long.
+    fn frame(times: &[f64]) -> FrameResult {
+        FrameResult {
+            pass_ms: times.iter().enumerate().map(|(i, ms)| (PassId(i as u32), Some(*ms))).collect(),
+            total_ms: Some(times.iter().sum()),
+            record_ms: 0.1,
+            ..FrameResult::default()
+        }
+    }
+
+    #[test]
+    fn a_row_of_a_phase_is_followed_by_those_of_its_passes() {
+        let plan = testing::plan(&[("key", "key"), ("scan[0]", "sort"), ("scan[1]", "sort")]);
+        let mut history = History::default();
+        for ms in [1.0, 3.0, 2.0] {
+            history.push(&plan, &frame(&[ms, 10.0 * ms, 100.0]));
+        }
+        let table = history.table(&plan);
+        let names: Vec<_> = table.iter().map(|row| (row.name.as_str(), row.ms.unwrap().median)).collect();
+        assert_eq!(
+            names,
+            [("key", 2.0), ("key", 2.0), ("sort", 120.0), ("scan[0]", 20.0), ("scan[1]", 100.0)]
+        );
+        assert_eq!(table[2].ms.unwrap().p99, 130.0);
+        let lines = history.pass_series(&plan, "sort");
+        let names: Vec<_> = lines.iter().map(|line| (line.name.as_str(), line.points.len())).collect();
+        assert_eq!(names, [("scan[0]", 3), ("scan[1]", 3)]);
+        assert_eq!(lines[0].points[1], [2.0, 30.0]);
+        assert_eq!(history.total().unwrap().median, 122.0);
+    }
+
+    #[test]
+    fn the_table_forgets_the_former_plan_and_the_plot_does_not() {
+        let plan = testing::plan(&[("a", "sort")]);
+        let mut history = History::default();
+        history.push(&plan, &frame(&[5.0]));
+        history.next_plan();
+        assert!(history.table(&plan).is_empty());
+        assert_eq!(history.total(), None);
+        history.push(&plan, &frame(&[1.0]));
+        assert_eq!(history.table(&plan)[0].ms.unwrap().p99, 1.0);
+        assert_eq!(history.phase_series()[0].points, [[1.0, 5.0], [2.0, 1.0]]);
+        assert_eq!(history.changes(), [2.0]);
+    }
+
+    #[test]
+    fn no_more_than_the_window_is_kept() {
+        let plan = testing::plan(&[("a", "sort")]);
+        let mut history = History::default();
+        for _ in 0..WINDOW + 10 {
+            history.push(&plan, &frame(&[1.0]));
+        }
+        assert_eq!(history.phase_series()[0].points.len(), WINDOW);
+        assert_eq!(history.frames(), WINDOW as u64 + 10);
+    }
+
+    #[test]
+    fn a_phase_of_which_a_pass_has_no_time_has_none() {
+        let plan = testing::plan(&[("a", "sort"), ("b", "sort")]);
+        let mut history = History::default();
+        let mut result = frame(&[1.0, 2.0]);
+        result.pass_ms[1].1 = None;
+        history.push(&plan, &result);
+        let table = history.table(&plan);
+        assert_eq!(table[0].ms, None);
+        assert_eq!(table[1].ms.unwrap().median, 1.0);
+        assert!(history.phase_series().is_empty());
+    }
+}

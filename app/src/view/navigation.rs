@@ -1,0 +1,509 @@
+//! The viewer's camera: what pointer and keys do to it.
+//!
+//! [`Navigation`] is a state machine without a window. It is told what the pointer and the keys did since it was asked last
+//! ([`Input`]) and answers with a camera ([`Navigation::camera`]). The camera looks at its *pivot*, a point straight ahead at a
+//! distance that it remembers. The habits are those of 3D modellers and of game editors together:
+//!
+//! | what the user does | what happens |
+//! |---|---|
+//! | drag (left or middle button), arrow keys | orbit about the pivot, as on a turntable: the horizon stays as it is |
+//! | Shift + drag | pan: what lies at the pivot's depth follows the pointer |
+//! | scroll, Ctrl + drag up and down | zoom: go towards the pivot or away from it, never through it |
+//! | hold the right button | fly: the pointer looks around, W A S D move, E rises, Q sinks, Shift is faster, Ctrl slower, scrolling changes the speed |
+//! | double click, F | frame the scene, seen from the same direction |
+//! | Home | back to where the viewer started |
+//!
+//! Positions are the world's, in f64. The camera's axes are those of [`splatgraph_assets::Camera`]: x right, y down, z forward.
+//! Everything stays finite and orthonormal, whatever the input.
+
+use glam::{DMat3, DQuat, DVec3};
+use splatgraph_assets::{Bounds, Camera, NEAR};
+
+#[cfg(test)]
+mod tests;
+
+/// Where the sky is when nothing says otherwise: in the camera convention of the 3DGS reference, y points down.
+pub const DEFAULT_UP: DVec3 = DVec3::NEG_Y;
+
+/// Seconds that it takes to get to another camera.
+const FLIGHT_SECONDS: f64 = 0.35;
+/// Radians of orbiting and of looking around, per point that the pointer moves.
+const TURN_PER_POINT: f64 = 0.3 * std::f64::consts::PI / 180.0;
+/// Radians per second of orbiting with the arrow keys.
+const TURN_PER_SECOND: f64 = std::f64::consts::FRAC_PI_3;
+/// The steepest that orbiting and looking around go, in radians from the horizon: short of the pole, beyond which left and right
+/// would be exchanged.
+const STEEPEST: f64 = 89.9 * std::f64::consts::PI / 180.0;
+/// A notch of the wheel divides the distance by `e` to this power.
+pub const ZOOM_PER_NOTCH: f64 = 0.15;
+/// The same for each point of a drag.
+const ZOOM_PER_POINT: f64 = 0.01;
+/// How near to the pivot and how far from it zooming goes, in sizes of the scene.
+const DISTANCES: (f64, f64) = (1e-6, 1e4);
+/// How far from the scene's middle the camera may be, in sizes of the scene.
+const FARTHEST: f64 = 1e6;
+/// Sizes of the scene that are flown through in a second, at first.
+const FLY_SPEED: f64 = 0.2;
+/// A notch of the wheel changes the speed by this factor while flying.
+const SPEED_PER_NOTCH: f64 = 1.2;
+/// How much slower and faster than at first flying can be made.
+const SPEEDS: (f64, f64) = (1e-3, 1e3);
+/// What Shift and Ctrl multiply and divide the speed by.
+const HURRY: f64 = 4.0;
+/// Part of the viewport that a framed scene may fill.
+const FILL: f64 = 0.92;
+
+/// What the user did since the last [`Navigation::update`]. Only what is meant for the view: a drag that began on a panel is not.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// Width and height of the view, in points.
+    pub size: [f64; 2],
+    /// How far the pointer moved, in points: right and down.
+    pub moved: [f64; 2],
+    /// Buttons that are held.
+    pub buttons: Buttons,
+    /// Modifiers that are held.
+    pub modifiers: Modifiers,
+    /// Notches that the wheel was turned, positive away from the user.
+    pub scroll: f64,
+    /// Keys that are held.
+    pub keys: Keys,
+    /// Frame the scene (F, or a double click).
+    pub frame: bool,
+    /// Go back to where the viewer started (Home).
+    pub home: bool,
+    /// Seconds since the last update.
+    pub seconds: f64,
+}
+
+/// Buttons of the pointer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Buttons {
+    pub left: bool,
+    pub middle: bool,
+    pub right: bool,
+}
+
+/// Modifiers that mean something here.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Modifiers {
+    pub shift: bool,
+    pub ctrl: bool,
+}
+
+/// Keys by what they mean; in parentheses, where they are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Keys {
+    /// (W)
+    pub forward: bool,
+    /// (S)
+    pub back: bool,
+    /// (A)
+    pub left: bool,
+    /// (D)
+    pub right: bool,
+    /// (E)
+    pub rise: bool,
+    /// (Q)
+    pub sink: bool,
+    /// (arrow left)
+    pub orbit_left: bool,
+    /// (arrow right)
+    pub orbit_right: bool,
+    /// (arrow up)
+    pub orbit_up: bool,
+    /// (arrow down)
+    pub orbit_down: bool,
+}
+
+/// A view: from where, in which direction, how wide.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pose {
+    position: DVec3,
+    /// From the camera's axes to the world's, of length 1.
+    orientation: DQuat,
+    /// Tangent of half the vertical field of view.
+    tan_y: f64,
+    /// How much longer the horizontal focal length is than the vertical one, in pixels: 1 for square pixels.
+    stretch: f64,
+    /// From the camera to the pivot.
+    distance: f64,
+}
+
+impl Pose {
+    fn right(&self) -> DVec3 {
+        self.orientation * DVec3::X
+    }
+
+    fn down(&self) -> DVec3 {
+        self.orientation * DVec3::Y
+    }
+
+    fn forward(&self) -> DVec3 {
+        self.orientation * DVec3::Z
+    }
+
+    fn pivot(&self) -> DVec3 {
+        self.position + self.distance * self.forward()
+    }
+
+    /// Turns the camera where it is, or about its pivot: `yaw` about the world's up (positive to the left, seen from above), `pitch`
+    /// upwards. Any roll against the horizon stays.
+    fn turned(mut self, up: DVec3, yaw: f64, pitch: f64, about_pivot: bool) -> Pose {
+        let (pivot, forward) = (self.pivot(), self.forward());
+        let elevation = forward.dot(up).clamp(-1.0, 1.0).asin();
+        // From a camera that was put beyond the limit, no step leads farther, and the first one back leads within.
+        let pitch = (elevation + pitch).clamp(-STEEPEST, STEEPEST) - elevation;
+        // To the right along the horizon. Straight up and down every direction is, so the image decides.
+        let horizontal = forward.cross(up);
+        let axis = if horizontal.length() > 1e-6 { horizontal } else { self.right() };
+        let turn = DQuat::from_axis_angle(up, yaw) * DQuat::from_axis_angle(axis.normalize(), pitch);
+        self.orientation = (turn * self.orientation).normalize();
+        if about_pivot {
+            self.position = pivot - self.distance * self.forward();
+        }
+        self
+    }
+
+    /// Goes to another distance from the pivot.
+    fn zoomed(mut self, exponent: f64, scale: f64) -> Pose {
+        let pivot = self.pivot();
+        let (nearest, farthest) = (DISTANCES.0 * scale, DISTANCES.1 * scale);
+        // Zooming away may begin farther than where it ends.
+        let farthest = farthest.max(self.distance);
+        self.distance = (self.distance * exponent.exp()).clamp(nearest.min(self.distance), farthest);
+        self.position = pivot - self.distance * self.forward();
+        self
+    }
+
+    /// Part way to another pose, `t` from 0 to 1. The pivot goes straight, and the distance by equal factors in equal times.
+    fn towards(&self, to: &Pose, t: f64) -> Pose {
+        let geometric = |a: f64, b: f64| a * (b / a).powf(t);
+        let pivot = self.pivot().lerp(to.pivot(), t);
+        let orientation = self.orientation.slerp(to.orientation, t).normalize();
+        let distance = geometric(self.distance, to.distance);
+        Pose {
+            position: pivot - distance * (orientation * DVec3::Z),
+            orientation,
+            tan_y: geometric(self.tan_y, to.tan_y),
+            stretch: geometric(self.stretch, to.stretch),
+            distance,
+        }
+    }
+}
+
+/// A view to go to, and the camera that it is, if it is one as it was given.
+#[derive(Clone, Debug, PartialEq)]
+struct Goal {
+    pose: Pose,
+    camera: Option<Camera>,
+}
+
+/// On the way from one view to another.
+#[derive(Clone, Debug)]
+struct Flight {
+    from: Pose,
+    to: Goal,
+    seconds: f64,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub struct Navigation {
+    pose: Pose,
+    /// The camera that was set, as long as nothing moved it: its picture is then that of the file's very numbers.
+    unmoved: Option<Camera>,
+    flight: Option<Flight>,
+    start: Camera,
+    up: DVec3,
+    bounds: Bounds,
+    /// The scene's size: lengths that are not given in pixels are multiples of it.
+    scale: f64,
+    /// Multiplies [`FLY_SPEED`].
+    speed: f64,
+    animated: bool,
+}
+
+impl Navigation {
+    /// At the camera `start`, in a scene whose bulk is in `bounds` (see [`splatgraph_assets::Scene::robust_bounds`]). Which way is
+    /// up can be had from [`mean_up`] of the scene's cameras, or is [`DEFAULT_UP`].
+    pub fn new(bounds: &Bounds, start: &Camera, up: DVec3) -> Navigation {
+        let pose = Pose {
+            position: DVec3::ZERO,
+            orientation: DQuat::IDENTITY,
+            tan_y: 30f64.to_radians().tan(),
+            stretch: 1.0,
+            distance: 1.0,
+        };
+        let mut navigation = Navigation {
+            pose,
+            unmoved: None,
+            flight: None,
+            start: start.clone(),
+            up: DEFAULT_UP,
+            bounds: Bounds::ORIGIN,
+            scale: 1.0,
+            speed: 1.0,
+            animated: false,
+        };
+        navigation.set_scene(bounds);
+        navigation.set_up(up);
+        navigation.set_camera(start);
+        navigation.animated = true;
+        navigation
+    }
+
+    /// Takes another scene's bounds; the camera stays.
+    pub fn set_scene(&mut self, bounds: &Bounds) {
+        let finite = bounds.min.iter().chain(&bounds.max).all(|v| v.is_finite());
+        self.bounds = if finite { *bounds } else { Bounds::ORIGIN };
+        // A single point has no size. (Beyond these lengths f32 cannot hold their squares, or loses digits.)
+        self.scale = match self.bounds.extent() {
+            extent if extent > 0.0 => extent.clamp(1e-12, 1e18),
+            _ => 1.0,
+        };
+    }
+
+    /// Which way is up. A vector without a direction is ignored.
+    pub fn set_up(&mut self, up: DVec3) {
+        if let Some(up) = up.try_normalize() {
+            self.up = up;
+        }
+    }
+
+    /// Which way is up, of length 1.
+    pub fn up(&self) -> DVec3 {
+        self.up
+    }
+
+    /// Whether the way to another camera is shown, which it is at first, or is a jump.
+    pub fn set_animated(&mut self, animated: bool) {
+        self.animated = animated;
+        if !animated && let Some(flight) = self.flight.take() {
+            self.arrive(flight.to);
+        }
+    }
+
+    /// Whether the camera is on its way: it will move with the next update, whatever the user does.
+    pub fn is_moving(&self) -> bool {
+        self.flight.is_some()
+    }
+
+    /// Units of the world per second that are flown, without Shift and Ctrl.
+    pub fn fly_speed(&self) -> f64 {
+        FLY_SPEED * self.speed * self.scale
+    }
+
+    /// The point that orbiting goes around.
+    pub fn pivot(&self) -> DVec3 {
+        self.pose.pivot()
+    }
+
+    /// The camera of now, for a picture of this size. As long as a camera that was set has not moved, it is that camera
+    /// [resized](Camera::resized), and bit for bit the same in its own size. A side of 0 counts as 1.
+    pub fn camera(&self, width: u32, height: u32) -> Camera {
+        let (width, height) = (width.max(1), height.max(1));
+        if let Some(camera) = &self.unmoved {
+            return camera.resized(width, height);
+        }
+        let pose = &self.pose;
+        let fy = 0.5 * f64::from(height) / pose.tan_y;
+        Camera {
+            id: 0,
+            img_name: String::new(),
+            width,
+            height,
+            position: pose.position.into(),
+            rotation: DMat3::from_quat(pose.orientation).transpose().to_cols_array_2d(),
+            fx: fy * pose.stretch,
+            fy,
+        }
+    }
+
+    /// Goes to a camera. What it sees from top to bottom, the view will see; a wider view shows more at the sides. The pivot becomes
+    /// the point of its axis that is nearest to the scene's middle, if that is ahead.
+    pub fn set_camera(&mut self, camera: &Camera) {
+        let goal = self.goal_of(camera);
+        self.go_to(goal);
+    }
+
+    /// Goes to where the whole scene is in view, keeping the direction and the field of view. The size is the view's, in any unit.
+    pub fn frame(&mut self, size: [f64; 2]) {
+        let goal = Goal { pose: self.framing(size), camera: None };
+        self.go_to(goal);
+    }
+
+    /// Goes back to the camera that the viewer started with.
+    pub fn home(&mut self) {
+        let goal = self.goal_of(&self.start);
+        self.go_to(goal);
+    }
+
+    /// Does what the user asked for and says whether the camera moved. A flight to another camera goes on unless the user does
+    /// something else, which ends it where it is.
+    pub fn update(&mut self, input: &Input) -> bool {
+        let before = (self.pose, self.unmoved.is_some());
+        let input = Input {
+            moved: input.moved.map(finite),
+            scroll: finite(input.scroll),
+            seconds: finite(input.seconds).clamp(0.0, 1.0),
+            ..*input
+        };
+        if input.home {
+            self.home();
+        } else if input.frame {
+            self.frame(input.size);
+        }
+        let pose = self.steered(&input);
+        if pose != self.pose {
+            self.flight = None;
+            self.unmoved = None;
+            self.pose = self.confined(pose);
+        } else {
+            self.fly_on(input.seconds);
+        }
+        before != (self.pose, self.unmoved.is_some())
+    }
+
+    /// The pose after what buttons, wheel and keys did.
+    fn steered(&mut self, input: &Input) -> Pose {
+        let (mut pose, up, scale) = (self.pose, self.up, self.scale);
+        let [x, y] = input.moved;
+        let keys = &input.keys;
+        if input.buttons.right {
+            self.speed = (self.speed * SPEED_PER_NOTCH.powf(input.scroll)).clamp(SPEEDS.0, SPEEDS.1);
+            if input.moved != [0.0; 2] {
+                pose = pose.turned(up, -TURN_PER_POINT * x, -TURN_PER_POINT * y, false);
+            }
+            let along = |more: bool, less: bool| f64::from(more) - f64::from(less);
+            let direction = along(keys.forward, keys.back) * pose.forward()
+                + along(keys.right, keys.left) * pose.right()
+                + along(keys.rise, keys.sink) * up;
+            let hurry = HURRY.powf(along(input.modifiers.shift, input.modifiers.ctrl));
+            pose.position += direction.normalize_or_zero() * (hurry * self.fly_speed() * input.seconds);
+        } else {
+            let drag = (input.buttons.left || input.buttons.middle) && input.moved != [0.0; 2];
+            if drag && input.modifiers.shift {
+                // Points to lengths at the pivot's depth; a view without a height moves nothing.
+                let height = finite(input.size[1]);
+                let length = if height > 0.0 { 2.0 * pose.tan_y * pose.distance / height } else { 0.0 };
+                pose.position -= length * (x / pose.stretch * pose.right() + y * pose.down());
+            } else if drag && input.modifiers.ctrl {
+                pose = pose.zoomed(ZOOM_PER_POINT * y, scale);
+            } else if drag {
+                pose = pose.turned(up, -TURN_PER_POINT * x, -TURN_PER_POINT * y, true);
+            }
+            if input.scroll != 0.0 {
+                pose = pose.zoomed(-ZOOM_PER_NOTCH * input.scroll, scale);
+            }
+        }
+        let turn =
+            |more: bool, less: bool| (f64::from(more) - f64::from(less)) * TURN_PER_SECOND * input.seconds;
+        let yaw = turn(keys.orbit_right, keys.orbit_left);
+        let pitch = turn(keys.orbit_down, keys.orbit_up);
+        if yaw != 0.0 || pitch != 0.0 {
+            pose = pose.turned(up, yaw, pitch, true);
+        }
+        pose
+    }
+
+    /// The pose, not so far away that numbers lose their meaning.
+    fn confined(&self, mut pose: Pose) -> Pose {
+        let middle = DVec3::from(self.bounds.center());
+        let farthest = (FARTHEST * self.scale).max((self.pose.position - middle).length());
+        let away = pose.position - middle;
+        // The squares of the longest vectors overflow.
+        let length = away.abs().max_element();
+        if !away.is_finite() {
+            pose.position = self.pose.position;
+        } else if length > farthest {
+            pose.position = middle + away / length * farthest;
+        }
+        pose
+    }
+
+    fn goal_of(&self, camera: &Camera) -> Goal {
+        let rotation = DMat3::from_cols_array_2d(&camera.rotation).transpose();
+        // A camera that was read from a file is sound; one made by hand may not be.
+        let error = (rotation.transpose() * rotation - DMat3::IDENTITY).to_cols_array();
+        let sound = error.iter().all(|v| v.abs() < 0.02) && rotation.determinant() > 0.0;
+        let orientation = if sound { DQuat::from_mat3(&rotation).normalize() } else { DQuat::IDENTITY };
+        let position = DVec3::from(camera.position);
+        let placed = position.is_finite() && position.abs().max_element() < 1e30;
+        let position = if placed { position } else { DVec3::ZERO };
+        let usable = |v: f64| (1e-6..1e6).contains(&v);
+        let tan_y = 0.5 * f64::from(camera.height) / camera.fy;
+        let stretch = camera.fx / camera.fy;
+        let whole = sound && placed && usable(tan_y) && usable(stretch);
+        let mut pose = Pose {
+            position,
+            orientation,
+            tan_y: if usable(tan_y) { tan_y } else { 30f64.to_radians().tan() },
+            stretch: if usable(stretch) { stretch } else { 1.0 },
+            distance: self.scale,
+        };
+        let ahead = (DVec3::from(self.bounds.center()) - position).dot(pose.forward());
+        if ahead > 1e-3 * self.scale {
+            pose.distance = ahead;
+        }
+        Goal { pose, camera: whole.then(|| camera.clone()) }
+    }
+
+    fn framing(&self, size: [f64; 2]) -> Pose {
+        // On the way to another camera, the direction is that camera's.
+        let mut pose = self.flight.as_ref().map_or(self.pose, |flight| flight.to.pose);
+        let [width, height] = size.map(|side| finite(side).clamp(1.0, 1e6));
+        let tan_y = FILL * pose.tan_y;
+        let tan_x = tan_y * width / height / pose.stretch;
+        let middle = DVec3::from(self.bounds.center());
+        // How far back the camera must be for each corner to be inside the pyramid of the view, and not culled as too near.
+        let far_enough = self.bounds.corners().into_iter().fold(0.0, |distance: f64, corner| {
+            let corner = DVec3::from(corner) - middle;
+            let (x, y, z) = (corner.dot(pose.right()), corner.dot(pose.down()), corner.dot(pose.forward()));
+            distance.max(x.abs() / tan_x - z).max(y.abs() / tan_y - z).max(1.1 * NEAR - z)
+        });
+        pose.distance = far_enough;
+        pose.position = middle - far_enough * pose.forward();
+        pose
+    }
+
+    fn go_to(&mut self, to: Goal) {
+        if self.animated && to.pose != self.pose {
+            self.flight = Some(Flight { from: self.pose, to, seconds: 0.0 });
+            self.unmoved = None;
+        } else {
+            self.arrive(to);
+        }
+    }
+
+    fn fly_on(&mut self, seconds: f64) {
+        let Some(flight) = &mut self.flight else { return };
+        flight.seconds += seconds;
+        let part = flight.seconds / FLIGHT_SECONDS;
+        if part < 1.0 {
+            // Cubic Hermite from rest to rest.
+            self.pose = flight.from.towards(&flight.to.pose, part * part * (3.0 - 2.0 * part));
+        } else if let Some(flight) = self.flight.take() {
+            self.arrive(flight.to);
+        }
+    }
+
+    fn arrive(&mut self, goal: Goal) {
+        self.flight = None;
+        self.pose = goal.pose;
+        self.unmoved = goal.camera;
+    }
+}
+
+/// The mean of what is up in the images of these cameras, of length 1. `None` of no cameras, or where they cancel out.
+pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
+    let ups = cameras.iter().map(|camera| -DVec3::from(camera.axes()[1])).filter(|up| up.is_finite());
+    let sum: DVec3 = ups.sum();
+    // Cameras that look in all directions have no up in common, only rounding errors.
+    (sum.length() > 1e-3 * cameras.len() as f64).then(|| sum.normalize())
+}
+
+fn finite(value: f64) -> f64 {
+    // Products of a few such values are finite too.
+    if value.is_nan() { 0.0 } else { value.clamp(-1e9, 1e9) }
+}

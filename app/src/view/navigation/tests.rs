@@ -1,0 +1,497 @@
+use super::*;
+use proptest::prelude::*;
+
+const SIZE: [f64; 2] = [800.0, 600.0];
+const PIXELS: (u32, u32) = (800, 600);
+
+fn bounds() -> Bounds {
+    Bounds { min: [-2.0, -1.0, -3.0], max: [4.0, 2.0, 5.0] }
+}
+
+/// A camera askew, with pixels that are not square.
+fn start() -> Camera {
+    let mut camera = Camera::looking_at([6.0, -4.0, -9.0], [1.0, 0.5, 1.0], 70.0, PIXELS);
+    let roll = DMat3::from_axis_angle(DVec3::from(camera.axes()[2]), 0.2);
+    let rotation = roll * DMat3::from_cols_array_2d(&camera.rotation).transpose();
+    camera.rotation = rotation.transpose().to_cols_array_2d();
+    camera.fx *= 1.25;
+    camera
+}
+
+/// At rest at [`start`], jumping.
+fn navigation() -> Navigation {
+    let mut navigation = Navigation::new(&bounds(), &start(), DEFAULT_UP);
+    navigation.set_animated(false);
+    navigation
+}
+
+fn drag(button: char, x: f64, y: f64) -> Input {
+    let buttons = Buttons { left: button == 'l', middle: button == 'm', right: button == 'r' };
+    Input { size: SIZE, moved: [x, y], buttons, seconds: 0.01, ..Input::default() }
+}
+
+fn with(modifier: &str, input: Input) -> Input {
+    Input { modifiers: Modifiers { shift: modifier == "shift", ctrl: modifier == "ctrl" }, ..input }
+}
+
+fn keys(keys: Keys, seconds: f64) -> Input {
+    Input { size: SIZE, keys, seconds, ..Input::default() }
+}
+
+/// The pixel that a point of the world is at, pixel centres at halves.
+fn pixel(camera: &Camera, point: DVec3) -> [f64; 2] {
+    let [x, y, z] = camera.to_view(point.into());
+    [0.5 * f64::from(camera.width) + camera.fx * x / z, 0.5 * f64::from(camera.height) + camera.fy * y / z]
+}
+
+/// The point of the world that is at a pixel, at this depth.
+fn point(camera: &Camera, pixel: [f64; 2], z: f64) -> DVec3 {
+    let [right, down, forward] = camera.axes().map(DVec3::from);
+    let x = (pixel[0] - 0.5 * f64::from(camera.width)) / camera.fx * z;
+    let y = (pixel[1] - 0.5 * f64::from(camera.height)) / camera.fy * z;
+    DVec3::from(camera.position) + x * right + y * down + z * forward
+}
+
+fn now(navigation: &Navigation) -> Camera {
+    navigation.camera(PIXELS.0, PIXELS.1)
+}
+
+fn forward(navigation: &Navigation) -> DVec3 {
+    DVec3::from(now(navigation).axes()[2])
+}
+
+fn position(navigation: &Navigation) -> DVec3 {
+    DVec3::from(now(navigation).position)
+}
+
+/// The largest difference between the numbers of two cameras.
+fn apart(a: &Camera, b: &Camera) -> f64 {
+    let numbers = |c: &Camera| {
+        let flat: Vec<f64> = c.rotation.as_flattened().to_vec();
+        [&c.position[..], &flat[..], &[c.fx / c.fy, c.fy / f64::from(c.height)]].concat()
+    };
+    numbers(a).iter().zip(numbers(b)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+fn close(a: DVec3, b: DVec3, within: f64) -> bool {
+    (a - b).length() < within
+}
+
+#[test]
+fn orbiting_keeps_the_distance_and_leaves_the_pivot_on_its_pixel() {
+    for input in [drag('l', 130.0, -55.0), drag('m', -310.0, 80.0)] {
+        let mut navigation = navigation();
+        let (pivot, before) = (navigation.pivot(), now(&navigation));
+        assert!(navigation.update(&input));
+        let after = now(&navigation);
+        assert!(close(navigation.pivot(), pivot, 1e-12));
+        let [x, y] = pixel(&after, pivot);
+        assert!((x - 400.0).abs() < 1e-9 && (y - 300.0).abs() < 1e-9, "({x}, {y})");
+        let distance = |c: &Camera| (DVec3::from(c.position) - pivot).length();
+        assert!((distance(&after) - distance(&before)).abs() < 1e-12);
+        assert!(apart(&before, &after) > 0.1);
+    }
+}
+
+#[test]
+fn orbiting_turns_the_near_side_after_the_pointer() {
+    let mut navigation = navigation();
+    navigation.set_camera(&Camera::looking_at([1.0, 0.5, -20.0], [1.0, 0.5, 1.0], 60.0, PIXELS));
+    let near = navigation.pivot() - DVec3::Z;
+    let [x, y] = pixel(&now(&navigation), near);
+    navigation.update(&drag('l', 30.0, 20.0));
+    let [moved_x, moved_y] = pixel(&now(&navigation), near);
+    assert!(moved_x > x + 1.0 && moved_y > y + 1.0, "({x}, {y}) to ({moved_x}, {moved_y})");
+}
+
+#[test]
+fn orbiting_keeps_the_horizon_as_it_is() {
+    let mut navigation = navigation();
+    let roll = |n: &Navigation| {
+        let [right, _, forward] = now(n).axes().map(DVec3::from);
+        right.dot(n.up()) / forward.cross(n.up()).length()
+    };
+    let before = roll(&navigation);
+    assert!(before.abs() > 0.1, "the camera is askew");
+    for _ in 0..50 {
+        navigation.update(&drag('l', 37.0, 3.0));
+        navigation.update(&drag('r', -11.0, -2.0));
+    }
+    assert!((roll(&navigation) - before).abs() < 1e-9);
+}
+
+#[test]
+fn orbiting_and_looking_stop_short_of_the_poles() {
+    for (button, y) in [('l', 1e4), ('l', -1e4), ('r', 1e4), ('r', -1e4)] {
+        let mut navigation = navigation();
+        navigation.update(&drag(button, 0.0, y));
+        let elevation = forward(&navigation).dot(navigation.up()).asin().to_degrees();
+        assert!((elevation.abs() - 89.9).abs() < 1e-6, "{elevation}");
+        assert_eq!(elevation > 0.0, y < 0.0);
+        let stopped = now(&navigation);
+        navigation.update(&drag(button, 0.0, y));
+        assert!(apart(&stopped, &now(&navigation)) < 1e-9);
+        // And away from there as if nothing were special about it.
+        navigation.update(&drag(button, 0.0, -y.signum() * 100.0));
+        let back = forward(&navigation).dot(navigation.up()).asin().to_degrees();
+        assert!((back.abs() - 59.9).abs() < 1e-6, "{back}");
+    }
+}
+
+#[test]
+fn a_camera_that_looks_straight_up_or_down_can_be_turned() {
+    for y in [-50.0, 50.0] {
+        let mut navigation = navigation();
+        navigation.set_camera(&Camera::looking_at([1.0, 0.5, 1.0], [1.0, y, 1.0], 60.0, PIXELS));
+        assert!(forward(&navigation).dot(navigation.up()).abs() == 1.0);
+        navigation.update(&drag('l', 25.0, -y.signum() * 30.0));
+        let steep = forward(&navigation).dot(navigation.up()).asin().to_degrees().abs();
+        assert!((80.0..82.0).contains(&steep), "{steep}");
+        assert_sound(&navigation);
+    }
+}
+
+#[test]
+fn panning_keeps_the_grabbed_point_under_the_pointer() {
+    for input in [drag('m', 75.0, -120.0), drag('l', -40.0, 15.0)] {
+        let mut navigation = navigation();
+        let depth = navigation.pose.distance;
+        let grabbed = point(&now(&navigation), [200.0, 450.0], depth);
+        navigation.update(&with("shift", input));
+        let [x, y] = pixel(&now(&navigation), grabbed);
+        let [dx, dy] = input.moved;
+        assert!((x - 200.0 - dx).abs() < 1e-9 && (y - 450.0 - dy).abs() < 1e-9, "({x}, {y})");
+        assert!(close(forward(&navigation), DVec3::from(start().axes()[2]), 1e-12));
+    }
+}
+
+#[test]
+fn zooming_in_and_out_again_returns() {
+    let scroll = |scroll| Input { size: SIZE, scroll, ..Input::default() };
+    let by_drag = |y| with("ctrl", drag('m', 0.0, y));
+    for (there, back) in [(scroll(7.0), scroll(-7.0)), (by_drag(-240.0), by_drag(240.0))] {
+        let mut navigation = navigation();
+        let (before, distance, pivot) = (now(&navigation), navigation.pose.distance, navigation.pivot());
+        navigation.update(&there);
+        assert!(navigation.pose.distance < 0.5 * distance, "nearer");
+        assert!(close(navigation.pivot(), pivot, 1e-12));
+        navigation.update(&back);
+        assert!(apart(&before, &now(&navigation)) < 1e-12);
+    }
+}
+
+#[test]
+fn zooming_never_goes_through_the_pivot_and_comes_back_from_everywhere() {
+    let mut navigation = navigation();
+    let (pivot, forward_before) = (navigation.pivot(), forward(&navigation));
+    navigation.update(&Input { scroll: 1e12, ..Input::default() });
+    let near = (pivot - position(&navigation)).dot(forward_before);
+    assert!(near > 0.0 && near < 1e-4, "{near}");
+    navigation.update(&Input { scroll: -1e12, ..Input::default() });
+    let far = (pivot - position(&navigation)).dot(forward_before);
+    assert!((1e4..1e6).contains(&far), "{far}");
+    navigation.update(&Input { scroll: 1.0, ..Input::default() });
+    assert!((pivot - position(&navigation)).length() < far);
+}
+
+#[test]
+fn flying_forward_goes_along_the_view_at_the_speed_that_is_said() {
+    let mut navigation = navigation();
+    let (from, ahead, distance) = (position(&navigation), forward(&navigation), navigation.pose.distance);
+    let speed = navigation.fly_speed();
+    assert!((speed - 0.2 * 8.0).abs() < 1e-12, "scaled to the scene");
+    let mut input = keys(Keys { forward: true, ..Keys::default() }, 0.5);
+    assert!(!navigation.update(&input), "only with the button");
+    input.buttons.right = true;
+    assert!(navigation.update(&input));
+    assert!(close(position(&navigation), from + ahead * 0.5 * speed, 1e-12));
+    assert_eq!(navigation.pose.distance, distance, "the pivot comes along");
+
+    let length = |navigation: &mut Navigation, input: &Input| {
+        let from = position(navigation);
+        navigation.update(input);
+        (position(navigation) - from).length()
+    };
+    let usual = length(&mut navigation, &input);
+    assert!((length(&mut navigation, &with("shift", input)) / usual - 4.0).abs() < 1e-9);
+    assert!((length(&mut navigation, &with("ctrl", input)) / usual - 0.25).abs() < 1e-9);
+    let faster = length(&mut navigation, &Input { scroll: 3.0, ..input });
+    assert!((faster / usual - 1.2f64.powi(3)).abs() < 1e-9);
+    assert!((length(&mut navigation, &input) / faster - 1.0).abs() < 1e-9, "the speed stays");
+    input.keys.right = true;
+    assert!((length(&mut navigation, &input) / faster - 1.0).abs() < 1e-9, "not faster askew");
+}
+
+#[test]
+fn every_key_of_flying_goes_its_own_way() {
+    let start = now(&navigation());
+    let [right, _, ahead] = start.axes().map(DVec3::from);
+    let none = Keys::default();
+    for (held, way) in [
+        (Keys { forward: true, ..none }, ahead),
+        (Keys { back: true, ..none }, -ahead),
+        (Keys { right: true, ..none }, right),
+        (Keys { left: true, ..none }, -right),
+        (Keys { rise: true, ..none }, DEFAULT_UP),
+        (Keys { sink: true, ..none }, -DEFAULT_UP),
+    ] {
+        let mut navigation = navigation();
+        let mut input = keys(held, 0.25);
+        input.buttons.right = true;
+        navigation.update(&input);
+        let moved = position(&navigation) - DVec3::from(start.position);
+        assert!(close(moved.normalize(), way, 1e-9), "{held:?}: {moved}");
+    }
+}
+
+#[test]
+fn looking_around_stays_in_place_and_turns_where_the_pointer_goes() {
+    let mut navigation = navigation();
+    let from = position(&navigation);
+    let target = navigation.pivot();
+    navigation.update(&drag('r', 40.0, 30.0));
+    assert!(close(position(&navigation), from, 1e-12));
+    let [x, y] = pixel(&now(&navigation), target);
+    assert!(x < 395.0 && y < 295.0, "to the right and down, so that it is left and above: ({x}, {y})");
+}
+
+#[test]
+fn the_arrow_keys_orbit_and_the_camera_goes_where_they_point() {
+    let none = Keys::default();
+    for (held, axis, sign) in [
+        (Keys { orbit_left: true, ..none }, 0, -1.0),
+        (Keys { orbit_right: true, ..none }, 0, 1.0),
+        (Keys { orbit_up: true, ..none }, 1, -1.0),
+        (Keys { orbit_down: true, ..none }, 1, 1.0),
+    ] {
+        let mut navigation = navigation();
+        navigation.set_camera(&Camera::looking_at([1.0, 0.5, -20.0], [1.0, 0.5, 1.0], 60.0, PIXELS));
+        let (pivot, before) = (navigation.pivot(), now(&navigation));
+        navigation.update(&keys(held, 0.1));
+        let moved = before.to_view(now(&navigation).position);
+        assert!(moved[axis] * sign > 0.5, "{held:?}: {moved:?}");
+        assert!(close(navigation.pivot(), pivot, 1e-12));
+    }
+}
+
+/// How much of the view the box takes, where 1 is up to its nearest border; `None` if a corner is too near.
+fn filled(camera: &Camera, bounds: &Bounds) -> Option<f64> {
+    let mut most = 0.0f64;
+    for corner in bounds.corners() {
+        let [x, y, z] = camera.to_view(corner);
+        if z < NEAR {
+            return None;
+        }
+        most = most.max((x / z * camera.fx / (0.5 * f64::from(camera.width))).abs());
+        most = most.max((y / z * camera.fy / (0.5 * f64::from(camera.height))).abs());
+    }
+    Some(most)
+}
+
+#[test]
+fn framing_shows_all_of_the_scene_from_the_same_direction() {
+    for size in [[800.0, 600.0], [300.0, 1000.0], [1920.0, 200.0]] {
+        let mut navigation = navigation();
+        navigation.update(&drag('r', 300.0, 100.0));
+        let before = forward(&navigation);
+        navigation.update(&Input { size, frame: true, ..Input::default() });
+        let camera = navigation.camera(size[0] as u32, size[1] as u32);
+        let filled = filled(&camera, &bounds()).expect("nothing is too near");
+        assert!((filled - 0.92).abs() < 1e-9, "{size:?}: {filled}");
+        assert!(close(forward(&navigation), before, 1e-12));
+        assert!(close(navigation.pivot(), DVec3::from(bounds().center()), 1e-9));
+    }
+}
+
+#[test]
+fn tiny_and_huge_scenes_and_single_points_are_framed_and_flown_through() {
+    for (size, fills) in [(0.0, false), (1e-6, false), (1e-3, false), (1e6, true), (1e30, true)] {
+        let bounds = Bounds { min: [1.0 - size; 3], max: [1.0 + size; 3] };
+        let mut navigation = Navigation::new(&bounds, &start(), DEFAULT_UP);
+        navigation.set_animated(false);
+        navigation.frame(SIZE);
+        let filled = filled(&now(&navigation), &bounds).expect("nothing is too near");
+        assert!(filled < 0.9201 && (!fills || filled > 0.9199), "{size}: {filled}");
+        let before = position(&navigation);
+        let mut fly = keys(Keys { forward: true, ..Keys::default() }, 1.0);
+        fly.buttons.right = true;
+        navigation.update(&fly);
+        let flown = (position(&navigation) - before).length();
+        assert!((flown - navigation.fly_speed()).abs() <= 1e-9 * before.length(), "{size}: {flown}");
+        assert_sound(&navigation);
+    }
+}
+
+#[test]
+fn a_camera_that_was_set_is_read_back_to_the_last_bit_and_resized_keeps_its_height() {
+    let mut navigation = navigation();
+    let mut other = start();
+    (other.id, other.img_name) = (7, "seven".into());
+    // As few digits as files have: not quite a rotation.
+    other.rotation = other.rotation.map(|row| row.map(|v| (v * 1e3).round() / 1e3));
+    navigation.set_camera(&other);
+    assert_eq!(now(&navigation), other);
+    assert_eq!(navigation.camera(1600, 300), other.resized(1600, 300));
+    assert_eq!(navigation.camera(0, 0), other.resized(1, 1));
+}
+
+#[test]
+fn a_camera_that_was_moved_there_and_back_is_the_same() {
+    let mut navigation = navigation();
+    navigation.update(&with("shift", drag('m', 50.0, 20.0)));
+    assert_eq!(now(&navigation).img_name, "");
+    navigation.update(&with("shift", drag('m', -50.0, -20.0)));
+    assert!(apart(&now(&navigation), &start()) < 1e-12);
+    let wide = navigation.camera(1600, 600);
+    assert!((wide.fy - start().fy).abs() < 1e-9 && (wide.fx - start().fx).abs() < 1e-9, "more at the sides");
+}
+
+#[test]
+fn home_goes_back_to_the_start() {
+    let mut navigation = navigation();
+    for input in [drag('l', 200.0, 90.0), with("shift", drag('l', 20.0, 9.0)), drag('r', 44.0, -9.0)] {
+        navigation.update(&input);
+    }
+    assert!(apart(&now(&navigation), &start()) > 0.1);
+    navigation.update(&Input { home: true, ..Input::default() });
+    assert_eq!(now(&navigation), start());
+}
+
+#[test]
+fn the_way_to_another_camera_takes_a_moment_and_ends_exactly_there() {
+    let mut navigation = navigation();
+    navigation.set_animated(true);
+    let other = Camera::looking_at([-8.0, -3.0, 2.0], [0.0; 3], 40.0, PIXELS);
+    navigation.set_camera(&other);
+    assert!(apart(&now(&navigation), &start()) < 1e-12, "time has not passed yet");
+    let wait = |seconds| Input { size: SIZE, seconds, ..Input::default() };
+    let mut last = (position(&navigation) - DVec3::from(other.position)).length();
+    for _ in 0..6 {
+        assert!(navigation.is_moving() && navigation.update(&wait(0.05)));
+        let left = (position(&navigation) - DVec3::from(other.position)).length();
+        assert!(left < last && left > 0.0, "{left} of {last}");
+        last = left;
+    }
+    navigation.update(&wait(0.06));
+    assert!(!navigation.is_moving());
+    assert_eq!(now(&navigation), other);
+    assert!(!navigation.update(&wait(0.05)), "at rest");
+}
+
+#[test]
+fn the_user_ends_a_flight_where_it_is_and_scripts_have_none() {
+    let mut navigation = navigation();
+    navigation.set_animated(true);
+    navigation.frame(SIZE);
+    navigation.update(&Input { size: SIZE, seconds: 0.1, ..Input::default() });
+    let midway = now(&navigation);
+    navigation.update(&drag('l', 1.0, 0.0));
+    assert!(!navigation.is_moving());
+    assert!(apart(&midway, &now(&navigation)) < 0.2);
+    navigation.frame(SIZE);
+    navigation.set_animated(false);
+    assert!(!navigation.is_moving());
+    assert!((filled(&now(&navigation), &bounds()).unwrap() - 0.92).abs() < 1e-9);
+}
+
+#[test]
+fn up_is_the_mean_of_the_cameras_or_the_references() {
+    let level = Camera::looking_at([0.0; 3], [0.0, 0.0, 5.0], 60.0, PIXELS);
+    assert!(close(mean_up(&[level.clone(), level.clone()]).unwrap(), DEFAULT_UP, 1e-12));
+    let mut on_its_side = level.clone();
+    on_its_side.rotation = DMat3::from_rotation_z(0.5 * std::f64::consts::PI).transpose().to_cols_array_2d();
+    let mean = mean_up(&[level.clone(), on_its_side]).unwrap();
+    assert!((mean.length() - 1.0).abs() < 1e-12 && (mean.x - 0.5f64.sqrt()).abs() < 1e-9, "{mean}");
+    let mut over = level.clone();
+    over.rotation = DMat3::from_rotation_z(std::f64::consts::PI).transpose().to_cols_array_2d();
+    assert_eq!(mean_up(&[level, over]), None);
+    assert_eq!(mean_up(&[]), None);
+}
+
+#[test]
+fn another_up_is_turned_about_and_one_without_a_direction_is_ignored() {
+    let mut navigation = navigation();
+    navigation.set_up(DVec3::new(0.0, 0.0, 2.0));
+    let height = |n: &Navigation| (position(n) - n.pivot()).z;
+    let before = height(&navigation);
+    navigation.update(&drag('l', 123.0, 0.0));
+    assert!((height(&navigation) - before).abs() < 1e-12);
+    navigation.set_up(DVec3::ZERO);
+    navigation.set_up(DVec3::splat(f64::NAN));
+    assert_eq!(navigation.up(), DVec3::Z);
+}
+
+#[test]
+fn a_view_without_a_size_pans_nothing_and_frames_all_the_same() {
+    let mut navigation = navigation();
+    let mut input = with("shift", drag('m', 10.0, 10.0));
+    input.size = [0.0; 2];
+    assert!(!navigation.update(&input));
+    navigation.update(&Input { frame: true, ..Input::default() });
+    assert!(filled(&navigation.camera(0, 0), &bounds()).unwrap() < 0.93);
+    assert_sound(&navigation);
+}
+
+fn assert_sound(navigation: &Navigation) {
+    let camera = now(navigation);
+    let numbers = [&camera.position[..], camera.rotation.as_flattened(), &[camera.fx, camera.fy]].concat();
+    assert!(numbers.iter().all(|v| v.is_finite()), "{camera:?}");
+    let [right, down, forward] = camera.axes().map(DVec3::from);
+    for (i, a) in [right, down, forward].iter().enumerate() {
+        for (j, b) in [right, down, forward].iter().enumerate() {
+            assert!((a.dot(*b) - f64::from(i == j)).abs() < 1e-9, "{camera:?}");
+        }
+    }
+    assert!(close(right.cross(down), forward, 1e-9), "{camera:?}");
+    assert!(camera.fx > 0.0 && camera.fy > 0.0 && navigation.pose.distance > 0.0, "{camera:?}");
+    assert!(navigation.fly_speed() > 0.0 && navigation.fly_speed().is_finite());
+}
+
+/// Numbers that break things, among usual ones.
+fn wild() -> impl Strategy<Value = f64> {
+    let extremes =
+        [0.0, -0.0, 1e-300, 1e9, -1e9, 1e300, f64::MAX, f64::MIN, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];
+    prop_oneof![3 => -500.0..500.0, 1 => prop::sample::select(extremes.to_vec())]
+}
+
+prop_compose! {
+    fn inputs()(
+        size in prop::array::uniform2(wild()), moved in prop::array::uniform2(wild()),
+        scroll in wild(), seconds in wild(), bits in any::<u32>(), command in 0..40,
+    ) -> Input {
+        let bit = |i: u32| bits >> i & 1 == 1;
+        Input {
+            size, moved, scroll, seconds,
+            buttons: Buttons { left: bit(0), middle: bit(1), right: bit(2) },
+            modifiers: Modifiers { shift: bit(3), ctrl: bit(4) },
+            keys: Keys {
+                forward: bit(5), back: bit(6), left: bit(7), right: bit(8), rise: bit(9), sink: bit(10),
+                orbit_left: bit(11), orbit_right: bit(12), orbit_up: bit(13), orbit_down: bit(14),
+            },
+            frame: command == 0,
+            home: command == 1,
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn whatever_the_input_the_camera_is_finite_and_orthonormal(
+        list in prop::collection::vec(inputs(), 1..40),
+        low in prop::array::uniform3(-1e3f32..1e3), extent in prop::sample::select(&[0.0f32, 1e-20, 1e-3, 10.0, 1e12, 1e38, f32::INFINITY, f32::NAN]),
+        numbers in prop::array::uniform8(wild()), up in prop::array::uniform3(wild()), animated: bool,
+    ) {
+        let bounds = Bounds { min: low, max: low.map(|v| v + extent) };
+        let mut navigation = Navigation::new(&bounds, &start(), DVec3::from(up));
+        navigation.set_animated(animated);
+        let [x, y, z, a, b, c, fx, fy] = numbers;
+        let odd = Camera { position: [x, y, z], rotation: [[a, b, c], [b, c, a], [c, a, b]], fx, fy, ..start() };
+        for (i, input) in list.iter().enumerate() {
+            if i == 7 {
+                navigation.set_camera(&odd);
+            }
+            navigation.update(input);
+            assert_sound(&navigation);
+        }
+    }
+}

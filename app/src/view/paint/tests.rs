@@ -1,0 +1,238 @@
+use super::*;
+use crate::facts::{self, SceneFacts};
+use crate::planner::Planner;
+use egui::epaint::textures::TextureOptions;
+use egui::epaint::{ColorImage, ImageDelta, TextureId};
+use egui::{Color32, Pos2, Rect, pos2, vec2};
+use splatgraph_framework::oracle::mutate::needless;
+use splatgraph_framework::oracle::{Replay, replay};
+use splatgraph_framework::plan::{DrawCall, Format, Shape, Source, Work};
+
+const FONT: TextureId = TextureId::Managed(0);
+
+fn changes(list: Vec<(TextureId, ImageDelta)>, free: &[TextureId]) -> TexturesDelta {
+    let mut changes = TexturesDelta::default();
+    for (id, change) in list {
+        changes.push(id, change);
+    }
+    free.iter().for_each(|id| changes.free(*id));
+    changes
+}
+
+/// A texture whose texels say which one they are.
+fn image([width, height]: [usize; 2], tag: u8) -> ColorImage {
+    let pixels = (0..width * height).map(|i| Color32::from_rgba_premultiplied(i as u8, tag, 0, 255));
+    ColorImage::new([width, height], pixels.collect())
+}
+
+fn whole(size: [usize; 2], tag: u8) -> ImageDelta {
+    ImageDelta::full(image(size, tag), TextureOptions::LINEAR)
+}
+
+/// A painter that has the font texture: 2 x 2 of it.
+fn painter() -> Painter {
+    let mut painter = Painter::default();
+    painter.paint(changes(vec![(FONT, whole([2, 2], 0))], &[]), &[], 1.0);
+    painter
+}
+
+fn rectangle(rect: Rect, colour: Color32, clip_rect: Rect, texture: TextureId) -> ClippedPrimitive {
+    let mut mesh = Mesh::default();
+    mesh.add_colored_rect(rect, colour);
+    mesh.texture_id = texture;
+    ClippedPrimitive { clip_rect, primitive: Primitive::Mesh(mesh) }
+}
+
+fn words(bytes: &[u8]) -> Vec<u32> {
+    bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+}
+
+fn read<T: Pod>(bytes: &[u8]) -> Vec<T> {
+    bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect()
+}
+
+/// The texels of a texture, row by row.
+fn texels(painter: &Painter, id: TextureId) -> Vec<[u8; 4]> {
+    let Texture { texels: at, width, height, .. } = painter.textures.get(id).expect("there");
+    let all: Vec<[u8; 4]> = read(&painter.textures.texels());
+    all[at as usize..][..(width * height) as usize].to_vec()
+}
+
+#[test]
+fn a_rectangle_becomes_two_triangles_with_its_colour_and_clip() {
+    let red = Color32::from_rgba_premultiplied(200, 10, 0, 220);
+    let rect = Rect::from_min_size(pos2(10.0, 20.0), vec2(30.0, 5.0));
+    let clip = Rect::from_min_max(pos2(12.3, 0.0), pos2(1e9, f32::INFINITY));
+    let mut painter = painter();
+    let first = rectangle(Rect::EVERYTHING, Color32::BLACK, Rect::EVERYTHING, FONT);
+    let painted = painter.paint(TexturesDelta::default(), &[first, rectangle(rect, red, clip, FONT)], 2.0);
+    assert_eq!(words(&painted.draw), [12, 1, 0, 0]);
+    let indices = words(&painted.indices);
+    assert!(indices[6..].iter().all(|i| (4..8).contains(i)), "counted through all meshes: {indices:?}");
+    let vertices: Vec<Vertex> = read(&painted.vertices);
+    let second = &vertices[4..];
+    assert!(second.iter().all(|v| v.colour == [200, 10, 0, 220] && v.clip == 1 && v.uv == [0.0; 2]));
+    let mut corners: Vec<[f32; 2]> = second.iter().map(|v| v.position).collect();
+    corners.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    assert_eq!(corners, [[20.0, 40.0], [20.0, 50.0], [80.0, 40.0], [80.0, 50.0]], "in pixels");
+    let area: f32 = indices[6..]
+        .chunks(3)
+        .map(|t| {
+            let [a, b, c] = [t[0], t[1], t[2]].map(|i| vertices[i as usize].position);
+            0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs()
+        })
+        .sum();
+    assert_eq!(area, 600.0);
+    let clips: Vec<Clip> = read(&painted.clips);
+    assert_eq!(clips[1].first, [25.0, 0.0], "rounded to whole pixels");
+    assert_eq!(clips[1].beyond, [1e6, 1e6], "and finite");
+    assert_eq!(clips[1].texture, painter.textures.get(FONT).unwrap());
+}
+
+#[test]
+fn an_empty_interface_draws_nothing_and_its_buffers_are_not_empty() {
+    let painted = Painter::default().paint(TexturesDelta::default(), &[], 1.0);
+    assert_eq!(words(&painted.draw), [0, 1, 0, 0]);
+    let mut given = BTreeMap::new();
+    painted.give(&mut given);
+    let mut catalog = Catalog::default();
+    offer(&mut catalog);
+    for (name, buffer) in catalog.buffers.iter().filter(|(name, _)| !PICTURES.contains(&name.as_str())) {
+        let Some(Given::Bytes(bytes)) = given.get(name) else { panic!("no {name}") };
+        assert!(bytes.len() as u64 >= buffer.least * buffer.stride, "{name}");
+    }
+    assert_eq!(given.len(), catalog.buffers.len() - PICTURES.len());
+}
+
+#[test]
+fn what_cannot_be_drawn_is_counted() {
+    let rect = Rect::from_min_size(Pos2::ZERO, vec2(1.0, 1.0));
+    let strange = rectangle(rect, Color32::RED, rect, TextureId::User(9));
+    let mut broken = rectangle(rect, Color32::RED, rect, FONT);
+    if let Primitive::Mesh(mesh) = &mut broken.primitive {
+        mesh.indices[1] = 4;
+    }
+    let fine = rectangle(rect, Color32::RED, rect, FONT);
+    let painted = painter().paint(TexturesDelta::default(), &[strange, broken, fine], 1.0);
+    assert_eq!((painted.left_out, words(&painted.draw)[0]), (2, 6));
+}
+
+#[test]
+fn a_part_of_a_texture_lands_at_its_texels() {
+    let mut painter = painter();
+    let id = TextureId::Managed(3);
+    painter.paint(changes(vec![(id, whole([4, 3], 1))], &[]), &[], 1.0);
+    let part = ImageDelta::partial([1, 1], image([2, 2], 2), TextureOptions::NEAREST);
+    painter.paint(changes(vec![(id, part)], &[]), &[], 1.0);
+    let found: Vec<(u8, u8)> = texels(&painter, id).iter().map(|t| (t[1], t[0])).collect();
+    let expected = [
+        [(1, 0), (1, 1), (1, 2), (1, 3)],
+        [(1, 4), (2, 0), (2, 1), (1, 7)],
+        [(1, 8), (2, 2), (2, 3), (1, 11)],
+    ];
+    assert_eq!(found, expected.concat());
+    assert_eq!(painter.textures.get(id).unwrap().smoothing, 0, "the last change says how");
+    assert_eq!(texels(&painter, FONT)[3], [3, 0, 0, 255], "its neighbour is as it was");
+}
+
+#[test]
+fn a_part_that_sticks_out_of_its_texture_changes_nothing() {
+    let mut painter = painter();
+    let before = texels(&painter, FONT);
+    let part = |at| ImageDelta::partial(at, image([2, 1], 9), TextureOptions::LINEAR);
+    painter.paint(changes(vec![(FONT, part([1, 0])), (FONT, part([0, 2]))], &[]), &[], 1.0);
+    painter.paint(changes(vec![(TextureId::User(1), part([0, 0]))], &[]), &[], 1.0);
+    assert_eq!(texels(&painter, FONT), before);
+    assert_eq!(painter.textures.get(TextureId::User(1)), None);
+}
+
+#[test]
+fn the_room_of_textures_that_are_freed_is_used_again() {
+    let mut painter = painter();
+    let [a, b, c] = [1, 2, 3].map(TextureId::Managed);
+    painter.paint(changes(vec![(a, whole([8, 8], 1)), (b, whole([4, 4], 2))], &[]), &[], 1.0);
+    let (room, length) = (painter.textures.get(a).unwrap().texels, painter.textures.texels().len());
+    painter.paint(changes(vec![], &[a]), &[], 1.0);
+    assert_eq!(painter.textures.get(a), None);
+    painter.paint(changes(vec![(c, whole([7, 9], 3))], &[]), &[], 1.0);
+    assert_eq!(painter.textures.get(c).unwrap().texels, room);
+    assert_eq!(painter.textures.texels().len(), length);
+    assert_eq!((texels(&painter, c)[62], texels(&painter, b)[15]), ([62, 3, 0, 255], [15, 2, 0, 255]));
+    // One that does not fit the gap goes to the end, and leaves its neighbours alone.
+    painter.paint(changes(vec![(c, whole([9, 9], 4))], &[]), &[], 1.0);
+    assert_eq!((texels(&painter, c)[80], texels(&painter, b)[15]), ([80, 4, 0, 255], [15, 2, 0, 255]));
+    assert_eq!(painter.textures.get(c).unwrap().texels, 4 + 64 + 16);
+}
+
+#[test]
+fn a_texture_that_goes_after_a_frame_is_still_drawn_in_it() {
+    let mut painter = painter();
+    let rect = Rect::from_min_size(Pos2::ZERO, vec2(1.0, 1.0));
+    let id = TextureId::Managed(5);
+    let mesh = || [rectangle(rect, Color32::WHITE, rect, id)];
+    let painted = painter.paint(changes(vec![(id, whole([1, 1], 7))], &[id]), &mesh(), 1.0);
+    assert_eq!(painted.left_out, 0);
+    let clips: Vec<Clip> = read(&painted.clips);
+    assert_eq!(painted.texels[4 * clips[0].texture.texels as usize + 1], 7);
+    assert_eq!(painter.paint(TexturesDelta::default(), &mesh(), 1.0).left_out, 1);
+}
+
+#[test]
+fn texels_are_handed_over_anew_only_when_they_changed() {
+    let mut painter = painter();
+    let texels = |painter: &mut Painter, changes| painter.paint(changes, &[], 1.0).texels;
+    let first = texels(&mut painter, TexturesDelta::default());
+    let held = first.to_vec();
+    assert!(Arc::ptr_eq(&first, &texels(&mut painter, TexturesDelta::default())));
+    let second = texels(&mut painter, changes(vec![(FONT, whole([2, 2], 8))], &[]));
+    assert!(!Arc::ptr_eq(&first, &second));
+    assert_eq!(first.to_vec(), held, "what was given away stays as it was");
+    assert_ne!(first, second);
+}
+
+fn composition() -> Composition {
+    let shown = |format| Shown { format, width: 3, height: 2, pixels: Given::Bytes(Arc::default()) };
+    Composition {
+        window: [640, 0],
+        view: [200, 10, 400, 300],
+        a: Some(shown(Format::Rgba16Float)),
+        b: Some(shown(Format::R32Uint)),
+        mode: Mode::Difference,
+        split: 0.25,
+        amplification: 16.0,
+        background: [0.1, 0.2, 0.3],
+    }
+}
+
+#[test]
+fn the_block_of_the_window_lies_as_the_shaders_declare_it() {
+    let bytes = composition().bytes();
+    let (w, f) = (words(&bytes), read::<f32>(&bytes));
+    assert_eq!(bytes.len() as u64, WINDOW_BYTES);
+    assert_eq!(w[0..4], [200, 10, 400, 300], "view at 0");
+    assert_eq!(w[4..8], [3, 2, 2, 0], "A at 16");
+    assert_eq!(w[8..12], [3, 2, 0, 0], "B at 32, which holds no colours");
+    assert_eq!(f[12..16], [0.1, 0.2, 0.3, 0.0], "background at 48");
+    assert_eq!(f[16..20], [640.0, 1.0, 0.25, 16.0], "size, split, amplification at 64");
+    assert_eq!(w[20], 2, "mode at 80");
+}
+
+#[test]
+fn the_windows_graph_builds_and_each_of_its_barriers_is_needed() {
+    let mut catalog = Catalog::default();
+    offer(&mut catalog);
+    let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+    let facts = facts::facts(&SceneFacts::NOMINAL, &device, (640, 400));
+    let plan = Planner::default().plan(GRAPH, &[], &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
+    let output = plan.resource(plan.output);
+    assert_eq!(output.shape, Shape::Image { format: Format::Rgba8Unorm, width: 640, height: 400 });
+    let given = plan.resources.iter().filter(|r| matches!(r.source, Source::Given { .. })).count();
+    assert_eq!(given, catalog.buffers.len(), "it imports all that is offered");
+    let phases: Vec<&str> = plan.frame.iter().map(|step| plan.pass(step.pass).phase.as_str()).collect();
+    assert_eq!(phases[..2], ["compose", "ui"]);
+    let ui = &plan.pass(plan.frame[1].pass).work;
+    assert!(matches!(ui, Work::Draw { call: DrawCall::Indirect { offset: 0, .. }, .. }));
+    let objections = replay(&plan, &Replay::default());
+    assert!(objections.is_empty(), "{:?}", objections.iter().map(|o| o.describe(&plan)).collect::<Vec<_>>());
+    assert_eq!(needless(&plan).len(), 0);
+}

@@ -1,0 +1,146 @@
+//! The texels of all of egui's textures, in one buffer.
+//!
+//! A texture takes a run of texels, rows from top to bottom, in the first gap that holds it. The bytes are behind an [`Arc`] that
+//! is replaced when a texel changes and only then: who was given the same one before need not copy it again.
+
+use bytemuck::{Pod, Zeroable};
+use egui::epaint::textures::TextureFilter;
+use egui::epaint::{ImageData, ImageDelta, TextureId};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Bytes of a texel.
+const TEXEL: usize = 4;
+
+/// Smooth where a texel is larger than a pixel.
+pub const SMOOTH_MAGNIFIED: u32 = 1;
+/// Smooth where it is smaller.
+pub const SMOOTH_MINIFIED: u32 = 2;
+
+/// Where a texture is among the texels, as the shader reads it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Texture {
+    /// Its first texel.
+    pub texels: u32,
+    pub width: u32,
+    pub height: u32,
+    /// [`SMOOTH_MAGNIFIED`] and [`SMOOTH_MINIFIED`].
+    pub smoothing: u32,
+}
+
+impl Texture {
+    fn count(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    fn end(&self) -> usize {
+        self.texels as usize + self.count()
+    }
+}
+
+/// See the module's documentation.
+#[derive(Debug)]
+pub struct Textures {
+    texels: Arc<Vec<u8>>,
+    known: BTreeMap<TextureId, Texture>,
+}
+
+impl Default for Textures {
+    fn default() -> Textures {
+        // A buffer holds at least an element.
+        Textures { texels: Arc::new(vec![0; TEXEL]), known: BTreeMap::new() }
+    }
+}
+
+impl Textures {
+    /// Where a texture is; `None` if it has no texels.
+    pub fn get(&self, id: TextureId) -> Option<Texture> {
+        self.known.get(&id).copied().filter(|texture| texture.count() > 0)
+    }
+
+    /// All texels.
+    pub fn texels(&self) -> Arc<Vec<u8>> {
+        self.texels.clone()
+    }
+
+    /// Makes new textures and changes others, each by its list in order.
+    pub fn set<L: IntoIterator<Item = ImageDelta>>(
+        &mut self,
+        changes: impl IntoIterator<Item = (TextureId, L)>,
+    ) {
+        // By their ids, so that equal interfaces make equal buffers.
+        let changes: BTreeMap<TextureId, L> = changes.into_iter().collect();
+        if changes.is_empty() {
+            return;
+        }
+        // The old ones may be in use by a frame.
+        let mut texels = self.texels.to_vec();
+        for (id, changes) in changes {
+            for change in changes {
+                self.change(&mut texels, id, &change);
+            }
+        }
+        self.texels = Arc::new(texels);
+    }
+
+    /// Forgets textures. Their room is taken by others later.
+    pub fn free(&mut self, ids: impl IntoIterator<Item = TextureId>) {
+        for id in ids {
+            self.known.remove(&id);
+        }
+    }
+
+    fn change(&mut self, texels: &mut Vec<u8>, id: TextureId, change: &ImageDelta) {
+        let ImageData::Color(image) = &change.image;
+        let [width, height] = image.size;
+        let smooth = |filter, flag| if filter == TextureFilter::Linear { flag } else { 0 };
+        let smoothing = smooth(change.options.magnification, SMOOTH_MAGNIFIED)
+            | smooth(change.options.minification, SMOOTH_MINIFIED);
+        let [left, top] = change.pos.unwrap_or([0, 0]);
+        let texture = match change.pos {
+            None => {
+                let same = self.get(id).filter(|old| [old.width as usize, old.height as usize] == image.size);
+                let at = match same {
+                    Some(old) => old.texels as usize,
+                    None => {
+                        self.known.remove(&id);
+                        self.room(width * height)
+                    }
+                };
+                let texture =
+                    Texture { texels: at as u32, width: width as u32, height: height as u32, smoothing };
+                texels.resize(texels.len().max(texture.end() * TEXEL), 0);
+                texture
+            }
+            // A part of a texture that is not there, or that sticks out of it, has no place to go to.
+            Some(_) => match self.get(id) {
+                Some(old) if left + width <= old.width as usize && top + height <= old.height as usize => {
+                    Texture { smoothing, ..old }
+                }
+                _ => return,
+            },
+        };
+        self.known.insert(id, texture);
+        for (row, pixels) in image.pixels.chunks_exact(width.max(1)).take(height).enumerate() {
+            let start = texture.texels as usize + (top + row) * texture.width as usize + left;
+            for (target, pixel) in texels[start * TEXEL..].chunks_exact_mut(TEXEL).zip(pixels) {
+                target.copy_from_slice(&pixel.to_array());
+            }
+        }
+    }
+
+    /// The first gap between textures that holds so many texels, or the end of them.
+    fn room(&self, count: usize) -> usize {
+        let mut taken: Vec<&Texture> = self.known.values().collect();
+        taken.sort_by_key(|texture| texture.texels);
+        let mut at = 0;
+        for texture in taken {
+            if texture.texels as usize >= at + count {
+                break;
+            }
+            at = at.max(texture.end());
+        }
+        at
+    }
+}

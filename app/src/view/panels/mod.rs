@@ -1,0 +1,508 @@
+//! What stands around the picture: parameters and presets at the left, times and memory at the right, the graph and what its
+//! resources hold below, mistakes over the picture.
+//!
+//! Panels read and change a [`Studio`]; they know no window, so that tests click through them without one.
+
+mod failures;
+mod graph;
+mod inspector;
+mod params;
+mod performance;
+mod pointer;
+mod presets;
+
+use super::events::{Event, Who};
+use super::history::History;
+use super::paint::Mode;
+use super::studio::{Studio, StudioError};
+use egui::{Align2, CentralPanel, Color32, Context, Frame, Panel, Rect, RichText, Ui};
+use presets::{Presets, file_name};
+use splatgraph_api::Device;
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::reload::WatchKind;
+use std::collections::{BTreeMap, VecDeque};
+use std::time::Instant;
+
+pub use params::set_line;
+
+/// Height of the status line, with something in it or without, in points.
+const STATUS: f32 = 20.0;
+
+/// Lines of the log that are kept.
+const LOG: usize = 200;
+
+/// What the person asks of the window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Save what the window shows.
+    Screenshot,
+    /// Save the picture of A alone, in its own size.
+    SavePicture,
+    /// Wait for the display's refresh, or do not.
+    Vsync(bool),
+    /// Capture the next frame with RenderDoc.
+    Capture,
+    /// The whole display, or a part.
+    Fullscreen,
+}
+
+/// Where the controls stood in the last frame, by name, in points: for programs that move them.
+#[derive(Clone, Debug, Default)]
+pub struct Controls {
+    now: BTreeMap<String, Rect>,
+}
+
+impl Controls {
+    /// Remembers where a control stands.
+    pub(super) fn see(&mut self, name: &str, rect: Rect) {
+        self.now.insert(name.to_owned(), rect);
+    }
+
+    /// Where a control of that name stood in the last frame.
+    pub fn find(&self, name: &str) -> Option<Rect> {
+        self.now.get(name).copied()
+    }
+
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, Rect)> {
+        self.now.iter().map(|(name, rect)| (name.as_str(), *rect))
+    }
+}
+
+/// What a frame of the panels came to.
+#[derive(Clone, Debug)]
+pub struct Shown {
+    /// Where the picture is to be, in points.
+    pub view: Rect,
+    /// What is asked of the window.
+    pub commands: Vec<Command>,
+}
+
+/// See the module's documentation.
+pub struct Panels {
+    /// Nothing but the picture.
+    pub hidden: bool,
+    /// The panel at the left.
+    pub settings: bool,
+    /// The panel at the right.
+    pub performance: bool,
+    /// The panel below.
+    pub graph: bool,
+    /// Whether frames wait for the display.
+    pub vsync: bool,
+    /// Whose parameters and times are shown.
+    pub side: Who,
+    /// Where controls stand.
+    pub controls: Controls,
+    /// The list of keys.
+    pub help: bool,
+    presets: Presets,
+    log: VecDeque<String>,
+    graph_state: graph::State,
+    inspector: inspector::State,
+    drag: pointer::Drag,
+    /// Milliseconds between the last frames.
+    frame_ms: VecDeque<f64>,
+    /// The phase whose passes are plotted.
+    plotted: Option<String>,
+    /// When the last frame began.
+    before: Option<Instant>,
+    /// Frames of A by then.
+    drawn: u64,
+}
+
+impl Default for Panels {
+    fn default() -> Panels {
+        Panels {
+            hidden: false,
+            settings: true,
+            performance: true,
+            graph: false,
+            vsync: true,
+            side: Who::A,
+            controls: Controls::default(),
+            help: false,
+            presets: Presets::new(),
+            log: VecDeque::new(),
+            graph_state: graph::State::default(),
+            inspector: inspector::State::default(),
+            drag: pointer::Drag::default(),
+            frame_ms: VecDeque::new(),
+            plotted: None,
+            before: None,
+            drawn: 0,
+        }
+    }
+}
+
+impl Panels {
+    /// Remembers what happened, for the log.
+    pub fn tell(&mut self, event: &Event) {
+        if event.is_for_people() {
+            if self.log.len() == LOG {
+                self.log.pop_front();
+            }
+            self.log.push_back(event.to_string());
+        }
+    }
+
+    /// Draws the panels, and lets the person's input act on the studio.
+    pub fn show<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        studio: &mut Studio<D>,
+        (window, window_plan): (&History, Option<&Plan>),
+        window_failure: Option<&str>,
+    ) -> Result<Shown, StudioError> {
+        self.controls.now.clear();
+        let mut commands = Vec::new();
+        self.time(studio.a.history.frames());
+        self.keys(ui.ctx(), studio, &mut commands);
+        if studio.b.is_none() {
+            self.side = Who::A;
+        }
+        if !self.hidden {
+            Panel::top("menu").show(ui, |ui| self.menu(ui, studio, &mut commands)).inner?;
+            Panel::bottom("status").show(ui, |ui| self.status(ui, studio));
+            if self.graph {
+                Panel::bottom("graph")
+                    .resizable(true)
+                    .default_size(280.0)
+                    .show(ui, |ui| self.graph_panel(ui, studio));
+            }
+            // However small the window is, some of the picture is to be seen.
+            let most = 0.45 * ui.available_width();
+            if self.settings {
+                Panel::left("settings")
+                    .resizable(true)
+                    .default_size(290.0)
+                    .max_size(most)
+                    .show(ui, |ui| self.settings_panel(ui, studio));
+            }
+            if self.performance {
+                let panel = Panel::right("performance").resizable(true).default_size(310.0);
+                panel.max_size(most).show(ui, |ui| {
+                    // As wide as the panel, which would else become as narrow as what is in it.
+                    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                        // Room for the scroll bar.
+                        ui.set_max_width((ui.available_width() - 10.0).max(0.0));
+                        let frame_ms: Vec<f64> = self.frame_ms.iter().copied().collect();
+                        let loaded = studio.scene().count();
+                        if let Some(side) = studio.side(self.side) {
+                            performance::show(
+                                ui,
+                                side,
+                                loaded,
+                                &frame_ms,
+                                (window, window_plan),
+                                &mut self.plotted,
+                            );
+                        }
+                    });
+                });
+            }
+        }
+        let view = CentralPanel::no_frame().show(ui, |ui| self.view(ui, studio)).inner;
+        self.mistakes(ui.ctx(), studio, window_failure, view);
+        self.help_window(ui.ctx());
+        Ok(Shown { view, commands })
+    }
+
+    /// Notes the time since the frame before.
+    fn time(&mut self, drawn: u64) {
+        let now = Instant::now();
+        // Frames without a picture of the scene are none.
+        if std::mem::replace(&mut self.drawn, drawn) == drawn {
+            return;
+        }
+        if let Some(before) = self.before.replace(now) {
+            if self.frame_ms.len() == super::history::WINDOW {
+                self.frame_ms.pop_front();
+            }
+            self.frame_ms.push_back((now - before).as_secs_f64() * 1e3);
+        }
+    }
+
+    fn keys<D: Device>(&mut self, ctx: &Context, studio: &mut Studio<D>, commands: &mut Vec<Command>) {
+        if ctx.egui_wants_keyboard_input() {
+            return;
+        }
+        let pressed = |key| ctx.input(|input| input.key_pressed(key));
+        let shift = ctx.input(|input| input.modifiers.shift);
+        // (Tab and Shift + Tab go from control to control.)
+        if pressed(egui::Key::H) {
+            self.hidden = !self.hidden;
+        }
+        if pressed(egui::Key::F12) {
+            commands.push(if shift { Command::SavePicture } else { Command::Screenshot });
+        }
+        if pressed(egui::Key::F11) {
+            commands.push(Command::Fullscreen);
+        }
+        if pressed(egui::Key::F1) {
+            self.help = !self.help;
+        }
+        if pressed(egui::Key::V) {
+            self.vsync = !self.vsync;
+            commands.push(Command::Vsync(self.vsync));
+        }
+        let step = i64::from(pressed(egui::Key::CloseBracket)) - i64::from(pressed(egui::Key::OpenBracket));
+        if step != 0 && !studio.cameras.is_empty() {
+            let now = studio.camera.map_or(if step > 0 { -1 } else { 0 }, |camera| camera as i64);
+            let next = (now + step).rem_euclid(studio.cameras.len() as i64) as usize;
+            studio.look_through(next);
+        }
+    }
+
+    fn menu<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        studio: &mut Studio<D>,
+        commands: &mut Vec<Command>,
+    ) -> Result<(), StudioError> {
+        let mut compare = studio.compare;
+        ui.horizontal_wrapped(|ui| {
+            for (name, open) in [
+                ("Settings", &mut self.settings),
+                ("Performance", &mut self.performance),
+                ("Graph", &mut self.graph),
+            ] {
+                let response = ui.toggle_value(open, name);
+                self.controls.see(&format!("panel:{name}"), response.rect);
+            }
+            ui.separator();
+            ui.label("Compare");
+            for (name, mode) in [("off", Mode::A), ("split", Mode::Split), ("difference", Mode::Difference)] {
+                let response = ui.selectable_value(&mut compare, mode, name);
+                self.controls.see(&format!("compare:{name}"), response.rect);
+            }
+            if compare != Mode::A {
+                ui.selectable_value(&mut self.side, Who::A, "A").on_hover_text("Settings and times of A");
+                let b =
+                    ui.selectable_value(&mut self.side, Who::B, "B").on_hover_text("Settings and times of B");
+                self.controls.see("side:B", b.rect);
+                if ui.button("swap").on_hover_text("A becomes B, and B becomes A").clicked() {
+                    studio.exchange();
+                }
+                let measure = ui.button("dB").on_hover_text("PSNR and SSIM of A against B, as they are now");
+                self.controls.see("measure", measure.rect);
+                if measure.clicked() {
+                    studio.measure();
+                }
+            }
+            if compare == Mode::Difference {
+                ui.add(egui::Slider::new(&mut studio.gain, 1.0..=256.0).logarithmic(true).text("x"))
+                    .on_hover_text("How much the difference is amplified");
+            }
+            ui.separator();
+            let scale = egui::DragValue::new(&mut studio.scale).range(0.1..=2.0).speed(0.01).prefix("scale ");
+            let scale = ui.add(scale.update_while_editing(false));
+            self.controls.see("scale", scale.rect);
+            scale.on_hover_text("Pixels that are drawn per pixel of the window, across and down");
+            if ui.toggle_value(&mut self.vsync, "vsync").on_hover_text("V").changed() {
+                commands.push(Command::Vsync(self.vsync));
+            }
+            if cfg!(feature = "renderdoc")
+                && ui.button("Capture").on_hover_text("The next frame, with RenderDoc").clicked()
+            {
+                commands.push(Command::Capture);
+            }
+            if ui.button("?").on_hover_text("Keys and mouse (F1)").clicked() {
+                self.help = !self.help;
+            }
+        });
+        match compare == studio.compare {
+            true => Ok(()),
+            false => studio.set_compare(compare),
+        }
+    }
+
+    fn status<D: Device>(&mut self, ui: &mut Ui, studio: &mut Studio<D>) {
+        ui.horizontal(|ui| {
+            ui.set_min_height(STATUS);
+            if let Some(path) = studio.loading() {
+                ui.spinner();
+                ui.label(format!("loading {}", path.display()));
+            }
+            for who in [Who::A, Who::B] {
+                let Some(side) = studio.side(who) else { continue };
+                let progress = side.renderer.progress();
+                if !progress.is_empty() {
+                    ui.spinner();
+                    ui.label(format!("{who}: {progress}"));
+                }
+            }
+            let watching = studio.a.renderer.watching();
+            if watching != WatchKind::Events {
+                ui.colored_label(
+                    Color32::from_rgb(230, 200, 120),
+                    format!("files are watched by {watching}"),
+                );
+            }
+            if let Some(line) = self.log.back() {
+                let log = self.log.iter().cloned().collect::<Vec<_>>().join("\n");
+                ui.add(egui::Label::new(line).truncate()).on_hover_text(log);
+            }
+        });
+    }
+
+    fn settings_panel<D: Device>(&mut self, ui: &mut Ui, studio: &mut Studio<D>) {
+        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            let scene = file_name(&studio.scene_path().to_string_lossy());
+            let command = format!("splatgraph render {}", studio.scene_path().display());
+            let cameras: Vec<String> = studio.cameras.iter().enumerate().map(camera_name).collect();
+            ui.label(RichText::new(scene).strong()).on_hover_text(studio.scene_path().display().to_string());
+            let mut chosen = None;
+            if !cameras.is_empty() {
+                let now = studio.camera.and_then(|index| cameras.get(index)).cloned().unwrap_or_default();
+                egui::ComboBox::from_label("camera").selected_text(now).show_ui(ui, |ui| {
+                    for (index, name) in cameras.iter().enumerate() {
+                        if ui.selectable_label(studio.camera == Some(index), name).clicked() {
+                            chosen = Some(index);
+                        }
+                    }
+                });
+            }
+            if let Some(index) = chosen {
+                studio.look_through(index);
+            }
+            let Some(side) = studio.side(self.side) else { return };
+            let title = match self.side {
+                Who::B => "Graph of B",
+                _ => "Graph",
+            };
+            egui::CollapsingHeader::new(format!("{title}: {}", file_name(side.renderer.graph())))
+                .id_salt("presets")
+                .default_open(true)
+                .show(ui, |ui| {
+                    self.presets.show(ui, &mut side.renderer, &mut self.controls);
+                });
+            let command = format!("{command} --pipeline {}", side.renderer.graph());
+            egui::CollapsingHeader::new("Parameters").default_open(true).show(ui, |ui| {
+                params::show(ui, &mut side.renderer, &command, &mut self.controls);
+            });
+        });
+    }
+
+    fn graph_panel<D: Device>(&mut self, ui: &mut Ui, studio: &mut Studio<D>) {
+        let Some(side) = studio.side(self.side) else { return };
+        let width = ui.available_width();
+        Panel::right("inspector").resizable(true).default_size(0.45 * width).min_size(0.3 * width).show(
+            ui,
+            |ui| {
+                self.inspector.show(ui, side, &mut self.controls);
+            },
+        );
+        self.graph_state.show(ui, side, &mut self.controls);
+    }
+
+    /// The part of the window where the picture is; the person moves the camera there.
+    fn view<D: Device>(&mut self, ui: &mut Ui, studio: &mut Studio<D>) -> Rect {
+        let rect = ui.max_rect();
+        self.controls.see("view", rect);
+        self.drag.act(ui, rect, studio);
+        if studio.a.renderer.plan().is_none() && studio.a.renderer.failure().is_none() {
+            let text = match studio.a.renderer.progress() {
+                progress if progress.is_empty() => "building the plan".to_owned(),
+                progress => progress,
+            };
+            ui.painter().text(
+                rect.center(),
+                Align2::CENTER_CENTER,
+                text,
+                egui::FontId::proportional(16.0),
+                Color32::LIGHT_GRAY,
+            );
+        }
+        rect
+    }
+
+    /// What is wrong, over the last good picture, until it is mended.
+    fn mistakes<D: Device>(
+        &mut self,
+        ctx: &Context,
+        studio: &mut Studio<D>,
+        window_failure: Option<&str>,
+        view: Rect,
+    ) {
+        let mut texts: Vec<String> = Vec::new();
+        let mut goes_on = "The last good plan goes on";
+        for who in [Who::A, Who::B] {
+            let Some(renderer) = studio.side(who).map(|side| &side.renderer) else { continue };
+            if let Some(failure) = renderer.failure() {
+                texts.push(failure.text(true));
+                if renderer.plan().is_none() {
+                    goes_on = "There is no plan to draw with yet";
+                }
+            }
+        }
+        texts.extend(window_failure.map(str::to_owned));
+        if texts.is_empty() {
+            return;
+        }
+        let frame = Frame::popup(&ctx.global_style()).fill(Color32::from_rgba_unmultiplied(24, 12, 12, 235));
+        egui::Area::new(egui::Id::unique("mistakes"))
+            .fixed_pos(view.left_bottom())
+            .pivot(Align2::LEFT_BOTTOM)
+            .constrain_to(view)
+            .order(egui::Order::Foreground)
+            .show(ctx, |ui| {
+                let shown = frame.show(ui, |ui| {
+                    // A window may be smaller than the frame around the text.
+                    ui.set_max_width((view.width() - 24.0).max(0.0));
+                    ui.label(RichText::new(goes_on).strong().color(Color32::from_rgb(255, 190, 190)));
+                    let height = (0.6 * view.height()).max(60.0);
+                    egui::ScrollArea::both().max_height(height).show(ui, |ui| {
+                        for text in &texts {
+                            ui.add(egui::Label::new(failures::layout(text, 12.0)).extend().selectable(true));
+                            ui.add_space(6.0);
+                        }
+                    });
+                });
+                self.controls.see("mistakes", shown.response.rect);
+            });
+    }
+
+    fn help_window(&mut self, ctx: &Context) {
+        const KEYS: [(&str, &str); 19] = [
+            ("drag", "orbit"),
+            ("Shift + drag", "pan"),
+            ("wheel, Ctrl + middle drag", "zoom"),
+            ("right drag + W A S D, Q E", "fly; Shift faster, Ctrl slower, wheel sets the speed"),
+            ("middle drag", "orbit, as in Blender; with Shift pan"),
+            ("arrows", "orbit"),
+            ("F, double click", "frame the scene"),
+            ("Home", "back to the first view"),
+            ("[ ]", "former and next camera"),
+            ("drag the line", "move the split"),
+            ("H", "panels on and off"),
+            ("V", "vsync on and off"),
+            ("F12", "save what the window shows"),
+            ("Shift + F12", "save the picture alone"),
+            ("F11", "full screen"),
+            ("F1", "this list"),
+            ("drop a .ply", "open a scene"),
+            ("drop a .ron", "open a graph"),
+            ("drop a cameras.json", "cameras to choose from"),
+        ];
+        let window =
+            egui::Window::new("Keys and mouse").open(&mut self.help).resizable(false).collapsible(false);
+        let middle = ctx.content_rect().center();
+        window.pivot(Align2::CENTER_CENTER).default_pos(middle).show(ctx, |ui| {
+            egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
+                for (keys, what) in KEYS {
+                    ui.strong(keys);
+                    ui.label(what);
+                    ui.end_row();
+                }
+            });
+        });
+    }
+}
+
+fn camera_name((index, camera): (usize, &splatgraph_assets::Camera)) -> String {
+    match camera.img_name.as_str() {
+        "" => format!("camera {index}"),
+        name => format!("{index}: {name}"),
+    }
+}

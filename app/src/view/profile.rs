@@ -1,0 +1,134 @@
+//! Profilers: Tracy and RenderDoc, each behind a feature of its own, and nothing at all without.
+//!
+//! With the feature `tracy`, what the host does is marked as zones ([`zone!`]), and the GPU times of every pass appear in a GPU
+//! context. These are durations that the device measured; they are laid end to end before the moment at which the frame was
+//! known to be done, because the host does not share a clock with the device. With the feature `renderdoc`, the program can
+//! capture a frame where it was started by RenderDoc, or with its library preloaded; the labels and names in the capture are
+//! the graph's. The recipes are in `docs/profiling.md`.
+
+use splatgraph_api::FrameResult;
+use splatgraph_framework::plan::Plan;
+
+/// Marks what the host does from here to the end of the block, under a name that Tracy shows.
+macro_rules! zone {
+    ($name:literal) => {
+        #[cfg(feature = "tracy")]
+        let _zone = tracy_client::span!($name);
+    };
+}
+pub(crate) use zone;
+
+/// Starts the profilers that are compiled in. Before the device is opened: RenderDoc must see it.
+pub fn start() {
+    #[cfg(feature = "tracy")]
+    tracy_client::Client::start();
+    #[cfg(feature = "renderdoc")]
+    capture::start();
+}
+
+/// Tells Tracy that a frame ends here.
+pub fn frame() {
+    #[cfg(feature = "tracy")]
+    if let Some(client) = tracy_client::Client::running() {
+        client.frame_mark();
+    }
+}
+
+/// Lets RenderDoc capture the next frame that the window shows.
+///
+/// # Errors
+/// Where RenderDoc is not compiled in, or not there.
+pub fn capture_next_frame() -> Result<(), String> {
+    #[cfg(feature = "renderdoc")]
+    return capture::next_frame();
+    #[cfg(not(feature = "renderdoc"))]
+    Err("this program was built without the feature `renderdoc`".to_owned())
+}
+
+/// The GPU times of one renderer's frames, for Tracy.
+#[derive(Default)]
+pub struct GpuTrack {
+    #[cfg(feature = "tracy")]
+    track: Option<tracy::Track>,
+}
+
+impl GpuTrack {
+    /// Shows the passes of a frame that was just found done. `name` is the renderer's.
+    pub fn push(&mut self, name: &str, plan: &Plan, result: &FrameResult) {
+        #[cfg(feature = "tracy")]
+        if let Some(client) = tracy_client::Client::running() {
+            self.track.get_or_insert_with(|| tracy::Track::new(&client, name)).push(plan, result);
+        }
+        #[cfg(not(feature = "tracy"))]
+        let _ = (name, plan, result);
+    }
+}
+
+#[cfg(feature = "tracy")]
+mod tracy {
+    use super::*;
+    use std::time::Instant;
+    use tracy_client::{Client, GpuContext, GpuContextType};
+
+    /// A GPU context whose clock is the host's, in nanoseconds since it was made.
+    pub struct Track {
+        context: Option<GpuContext>,
+        begun: Instant,
+        /// Where the last span ended.
+        end: i64,
+    }
+
+    impl Track {
+        pub fn new(client: &Client, name: &str) -> Track {
+            let context = client.clone().new_gpu_context(Some(name), GpuContextType::Vulkan, 0, 1.0);
+            Track { context: context.ok(), begun: Instant::now(), end: 0 }
+        }
+
+        pub fn push(&mut self, plan: &Plan, result: &FrameResult) {
+            let Some(context) = &self.context else { return };
+            let nanoseconds = |ms: f64| (ms * 1e6) as i64;
+            let all: f64 = result.pass_ms.iter().filter_map(|(_, ms)| *ms).sum();
+            let now = self.begun.elapsed().as_nanos() as i64;
+            let mut at = (now - nanoseconds(all)).max(self.end);
+            for &(id, ms) in &result.pass_ms {
+                let (pass, Some(ms)) = (plan.pass(id), ms) else { continue };
+                // Tracy has room for so many spans at a time: what it has no room for, it does not show.
+                let Ok(mut span) =
+                    context.span_alloc(&pass.name, &pass.phase, &pass.origin.file, pass.origin.line)
+                else {
+                    continue;
+                };
+                span.end_zone();
+                span.upload_timestamp_start(at);
+                at += nanoseconds(ms);
+                span.upload_timestamp_end(at);
+            }
+            self.end = at;
+        }
+    }
+}
+
+#[cfg(feature = "renderdoc")]
+mod capture {
+    use renderdoc::{RenderDoc, V110};
+    use std::sync::{Mutex, OnceLock, PoisonError};
+
+    type Api = Result<Mutex<RenderDoc<V110>>, String>;
+
+    static API: OnceLock<Api> = OnceLock::new();
+
+    pub fn start() {
+        API.get_or_init(|| RenderDoc::new().map(Mutex::new).map_err(|error| error.to_string()));
+    }
+
+    pub fn next_frame() -> Result<(), String> {
+        match API.get() {
+            Some(Ok(api)) => {
+                api.lock().unwrap_or_else(PoisonError::into_inner).trigger_capture();
+                Ok(())
+            }
+            Some(Err(error)) => Err(format!("RenderDoc is not there ({error}): start the program from it")),
+            None => Err("RenderDoc was not looked for when the program started".to_owned()),
+        }
+    }
+}

@@ -1,0 +1,655 @@
+//! A device with a graph that is kept up to date.
+//!
+//! A [`Renderer`] has a device, the name of a graph, and settings. When a file of the graph changes, or a constant parameter,
+//! or the [`World`] that the plan is made for, it has a new plan built and made ready on a thread of its own, while frames of
+//! the plan of now go on, and swaps to it at the edge of a frame. When that fails, the plan of now stays and the failure is
+//! told. Live parameters need none of this: they go to the device with the next frame.
+//!
+//! One plan is built at a time: whatever changes meanwhile is built after that, all at once.
+
+use super::profile::zone;
+use crate::facts::{self, SceneFacts};
+use crate::planner::{GraphErrors, Planner};
+use crate::session::Upload;
+use indexmap::IndexMap;
+use splatgraph_api::{
+    BackendError, Device, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult, Inspect, Loader, Progress,
+};
+use splatgraph_assets::Scene;
+use splatgraph_framework::build::{Catalog, Facts};
+use splatgraph_framework::plan::{Param, ParamBinding, Plan, Value};
+use splatgraph_framework::reload::{
+    Attempt, Change, LastGood, Rebuilder, Wanted, WatchError, WatchKind, Watcher,
+};
+use std::collections::VecDeque;
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+/// Called, from any thread, when there is something new to draw.
+pub type Wake = Arc<dyn Fn() + Send + Sync>;
+
+/// What a plan is made for, besides its files and parameters.
+#[derive(Clone)]
+pub struct World {
+    /// What is drawn.
+    pub scene: Arc<Scene>,
+    /// What graphs can import.
+    pub catalog: Arc<Catalog>,
+    /// Of the picture, in pixels.
+    pub size: (u32, u32),
+    /// See [`splatgraph_framework::Request::share_memory`].
+    pub share_memory: bool,
+}
+
+impl World {
+    /// Why a plan for `former` will not do for this one.
+    fn differs(&self, former: &World) -> Option<Cause> {
+        if self.scene.identity() != former.scene.identity() {
+            Some(Cause::Scene)
+        } else if self.size != former.size {
+            Some(Cause::Size)
+        } else if self.share_memory != former.share_memory {
+            Some(Cause::Memory)
+        } else {
+            None
+        }
+    }
+}
+
+/// Why a plan is built.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// There was none.
+    Start,
+    /// These files changed.
+    Files(Vec<PathBuf>),
+    /// This constant parameter changed, or several.
+    Parameters(Vec<String>),
+    /// Another graph was chosen.
+    Graph,
+    /// The picture has another size.
+    Size,
+    /// Another scene was opened.
+    Scene,
+    /// Resources shall share memory, or shall not.
+    Memory,
+    /// The prologue shall run again, so that what it leaves can be looked at.
+    Prologue,
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Cause::Start => f.write_str("start"),
+            Cause::Files(files) => {
+                let names: Vec<_> =
+                    files.iter().map(|p| p.file_name().unwrap_or_default().to_string_lossy()).collect();
+                write!(f, "{}", names.join(", "))
+            }
+            Cause::Parameters(names) => write!(f, "{}", names.join(", ")),
+            Cause::Graph => f.write_str("another graph"),
+            Cause::Size => f.write_str("another size"),
+            Cause::Scene => f.write_str("another scene"),
+            Cause::Memory => f.write_str("memory sharing"),
+            Cause::Prologue => f.write_str("the prologue"),
+        }
+    }
+}
+
+/// Why there is no new plan.
+#[derive(Debug)]
+pub enum Failure {
+    /// The graph or its shaders have errors.
+    Graph(GraphErrors),
+    /// The device refused the plan.
+    Backend(BackendError),
+    /// A mistake of this program's own.
+    Panicked(String),
+}
+
+impl Failure {
+    /// As a terminal shows it, with ANSI colours where asked.
+    pub fn text(&self, colour: bool) -> String {
+        match self {
+            Failure::Graph(errors) => errors.text(colour).trim_end().to_owned(),
+            Failure::Backend(error) => format!("error: {error}"),
+            Failure::Panicked(message) => {
+                format!("error: the program made a mistake of its own while building the plan: {message}")
+            }
+        }
+    }
+}
+
+/// A plan that took the place of another, and how long that took.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Swap {
+    /// Of the new plan.
+    pub graph: String,
+    /// Why it was built.
+    pub cause: Cause,
+    /// Passes of its frame.
+    pub passes: usize,
+    /// From the files to the plan: reading, compiling, solving.
+    pub plan_ms: f64,
+    /// Making it ready on the device: memory, pipelines, uploads.
+    pub prepare_ms: f64,
+    /// From the change (of a file: as the system told of it) until the device had finished the first frame of the new plan.
+    pub latency_ms: f64,
+}
+
+/// What happened to a renderer.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Happening {
+    /// Frames are drawn by a new plan now.
+    Swapped(Swap),
+    /// There is no new plan; the one before goes on. The text is without colours.
+    Failed(String),
+    /// What had failed does no longer.
+    Mended,
+    /// The settings of these names are not for this graph, and were dropped.
+    Dropped(Vec<String>),
+}
+
+/// A frame that is done.
+pub struct Done {
+    /// What came of it.
+    pub result: FrameResult,
+    /// The plan that it is of.
+    pub plan: Arc<Plan>,
+    /// Whether it is the first of that plan.
+    pub first: bool,
+    /// What was asked to be read back.
+    pub inspected: Vec<Inspect>,
+}
+
+struct Flight {
+    frame: FrameId,
+    plan: Arc<Plan>,
+    inspected: Vec<Inspect>,
+    first: Option<Pending>,
+}
+
+/// A swap whose first frame is not done.
+struct Pending {
+    swap: Swap,
+    asked: Instant,
+}
+
+/// What the building thread gets.
+struct Job<L> {
+    graph: String,
+    set: Vec<(String, String)>,
+    /// A setting that the graph does not know is an error; otherwise it is dropped.
+    strict: bool,
+    world: World,
+    device: Facts,
+    loader: L,
+    cause: Cause,
+    asked: Instant,
+    progress: Arc<Mutex<String>>,
+}
+
+/// What it gives.
+struct Built<R> {
+    outcome: Result<(Plan, R), Failure>,
+    wanted: Vec<Wanted>,
+    dropped: Vec<String>,
+    world: World,
+    cause: Cause,
+    asked: Instant,
+    plan_ms: f64,
+    prepare_ms: f64,
+}
+
+/// The next plan to build.
+struct Wish {
+    cause: Cause,
+    /// Since when it is waited for.
+    asked: Instant,
+    attempt: Attempt,
+}
+
+type Ready<D> = <<D as Device>::Loader as Loader>::Ready;
+
+/// See the module's documentation.
+pub struct Renderer<D: Device> {
+    device: D,
+    graph: String,
+    set: IndexMap<String, String>,
+    strict: bool,
+    builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
+    watcher: Watcher,
+    wish: Option<Wish>,
+    asked: Option<World>,
+    state: LastGood<Arc<Plan>, Failure>,
+    /// When it was polled last.
+    now: Instant,
+    params: Vec<Param>,
+    size: (u32, u32),
+    pending: Option<Pending>,
+    flying: VecDeque<Flight>,
+    done: Vec<Done>,
+    happened: Vec<Happening>,
+    /// The failure that was told last.
+    failed: Option<String>,
+    /// The attempt that is being built.
+    building: Option<Attempt>,
+    progress: Arc<Mutex<String>>,
+}
+
+impl<D: Device> Renderer<D> {
+    /// A renderer that draws with `graph`, a built-in one's name or a path, and the parameters of `set` changed.
+    pub fn new(
+        device: D,
+        graph: &str,
+        set: &[(String, String)],
+        wake: Wake,
+    ) -> Result<Renderer<D>, WatchError> {
+        let woken = wake.clone();
+        let watcher = Watcher::new(move || woken())?;
+        let woken = wake;
+        let builder = Rebuilder::new(builder, move || woken())?;
+        let mut state = LastGood::new();
+        let now = Instant::now();
+        let wish = Wish { cause: Cause::Start, asked: now, attempt: state.asked(now) };
+        Ok(Renderer {
+            device,
+            graph: graph.to_owned(),
+            set: set.iter().cloned().collect(),
+            strict: true,
+            builder,
+            watcher,
+            wish: Some(wish),
+            asked: None,
+            state,
+            now,
+            params: Vec::new(),
+            size: (0, 0),
+            pending: None,
+            flying: VecDeque::new(),
+            done: Vec::new(),
+            happened: Vec::new(),
+            failed: None,
+            building: None,
+            progress: Arc::default(),
+        })
+    }
+
+    /// The device, for what concerns no plan.
+    pub fn device(&self) -> &D {
+        &self.device
+    }
+
+    /// The device, for what concerns no plan.
+    pub fn device_mut(&mut self) -> &mut D {
+        &mut self.device
+    }
+
+    /// The name that the graph was asked for by.
+    pub fn graph(&self) -> &str {
+        &self.graph
+    }
+
+    /// The plan that frames are drawn with, once there is one.
+    pub fn plan(&self) -> Option<&Arc<Plan>> {
+        self.state.good()
+    }
+
+    /// The size of the pictures that the plan draws.
+    pub fn size(&self) -> (u32, u32) {
+        self.size
+    }
+
+    /// The parameters, with the values that were asked for: those of constants may still be on their way into a plan.
+    pub fn params(&self) -> &[Param] {
+        &self.params
+    }
+
+    /// The parameters that were changed, with their values as texts, in the order in which they were changed first.
+    pub fn set(&self) -> &IndexMap<String, String> {
+        &self.set
+    }
+
+    /// Why the newest files and parameters have no plan, if that is so.
+    pub fn failure(&self) -> Option<&Failure> {
+        self.state.error(self.now)
+    }
+
+    /// Whether a plan is being built, or waits to be.
+    pub fn busy(&self) -> bool {
+        self.wish.is_some() || self.building.is_some() || self.state.due(self.now).is_some()
+    }
+
+    /// What of the building takes time just now, in words; empty where nothing is known.
+    pub fn progress(&self) -> String {
+        self.progress.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// How files are watched.
+    pub fn watching(&self) -> WatchKind {
+        self.watcher.kind()
+    }
+
+    /// Changes to another graph. Its settings go with it; those that are given come instead.
+    pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
+        self.graph = graph.to_owned();
+        self.set = set;
+        self.want(Cause::Graph, Instant::now());
+    }
+
+    /// Changes a parameter; `None` is its default. An unknown name, or a value of another kind, changes nothing.
+    pub fn set_param(&mut self, name: &str, value: Option<Value>) {
+        let Some(param) = self.params.iter_mut().find(|param| param.name == name) else { return };
+        let value = value.filter(|value| *value != param.default);
+        match &value {
+            Some(value) => {
+                self.set.insert(name.to_owned(), value.to_string());
+            }
+            None => {
+                self.set.shift_remove(name);
+            }
+        }
+        param.value = value.unwrap_or_else(|| param.default.clone());
+        if param.binding == ParamBinding::Const {
+            self.want(Cause::Parameters(vec![name.to_owned()]), Instant::now());
+        }
+    }
+
+    /// All parameters at once to their defaults.
+    pub fn reset_params(&mut self) {
+        let names: Vec<String> = self.set.keys().cloned().collect();
+        for name in names {
+            self.set_param(&name, None);
+        }
+    }
+
+    /// Asks for a plan to be built, because of a change that came at `asked`.
+    pub fn want(&mut self, cause: Cause, asked: Instant) {
+        let now = Instant::now();
+        // What a file is while it is being written is no mistake yet.
+        let attempt = match cause {
+            Cause::Files(_) => self.state.changed(now),
+            _ => self.state.asked(now),
+        };
+        self.wish = Some(match self.wish.take() {
+            None => Wish { cause, asked, attempt },
+            Some(former) => Wish { cause: former.cause.and(cause), asked: former.asked.min(asked), attempt },
+        });
+    }
+
+    /// Takes a plan that became ready, and has one built where something changed. To be called at the edge of every frame.
+    pub fn poll(&mut self, world: &World, now: Instant) -> Result<(), BackendError> {
+        self.now = now;
+        while let Some(output) = self.builder.poll() {
+            match output {
+                Ok(built) => self.take(built)?,
+                Err(panicked) => self.fail(Failure::Panicked(panicked.message)),
+            }
+        }
+        if let Some(Change { files, first_seen }) = self.watcher.take() {
+            self.want(Cause::Files(files), first_seen);
+        }
+        if let Some(cause) = self.asked.as_ref().and_then(|former| world.differs(former)) {
+            self.want(cause, now);
+        }
+        // A size of nothing has no pictures: the plan of before will do until there is one.
+        let drawable = world.size.0 > 0 && world.size.1 > 0;
+        if drawable
+            && self.building.is_none()
+            && let Some(Wish { cause, asked, attempt }) = self.wish.take()
+        {
+            self.asked = Some(world.clone());
+            self.building = Some(attempt);
+            self.builder.submit(Job {
+                graph: self.graph.clone(),
+                set: self.set.iter().map(|(name, value)| (name.clone(), value.clone())).collect(),
+                strict: self.strict,
+                world: world.clone(),
+                device: self.device.info().facts.clone(),
+                loader: self.device.loader(),
+                cause,
+                asked,
+                progress: self.progress.clone(),
+            });
+        }
+        let failure = self.state.error(now).map(|failure| failure.text(false));
+        match (&failure, &self.failed) {
+            (Some(new), Some(old)) if new == old => {}
+            (Some(new), _) => self.happened.push(Happening::Failed(new.clone())),
+            (None, Some(_)) => self.happened.push(Happening::Mended),
+            (None, None) => {}
+        }
+        self.failed = failure;
+        Ok(())
+    }
+
+    fn fail(&mut self, failure: Failure) {
+        if let Some(attempt) = self.building.take() {
+            self.state.failed(attempt, failure);
+        }
+    }
+
+    fn take(&mut self, built: Built<Ready<D>>) -> Result<(), BackendError> {
+        self.watcher.watch(&built.wanted);
+        if !built.dropped.is_empty() {
+            for name in &built.dropped {
+                self.set.shift_remove(name);
+            }
+            self.happened.push(Happening::Dropped(built.dropped));
+        }
+        let (plan, ready) = match built.outcome {
+            Ok(made) => made,
+            Err(failure) => {
+                self.fail(failure);
+                return Ok(());
+            }
+        };
+        self.device.swap(ready)?;
+        self.strict = false;
+        self.size = built.world.size;
+        self.params = plan.params.clone();
+        let swap = Swap {
+            graph: plan.name.clone(),
+            cause: built.cause,
+            passes: plan.frame.len(),
+            plan_ms: built.plan_ms,
+            prepare_ms: built.prepare_ms,
+            latency_ms: 0.0,
+        };
+        self.pending = Some(Pending { swap, asked: built.asked });
+        if let Some(attempt) = self.building.take() {
+            self.state.succeeded(attempt, Arc::new(plan));
+        }
+        self.apply_set();
+        Ok(())
+    }
+
+    /// What was changed since the plan was asked for stays changed.
+    fn apply_set(&mut self) {
+        for param in &mut self.params {
+            if let Some(value) = self.set.get(&param.name).and_then(|text| value_of(param, text)) {
+                param.value = value;
+            }
+        }
+    }
+
+    /// Draws a frame, if there is a plan. `inputs` lacks the live parameters, which are the renderer's own.
+    pub fn submit(&mut self, inputs: FrameInputs) -> Result<bool, BackendError> {
+        let Some(plan) = self.state.good().cloned() else { return Ok(false) };
+        if self.flying.len() == FRAMES_IN_FLIGHT {
+            self.land()?;
+        }
+        zone!("submit");
+        let inspected = inputs.inspect.clone();
+        let inputs = FrameInputs { live: plan.live_bytes_of(&self.params), ..inputs };
+        let frame = self.device.submit(&inputs)?;
+        let first = self.pending.take();
+        let is_first = first.is_some();
+        self.flying.push_back(Flight { frame, plan, inspected, first });
+        if is_first {
+            // Once per swap, so that what is told of it is what it took.
+            self.finish()?;
+        }
+        Ok(true)
+    }
+
+    /// Waits for the frames that are being drawn.
+    pub fn finish(&mut self) -> Result<(), BackendError> {
+        while !self.flying.is_empty() {
+            self.land()?;
+        }
+        Ok(())
+    }
+
+    fn land(&mut self) -> Result<(), BackendError> {
+        let Some(flight) = self.flying.pop_front() else { return Ok(()) };
+        let result = self.device.wait(flight.frame)?;
+        let first = flight.first.is_some();
+        if let Some(Pending { swap, asked }) = flight.first {
+            let latency_ms = asked.elapsed().as_secs_f64() * 1e3;
+            self.happened.push(Happening::Swapped(Swap { latency_ms, ..swap }));
+        }
+        self.done.push(Done { result, plan: flight.plan, first, inspected: flight.inspected });
+        Ok(())
+    }
+
+    /// Whether the next frame is the first of its plan, the one that runs the prologue.
+    pub fn is_first_next(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Gives the device back.
+    pub fn into_device(self) -> D {
+        self.device
+    }
+
+    /// The frames that were finished since this was asked last, in the order of their submission.
+    pub fn take_done(&mut self) -> Vec<Done> {
+        std::mem::take(&mut self.done)
+    }
+
+    /// What happened since this was asked last.
+    pub fn take_happened(&mut self) -> Vec<Happening> {
+        std::mem::take(&mut self.happened)
+    }
+}
+
+impl Cause {
+    /// Of two changes that are built together.
+    fn and(self, other: Cause) -> Cause {
+        match (self, other) {
+            (Cause::Parameters(a), Cause::Parameters(b)) => Cause::Parameters(joined(a, b)),
+            (Cause::Files(a), Cause::Files(b)) => Cause::Files(joined(a, b)),
+            (Cause::Start, _) => Cause::Start,
+            (Cause::Graph, _) | (_, Cause::Graph) => Cause::Graph,
+            // Files are what people wait for.
+            (Cause::Files(files), _) | (_, Cause::Files(files)) => Cause::Files(files),
+            (_, other) => other,
+        }
+    }
+}
+
+/// Both lists, without what is in the first already.
+fn joined<T: PartialEq>(mut a: Vec<T>, b: Vec<T>) -> Vec<T> {
+    for item in b {
+        if !a.contains(&item) {
+            a.push(item);
+        }
+    }
+    a
+}
+
+/// A setting's text as a value of the parameter's kind.
+fn value_of(param: &Param, text: &str) -> Option<Value> {
+    match param.value {
+        Value::Bool(_) => text.parse().ok().map(Value::Bool),
+        Value::Int(_) => text.parse().ok().map(Value::Int),
+        Value::Float(_) => text.parse().ok().map(Value::Float),
+        Value::Text(_) => Some(Value::Text(text.to_owned())),
+    }
+}
+
+/// What runs on the building thread: the compiled shaders are remembered there.
+fn builder<L: Loader>() -> impl FnMut(Job<L>) -> Built<L::Ready> {
+    let mut planner = Planner::default();
+    move |job| build(&mut planner, job)
+}
+
+fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
+    let Job { graph, mut set, strict, world, device, loader, cause, asked, progress } = job;
+    let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
+    zone!("build a plan");
+    let begun = Instant::now();
+    planner.forget_files();
+    planner.share_memory = world.share_memory;
+    let facts = facts::facts(&SceneFacts::of(&world.scene), &device, world.size);
+    let mut dropped = Vec::new();
+    if !strict && let Ok(declared) = planner.params(&graph, &facts, &world.catalog) {
+        let known = |name: &str| declared.iter().any(|param| param.name == name);
+        dropped.extend(set.iter().filter(|(name, _)| !known(name)).map(|(name, _)| name.clone()));
+        set.retain(|(name, _)| known(name));
+    }
+    let plan = planner.plan(&graph, &set, &facts, &world.catalog);
+    let plan_ms = milliseconds(begun);
+    let wanted = planner.wanted();
+    let begun = Instant::now();
+    let outcome = plan.map_err(Failure::Graph).and_then(|plan| {
+        let ready =
+            loader.prepare(plan.clone(), &Upload(&world.scene), &mut |step| tell(&progress, said(&step)));
+        tell(&progress, String::new());
+        Ok((plan, ready.map_err(Failure::Backend)?))
+    });
+    let prepare_ms = milliseconds(begun);
+    Built { outcome, wanted, dropped, world, cause, asked, plan_ms, prepare_ms }
+}
+
+fn tell(progress: &Mutex<String>, text: String) {
+    *progress.lock().unwrap_or_else(PoisonError::into_inner) = text;
+}
+
+fn said(progress: &Progress) -> String {
+    match progress {
+        Progress::Pipeline { done, of, shader } => format!("pipeline {} of {of}: {shader}", done + 1),
+        Progress::Upload { done_bytes, of_bytes } => {
+            format!("uploading the scene, {} of {} MiB", done_bytes >> 20, of_bytes >> 20)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changes_that_are_built_together_are_told_together_and_files_before_the_rest() {
+        let files = |names: &[&str]| Cause::Files(names.iter().map(PathBuf::from).collect());
+        let params = |names: &[&str]| Cause::Parameters(names.iter().map(|n| n.to_string()).collect());
+        assert_eq!(params(&["a"]).and(params(&["b", "a"])), params(&["a", "b"]));
+        assert_eq!(files(&["x"]).and(files(&["x", "y"])), files(&["x", "y"]));
+        assert_eq!(params(&["a"]).and(files(&["x"])), files(&["x"]));
+        assert_eq!(Cause::Size.and(params(&["a"])), params(&["a"]));
+        assert_eq!(Cause::Start.and(files(&["x"])), Cause::Start);
+        assert_eq!(files(&["x"]).and(Cause::Graph), Cause::Graph);
+    }
+
+    #[test]
+    fn a_settings_text_is_read_as_the_parameters_kind() {
+        let param = |value: Value| Param {
+            name: "p".into(),
+            label: String::new(),
+            help: String::new(),
+            default: value.clone(),
+            value,
+            exact: None,
+            domain: splatgraph_framework::plan::Domain::Bool,
+            binding: ParamBinding::Const,
+            origin: splatgraph_framework::plan::Origin { file: "g.ron".into(), line: 1, column: 1 },
+        };
+        assert_eq!(value_of(&param(Value::Int(1)), "4"), Some(Value::Int(4)));
+        assert_eq!(value_of(&param(Value::Float(1.0)), "4"), Some(Value::Float(4.0)));
+        assert_eq!(value_of(&param(Value::Bool(true)), "4"), None);
+        assert_eq!(value_of(&param(Value::Text("a".into())), "4"), Some(Value::Text("4".into())));
+    }
+}

@@ -1,0 +1,230 @@
+//! The viewer without the window system: a [`Studio`], the panels around its picture, and the graph that draws both.
+//!
+//! The window is a render graph like any other, `pipelines/view/window.ron`: it draws the pictures of the scene (alone, split, or
+//! their difference) and egui's triangles over them. A [`Shell`] turns input into a frame of that graph, which a window shows
+//! and a test reads back; it does not know which.
+
+use super::events::{Event, Who};
+use super::history::History;
+use super::paint::{self, Composition, Painted, Painter};
+use super::panels::{Command, Panels, Shown};
+use super::profile::{self, zone};
+use super::renderer::{Failure, Renderer, Wake, World};
+use super::studio::{Studio, StudioError};
+use egui::{Context, FontDefinitions, FontFamily, RawInput, Rect};
+use splatgraph_api::{BackendError, Device, FrameInputs, Pixels};
+use splatgraph_framework::build::Catalog;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// How a frame is to be drawn.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Ask {
+    /// Of the window, in pixels.
+    pub size: (u32, u32),
+    /// Pixels per point of the user interface.
+    pub pixels_per_point: f32,
+    /// Show it in the device's window.
+    pub present: bool,
+    /// Read it back.
+    pub read: bool,
+}
+
+/// What came of a frame.
+pub struct Frame {
+    /// For the window system: what goes to the clipboard, the shape of the pointer.
+    pub platform: egui::PlatformOutput,
+    /// What the person asks of the window.
+    pub commands: Vec<Command>,
+    /// Whether something was drawn; not before the window's own graph is built.
+    pub drawn: bool,
+    /// What the window shows, if it was asked for and drawn.
+    pub picture: Option<Pixels>,
+}
+
+/// See the module's documentation.
+pub struct Shell<D: Device> {
+    /// The pictures.
+    pub studio: Studio<D>,
+    /// What stands around them.
+    pub panels: Panels,
+    ctx: Context,
+    painter: Painter,
+    canvas: Renderer<D>,
+    catalog: Arc<Catalog>,
+    history: History,
+    events: Vec<Event>,
+}
+
+impl<D: Device> Shell<D> {
+    /// A shell around a studio. `canvas` draws the window: if there is one, it is its device.
+    pub fn new(studio: Studio<D>, canvas: D, wake: Wake) -> Result<Shell<D>, StudioError> {
+        Shell::with_graph(studio, canvas, paint::GRAPH, wake)
+    }
+
+    /// The same with a graph of the window's own, a built-in one's name or a path: it imports what [`paint::offer`] offers.
+    pub fn with_graph(
+        studio: Studio<D>,
+        canvas: D,
+        graph: &str,
+        wake: Wake,
+    ) -> Result<Shell<D>, StudioError> {
+        let ctx = Context::default();
+        ctx.set_theme(egui::Theme::Dark);
+        ctx.set_fonts(fonts());
+        // A press on the picture gives the keys back to the camera, not only a click.
+        ctx.options_mut(|options| {
+            options.input_options.surrender_focus_on = egui::SurrenderFocusOn::Presses;
+        });
+        let mut catalog = Catalog::default();
+        paint::offer(&mut catalog);
+        Ok(Shell {
+            studio,
+            panels: Panels::default(),
+            ctx,
+            painter: Painter::default(),
+            canvas: Renderer::new(canvas, graph, &[], wake)?,
+            catalog: Arc::new(catalog),
+            history: History::default(),
+            events: Vec::new(),
+        })
+    }
+
+    /// The context of the user interface.
+    pub fn context(&self) -> &Context {
+        &self.ctx
+    }
+
+    /// What draws the window.
+    pub fn window(&self) -> &Renderer<D> {
+        &self.canvas
+    }
+
+    /// The device that draws the window.
+    pub fn canvas_mut(&mut self) -> &mut D {
+        self.canvas.device_mut()
+    }
+
+    /// Why the window's own graph has no plan at all, if it has none: nothing can be shown then.
+    pub fn is_blind(&self) -> Option<&Failure> {
+        if self.canvas.plan().is_some() { None } else { self.canvas.failure() }
+    }
+
+    /// Draws a frame: the input acts, the pictures are drawn, and the window with them.
+    pub fn frame(&mut self, input: RawInput, ask: Ask) -> Result<Frame, StudioError> {
+        zone!("window frame");
+        for file in &input.dropped_files {
+            self.studio.open(file.path());
+        }
+        let failure = self.canvas.failure().map(|failure| failure.text(true));
+        let mut shown: Option<Result<Shown, StudioError>> = None;
+        let output = self.ctx.run_ui(input, |ui| {
+            let (panels, studio) = (&mut self.panels, &mut self.studio);
+            let window = (&self.history, self.canvas.plan().map(|plan| plan.as_ref()));
+            shown = Some(panels.show(ui, studio, window, failure.as_deref()));
+        });
+        let pixels_per_point = output.pixels_per_point;
+        let primitives = self.ctx.tessellate(output.shapes, pixels_per_point);
+        let painted = self.painter.paint(output.textures_delta, &primitives, pixels_per_point);
+        let Some(shown) = shown.transpose()? else { unreachable!("the closure runs at least once") };
+
+        let pixel = |v: f32| (v * ask.pixels_per_point).round().max(0.0) as u32;
+        let Rect { min, max } = shown.view;
+        let (left, top) = (pixel(min.x), pixel(min.y));
+        let view = [left, top, pixel(max.x).saturating_sub(left), pixel(max.y).saturating_sub(top)];
+        let size = (view[2], view[3]);
+        self.studio.frame(size)?;
+        for event in self.studio.take_events() {
+            self.panels.tell(&event);
+            self.events.push(event);
+        }
+        let (drawn, picture) = self.paint(ask, view, &painted)?;
+        profile::frame();
+        Ok(Frame { platform: output.platform_output, commands: shown.commands, drawn, picture })
+    }
+
+    /// Draws the window.
+    fn paint(
+        &mut self,
+        ask: Ask,
+        view: [u32; 4],
+        painted: &Painted,
+    ) -> Result<(bool, Option<Pixels>), BackendError> {
+        let world = World {
+            // Only its facts are asked for, and the window's graph asks for none of them.
+            scene: self.studio.shared_scene(),
+            catalog: self.catalog.clone(),
+            size: ask.size,
+            share_memory: true,
+        };
+        self.canvas.poll(&world, Instant::now())?;
+        let [a, b] = self.studio.pictures().map(|picture| picture.map(Into::into));
+        let composition = Composition {
+            window: [ask.size.0, ask.size.1],
+            view,
+            mode: self.studio.compare,
+            split: self.studio.split,
+            amplification: self.studio.gain,
+            background: [0.0; 3],
+            a,
+            b,
+        };
+        let mut inputs =
+            FrameInputs { present: ask.present, read_output: ask.read, ..FrameInputs::default() };
+        composition.give(&mut inputs);
+        painted.give(&mut inputs.buffers);
+        let drawn = self.canvas.submit(inputs)?;
+        if ask.read {
+            self.canvas.finish()?;
+        }
+        let mut picture = None;
+        for mut done in self.canvas.take_done() {
+            if done.first {
+                self.history.next_plan();
+            }
+            self.history.push(&done.plan, &done.result);
+            picture = done.result.output.take().or(picture);
+        }
+        for happening in self.canvas.take_happened() {
+            let event = Event::of(Who::Window, happening);
+            self.panels.tell(&event);
+            self.events.push(event);
+        }
+        Ok((drawn, picture))
+    }
+
+    /// What happened since this was asked last.
+    pub fn take_events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Tells something that happened outside.
+    pub fn tell(&mut self, event: Event) {
+        self.panels.tell(&event);
+        self.events.push(event);
+    }
+
+    /// Waits for the frames that are being drawn.
+    pub fn finish(&mut self) -> Result<(), BackendError> {
+        self.studio.finish()?;
+        self.canvas.finish()
+    }
+
+    /// Gives the device of the window back, after everything else is closed.
+    pub fn into_device(self) -> D {
+        let Shell { studio, canvas, .. } = self;
+        drop(studio);
+        canvas.into_device()
+    }
+}
+
+/// egui's fonts. Signs that its font for labels lacks come from its monospace font, which has more of them than the icons do.
+fn fonts() -> FontDefinitions {
+    let mut fonts = FontDefinitions::default();
+    let signs = fonts.families.get(&FontFamily::Monospace).and_then(|names| names.first()).cloned();
+    let labels = fonts.families.entry(FontFamily::Proportional).or_default();
+    if let Some(signs) = signs {
+        labels.insert(labels.len().min(1), signs);
+    }
+    fonts
+}

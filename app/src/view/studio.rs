@@ -1,0 +1,365 @@
+//! Everything that the viewer does, without a window.
+//!
+//! A [`Studio`] has a scene, a camera, and one or two renderers of it: A, and B to compare it with. [`Studio::frame`] is one
+//! turn: it takes what other threads have finished (plans, scenes, comparisons) and draws both pictures. Windows and tests
+//! drive it alike; what happened comes out as [`Event`]s.
+
+use super::events::{Event, Who};
+use super::navigation::{self, Navigation};
+use super::paint::Mode;
+use super::profile::zone;
+use super::renderer::{Renderer, Wake, World};
+use super::side::Side;
+use crate::facts;
+use crate::metrics;
+use crate::session::image_of;
+use indexmap::IndexMap;
+use splatgraph_api::{BackendError, Device, Picture};
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::build::Catalog;
+use splatgraph_framework::reload::WatchError;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Instant;
+
+/// Why there is no studio.
+#[derive(Debug, thiserror::Error)]
+pub enum StudioError {
+    /// The device failed.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+    /// Files cannot be watched.
+    #[error(transparent)]
+    Watch(#[from] WatchError),
+}
+
+/// What other threads finished.
+enum Finished {
+    Scene { path: PathBuf, load_ms: f64, scene: Result<Box<Scene>, String> },
+    Compared(Result<Event, String>),
+}
+
+/// See the module's documentation.
+pub struct Studio<D: Device> {
+    scene: Arc<Scene>,
+    scene_path: PathBuf,
+    catalog: Arc<Catalog>,
+    /// Cameras to choose from.
+    pub cameras: Vec<Camera>,
+    /// The one that was looked through last.
+    pub camera: Option<usize>,
+    /// Where the scene is seen from.
+    pub navigation: Navigation,
+    /// The picture, or its left part.
+    pub a: Side<D>,
+    /// What it is compared with. It stays, with its parameters, while it is not shown.
+    pub b: Option<Side<D>>,
+    /// How the two are shown.
+    pub compare: Mode,
+    /// Where the line is, as a share of the width.
+    pub split: f32,
+    /// The factor of the difference.
+    pub gain: f32,
+    /// What shows where nothing covers it, display-encoded.
+    pub background: [f32; 3],
+    /// Pixels of the picture per pixel of the window, across and down.
+    pub scale: f32,
+    loading: Option<PathBuf>,
+    comparing: bool,
+    finished: (Sender<Finished>, Receiver<Finished>),
+    events: Vec<Event>,
+    wake: Wake,
+}
+
+impl<D: Device> Studio<D> {
+    /// A studio that draws `scene`, which came from `path`, with `graph` and the parameters of `set` changed.
+    pub fn new(
+        device: D,
+        (scene, path): (Scene, PathBuf),
+        graph: &str,
+        set: &[(String, String)],
+        wake: Wake,
+    ) -> Result<Studio<D>, StudioError> {
+        let navigation = at_start(&scene);
+        let catalog = Arc::new(facts::catalog(&scene));
+        let renderer = Renderer::new(device, graph, set, wake.clone())?;
+        Ok(Studio {
+            scene: Arc::new(scene),
+            scene_path: path,
+            catalog,
+            cameras: Vec::new(),
+            camera: None,
+            navigation,
+            a: Side::new(renderer),
+            b: None,
+            compare: Mode::A,
+            split: 0.5,
+            gain: 8.0,
+            background: [0.0; 3],
+            scale: 1.0,
+            loading: None,
+            comparing: false,
+            finished: channel(),
+            events: Vec::new(),
+            wake,
+        })
+    }
+
+    /// What is drawn.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The same, to be kept.
+    pub fn shared_scene(&self) -> Arc<Scene> {
+        self.scene.clone()
+    }
+
+    /// The file that it came from.
+    pub fn scene_path(&self) -> &Path {
+        &self.scene_path
+    }
+
+    /// The file that is being loaded, if one is.
+    pub fn loading(&self) -> Option<&Path> {
+        self.loading.as_deref()
+    }
+
+    /// A picture by its name; B only once there is one.
+    pub fn side(&mut self, who: Who) -> Option<&mut Side<D>> {
+        match who {
+            Who::A => Some(&mut self.a),
+            Who::B => self.b.as_mut(),
+            Who::Window => None,
+        }
+    }
+
+    /// Whether anything is being built, loaded or compared: what is shown is not yet what was asked for.
+    pub fn busy(&self) -> bool {
+        let b = self.b.as_ref().is_some_and(|b| self.compare != Mode::A && b.renderer.busy());
+        self.a.renderer.busy() || b || self.loading.is_some() || self.comparing
+    }
+
+    /// Shows A alone, or both. B is at first what A is then.
+    pub fn set_compare(&mut self, compare: Mode) -> Result<(), StudioError> {
+        self.compare = compare;
+        if compare != Mode::A && self.b.is_none() {
+            let a = &self.a.renderer;
+            let set: Vec<_> = a.set().iter().map(|(name, value)| (name.clone(), value.clone())).collect();
+            let device = a.device().beside()?;
+            self.b = Some(Side::new(Renderer::new(device, a.graph(), &set, self.wake.clone())?));
+        }
+        Ok(())
+    }
+
+    /// A becomes B, and B becomes A.
+    pub fn exchange(&mut self) {
+        if let Some(b) = &mut self.b {
+            std::mem::swap(&mut self.a, b);
+        }
+    }
+
+    /// Opens a file: a scene, a graph, or cameras, by its ending. A scene is loaded beside the frames.
+    pub fn open(&mut self, path: &Path) {
+        let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        match ending.as_str() {
+            "ron" => self.a.renderer.choose(&path.to_string_lossy(), IndexMap::new()),
+            "json" => self.open_cameras(path),
+            "ply" => self.open_scene(path),
+            _ => self.events.push(Event::FileFailed {
+                path: path.to_owned(),
+                error: "neither a scene (.ply), nor a graph (.ron), nor cameras (.json)".into(),
+            }),
+        }
+    }
+
+    /// Loads a scene on a thread of its own; the one before stays until it is there.
+    pub fn open_scene(&mut self, path: &Path) {
+        let (path, done, wake) = (path.to_owned(), self.finished.0.clone(), self.wake.clone());
+        self.loading = Some(path.clone());
+        std::thread::spawn(move || {
+            let begun = Instant::now();
+            let scene = Scene::load(&path, &|_, _| {}).map_err(|error| error.to_string()).inspect(|scene| {
+                // It is computed from all of the scene, and remembered.
+                scene.identity();
+            });
+            let load_ms = begun.elapsed().as_secs_f64() * 1e3;
+            // A studio that is gone does not mind.
+            let _ = done.send(Finished::Scene { path, load_ms, scene: scene.map(Box::new) });
+            wake();
+        });
+    }
+
+    /// Reads cameras to choose from, and looks through the first.
+    pub fn open_cameras(&mut self, path: &Path) {
+        match Camera::load(path) {
+            Ok(cameras) if cameras.is_empty() => self.events.push(Event::FileFailed {
+                path: path.to_owned(),
+                error: "there are no cameras in it".into(),
+            }),
+            Ok(cameras) => {
+                self.events.push(Event::Cameras { path: path.to_owned(), count: cameras.len() });
+                self.set_cameras(cameras);
+            }
+            Err(error) => {
+                self.events.push(Event::FileFailed { path: path.to_owned(), error: error.to_string() });
+            }
+        }
+    }
+
+    /// Offers cameras to choose from, and looks through the first. What they all hold for up, is up.
+    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
+        if let Some(camera) = cameras.first() {
+            let up = navigation::mean_up(&cameras).unwrap_or(navigation::DEFAULT_UP);
+            self.navigation = Navigation::new(&self.scene.robust_bounds(), camera, up);
+        }
+        self.camera = if cameras.is_empty() { None } else { Some(0) };
+        self.cameras = cameras;
+    }
+
+    /// Goes to one of the cameras.
+    pub fn look_through(&mut self, index: usize) {
+        if let Some(camera) = self.cameras.get(index) {
+            self.camera = Some(index);
+            self.navigation.set_camera(camera);
+        }
+    }
+
+    /// Compares what A and B draw next, and tells the result as an event.
+    pub fn measure(&mut self) {
+        if let (Some(b), false) = (&mut self.b, self.comparing) {
+            self.comparing = true;
+            self.a.want_picture();
+            b.want_picture();
+        }
+    }
+
+    /// One turn: takes what is finished, and draws. `size` is that of the view in the window's pixels.
+    pub fn frame(&mut self, size: (u32, u32)) -> Result<(), BackendError> {
+        zone!("pictures");
+        while let Ok(finished) = self.finished.1.try_recv() {
+            self.take(finished);
+        }
+        let now = Instant::now();
+        let scaled = |side: u32| match side {
+            0 => 0,
+            _ => ((side as f32 * self.scale).round() as u32).max(1),
+        };
+        let size = (scaled(size.0), scaled(size.1));
+        let camera = self.navigation.camera(size.0.max(1), size.1.max(1));
+        let shown_b = self.b.as_mut().filter(|_| self.compare != Mode::A);
+        let sides = [Some((Who::A, &mut self.a)), shown_b.map(|b| (Who::B, b))];
+        for (who, side) in sides.into_iter().flatten() {
+            let world = World {
+                scene: self.scene.clone(),
+                catalog: self.catalog.clone(),
+                size,
+                share_memory: side.inspection.is_none(),
+            };
+            side.renderer.poll(&world, now)?;
+            side.draw(&self.scene, &camera, self.background)?;
+            let happened = side.renderer.take_happened();
+            self.events.extend(happened.into_iter().map(|happening| Event::of(who, happening)));
+        }
+        self.compare_pictures();
+        Ok(())
+    }
+
+    /// The pictures that were drawn last.
+    pub fn pictures(&self) -> [Option<Picture>; 2] {
+        let of = |side: &Side<D>| side.renderer.device().picture();
+        let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
+        [of(&self.a), b.and_then(of)]
+    }
+
+    /// What happened since this was asked last.
+    pub fn take_events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Gives A's device back, after everything else is closed.
+    pub fn into_device(self) -> D {
+        let Studio { a, b, .. } = self;
+        drop(b);
+        a.renderer.into_device()
+    }
+
+    /// Waits for the frames that are being drawn.
+    pub fn finish(&mut self) -> Result<(), BackendError> {
+        for side in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+            side.renderer.finish()?;
+            side.collect();
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, finished: Finished) {
+        match finished {
+            Finished::Scene { path, load_ms, scene } => {
+                if self.loading.as_ref() == Some(&path) {
+                    self.loading = None;
+                }
+                match scene {
+                    Ok(scene) => {
+                        let splats = scene.count();
+                        self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
+                        self.catalog = Arc::new(facts::catalog(&scene));
+                        self.cameras.clear();
+                        self.camera = None;
+                        self.navigation = at_start(&scene);
+                        self.scene = Arc::new(*scene);
+                        if let Some(cameras) = cameras_of(&path) {
+                            self.open_cameras(&cameras);
+                        }
+                        self.scene_path = path;
+                    }
+                    Err(error) => self.events.push(Event::SceneFailed { path, error }),
+                }
+            }
+            Finished::Compared(compared) => {
+                self.comparing = false;
+                self.events.push(compared.unwrap_or_else(|error| Event::FileFailed {
+                    path: self.scene_path.clone(),
+                    error: format!("A and B cannot be compared: {error}"),
+                }));
+            }
+        }
+    }
+
+    /// Once both pictures of [`Studio::measure`] are there, compares them on a thread of their own.
+    fn compare_pictures(&mut self) {
+        let Some(b) = self.b.as_mut().filter(|_| self.comparing) else { return };
+        let (true, true) = (self.a.has_picture(), b.has_picture()) else { return };
+        let (Some(a), Some(b)) = (self.a.take_picture(), b.take_picture()) else { return };
+        let (done, wake) = (self.finished.0.clone(), self.wake.clone());
+        std::thread::spawn(move || {
+            let compare = || {
+                let image = |pixels| image_of(pixels).ok_or("it holds no colours");
+                let (a, b) = (image(&a)?.clamped(), image(&b)?.clamped());
+                let found = metrics::compare(&a, &b).map_err(|error| error.to_string())?;
+                Ok(Event::Compared { psnr: found.psnr(), ssim: found.ssim, worst: found.worst.difference })
+            };
+            let _ = done.send(Finished::Compared(compare().map_err(|error: String| error)));
+            wake();
+        });
+    }
+}
+
+/// Where a scene without cameras is seen from at first.
+fn at_start(scene: &Scene) -> Navigation {
+    let (width, height) = facts::DEFAULT_SIZE;
+    let camera = Camera::framing(scene, width, height);
+    Navigation::new(&scene.robust_bounds(), &camera, navigation::DEFAULT_UP)
+}
+
+/// The cameras that lie beside a scene, as the reference implementation leaves them: `NAME.cameras.json`, or `cameras.json`
+/// in its folder or, for `point_cloud/iteration_N/point_cloud.ply`, up to three folders above.
+pub fn cameras_of(scene: &Path) -> Option<PathBuf> {
+    let own = scene.with_extension("cameras.json");
+    if own.is_file() {
+        return Some(own);
+    }
+    let folders = scene.parent()?.ancestors().take(if scene.ends_with("point_cloud.ply") { 4 } else { 1 });
+    folders.map(|folder| folder.join("cameras.json")).find(|file| file.is_file())
+}

@@ -1,0 +1,34 @@
+//! Plans for tests that need no more than names.
+
+use splatgraph_framework::plan::{Origin, Pass, PassId, Plan, ResourceId, Run, Step, Work};
+
+/// A plan of these passes: name and phase.
+pub fn plan(passes: &[(&str, &str)]) -> Plan {
+    let pass = |(name, phase): &(&str, &str)| Pass {
+        name: name.to_string(),
+        phase: phase.to_string(),
+        run: Run::Frame,
+        work: Work::Export,
+        bindings: vec![],
+        push: vec![],
+        touches: vec![],
+        origin: Origin { file: "test.ron".into(), line: 1, column: 1 },
+    };
+    Plan {
+        version: 1,
+        name: "test".into(),
+        summary: String::new(),
+        facts: Default::default(),
+        params: vec![],
+        resources: vec![],
+        shaders: vec![],
+        blocks: vec![],
+        handover: vec![],
+        prologue: vec![],
+        frame: (0..passes.len() as u32).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),
+        passes: passes.iter().map(pass).collect(),
+        left_out: vec![],
+        output: ResourceId(0),
+        stats: vec![],
+    }
+}

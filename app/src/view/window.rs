@@ -1,0 +1,389 @@
+//! The window: winit's events go into a [`Shell`], and its frames onto the display.
+//!
+//! The window draws all the time, as fast as the display shows it (or, without vsync, as fast as the device draws): the times
+//! that it tells are of a device at work. While it is minimised or covered it draws nothing and costs nothing.
+
+use super::events::Event;
+use super::panels::{Command, Controls};
+use super::shell::{Ask, Shell};
+use super::studio::Studio;
+use crate::session::image_of;
+use anyhow::{Context as _, Result, anyhow, bail};
+use egui::RawInput;
+use serde::Serialize;
+use splatgraph_api::{Pixels, Windowed};
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_vulkan::{Options, Vulkan};
+use std::collections::BTreeMap;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use winit::application::ApplicationHandler;
+use winit::dpi::PhysicalSize;
+use winit::event::{StartCause, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
+use winit::window::{Fullscreen, Window, WindowId};
+
+/// How long a window that shows nothing sleeps between looks at whether it still does.
+const IDLE: Duration = Duration::from_millis(100);
+
+/// How long a window without a plan to draw with sleeps: the plan is being built, which needs the processor.
+const BUILDING: Duration = Duration::from_millis(10);
+
+/// Sets up what a window shows, once there is a device.
+pub type Setup = Box<dyn FnOnce(&mut Shell<Vulkan>) -> Result<()>>;
+
+/// What to open.
+pub struct Opening {
+    pub scene: (Scene, PathBuf),
+    pub pipeline: String,
+    pub set: Vec<(String, String)>,
+    pub cameras: Vec<Camera>,
+    /// Of the window's content, in pixels.
+    pub size: (u32, u32),
+    pub device: Options,
+    pub vsync: bool,
+    /// Lets the first frames have their panels and comparisons.
+    pub setup: Setup,
+    /// Where events go, one JSON object per line.
+    pub events: Option<Box<dyn Write>>,
+    /// Save the window's picture here once it shows what was asked for, and close it.
+    pub screenshot: Option<PathBuf>,
+    /// At least this many frames before that; without a screenshot, close after them.
+    pub frames: Option<u64>,
+}
+
+/// Opens the window and runs until it is closed. Gives the validation messages.
+///
+/// # Errors
+/// Without a display, without a device that can show pictures on it, or when the device fails.
+pub fn run(opening: Opening) -> Result<Vec<String>> {
+    super::profile::start();
+    let events = EventLoop::new().map_err(|error| {
+        // What stands before is where winit found out.
+        let error = error.to_string();
+        let why = error.rsplit(": ").next().unwrap_or_default().trim_end_matches('.');
+        anyhow!("there is no display to open a window on ({why}); `splatgraph render` draws without one")
+    })?;
+    let mut app =
+        App { proxy: events.create_proxy(), opening: Some(opening), running: None, outcome: Ok(Vec::new()) };
+    events.run_app(&mut app)?;
+    app.outcome
+}
+
+struct App {
+    proxy: EventLoopProxy<()>,
+    opening: Option<Opening>,
+    running: Option<Running>,
+    outcome: Result<Vec<String>>,
+}
+
+struct Running {
+    shell: Shell<Vulkan>,
+    input: egui_winit::State,
+    window: Arc<Window>,
+    covered: bool,
+    /// Whether it is an icon, and when that was found out: not every window system tells.
+    minimised: (bool, Instant),
+    /// Whether the last frame drew anything.
+    drawn: bool,
+    frames: u64,
+    closing: Closing,
+    log: Option<EventLog>,
+    /// The next frame's picture goes here.
+    save: Option<PathBuf>,
+    /// The next picture of A goes here.
+    save_a: Option<PathBuf>,
+}
+
+/// When the window closes by itself.
+struct Closing {
+    screenshot: Option<PathBuf>,
+    frames: Option<u64>,
+}
+
+impl App {
+    fn open(&mut self, target: &ActiveEventLoop, opening: Opening) -> Result<()> {
+        let attributes = Window::default_attributes()
+            .with_title(title(&opening.scene.1))
+            .with_inner_size(PhysicalSize::new(opening.size.0, opening.size.1));
+        let window = Arc::new(target.create_window(attributes).context("the window cannot be opened")?);
+        let size = window.inner_size();
+        let mut canvas = Vulkan::open_in_window(&opening.device, window.clone(), (size.width, size.height))?;
+        canvas.set_vsync(opening.vsync);
+        let proxy = self.proxy.clone();
+        // A loop that has ended needs no waking.
+        let wake: super::renderer::Wake = Arc::new(move || {
+            let _ = proxy.send_event(());
+        });
+        let device = splatgraph_api::Device::beside(&canvas)?;
+        let mut studio = Studio::new(device, opening.scene, &opening.pipeline, &opening.set, wake.clone())?;
+        studio.set_cameras(opening.cameras);
+        let mut shell = Shell::new(studio, canvas, wake)?;
+        shell.panels.vsync = opening.vsync;
+        (opening.setup)(&mut shell)?;
+        let input = egui_winit::State::new(
+            shell.context().clone(),
+            egui::ViewportId::ROOT,
+            &window,
+            Some(window.scale_factor() as f32),
+            window.theme(),
+            None,
+        );
+        window.request_redraw();
+        self.running = Some(Running {
+            shell,
+            input,
+            window,
+            covered: false,
+            minimised: (false, Instant::now()),
+            drawn: false,
+            frames: 0,
+            closing: Closing { screenshot: opening.screenshot, frames: opening.frames },
+            log: opening.events.map(EventLog::new),
+            save: None,
+            save_a: None,
+        });
+        Ok(())
+    }
+
+    /// Ends the program, with an error or without.
+    fn end(&mut self, target: &ActiveEventLoop, result: Result<()>) {
+        let closed = self.running.take().map(Running::close).transpose();
+        self.outcome = result.and(closed.map(Option::unwrap_or_default));
+        target.exit();
+    }
+}
+
+impl ApplicationHandler<()> for App {
+    fn resumed(&mut self, target: &ActiveEventLoop) {
+        if let Some(opening) = self.opening.take()
+            && let Err(error) = self.open(target, opening)
+        {
+            self.end(target, Err(error));
+        }
+    }
+
+    fn user_event(&mut self, _: &ActiveEventLoop, (): ()) {
+        if let Some(running) = &self.running {
+            running.window.request_redraw();
+        }
+    }
+
+    fn window_event(&mut self, target: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        let Some(running) = &mut self.running else { return };
+        // What egui makes of it is looked at in the panels.
+        let _ = running.input.on_window_event(&running.window, &event);
+        match event {
+            WindowEvent::CloseRequested => self.end(target, Ok(())),
+            WindowEvent::Resized(size) => {
+                running.shell.canvas_mut().resize_window(size.width, size.height);
+                running.window.request_redraw();
+            }
+            WindowEvent::Occluded(covered) => running.covered = covered,
+            WindowEvent::RedrawRequested => match running.draw() {
+                Ok(false) => {}
+                Ok(true) => self.end(target, Ok(())),
+                Err(error) => self.end(target, Err(error)),
+            },
+            _ => {}
+        }
+    }
+
+    fn about_to_wait(&mut self, target: &ActiveEventLoop) {
+        let Some(running) = &mut self.running else { return };
+        let sleep = |time| ControlFlow::WaitUntil(Instant::now() + time);
+        target.set_control_flow(if running.shows_nothing() {
+            sleep(IDLE)
+        } else if !running.drawn {
+            sleep(BUILDING)
+        } else {
+            running.window.request_redraw();
+            ControlFlow::Poll
+        });
+    }
+
+    fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
+        if let (StartCause::ResumeTimeReached { .. }, Some(running)) = (cause, &self.running) {
+            running.window.request_redraw();
+        }
+    }
+
+    fn exiting(&mut self, _: &ActiveEventLoop) {
+        if let Some(running) = self.running.take()
+            && let (Ok(messages), Ok(outcome)) = (running.close(), &mut self.outcome)
+        {
+            outcome.extend(messages);
+        }
+    }
+}
+
+impl Running {
+    fn shows_nothing(&mut self) -> bool {
+        if self.minimised.1.elapsed() >= IDLE {
+            self.minimised = (self.window.is_minimized() == Some(true), Instant::now());
+        }
+        let size = self.window.inner_size();
+        self.covered || self.minimised.0 || size.width == 0 || size.height == 0
+    }
+
+    /// Draws a frame; says whether the window shall close.
+    fn draw(&mut self) -> Result<bool> {
+        if self.shows_nothing() {
+            return Ok(false);
+        }
+        let size = self.window.inner_size();
+        let input: RawInput = self.input.take_egui_input(&self.window);
+        // What was asked for is shown: nothing is being built any more.
+        let settled = self.frames >= self.closing.frames.unwrap_or(3) && !self.shell.studio.busy();
+        let mut close = settled && (self.closing.screenshot.is_some() || self.closing.frames.is_some());
+        if settled && let Some(path) = &self.closing.screenshot {
+            self.save = Some(path.clone());
+        }
+        let ask = Ask {
+            size: (size.width, size.height),
+            pixels_per_point: egui_winit::pixels_per_point(self.shell.context(), &self.window),
+            present: true,
+            read: self.save.is_some(),
+        };
+        let frame = self.shell.frame(input, ask)?;
+        if let Some(failure) = self.shell.is_blind() {
+            bail!("the window's own graph cannot be drawn\n{}", failure.text(false));
+        }
+        self.input.handle_platform_output(&self.window, frame.platform);
+        if let Some(pixels) = frame.picture
+            && let Some(path) = self.save.take()
+        {
+            let saved = self.save_picture(&pixels, &path);
+            if close && saved.is_err() {
+                return saved.with_context(|| format!("{} cannot be written", path.display())).map(|()| true);
+            }
+        }
+        if let Some(path) = self.save_a.clone()
+            && let Some(pixels) = self.shell.studio.a.take_picture()
+        {
+            self.save_a = None;
+            // What went wrong is told in the window.
+            let _ = self.save_picture(&pixels, &path);
+        }
+        close &= self.save.is_none();
+        for command in frame.commands {
+            self.obey(command);
+        }
+        self.drawn = frame.drawn;
+        self.frames += u64::from(frame.drawn);
+        let events = self.shell.take_events();
+        if let Some(log) = &mut self.log {
+            log.write(events, &self.shell.panels.controls, &ask)?;
+            if frame.drawn {
+                log.write_line(&Event::Frame { number: self.frames, busy: self.shell.studio.busy() })?;
+            }
+            log.out.flush()?;
+        }
+        Ok(close)
+    }
+
+    fn obey(&mut self, command: Command) {
+        match command {
+            Command::Screenshot => self.save = Some(fresh_name("splatgraph-window")),
+            Command::SavePicture => {
+                self.shell.studio.a.want_picture();
+                self.save_a = Some(fresh_name("splatgraph"));
+            }
+            Command::Vsync(vsync) => self.shell.canvas_mut().set_vsync(vsync),
+            Command::Fullscreen => {
+                let full = self.window.fullscreen().is_none();
+                self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
+            }
+            Command::Capture => {
+                if let Err(error) = super::profile::capture_next_frame() {
+                    self.shell.tell(Event::FileFailed { path: "RenderDoc".into(), error });
+                }
+            }
+        }
+    }
+
+    /// Writes a picture, and tells it.
+    fn save_picture(&mut self, pixels: &Pixels, path: &Path) -> Result<()> {
+        let saved = match image_of(pixels) {
+            Some(image) => image.save(path).map_err(Into::into),
+            None => Err(anyhow!("the graph's output holds no colours")),
+        };
+        let path = path.to_owned();
+        self.shell.tell(match &saved {
+            Ok(()) => Event::Screenshot { path },
+            Err(error) => Event::FileFailed { path, error: format!("{error:#}") },
+        });
+        saved
+    }
+
+    fn close(mut self) -> Result<Vec<String>> {
+        self.shell.finish()?;
+        Ok(self.shell.into_device().close())
+    }
+}
+
+fn title(scene: &Path) -> String {
+    format!("{} - splatgraph", scene.file_name().unwrap_or_default().to_string_lossy())
+}
+
+/// `NAME-1.png`, or the first number whose file is not there yet.
+fn fresh_name(stem: &str) -> PathBuf {
+    let name = |number: u32| PathBuf::from(format!("{stem}-{number}.png"));
+    (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
+}
+
+/// Events as JSON lines, with the size of the window and where the controls stand whenever that changed.
+struct EventLog {
+    out: BufWriter<Box<dyn Write>>,
+    begun: Instant,
+    window: Option<Event>,
+    controls: BTreeMap<String, [f32; 4]>,
+}
+
+#[derive(Serialize)]
+struct Line<'a> {
+    /// Seconds since the window was opened.
+    time: f64,
+    #[serde(flatten)]
+    event: &'a Event,
+}
+
+impl EventLog {
+    fn new(out: Box<dyn Write>) -> EventLog {
+        EventLog { out: BufWriter::new(out), begun: Instant::now(), window: None, controls: BTreeMap::new() }
+    }
+
+    fn write(&mut self, mut all: Vec<Event>, controls: &Controls, ask: &Ask) -> Result<()> {
+        let Ask { size: (width, height), pixels_per_point, .. } = *ask;
+        let window = Event::Window { width, height, pixels_per_point };
+        if self.window.as_ref() != Some(&window) {
+            self.window = Some(window.clone());
+            all.push(window);
+        }
+        self.controls.retain(|name, _| {
+            let there = controls.find(name).is_some();
+            if !there {
+                all.push(Event::ControlGone { name: name.clone() });
+            }
+            there
+        });
+        for (name, rect) in controls.iter() {
+            let place =
+                [rect.min.x, rect.min.y, rect.max.x, rect.max.y].map(|v| (v * pixels_per_point).round());
+            if self.controls.get(name) != Some(&place) {
+                self.controls.insert(name.to_owned(), place);
+                let [left, top, right, bottom] = place;
+                all.push(Event::Control { name: name.to_owned(), left, top, right, bottom });
+            }
+        }
+        all.iter().try_for_each(|event| self.write_line(event))
+    }
+
+    fn write_line(&mut self, event: &Event) -> Result<()> {
+        let time = self.begun.elapsed().as_secs_f64();
+        serde_json::to_writer(&mut self.out, &Line { time, event })?;
+        Ok(self.out.write_all(b"\n")?)
+    }
+}

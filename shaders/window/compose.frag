@@ -1,0 +1,92 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+// The scene's part of the window: picture A, or A and B with a line between them, or how far they are apart. Pictures are
+// buffers here, row 0 at the top, pixels as their format packs them.
+
+#include "window.glsl"
+
+layout(set = 0, binding = 0, std430) readonly buffer PictureA { uint picture_a[]; };
+layout(set = 0, binding = 1, std430) readonly buffer PictureB { uint picture_b[]; };
+
+layout(location = 0) out vec4 shown;
+
+uint word(bool b, uint i) {
+    return b ? picture_b[i] : picture_a[i];
+}
+
+// A pixel as a display shows it, from 0 to 1; beyond the border, the nearest one.
+vec3 texel(bool b, uvec4 picture, ivec2 at) {
+    at = clamp(at, ivec2(0), ivec2(picture.xy) - 1);
+    uint i = uint(at.y) * picture.x + uint(at.x);
+    vec3 colour;
+    switch (picture.z) {
+    case FORMAT_RGBA8:
+        colour = unpackUnorm4x8(word(b, i)).rgb;
+        break;
+    case FORMAT_RGBA16F:
+        colour = vec3(unpackHalf2x16(word(b, 2u * i)), unpackHalf2x16(word(b, 2u * i + 1u)).x);
+        break;
+    case FORMAT_RGBA32F:
+        colour = uintBitsToFloat(uvec3(word(b, 4u * i), word(b, 4u * i + 1u), word(b, 4u * i + 2u)));
+        break;
+    default:
+        colour = vec3(uintBitsToFloat(word(b, i)));
+        break;
+    }
+    return clamp(colour, 0.0, 1.0);
+}
+
+// What a picture has at a place of the view, in pixels from its top left corner.
+vec3 picture(bool b, vec2 at) {
+    uvec4 picture = b ? window.picture_b : window.picture_a;
+    if (picture.z == FORMAT_NONE) {
+        return window.background.rgb;
+    }
+    if (picture.xy == window.view.zw) {
+        return texel(b, picture, ivec2(at));
+    }
+    // A picture of another size is that of a moment ago: the view was resized since. The next one will show the same from top
+    // to bottom, and more or less at the sides, so this one is laid out that way.
+    vec2 size = vec2(picture.xy);
+    vec2 place = (at - 0.5 * vec2(window.view.zw)) * (size.y / float(window.view.w)) + 0.5 * size;
+    // Sizes are rounded to whole pixels: what misses by half of one is covered.
+    if (any(lessThan(place, vec2(-0.5))) || any(greaterThan(place, size + 0.5))) {
+        return window.background.rgb;
+    }
+    vec2 corner = floor(place - 0.5);
+    vec2 part = place - 0.5 - corner;
+    ivec2 first = ivec2(corner);
+    vec3 top = mix(texel(b, picture, first), texel(b, picture, first + ivec2(1, 0)), part.x);
+    vec3 bottom = mix(texel(b, picture, first + ivec2(0, 1)), texel(b, picture, first + ivec2(1, 1)), part.x);
+    return mix(top, bottom, part.y);
+}
+
+// A to the left of the line, B to the right. The line is two pixels wide, black and white, so that it stands out from any
+// picture.
+vec3 split(vec2 at) {
+    float from_line = floor(at.x) - round(window.split * float(window.view.z));
+    if (from_line == -1.0 || from_line == 0.0) {
+        return vec3(from_line + 1.0);
+    }
+    return picture(from_line > 0.0, at);
+}
+
+void main() {
+    vec2 at = gl_FragCoord.xy - vec2(window.view.xy);
+    vec3 colour = window.background.rgb;
+    if (all(greaterThanEqual(at, vec2(0.0))) && all(lessThan(at, vec2(window.view.zw)))) {
+        switch (window.mode) {
+        case MODE_SPLIT:
+            colour = split(at);
+            break;
+        case MODE_DIFFERENCE:
+            colour = window.amplification * abs(picture(false, at) - picture(true, at));
+            break;
+        default:
+            colour = picture(false, at);
+            break;
+        }
+    }
+    shown = vec4(colour, 1.0);
+}

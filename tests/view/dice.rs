@@ -1,0 +1,46 @@
+//! Random numbers that are the same on every run.
+
+/// A generator of random numbers: SplitMix64 (Steele, Lea and Flood 2014).
+pub struct Dice(u64);
+
+impl Dice {
+    pub fn new(seed: u64) -> Dice {
+        Dice(seed)
+    }
+
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut x = self.0;
+        x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        x ^ (x >> 31)
+    }
+
+    /// A number below `end`, which is not 0.
+    pub fn below(&mut self, end: usize) -> usize {
+        // For numbers as small as these, some come up more often by less than one in 2^40.
+        (self.next() % end as u64) as usize
+    }
+
+    /// A number from 0 to 1.
+    pub fn share(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// One of these.
+    pub fn of<'a, T>(&mut self, all: &'a [T]) -> &'a T {
+        &all[self.below(all.len())]
+    }
+
+    /// One of these, each as often as its number says.
+    pub fn weighted<T: Copy>(&mut self, all: &[(usize, T)]) -> T {
+        let mut left = self.below(all.iter().map(|(weight, _)| weight).sum());
+        for (weight, one) in all {
+            match left.checked_sub(*weight) {
+                Some(rest) => left = rest,
+                None => return *one,
+            }
+        }
+        unreachable!("less than the sum of the weights was thrown")
+    }
+}

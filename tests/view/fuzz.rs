@@ -1,0 +1,346 @@
+//! Files that are damaged under a running viewer.
+//!
+//! Every case damages one file of those that the pictures and the window are drawn from (cut, emptied, bits flipped, bytes put
+//! in, lines lost or there twice, no UTF-8), draws until the viewer has made up its mind, and mends the file. The viewer must
+//! live; it must say what is wrong and where; the picture must be the same to the last bit while that is so; and afterwards,
+//! too.
+//!
+//! What was damaged and builds nonetheless, into something else, is not for a device: such a shader may write anywhere, and
+//! lavapipe would take this process down with it. So each damaged file is first built beside the viewer, in another copy of the
+//! folder, which also says what to expect: an error of just that text, or the same plan as before (the damage is in a comment).
+//! Cases that give another plan are counted and left out.
+
+use super::dice::Dice;
+use super::whole::Viewer;
+use crate::common;
+use splatgraph::facts::{self, SceneFacts};
+use splatgraph::planner::Planner;
+use splatgraph::view::events::{Event, Who};
+use splatgraph::view::paint;
+use splatgraph::view::renderer::{Cause, Renderer};
+use splatgraph_api::Device;
+use splatgraph_framework::build::{Catalog, Facts};
+use splatgraph_framework::plan::{Origin, Plan};
+use splatgraph_vulkan::{Validation, Vulkan};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::PathBuf;
+use std::time::Instant;
+
+const SIZE: (u32, u32) = (64, 36);
+
+const SHORT: usize = 250;
+const LONG: usize = 2_000;
+
+/// One case in so many waits for the watcher to notice the damage, and then for the time that a file is given to become whole.
+/// In the others the renderer is told at once. That it is mended the watcher notices in all of them.
+const WATCHED: usize = 12;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Damage {
+    Cut,
+    Emptied,
+    Flipped,
+    PutIn,
+    LineTwice,
+    LineLost,
+    NoText,
+}
+
+const DAMAGES: [(usize, Damage); 7] = [
+    (6, Damage::Cut),
+    (1, Damage::Emptied),
+    (8, Damage::Flipped),
+    (6, Damage::PutIn),
+    (3, Damage::LineTwice),
+    (3, Damage::LineLost),
+    (2, Damage::NoText),
+];
+
+#[test]
+fn a_file_that_is_damaged_under_a_running_viewer_costs_neither_it_nor_its_picture() {
+    let mut fuzz = Fuzz::begin();
+    let cases = if common::long() { LONG } else { SHORT };
+    for number in 0..cases {
+        fuzz.case(number);
+    }
+    println!(
+        "{cases} cases and {} frames in {:.1} s: {:#?}",
+        fuzz.viewer.calls,
+        fuzz.begun.elapsed().as_secs_f64(),
+        fuzz.counted
+    );
+    // Else this has shown nothing.
+    let failed: usize =
+        fuzz.counted.iter().filter(|((_, what), _)| *what == "failed").map(|(_, count)| count).sum();
+    assert!(failed > cases / 2, "{failed} of {cases} failed");
+    fuzz.viewer.close();
+}
+
+/// What becomes of a damaged file.
+#[derive(Clone, Debug, PartialEq)]
+enum Outcome {
+    /// There is no plan, for this reason.
+    Failed(String),
+    /// The plan is the same.
+    Same,
+    /// It is another.
+    Other,
+}
+
+struct Fuzz {
+    viewer: Viewer,
+    dice: Dice,
+    begun: Instant,
+    /// Whether files build is found out here.
+    beside: Beside,
+    /// The files that each is drawn from, by their names in the folder.
+    files: Vec<(Who, Vec<String>)>,
+    /// What A and the window show.
+    shown: [Vec<[f32; 3]>; 2],
+    counted: BTreeMap<(Damage, &'static str), usize>,
+}
+
+impl Fuzz {
+    fn begin() -> Fuzz {
+        let begun = Instant::now();
+        let options = common::options(Validation::Synchronization);
+        let mut viewer = Viewer::new(&options, ("demo", 400), "pipelines/splat.ron", SIZE);
+        viewer.shell.panels.hidden = true;
+        viewer.settle();
+        let shown = [viewer.picture(Who::A).rgb, viewer.window().rgb];
+        let mut beside = Beside::new(&viewer);
+        let files = [Who::A, Who::Window].map(|who| (who, beside.files(who))).into();
+        Fuzz { viewer, dice: Dice::new(1), begun, beside, files, shown, counted: BTreeMap::new() }
+    }
+
+    fn case(&mut self, number: usize) {
+        let watched = number.is_multiple_of(WATCHED);
+        // The window's graph has nobody to tell it: it is for the watcher.
+        let (who, files) = self.files[usize::from(watched && number.is_multiple_of(2 * WATCHED))].clone();
+        let (name, damage, bytes, expected) = loop {
+            let name = self.dice.of(&files);
+            let shipped = self.viewer.shipped[name].as_bytes();
+            let damage = self.dice.weighted(&DAMAGES);
+            let bytes = damaged(shipped, damage, &mut self.dice);
+            if bytes == shipped {
+                continue;
+            }
+            match self.beside.outcome(who, name, &bytes, shipped) {
+                Outcome::Other => self.count(damage, "left out: it gives another plan"),
+                outcome => break (name.clone(), damage, bytes, outcome),
+            }
+        };
+        let case = format!("case {number}: {damage:?} {name}");
+        self.count(damage, if expected == Outcome::Same { "harmless" } else { "failed" });
+        self.viewer.events.clear();
+        self.viewer.write(&name, &bytes);
+        if let (false, Some(side)) = (watched, self.viewer.shell.studio.side(who)) {
+            side.renderer.want(Cause::Graph, Instant::now());
+        }
+        match &expected {
+            Outcome::Failed(text) => {
+                let text = text.replace(&self.beside.folder(), &self.viewer.folder().to_string_lossy());
+                assert!(has_place(&text), "{case}: it has no place\n{text}");
+                self.viewer.until(&format!("{case}\n{text}"), |viewer| {
+                    let failure = renderer(viewer, who).failure().map(|failure| failure.text(false));
+                    failure.is_some_and(|failure| failure == text)
+                });
+                let swapped = self.viewer.events.iter().any(|event| matches!(event, Event::Swapped { .. }));
+                assert!(!swapped, "{case}: {:#?}", self.viewer.events);
+                assert!(self.viewer.picture(Who::A).rgb == self.shown[0], "{case}: another picture");
+            }
+            _ => self.until_swapped(who, &case),
+        }
+        self.viewer.events.clear();
+        self.viewer.write(&name, &self.viewer.shipped[&name]);
+        self.until_swapped(who, &format!("the mending of {case}"));
+        assert!(renderer(&self.viewer, who).failure().is_none(), "{case}");
+        assert!(self.viewer.picture(Who::A).rgb == self.shown[0], "{case}: another picture after it");
+        if who == Who::Window {
+            assert!(self.viewer.window().rgb == self.shown[1], "{case}: another window after it");
+        }
+        assert_eq!(self.viewer.undrawn_windows, 0, "{case}");
+    }
+
+    fn count(&mut self, damage: Damage, what: &'static str) {
+        *self.counted.entry((damage, what)).or_default() += 1;
+    }
+
+    /// Draws until there is a new plan, and none to come.
+    fn until_swapped(&mut self, who: Who, what: &str) {
+        self.viewer.until(what, |viewer| {
+            let swapped = |event: &Event| matches!(event, Event::Swapped { who: of, .. } if *of == who);
+            viewer.events.iter().any(swapped) && !renderer(viewer, who).busy()
+        });
+    }
+}
+
+fn renderer(viewer: &Viewer, who: Who) -> &Renderer<Vulkan> {
+    match who {
+        Who::Window => viewer.shell.window(),
+        _ => &viewer.shell.studio.a.renderer,
+    }
+}
+
+/// Whether an error says where: `--> file:line:column`.
+fn has_place(text: &str) -> bool {
+    text.lines().any(|line| {
+        let place =
+            line.trim_start().strip_prefix("--> ").map(|place| place.rsplitn(3, ':').collect::<Vec<_>>());
+        place.is_some_and(|place| match place.as_slice() {
+            [column, line, file] => {
+                column.parse::<u32>().is_ok() && line.parse::<u32>().is_ok() && !file.is_empty()
+            }
+            _ => false,
+        })
+    })
+}
+
+fn damaged(shipped: &[u8], damage: Damage, dice: &mut Dice) -> Vec<u8> {
+    let mut bytes = shipped.to_vec();
+    let mut lines: Vec<&[u8]> = shipped.split_inclusive(|byte| *byte == b'\n').collect();
+    let line = dice.below(lines.len());
+    match damage {
+        Damage::Cut => bytes.truncate(dice.below(bytes.len())),
+        Damage::Emptied => bytes.clear(),
+        Damage::Flipped => {
+            for _ in 0..1 + dice.below(3) {
+                let at = dice.below(bytes.len());
+                bytes[at] ^= 1 << dice.below(8);
+            }
+        }
+        Damage::PutIn => {
+            let at = dice.below(bytes.len() + 1);
+            let count = 1 + dice.below(8);
+            let new: Vec<u8> =
+                (0..count).map(|_| *dice.of(b"(){}[],;:\"'#/*\\\n\0 aZ09_-+=<&|@$\x7f")).collect();
+            bytes.splice(at..at, new);
+        }
+        Damage::LineTwice => {
+            lines.insert(line, lines[line]);
+            bytes = lines.concat();
+        }
+        Damage::LineLost => {
+            lines.remove(line);
+            bytes = lines.concat();
+        }
+        Damage::NoText => {
+            let at = dice.below(bytes.len() + 1);
+            let new: &[u8] = dice.of::<&[u8]>(&[b"\xff", b"\xc0\x80", b"\xed\xa0\x80", b"\xf0\x9f"]);
+            bytes.splice(at..at, new.iter().copied());
+        }
+    }
+    bytes
+}
+
+/// Another copy of the files, where plans are built for no device.
+struct Beside {
+    folder: tempfile::TempDir,
+    planners: BTreeMap<&'static str, Building>,
+}
+
+/// What one of the graphs is built with.
+struct Building {
+    planner: Planner,
+    graph: String,
+    facts: Facts,
+    catalog: Catalog,
+    /// The plan of the files as they are shipped.
+    plan: Option<Plan>,
+}
+
+fn key(who: Who) -> &'static str {
+    if who == Who::Window { "window" } else { "scene" }
+}
+
+impl Beside {
+    fn new(viewer: &Viewer) -> Beside {
+        let folder = super::twin::copy_of_shipped_files();
+        let device = &viewer.shell.window().device().info().facts;
+        let scene = viewer.shell.studio.scene();
+        let mut window = Catalog::default();
+        paint::offer(&mut window);
+        let graphs = [
+            (Who::A, "pipelines/splat.ron", facts::catalog(scene)),
+            (Who::Window, "pipelines/view/window.ron", window),
+        ];
+        let planners = graphs.map(|(who, graph, catalog)| {
+            let size = renderer(viewer, who).size();
+            let building = Building {
+                planner: Planner::default(),
+                graph: folder.path().join(graph).to_string_lossy().into_owned(),
+                facts: facts::facts(&SceneFacts::of(scene), device, size),
+                catalog,
+                plan: None,
+            };
+            (key(who), building)
+        });
+        let mut planners = BTreeMap::from(planners);
+        for building in planners.values_mut() {
+            building.plan = Some(building.build().unwrap_or_else(|error| panic!("{error}")));
+        }
+        Beside { folder, planners }
+    }
+
+    fn folder(&self) -> String {
+        self.folder.path().to_string_lossy().into_owned()
+    }
+
+    fn building(&mut self, who: Who) -> &mut Building {
+        self.planners.get_mut(key(who)).expect("both are there")
+    }
+
+    /// The files of the folder that the graph is built from.
+    fn files(&mut self, who: Who) -> Vec<String> {
+        let folder = self.folder.path().canonicalize().expect("the folder is there");
+        let wanted = self.building(who).planner.wanted();
+        // Those that are not there were looked for in vain.
+        let there = wanted.iter().filter_map(|wanted| wanted.path.canonicalize().ok());
+        let files = there.filter(|path| path.is_file());
+        let name = |path: PathBuf| Some(path.strip_prefix(&folder).ok()?.to_string_lossy().into_owned());
+        let mut files: Vec<String> = files.filter_map(name).collect();
+        files.sort();
+        files.dedup();
+        assert!(files.len() > 5, "{files:?}");
+        files
+    }
+
+    /// What comes of a file that has these bytes.
+    fn outcome(&mut self, who: Who, name: &str, bytes: &[u8], shipped: &[u8]) -> Outcome {
+        let path = self.folder.path().join(name);
+        fs::write(&path, bytes).expect("the copy is written");
+        let building = self.building(who);
+        let outcome = match building.build() {
+            Err(text) => Outcome::Failed(text),
+            Ok(plan) if building.plan.as_ref() == Some(&plan) => Outcome::Same,
+            Ok(_) => Outcome::Other,
+        };
+        fs::write(&path, shipped).expect("the copy is written");
+        outcome
+    }
+}
+
+impl Building {
+    /// The plan without what no device sees, or what is wrong.
+    fn build(&mut self) -> Result<Plan, String> {
+        self.planner.forget_files();
+        let Building { planner, graph, facts, catalog, .. } = self;
+        let plan = planner.plan(graph, &[], facts, catalog);
+        let mut plan = plan.map_err(|errors| errors.text(false).trim_end().to_owned())?;
+        let nowhere = || Origin { file: String::new(), line: 0, column: 0 };
+        plan.summary.clear();
+        plan.left_out.clear();
+        for param in &mut plan.params {
+            param.label.clear();
+            param.help.clear();
+        }
+        let params = plan.params.iter_mut().map(|param| &mut param.origin);
+        let resources = plan.resources.iter_mut().map(|resource| &mut resource.origin);
+        let passes = plan.passes.iter_mut().map(|pass| &mut pass.origin);
+        for origin in params.chain(resources).chain(passes) {
+            *origin = nowhere();
+        }
+        Ok(plan)
+    }
+}

@@ -1,0 +1,55 @@
+//! Keys, and windows of odd sizes, as the whole viewer takes them.
+
+use super::whole::Viewer;
+use crate::common;
+use egui::{Event as Input, Key, Modifiers};
+use splatgraph_vulkan::Validation;
+
+fn viewer(size: (u32, u32)) -> Viewer {
+    let mut viewer = Viewer::new(
+        &common::options(Validation::Synchronization),
+        ("demo", 500),
+        "pipelines/splat.ron",
+        size,
+    );
+    viewer.settle();
+    viewer
+}
+
+fn press(viewer: &mut Viewer, key: Key) {
+    for pressed in [true, false] {
+        let modifiers = Modifiers::NONE;
+        viewer.plan_input(vec![Input::Key { key, physical_key: None, pressed, repeat: false, modifiers }]);
+        viewer.frame();
+    }
+    // Focus moves at the end of a frame.
+    viewer.frame();
+}
+
+#[test]
+fn the_key_that_hides_the_panels_gives_no_control_the_focus() {
+    let mut viewer = viewer((320, 180));
+    for hidden in [true, false, true, false] {
+        press(&mut viewer, Key::H);
+        assert_eq!(viewer.shell.panels.hidden, hidden);
+        assert!(!viewer.shell.context().egui_wants_keyboard_input());
+    }
+    press(&mut viewer, Key::F1);
+    assert!(viewer.shell.panels.help, "the keys are the viewer's");
+    viewer.close();
+}
+
+#[test]
+fn a_mistake_is_shown_in_windows_of_whatever_size() {
+    let mut viewer = viewer((320, 180));
+    viewer.write("pipelines/splat.ron", "Graph(");
+    viewer.until("the mistake", |viewer| viewer.shell.studio.a.renderer.failure().is_some());
+    for size in [(0, 0), (1, 1), (5, 180), (320, 3), (320, 180)] {
+        viewer.size = size;
+        for _ in 0..3 {
+            viewer.frame();
+        }
+    }
+    assert_eq!(viewer.undrawn_windows, 0);
+    viewer.close();
+}

@@ -1,0 +1,12 @@
+//! The viewer: what a person does with it, done by scripts.
+
+mod dice;
+mod fuzz;
+mod keys;
+mod live;
+mod program;
+mod screen;
+mod soak;
+mod twin;
+mod whole;
+mod window;

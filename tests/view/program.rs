@@ -1,0 +1,293 @@
+//! The real program with a window, followed by the events that it writes.
+
+use super::screen::{PATIENCE, Pixels, Screen, Window, comes};
+use super::twin::copy_of_shipped_files;
+use serde_json::Value;
+use splatgraph_assets::{Camera, synth};
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus};
+use std::time::{Duration, Instant};
+
+/// A rectangle of the window: left, top, right, bottom, in pixels.
+pub type Rect = [i32; 4];
+
+/// `splatgraph view` on a screen of its own, with graphs, shaders and a scene of its own, until it is dropped.
+pub struct Program {
+    process: Child,
+    pub window: Window,
+    /// All events so far.
+    events: Vec<Value>,
+    /// Bytes of the file that they came from.
+    read: usize,
+    folder: tempfile::TempDir,
+    // After the process: it is stopped last.
+    _screen: Screen,
+}
+
+impl Program {
+    /// Starts it, and waits until it shows what it was asked for.
+    pub fn start(splats: u32, args: &[&str]) -> Program {
+        let mut program = Program::launch(splats, args, |_| {});
+        assert!(program.window.appears(), "no window came {}", program.account());
+        program.window.focus();
+        program.settle();
+        program
+    }
+
+    /// Starts it, once its folder is arranged.
+    pub fn launch(splats: u32, args: &[&str], arrange: impl FnOnce(&Path)) -> Program {
+        let screen = Screen::start(1280, 800);
+        let folder = copy_of_shipped_files();
+        let at = |name: &str| folder.path().join(name);
+        let scene = synth::generate("demo", splats, 0).expect("the demo scene is generated");
+        scene.write_ply(at("scene.ply")).expect("the scene is written");
+        let demo = synth::generators().iter().find(|generator| generator.name == "demo");
+        let cameras = demo.map(|demo| (demo.cameras)()).expect("it has cameras");
+        Camera::save(&cameras, at("scene.cameras.json")).expect("cameras are written");
+        arrange(folder.path());
+        let errors = File::create(at("errors.txt")).expect("a file");
+        let window = Window::on(&screen);
+        let process = Command::new(env!("CARGO_BIN_EXE_splatgraph"))
+            .args(["view", "scene.ply", "--events", "events.jsonl", "--device", "llvmpipe", "--validate"])
+            .args(args)
+            .current_dir(folder.path())
+            .env("DISPLAY", screen.display())
+            .env_remove("WAYLAND_DISPLAY")
+            .env_remove("WAYLAND_SOCKET")
+            .env("WINIT_X11_SCALE_FACTOR", "1")
+            .stderr(errors)
+            .spawn()
+            .expect("the program starts");
+        Program { process, window, events: Vec::new(), read: 0, folder, _screen: screen }
+    }
+
+    /// A file of its folder.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Changes a text in a file, which must be there; gives what the file was.
+    pub fn edit(&self, name: &str, from: &str, to: &str) -> String {
+        let text = fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert!(text.contains(from), "{name} has no `{from}`");
+        self.write(name, &text.replacen(from, to, 1));
+        text
+    }
+
+    pub fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).unwrap_or_else(|error| panic!("{name}: {error}"));
+    }
+
+    /// Reads the events that are new, and says how many there are now.
+    pub fn now(&mut self) -> usize {
+        let all = fs::read(self.path("events.jsonl")).unwrap_or_default();
+        let new = &all[self.read..];
+        // The last line may not be whole yet.
+        let whole = new.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+        for line in new[..whole].split(|byte| *byte == b'\n').filter(|line| !line.is_empty()) {
+            let event = serde_json::from_slice(line);
+            self.events
+                .push(event.unwrap_or_else(|error| {
+                    panic!("{error} in the event {}", String::from_utf8_lossy(line))
+                }));
+        }
+        self.read += whole;
+        self.events.len()
+    }
+
+    /// What is known, for whom it may concern why the test fails.
+    fn account(&self) -> String {
+        let errors = fs::read_to_string(self.path("errors.txt")).unwrap_or_default();
+        let kind = |event: &Value| event["event"].as_str().unwrap_or_default().to_owned();
+        let frames = self.events.iter().filter(|event| kind(event) == "frame").count();
+        let told = self.events.iter().filter(|event| !kind(event).starts_with("control"));
+        let told: Vec<String> = told.filter(|event| kind(event) != "frame").map(Value::to_string).collect();
+        format!("after {frames} frames\nevents:\n{}\nstderr:\n{errors}", told.join("\n"))
+    }
+
+    /// Waits for an event after the first `since`, and gives it.
+    pub fn until(&mut self, since: usize, what: &str, is_it: impl Fn(&Value) -> bool) -> Value {
+        let begun = Instant::now();
+        let mut next = since;
+        loop {
+            let end = self.now();
+            if let Some(event) = self.events[next..end].iter().find(|event| is_it(event)) {
+                return event.clone();
+            }
+            next = end;
+            let ended = self.process.try_wait().expect("the program can be asked").is_some();
+            if ended || begun.elapsed() > PATIENCE {
+                let why = if ended { "the program ended" } else { "in vain" };
+                panic!("{why}, waiting for {what} {}", self.account());
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// Waits until the frames after these are on their way to the screen: what was done before has acted on the second of them.
+    pub fn frames(&mut self, count: usize) {
+        let since = self.now();
+        let first = self.until(since, "a frame", |event| event["event"] == "frame");
+        let last = first["number"].as_u64().unwrap_or(0) + count as u64 - 1;
+        self.until(since, "frames", |event| event["number"].as_u64().is_some_and(|number| number >= last));
+    }
+
+    /// Waits until nothing is being built, and that is on the screen.
+    pub fn settle(&mut self) {
+        self.act();
+        let since = self.now();
+        self.until(since, "the end of building", |event| event["busy"] == false);
+        self.act();
+    }
+
+    /// The next plan of a side.
+    pub fn swapped(&mut self, since: usize, who: &str, cause: &str) -> Value {
+        let event = self.until(since, &format!("a plan of {who} because of {cause}"), |event| {
+            event["event"] == "swapped" && event["who"] == who && event["cause"] == cause
+        });
+        assert!(event["latency_ms"].as_f64().is_some_and(|ms| ms > 0.0), "{event}");
+        event
+    }
+
+    /// Where a control stands now, if it is there.
+    pub fn find(&mut self, name: &str) -> Option<Rect> {
+        self.now();
+        let last = self.events.iter().rev().find(|event| event["name"] == name)?;
+        let side = |side: &str| last[side].as_f64().map(|v| v as i32);
+        Some([side("left")?, side("top")?, side("right")?, side("bottom")?])
+    }
+
+    /// Where a control stands, which must be within the window.
+    pub fn control(&mut self, name: &str) -> Rect {
+        self.until(0, &format!("the control {name}"), |event| event["name"] == name);
+        let found = self.find(name).unwrap_or_else(|| panic!("{name} is gone {}", self.account()));
+        let (width, height) = self.window.size();
+        let [left, top, right, bottom] = found;
+        let inside = left >= 0 && top >= 0 && right <= width as i32 && bottom <= height as i32;
+        assert!(inside, "{name} stands at {found:?}, outside the window");
+        found
+    }
+
+    /// Lets the program see what was done.
+    pub fn act(&mut self) {
+        // The first of these frames may have begun before.
+        self.frames(2);
+    }
+
+    /// Moves the pointer.
+    pub fn point(&mut self, place: [i32; 2]) {
+        self.window.point(place);
+        self.act();
+    }
+
+    /// Clicks a control.
+    pub fn click(&mut self, name: &str) {
+        let place = middle(self.control(name));
+        self.window.point(place);
+        self.window.press(1);
+        self.window.release(1);
+        self.act();
+    }
+
+    /// Presses a button at the first place, goes to the others, and releases it at the last.
+    pub fn drag(&mut self, button: u8, places: &[[i32; 2]]) {
+        let (first, others) = places.split_first().expect("there is a first place");
+        self.window.point(*first);
+        self.window.press(button);
+        self.act();
+        for place in others {
+            self.point(*place);
+        }
+        self.window.release(button);
+        self.act();
+    }
+
+    /// Turns the wheel by a notch: towards the screen, or towards the person.
+    pub fn wheel(&mut self, away: bool) {
+        let button = if away { 4 } else { 5 };
+        self.window.press(button);
+        self.window.release(button);
+        self.act();
+    }
+
+    /// Presses keys, one after another.
+    pub fn keys(&mut self, keysyms: &[u32]) {
+        for keysym in keysyms {
+            self.window.key(*keysym);
+        }
+        self.act();
+    }
+
+    /// What the view shows.
+    pub fn view(&mut self) -> Pixels {
+        let view = self.control("view");
+        self.window.pixels(view)
+    }
+
+    /// Waits until the view shows something.
+    pub fn view_until(&mut self, what: &str, is_it: impl Fn(&Pixels) -> bool) -> Pixels {
+        let mut shown = self.view();
+        // Where the view stands may still change, too.
+        let come = is_it(&shown)
+            || comes(|| {
+                shown = self.view();
+                is_it(&shown)
+            });
+        if !come {
+            self.now();
+            panic!("the view never shows {what} {}", self.account());
+        }
+        shown
+    }
+
+    /// Waits until the view shows exactly this.
+    pub fn view_is(&mut self, what: &str, expected: &Pixels) {
+        self.view_until(what, |shown| shown == expected);
+    }
+
+    /// Waits until the view shows something else than this, and gives it once it stays.
+    pub fn view_is_not(&mut self, what: &str, former: &Pixels) -> Pixels {
+        self.view_until(what, |shown| shown.differs(former) > 0.01);
+        self.still()
+    }
+
+    /// What the view shows, once it stays as it is.
+    pub fn still(&mut self) -> Pixels {
+        let begun = Instant::now();
+        let mut before = self.view();
+        loop {
+            self.act();
+            let shown = self.view();
+            if shown == before {
+                return shown;
+            }
+            before = shown;
+            assert!(begun.elapsed() < PATIENCE, "the view never stands still {}", self.account());
+        }
+    }
+
+    /// Waits for the program's end, and gives it with what it said on its standard error.
+    pub fn end(mut self) -> (ExitStatus, String) {
+        let mut ended = None;
+        comes(|| {
+            ended = self.process.try_wait().expect("the program can be asked");
+            ended.is_some()
+        });
+        self.now();
+        let status = ended.unwrap_or_else(|| panic!("the program goes on {}", self.account()));
+        (status, fs::read_to_string(self.path("errors.txt")).expect("it can be read"))
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// The middle of a rectangle.
+pub fn middle([left, top, right, bottom]: Rect) -> [i32; 2] {
+    [(left + right) / 2, (top + bottom) / 2]
+}

@@ -1,0 +1,244 @@
+//! A screen for the real program: an X server without a display (Xvfb), and a person's hands on it, by the XTEST extension.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use x11rb::connection::Connection;
+use x11rb::errors::ReplyError;
+use x11rb::protocol::xproto::*;
+use x11rb::protocol::xtest::ConnectionExt as _;
+use x11rb::rust_connection::RustConnection;
+use x11rb::wrapper::ConnectionExt as _;
+
+/// Nothing takes so long, on whatever machine.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
+/// How long to wait between two looks at something that tells nothing by itself. Looking costs time that the program needs.
+const LOOK: Duration = Duration::from_millis(25);
+
+/// Waits for something that tells nothing by itself; whether it came.
+pub fn comes(mut is_there: impl FnMut() -> bool) -> bool {
+    let begun = Instant::now();
+    while !is_there() {
+        if begun.elapsed() > PATIENCE {
+            return false;
+        }
+        std::thread::sleep(LOOK);
+    }
+    true
+}
+
+/// An X server of the test's own, until it is dropped.
+pub struct Screen {
+    process: Child,
+    display: String,
+}
+
+impl Screen {
+    pub fn start(width: u32, height: u32) -> Screen {
+        // It looks for a display number that is free, and writes it to its standard output.
+        let mut process = Command::new("Xvfb")
+            .args(["-displayfd", "1", "-nolisten", "tcp", "-noreset"])
+            .args(["-screen", "0", &format!("{width}x{height}x24")])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap_or_else(|why| {
+                panic!("this test needs the X server Xvfb (Debian and Ubuntu: package `xvfb`): {why}")
+            });
+        let output = process.stdout.take().expect("the output is a pipe");
+        // From here on it is stopped also if something panics.
+        let mut screen = Screen { process, display: String::new() };
+        let mut number = String::new();
+        let read = BufReader::new(output).read_line(&mut number);
+        assert!(read.is_ok() && !number.trim().is_empty(), "Xvfb ended before it had a display");
+        screen.display = format!(":{}", number.trim());
+        screen
+    }
+
+    /// As in the variable DISPLAY.
+    pub fn display(&self) -> &str {
+        &self.display
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// Pixels of a part of a window, row 0 at the top.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Pixels {
+    pub width: usize,
+    pub height: usize,
+    /// Red, green and blue.
+    pub rgb: Vec<[u8; 3]>,
+}
+
+impl Pixels {
+    pub fn at(&self, x: usize, y: usize) -> [u8; 3] {
+        self.rgb[y * self.width + x]
+    }
+
+    /// The share of pixels that are not the same in both; all of them if the sizes are not.
+    pub fn differs(&self, other: &Pixels) -> f64 {
+        if (self.width, self.height) != (other.width, other.height) {
+            return 1.0;
+        }
+        let different = self.rgb.iter().zip(&other.rgb).filter(|(a, b)| a != b).count();
+        different as f64 / self.rgb.len().max(1) as f64
+    }
+}
+
+/// A window of another program, and the keyboard and the pointer that act on it.
+pub struct Window {
+    connection: RustConnection,
+    root: u32,
+    id: u32,
+    /// The keycode of each keysym that a key has without modifiers.
+    keys: Vec<(u32, u8)>,
+}
+
+impl Window {
+    /// A window that is yet to come.
+    pub fn on(screen: &Screen) -> Window {
+        let (connection, number) =
+            RustConnection::connect(Some(screen.display())).expect("the server answers");
+        let root = connection.setup().roots[number].root;
+        let (least, most) = (connection.setup().min_keycode, connection.setup().max_keycode);
+        let map = connection.get_keyboard_mapping(least, most - least + 1);
+        let map = map.expect("asked").reply().expect("answered");
+        let codes = map.keysyms.chunks(map.keysyms_per_keycode.into());
+        let keys = codes.zip(least..=most).map(|(syms, code)| (syms[0], code)).collect();
+        Window { connection, root, id: 0, keys }
+    }
+
+    /// Waits for it: the one on the screen that can be asked to close. Whether it came.
+    pub fn appears(&mut self) -> bool {
+        let polite = self.atom("WM_PROTOCOLS");
+        let look = || -> Result<Option<u32>, ReplyError> {
+            let ask = &self.connection;
+            for child in ask.query_tree(self.root)?.reply()?.children {
+                let viewable = ask.get_window_attributes(child)?.reply()?.map_state == MapState::VIEWABLE;
+                let property = ask.get_property(false, child, polite, AtomEnum::ANY, 0, 1)?.reply()?;
+                if viewable && property.value_len > 0 {
+                    return Ok(Some(child));
+                }
+            }
+            Ok(None)
+        };
+        let mut found = None;
+        comes(|| {
+            // A window that goes away while it is asked is none.
+            found = look().unwrap_or(None);
+            found.is_some()
+        });
+        self.id = found.unwrap_or(self.id);
+        found.is_some()
+    }
+
+    fn atom(&self, name: &str) -> u32 {
+        let asked = self.connection.intern_atom(false, name.as_bytes()).expect("asked");
+        asked.reply().expect("answered").atom
+    }
+
+    fn sync(&self) {
+        self.connection.sync().expect("the server answers");
+    }
+
+    /// Gives it the keyboard, which a window manager would do.
+    pub fn focus(&self) {
+        let sent = self.connection.set_input_focus(InputFocus::PARENT, self.id, x11rb::CURRENT_TIME);
+        sent.expect("sent").check().expect("the window takes the keyboard");
+    }
+
+    /// Width and height.
+    pub fn size(&self) -> (u32, u32) {
+        let size = self.connection.get_geometry(self.id).expect("asked").reply().expect("answered");
+        (size.width.into(), size.height.into())
+    }
+
+    /// When this returns, the window has its new size.
+    pub fn resize(&self, width: u32, height: u32) {
+        let size = ConfigureWindowAux::new().width(width).height(height);
+        let sent = self.connection.configure_window(self.id, &size).expect("sent");
+        sent.check().expect("the window is resized");
+    }
+
+    /// Takes it from the screen.
+    pub fn unmap(&self) {
+        self.connection.unmap_window(self.id).expect("sent").check().expect("the window goes");
+    }
+
+    /// Puts it back.
+    pub fn map(&self) {
+        self.connection.map_window(self.id).expect("sent").check().expect("the window comes back");
+    }
+
+    /// Tells it that it is an icon, or is none, as a window manager does.
+    pub fn set_minimised(&self, minimised: bool) {
+        let (state, hidden) = (self.atom("_NET_WM_STATE"), self.atom("_NET_WM_STATE_HIDDEN"));
+        let states: &[u32] = if minimised { &[hidden] } else { &[] };
+        let sent =
+            self.connection.change_property32(PropMode::REPLACE, self.id, state, AtomEnum::ATOM, states);
+        sent.expect("sent").check().expect("the property is set");
+    }
+
+    /// What a window manager sends when the person closes a window.
+    pub fn ask_to_close(&self) {
+        let (protocols, delete) = (self.atom("WM_PROTOCOLS"), self.atom("WM_DELETE_WINDOW"));
+        let event = ClientMessageEvent::new(32, self.id, protocols, [delete, x11rb::CURRENT_TIME, 0, 0, 0]);
+        let sent = self.connection.send_event(false, self.id, EventMask::NO_EVENT, event);
+        sent.expect("sent").check().expect("the message is sent");
+    }
+
+    /// What the server says that a rectangle of the window shows: left, top, right, bottom.
+    pub fn pixels(&self, [left, top, right, bottom]: [i32; 4]) -> Pixels {
+        let (width, height) = ((right - left) as usize, (bottom - top) as usize);
+        let (x, y) = (left as i16, top as i16);
+        let format = ImageFormat::Z_PIXMAP;
+        let image = self.connection.get_image(format, self.id, x, y, width as u16, height as u16, u32::MAX);
+        let image = image.expect("asked").reply().expect("answered");
+        // 32 bits per pixel at depth 24, as every server of today has it.
+        let rgb: Vec<[u8; 3]> = match self.connection.setup().image_byte_order {
+            ImageOrder::LSB_FIRST => image.data.chunks_exact(4).map(|p| [p[2], p[1], p[0]]).collect(),
+            _ => image.data.chunks_exact(4).map(|p| [p[1], p[2], p[3]]).collect(),
+        };
+        assert_eq!(rgb.len(), width * height);
+        Pixels { width, height, rgb }
+    }
+
+    fn fake(&self, kind: u8, detail: u8, [x, y]: [i32; 2]) {
+        let sent = self.connection.xtest_fake_input(kind, detail, 0, self.root, x as i16, y as i16, 0);
+        sent.expect("sent").check().expect("the server has the extension XTEST");
+        self.sync();
+    }
+
+    /// Moves the pointer to a place in the window.
+    pub fn point(&self, [x, y]: [i32; 2]) {
+        let origin = self.connection.translate_coordinates(self.id, self.root, 0, 0);
+        let origin = origin.expect("asked").reply().expect("answered");
+        let place = [x + i32::from(origin.dst_x), y + i32::from(origin.dst_y)];
+        self.fake(MOTION_NOTIFY_EVENT, 0, place);
+    }
+
+    /// Presses a button of the pointer: 1 left, 2 middle, 3 right, 4 and 5 a notch of the wheel up and down.
+    pub fn press(&self, button: u8) {
+        self.fake(BUTTON_PRESS_EVENT, button, [0, 0]);
+    }
+
+    pub fn release(&self, button: u8) {
+        self.fake(BUTTON_RELEASE_EVENT, button, [0, 0]);
+    }
+
+    /// Presses a key, by its X11 keysym, and releases it.
+    pub fn key(&self, keysym: u32) {
+        let code = self.keys.iter().find(|(sym, _)| *sym == keysym).map(|(_, code)| *code);
+        let code = code.unwrap_or_else(|| panic!("the keyboard has no key {keysym:#x}"));
+        self.fake(KEY_PRESS_EVENT, code, [0, 0]);
+        self.fake(KEY_RELEASE_EVENT, code, [0, 0]);
+    }
+}

@@ -1,0 +1,172 @@
+//! The viewer without its window, as a script drives it: files are edited, parameters changed, and pictures read back.
+
+use crate::common;
+use splatgraph::image::Image;
+use splatgraph::session::image_of;
+use splatgraph::view::events::{Event, Who};
+use splatgraph::view::studio::Studio;
+use splatgraph_assets::synth;
+use splatgraph_vulkan::Vulkan;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Nothing takes so long, on whatever machine.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The pictures' size.
+pub const SIZE: (u32, u32) = (96, 54);
+
+/// A studio over graphs and shaders of its own, which can be edited.
+pub struct Twin {
+    /// Draws.
+    pub studio: Studio<Vulkan>,
+    /// What happened so far.
+    pub events: Vec<Event>,
+    /// Of the view, in pixels.
+    pub size: (u32, u32),
+    folder: tempfile::TempDir,
+}
+
+impl Twin {
+    /// A generated scene of `splats` splats, drawn with `graph` of a copy of all shipped files.
+    pub fn new(graph: &str, splats: u32, set: &[(&str, &str)]) -> Twin {
+        let folder = copy_of_shipped_files();
+        let scene = synth::generate("demo", splats, 0).expect("the demo scene is generated");
+        let path = folder.path().join("scene.ply");
+        scene.write_ply(&path).expect("the scene is written");
+        let graph = folder.path().join(format!("pipelines/{graph}.ron"));
+        let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
+        let graph = graph.to_string_lossy();
+        let mut studio = Studio::new(common::device(), (scene, path), &graph, &set, Arc::new(|| {}))
+            .unwrap_or_else(|error| panic!("the studio opens: {error}"));
+        studio.navigation.set_animated(false);
+        Twin { studio, events: Vec::new(), size: SIZE, folder }
+    }
+
+    /// The same, once its first frame is drawn.
+    pub fn drawing(graph: &str, splats: u32, set: &[(&str, &str)]) -> Twin {
+        let mut twin = Twin::new(graph, splats, set);
+        twin.until("the first plan", |event| matches!(event, Event::Swapped { who: Who::A, .. }));
+        twin
+    }
+
+    /// A file of the copy.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub fn write(&self, name: &str, text: impl AsRef<[u8]>) {
+        fs::write(self.path(name), text).unwrap_or_else(|error| panic!("{name}: {error}"));
+    }
+
+    /// Changes a text in a file, which must be there.
+    pub fn edit(&self, name: &str, from: &str, to: &str) {
+        let text = self.read(name);
+        assert!(text.contains(from), "{name} has no `{from}`");
+        self.write(name, text.replacen(from, to, 1));
+    }
+
+    /// Draws a frame, and collects what happened.
+    pub fn frame(&mut self) {
+        self.studio.frame(self.size).unwrap_or_else(|error| panic!("a frame is drawn: {error}"));
+        self.events.extend(self.studio.take_events());
+        common::assert_silent(self.studio.a.renderer.device_mut(), "a frame");
+    }
+
+    /// Draws frames.
+    pub fn frames(&mut self, count: usize) {
+        for _ in 0..count {
+            self.frame();
+        }
+    }
+
+    /// Draws frames until something happens, and gives it.
+    pub fn until(&mut self, what: &str, is_it: impl Fn(&Event) -> bool) -> Event {
+        let begun = Instant::now();
+        let mut seen = self.events.len();
+        loop {
+            self.frame();
+            for event in &self.events[seen..] {
+                if is_it(event) {
+                    return event.clone();
+                }
+            }
+            seen = self.events.len();
+            assert!(begun.elapsed() < PATIENCE, "waiting for {what}; so far: {:#?}", self.events);
+        }
+    }
+
+    /// Draws frames until nothing is being built.
+    pub fn settle(&mut self) {
+        let begun = Instant::now();
+        self.frame();
+        while self.studio.busy() {
+            self.frame();
+            assert!(begun.elapsed() < PATIENCE, "waiting for the end of it; so far: {:#?}", self.events);
+        }
+        self.frame();
+    }
+
+    /// The next plan of A.
+    pub fn next_plan(&mut self) -> Event {
+        self.until("a new plan of A", |event| matches!(event, Event::Swapped { who: Who::A, .. }))
+    }
+
+    /// The next mistake.
+    pub fn next_failure(&mut self) -> String {
+        match self.until("a mistake", |event| matches!(event, Event::Failed { .. })) {
+            Event::Failed { text, .. } => text,
+            other => unreachable!("{other:?}"),
+        }
+    }
+
+    /// What the next frame shows.
+    pub fn picture(&mut self, who: Who) -> Image {
+        self.studio.side(who).expect("there is such a side").want_picture();
+        self.frame();
+        self.studio.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let pixels =
+            self.studio.side(who).and_then(|side| side.take_picture()).expect("the picture is there");
+        image_of(&pixels).expect("it has colours")
+    }
+
+    /// Passes of A's frame.
+    pub fn passes(&self) -> usize {
+        self.studio.a.renderer.plan().map_or(0, |plan| plan.frame.len())
+    }
+
+    /// Frames of A that were drawn and are done.
+    pub fn drawn(&mut self) -> u64 {
+        self.studio.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        self.studio.a.history.frames()
+    }
+
+    /// Closes it; the validation layers must have had nothing to say.
+    pub fn close(mut self) {
+        self.studio.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let messages = self.studio.into_device().close();
+        assert!(messages.is_empty(), "{}", messages.join("\n"));
+    }
+}
+
+/// Whether a picture shows anything.
+pub fn shows_something(image: &Image) -> bool {
+    image.rgb.iter().any(|pixel| pixel.iter().any(|v| *v > 0.1))
+}
+
+/// A folder with `pipelines/` and `shaders/` as they are shipped.
+pub fn copy_of_shipped_files() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, text) in splatgraph::builtin::FILES {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).expect("folders are made");
+        fs::write(path, text).expect("files are written");
+    }
+    folder
+}

@@ -1,0 +1,221 @@
+//! The whole viewer without its window: pictures, panels and the window's own graph, driven by events as a window system sends
+//! them.
+
+use super::twin::copy_of_shipped_files;
+use crate::common;
+use egui::{Event as Input, Pos2, RawInput, Rect, Vec2, ViewportId, ViewportInfo};
+use splatgraph::image::Image;
+use splatgraph::session::image_of;
+use splatgraph::view::events::{Event, Who};
+use splatgraph::view::paint::Mode;
+use splatgraph::view::shell::{Ask, Frame, Shell};
+use splatgraph::view::studio::Studio;
+use splatgraph_api::Device;
+use splatgraph_assets::{Scene, synth};
+use splatgraph_vulkan::{Options, Vulkan};
+use std::collections::{BTreeMap, VecDeque};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Nothing takes so long, on whatever machine.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// Few pixels for many points: the panels have the room that they have on a display, and a frame costs little.
+pub const PIXELS_PER_POINT: f32 = 0.4;
+
+/// A viewer over graphs and shaders of its own, which can be edited.
+pub struct Viewer {
+    pub shell: Shell<Vulkan>,
+    /// What happened so far and was not taken yet.
+    pub events: Vec<Event>,
+    /// Of the window, in pixels.
+    pub size: (u32, u32),
+    /// Calls of [`Viewer::frame`] so far.
+    pub calls: u64,
+    /// Frames that had to be drawn so far: one of A for each call once it has a plan, one of B if it is shown and has one.
+    pub due: u64,
+    /// Frames of the window that had to be drawn, and were not.
+    pub undrawn_windows: u64,
+    /// Input of the frames to come.
+    input: VecDeque<Vec<Input>>,
+    /// The files as they are shipped.
+    pub shipped: BTreeMap<String, String>,
+    /// Where the scene is seen from at first.
+    folder: tempfile::TempDir,
+}
+
+impl Viewer {
+    /// Draws `scene` (generator and number of splats) with `graph`, and the window with its own, of a copy of all shipped
+    /// files.
+    pub fn new(options: &Options, scene: (&str, u32), graph: &str, size: (u32, u32)) -> Viewer {
+        let folder = copy_of_shipped_files();
+        let path = folder.path().join("scene.ply");
+        let scene = synth::generate(scene.0, scene.1, 0).expect("the scene is generated");
+        scene.write_ply(&path).expect("the scene is written");
+        // As the file has it, whose numbers are rounded: so it is the same when it is opened again.
+        let scene = Scene::load(&path, &|_, _| {}).expect("the scene is loaded");
+        let graph = folder.path().join(graph);
+        let window = folder.path().join("pipelines/view/window.ron");
+        let canvas = Vulkan::open(options).unwrap_or_else(|error| panic!("the tests need lavapipe: {error}"));
+        let device = canvas.beside().expect("a second executor");
+        let wake = || Arc::new(|| {});
+        let mut studio = Studio::new(device, (scene, path), &graph.to_string_lossy(), &[], wake())
+            .unwrap_or_else(|error| panic!("the studio opens: {error}"));
+        studio.navigation.set_animated(false);
+        let shell = Shell::with_graph(studio, canvas, &window.to_string_lossy(), wake())
+            .unwrap_or_else(|error| panic!("the shell opens: {error}"));
+        let shipped =
+            splatgraph::builtin::FILES.iter().map(|(name, text)| (name.to_string(), text.to_string()));
+        Viewer {
+            shell,
+            events: Vec::new(),
+            size,
+            calls: 0,
+            due: 0,
+            undrawn_windows: 0,
+            input: VecDeque::new(),
+            shipped: shipped.collect(),
+            folder,
+        }
+    }
+
+    /// A file of the copy.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// The folder of the copy.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    pub fn write(&self, name: &str, text: impl AsRef<[u8]>) {
+        fs::write(self.path(name), text).unwrap_or_else(|error| panic!("{name}: {error}"));
+    }
+
+    /// Has a frame to come get this input; those that were planned before come first.
+    pub fn plan_input(&mut self, input: Vec<Input>) {
+        self.input.push_back(input);
+    }
+
+    /// Whether all input that was planned has come.
+    pub fn is_idle(&self) -> bool {
+        self.input.is_empty()
+    }
+
+    /// Draws a frame, and collects what happened.
+    pub fn frame(&mut self) {
+        self.draw(false);
+    }
+
+    fn draw(&mut self, read: bool) -> Frame {
+        let (width, height) = self.size;
+        let points = Vec2::new(width as f32, height as f32) / PIXELS_PER_POINT;
+        let viewport =
+            ViewportInfo { native_pixels_per_point: Some(PIXELS_PER_POINT), ..ViewportInfo::default() };
+        let input = RawInput {
+            viewports: [(ViewportId::ROOT, viewport)].into_iter().collect(),
+            screen_rect: Some(Rect::from_min_size(Pos2::ZERO, points)),
+            // Frames come as they do on a display: what takes time (a drag, a fade) takes the same number of them everywhere.
+            time: Some(self.calls as f64 / 60.0),
+            events: self.input.pop_front().unwrap_or_default(),
+            focused: true,
+            ..RawInput::default()
+        };
+        self.calls += 1;
+        let window = self.shell.window().plan().is_some();
+        let ask = Ask { size: self.size, pixels_per_point: PIXELS_PER_POINT, present: false, read };
+        let frame = self.shell.frame(input, ask).unwrap_or_else(|error| panic!("a frame is drawn: {error}"));
+        self.undrawn_windows += u64::from(window && !frame.drawn);
+        let studio = &self.shell.studio;
+        let shown_b = studio.b.as_ref().filter(|_| studio.compare != Mode::A);
+        let sides = [Some(&studio.a), shown_b];
+        self.due += sides.into_iter().flatten().filter(|side| side.renderer.plan().is_some()).count() as u64;
+        self.events.extend(self.shell.take_events());
+        common::assert_silent(self.shell.canvas_mut(), "a frame");
+        frame
+    }
+
+    /// Frames of A and B that were drawn and are done.
+    pub fn drawn(&mut self) -> u64 {
+        self.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let studio = &self.shell.studio;
+        [Some(&studio.a), studio.b.as_ref()].into_iter().flatten().map(|side| side.history.frames()).sum()
+    }
+
+    /// Draws frames until `is_so`. Between them it rests a little, so that other threads get on.
+    pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut Viewer) -> bool) {
+        let begun = Instant::now();
+        loop {
+            self.frame();
+            if is_so(self) {
+                return;
+            }
+            assert!(begun.elapsed() < PATIENCE, "waiting for {what}; so far: {:#?}", self.events);
+            std::thread::sleep(Duration::from_millis(12));
+        }
+    }
+
+    /// Draws frames until nothing is being built and the pictures have the size that the window asks for.
+    pub fn settle(&mut self) {
+        // The first frame asks for what the second is to show.
+        self.frame();
+        self.until("the end of all building", |viewer| !viewer.busy());
+    }
+
+    fn busy(&self) -> bool {
+        let Viewer { shell, .. } = self;
+        shell.studio.busy() || shell.window().busy() || shell.window().size() != self.size
+    }
+
+    /// Has all that is shown drawn from the files as they are shipped now, but for a number in the graphs' summaries, which tells
+    /// when that is so: whatever was changed in the files before, it was built after that.
+    pub fn restore(&mut self, number: u64) {
+        let marked = ["pipelines/splat.ron", "pipelines/view/window.ron"];
+        for (name, text) in &self.shipped {
+            if !marked.contains(&name.as_str()) {
+                self.write(name, text);
+            }
+        }
+        for name in marked {
+            let summary = "summary: \"";
+            let text = self.shipped[name].replacen(summary, &format!("{summary}{number}. "), 1);
+            self.write(name, text);
+        }
+        let mark = format!("{number}. ");
+        self.until("the files as they are shipped", |viewer| {
+            let shell = &viewer.shell;
+            let b = shell.studio.b.as_ref().filter(|_| shell.studio.compare != Mode::A);
+            let all = [Some(&shell.studio.a.renderer), b.map(|b| &b.renderer), Some(shell.window())];
+            all.into_iter().flatten().all(|renderer| {
+                renderer.failure().is_none()
+                    && renderer.plan().is_some_and(|plan| plan.summary.starts_with(&mark))
+            })
+        });
+        self.settle();
+    }
+
+    /// What the next frame of a side shows.
+    pub fn picture(&mut self, who: Who) -> Image {
+        self.shell.studio.side(who).expect("there is such a side").want_picture();
+        self.frame();
+        self.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let pixels = self.shell.studio.side(who).and_then(|side| side.take_picture());
+        image_of(&pixels.expect("the picture is there")).expect("it has colours")
+    }
+
+    /// What the window shows in the next frame.
+    pub fn window(&mut self) -> Image {
+        let pixels = self.draw(true).picture.expect("the window's picture is there");
+        image_of(&pixels).expect("it has colours")
+    }
+
+    /// Closes it; the validation layers must have had nothing to say.
+    pub fn close(mut self) {
+        self.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let messages = self.shell.into_device().close();
+        assert!(messages.is_empty(), "{}", messages.join("\n"));
+    }
+}

@@ -1,0 +1,310 @@
+//! The real window, as a person uses it: a pointer and a keyboard act on it, and what counts is what the display shows.
+
+use super::program::{Program, middle};
+use super::screen::{Pixels, comes};
+use splatgraph::image::Image;
+use std::thread::sleep;
+use std::time::Duration;
+
+/// Keys, by their X11 keysyms.
+const ESCAPE: u32 = 0xff1b;
+const RETURN: u32 = 0xff0d;
+const HOME: u32 = 0xff50;
+const F12: u32 = 0xffc9;
+
+#[test]
+fn a_person_uses_the_window() {
+    let mut program = Program::start(
+        3_000,
+        &["--pipeline", "pipelines/splat.ron", "--size", "900x720", "--scale", "0.25", "--show", "settings"],
+    );
+    let first = program.still();
+    assert!(first.rgb.iter().any(|pixel| pixel.iter().any(|v| *v > 50)), "the view is empty");
+    parameters(&mut program, &first);
+    presets(&mut program, &first);
+    camera(&mut program, &first);
+    files(&mut program, &first);
+    mistakes(&mut program, &first);
+    comparisons(&mut program, &first);
+    screen(&mut program, &first);
+
+    program.window.ask_to_close();
+    let (status, errors) = program.end();
+    assert!(status.success() && errors.trim() == "validation: no messages", "{status}\n{errors}");
+}
+
+#[test]
+fn a_window_that_cannot_be_drawn_says_why_and_ends() {
+    let program = Program::launch(100, &[], |folder| {
+        std::fs::write(folder.join("pipelines/view/window.ron"), "Graph(").expect("a file");
+    });
+    let (status, errors) = program.end();
+    assert_eq!(status.code(), Some(1), "{errors}");
+    assert!(errors.starts_with("error: the window's own graph cannot be drawn\n"), "{errors}");
+    assert!(errors.contains("pipelines/view/window.ron:1:6"), "{errors}");
+}
+
+/// Each control of a parameter has a plan built, and the keys are the camera's afterwards.
+fn parameters(program: &mut Program, first: &Pixels) {
+    let passes = |event: &serde_json::Value| event["passes"].as_u64().expect("it has passes");
+    let since = program.now();
+    let started =
+        program.until(0, "the first plan", |event| event["who"] == "a" && event["event"] == "swapped");
+    // From 8 bits to about 4.
+    let rail = program.control("param:digit_bits");
+    let ([left, _, right, _], [_, y]) = (rail, middle(rail));
+    let at = |share: f32| [left + ((right - left) as f32 * share) as i32, y];
+    program.drag(1, &[at(0.7), at(0.5), at(0.3)]);
+    program.settle();
+    let narrow = program.swapped(since, "a", "digit_bits");
+    assert!(passes(&narrow) > passes(&started), "{narrow}");
+    // A scene is sorted the same whatever the digits.
+    program.view_is("the same picture with other digits", first);
+
+    let since = program.now();
+    program.click("param:sort");
+    program.swapped(since, "a", "sort");
+    let unsorted = program.view_is_not("splats in the order of the file", first);
+    let since = program.now();
+    program.click("param:sort");
+    program.swapped(since, "a", "sort");
+    program.view_is("the sorted picture again", first);
+
+    assert_eq!(program.find("param:sorter=subgroup"), None, "the choice is not open");
+    let since = program.now();
+    program.click("param:sorter");
+    program.click("param:sorter=subgroup");
+    program.swapped(since, "a", "sorter");
+    program.view_is("the same order by another sorter", first);
+
+    program.click("reset_all");
+    program.settle();
+    program.view_is("the same picture with defaults", first);
+    assert!(unsorted != *first);
+}
+
+/// The list of graphs: there and back again.
+fn presets(program: &mut Program, first: &Pixels) {
+    let since = program.now();
+    program.click("preset:unsorted");
+    let swapped = program.swapped(since, "a", "another graph");
+    assert_eq!(swapped["graph"], "unsorted");
+    program.view_is_not("the unsorted picture", first);
+    let since = program.now();
+    program.click("preset:pipelines/splat.ron");
+    let swapped = program.swapped(since, "a", "another graph");
+    assert_eq!(swapped["graph"], "pipelines/splat.ron");
+    program.view_is("the graph of the file again", first);
+}
+
+/// Pointer and keys over the view move the camera, and elsewhere they do not.
+fn camera(program: &mut Program, first: &Pixels) {
+    let view = program.control("view");
+    let [x, y] = middle(view);
+    program.drag(1, &[[x, y], [x + 40, y + 10], [x + 80, y + 20]]);
+    let orbited = program.view_is_not("the scene from another side", first);
+
+    // A drag that began in the view goes on over a panel.
+    let panel = middle(program.control("param:sorter"));
+    program.point([view[0] + 20, y]);
+    program.window.press(1);
+    program.act();
+    program.point(panel);
+    let there = program.view_is_not("what a drag onto a panel shows", &orbited);
+    program.point([panel[0], panel[1] + 80]);
+    program.view_is_not("what a drag over a panel shows", &there);
+    program.window.release(1);
+    program.act();
+
+    // The wheel zooms where the view is, and scrolls where a panel is.
+    let before = program.still();
+    program.point([x, y]);
+    program.wheel(true);
+    let near = program.view_is_not("the scene from nearer", &before);
+    program.point(panel);
+    let place = program.control("param:sorter");
+    program.wheel(false);
+    assert!(program.still() == near, "the wheel over a panel moves the camera");
+    let scrolled = program.find("param:sorter");
+    assert_ne!(scrolled, Some(place), "the wheel over a panel does not scroll it");
+    let since = program.now();
+    program.wheel(true);
+    program.until(since, "the panel as it was", |event| {
+        event["name"] == "param:sorter" && event["top"].as_f64() == Some(place[1].into())
+    });
+
+    // Keys are the camera's after a control was used, and not while a number is being written.
+    program.click("scale");
+    program.keys(&['0', '.', '5', 'f'].map(u32::from));
+    assert!(program.still() == near, "writing in a field moves the camera");
+    program.keys(&[ESCAPE]);
+    let since = program.now();
+    program.click("scale");
+    program.keys(&['0', '.', '5'].map(u32::from));
+    program.keys(&[RETURN]);
+    program.swapped(since, "a", "another size");
+    let since = program.now();
+    program.click("scale");
+    program.keys(&['0', '.', '2', '5'].map(u32::from));
+    program.keys(&[RETURN]);
+    program.swapped(since, "a", "another size");
+    program.view_is("the scale of before", &near);
+    program.keys(&['f'.into()]);
+    program.view_is_not("the whole scene", &near);
+    program.keys(&[HOME]);
+    program.view_is("the first view", first);
+
+    // A press in the view takes the keyboard from a field.
+    program.click("scale");
+    program.drag(3, &[[x, y], [x + 30, y]]);
+    program.view_is_not("what a turned head sees", first);
+    program.keys(&[HOME]);
+    program.view_is("the first view", first);
+}
+
+/// Files that are edited are shown.
+fn files(program: &mut Program, first: &Pixels) {
+    let since = program.now();
+    let graph = program.edit(
+        "pipelines/splat.ron",
+        "\"budget\": Live(Float(default: 1.0",
+        "\"budget\": Live(Float(default: 0.3",
+    );
+    program.swapped(since, "a", "splat.ron");
+    program.view_is_not("fewer splats", first);
+    let since = program.now();
+    program.write("pipelines/splat.ron", &graph);
+    program.swapped(since, "a", "splat.ron");
+    program.view_is("all splats", first);
+
+    let since = program.now();
+    let blue = "alpha, alpha);\n    blended.rg = vec2(0.0);";
+    let shader = program.edit("shaders/splat.frag", "alpha, alpha);", blue);
+    program.swapped(since, "a", "splat.frag");
+    program.view_until("blue alone", |shown| {
+        shown.rgb.iter().all(|[r, g, _]| *r == 0 && *g == 0) && shown.rgb.iter().any(|[_, _, b]| *b > 50)
+    });
+    let since = program.now();
+    program.write("shaders/splat.frag", &shader);
+    program.swapped(since, "a", "splat.frag");
+    program.view_is("all colours", first);
+}
+
+/// A mistake is told over the last good picture, until it is mended.
+fn mistakes(program: &mut Program, first: &Pixels) {
+    assert_eq!(program.find("mistakes"), None);
+    let since = program.now();
+    let shader =
+        program.edit("shaders/project.comp", "void main() {", "void main() {\n    int i = undeclared;");
+    let failed = program.until(since, "the failure", |event| event["event"] == "failed");
+    assert!(failed["text"].as_str().is_some_and(|text| text.contains("undeclared")), "{failed}");
+    program.frames(3);
+    let [left, top, right, bottom] = program.control("mistakes");
+    let view = program.control("view");
+    let [x, y] = [view[0], view[1]];
+    // Text on a reddish dark ground...
+    let shown = program.view();
+    let part: Vec<_> = (top - y + 2..bottom - y - 2)
+        .flat_map(|row| (left - x + 2..right - x - 2).map(move |column| (column as usize, row as usize)))
+        .map(|(column, row)| shown.at(column, row))
+        .collect();
+    let reddish = part.iter().filter(|[r, g, b]| *r < 100 && r > g && r > b).count();
+    let bright = part.iter().filter(|pixel| pixel.iter().any(|v| *v > 150)).count();
+    assert!(2 * reddish > part.len() && bright > 0, "{reddish} and {bright} of {} pixels", part.len());
+    // ...and the picture where there is none.
+    let above = |pixels: &Pixels| pixels.rgb[..(top - y - 8) as usize * pixels.width].to_vec();
+    assert!(above(&shown) == above(first), "the picture does not stay");
+
+    let since = program.now();
+    program.write("shaders/project.comp", &shader);
+    program.until(since, "the mending", |event| event["event"] == "mended");
+    program.until(since, "the end of the message", |event| {
+        event["event"] == "control_gone" && event["name"] == "mistakes"
+    });
+    program.view_is("the picture alone", first);
+}
+
+/// Two graphs beside each other, and their difference.
+fn comparisons(program: &mut Program, first: &Pixels) {
+    let since = program.now();
+    program.click("compare:split");
+    program.swapped(since, "b", "start");
+    program.settle();
+    let view = program.control("view");
+    let width = view[2] - view[0];
+    // The line is a black pixel and a white one.
+    let stands_at = |shown: &Pixels, x: i32| {
+        let row = shown.height - 20;
+        shown.at(x as usize - 1, row) == [0; 3] && shown.at(x as usize, row) == [255; 3]
+    };
+    program.view_until("a line in the middle", |shown| stands_at(shown, (width + 1) / 2));
+    let [x, y] = middle(view);
+    program.drag(1, &[[x, y], [x - 50, y], [x - 100, y]]);
+    let moved =
+        program.view_until("the line where it was dragged", |shown| stands_at(shown, x - 100 - view[0]));
+    assert!(moved.differs(first) < 0.05, "the camera moved with the line");
+
+    program.click("compare:difference");
+    program.view_until("no difference", |shown| shown.rgb.iter().all(|pixel| *pixel == [0; 3]));
+    program.click("compare:off");
+    program.view_is("A alone", first);
+}
+
+/// What the window system does with windows; and a picture of it all.
+fn screen(program: &mut Program, first: &Pixels) {
+    program.window.unmap();
+    program.act();
+    program.window.map();
+    program.window.focus();
+    program.view_is("the same after it was away", first);
+
+    // No frame is drawn for an icon: at last there is none for a while.
+    program.window.set_minimised(true);
+    let rests = comes(|| {
+        let before = program.now();
+        sleep(Duration::from_millis(500));
+        program.now() == before
+    });
+    assert!(rests, "an icon is drawn");
+    program.window.set_minimised(false);
+    program.act();
+
+    let since = program.now();
+    program.window.resize(760, 560);
+    program.until(since, "the new size", |event| {
+        event["event"] == "window" && event["width"] == 760 && event["height"] == 560
+    });
+    program.swapped(since, "a", "another size");
+    program.settle();
+    let view = program.control("view");
+    assert!(view[2] == 760 && view[3] < 560 && view[3] > 480, "{view:?}");
+    let shown = program.still();
+    assert!(shows_the_same_in_another_size(&shown, first));
+
+    let whole = program.window.pixels([0, 0, 760, 560]);
+    let since = program.now();
+    program.keys(&[F12]);
+    let saved = program.until(since, "the screenshot", |event| event["event"] == "screenshot");
+    let path = program.path(saved["path"].as_str().expect("a path"));
+    let image = Image::load(&path).expect("a picture");
+    assert_eq!((image.width, image.height), (760, 560));
+    for (index, (saved, shown)) in image.rgb.iter().zip(&whole.rgb).enumerate() {
+        let close =
+            saved.iter().zip(shown).all(|(saved, shown)| (saved * 255.0 - f32::from(*shown)).abs() <= 1.0);
+        assert!(close, "pixel {index} is saved as {saved:?} and shown as {shown:?}");
+    }
+}
+
+/// Whether two pictures of different sizes may be of the same scene: their colours are alike on average.
+fn shows_the_same_in_another_size(a: &Pixels, b: &Pixels) -> bool {
+    let mean = |pixels: &Pixels| {
+        let mut sum = [0u64; 3];
+        for pixel in &pixels.rgb {
+            for (sum, v) in sum.iter_mut().zip(pixel) {
+                *sum += u64::from(*v);
+            }
+        }
+        sum.map(|sum| sum as f64 / pixels.rgb.len() as f64)
+    };
+    mean(a).iter().zip(mean(b)).all(|(a, b)| (a - b).abs() < 25.0)
+}

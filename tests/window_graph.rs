@@ -1,0 +1,369 @@
+//! The viewer's window, drawn without one: pictures made by hand and interfaces made by egui, held against what has to come out.
+
+use egui::{Align2, Color32, FontId, Rect, TextureOptions, pos2, vec2};
+use half::f16;
+use splatgraph::facts::{self, SceneFacts};
+use splatgraph::planner::Planner;
+use splatgraph::view::paint::{self, Composition, Mode, Painted, Painter, Shown};
+use splatgraph_api::{Device, FrameInputs, Given, SceneData};
+use splatgraph_framework::build::Catalog;
+use splatgraph_framework::plan::Format;
+use splatgraph_vulkan::Vulkan;
+use std::sync::Arc;
+
+use crate::common;
+
+/// The window reads nothing of a scene.
+struct NoScene;
+
+impl SceneData for NoScene {
+    fn write(&self, attribute: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
+        Err(attribute.to_owned())
+    }
+
+    fn identity(&self) -> u64 {
+        0
+    }
+}
+
+/// Draws windows of one size.
+struct Window {
+    device: Vulkan,
+    size: [u32; 2],
+}
+
+/// What was drawn.
+struct Drawn {
+    width: usize,
+    pixels: Vec<[u8; 4]>,
+}
+
+impl Drawn {
+    fn at(&self, x: usize, y: usize) -> [u8; 3] {
+        let [r, g, b, a] = self.pixels[y * self.width + x];
+        assert_eq!(a, 255, "the window is opaque at ({x}, {y})");
+        [r, g, b]
+    }
+
+    fn row(&self, y: usize) -> Vec<[u8; 3]> {
+        (0..self.width).map(|x| self.at(x, y)).collect()
+    }
+}
+
+impl Window {
+    fn open(size: [u32; 2]) -> Window {
+        let mut device = common::device();
+        let mut catalog = Catalog::default();
+        paint::offer(&mut catalog);
+        let facts = facts::facts(&SceneFacts::NOMINAL, &device.info().facts, size.into());
+        let plan = Planner::default().plan(paint::GRAPH, &[], &facts, &catalog);
+        let plan = plan.unwrap_or_else(|errors| panic!("{errors}"));
+        device.load(plan, &NoScene, &mut |_| {}).expect("loads");
+        Window { device, size }
+    }
+
+    fn draw(&mut self, composition: &Composition, interface: &Painted) -> Drawn {
+        let mut inputs = FrameInputs { read_output: true, ..FrameInputs::default() };
+        composition.give(&mut inputs);
+        interface.give(&mut inputs.buffers);
+        let frame = self.device.submit(&inputs).expect("submitted");
+        let pixels = self.device.wait(frame).expect("drawn").output.expect("asked for");
+        assert_eq!((pixels.format, [pixels.width, pixels.height]), (Format::Rgba8Unorm, self.size));
+        let texels = pixels.bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]);
+        Drawn { width: pixels.width as usize, pixels: texels.collect() }
+    }
+
+    /// Draws pictures alone.
+    fn compose(&mut self, composition: &Composition) -> Drawn {
+        self.draw(composition, &Painter::default().paint(Default::default(), &[], 1.0))
+    }
+
+    fn close(mut self) {
+        common::assert_silent(&mut self.device, paint::GRAPH);
+        let messages = self.device.close();
+        assert!(messages.is_empty(), "closing the device\n{}", messages.join("\n"));
+    }
+}
+
+const BACKGROUND: [u8; 3] = [51, 102, 153];
+
+fn composition(
+    window: [u32; 2],
+    view: [u32; 4],
+    mode: Mode,
+    a: Option<Shown>,
+    b: Option<Shown>,
+) -> Composition {
+    let background = BACKGROUND.map(|v| f32::from(v) / 255.0);
+    Composition { window, view, a, b, mode, split: 0.5, amplification: 1.0, background }
+}
+
+/// A picture of which each pixel is what the function makes of its column and row.
+fn picture(format: Format, [width, height]: [u32; 2], pixel: impl Fn(u32, u32) -> [f32; 3]) -> Option<Shown> {
+    let mut bytes = Vec::new();
+    for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+        let [r, g, b] = pixel(x, y);
+        // What alpha is makes no difference.
+        let rgba = [r, g, b, 0.25];
+        match format {
+            Format::Rgba8Unorm => bytes.extend(rgba.map(|v| (v * 255.0).round() as u8)),
+            Format::Rgba16Float => rgba.iter().for_each(|v| bytes.extend(f16::from_f32(*v).to_le_bytes())),
+            Format::Rgba32Float => rgba.iter().for_each(|v| bytes.extend(v.to_le_bytes())),
+            Format::R32Float => bytes.extend(r.to_le_bytes()),
+            Format::R32Uint => bytes.extend([0; 4]),
+        }
+    }
+    Some(Shown { format, width, height, pixels: Given::Bytes(Arc::new(bytes)) })
+}
+
+fn flat(format: Format, size: [u32; 2], colour: [u8; 3]) -> Option<Shown> {
+    picture(format, size, |_, _| colour.map(|v| f32::from(v) / 255.0))
+}
+
+#[test]
+fn pictures_of_every_format_stand_in_the_view_pixel_by_pixel() {
+    let mut window = Window::open([12, 7]);
+    let view = [3, 2, 5, 4];
+    let colour = |x: u32, y: u32| [40 * x as u8 + 10, 60 * y as u8, 200];
+    let wild = |x, y| match (x, y) {
+        (1, 1) => [-3.0, 7.5, 0.5],
+        _ => colour(x, y).map(|v| f32::from(v) / 255.0),
+    };
+    for format in [Format::Rgba8Unorm, Format::Rgba16Float, Format::Rgba32Float, Format::R32Float] {
+        let grey = format == Format::R32Float;
+        let drawn = window.compose(&composition([12, 7], view, Mode::A, picture(format, [5, 4], wild), None));
+        for (x, y) in (0..7u32).flat_map(|y| (0..12u32).map(move |x| (x, y))) {
+            let inside = (3..8).contains(&x) && (2..6).contains(&y);
+            let (u, v) = (x.wrapping_sub(3), y.wrapping_sub(2));
+            let expected = match (u, v) {
+                _ if !inside => BACKGROUND,
+                // A picture in 8 bits could not hold these; floats are clamped.
+                (1, 1) if grey => [0; 3],
+                (1, 1) => [0, 255, 128],
+                _ if grey => [colour(u, v)[0]; 3],
+                _ => colour(u, v),
+            };
+            assert_eq!(drawn.at(x as usize, y as usize), expected, "{format:?} at ({x}, {y})");
+        }
+    }
+    let none = window.compose(&composition([12, 7], view, Mode::A, None, None));
+    assert_eq!(none.at(5, 4), BACKGROUND);
+    let words =
+        window.compose(&composition([12, 7], view, Mode::A, flat(Format::R32Uint, [5, 4], [9; 3]), None));
+    assert_eq!(words.at(5, 4), BACKGROUND, "not colours");
+    window.close();
+}
+
+#[test]
+fn a_is_left_of_the_line_and_b_right_of_it() {
+    let mut window = Window::open([20, 3]);
+    let (red, green) = ([255, 0, 0], [0, 255, 0]);
+    let a = flat(Format::Rgba16Float, [16, 3], red);
+    let b = flat(Format::Rgba32Float, [16, 3], green);
+    for (split, line) in [(0.5f32, 10usize), (0.25, 6), (0.0, 2), (1.0, 18)] {
+        let both = composition([20, 3], [2, 0, 16, 3], Mode::Split, a.clone(), b.clone());
+        let row = window.compose(&Composition { split, ..both }).row(1);
+        for (x, found) in row.into_iter().enumerate() {
+            let expected = match x {
+                _ if !(2..18).contains(&x) => BACKGROUND,
+                _ if x + 1 == line => [0; 3],
+                _ if x == line => [255; 3],
+                _ if x < line => red,
+                _ => green,
+            };
+            assert_eq!(found, expected, "{split} at {x}");
+        }
+    }
+    window.close();
+}
+
+#[test]
+fn a_difference_is_black_where_pictures_agree_and_amplified_where_not() {
+    let size = [4, 4];
+    let mut window = Window::open(size);
+    let a = [100, 20, 250];
+    let mut difference = |b: [u8; 3], formats: [Format; 2], amplification| {
+        let (a, b) = (flat(formats[0], size, a), flat(formats[1], size, b));
+        let both = composition(size, [0, 0, 4, 4], Mode::Difference, a, b);
+        window.compose(&Composition { amplification, ..both }).at(2, 2)
+    };
+    let (bytes, floats) = (Format::Rgba8Unorm, Format::Rgba32Float);
+    for formats in [[bytes, bytes], [floats, floats]] {
+        assert_eq!(difference(a, formats, 1e3), [0; 3]);
+    }
+    assert_eq!(difference([101, 19, 250], [bytes, bytes], 64.0), [64, 64, 0]);
+    assert_eq!(difference([101, 19, 250], [floats, bytes], 64.0), [64, 64, 0]);
+    assert_eq!(difference([0, 25, 250], [bytes, bytes], 2.0), [200, 10, 0]);
+    assert_eq!(difference([0, 25, 250], [bytes, bytes], 1e3), [255, 255, 0]);
+    window.close();
+}
+
+#[test]
+fn a_picture_of_another_size_is_scaled_to_the_views_height_about_its_middle() {
+    let mut window = Window::open([8, 4]);
+    let view = [0, 0, 8, 4];
+    let halves = |x, width| if 2 * x < width { [0.0; 3] } else { [1.0; 3] };
+    let same_shape = picture(Format::Rgba8Unorm, [4, 2], |x, _| halves(x, 4));
+    let row = window.compose(&composition([8, 4], view, Mode::A, same_shape, None)).row(2);
+    assert_eq!(row.map_first(), [0, 0, 0, 64, 191, 255, 255, 255]);
+    // As wide as high: at the sides there is nothing of it.
+    let narrow = picture(Format::Rgba32Float, [20, 20], |x, _| halves(x, 20));
+    let row = window.compose(&composition([8, 4], view, Mode::A, narrow, None)).row(1);
+    assert_eq!([row[1], row[6]], [BACKGROUND; 2]);
+    assert_eq!([row[2], row[3], row[4], row[5]], [[0; 3], [0; 3], [255; 3], [255; 3]]);
+    // Wider than the view: cut off at the sides.
+    let wide =
+        picture(Format::Rgba16Float, [32, 8], |x, _| if (8..24).contains(&x) { [1.0; 3] } else { [0.0; 3] });
+    let row = window.compose(&composition([8, 4], view, Mode::A, wide, None)).row(1);
+    assert!(row.iter().all(|pixel| *pixel == [255; 3]), "{row:?}");
+    window.close();
+}
+
+trait Reds {
+    fn map_first(self) -> Vec<u8>;
+}
+
+impl Reds for Vec<[u8; 3]> {
+    fn map_first(self) -> Vec<u8> {
+        self.into_iter().map(|[red, ..]| red).collect()
+    }
+}
+
+/// What a pass of egui comes to, in a window of this size in pixels.
+fn interface(
+    painter: &mut Painter,
+    context: &egui::Context,
+    [width, height]: [u32; 2],
+    pixels_per_point: f32,
+    ui: impl FnMut(&mut egui::Ui),
+) -> Painted {
+    let size = vec2(width as f32, height as f32) / pixels_per_point;
+    let mut input =
+        egui::RawInput { screen_rect: Some(Rect::from_min_size(pos2(0.0, 0.0), size)), ..Default::default() };
+    input.viewports.entry(egui::ViewportId::ROOT).or_default().native_pixels_per_point =
+        Some(pixels_per_point);
+    let output = context.run_ui(input, ui);
+    assert_eq!(output.pixels_per_point, pixels_per_point);
+    let meshes = context.tessellate(output.shapes, pixels_per_point);
+    let painted = painter.paint(output.textures_delta, &meshes, pixels_per_point);
+    assert_eq!(painted.left_out, 0);
+    painted
+}
+
+#[test]
+fn egui_draws_its_colours_inside_its_clips_over_the_picture() {
+    let size = [120, 60];
+    let mut window = Window::open(size);
+    let under = composition(size, [0, 0, 120, 60], Mode::A, None, None);
+    let orange = Color32::from_rgb(250, 130, 10);
+    let glass = Color32::from_rgba_premultiplied(100, 0, 20, 128);
+    for scale in [1.0, 2.0] {
+        let (mut painter, context) = (Painter::default(), egui::Context::default());
+        let rect =
+            |x: f32, y: f32, w: f32, h: f32| Rect::from_min_size(pos2(x, y) / scale, vec2(w, h) / scale);
+        let painted = interface(&mut painter, &context, size, scale, |ui| {
+            ui.painter().rect_filled(rect(10.0, 10.0, 20.0, 30.0), 0.0, orange);
+            ui.painter().with_clip_rect(rect(50.0, 20.0, 10.0, 10.0)).rect_filled(
+                rect(40.0, 10.0, 30.0, 30.0),
+                0.0,
+                orange,
+            );
+            ui.painter().rect_filled(rect(80.0, 10.0, 20.0, 30.0), 0.0, glass);
+        });
+        let drawn = window.draw(&under, &painted);
+        let solid = |x, y| drawn.at(x, y) == [250, 130, 10];
+        for (x, y) in (0..60).flat_map(|y| (0..78).map(move |x| (x, y))) {
+            let inside = (10..30).contains(&x) && (10..40).contains(&y);
+            let clipped = (50..60).contains(&x) && (20..30).contains(&y);
+            // egui softens borders by up to a pixel; at a clip there is no such thing.
+            let border = (9..=30).contains(&x)
+                && (9..=40).contains(&y)
+                && !((11..29).contains(&x) && (11..39).contains(&y));
+            if !border {
+                assert_eq!(solid(x, y), inside || clipped, "{scale}: ({x}, {y}) is {:?}", drawn.at(x, y));
+                assert!(solid(x, y) || drawn.at(x, y) == BACKGROUND);
+            }
+        }
+        for (channel, (over, under)) in
+            drawn.at(90, 25).into_iter().zip([100, 0, 20].into_iter().zip(BACKGROUND)).enumerate()
+        {
+            let (over, under): (u8, (u8, u8)) = (over, under);
+            let expected = f32::from(under.0) + (1.0 - 128.0 / 255.0) * f32::from(under.1);
+            assert!((f32::from(over) - expected).abs() <= 1.0, "channel {channel}: {over}, not {expected}");
+        }
+    }
+    window.close();
+}
+
+#[test]
+fn text_has_ink_where_it_stands_and_nowhere_else() {
+    let size = [160, 50];
+    let mut window = Window::open(size);
+    let under = composition(size, [0, 0, 160, 50], Mode::A, None, None);
+    let (mut painter, context) = (Painter::default(), egui::Context::default());
+    let mut place = Rect::NOTHING;
+    let painted = interface(&mut painter, &context, size, 1.0, |ui| {
+        let font = FontId::proportional(18.0);
+        place = ui.painter().text(pos2(20.0, 12.0), Align2::LEFT_TOP, "Hamburgefonts", font, Color32::WHITE);
+    });
+    let drawn = window.draw(&under, &painted);
+    let (mut full, mut some) = (0, 0);
+    for (x, y) in (0..50).flat_map(|y| (0..160).map(move |x| (x, y))) {
+        let inside = place.expand(1.0).contains(pos2(x as f32 + 0.5, y as f32 + 0.5));
+        let pixel = drawn.at(x, y);
+        assert!(inside || pixel == BACKGROUND, "ink at ({x}, {y}), outside of {place}");
+        full += u32::from(pixel.iter().all(|v| *v > 240));
+        some += u32::from(pixel != BACKGROUND);
+    }
+    let area = place.area() as u32;
+    assert!(full > area / 40, "strokes are white: {full} of {area} pixels");
+    assert!(some > area / 5 && some < area * 2 / 3, "{some} of {area} pixels have ink");
+    window.close();
+}
+
+#[test]
+fn textures_are_drawn_with_the_filter_that_they_ask_for_and_follow_changes() {
+    let size = [64, 32];
+    let mut window = Window::open(size);
+    let under = composition(size, [0, 0, 64, 32], Mode::A, None, None);
+    let (mut painter, context) = (Painter::default(), egui::Context::default());
+    let four = |colours: [u8; 4]| egui::ColorImage::new([2, 2], colours.map(Color32::from_gray).to_vec());
+    let load = |name: &str, options| context.load_texture(name, four([0, 100, 200, 40]), options);
+    let (mut sharp, smooth) =
+        (load("sharp", TextureOptions::NEAREST), load("smooth", TextureOptions::LINEAR));
+    let show = |ui: &mut egui::Ui, texture: &egui::TextureHandle, x: f32| {
+        let (rect, uv) = (
+            Rect::from_min_size(pos2(x, 4.0), vec2(24.0, 24.0)),
+            Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0)),
+        );
+        ui.painter().image(texture.id(), rect, uv, Color32::WHITE);
+    };
+    let mut frame = |painter: &mut Painter, sharp: &egui::TextureHandle| {
+        let painted = interface(painter, &context, size, 1.0, |ui| {
+            show(ui, sharp, 4.0);
+            show(ui, &smooth, 36.0);
+        });
+        window.draw(&under, &painted)
+    };
+    let drawn = frame(&mut painter, &sharp);
+    let grey = |drawn: &Drawn, x, y| drawn.at(x, y)[0];
+    let corners = |drawn: &Drawn| {
+        [(5, 5), (15, 15), (16, 5), (27, 15), (4, 16), (15, 27), (16, 16), (27, 27)]
+            .map(|(x, y)| grey(drawn, x, y))
+    };
+    assert_eq!(corners(&drawn), [0, 0, 100, 100, 200, 200, 40, 40]);
+    // Between the texels' middles, 12 pixels apart, linear; beyond them, flat.
+    for x in 0..24u8 {
+        let part = ((f32::from(x) - 5.5) / 12.0).clamp(0.0, 1.0);
+        let found = grey(&drawn, 36 + x as usize, 6);
+        assert!((f32::from(found) - 100.0 * part).abs() <= 1.0, "column {x}: {found}");
+    }
+    sharp.set_partial(
+        [1, 0],
+        egui::ColorImage::new([1, 1], vec![Color32::from_gray(222)]),
+        TextureOptions::NEAREST,
+    );
+    let drawn = frame(&mut painter, &sharp);
+    assert_eq!(corners(&drawn), [0, 0, 222, 222, 200, 200, 40, 40]);
+    window.close();
+}
