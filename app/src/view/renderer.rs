@@ -7,25 +7,26 @@
 //!
 //! One plan is built at a time: whatever changes meanwhile is built after that, all at once.
 
+mod change;
+mod job;
+
 use super::profile::zone;
-use crate::facts::{self, SceneFacts};
-use crate::planner::{GraphErrors, Planner};
-use crate::session::Upload;
 use indexmap::IndexMap;
+use job::{Built, Job, builder};
 use splatgraph_api::{
-    BackendError, Device, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult, Inspect, Loader, Progress,
+    BackendError, Device, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult, Inspect, Loader,
 };
 use splatgraph_assets::Scene;
-use splatgraph_framework::build::{Catalog, Facts};
+use splatgraph_framework::build::Catalog;
 use splatgraph_framework::plan::{Param, ParamBinding, Plan, Value};
 use splatgraph_framework::reload::{
     Attempt, Change, LastGood, Rebuilder, Wanted, WatchError, WatchKind, Watcher,
 };
 use std::collections::VecDeque;
-use std::fmt;
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
+
+pub use change::{Cause, Failure, Happening, Swap};
 
 /// Called, from any thread, when there is something new to draw.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;
@@ -58,100 +59,6 @@ impl World {
     }
 }
 
-/// Why a plan is built.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Cause {
-    /// There was none.
-    Start,
-    /// These files changed.
-    Files(Vec<PathBuf>),
-    /// This constant parameter changed, or several.
-    Parameters(Vec<String>),
-    /// Another graph was chosen.
-    Graph,
-    /// The picture has another size.
-    Size,
-    /// Another scene was opened.
-    Scene,
-    /// Resources shall share memory, or shall not.
-    Memory,
-    /// The prologue shall run again, so that what it leaves can be looked at.
-    Prologue,
-}
-
-impl fmt::Display for Cause {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        match self {
-            Cause::Start => f.write_str("start"),
-            Cause::Files(files) => {
-                let names: Vec<_> =
-                    files.iter().map(|p| p.file_name().unwrap_or_default().to_string_lossy()).collect();
-                write!(f, "{}", names.join(", "))
-            }
-            Cause::Parameters(names) => write!(f, "{}", names.join(", ")),
-            Cause::Graph => f.write_str("another graph"),
-            Cause::Size => f.write_str("another size"),
-            Cause::Scene => f.write_str("another scene"),
-            Cause::Memory => f.write_str("memory sharing"),
-            Cause::Prologue => f.write_str("the prologue"),
-        }
-    }
-}
-
-/// Why there is no new plan.
-#[derive(Debug)]
-pub enum Failure {
-    /// The graph or its shaders have errors.
-    Graph(GraphErrors),
-    /// The device refused the plan.
-    Backend(BackendError),
-    /// A mistake of this program's own.
-    Panicked(String),
-}
-
-impl Failure {
-    /// As a terminal shows it, with ANSI colours where asked.
-    pub fn text(&self, colour: bool) -> String {
-        match self {
-            Failure::Graph(errors) => errors.text(colour).trim_end().to_owned(),
-            Failure::Backend(error) => format!("error: {error}"),
-            Failure::Panicked(message) => {
-                format!("error: the program made a mistake of its own while building the plan: {message}")
-            }
-        }
-    }
-}
-
-/// A plan that took the place of another, and how long that took.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Swap {
-    /// Of the new plan.
-    pub graph: String,
-    /// Why it was built.
-    pub cause: Cause,
-    /// Passes of its frame.
-    pub passes: usize,
-    /// From the files to the plan: reading, compiling, solving.
-    pub plan_ms: f64,
-    /// Making it ready on the device: memory, pipelines, uploads.
-    pub prepare_ms: f64,
-    /// From the change (of a file: as the system told of it) until the device had finished the first frame of the new plan.
-    pub latency_ms: f64,
-}
-
-/// What happened to a renderer.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Happening {
-    /// Frames are drawn by a new plan now.
-    Swapped(Swap),
-    /// There is no new plan; the one before goes on. The text is without colours.
-    Failed(String),
-    /// What had failed does no longer.
-    Mended,
-    /// The settings of these names are not for this graph, and were dropped.
-    Dropped(Vec<String>),
-}
-
 /// A frame that is done.
 pub struct Done {
     /// What came of it.
@@ -175,32 +82,6 @@ struct Flight {
 struct Pending {
     swap: Swap,
     asked: Instant,
-}
-
-/// What the building thread gets.
-struct Job<L> {
-    graph: String,
-    set: Vec<(String, String)>,
-    /// A setting that the graph does not know is an error; otherwise it is dropped.
-    strict: bool,
-    world: World,
-    device: Facts,
-    loader: L,
-    cause: Cause,
-    asked: Instant,
-    progress: Arc<Mutex<String>>,
-}
-
-/// What it gives.
-struct Built<R> {
-    outcome: Result<(Plan, R), Failure>,
-    wanted: Vec<Wanted>,
-    dropped: Vec<String>,
-    world: World,
-    cause: Cause,
-    asked: Instant,
-    plan_ms: f64,
-    prepare_ms: f64,
 }
 
 /// The next plan to build.
@@ -536,31 +417,6 @@ impl<D: Device> Renderer<D> {
     }
 }
 
-impl Cause {
-    /// Of two changes that are built together.
-    fn and(self, other: Cause) -> Cause {
-        match (self, other) {
-            (Cause::Parameters(a), Cause::Parameters(b)) => Cause::Parameters(joined(a, b)),
-            (Cause::Files(a), Cause::Files(b)) => Cause::Files(joined(a, b)),
-            (Cause::Start, _) => Cause::Start,
-            (Cause::Graph, _) | (_, Cause::Graph) => Cause::Graph,
-            // Files are what people wait for.
-            (Cause::Files(files), _) | (_, Cause::Files(files)) => Cause::Files(files),
-            (_, other) => other,
-        }
-    }
-}
-
-/// Both lists, without what is in the first already.
-fn joined<T: PartialEq>(mut a: Vec<T>, b: Vec<T>) -> Vec<T> {
-    for item in b {
-        if !a.contains(&item) {
-            a.push(item);
-        }
-    }
-    a
-}
-
 /// A setting's text as a value of the parameter's kind.
 fn value_of(param: &Param, text: &str) -> Option<Value> {
     match param.value {
@@ -571,68 +427,9 @@ fn value_of(param: &Param, text: &str) -> Option<Value> {
     }
 }
 
-/// What runs on the building thread: the compiled shaders are remembered there.
-fn builder<L: Loader>() -> impl FnMut(Job<L>) -> Built<L::Ready> {
-    let mut planner = Planner::default();
-    move |job| build(&mut planner, job)
-}
-
-fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
-    let Job { graph, mut set, strict, world, device, loader, cause, asked, progress } = job;
-    let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
-    zone!("build a plan");
-    let begun = Instant::now();
-    planner.forget_files();
-    planner.share_memory = world.share_memory;
-    let facts = facts::facts(&SceneFacts::of(&world.scene), &device, world.size);
-    let mut dropped = Vec::new();
-    if !strict && let Ok(declared) = planner.params(&graph, &facts, &world.catalog) {
-        let known = |name: &str| declared.iter().any(|param| param.name == name);
-        dropped.extend(set.iter().filter(|(name, _)| !known(name)).map(|(name, _)| name.clone()));
-        set.retain(|(name, _)| known(name));
-    }
-    let plan = planner.plan(&graph, &set, &facts, &world.catalog);
-    let plan_ms = milliseconds(begun);
-    let wanted = planner.wanted();
-    let begun = Instant::now();
-    let outcome = plan.map_err(Failure::Graph).and_then(|plan| {
-        let ready =
-            loader.prepare(plan.clone(), &Upload(&world.scene), &mut |step| tell(&progress, said(&step)));
-        tell(&progress, String::new());
-        Ok((plan, ready.map_err(Failure::Backend)?))
-    });
-    let prepare_ms = milliseconds(begun);
-    Built { outcome, wanted, dropped, world, cause, asked, plan_ms, prepare_ms }
-}
-
-fn tell(progress: &Mutex<String>, text: String) {
-    *progress.lock().unwrap_or_else(PoisonError::into_inner) = text;
-}
-
-fn said(progress: &Progress) -> String {
-    match progress {
-        Progress::Pipeline { done, of, shader } => format!("pipeline {} of {of}: {shader}", done + 1),
-        Progress::Upload { done_bytes, of_bytes } => {
-            format!("uploading the scene, {} of {} MiB", done_bytes >> 20, of_bytes >> 20)
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn changes_that_are_built_together_are_told_together_and_files_before_the_rest() {
-        let files = |names: &[&str]| Cause::Files(names.iter().map(PathBuf::from).collect());
-        let params = |names: &[&str]| Cause::Parameters(names.iter().map(|n| n.to_string()).collect());
-        assert_eq!(params(&["a"]).and(params(&["b", "a"])), params(&["a", "b"]));
-        assert_eq!(files(&["x"]).and(files(&["x", "y"])), files(&["x", "y"]));
-        assert_eq!(params(&["a"]).and(files(&["x"])), files(&["x"]));
-        assert_eq!(Cause::Size.and(params(&["a"])), params(&["a"]));
-        assert_eq!(Cause::Start.and(files(&["x"])), Cause::Start);
-        assert_eq!(files(&["x"]).and(Cause::Graph), Cause::Graph);
-    }
 
     #[test]
     fn a_settings_text_is_read_as_the_parameters_kind() {

@@ -1,0 +1,86 @@
+//! What the building thread does: from the files to a plan that the device can swap to.
+
+use super::change::{Cause, Failure};
+use super::{Wanted, World};
+use crate::facts::{self, SceneFacts};
+use crate::planner::Planner;
+use crate::session::Upload;
+use crate::view::profile::zone;
+use splatgraph_api::{Loader, Progress};
+use splatgraph_framework::build::Facts;
+use splatgraph_framework::plan::Plan;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+/// What the building thread gets.
+pub(super) struct Job<L> {
+    pub graph: String,
+    pub set: Vec<(String, String)>,
+    /// A setting that the graph does not know is an error; otherwise it is dropped.
+    pub strict: bool,
+    pub world: World,
+    pub device: Facts,
+    pub loader: L,
+    pub cause: Cause,
+    pub asked: Instant,
+    pub progress: Arc<Mutex<String>>,
+}
+
+/// What it gives.
+pub(super) struct Built<R> {
+    pub outcome: Result<(Plan, R), Failure>,
+    pub wanted: Vec<Wanted>,
+    pub dropped: Vec<String>,
+    pub world: World,
+    pub cause: Cause,
+    pub asked: Instant,
+    pub plan_ms: f64,
+    pub prepare_ms: f64,
+}
+
+/// What runs on the building thread: the compiled shaders are remembered there.
+pub(super) fn builder<L: Loader>() -> impl FnMut(Job<L>) -> Built<L::Ready> {
+    let mut planner = Planner::default();
+    move |job| build(&mut planner, job)
+}
+
+fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
+    let Job { graph, mut set, strict, world, device, loader, cause, asked, progress } = job;
+    let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
+    zone!("build a plan");
+    let begun = Instant::now();
+    planner.forget_files();
+    planner.share_memory = world.share_memory;
+    let facts = facts::facts(&SceneFacts::of(&world.scene), &device, world.size);
+    let mut dropped = Vec::new();
+    if !strict && let Ok(declared) = planner.params(&graph, &facts, &world.catalog) {
+        let known = |name: &str| declared.iter().any(|param| param.name == name);
+        dropped.extend(set.iter().filter(|(name, _)| !known(name)).map(|(name, _)| name.clone()));
+        set.retain(|(name, _)| known(name));
+    }
+    let plan = planner.plan(&graph, &set, &facts, &world.catalog);
+    let plan_ms = milliseconds(begun);
+    let wanted = planner.wanted();
+    let begun = Instant::now();
+    let outcome = plan.map_err(Failure::Graph).and_then(|plan| {
+        let ready =
+            loader.prepare(plan.clone(), &Upload(&world.scene), &mut |step| tell(&progress, said(&step)));
+        tell(&progress, String::new());
+        Ok((plan, ready.map_err(Failure::Backend)?))
+    });
+    let prepare_ms = milliseconds(begun);
+    Built { outcome, wanted, dropped, world, cause, asked, plan_ms, prepare_ms }
+}
+
+fn tell(progress: &Mutex<String>, text: String) {
+    *progress.lock().unwrap_or_else(PoisonError::into_inner) = text;
+}
+
+fn said(progress: &Progress) -> String {
+    match progress {
+        Progress::Pipeline { done, of, shader } => format!("pipeline {} of {of}: {shader}", done + 1),
+        Progress::Upload { done_bytes, of_bytes } => {
+            format!("uploading the scene, {} of {} MiB", done_bytes >> 20, of_bytes >> 20)
+        }
+    }
+}
