@@ -6,6 +6,7 @@
 
 use splatgraph::builtin;
 use splatgraph::facts::{self, SceneFacts};
+use splatgraph::view::paint;
 use splatgraph_framework::build::{Catalog, Facts, Request, build};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::{Content, LastGood, Rebuilder};
@@ -136,7 +137,11 @@ struct Build {
 /// The builds that together read every shipped file.
 fn builds() -> Vec<Build> {
     let all = |lanes| {
-        builtin::names().into_iter().map(move |graph| Build { graph: graph.into(), set: vec![], lanes })
+        builtin::names().into_iter().chain([paint::GRAPH]).map(move |graph| Build {
+            graph: graph.into(),
+            set: vec![],
+            lanes,
+        })
     };
     let serial = Build {
         graph: "splat".into(),

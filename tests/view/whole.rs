@@ -17,10 +17,14 @@ use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 /// Nothing takes so long, on whatever machine.
 const PATIENCE: Duration = Duration::from_secs(120);
+
+/// As long as nothing is new, a frame is drawn this often.
+const REST: Duration = Duration::from_millis(20);
 
 /// Few pixels for many points: the panels have the room that they have on a display, and a frame costs little.
 pub const PIXELS_PER_POINT: f32 = 0.4;
@@ -42,7 +46,8 @@ pub struct Viewer {
     input: VecDeque<Vec<Input>>,
     /// The files as they are shipped.
     pub shipped: BTreeMap<String, String>,
-    /// Where the scene is seen from at first.
+    /// Other threads have something new.
+    woken: Receiver<()>,
     folder: tempfile::TempDir,
 }
 
@@ -60,7 +65,12 @@ impl Viewer {
         let window = folder.path().join("pipelines/view/window.ron");
         let canvas = Vulkan::open(options).unwrap_or_else(|error| panic!("the tests need lavapipe: {error}"));
         let device = canvas.beside().expect("a second executor");
-        let wake = || Arc::new(|| {});
+        let (sender, woken) = channel();
+        let wake = || {
+            let sender = sender.clone();
+            // A viewer that is gone needs no waking.
+            Arc::new(move || _ = sender.send(()))
+        };
         let mut studio = Studio::new(device, (scene, path), &graph.to_string_lossy(), &[], wake())
             .unwrap_or_else(|error| panic!("the studio opens: {error}"));
         studio.navigation.set_animated(false);
@@ -77,6 +87,7 @@ impl Viewer {
             undrawn_windows: 0,
             input: VecDeque::new(),
             shipped: shipped.collect(),
+            woken,
             folder,
         }
     }
@@ -145,7 +156,7 @@ impl Viewer {
         [Some(&studio.a), studio.b.as_ref()].into_iter().flatten().map(|side| side.history.frames()).sum()
     }
 
-    /// Draws frames until `is_so`. Between them it rests a little, so that other threads get on.
+    /// Draws frames until `is_so`. Between them it waits a little for other threads to have something new.
     pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut Viewer) -> bool) {
         let begun = Instant::now();
         loop {
@@ -154,7 +165,9 @@ impl Viewer {
                 return;
             }
             assert!(begun.elapsed() < PATIENCE, "waiting for {what}; so far: {:#?}", self.events);
-            std::thread::sleep(Duration::from_millis(12));
+            if self.woken.recv_timeout(REST).is_ok() {
+                self.woken.try_iter().for_each(drop);
+            }
         }
     }
 

@@ -284,7 +284,8 @@ impl Panels {
                 if ui.button("swap").on_hover_text("A becomes B, and B becomes A").clicked() {
                     studio.exchange();
                 }
-                let measure = ui.button("measure").on_hover_text("PSNR and SSIM of A against B, as they are now");
+                let measure =
+                    ui.button("measure").on_hover_text("PSNR and SSIM of A against B, as they are now");
                 self.controls.see("measure", measure.rect);
                 if measure.clicked() {
                     studio.measure();
