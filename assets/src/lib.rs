@@ -1,7 +1,7 @@
 //! Loads, checks, measures and generates 3D Gaussian Splatting scenes.
 //!
 //! [`Scene::load`] maps a `.ply` file in the layout of the reference implementation and converts it in parallel;
-//! [`Report`] says what is worth knowing of it, [`Worksheet`] where its bytes go, and [`Scene::write_attribute`] gives the
+//! [`Report`] says what is worth knowing of it, [`SizeBreakdown`] where its bytes go, and [`Scene::write_attribute`] gives the
 //! bytes that a GPU buffer wants. [`Camera`] reads and writes the reference's `cameras.json`. [`synth`] makes scenes from
 //! nothing: one to look at, and extreme ones to test with.
 //!
@@ -30,7 +30,7 @@ mod scene;
 pub mod synth;
 #[cfg(test)]
 mod testing;
-mod worksheet;
+mod size_breakdown;
 
 pub use attributes::{ATTRIBUTES, AttributeInfo};
 pub use bounds::Bounds;
@@ -39,4 +39,4 @@ pub use error::{LoadError, SceneError};
 pub use ply::read::Progress;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{Dropped, QuaternionNorms, Scene, Splat, sh_floats};
-pub use worksheet::{ElementSheet, FieldSheet, Worksheet, grouped};
+pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};

@@ -7,7 +7,7 @@
 use crate::bounds::{Bounds, quantile};
 use crate::camera::Camera;
 use crate::scene::{CHUNK, Dropped, QuaternionNorms, Scene};
-use crate::worksheet::grouped;
+use crate::size_breakdown::grouped;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;

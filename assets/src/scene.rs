@@ -6,7 +6,7 @@
 //! not logits, quaternions are unit. A scene never changes after it is made, so what is derived from it is computed once.
 
 use crate::bounds::Bounds;
-use crate::worksheet::Worksheet;
+use crate::size_breakdown::SizeBreakdown;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::OnceLock;
@@ -304,13 +304,13 @@ pub struct Scene {
     dropped: Dropped,
     norms: QuaternionNorms,
     bounds: Bounds,
-    worksheet: Worksheet,
+    size_breakdown: SizeBreakdown,
     robust: OnceLock<Bounds>,
     pub(crate) identity: OnceLock<u64>,
 }
 
 impl Scene {
-    pub(crate) fn new(mut columns: Columns, gathered: Gathered, worksheet: Option<Worksheet>) -> Self {
+    pub(crate) fn new(mut columns: Columns, gathered: Gathered, size_breakdown: Option<SizeBreakdown>) -> Self {
         let mut dropped = Dropped::default();
         if !gathered.dropped.is_empty() {
             for (_, reason) in &gathered.dropped {
@@ -318,8 +318,8 @@ impl Scene {
             }
             columns.remove(&gathered.dropped);
         }
-        let worksheet =
-            worksheet.unwrap_or_else(|| Worksheet::reference(columns.opacity.len() as u64, columns.degree));
+        let size_breakdown =
+            size_breakdown.unwrap_or_else(|| SizeBreakdown::reference(columns.opacity.len() as u64, columns.degree));
         let empty = columns.opacity.is_empty();
         Self {
             columns,
@@ -327,7 +327,7 @@ impl Scene {
             dropped,
             norms: gathered.norms,
             bounds: if empty { Bounds::ORIGIN } else { gathered.bounds },
-            worksheet,
+            size_breakdown,
             robust: OnceLock::new(),
             identity: OnceLock::new(),
         }
@@ -434,8 +434,8 @@ impl Scene {
     }
 
     /// Where the bytes of the file go; for a generated scene, of the file that [`Scene::write_ply`] would write.
-    pub fn worksheet(&self) -> &Worksheet {
-        &self.worksheet
+    pub fn size_breakdown(&self) -> &SizeBreakdown {
+        &self.size_breakdown
     }
 }
 

@@ -18,7 +18,7 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Show where the bytes of a scene's file go, what is odd about it, and what a graph needs of memory to draw it
 ///
-/// The worksheet accounts for every byte of the file: fields x bytes x splats. The report counts what was dropped or is
+/// The size breakdown accounts for every byte of the file: fields x bytes x splats. The report counts what was dropped or is
 /// unusual and says what range of depths a sort key must resolve, for the cameras given or one that frames the scene.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -58,11 +58,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
             .iter()
             .map(|r| json!({ "name": r.name, "bytes": r.bytes, "shape": r.shape, "source": r.source }))
             .collect();
-        let worksheet = scene.worksheet();
+        let size_breakdown = scene.size_breakdown();
         let all = json!({
             "scene": args.scene,
-            "worksheet": worksheet,
-            "accounted_bytes": worksheet.sum(),
+            "size_breakdown": size_breakdown,
+            "accounted_bytes": size_breakdown.sum(),
             "report": report,
             "pipeline": plan.name,
             "size": [size.0, size.1],
@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         options::write_text(None, &format!("{all:#}\n"))?;
     } else {
         let text =
-            format!("{}: {}\n{report}\n{}", args.scene.display(), scene.worksheet(), memory(&dump, size));
+            format!("{}: {}\n{report}\n{}", args.scene.display(), scene.size_breakdown(), memory(&dump, size));
         options::write_text(None, &text)?;
     }
     Ok(Outcome::Done)

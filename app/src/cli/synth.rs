@@ -73,7 +73,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         "{}: {} splats, {} bytes",
         output.display(),
         grouped(scene.count().into()),
-        grouped(scene.worksheet().file_bytes)
+        grouped(scene.size_breakdown().file_bytes)
     ))?;
     if let (Some(path), Some(cameras)) = (&args.cameras, cameras) {
         make_folder_of(path)?;

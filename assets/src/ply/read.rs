@@ -8,7 +8,7 @@ use super::header::{Element, Encoding, Header, begins_as_ply};
 use super::layout::{Layout, MAX_SLOTS};
 use super::{ascii, binary};
 use crate::scene::{CHUNK, Columns, Gathered, Rows, Scene};
-use crate::worksheet::{ElementSheet, Worksheet};
+use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use crate::{LoadError, SceneError, recognise};
 use std::path::Path;
 use std::sync::Mutex;
@@ -89,14 +89,14 @@ fn parse(bytes: &[u8], path: Option<&Path>, progress: Progress) -> Result<Scene,
         Encoding::LittleEndian => file.binary::<false>()?,
         Encoding::BigEndian => file.binary::<true>()?,
     };
-    let worksheet = Worksheet {
+    let size_breakdown = SizeBreakdown {
         format: format!("ply, {}", header.encoding.name()),
         file_bytes: bytes.len() as u64,
         header_bytes: header.bytes as u64,
         elements,
         trailing_bytes: (bytes.len() - end) as u64,
     };
-    let scene = Scene::new(columns, gathered, Some(worksheet));
+    let scene = Scene::new(columns, gathered, Some(size_breakdown));
     if scene.count() == 0 {
         let reasons = scene.dropped().to_string();
         return Err(SceneError::AllDropped { count: vertex.count, reasons });
@@ -112,13 +112,13 @@ struct File<'a> {
     progress: Progress<'a>,
 }
 
-/// The splats, what was learnt of them, the worksheet's elements, and the byte after the last row.
-type Body = (Columns, Gathered, Vec<ElementSheet>, usize);
+/// The splats, what was learnt of them, the breakdown's elements, and the byte after the last row.
+type Body = (Columns, Gathered, Vec<ElementSize>, usize);
 
 impl File<'_> {
     fn binary<const BIG: bool>(&self) -> Result<Body, SceneError> {
         let mut body = None;
-        let mut sheets = Vec::new();
+        let mut elements = Vec::new();
         let mut at = self.header.bytes;
         for element in &self.header.elements {
             let rest = &self.bytes[at..];
@@ -128,11 +128,11 @@ impl File<'_> {
             if is_vertex {
                 body = Some(self.binary_splats::<BIG>(&rest[..total as usize], element.count as usize)?);
             }
-            sheets.push(ElementSheet::new(element, self.used(is_vertex), &sizes, total));
+            elements.push(ElementSize::new(element, self.used(is_vertex), &sizes, total));
             at += total as usize;
         }
         let (columns, gathered) = body.expect("the caller found `vertex` among the elements");
-        Ok((columns, gathered, sheets, at))
+        Ok((columns, gathered, elements, at))
     }
 
     fn binary_splats<const BIG: bool>(
@@ -161,7 +161,7 @@ impl File<'_> {
 
     fn ascii(&self) -> Result<Body, SceneError> {
         let mut body = None;
-        let mut sheets = Vec::new();
+        let mut elements = Vec::new();
         let mut lines = ascii::Lines::new(self.bytes, self.header.bytes, u64::from(self.header.lines));
         for element in &self.header.elements {
             let start = lines.at;
@@ -173,10 +173,10 @@ impl File<'_> {
             } else {
                 ascii::skip(&mut lines, element)?
             };
-            sheets.push(ElementSheet::new(element, self.used(is_vertex), &sizes, (lines.at - start) as u64));
+            elements.push(ElementSize::new(element, self.used(is_vertex), &sizes, (lines.at - start) as u64));
         }
         let (columns, gathered) = body.expect("the caller found `vertex` among the elements");
-        Ok((columns, gathered, sheets, lines.at))
+        Ok((columns, gathered, elements, lines.at))
     }
 
     /// Reads the splats, and leaves `lines` behind the last of them.

@@ -135,8 +135,8 @@ fn every_encoding_order_and_type_gives_the_same_scene() {
                     let bytes = made.bytes();
                     let scene = parse(&bytes).unwrap();
                     assert_eq!(scene.identity(), expected.identity(), "{format} {kind} {reversed} {faces}");
-                    assert_eq!(scene.worksheet().sum(), bytes.len() as u64);
-                    assert_eq!(scene.worksheet().trailing_bytes, 0);
+                    assert_eq!(scene.size_breakdown().sum(), bytes.len() as u64);
+                    assert_eq!(scene.size_breakdown().trailing_bytes, 0);
                 }
             }
         }
@@ -281,7 +281,7 @@ fn bytes_after_the_last_row_are_counted_and_skipped() {
     let mut bytes = PLAIN.bytes();
     bytes.extend_from_slice(b"more");
     let scene = parse(&bytes).unwrap();
-    assert_eq!((scene.worksheet().trailing_bytes, scene.worksheet().sum()), (4, bytes.len() as u64));
+    assert_eq!((scene.size_breakdown().trailing_bytes, scene.size_breakdown().sum()), (4, bytes.len() as u64));
 }
 
 #[test]
@@ -302,7 +302,7 @@ fn a_scene_written_and_read_back_is_the_same_but_for_rounding() {
         scene.write_ply(&path).unwrap();
         let size = std::fs::metadata(&path).unwrap().len();
         let back = Scene::load(&path, &|_, _| {}).unwrap();
-        assert_eq!((back.worksheet(), size), (scene.worksheet(), scene.worksheet().file_bytes));
+        assert_eq!((back.size_breakdown(), size), (scene.size_breakdown(), scene.size_breakdown().file_bytes));
         assert_eq!((back.positions(), back.sh()), (scene.positions(), scene.sh()));
         for (read, wrote) in back.opacities().iter().zip(scene.opacities()) {
             assert!((read - wrote).abs() <= 1e-6 * wrote, "{read} {wrote}");
@@ -338,7 +338,7 @@ fn a_file_that_is_not_there_is_named() {
 }
 
 #[test]
-fn the_captures_load_whole_and_their_worksheets_sum_to_their_sizes() {
+fn the_captures_load_whole_and_their_size_breakdowns_sum_to_their_sizes() {
     for (name, count, stored, effective) in
         [("biker", 152_746, 0, 0), ("playbot-31k", 31_000, 3, 2), ("rules", 1_067, 3, 3)]
     {
@@ -346,7 +346,7 @@ fn the_captures_load_whole_and_their_worksheets_sum_to_their_sizes() {
         let scene = Scene::load(&path, &|_, _| {}).unwrap();
         assert_eq!((scene.count(), scene.dropped().total()), (count, 0), "{name}");
         assert_eq!((scene.stored_degree(), scene.effective_degree()), (stored, effective), "{name}");
-        assert_eq!(scene.worksheet().sum(), std::fs::metadata(&path).unwrap().len());
+        assert_eq!(scene.size_breakdown().sum(), std::fs::metadata(&path).unwrap().len());
     }
 }
 
@@ -385,7 +385,7 @@ proptest! {
             }
         }
         match parse(&bytes) {
-            Ok(scene) => prop_assert_eq!(scene.worksheet().sum(), bytes.len() as u64),
+            Ok(scene) => prop_assert_eq!(scene.size_breakdown().sum(), bytes.len() as u64),
             Err(error) => prop_assert!(!error.to_string().is_empty()),
         }
     }

@@ -1,6 +1,6 @@
 //! The knot: a trefoil of a twisted, three-lobed rope with the colours of a thin film.
 
-use super::look::{Look, UP, blend, diffuse, display};
+use super::materials::{Material, UP, blend, diffuse, display};
 use super::surface::{Patch, even};
 use crate::Splat;
 use crate::synth::random::Random;
@@ -62,11 +62,11 @@ pub(super) fn knot(random: &mut Random, count: usize) -> Vec<Splat> {
             let base = display(diffuse(patch.at, normal, albedo, occlusion, 0.25, 0.0));
             let film = (1.0 - gold) * (0.30 + 0.70 * occlusion);
             let tint = blend(DVec3::ONE, DVec3::new(1.0, 0.78, 0.45), gold);
-            let look = Look::new(base)
+            let material = Material::new(base)
                 .film(normal, 0.56 + drift, 0.16 * film)
                 .rim(normal, DVec3::new(0.22, 0.17, 0.34) * film)
                 .gloss(patch.at, normal, 0.30 + 0.75 * occlusion, tint);
-            patch.splat(count, 1.3, 0.56, 0.96, &look)
+            patch.splat(count, 1.3, 0.56, 0.96, &material)
         })
         .collect()
 }

@@ -1,6 +1,6 @@
 //! The lotus: three rings of petals about a heart that glows.
 
-use super::look::{Look, UP, blend, diffuse, display};
+use super::materials::{Material, UP, blend, diffuse, display};
 use super::surface::{Patch, ball, deal, even, flat};
 use crate::Splat;
 use crate::synth::random::Random;
@@ -102,12 +102,12 @@ pub(super) fn petals(random: &mut Random, count: usize) -> Vec<Splat> {
             // Inner rings shade the roots of the outer ones.
             let occlusion = (0.28 + 0.90 * uv.x).min(1.0) * (1.0 - 0.08 * petal.ring as f64);
             let light = diffuse(patch.at, normal, albedo, occlusion * occlusion, 0.25, 0.40);
-            let look = Look::new(display(light))
+            let material = Material::new(display(light))
                 .gloss(patch.at, normal, 0.16, DVec3::new(1.0, 0.9, 0.9))
                 .rim(normal, DVec3::new(0.10, 0.04, 0.07));
             // Thin at the tip and the edge, where the light shines through.
             let opacity = 0.93 - 0.30 * uv.x.powi(3) - 0.18 * across.powi(6);
-            patch.splat(count, 1.7, 0.60, opacity, &look)
+            patch.splat(count, 1.7, 0.60, opacity, &material)
         })
         .collect()
 }
@@ -133,15 +133,15 @@ pub(super) fn heart(random: &mut Random, count: usize) -> Vec<Splat> {
         let tip = segment >= SEGMENTS - 3;
         let along = point(t + 0.02) - point(t - 0.02);
         let color = if tip { DVec3::new(1.0, 0.80, 0.30) } else { DVec3::new(0.98, 0.66, 0.20) };
-        let look = Look::new(display(color * (0.55 + 0.75 * t))).sheen(UP, DVec3::new(0.12, 0.09, 0.03));
+        let material = Material::new(display(color * (0.55 + 0.75 * t))).sheen(UP, DVec3::new(0.12, 0.09, 0.03));
         let thick = if tip { 0.0062 } else { 0.0026 };
         let scale = DVec3::new(0.34 / SEGMENTS as f64 * 0.6, thick, thick);
-        splats.push(flat(point(t), along, along.any_orthonormal_vector().normalize(), scale, 0.92, &look));
+        splats.push(flat(point(t), along, along.any_orthonormal_vector().normalize(), scale, 0.92, &material));
     }
     for index in 0..glows {
         let color = display(DVec3::new(1.5, 0.85, 0.38));
         let at = DVec3::new(0.0, -0.14 - 0.06 * index as f64, 0.0);
-        splats.push(ball(at, 0.07 + 0.035 * index as f64, 0.16 - 0.02 * index as f64, &Look::new(color)));
+        splats.push(ball(at, 0.07 + 0.035 * index as f64, 0.16 - 0.02 * index as f64, &Material::new(color)));
     }
     for index in 0..pod {
         // A cone that widens upwards, closed by a flat top with a seed here and there.
@@ -166,8 +166,8 @@ pub(super) fn heart(random: &mut Random, count: usize) -> Vec<Splat> {
         let seeds = (TAU * uv.y * 4.0).cos() * (uv.x * 40.0).cos();
         let green = blend(DVec3::new(0.72, 0.66, 0.14), DVec3::new(0.28, 0.40, 0.10), 1.4 * seeds);
         let light = diffuse(patch.at, normal, green * (1.0 + 0.06 * random.normal()), 0.9, 0.3, 0.0);
-        let look = Look::new(display(light)).gloss(patch.at, normal, 0.15, DVec3::ONE);
-        splats.push(patch.splat(pod, 1.0, 0.65, 0.95, &look));
+        let material = Material::new(display(light)).gloss(patch.at, normal, 0.15, DVec3::ONE);
+        splats.push(patch.splat(pod, 1.0, 0.65, 0.95, &material));
     }
     splats
 }

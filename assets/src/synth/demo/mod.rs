@@ -5,12 +5,12 @@
 //! Mist, water and glow are large and nearly transparent, so a pixel has many layers. The reflection in the water is real:
 //! splats mirrored below the surface, their harmonics mirrored with them.
 //!
-//! [`look`] turns light into harmonics and [`surface`] makes splats of parametric surfaces; [`knot`], [`lotus`], [`pond`]
-//! and [`air`] are the things. Water is at y = 0 and up is -y; the sun sets behind, at +z and to the left.
+//! [`materials`] turns light into harmonics and [`surface`] makes splats of parametric surfaces; [`knot`], [`lotus`], [`pond`]
+//! and [`particles`] are the things. Water is at y = 0 and up is -y; the sun sets behind, at +z and to the left.
 
-mod air;
+mod particles;
 mod knot;
-mod look;
+mod materials;
 mod lotus;
 mod pond;
 mod surface;
@@ -36,12 +36,12 @@ const PARTS: [Part; 12] = [
     Part { share: 85, make: pond::lily_pads, mirrored: false },
     Part { share: 90, make: pond::water, mirrored: false },
     Part { share: 100, make: pond::reeds, mirrored: true },
-    Part { share: 14, make: air::drifting_petals, mirrored: true },
-    Part { share: 14, make: air::dust, mirrored: true },
-    Part { share: 3, make: air::fireflies, mirrored: true },
-    Part { share: 1, make: air::mist, mirrored: false },
-    Part { share: 28, make: air::hills, mirrored: true },
-    Part { share: 22, make: air::sky, mirrored: true },
+    Part { share: 14, make: particles::drifting_petals, mirrored: true },
+    Part { share: 14, make: particles::dust, mirrored: true },
+    Part { share: 3, make: particles::fireflies, mirrored: true },
+    Part { share: 1, make: particles::mist, mirrored: false },
+    Part { share: 28, make: particles::hills, mirrored: true },
+    Part { share: 22, make: particles::sky, mirrored: true },
 ];
 
 /// The scene, with parts in proportion to `count`; surfaces are covered whatever it is, more finely with more.

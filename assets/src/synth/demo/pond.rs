@@ -1,6 +1,6 @@
 //! The pond: water, lily pads, reeds, and what the water mirrors.
 
-use super::look::{Look, SUN, UP, blend, diffuse, display};
+use super::materials::{Material, SUN, UP, blend, diffuse, display};
 use super::surface::{Patch, deal, even, flat};
 use crate::Splat;
 use crate::synth::random::Random;
@@ -49,13 +49,13 @@ pub(super) fn water(random: &mut Random, count: usize) -> Vec<Splat> {
             let disc = DVec3::new(SUN.x, -0.14, SUN.z).normalize();
             let mirrored = 2.0 * normal.dot(disc) * normal - disc;
             let opposite = DVec3::new(SUN.x, -0.25, SUN.z).normalize();
-            let look = Look::new(deep)
+            let material = Material::new(deep)
                 .sheen(low, DVec3::new(0.36, 0.19, 0.15) * (0.45 + 0.55 * far))
                 .sheen(opposite, DVec3::new(0.02, 0.05, 0.12))
                 .flash(mirrored, DVec3::new(1.05, 0.56, 0.22) * random.range(0.0, 1.4));
             let fade = ((SHORE * 0.98 - radius) / 2.2).clamp(0.0, 1.0);
             let along = DVec3::new(-sin, 0.0, cos);
-            flat(at, along, normal, DVec3::new(size * 1.5, size / 1.15, 0.002), 0.36 * fade + 0.01, &look)
+            flat(at, along, normal, DVec3::new(size * 1.5, size / 1.15, 0.002), 0.36 * fade + 0.01, &material)
         })
         .collect()
 }
@@ -115,8 +115,8 @@ pub(super) fn lily_pads(random: &mut Random, count: usize) -> Vec<Splat> {
             let leaf = blend(leaf, DVec3::new(0.13, 0.20, 0.07), 0.7 * vein);
             let leaf = blend(leaf, DVec3::new(0.26, 0.07, 0.07), (r - 0.90) * 7.0);
             let light = diffuse(patch.at, normal, leaf * (1.0 + 0.10 * random.normal()), 0.9, 0.15, 0.4);
-            let look = Look::new(display(light)).gloss(patch.at, normal, 0.28, DVec3::new(0.9, 1.0, 0.85));
-            patch.splat(count, 1.0, 0.58, 0.96, &look)
+            let material = Material::new(display(light)).gloss(patch.at, normal, 0.28, DVec3::new(0.9, 1.0, 0.85));
+            patch.splat(count, 1.0, 0.58, 0.96, &material)
         })
         .collect()
 }
@@ -157,7 +157,7 @@ pub(super) fn reeds(random: &mut Random, count: usize) -> Vec<Splat> {
             let green = blend(DVec3::new(0.010, 0.028, 0.030), DVec3::new(0.10, 0.13, 0.035), t);
             let albedo = if in_head { DVec3::new(0.20, 0.095, 0.040) } else { green } * tone;
             let light = diffuse(point(t), normal, albedo, 0.15 + 0.85 * t, 0.3, 0.7);
-            let look = Look::new(display(light))
+            let material = Material::new(display(light))
                 .sheen(-*SUN, DVec3::new(0.16, 0.095, 0.035) * t)
                 .flash(DVec3::new(-SUN.x, -0.1, -SUN.z).normalize(), DVec3::new(0.16, 0.09, 0.04) * t * t);
             let length = height / segments as f64 * 0.75;
@@ -168,7 +168,7 @@ pub(super) fn reeds(random: &mut Random, count: usize) -> Vec<Splat> {
                 normal,
                 DVec3::new(length, width, width.min(0.004)),
                 0.93,
-                &look,
+                &material,
             ));
         }
     }

@@ -1,6 +1,6 @@
 //! Splats that cover parametric surfaces.
 
-use super::look::Look;
+use super::materials::Material;
 use crate::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
@@ -33,19 +33,19 @@ impl Patch {
 
     /// A splat that covers its part of the surface, where `count` are spread evenly over the unit square of parameters:
     /// `stretch` is how much longer it is along u than an even share, and `cover` its size in shares.
-    pub(super) fn splat(&self, count: usize, stretch: f64, cover: f64, opacity: f64, look: &Look) -> Splat {
+    pub(super) fn splat(&self, count: usize, stretch: f64, cover: f64, opacity: f64, material: &Material) -> Splat {
         let share = cover / (count as f64).sqrt();
         let scale = DVec3::new(
             self.du.length() * share * stretch,
             self.dv.length() * share / stretch,
             0.12 * (self.du.length() * self.dv.length()).sqrt() * share,
         );
-        flat(self.at, self.du, self.normal, scale, opacity, look)
+        flat(self.at, self.du, self.normal, scale, opacity, material)
     }
 }
 
 /// A splat with its first axis along `along` (made perpendicular to the normal) and its third along `normal`.
-pub(super) fn flat(at: DVec3, along: DVec3, normal: DVec3, scale: DVec3, opacity: f64, look: &Look) -> Splat {
+pub(super) fn flat(at: DVec3, along: DVec3, normal: DVec3, scale: DVec3, opacity: f64, material: &Material) -> Splat {
     let along = (along - normal * normal.dot(along)).normalize_or(normal.any_orthonormal_vector());
     let q = DQuat::from_mat3(&DMat3::from_cols(along, normal.cross(along), normal)).normalize();
     Splat {
@@ -54,13 +54,13 @@ pub(super) fn flat(at: DVec3, along: DVec3, normal: DVec3, scale: DVec3, opacity
         scale: scale.max(DVec3::splat(2e-4)).as_vec3().into(),
         rotation: [q.w, q.x, q.y, q.z].map(|c| c as f32),
         opacity: opacity.clamp(0.0, 0.995) as f32,
-        sh: look.sh(),
+        sh: material.sh(),
     }
 }
 
 /// A ball of one colour; soft where it is transparent.
-pub(super) fn ball(at: DVec3, size: f64, opacity: f64, look: &Look) -> Splat {
-    flat(at, DVec3::X, DVec3::Y, DVec3::splat(size), opacity, look)
+pub(super) fn ball(at: DVec3, size: f64, opacity: f64, material: &Material) -> Splat {
+    flat(at, DVec3::X, DVec3::Y, DVec3::splat(size), opacity, material)
 }
 
 /// Which of several things the splat `index` of `count` belongs to, where each gets a part in proportion to its weight;

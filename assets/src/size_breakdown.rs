@@ -1,6 +1,6 @@
 //! Where every byte of a scene file goes.
 //!
-//! A splat of degree 3 has 62 floats, 45 of them colour that changes with the view; the worksheet makes that plain. Its
+//! A splat of degree 3 has 62 floats, 45 of them colour that changes with the view; the breakdown makes that plain. Its
 //! numbers add up to the file's size exactly.
 
 use crate::ply::header::Element;
@@ -10,7 +10,7 @@ use std::fmt;
 
 /// The bytes of a file, accounted for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Worksheet {
+pub struct SizeBreakdown {
     /// The file's format, for instance `ply, binary_little_endian`.
     pub format: String,
     /// The whole file.
@@ -18,14 +18,14 @@ pub struct Worksheet {
     /// From the start to the first row.
     pub header_bytes: u64,
     /// The tables, in the file's order.
-    pub elements: Vec<ElementSheet>,
+    pub elements: Vec<ElementSize>,
     /// After the last row.
     pub trailing_bytes: u64,
 }
 
 /// One table of rows.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct ElementSheet {
+pub struct ElementSize {
     /// Its name; `vertex` holds the splats.
     pub name: String,
     /// Rows.
@@ -33,14 +33,14 @@ pub struct ElementSheet {
     /// All of its rows.
     pub bytes: u64,
     /// Its columns, in the file's order.
-    pub fields: Vec<FieldSheet>,
+    pub fields: Vec<FieldSize>,
     /// Blanks and line ends of an ASCII file.
     pub separator_bytes: u64,
 }
 
 /// One column.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct FieldSheet {
+pub struct FieldSize {
     /// The property's name.
     pub name: String,
     /// Its type, as PLY names it.
@@ -53,12 +53,12 @@ pub struct FieldSheet {
     pub used: bool,
 }
 
-impl Worksheet {
-    /// The worksheet of a file that [`crate::Scene::write_ply`] writes.
+impl SizeBreakdown {
+    /// The breakdown of a file that [`crate::Scene::write_ply`] writes.
     pub(crate) fn reference(count: u64, degree: u32) -> Self {
-        let fields: Vec<FieldSheet> = write::property_names(degree)
+        let fields: Vec<FieldSize> = write::property_names(degree)
             .into_iter()
-            .map(|name| FieldSheet {
+            .map(|name| FieldSize {
                 used: !name.starts_with('n'),
                 name,
                 kind: "float".into(),
@@ -72,7 +72,7 @@ impl Worksheet {
             format: "ply, binary_little_endian".into(),
             file_bytes: header_bytes + bytes,
             header_bytes,
-            elements: vec![ElementSheet {
+            elements: vec![ElementSize {
                 name: "vertex".into(),
                 rows: count,
                 bytes,
@@ -85,21 +85,21 @@ impl Worksheet {
 
     /// Header, elements and trailing bytes added up: the file's size.
     pub fn sum(&self) -> u64 {
-        self.header_bytes + self.elements.iter().map(ElementSheet::sum).sum::<u64>() + self.trailing_bytes
+        self.header_bytes + self.elements.iter().map(ElementSize::sum).sum::<u64>() + self.trailing_bytes
     }
 }
 
-impl ElementSheet {
+impl ElementSize {
     /// `sizes`: bytes of each property in all rows; `bytes`: all rows, with what separates the values.
     pub(crate) fn new(element: &Element, used: impl Fn(usize) -> bool, sizes: &[u64], bytes: u64) -> Self {
-        let fields: Vec<FieldSheet> = element
+        let fields: Vec<FieldSize> = element
             .properties
             .iter()
             .zip(sizes)
             .enumerate()
             .map(|(column, (property, bytes))| {
                 let per_row = bytes.checked_div(element.count);
-                FieldSheet {
+                FieldSize {
                     name: property.name.clone(),
                     kind: property.kind.name(),
                     bytes_per_row: per_row.filter(|size| size * element.count == *bytes),
@@ -112,7 +112,7 @@ impl ElementSheet {
         Self { name: element.name.clone(), rows: element.count, bytes, fields, separator_bytes }
     }
 
-    /// Fields and separators added up: [`ElementSheet::bytes`].
+    /// Fields and separators added up: [`ElementSize::bytes`].
     pub fn sum(&self) -> u64 {
         self.fields.iter().map(|f| f.bytes).sum::<u64>() + self.separator_bytes
     }
@@ -132,8 +132,8 @@ pub fn grouped(value: u64) -> String {
 }
 
 /// Consecutive fields alike but for the number at their names' ends.
-fn runs(fields: &[FieldSheet]) -> Vec<&[FieldSheet]> {
-    let stem = |f: &FieldSheet| f.name.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned();
+fn runs(fields: &[FieldSize]) -> Vec<&[FieldSize]> {
+    let stem = |f: &FieldSize| f.name.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned();
     fields
         .chunk_by(|a, b| {
             let numbered = stem(a).len() < a.name.len() && stem(a) == stem(b);
@@ -142,7 +142,7 @@ fn runs(fields: &[FieldSheet]) -> Vec<&[FieldSheet]> {
         .collect()
 }
 
-impl fmt::Display for Worksheet {
+impl fmt::Display for SizeBreakdown {
     /// A table: one line per field or run of numbered fields, with bytes per row and in all.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let line =
@@ -187,10 +187,10 @@ mod tests {
 
     #[test]
     fn a_reference_file_of_degree_3_has_248_bytes_per_splat() {
-        let sheet = Worksheet::reference(1000, 3);
-        assert_eq!(sheet.elements[0].bytes, 248_000);
-        assert_eq!(sheet.sum(), sheet.file_bytes);
-        let text = sheet.to_string();
+        let size = SizeBreakdown::reference(1000, 3);
+        assert_eq!(size.elements[0].bytes, 248_000);
+        assert_eq!(size.sum(), size.file_bytes);
+        let text = size.to_string();
         assert!(text.contains("f_rest_0..44"), "{text}");
         assert!(text.contains("45 x 4"), "{text}");
         assert!(text.lines().any(|l| l.contains(" nx ") && l.ends_with("skipped")), "{text}");

@@ -84,15 +84,15 @@ pub(super) fn diffuse(
 }
 
 /// The harmonics of a splat, while they are put together.
-pub(super) struct Look([DVec3; 16]);
+pub(super) struct Material([DVec3; 16]);
 
-impl Look {
+impl Material {
     /// A display colour that is the same from everywhere.
     pub(super) fn new(color: DVec3) -> Self {
-        let mut look = Self([DVec3::ZERO; 16]);
+        let mut material = Self([DVec3::ZERO; 16]);
         // The reference adds 0.5 to the sum.
-        look.0[0] = (color - 0.5) / basis([0.0, 0.0, 1.0])[0];
-        look
+        material.0[0] = (color - 0.5) / basis([0.0, 0.0, 1.0])[0];
+        material
     }
 
     fn add(&mut self, lobe: &Zonal, towards: DVec3, color: DVec3) {
@@ -155,28 +155,28 @@ impl Look {
 mod tests {
     use super::*;
 
-    fn color(look: &Look, towards_viewer: DVec3) -> DVec3 {
+    fn color(material: &Material, towards_viewer: DVec3) -> DVec3 {
         let y = basis((-towards_viewer).into());
-        DVec3::splat(0.5) + look.0.iter().zip(y).map(|(c, y)| *c * y).sum::<DVec3>()
+        DVec3::splat(0.5) + material.0.iter().zip(y).map(|(c, y)| *c * y).sum::<DVec3>()
     }
 
     #[test]
     fn a_highlight_is_brightest_where_the_viewer_sees_the_sun_mirrored() {
         let normal = DVec3::new(0.2, -0.9, 0.1).normalize();
-        let look = Look::new(DVec3::splat(0.2)).gloss(DVec3::new(0.0, 50.0, 0.0), normal, 0.5, DVec3::ONE);
+        let material = Material::new(DVec3::splat(0.2)).gloss(DVec3::new(0.0, 50.0, 0.0), normal, 0.5, DVec3::ONE);
         let mirrored = 2.0 * normal.dot(*SUN) * normal - *SUN;
-        let there = color(&look, mirrored).x;
+        let there = color(&material, mirrored).x;
         assert!(there > 0.45);
         for other in [*SUN, normal, UP] {
-            assert!(color(&look, other).x < there);
+            assert!(color(&material, other).x < there);
         }
     }
 
     #[test]
     fn a_film_changes_colour_as_it_turns_away() {
-        let look = Look::new(DVec3::splat(0.5)).film(UP, 0.0, 0.3);
-        let facing = color(&look, UP);
-        let turned = color(&look, DVec3::new(0.8, -0.6, 0.0));
+        let material = Material::new(DVec3::splat(0.5)).film(UP, 0.0, 0.3);
+        let facing = color(&material, UP);
+        let turned = color(&material, DVec3::new(0.8, -0.6, 0.0));
         assert!((facing.x - 0.8).abs() < 0.1, "{facing}");
         assert!((facing - turned).length() > 0.2, "{facing} {turned}");
     }

@@ -1,6 +1,6 @@
 //! What is in the air and behind it: sky, hills, mist, fireflies, drifting petals.
 
-use super::look::{GLOW, Look, SUN, UP, blend, diffuse, display};
+use super::materials::{GLOW, Material, SUN, UP, blend, diffuse, display};
 use super::surface::{ball, even, flat};
 use crate::Splat;
 use crate::synth::random::Random;
@@ -52,9 +52,9 @@ pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
         let elevation = (low + (high - low) * (index as f64 + 0.5) / glow as f64).asin();
         let direction = towards(TAU * (index as f64 * 0.618_033_988_749_895).fract(), elevation);
         let fade = ((44.0 - elevation.to_degrees()) / 16.0).clamp(0.0, 1.0);
-        let look = Look::new(sky_color(direction));
+        let material = Material::new(sky_color(direction));
         let scale = DVec3::new(size, size, 0.02 * size);
-        splats.push(flat(direction * SKY_RADIUS, UP, direction, scale, 0.92 * fade + 0.01, &look));
+        splats.push(flat(direction * SKY_RADIUS, UP, direction, scale, 0.92 * fade + 0.01, &material));
     }
     // The sun itself, low behind the hills.
     let disc = 5.min(count - glow);
@@ -65,7 +65,7 @@ pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
         let scale = DVec3::new(wide, 1.15 * wide, 0.05);
         let opacity = 0.96 * 0.42f64.powi(layer as i32);
         let at = low_sun * (SKY_RADIUS - 2.0);
-        splats.push(flat(at, UP, low_sun, scale, opacity, &Look::new(color)));
+        splats.push(flat(at, UP, low_sun, scale, opacity, &Material::new(color)));
     }
     for _ in glow + disc..count {
         let elevation = random.range(0.16, 0.999f64).asin();
@@ -74,9 +74,9 @@ pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
         let bright = random.unit().powi(7);
         let tint = blend(DVec3::new(0.75, 0.84, 1.0), DVec3::new(1.0, 0.82, 0.62), random.unit().powi(2));
         let veil = ((elevation.to_degrees() - 9.0) / 26.0).clamp(0.0, 1.0) * (1.0 - 0.5 * sunward(direction));
-        let look = Look::new(tint * (0.35 + 0.65 * bright));
+        let material = Material::new(tint * (0.35 + 0.65 * bright));
         let size = 0.016 + 0.024 * bright;
-        splats.push(ball(direction * (SKY_RADIUS - 1.0), size, veil * (0.45 + 0.54 * bright), &look));
+        splats.push(ball(direction * (SKY_RADIUS - 1.0), size, veil * (0.45 + 0.54 * bright), &material));
     }
     splats
 }
@@ -106,10 +106,10 @@ pub(super) fn hills(random: &mut Random, count: usize) -> Vec<Splat> {
             let color = blend(dark, sky_color(towards(azimuth, 0.16)), haze);
             // Light from behind catches the tops.
             let rim = sunward(out).powi(4) * (height / crest).powi(14);
-            let look = Look::new(color + DVec3::new(0.30, 0.13, 0.05) * rim);
+            let material = Material::new(color + DVec3::new(0.30, 0.13, 0.05) * rim);
             let width = 0.62 * TAU * distance / (count as f64 / RIDGES as f64).sqrt() * 0.55;
             let tall = (0.05 + 0.18 * (1.0 - uv.y)) * crest.min(1.0);
-            flat(at, out.cross(UP), out, DVec3::new(width, tall, 0.05), 0.94, &look)
+            flat(at, out.cross(UP), out, DVec3::new(width, tall, 0.05), 0.94, &material)
         })
         .collect()
 }
@@ -127,9 +127,9 @@ pub(super) fn mist(random: &mut Random, count: usize) -> Vec<Splat> {
             let size = random.range(0.35, 0.75) * (0.45 + 0.09 * distance);
             let scale = DVec3::new(1.9 * size, 0.8 * size, 0.20 * size);
             // Mist is brightest to who looks through it at the sun.
-            let look = Look::new(warm * 0.82).sheen(-*SUN, DVec3::new(0.24, 0.13, 0.08));
+            let material = Material::new(warm * 0.82).sheen(-*SUN, DVec3::new(0.24, 0.13, 0.08));
             let opacity = random.range(0.04, 0.12) + 0.008 * distance;
-            flat(at, direction.cross(UP), UP, scale, opacity, &look)
+            flat(at, direction.cross(UP), UP, scale, opacity, &material)
         })
         .collect()
 }
@@ -150,7 +150,7 @@ pub(super) fn fireflies(random: &mut Random, count: usize) -> Vec<Splat> {
             (0.0900, 0.020, color * 0.80),
         ];
         for (size, opacity, color) in layers.into_iter().take(count - splats.len()) {
-            splats.push(ball(at, size * (0.7 + 0.5 * bright), opacity * bright, &Look::new(color)));
+            splats.push(ball(at, size * (0.7 + 0.5 * bright), opacity * bright, &Material::new(color)));
         }
     }
     splats
@@ -175,9 +175,9 @@ pub(super) fn dust(random: &mut Random, count: usize) -> Vec<Splat> {
             let color = blend(DVec3::new(0.95, 0.55, 0.22), DVec3::new(1.0, 0.90, 0.62), bright);
             // Each flake flashes towards a direction of its own.
             let flash = DVec3::from(random.direction());
-            let look = Look::new(color * 0.72).flash(flash, DVec3::new(0.5, 0.42, 0.28));
+            let material = Material::new(color * 0.72).flash(flash, DVec3::new(0.5, 0.42, 0.28));
             let size = 0.0022 + 0.0040 * bright;
-            ball(spiral(t, start) + scatter, size, (0.35 + 0.6 * bright) * (1.0 - 0.75 * t), &look)
+            ball(spiral(t, start) + scatter, size, (0.35 + 0.6 * bright) * (1.0 - 0.75 * t), &material)
         })
         .collect()
 }
@@ -206,7 +206,7 @@ pub(super) fn drifting_petals(random: &mut Random, count: usize) -> Vec<Splat> {
             let place = at + turn * local * length;
             let color = blend(DVec3::new(0.98, 0.80, 0.76), DVec3::new(0.90, 0.33, 0.50), u);
             let light = diffuse(place, normal, color, 0.9, 0.4, 0.7);
-            let look = Look::new(display(light * 0.9)).gloss(place, normal, 0.18, DVec3::ONE);
+            let material = Material::new(display(light * 0.9)).gloss(place, normal, 0.18, DVec3::ONE);
             let size = length * 0.72 / (share as f64).sqrt();
             splats.push(flat(
                 place,
@@ -214,7 +214,7 @@ pub(super) fn drifting_petals(random: &mut Random, count: usize) -> Vec<Splat> {
                 normal,
                 DVec3::new(size * 1.3, size * 0.6, 0.002),
                 0.88,
-                &look,
+                &material,
             ));
         }
     }
