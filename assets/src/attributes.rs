@@ -1,32 +1,34 @@
-//! The scene's attributes as bytes for a GPU buffer.
+//! Writes the scene's attributes as bytes for GPU buffers.
 //!
-//! A renderer names an attribute and gets exactly its bytes, little endian, one entry per splat, written in parallel
-//! straight into memory that the backend owns. The 48 floats of spherical harmonics come in *planes* of four, so that no
-//! single buffer passes a device's limit and a lower degree reads fewer of them.
+//! A renderer names an attribute and gets its bytes, little endian, one entry per splat, written in parallel into memory
+//! of the backend. The 48 floats of spherical harmonics come in *planes* of four, so that no buffer exceeds a device's limit
+//! and a lower degree reads fewer of them.
 
 use crate::error::nearest;
 use crate::scene::{CHUNK, Scene, sh_floats};
 use rayon::prelude::*;
 
-/// How an attribute lies in memory.
+/// The memory layout of an attribute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AttributeInfo {
     /// Bytes per splat and plane.
     pub stride: u64,
-    /// Buffers that hold anything: 1, and for `scene.sh` as many as the stored degree needs.
+    /// Number of planes with data: 1, and for `scene.sh` as many as the stored degree needs.
     pub planes: u32,
 }
 
-/// Planes of spherical harmonics that can be asked for; those beyond the stored degree are zero.
+/// Number of planes of spherical harmonics that can be written; planes beyond the stored degree are zero.
 const MAX_SH_PLANES: u32 = 12;
 
-/// The attributes: positions and scales as 3 floats, rotations as the quaternion w x y z, opacity as 1 float, spherical
-/// harmonics as planes of 4 floats (float `3 * k + c` of coefficient `k`, channel `c`, is in plane `(3 * k + c) / 4`).
+/// The names of the attributes.
+///
+/// Positions and scales have 3 floats, rotations 4 (a quaternion w x y z), opacities 1. Spherical harmonics come in planes of
+/// 4 floats: float `3 * k + c` of coefficient `k`, channel `c`, is in plane `(3 * k + c) / 4`.
 pub const ATTRIBUTES: [&str; 5] =
     ["scene.position", "scene.scale", "scene.rotation", "scene.opacity", "scene.sh"];
 
 impl Scene {
-    /// How an attribute lies in memory; `None` where there is none of that name (see [`ATTRIBUTES`]).
+    /// Returns the layout of an attribute; `None` if the name is not among [`ATTRIBUTES`].
     pub fn attribute(&self, name: &str) -> Option<AttributeInfo> {
         let (stride, planes) = match name {
             "scene.position" | "scene.scale" => (12, 1),
@@ -38,10 +40,10 @@ impl Scene {
         Some(AttributeInfo { stride, planes })
     }
 
-    /// Writes one plane of an attribute. `out` is stride times [`Scene::count`] bytes.
+    /// Writes one plane of an attribute. `out` has `stride` times [`Scene::count`] bytes.
     ///
     /// # Errors
-    /// In words, where the name, the plane or the length does not fit.
+    /// The name, the plane or the length does not fit; the text says which.
     pub fn write_attribute(&self, name: &str, plane: u32, out: &mut [u8]) -> Result<(), String> {
         let info = self.attribute(name).ok_or_else(|| {
             let near = nearest(name, ATTRIBUTES).map(|n| format!("; did you mean {n}?")).unwrap_or_default();
@@ -84,7 +86,7 @@ impl Scene {
         });
     }
 
-    /// A hash of all that can be drawn: equal scenes have the same, whatever file they came from. Computed once.
+    /// Hashes everything that can be drawn; equal scenes have equal hashes, whatever their files. Computed once.
     pub fn identity(&self) -> u64 {
         *self.identity.get_or_init(|| {
             let c = &self.columns;
@@ -105,14 +107,14 @@ fn write_floats<T: bytemuck::Pod + Sync>(values: &[T], out: &mut [u8]) {
     });
 }
 
-/// A hash of floats by their bits: chunks in parallel, then their hashes in order.
+/// Hashes floats by their bits: chunks in parallel, then the chunks' hashes in order.
 fn hash<T: bytemuck::Pod + Sync>(values: &[T]) -> u64 {
     let words: &[u32] = bytemuck::cast_slice(values);
     let chunks: Vec<u64> = words.par_chunks(1 << 16).map(hash_chunk).collect();
     chunks.into_iter().fold(words.len() as u64, mix)
 }
 
-/// Four states side by side, as each step of one has to wait for the step before it.
+/// Hashes a chunk in four independent lanes, so that no step waits for the one before it.
 fn hash_chunk(words: &[u32]) -> u64 {
     let pair = |words: &[u32]| u64::from(words[0]) | u64::from(words[1]) << 32;
     let mut lanes = [0, 1, 2, 3];
@@ -127,8 +129,9 @@ fn hash_chunk(words: &[u32]) -> u64 {
     lanes.into_iter().chain(rest).fold(words.len() as u64, mix)
 }
 
-/// Takes a word into a hash: a multiplication by an odd constant between two exclusive ors, each of which can be undone,
-/// so that no two words lead from one state to the same.
+/// Mixes a word into a hash: a multiplication by an odd constant between two exclusive ors.
+///
+/// Each step is invertible, so two different words never lead from one state to the same.
 fn mix(state: u64, word: u64) -> u64 {
     let x = (state ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x ^ x >> 29

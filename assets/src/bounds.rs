@@ -1,9 +1,9 @@
-//! Axis-aligned boxes, exact and robust.
+//! Computes axis-aligned boxes, exact and robust.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// An axis-aligned box. [`Bounds::EMPTY`] where nothing is in it.
+/// An axis-aligned box; [`Bounds::EMPTY`] contains no point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Bounds {
     /// Least coordinates.
@@ -13,51 +13,51 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Holds nothing.
+    /// The box that contains no point.
     pub const EMPTY: Self = Self { min: [f32::INFINITY; 3], max: [f32::NEG_INFINITY; 3] };
 
-    /// Holds the origin alone: the box of a scene without splats, so that it has a middle.
+    /// The box that contains only the origin, for scenes without splats, so that they have a centre.
     pub const ORIGIN: Self = Self { min: [0.0; 3], max: [0.0; 3] };
 
-    /// Grows to hold a point.
+    /// Extends the box to a point.
     pub fn add(&mut self, point: [f32; 3]) {
         self.join(&Self { min: point, max: point });
     }
 
-    /// Grows to hold another box.
+    /// Extends the box to another box.
     pub fn join(&mut self, other: &Self) {
         self.min = std::array::from_fn(|a| self.min[a].min(other.min[a]));
         self.max = std::array::from_fn(|a| self.max[a].max(other.max[a]));
     }
 
-    /// The middle.
+    /// Returns the centre.
     pub fn center(&self) -> [f64; 3] {
         std::array::from_fn(|a| 0.5 * (f64::from(self.min[a]) + f64::from(self.max[a])))
     }
 
-    /// Length of each side.
+    /// Returns the length of each side.
     pub fn size(&self) -> [f64; 3] {
         std::array::from_fn(|a| f64::from(self.max[a]) - f64::from(self.min[a]))
     }
 
-    /// The longest side.
+    /// Returns the length of the longest side.
     pub fn extent(&self) -> f64 {
         self.size().into_iter().fold(0.0, f64::max)
     }
 
-    /// The eight corners.
+    /// Returns the eight corners.
     pub fn corners(&self) -> [[f64; 3]; 8] {
         std::array::from_fn(|corner| {
             std::array::from_fn(|a| f64::from(if corner >> a & 1 == 0 { self.min[a] } else { self.max[a] }))
         })
     }
 
-    /// Whether a point is inside, borders included.
+    /// Returns true if a point is inside; borders count as inside.
     pub fn contains(&self, point: [f32; 3]) -> bool {
         (0..3).all(|a| self.min[a] <= point[a] && point[a] <= self.max[a])
     }
 
-    /// The box grown by a factor about its middle.
+    /// Scales the box about its centre.
     pub fn grown(&self, factor: f64) -> Self {
         let (center, size) = (self.center(), self.size());
         Self {
@@ -66,7 +66,7 @@ impl Bounds {
         }
     }
 
-    /// The box between two quantiles (0 to 1, nearest rank) of each coordinate; [`Bounds::ORIGIN`] of no points.
+    /// Computes the box between two quantiles (0 to 1, nearest rank) of each coordinate; [`Bounds::ORIGIN`] without points.
     pub fn percentiles(points: &[[f32; 3]], low: f64, high: f64) -> Self {
         if points.is_empty() {
             return Self::ORIGIN;
@@ -82,7 +82,7 @@ impl Bounds {
     }
 }
 
-/// The value at a quantile (0 to 1, nearest rank). Reorders the values, of which there is at least one.
+/// Selects the value at a quantile (0 to 1, nearest rank). Reorders the values; there must be at least one.
 pub(crate) fn quantile(values: &mut [f32], q: f64) -> f32 {
     let rank = ((values.len() - 1) as f64 * q).round() as usize;
     *values.select_nth_unstable_by(rank, f32::total_cmp).1

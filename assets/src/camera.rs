@@ -1,6 +1,6 @@
-//! Cameras, as the 3DGS reference implementation writes them to `cameras.json`.
+//! Reads and writes cameras in the format of the 3DGS reference implementation, `cameras.json`.
 //!
-//! A camera is a place, a rotation, a focal length and an image size; its principal point is the image's centre. Position
+//! A camera is a position, a rotation, a focal length and an image size; its principal point is the image's centre. Position
 //! and rotation are camera-to-world, and the columns of the rotation are the camera's axes in the world: x right, y down,
 //! z forward.
 
@@ -11,30 +11,30 @@ use serde::{Deserialize, Serialize};
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
-/// A pinhole camera. Fields of the file that are not named here are ignored.
+/// A pinhole camera. Unknown fields of the file are ignored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
-    /// The number that the trainer gave to it.
+    /// The trainer's number of the camera.
     #[serde(default)]
     pub id: i64,
-    /// The name of the photograph that it took.
+    /// The name of the camera's photograph.
     #[serde(default)]
     pub img_name: String,
-    /// Pixels across.
+    /// Image width, in pixels.
     pub width: u32,
-    /// Pixels down.
+    /// Image height, in pixels.
     pub height: u32,
-    /// Its centre in the world.
+    /// Centre of projection, in world units.
     pub position: [f64; 3],
-    /// Camera-to-world rotation, by rows; the columns are right, down and forward.
+    /// Camera-to-world rotation, row by row; the columns are right, down and forward.
     pub rotation: [[f64; 3]; 3],
-    /// Focal length across, in pixels.
+    /// Horizontal focal length, in pixels.
     pub fx: f64,
-    /// Focal length down, in pixels.
+    /// Vertical focal length, in pixels.
     pub fy: f64,
 }
 
-/// Why cameras could not be had.
+/// An error of reading, writing or selecting cameras.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// The file cannot be read or written.
@@ -42,7 +42,7 @@ pub enum CameraError {
     Io {
         /// The file.
         path: PathBuf,
-        /// The system's answer.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The text is not a list of cameras.
@@ -50,28 +50,28 @@ pub enum CameraError {
     Parse {
         /// The file.
         path: PathBuf,
-        /// Line, from 1.
+        /// Line, counted from 1.
         line: usize,
-        /// Column, from 1.
+        /// Column, counted from 1.
         column: usize,
-        /// Index of the camera it is in, from 0, if it is in one.
+        /// Index of the camera with the error, from 0; `None` outside of the list's entries.
         camera: Option<usize>,
-        /// What was expected, and what was found.
+        /// The expectation and the finding.
         message: String,
     },
-    /// `file#camera` names none of the cameras.
+    /// `file#camera` matches none of the cameras.
     #[error("{} has no camera `{wanted}`: it has {count}, numbered from 0{}", path.display(), named(.names))]
     NotFound {
         /// The file.
         path: PathBuf,
-        /// What was asked for.
+        /// The requested index or name.
         wanted: String,
-        /// How many there are.
+        /// Number of cameras in the file.
         count: usize,
-        /// The first of their names.
+        /// The first names in the file.
         names: Vec<String>,
     },
-    /// The list has nothing in it.
+    /// The list is empty.
     #[error("{} has no cameras", path.display())]
     Empty {
         /// The file.
@@ -99,7 +99,7 @@ impl Camera {
         Self::parse(&text, path)
     }
 
-    /// Reads the text of a `cameras.json`; `path` is only named in errors.
+    /// Parses the text of a `cameras.json`; `path` appears only in errors.
     ///
     /// # Errors
     /// As [`Camera::load`].
@@ -134,10 +134,10 @@ impl Camera {
         std::fs::write(path, text).map_err(io)
     }
 
-    /// The camera that `file`, `file#2` or `file#name` asks for: by index from 0, or by `img_name`; the first without `#`.
+    /// Selects the camera of `file`, `file#2` (index from 0) or `file#name` (`img_name`); without `#`, the first.
     ///
     /// # Errors
-    /// Those of [`Camera::load`], and where there is no such camera.
+    /// Those of [`Camera::load`], or there is no such camera.
     pub fn select(spec: &str) -> Result<Self, CameraError> {
         // A file whose own name has a `#` can be named too.
         let (path, wanted) = match spec.rsplit_once('#') {
@@ -169,8 +169,9 @@ impl Camera {
         }
     }
 
-    /// A camera at `eye` that looks at `target`, with the world's y pointing down, and a horizontal field of view in
-    /// degrees. Looking straight up or down, its x stays the world's.
+    /// Makes a camera at `eye` that looks at `target`, upright where the world's y points down.
+    ///
+    /// `horizontal_fov` is in degrees. For a view straight up or down, the camera's x axis is the world's.
     pub fn looking_at(
         eye: [f64; 3],
         target: [f64; 3],
@@ -194,12 +195,14 @@ impl Camera {
         }
     }
 
-    /// A camera that has the bulk of a scene in view: it looks along +z and a little down (+y), from where the box
-    /// [`Scene::robust_bounds`] just fits with a small margin; 60 degrees across the longer side.
+    /// Makes a camera that frames the bulk of a scene.
+    ///
+    /// It looks along +z and 12 degrees down (+y), from where the box [`Scene::robust_bounds`] fits with a margin of 8 %.
+    /// The field of view is 60 degrees across the longer side.
     pub fn framing(scene: &Scene, width: u32, height: u32) -> Self {
-        /// Slope of the view down.
+        /// Downward slope of the view, in degrees.
         const PITCH: f64 = 12.0;
-        /// Part of the image that the box may fill.
+        /// Share of the image that the box may fill.
         const FILL: f64 = 0.92;
         let (width, height) = (width.max(1), height.max(1));
         let bounds = scene.robust_bounds();
@@ -209,7 +212,7 @@ impl Camera {
         let forward = glam::DVec3::new(0.0, PITCH.to_radians().sin(), PITCH.to_radians().cos());
         let mut camera = Self::looking_at([0.0; 3], forward.into(), horizontal, (width, height));
         let [tan_x, tan_y] = [width, height].map(|side| FILL * 0.5 * f64::from(side) / focal);
-        // How far back the camera must be for each corner to be inside the pyramid of the view.
+        // The distance at which each corner is inside the pyramid of the view.
         let distance = bounds.corners().into_iter().fold(0.0, |distance: f64, corner| {
             let v = camera.to_view((glam::DVec3::from(corner) - center).into());
             distance.max(v[0].abs() / tan_x - v[2]).max(v[1].abs() / tan_y - v[2])
@@ -219,17 +222,17 @@ impl Camera {
         camera
     }
 
-    /// The camera's axes in the world: right, down and forward.
+    /// Returns the camera's axes in the world: right, down and forward.
     pub fn axes(&self) -> [[f64; 3]; 3] {
         std::array::from_fn(|axis| std::array::from_fn(|row| self.rotation[row][axis]))
     }
 
-    /// A point of the world as the camera sees it: right, down and forward of it.
+    /// Transforms a point from world to camera space: right, down and forward of the camera.
     pub fn to_view(&self, point: [f64; 3]) -> [f64; 3] {
         self.axes().map(|axis| (0..3).map(|i| axis[i] * (point[i] - self.position[i])).sum())
     }
 
-    /// The least and greatest view depth of a box's corners; negative behind the camera.
+    /// Computes the least and greatest view depth of a box's corners; negative behind the camera.
     pub fn depth_range(&self, bounds: &Bounds) -> (f64, f64) {
         let depths = bounds.corners().map(|corner| self.to_view(corner)[2]);
         depths
@@ -237,15 +240,15 @@ impl Camera {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(near, far), z| (near.min(z), far.max(z)))
     }
 
-    /// The same view in an image of another size: what is seen from top to bottom stays.
+    /// Makes the camera of the same view in another image size; the vertical field of view stays.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let factor = f64::from(height) / f64::from(self.height);
         Self { width, height, fx: self.fx * factor, fy: self.fy * factor, ..self.clone() }
     }
 
-    /// Why the camera cannot be used, if it cannot.
+    /// Describes the first reason that makes the camera unusable.
     fn fault(&self) -> Option<String> {
-        /// How far from orthonormal the rotation may be: files have as few as three decimals.
+        /// Largest deviation of the rotation from orthonormal: files have as few as three decimals.
         const TOLERANCE: f64 = 0.01;
         if self.width == 0 || self.height == 0 {
             return Some(format!("the image is {} x {} pixels", self.width, self.height));
@@ -278,7 +281,7 @@ impl Camera {
     }
 }
 
-/// Reads the list one camera at a time, noting in which it is, so that an error can name it.
+/// Deserialises the list camera by camera and records the current index for error messages.
 struct List<'a> {
     reached: &'a Cell<Option<usize>>,
 }

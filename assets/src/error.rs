@@ -1,50 +1,50 @@
-//! What can be wrong with a scene file, in sentences that say what was expected, what was found, and where.
+//! Defines the errors of scene files: each message has the expectation, the finding and the place.
 
 use std::path::PathBuf;
 
-/// A scene file that could not be loaded.
+/// An error of loading a scene file.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {problem}", path.display())]
 pub struct LoadError {
     /// The file.
     pub path: PathBuf,
-    /// What is wrong with it.
+    /// The problem.
     pub problem: SceneError,
 }
 
-/// What is wrong with the bytes of a scene. Lines are counted from 1, over the whole file.
+/// A problem with the bytes of a scene. Lines are counted from 1, over the whole file.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// The system would not open, map or read the file.
+    /// The system refused to open, map or read the file.
     #[error("cannot be read: {0}")]
     Io(#[from] std::io::Error),
 
-    /// The file has no bytes.
-    #[error("the file is empty; expected a PLY file")]
+    /// The file is empty.
+    #[error("expected a PLY file, found an empty file")]
     Empty,
 
     /// The first line is not `ply`.
-    #[error("not a PLY file: expected a first line `ply`, found {found}")]
+    #[error("expected a PLY file, which begins with the line `ply`, found {found}")]
     NotPly {
-        /// What the file seems to be.
+        /// The likely kind of the file.
         found: String,
     },
 
-    /// A splat format that is recognised, and not read.
-    #[error("this is {format}, a format that is not read yet; {advice}")]
+    /// The file has a splat format that is recognised but not supported.
+    #[error("unsupported format: this is {format}; {advice}")]
     Unsupported {
         /// The format's name, with its article.
         format: &'static str,
-        /// What to do instead.
+        /// A way to get a supported file.
         advice: &'static str,
     },
 
-    /// A header line that does not parse.
+    /// A header line is malformed.
     #[error("line {line} of the header: {message}")]
     Header {
         /// The line's number.
         line: u32,
-        /// What was expected, and what was found.
+        /// The expectation and the finding.
         message: String,
     },
 
@@ -55,47 +55,47 @@ pub enum SceneError {
         line: u32,
     },
 
-    /// No `end_header` within the limit.
+    /// The header has no `end_header` within the limit.
     #[error("the header is too long: no `end_header` line in the first {limit} bytes")]
     HeaderTooLong {
-        /// Bytes that a header may have.
+        /// Largest number of bytes in a header.
         limit: usize,
     },
 
-    /// No element named `vertex`.
+    /// The header has no element named `vertex`.
     #[error("the header has no `element vertex`, which holds the splats{}", found_elements(.found))]
     NoVertexElement {
-        /// The names of the elements that there are.
+        /// The names of the elements in the header.
         found: Vec<String>,
     },
 
-    /// A property that every splat needs is not there.
+    /// A required property is missing.
     #[error("`element vertex` (line {line}) has no property `{name}`{}{}", nearest_text(.nearest), hint_text(.hint))]
     MissingProperty {
-        /// The property.
+        /// The property's name.
         name: String,
         /// The line of `element vertex`.
         line: u32,
-        /// The property whose name is nearest to it, if one is near.
+        /// The most similar name in the header, if one is similar enough.
         nearest: Option<String>,
-        /// What the file may be instead.
+        /// A guess at the file's content.
         hint: Option<&'static str>,
     },
 
-    /// A number of `f_rest_*` that belongs to no degree.
+    /// The number of `f_rest_*` properties belongs to no degree.
     #[error(
-        "`element vertex` (line {line}) has {found} properties f_rest_*, where spherical harmonics of degree 0, 1, 2 or 3 \
-         have 0, 9, 24 or 45"
+        "expected 0, 9, 24 or 45 properties `f_rest_*` (spherical harmonics of degree 0, 1, 2 or 3) in `element vertex` \
+         (line {line}), found {found}"
     )]
     RestCount {
-        /// How many there are.
+        /// Number of `f_rest_*` properties.
         found: usize,
         /// The line of `element vertex`.
         line: u32,
     },
 
-    /// `element vertex 0`.
-    #[error("the scene has no splats: `element vertex 0` (line {line})")]
+    /// The file declares `element vertex 0`.
+    #[error("expected at least one splat, found `element vertex 0` (line {line})")]
     NoSplats {
         /// The line of `element vertex`.
         line: u32,
@@ -104,20 +104,18 @@ pub enum SceneError {
     /// Every splat was dropped.
     #[error("none of the {count} splats can be drawn: {reasons}")]
     AllDropped {
-        /// How many the file has.
+        /// Number of splats in the file.
         count: u64,
         /// The counts per reason, in words.
         reasons: String,
     },
 
     /// The file ends inside the splats.
-    #[error(
-        "the file is truncated: the header promises {promised} splats (line {line}), the file ends after {there} of them"
-    )]
+    #[error("the file is truncated: expected {promised} splats (line {line}), found {there}")]
     Truncated {
         /// Whole splats in the file.
         there: u64,
-        /// Splats that the header promises.
+        /// Splats that the header declares.
         promised: u64,
         /// The line of `element vertex`.
         line: u32,
@@ -125,28 +123,28 @@ pub enum SceneError {
 
     /// The file ends inside another element.
     #[error(
-        "the file is truncated: it ends inside `element {element}` (line {line}), after {there} of {promised} rows"
+        "the file is truncated: expected {promised} rows of `element {element}` (line {line}), found {there}"
     )]
     TruncatedElement {
         /// The element's name.
         element: String,
         /// Whole rows in the file.
         there: u64,
-        /// Rows that the header promises.
+        /// Rows that the header declares.
         promised: u64,
         /// The line of the element.
         line: u32,
     },
 
-    /// A count that cannot be true.
+    /// A row count exceeds the bytes that follow the header.
     #[error(
-        "the header is damaged: `element {element}` (line {line}) promises {promised} rows, but only {available} bytes follow \
-         the header"
+        "the header is damaged: `element {element}` (line {line}) declares {promised} rows, but only {available} bytes \
+         follow the header"
     )]
     AbsurdCount {
         /// The element's name.
         element: String,
-        /// Rows that the header promises.
+        /// Rows that the header declares.
         promised: u64,
         /// Bytes after the header.
         available: u64,
@@ -154,19 +152,19 @@ pub enum SceneError {
         line: u32,
     },
 
-    /// More splats than a 32-bit index can name.
-    #[error("the scene has {count} splats; at most 4,294,967,295 can be indexed")]
+    /// The file has more splats than a 32-bit index can address.
+    #[error("expected at most 4,294,967,295 splats, which 32 bits can index, found {count}")]
     TooMany {
-        /// How many the file has.
+        /// Number of splats in the file.
         count: u64,
     },
 
-    /// A row of an ASCII file that does not parse.
+    /// A row of an ASCII file is malformed.
     #[error("line {line}: {message}")]
     Row {
         /// The line's number.
         line: u64,
-        /// What was expected, and what was found.
+        /// The expectation and the finding.
         message: String,
     },
 }
@@ -183,7 +181,7 @@ fn found_elements(found: &[String]) -> String {
     if found.is_empty() { String::new() } else { format!("; it has {}", found.join(", ")) }
 }
 
-/// The candidate nearest to `name` by edit distance, if one is near enough to be what was meant.
+/// Finds the candidate with the smallest edit distance to `name`, if it is within a third of its length.
 pub(crate) fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     candidates
         .into_iter()

@@ -1,14 +1,14 @@
-//! Real spherical harmonics, in the basis and with the signs of the 3DGS reference implementation.
+//! Evaluates and fits real spherical harmonics, in the basis and with the signs of the 3DGS reference implementation.
 //!
 //! A splat's colour in direction `d` (unit, from the camera to the splat) is `max(0, 0.5 + sum_k c_k Y_k(d))` per channel.
 //! Coefficient 0 is band 0, 1 to 3 band 1, 4 to 8 band 2, 9 to 15 band 3.
 //!
-//! A function that is symmetric about an axis, a *lobe*, needs only a polynomial in the cosine to that axis: the addition
-//! theorem of spherical harmonics turns its Legendre coefficients into all sixteen (see [`Zonal`]).
+//! A *lobe*, a function that is symmetric about an axis, needs only a polynomial in the cosine to that axis: the addition
+//! theorem of spherical harmonics turns its Legendre coefficients into all sixteen coefficients (see [`Zonal`]).
 
 use std::f64::consts::PI;
 
-/// The sixteen basis functions of degree 3 at a unit direction.
+/// Evaluates the sixteen basis functions of degree 3 at a unit direction.
 ///
 /// Source of the constants: the orthonormal real harmonics, sqrt((2l+1)/(4 pi) (l-m)!/(l+m)!) with sqrt(2) for m != 0;
 /// the signs of odd m are negative, as in the reference.
@@ -49,9 +49,9 @@ pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
 pub struct Zonal(pub [f64; 4]);
 
 impl Zonal {
-    /// A smooth highlight: `exp(sharpness * (cos - 1))`, 1 on the axis.
+    /// Fits a smooth highlight, `exp(sharpness * (cos - 1))`, which is 1 on the axis.
     ///
-    /// Its bands are damped (Lanczos' sigma factors), which widens it a little and keeps the cut at degree 3 from ringing
+    /// Its bands are damped by Lanczos' sigma factors. That widens the lobe a little and keeps the cut at degree 3 from ringing
     /// into dark bands.
     pub fn lobe(sharpness: f64) -> Self {
         const SAMPLES: usize = 256;
@@ -70,8 +70,9 @@ impl Zonal {
         Self(coefficients)
     }
 
-    /// The cubic in the cosine that comes nearest, in least squares, to a function on `[from, 1]`: what a surface shows to
-    /// cameras in front of it, where the axis is its normal and the back is never seen.
+    /// Fits a cubic in the cosine to a function on `[from, 1]`, by least squares.
+    ///
+    /// This suits surfaces: the axis is the normal, and cameras never see the back.
     pub fn fit(from: f64, function: impl Fn(f64) -> f64) -> Self {
         const SAMPLES: usize = 64;
         let mut normal = [[0.0; 5]; 4];
@@ -88,13 +89,14 @@ impl Zonal {
         Self(solve(normal))
     }
 
-    /// The function at a cosine.
+    /// Evaluates the function at a cosine.
     pub fn at(&self, cosine: f64) -> f64 {
         self.0.iter().zip(legendre(cosine)).map(|(c, p)| c * p).sum()
     }
 
-    /// Its sixteen coefficients where the axis (unit) is given, with the basis at that axis: by the addition theorem,
-    /// P_l(a . d) = 4 pi / (2l+1) sum_m Y_lm(a) Y_lm(d).
+    /// Computes the sixteen coefficients of the lobe about an axis (unit).
+    ///
+    /// By the addition theorem, P_l(a . d) = 4 pi / (2l+1) sum_m Y_lm(a) Y_lm(d), with the basis of this module.
     pub fn about(&self, axis: [f64; 3]) -> [f64; 16] {
         let mut coefficients = basis(axis);
         for (k, value) in coefficients.iter_mut().enumerate() {
@@ -105,13 +107,14 @@ impl Zonal {
     }
 }
 
-/// The Legendre polynomials P0 to P3.
+/// Evaluates the Legendre polynomials P0 to P3.
 fn legendre(t: f64) -> [f64; 4] {
     [1.0, t, 1.5 * t * t - 0.5, 2.5 * t * t * t - 1.5 * t]
 }
 
-/// Solves four linear equations by Gauss-Jordan elimination; the matrix is symmetric and positive definite, so no pivot
-/// is needed.
+/// Solves four linear equations by Gauss-Jordan elimination.
+///
+/// The matrix is symmetric and positive definite, so no pivoting is needed.
 fn solve(mut m: [[f64; 5]; 4]) -> [f64; 4] {
     for pivot in 0..4 {
         let scale = m[pivot][pivot];

@@ -1,11 +1,11 @@
 //! Loads, checks, measures and generates 3D Gaussian Splatting scenes.
 //!
 //! [`Scene::load`] maps a `.ply` file in the layout of the reference implementation and converts it in parallel;
-//! [`Report`] says what is worth knowing of it, [`SizeBreakdown`] where its bytes go, and [`Scene::write_attribute`] gives the
-//! bytes that a GPU buffer wants. [`Camera`] reads and writes the reference's `cameras.json`. [`synth`] makes scenes from
-//! nothing: one to look at, and extreme ones to test with.
+//! [`Report`] counts its flaws, [`SizeBreakdown`] accounts for the file's bytes, and [`Scene::write_attribute`] writes the
+//! contents of GPU buffers. [`Camera`] reads and writes the reference's `cameras.json`. [`synth`] generates scenes: one for
+//! demonstration, and extreme ones for tests.
 //!
-//! The crate knows no GPU and no window. Units are the scene's own; y points down.
+//! The crate depends on no GPU and no window. Lengths are in the scene's own unit; y points down.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -27,10 +27,10 @@ mod ply;
 mod recognise;
 mod report;
 mod scene;
+mod size_breakdown;
 pub mod synth;
 #[cfg(test)]
 mod testing;
-mod size_breakdown;
 
 pub use attributes::{ATTRIBUTES, AttributeInfo};
 pub use bounds::Bounds;

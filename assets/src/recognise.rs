@@ -1,14 +1,14 @@
-//! Names what a file is when it is not a PLY file.
+//! Identifies files that are not PLY files, for error messages.
 //!
-//! People hand over the wrong file, a compressed one, or the pointer that Git LFS left in its place. The first bytes
-//! usually tell, and "this is a gzip file" helps more than "bad magic".
+//! Users pass the wrong file, a compressed one, or a Git LFS pointer. The first bytes usually identify it, and "this is a gzip
+//! file" helps more than "bad magic".
 
-use crate::SceneError;
+use crate::error::SceneError;
 use std::path::Path;
 
 const CONVERT: &str = "convert it to a plain .ply, for instance with SuperSplat or with splat-transform";
 
-/// First bytes, and what they belong to.
+/// Leading bytes of well-known files, with a description.
 const MAGIC: &[(&[u8], &str)] = &[
     (b"\x89PNG", "a PNG image"),
     (b"\xFF\xD8\xFF", "a JPEG image"),
@@ -33,7 +33,7 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"\xEF\xBB\xBFply", "a PLY file behind a byte order mark (save it without one)"),
 ];
 
-/// The error for bytes that do not begin as a PLY file does. `path` is the file's name where there is one.
+/// Makes the error for bytes that do not begin as a PLY file. `path` is the file's path, if there is one.
 pub(crate) fn not_ply(path: Option<&Path>, bytes: &[u8]) -> SceneError {
     let extension = path
         .and_then(|p| p.extension())
@@ -59,12 +59,12 @@ pub(crate) fn not_ply(path: Option<&Path>, bytes: &[u8]) -> SceneError {
     SceneError::NotPly { found }
 }
 
-/// The refusal for a PLY file whose vertices are packed.
+/// Makes the error for a PLY file with packed vertices.
 pub(crate) fn compressed_ply() -> SceneError {
     SceneError::Unsupported { format: "a PlayCanvas compressed PLY scene", advice: CONVERT }
 }
 
-/// Bytes as a quoted string, with escapes for what is not printable.
+/// Quotes bytes and escapes those that are not printable.
 fn quoted(bytes: &[u8]) -> String {
     format!("\"{}\"", bytes.escape_ascii())
 }
@@ -94,7 +94,7 @@ mod tests {
         ] {
             let said = said(name, bytes);
             assert!(
-                said.contains(word) && said.contains("not read yet") && said.contains("convert"),
+                said.contains(word) && said.contains("unsupported format") && said.contains("convert"),
                 "{said}"
             );
         }

@@ -1,8 +1,8 @@
-//! What is worth knowing of a scene before it is drawn.
+//! Reports the flaws of a scene that affect how it is drawn.
 //!
-//! Captured scenes come with flaws that explain much of what goes wrong later: values that are not numbers, floaters far
-//! outside the bulk that eat the bits of a depth key, splats as large as the scene. The report counts them. Nothing here
-//! changes the scene; what cannot be drawn at all was dropped on load, and is counted here too.
+//! Captured scenes have flaws that explain many later problems: values that are not numbers, floaters far outside the bulk
+//! that use up the bits of a depth key, splats as large as the scene. The report counts them. It does not change the scene;
+//! splats that cannot be drawn at all were dropped on load, and are counted here too.
 
 use crate::bounds::{Bounds, quantile};
 use crate::camera::Camera;
@@ -12,99 +12,101 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;
 
-/// Depth below which the reference rasteriser culls.
+/// View depth of the reference rasteriser's near plane, in world units.
 pub const NEAR: f64 = 0.2;
 
-/// The findings.
+/// The statistics of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Splats that can be drawn.
+    /// Number of splats that can be drawn.
     pub splats: u32,
-    /// Splats that were dropped.
+    /// Counts of the dropped splats.
     pub dropped: Dropped,
-    /// The degree of the spherical harmonics that the file stores.
+    /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,
-    /// The highest band that is not zero everywhere.
+    /// Highest band that is not zero in every splat.
     pub effective_sh_degree: u32,
-    /// Lengths of the quaternions before they were normalised.
+    /// Lengths of the quaternions before normalisation.
     pub quaternions: QuaternionNorms,
     /// Opacities near their limits.
     pub opacity: OpacityReport,
-    /// Splats that are large beside the scene.
+    /// Splats that are large relative to the scene.
     pub size: SizeReport,
-    /// Where the splats are.
+    /// Positions of the splats.
     pub place: PlaceReport,
-    /// What the depth key must resolve, per camera.
+    /// Depth range of the splats, per camera.
     pub depth: Vec<DepthReport>,
 }
 
 /// Opacities near their limits.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct OpacityReport {
-    /// Below 1/255: never drawn by the reference rasteriser.
+    /// Number of opacities below 1/255, which the reference rasteriser never draws.
     pub below_floor: u64,
-    /// Above 0.99, where alpha is capped.
+    /// Number of opacities above 0.99, where alpha is capped.
     pub above_cap: u64,
 }
 
-/// Splats that are large beside the scene.
+/// Splats that are large relative to the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SizeReport {
-    /// With a standard deviation above half the robust extent.
+    /// Number of splats with a standard deviation above half the robust extent.
     pub oversized: u64,
-    /// The largest standard deviation.
+    /// Largest standard deviation, in world units.
     pub largest: f32,
-    /// The median of each splat's largest standard deviation.
+    /// Median of each splat's largest standard deviation, in world units.
     pub median: f32,
-    /// The longest side of the robust box.
+    /// Longest side of the robust box, in world units.
     pub robust_extent: f64,
 }
 
-/// Where the splats are.
+/// Positions of the splats.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PlaceReport {
-    /// Around every centre.
+    /// Box around every centre.
     pub bounds: Bounds,
-    /// From the 1st to the 99th percentile of each coordinate.
+    /// Box from the 1st to the 99th percentile of each coordinate.
     pub robust_bounds: Bounds,
-    /// The middle of the robust box.
+    /// Centre of the robust box.
     pub center: [f64; 3],
-    /// Centres beyond ten times the robust box.
+    /// Number of centres beyond ten times the robust box.
     pub outliers: u64,
 }
 
-/// View depths of the splats that a camera has in front of its near plane (at [`NEAR`]), whether or not they are inside the
-/// image: a sort by depth gets them all.
+/// View depths of the splats in front of a camera's near plane ([`NEAR`]), inside the image or not.
+///
+/// A sort by depth gets all of them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DepthReport {
     /// The camera's name, or its number.
     pub camera: String,
-    /// Splats in front of the near plane.
+    /// Number of splats in front of the near plane.
     pub in_front: u64,
-    /// The range of their depths; `None` where there are none.
+    /// Range of their depths; `None` if there are none.
     pub range: Option<DepthRange>,
 }
 
 /// A range of depths, in world units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct DepthRange {
-    /// The nearest.
+    /// Smallest depth.
     pub near: f64,
-    /// The farthest.
+    /// Largest depth.
     pub far: f64,
-    /// The 1st percentile.
+    /// 1st percentile.
     pub robust_near: f64,
-    /// The 99th percentile.
+    /// 99th percentile.
     pub robust_far: f64,
-    /// Bits of a key linear in depth that only tell the bulk (the robust range) from the rest: log2 of the whole range over
-    /// the bulk's. A key of 16 bits has this many fewer for the bulk.
+    /// Bits of a key linear in depth that are lost to outliers: log2 of the whole range over the robust range.
+    ///
+    /// A 16-bit key has this many fewer bits for the bulk.
     pub linear_bits_lost: f64,
-    /// The same for a key linear in the logarithm of depth.
+    /// The same loss for a key linear in the logarithm of depth.
     pub logarithmic_bits_lost: f64,
 }
 
 impl Report {
-    /// Examines a scene. Without cameras, depths are taken from [`Camera::framing`].
+    /// Examines a scene. Without cameras, depths are those of [`Camera::framing`].
     pub fn new(scene: &Scene, cameras: &[Camera]) -> Self {
         let robust_bounds = scene.robust_bounds();
         let robust_extent = robust_bounds.extent();
@@ -178,7 +180,7 @@ impl DepthReport {
     }
 }
 
-/// A box as `(x, y, z) to (x, y, z)`.
+/// Formats a box as `(x, y, z) to (x, y, z)`.
 struct Shown<'a>(&'a Bounds);
 
 impl fmt::Display for Shown<'_> {
@@ -189,7 +191,7 @@ impl fmt::Display for Shown<'_> {
 }
 
 impl fmt::Display for Report {
-    /// A block of lines, a finding on each.
+    /// Writes a block of lines, one per statistic.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let percent = |n: u64| 100.0 * n as f64 / f64::from(self.splats.max(1));
         let line = |f: &mut fmt::Formatter<'_>, what: &str, text: String| writeln!(f, "  {what:<22}{text}");

@@ -1,9 +1,9 @@
-//! A scene in memory: splats as a structure of arrays.
+//! Stores the splats of a scene as a structure of arrays.
 //!
 //! A splat is an anisotropic 3D Gaussian: a centre, a standard deviation along each of three axes, the rotation of these
-//! axes, an opacity at the centre, and a colour that depends on the direction it is seen from, as real spherical
-//! harmonics. Here all values are *activated*: scales are standard deviations and not logarithms, opacities are 0 to 1 and
-//! not logits, quaternions are unit. A scene never changes after it is made, so what is derived from it is computed once.
+//! axes, an opacity at the centre, and a view-dependent colour, as real spherical harmonics. All values here are
+//! *activated*: scales are standard deviations and not logarithms, opacities are 0 to 1 and not logits, quaternions are
+//! unit. A scene is immutable, so derived values are computed once.
 
 use crate::bounds::Bounds;
 use crate::size_breakdown::SizeBreakdown;
@@ -11,10 +11,10 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::OnceLock;
 
-/// Splats that one task of a parallel loop converts.
+/// Number of splats that one task of a parallel loop converts.
 pub(crate) const CHUNK: usize = 8192;
 
-/// Floats of spherical harmonics of a degree: 3 channels of (degree + 1)^2 coefficients.
+/// Counts the floats of spherical harmonics of a degree: 3 channels of (degree + 1)^2 coefficients.
 pub const fn sh_floats(degree: u32) -> usize {
     3 * ((degree + 1) * (degree + 1)) as usize
 }
@@ -35,7 +35,7 @@ pub struct Splat {
     pub sh: [f32; 48],
 }
 
-/// Why a splat cannot be drawn.
+/// A reason to drop a splat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reason {
     Position,
@@ -46,30 +46,30 @@ pub(crate) enum Reason {
     Color,
 }
 
-/// How many splats were dropped on load, by the first reason that applied to each.
+/// Counts of the splats dropped on load, by the first reason that applied to each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Dropped {
-    /// A coordinate is NaN or infinite.
+    /// Splats with a coordinate that is NaN or infinite.
     pub position: u64,
-    /// A scale is NaN or infinite, as a logarithm or after the exponential.
+    /// Splats with a scale that is NaN or infinite, as a logarithm or after the exponential.
     pub scale: u64,
-    /// A component of the quaternion is NaN or infinite.
+    /// Splats with a component of the quaternion that is NaN or infinite.
     pub rotation: u64,
-    /// The quaternion is zero, so it has no direction.
+    /// Splats with a zero quaternion, which has no direction.
     pub zero_rotation: u64,
-    /// The logit is NaN or infinite.
+    /// Splats with a logit that is NaN or infinite.
     pub opacity: u64,
-    /// A coefficient of the spherical harmonics is NaN or infinite.
+    /// Splats with a spherical-harmonics coefficient that is NaN or infinite.
     pub color: u64,
 }
 
 impl Dropped {
-    /// All of them.
+    /// Sums the counts over all reasons.
     pub fn total(&self) -> u64 {
         self.by_reason().iter().map(|(_, count)| count).sum()
     }
 
-    /// Every reason in words, with its count (which may be zero).
+    /// Lists every reason in words with its count, which may be zero.
     pub fn by_reason(&self) -> [(&'static str, u64); 6] {
         [
             ("position not finite", self.position),
@@ -94,22 +94,26 @@ impl Dropped {
 }
 
 impl std::fmt::Display for Dropped {
-    /// The reasons that apply, as `3 zero quaternion, 1 scale not finite`; `none` where there are none.
+    /// Lists the reasons that apply, as `3 zero quaternion, 1 scale not finite`, or `none`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let said: Vec<String> =
-            self.by_reason().iter().filter(|(_, n)| *n > 0).map(|(why, n)| format!("{n} {why}")).collect();
-        f.write_str(if said.is_empty() { "none".into() } else { said.join(", ") }.as_str())
+        let counts: Vec<String> = self
+            .by_reason()
+            .iter()
+            .filter(|(_, n)| *n > 0)
+            .map(|(reason, n)| format!("{n} {reason}"))
+            .collect();
+        f.write_str(if counts.is_empty() { "none".into() } else { counts.join(", ") }.as_str())
     }
 }
 
-/// Lengths of the quaternions as the file has them, before they are normalised.
+/// Lengths of the file's quaternions before normalisation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct QuaternionNorms {
-    /// The shortest.
+    /// Length of the shortest.
     pub min: f64,
-    /// The longest.
+    /// Length of the longest.
     pub max: f64,
-    /// How many differ from 1 by more than [`QuaternionNorms::FAR`].
+    /// Number of lengths that differ from 1 by more than [`QuaternionNorms::FAR`].
     pub far_from_unit: u64,
 }
 
@@ -130,7 +134,7 @@ impl QuaternionNorms {
     }
 }
 
-/// What is learnt of the splats while they are stored.
+/// Statistics gathered while the splats are stored.
 #[derive(Debug)]
 pub(crate) struct Gathered {
     dropped: Vec<(usize, Reason)>,
@@ -186,7 +190,7 @@ impl Rows<'_> {
         self.opacity.len()
     }
 
-    /// Stores the splat, or notes why it has to be dropped. `norm` is its quaternion's length in the file.
+    /// Stores the splat, or records the reason to drop it. `norm` is the length of the file's quaternion.
     #[inline]
     pub(crate) fn set(&mut self, index: usize, splat: &Splat, norm: f64) {
         let floats = sh_floats(self.degree);
@@ -209,7 +213,7 @@ impl Rows<'_> {
     }
 }
 
-/// The first reason, in the order of [`Reason`], why a splat cannot be drawn.
+/// Finds the first reason, in the order of [`Reason`], to drop a splat.
 fn fault(splat: &Splat, norm: f64, sh_floats: usize) -> Option<Reason> {
     let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
     if !finite(&splat.position) {
@@ -241,7 +245,7 @@ impl Columns {
         }
     }
 
-    /// Fills all rows in parallel, a chunk at a time. Of several errors, the one of the first chunk is returned.
+    /// Fills all rows in parallel, one chunk per task. Of several errors, returns that of the first chunk.
     pub(crate) fn fill<E: Send>(
         &mut self,
         convert: impl Fn(&mut Rows) -> Result<(), E> + Sync,
@@ -270,7 +274,7 @@ impl Columns {
         Ok(all)
     }
 
-    /// Takes the splats at these ascending indices out; the others keep their order.
+    /// Removes the splats at these ascending indices; the others keep their order.
     fn remove(&mut self, dropped: &[(usize, Reason)]) {
         let floats = sh_floats(self.degree);
         let mut kept = 0;
@@ -304,13 +308,18 @@ pub struct Scene {
     dropped: Dropped,
     norms: QuaternionNorms,
     bounds: Bounds,
-    size_breakdown: SizeBreakdown,
+    /// Sizes of the file's parts; empty for a generated scene until they are asked for.
+    pub(crate) size_breakdown: OnceLock<SizeBreakdown>,
     robust: OnceLock<Bounds>,
     pub(crate) identity: OnceLock<u64>,
 }
 
 impl Scene {
-    pub(crate) fn new(mut columns: Columns, gathered: Gathered, size_breakdown: Option<SizeBreakdown>) -> Self {
+    pub(crate) fn new(
+        mut columns: Columns,
+        gathered: Gathered,
+        size_breakdown: Option<SizeBreakdown>,
+    ) -> Self {
         let mut dropped = Dropped::default();
         if !gathered.dropped.is_empty() {
             for (_, reason) in &gathered.dropped {
@@ -318,8 +327,6 @@ impl Scene {
             }
             columns.remove(&gathered.dropped);
         }
-        let size_breakdown =
-            size_breakdown.unwrap_or_else(|| SizeBreakdown::reference(columns.opacity.len() as u64, columns.degree));
         let empty = columns.opacity.is_empty();
         Self {
             columns,
@@ -327,14 +334,16 @@ impl Scene {
             dropped,
             norms: gathered.norms,
             bounds: if empty { Bounds::ORIGIN } else { gathered.bounds },
-            size_breakdown,
+            size_breakdown: size_breakdown.map_or_else(OnceLock::new, OnceLock::from),
             robust: OnceLock::new(),
             identity: OnceLock::new(),
         }
     }
 
-    /// Makes a scene of `count` splats with spherical harmonics of `degree` (at most 3), asking for each by its index, in
-    /// parallel and in any order. Quaternions are normalised, splats that cannot be drawn dropped and counted, as on load.
+    /// Generates a scene of `count` splats with spherical harmonics of `degree`, at most 3.
+    ///
+    /// `splat` is called with each index, in parallel and in any order. As on load, quaternions are normalised, and splats
+    /// that cannot be drawn are dropped and counted.
     pub fn generate(count: u32, degree: u32, splat: impl Fn(usize) -> Splat + Sync) -> Self {
         let mut columns = Columns::zeroed(count as usize, degree.min(3));
         let filled = columns.fill(|rows| {
@@ -354,51 +363,52 @@ impl Scene {
         }
     }
 
-    /// Splats that can be drawn; the dropped ones are not among them.
+    /// Counts the splats, without those that were dropped.
     pub fn count(&self) -> u32 {
         self.columns.opacity.len() as u32
     }
 
-    /// Centres, in world units.
+    /// Returns the centres, in world units.
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.columns.position
     }
 
-    /// Standard deviations along each splat's axes, in world units.
+    /// Returns the standard deviations along each splat's axes, in world units.
     pub fn scales(&self) -> &[[f32; 3]] {
         &self.columns.scale
     }
 
-    /// Unit quaternions w, x, y, z.
+    /// Returns the unit quaternions, as w, x, y, z.
     pub fn rotations(&self) -> &[[f32; 4]] {
         &self.columns.rotation
     }
 
-    /// Opacities, 0 to 1.
+    /// Returns the opacities, 0 to 1.
     pub fn opacities(&self) -> &[f32] {
         &self.columns.opacity
     }
 
-    /// Spherical harmonics: [`sh_floats`]`(stored_degree)` floats per splat; of these, coefficient `k` of channel `c` is
-    /// at `3 * k + c`.
+    /// Returns the spherical harmonics, [`sh_floats`]`(stored_degree)` floats per splat.
+    ///
+    /// Within a splat, coefficient `k` of channel `c` is at `3 * k + c`.
     pub fn sh(&self) -> &[f32] {
         &self.columns.sh
     }
 
-    /// The degree that the file stores.
+    /// Returns the degree of the stored spherical harmonics.
     pub fn stored_degree(&self) -> u32 {
         self.columns.degree
     }
 
-    /// The highest band that is not zero in every splat: what a renderer needs to evaluate.
+    /// Returns the highest band that is not zero in every splat, the last that a renderer must evaluate.
     pub fn effective_degree(&self) -> u32 {
         self.effective_degree
     }
 
-    /// Splat `index`.
+    /// Copies splat `index`.
     ///
     /// # Panics
-    /// If `index` is not below [`Scene::count`].
+    /// Panics if `index` is not below [`Scene::count`].
     pub fn splat(&self, index: usize) -> Splat {
         let c = &self.columns;
         let floats = sh_floats(c.degree);
@@ -413,29 +423,24 @@ impl Scene {
         }
     }
 
-    /// What was dropped on load.
+    /// Returns the counts of the splats dropped on load.
     pub fn dropped(&self) -> &Dropped {
         &self.dropped
     }
 
-    /// Lengths of the quaternions before they were normalised.
+    /// Returns the range of the quaternions' lengths before normalisation.
     pub fn quaternion_norms(&self) -> QuaternionNorms {
         self.norms
     }
 
-    /// The box around every centre; [`Bounds::ORIGIN`] where there is no splat.
+    /// Returns the box around every centre; [`Bounds::ORIGIN`] for a scene without splats.
     pub fn bounds(&self) -> Bounds {
         self.bounds
     }
 
-    /// The box from the 1st to the 99th percentile of each coordinate: what outliers do not move.
+    /// Returns the box from the 1st to the 99th percentile of each coordinate, which ignores outliers.
     pub fn robust_bounds(&self) -> Bounds {
         *self.robust.get_or_init(|| Bounds::percentiles(&self.columns.position, 0.01, 0.99))
-    }
-
-    /// Where the bytes of the file go; for a generated scene, of the file that [`Scene::write_ply`] would write.
-    pub fn size_breakdown(&self) -> &SizeBreakdown {
-        &self.size_breakdown
     }
 }
 

@@ -1,124 +1,70 @@
-//! Where every byte of a scene file goes.
+//! Accounts for every byte of a scene file: header, fields and separators, whose sum is the file's size.
 //!
-//! A splat of degree 3 has 62 floats, 45 of them colour that changes with the view; the breakdown makes that plain. Its
-//! numbers add up to the file's size exactly.
+//! A splat of degree 3 has 62 floats, 45 of which are its view-dependent colour; the breakdown shows that at a glance.
 
-use crate::ply::header::Element;
-use crate::ply::write;
 use serde::Serialize;
 use std::fmt;
 
-/// The bytes of a file, accounted for.
+/// The bytes of a file by their use.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SizeBreakdown {
     /// The file's format, for instance `ply, binary_little_endian`.
     pub format: String,
-    /// The whole file.
+    /// Bytes of the whole file.
     pub file_bytes: u64,
-    /// From the start to the first row.
+    /// Bytes before the first row.
     pub header_bytes: u64,
-    /// The tables, in the file's order.
+    /// The elements, in the file's order.
     pub elements: Vec<ElementSize>,
-    /// After the last row.
+    /// Bytes after the last row.
     pub trailing_bytes: u64,
 }
 
-/// One table of rows.
+/// The bytes of one element, a table of rows.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ElementSize {
-    /// Its name; `vertex` holds the splats.
+    /// The element's name; `vertex` holds the splats.
     pub name: String,
-    /// Rows.
+    /// Number of rows.
     pub rows: u64,
-    /// All of its rows.
+    /// Bytes of all rows.
     pub bytes: u64,
-    /// Its columns, in the file's order.
+    /// The fields, in the file's order.
     pub fields: Vec<FieldSize>,
-    /// Blanks and line ends of an ASCII file.
+    /// Bytes of blanks and line ends in an ASCII file.
     pub separator_bytes: u64,
 }
 
-/// One column.
+/// The bytes of one field, a column of an element.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FieldSize {
     /// The property's name.
     pub name: String,
-    /// Its type, as PLY names it.
+    /// The property's type, as PLY names it.
     pub kind: String,
-    /// Bytes in each row; `None` where rows differ.
+    /// Bytes in each row; `None` if rows differ.
     pub bytes_per_row: Option<u64>,
     /// Bytes in all rows.
     pub bytes: u64,
-    /// Whether it becomes part of a splat.
+    /// True if the field becomes part of a splat.
     pub used: bool,
 }
 
 impl SizeBreakdown {
-    /// The breakdown of a file that [`crate::Scene::write_ply`] writes.
-    pub(crate) fn reference(count: u64, degree: u32) -> Self {
-        let fields: Vec<FieldSize> = write::property_names(degree)
-            .into_iter()
-            .map(|name| FieldSize {
-                used: !name.starts_with('n'),
-                name,
-                kind: "float".into(),
-                bytes_per_row: Some(4),
-                bytes: 4 * count,
-            })
-            .collect();
-        let header_bytes = write::header(count, degree).len() as u64;
-        let bytes = 4 * count * fields.len() as u64;
-        Self {
-            format: "ply, binary_little_endian".into(),
-            file_bytes: header_bytes + bytes,
-            header_bytes,
-            elements: vec![ElementSize {
-                name: "vertex".into(),
-                rows: count,
-                bytes,
-                fields,
-                separator_bytes: 0,
-            }],
-            trailing_bytes: 0,
-        }
-    }
-
-    /// Header, elements and trailing bytes added up: the file's size.
+    /// Sums header, elements and trailing bytes, which gives the file's size.
     pub fn sum(&self) -> u64 {
         self.header_bytes + self.elements.iter().map(ElementSize::sum).sum::<u64>() + self.trailing_bytes
     }
 }
 
 impl ElementSize {
-    /// `sizes`: bytes of each property in all rows; `bytes`: all rows, with what separates the values.
-    pub(crate) fn new(element: &Element, used: impl Fn(usize) -> bool, sizes: &[u64], bytes: u64) -> Self {
-        let fields: Vec<FieldSize> = element
-            .properties
-            .iter()
-            .zip(sizes)
-            .enumerate()
-            .map(|(column, (property, bytes))| {
-                let per_row = bytes.checked_div(element.count);
-                FieldSize {
-                    name: property.name.clone(),
-                    kind: property.kind.name(),
-                    bytes_per_row: per_row.filter(|size| size * element.count == *bytes),
-                    bytes: *bytes,
-                    used: used(column),
-                }
-            })
-            .collect();
-        let separator_bytes = bytes - sizes.iter().sum::<u64>();
-        Self { name: element.name.clone(), rows: element.count, bytes, fields, separator_bytes }
-    }
-
-    /// Fields and separators added up: [`ElementSize::bytes`].
+    /// Sums fields and separators, which gives [`ElementSize::bytes`].
     pub fn sum(&self) -> u64 {
         self.fields.iter().map(|f| f.bytes).sum::<u64>() + self.separator_bytes
     }
 }
 
-/// A number with thousands separated by commas.
+/// Formats a number with commas between its thousands.
 pub fn grouped(value: u64) -> String {
     let digits = value.to_string();
     let mut out = String::new();
@@ -131,7 +77,7 @@ pub fn grouped(value: u64) -> String {
     out
 }
 
-/// Consecutive fields alike but for the number at their names' ends.
+/// Groups consecutive fields that differ only in the number at the end of their names.
 fn runs(fields: &[FieldSize]) -> Vec<&[FieldSize]> {
     let stem = |f: &FieldSize| f.name.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned();
     fields
@@ -143,7 +89,7 @@ fn runs(fields: &[FieldSize]) -> Vec<&[FieldSize]> {
 }
 
 impl fmt::Display for SizeBreakdown {
-    /// A table: one line per field or run of numbered fields, with bytes per row and in all.
+    /// Writes a table: one line per field or run of numbered fields, with bytes per row and in all.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let line =
             |f: &mut fmt::Formatter<'_>, what: &str, kind: &str, each: &str, bytes: u64, note: &str| {
@@ -184,17 +130,6 @@ impl fmt::Display for SizeBreakdown {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_reference_file_of_degree_3_has_248_bytes_per_splat() {
-        let size = SizeBreakdown::reference(1000, 3);
-        assert_eq!(size.elements[0].bytes, 248_000);
-        assert_eq!(size.sum(), size.file_bytes);
-        let text = size.to_string();
-        assert!(text.contains("f_rest_0..44"), "{text}");
-        assert!(text.contains("45 x 4"), "{text}");
-        assert!(text.lines().any(|l| l.contains(" nx ") && l.ends_with("skipped")), "{text}");
-    }
 
     #[test]
     fn thousands_are_grouped() {

@@ -1,10 +1,10 @@
-//! What the tests of this crate share.
+//! Provides splats, loading and data files to the tests of this crate.
 
-use crate::{Scene, Splat};
+use crate::scene::{Scene, Splat};
 use std::io::Write;
 use std::path::PathBuf;
 
-/// A made-up splat, different for each index.
+/// Makes a splat that is different for each index.
 pub(crate) fn splat(index: usize) -> Splat {
     let t = index as f32;
     Splat {
@@ -16,12 +16,12 @@ pub(crate) fn splat(index: usize) -> Splat {
     }
 }
 
-/// Loads without watching the progress.
-pub(crate) fn parse(bytes: &[u8]) -> Result<Scene, crate::SceneError> {
+/// Parses a scene without a progress callback.
+pub(crate) fn parse(bytes: &[u8]) -> Result<Scene, crate::error::SceneError> {
     Scene::parse(bytes, &|_, _| {})
 }
 
-/// A captured scene in the folder that `SPLATGRAPH_DATA` names. Says aloud where there is none.
+/// Returns the path of a captured scene in the folder `SPLATGRAPH_DATA`; reports the test as not run without it.
 pub(crate) fn capture(name: &str) -> Option<PathBuf> {
     match std::env::var_os("SPLATGRAPH_DATA") {
         Some(folder) => Some(PathBuf::from(folder).join("scenes").join(name)),

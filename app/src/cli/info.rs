@@ -70,8 +70,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
         });
         options::write_text(None, &format!("{all:#}\n"))?;
     } else {
-        let text =
-            format!("{}: {}\n{report}\n{}", args.scene.display(), scene.size_breakdown(), memory(&dump, size));
+        let text = format!(
+            "{}: {}\n{report}\n{}",
+            args.scene.display(),
+            scene.size_breakdown(),
+            memory(&dump, size)
+        );
         options::write_text(None, &text)?;
     }
     Ok(Outcome::Done)

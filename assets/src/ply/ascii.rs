@@ -1,16 +1,16 @@
-//! Rows of ASCII PLY files: one row per line, values separated by blanks.
+//! Parses the rows of ASCII PLY files: one row per line, values separated by blanks.
 
 use super::header::{Element, Kind};
 use super::layout::Layout;
-use crate::SceneError;
+use crate::error::SceneError;
 
-/// The lines that hold rows, with where they stand.
+/// A cursor over the lines that hold rows.
 #[derive(Clone, Copy)]
 pub(crate) struct Lines<'a> {
     bytes: &'a [u8],
-    /// Byte at which the next line starts.
+    /// Offset of the next line, in bytes.
     pub at: usize,
-    /// Number of the line before it, counted from 1 over the file.
+    /// Number of the previous line, counted from 1 over the file.
     pub number: u64,
 }
 
@@ -19,7 +19,7 @@ impl<'a> Lines<'a> {
         Self { bytes, at, number }
     }
 
-    /// The next line that is not blank. Line ends are `\n` or `\r\n`.
+    /// Returns the next line that is not blank. Line ends are `\n` or `\r\n`.
     pub(crate) fn next_row(&mut self) -> Option<&'a [u8]> {
         while self.at < self.bytes.len() {
             let rest = &self.bytes[self.at..];
@@ -34,7 +34,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// The values of a line.
+/// Splits a line into its values.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
@@ -43,16 +43,17 @@ fn error(line: u64, message: String) -> SceneError {
     SceneError::Row { line, message }
 }
 
-/// A word as the file has it, safe to print.
+/// Escapes the first 40 bytes of a word for a message.
 fn shown(word: &[u8]) -> String {
     word[..word.len().min(40)].escape_ascii().to_string()
 }
 
-/// Reads a splat's line into its slots, and adds the bytes of each word to its column's total. Returns how many values
-/// there are, at most one for each column; what to make of a line with fewer is the caller's to say.
+/// Parses a splat's line into its slots, and adds the bytes of each word to its column's total.
+///
+/// Returns the number of values, at most one per column. The caller rejects lines with fewer.
 ///
 /// # Errors
-/// Where a value is no number, or there are more than the columns.
+/// A value is not a number, or the line has more values than columns.
 pub(crate) fn row(
     line: &[u8],
     number: u64,
@@ -81,10 +82,10 @@ pub(crate) fn row(
     Ok(found)
 }
 
-/// Passes over an element that is not read. Returns the bytes of each property's words.
+/// Skips an element and returns the bytes of each property's words.
 ///
 /// # Errors
-/// Where a row does not fit its properties, or the file ends before the last row.
+/// A row does not match its properties, or the file ends before the last row.
 pub(crate) fn skip(lines: &mut Lines, element: &Element) -> Result<Vec<u64>, SceneError> {
     let mut sizes = vec![0; element.properties.len()];
     for row in 0..element.count {

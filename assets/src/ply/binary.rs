@@ -1,11 +1,11 @@
-//! Rows of binary PLY files.
+//! Parses the rows of binary PLY files.
 
 use super::header::{Element, Kind, Scalar};
 
-/// The scalar at the start of `bytes`. A double is rounded, an integer converted.
+/// Reads the scalar at the start of `bytes` as f32; doubles are rounded, integers converted.
 ///
 /// # Panics
-/// If `bytes` is shorter than the scalar.
+/// Panics if `bytes` is shorter than the scalar.
 #[inline]
 pub(crate) fn value<const BIG: bool>(bytes: &[u8], scalar: Scalar) -> f32 {
     match scalar {
@@ -20,7 +20,7 @@ pub(crate) fn value<const BIG: bool>(bytes: &[u8], scalar: Scalar) -> f32 {
     }
 }
 
-/// The first `N` bytes, put into this machine's order.
+/// Copies the first `N` bytes into the host's byte order.
 #[inline]
 fn word<const BIG: bool, const N: usize>(bytes: &[u8]) -> [u8; N] {
     let mut word = [0; N];
@@ -31,7 +31,7 @@ fn word<const BIG: bool, const N: usize>(bytes: &[u8]) -> [u8; N] {
     word
 }
 
-/// A list's length; negative is none.
+/// Reads the length of a list; `None` if it is negative or cut off.
 fn length(bytes: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
     let raw = bytes.get(..scalar.size())?;
     let value = raw.iter().enumerate().fold(0u64, |sum, (i, b)| {
@@ -46,10 +46,10 @@ fn length(bytes: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
     }
 }
 
-/// Bytes of an element's rows, per property.
+/// Measures the bytes of an element's rows, per property.
 ///
 /// # Errors
-/// The number of whole rows, where `bytes` ends before the last.
+/// The number of whole rows, if `bytes` ends before the last.
 pub(crate) fn measure(bytes: &[u8], element: &Element, big: bool) -> Result<Vec<u64>, u64> {
     if let Some(stride) = element.stride() {
         // An element without properties has rows without bytes: as many as it likes.

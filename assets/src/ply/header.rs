@@ -1,11 +1,11 @@
-//! The text header of a PLY file.
+//! Parses the text header of a PLY file.
 
-use crate::SceneError;
+use crate::error::SceneError;
 
-/// Bytes that a header may have. The reference layout needs about 1,600; comments may be long.
+/// Largest number of bytes in a header. The reference layout needs about 1,600; comments may be long.
 pub(crate) const HEADER_LIMIT: usize = 64 * 1024;
 
-/// How the rows are stored.
+/// The encoding of the rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Encoding {
     Ascii,
@@ -14,7 +14,7 @@ pub(crate) enum Encoding {
 }
 
 impl Encoding {
-    /// The name in a `format` line.
+    /// Returns the name in a `format` line.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Ascii => "ascii",
@@ -38,7 +38,7 @@ pub(crate) enum Scalar {
 }
 
 impl Scalar {
-    /// By either of the two names that files use.
+    /// Parses either of the two names of a type.
     fn parse(name: &str) -> Option<Self> {
         Some(match name {
             "char" | "int8" => Self::I8,
@@ -66,7 +66,7 @@ impl Scalar {
         }
     }
 
-    /// Bytes in a binary file.
+    /// Returns the number of bytes in a binary file.
     pub(crate) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -77,7 +77,7 @@ impl Scalar {
     }
 }
 
-/// What a property holds in each row.
+/// The type of a property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Scalar(Scalar),
@@ -93,25 +93,25 @@ impl Kind {
     }
 }
 
-/// A column.
+/// A property, one column of an element.
 #[derive(Clone, Debug)]
 pub(crate) struct Property {
     pub name: String,
     pub kind: Kind,
 }
 
-/// A table of rows.
+/// An element, a table of rows.
 #[derive(Clone, Debug)]
 pub(crate) struct Element {
     pub name: String,
     pub count: u64,
-    /// The line that declares it.
+    /// Line of its declaration.
     pub line: u32,
     pub properties: Vec<Property>,
 }
 
 impl Element {
-    /// Bytes of a binary row; `None` where a list makes rows differ.
+    /// Computes the bytes of a binary row; `None` if a list makes rows differ.
     pub(crate) fn stride(&self) -> Option<usize> {
         self.properties.iter().try_fold(0, |sum, p| match p.kind {
             Kind::Scalar(s) => Some(sum + s.size()),
@@ -120,19 +120,19 @@ impl Element {
     }
 }
 
-/// All that the header says.
+/// A parsed header.
 #[derive(Clone, Debug)]
 pub(crate) struct Header {
     pub encoding: Encoding,
     pub elements: Vec<Element>,
-    /// Bytes from the file's start to its first row.
+    /// Bytes before the first row.
     pub bytes: usize,
-    /// Lines in those bytes.
+    /// Number of lines before the first row.
     pub lines: u32,
 }
 
 impl Header {
-    /// Reads the header of bytes that begin with `ply` and a line end ([`begins_as_ply`]).
+    /// Parses the header of bytes that begin with `ply` and a line end ([`begins_as_ply`]).
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, SceneError> {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
@@ -214,7 +214,7 @@ impl Header {
     }
 }
 
-/// The words after `property`.
+/// Parses the words after `property`.
 fn property(words: &[&str]) -> Result<Property, String> {
     let scalar = |name: &str| {
         Scalar::parse(name).ok_or_else(|| {
@@ -239,7 +239,7 @@ fn property(words: &[&str]) -> Result<Property, String> {
     }
 }
 
-/// Whether the first line is `ply`.
+/// Returns true if the first line is `ply`.
 pub(crate) fn begins_as_ply(bytes: &[u8]) -> bool {
     bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n")
 }

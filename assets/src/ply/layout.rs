@@ -1,10 +1,11 @@
 //! Finds a splat's properties among those of `element vertex`.
 
 use super::header::{Element, Kind, Scalar};
+use crate::error::{SceneError, nearest};
+use crate::recognise;
 use crate::scene::Splat;
-use crate::{SceneError, error::nearest, recognise};
 
-/// Where the slots of a splat start in [`Layout::slots`] and in a row of values.
+/// Index of the first slot of each attribute in [`Layout::slots`] and in a row of values.
 const POSITION: usize = 0;
 const SCALE: usize = 3;
 const ROTATION: usize = 6;
@@ -12,35 +13,35 @@ const OPACITY: usize = 10;
 const DC: usize = 11;
 const REST: usize = 14;
 
-/// Slots of a splat of degree 3.
+/// Number of slots of a splat of degree 3.
 pub(crate) const MAX_SLOTS: usize = REST + 45;
 
-/// The names of the slots that every splat has, in slot order.
+/// Names of the properties that every splat has, in slot order.
 const NAMES: [&str; REST] = [
     "x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0",
     "f_dc_1", "f_dc_2",
 ];
 
-/// Where one value of a splat stands in a row.
+/// The position of one value of a splat in a row.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slot {
     /// Index of the property.
     pub column: usize,
-    /// Byte in a binary row.
+    /// Offset in a binary row, in bytes.
     pub offset: usize,
     pub scalar: Scalar,
 }
 
-/// How rows of `element vertex` become splats.
+/// The mapping from rows of `element vertex` to splats.
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
-    /// Degree of the spherical harmonics stored.
+    /// Degree of the stored spherical harmonics.
     pub degree: u32,
     /// Bytes of a binary row.
     pub stride: usize,
-    /// Where each value stands: [`NAMES`], then `f_rest_*`.
+    /// Slot of each value: [`NAMES`], then `f_rest_*`.
     pub slots: Vec<Slot>,
-    /// For each column, its slot.
+    /// Slot of each column.
     pub slot_of: Vec<Option<usize>>,
 }
 
@@ -97,10 +98,10 @@ impl Layout {
         Ok(Self { degree, stride, slots, slot_of })
     }
 
-    /// A splat from its values as the file has them, and the length of its quaternion there.
+    /// Converts the file's values to a splat, and returns the length of the file's quaternion with it.
     ///
-    /// Exponential, sigmoid and norm are taken in f64 and rounded once, so that a file gives the same splats whatever the
-    /// platform's single-precision library does.
+    /// Exponential, sigmoid and norm are computed in f64 and rounded once, so that a file gives the same splats with every
+    /// platform's math library.
     #[inline]
     pub(crate) fn splat(&self, value: impl Fn(usize) -> f32) -> (Splat, f64) {
         let exp = |slot: usize| f64::from(value(slot)).exp() as f32;

@@ -1,4 +1,4 @@
-//! The PLY files of the 3DGS reference implementation, read and written.
+//! Reads and writes the PLY files of the 3DGS reference implementation.
 //!
 //! A PLY file is a text header and then rows. The header names *elements* (`vertex`, perhaps `face`), how many rows each
 //! has, and the *properties* of a row with their types; the rows follow in that order, as text or as packed binary. A

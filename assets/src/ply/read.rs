@@ -1,28 +1,29 @@
-//! Joins header, layout and rows into a scene.
+//! Reads a scene file: parses the header, then converts the rows in parallel.
 //!
-//! The file is mapped, not read: binary rows have a fixed length, so every chunk of splats is converted straight from the
-//! mapping into the scene's arrays, in parallel. ASCII rows differ in length, so a first pass notes where each chunk
-//! starts.
+//! The file is memory-mapped. Binary rows have a fixed length, so every chunk of splats is converted from the mapping into
+//! the scene's arrays independently. ASCII rows differ in length, so a first pass finds the start of each chunk.
 
-use super::header::{Element, Encoding, Header, begins_as_ply};
+use super::header::{Element, Encoding, Header, Property, begins_as_ply};
 use super::layout::{Layout, MAX_SLOTS};
 use super::{ascii, binary};
+use crate::error::{LoadError, SceneError};
+use crate::recognise;
 use crate::scene::{CHUNK, Columns, Gathered, Rows, Scene};
-use crate::size_breakdown::{ElementSize, SizeBreakdown};
-use crate::{LoadError, SceneError, recognise};
+use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Told how far a load is: bytes of splats done, of how many. Called from several threads, with `done` not always
-/// ascending.
+/// A callback for the progress of a load: bytes of splats converted, and bytes in all.
+///
+/// Several threads call it, so the first number does not always ascend.
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
 
 impl Scene {
     /// Loads a scene file.
     ///
     /// # Errors
-    /// Where the file cannot be read, is not a PLY file in the reference layout, or is damaged. See [`SceneError`].
+    /// The file cannot be read, is not a PLY file in the reference layout, or is damaged. See [`SceneError`].
     pub fn load(path: impl AsRef<Path>, progress: Progress) -> Result<Self, LoadError> {
         let path = path.as_ref();
         let inner = || {
@@ -38,23 +39,24 @@ impl Scene {
         inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
     }
 
-    /// Reads a scene from the bytes of a file.
+    /// Parses a scene from the bytes of a file.
     ///
     /// # Errors
-    /// As [`Scene::load`].
+    /// Those of [`Scene::load`].
     pub fn parse(bytes: &[u8], progress: Progress) -> Result<Self, SceneError> {
         parse(bytes, None, progress)
     }
 }
 
+/// Maps a file into memory.
 fn map(file: &std::fs::File) -> std::io::Result<memmap2::Mmap> {
-    // SAFETY: the mapping is only read, through shared slices, and is dropped before `load` returns. Another process
-    // that writes to the file meanwhile can change what is read, which every check here is made for; one that truncates
-    // it stops this process (SIGBUS), as with every program that maps its input.
+    // SAFETY: the mapping is only read, through shared slices, and is dropped before `load` returns. A process that
+    // writes to the file meanwhile can change the bytes, and every use of them is bounds-checked; one that truncates the
+    // file ends this process with SIGBUS, as in every program that maps its input.
     unsafe { memmap2::Mmap::map(file) }
 }
 
-/// Reads a scene; `path` helps to name a file of another format.
+/// Parses a scene; `path` helps to identify a file of another format.
 fn parse(bytes: &[u8], path: Option<&Path>, progress: Progress) -> Result<Scene, SceneError> {
     if bytes.is_empty() {
         return Err(SceneError::Empty);
@@ -71,7 +73,7 @@ fn parse(bytes: &[u8], path: Option<&Path>, progress: Progress) -> Result<Scene,
         return Err(SceneError::NoSplats { line: vertex.line });
     }
     let available = (bytes.len() - header.bytes) as u64;
-    // A row has at least a byte, so this is beyond what any truncation could explain.
+    // A row has at least one byte, so a truncated file cannot explain a larger count.
     if let Some(absurd) = header.elements.iter().find(|e| e.count > available && !e.properties.is_empty()) {
         return Err(SceneError::AbsurdCount {
             element: absurd.name.clone(),
@@ -104,7 +106,7 @@ fn parse(bytes: &[u8], path: Option<&Path>, progress: Progress) -> Result<Scene,
     Ok(scene)
 }
 
-/// A file whose header is understood.
+/// A file with a parsed header.
 struct File<'a> {
     bytes: &'a [u8],
     header: &'a Header,
@@ -112,7 +114,7 @@ struct File<'a> {
     progress: Progress<'a>,
 }
 
-/// The splats, what was learnt of them, the breakdown's elements, and the byte after the last row.
+/// The splats, their statistics, the sizes of the elements, and the byte after the last row.
 type Body = (Columns, Gathered, Vec<ElementSize>, usize);
 
 impl File<'_> {
@@ -128,7 +130,7 @@ impl File<'_> {
             if is_vertex {
                 body = Some(self.binary_splats::<BIG>(&rest[..total as usize], element.count as usize)?);
             }
-            elements.push(ElementSize::new(element, self.used(is_vertex), &sizes, total));
+            elements.push(self.element_size(element, &sizes, total));
             at += total as usize;
         }
         let (columns, gathered) = body.expect("the caller found `vertex` among the elements");
@@ -173,13 +175,13 @@ impl File<'_> {
             } else {
                 ascii::skip(&mut lines, element)?
             };
-            elements.push(ElementSize::new(element, self.used(is_vertex), &sizes, (lines.at - start) as u64));
+            elements.push(self.element_size(element, &sizes, (lines.at - start) as u64));
         }
         let (columns, gathered) = body.expect("the caller found `vertex` among the elements");
         Ok((columns, gathered, elements, lines.at))
     }
 
-    /// Reads the splats, and leaves `lines` behind the last of them.
+    /// Reads the splats and advances `lines` past the last.
     fn ascii_splats(
         &self,
         lines: &mut ascii::Lines,
@@ -187,7 +189,7 @@ impl File<'_> {
     ) -> Result<(Columns, Gathered, Vec<u64>), SceneError> {
         let start = lines.at;
         let mut chunks = Vec::with_capacity(vertex.count as usize / CHUNK + 1);
-        // A value and a blank for each column: a shorter line cannot be a row. Checked before anything is allocated.
+        // A value and a blank for each column: a shorter line cannot be a row. Checked before the allocation.
         let least = 2 * vertex.properties.len() - 1;
         for row in 0..vertex.count {
             if row % CHUNK as u64 == 0 {
@@ -227,7 +229,7 @@ impl File<'_> {
         Ok((columns, gathered, sizes))
     }
 
-    /// The error for a row with too few values, which `lines` has just given: a file that was cut ends in one.
+    /// Makes the error for the latest row of `lines`, which has too few values; the last row of a truncated file has.
     fn short_row(&self, text: &[u8], lines: &ascii::Lines, vertex: &Element, row: u64) -> SceneError {
         if lines.at == self.bytes.len() && !self.bytes.ends_with(b"\n") {
             return truncated(vertex, row);
@@ -236,12 +238,31 @@ impl File<'_> {
         SceneError::Row { line: lines.number, message: format!("expected {expected} values, found {found}") }
     }
 
-    /// Which columns of an element become part of a splat.
-    fn used(&self, is_vertex: bool) -> impl Fn(usize) -> bool {
-        move |column| is_vertex && self.layout.slot_of[column].is_some()
+    /// Accounts for an element. `sizes` has the bytes of each property in all rows; `bytes` includes separators.
+    fn element_size(&self, element: &Element, sizes: &[u64], bytes: u64) -> ElementSize {
+        let is_vertex = element.name == "vertex";
+        let columns = element.properties.iter().zip(sizes).enumerate();
+        let field = |(column, (property, bytes)): (usize, (&Property, &u64))| {
+            let per_row = bytes.checked_div(element.count);
+            FieldSize {
+                name: property.name.clone(),
+                kind: property.kind.name(),
+                bytes_per_row: per_row.filter(|size| size * element.count == *bytes),
+                bytes: *bytes,
+                used: is_vertex && self.layout.slot_of[column].is_some(),
+            }
+        };
+        ElementSize {
+            name: element.name.clone(),
+            rows: element.count,
+            bytes,
+            fields: columns.map(field).collect(),
+            separator_bytes: bytes - sizes.iter().sum::<u64>(),
+        }
     }
 }
 
+/// Makes the error for an element of which only `there` rows are in the file.
 fn truncated(element: &Element, there: u64) -> SceneError {
     let (promised, line) = (element.count, element.line);
     if element.name == "vertex" {
@@ -251,7 +272,7 @@ fn truncated(element: &Element, there: u64) -> SceneError {
     }
 }
 
-/// Adds up the progress of parallel chunks.
+/// Sums the progress of parallel chunks.
 struct Done<'a> {
     done: AtomicU64,
     of: u64,

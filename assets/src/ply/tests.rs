@@ -1,18 +1,18 @@
-//! Whole files, good and bad.
+//! Reads whole files, good and bad.
 
 use super::write::property_names;
 use crate::testing::{capture, parse, splat};
 use crate::{Scene, SceneError, sh_floats};
 use proptest::prelude::*;
 
-/// How to write a file that a test wants.
+/// The form of a file to write.
 struct Made {
     format: &'static str,
     kind: &'static str,
     degree: u32,
     count: usize,
     reversed: bool,
-    /// Faces with lists before and after the splats.
+    /// True for faces with lists before and after the splats.
     faces: bool,
     line_end: &'static str,
 }
@@ -27,7 +27,7 @@ const PLAIN: Made = Made {
     line_end: "\n",
 };
 
-/// Values of a splat as files hold them, by property.
+/// Computes a splat's values as files hold them, by property.
 fn raw(index: usize, name: &str) -> f64 {
     let t = index as f64;
     match name.rsplit_once('_').map(|(stem, n)| (stem, n.parse::<f64>().unwrap())) {
@@ -56,7 +56,7 @@ impl Made {
         }
     }
 
-    /// Two faces: a list of 3 and one of 4 indices, and a byte.
+    /// Makes two faces: a list of 3 and one of 4 indices, and a byte.
     fn put_faces(&self, out: &mut Vec<u8>) {
         for n in [3u8, 4] {
             match self.format {
@@ -112,7 +112,7 @@ fn error(bytes: &[u8]) -> String {
     parse(bytes).unwrap_err().to_string()
 }
 
-/// The file's text with a replacement in its header.
+/// Replaces a part of a file's header.
 fn edited(made: &Made, from: &str, to: &str) -> Vec<u8> {
     let bytes = made.bytes();
     let at =
@@ -209,12 +209,12 @@ fn a_truncated_file_says_how_many_splats_are_there() {
     for format in ["binary_little_endian", "binary_big_endian", "ascii"] {
         let bytes = Made { format, ..PLAIN }.bytes();
         let said = error(&bytes[..bytes.len() - 5]);
-        assert!(said.contains("promises 20 splats (line 5), the file ends after 19 of them"), "{said}");
+        assert!(said.contains("expected 20 splats (line 5), found 19"), "{said}");
     }
     let made = Made { faces: true, ..PLAIN };
     let bytes = made.bytes();
     let said = error(&bytes[..bytes.len() - 20]);
-    assert!(said.contains("inside `element after`") && said.contains("after 0 of 2 rows"), "{said}");
+    assert!(said.contains("expected 2 rows of `element after`") && said.ends_with("found 0"), "{said}");
     assert!(error(b"").contains("empty"));
     assert!(error(&bytes[..30]).contains("ends inside it, after line 1"));
 }
@@ -223,14 +223,18 @@ fn a_truncated_file_says_how_many_splats_are_there() {
 fn counts_that_cannot_be_true_are_refused_before_anything_is_allocated() {
     let said = error(&edited(&PLAIN, "vertex 20", "vertex 18446744073709551615"));
     assert!(
-        said.contains("header is damaged") && said.contains("promises 18446744073709551615 rows"),
+        said.contains("header is damaged") && said.contains("declares 18446744073709551615 rows"),
         "{said}"
     );
     assert!(
-        error(&edited(&PLAIN, "vertex 20", "vertex 0")).contains("no splats: `element vertex 0` (line 5)")
+        error(&edited(&PLAIN, "vertex 20", "vertex 0"))
+            .contains("expected at least one splat, found `element vertex 0` (line 5)")
     );
     let ascii = Made { format: "ascii", degree: 0, ..PLAIN };
-    assert!(error(&edited(&ascii, "vertex 20", "vertex 1500")).contains("after 20 of them"));
+    assert!(
+        error(&edited(&ascii, "vertex 20", "vertex 1500"))
+            .contains("expected 1500 splats (line 5), found 20")
+    );
 }
 
 #[test]
@@ -243,7 +247,10 @@ fn missing_properties_are_named_with_the_nearest_that_is_there() {
     let said = error(&edited(&PLAIN, "f_rest_3\n", "f_rest_33\n"));
     assert!(said.contains("no property `f_rest_3`"), "{said}");
     let said = error(&edited(&PLAIN, "property float f_rest_8\n", ""));
-    assert!(said.contains("has 8 properties f_rest_*") && said.contains("0, 9, 24 or 45"), "{said}");
+    assert!(
+        said.contains("expected 0, 9, 24 or 45 properties `f_rest_*`") && said.ends_with("found 8"),
+        "{said}"
+    );
     let cloud = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n";
     assert!(error(cloud).contains("may be a point cloud or a mesh"), "{}", error(cloud));
     let said = error(b"ply\nformat ascii 1.0\nelement face 1\nproperty float x\nend_header\n0\n");
@@ -281,7 +288,10 @@ fn bytes_after_the_last_row_are_counted_and_skipped() {
     let mut bytes = PLAIN.bytes();
     bytes.extend_from_slice(b"more");
     let scene = parse(&bytes).unwrap();
-    assert_eq!((scene.size_breakdown().trailing_bytes, scene.size_breakdown().sum()), (4, bytes.len() as u64));
+    assert_eq!(
+        (scene.size_breakdown().trailing_bytes, scene.size_breakdown().sum()),
+        (4, bytes.len() as u64)
+    );
 }
 
 #[test]
@@ -302,7 +312,10 @@ fn a_scene_written_and_read_back_is_the_same_but_for_rounding() {
         scene.write_ply(&path).unwrap();
         let size = std::fs::metadata(&path).unwrap().len();
         let back = Scene::load(&path, &|_, _| {}).unwrap();
-        assert_eq!((back.size_breakdown(), size), (scene.size_breakdown(), scene.size_breakdown().file_bytes));
+        assert_eq!(
+            (back.size_breakdown(), size),
+            (scene.size_breakdown(), scene.size_breakdown().file_bytes)
+        );
         assert_eq!((back.positions(), back.sh()), (scene.positions(), scene.sh()));
         for (read, wrote) in back.opacities().iter().zip(scene.opacities()) {
             assert!((read - wrote).abs() <= 1e-6 * wrote, "{read} {wrote}");

@@ -1,16 +1,16 @@
 //! Writes scenes in the reference layout: binary, little endian, all properties `float`.
 
-use crate::Scene;
-use crate::scene::{CHUNK, Splat, sh_floats};
+use crate::scene::{CHUNK, Scene, Splat, sh_floats};
+use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use rayon::prelude::*;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-/// Chunks that are encoded together before they are written.
+/// Number of chunks that are encoded together before they are written.
 const BATCH: usize = 32;
 
-/// Names of the properties, in the reference implementation's order.
-pub(crate) fn property_names(degree: u32) -> Vec<String> {
+/// Lists the properties' names, in the reference implementation's order.
+pub(super) fn property_names(degree: u32) -> Vec<String> {
     let rest = sh_floats(degree) - 3;
     let numbered = |name: &'static str, n: usize| (0..n).map(move |i| format!("{name}_{i}"));
     ["x", "y", "z", "nx", "ny", "nz"]
@@ -24,30 +24,60 @@ pub(crate) fn property_names(degree: u32) -> Vec<String> {
         .collect()
 }
 
-/// The header's text.
-pub(crate) fn header(count: u64, degree: u32) -> String {
+/// Formats the header.
+fn header(count: u64, degree: u32) -> String {
     let properties: String =
         property_names(degree).iter().map(|name| format!("property float {name}\n")).collect();
     format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n")
 }
 
+/// Computes the size breakdown of a file with `count` splats of this degree.
+fn size_breakdown(count: u64, degree: u32) -> SizeBreakdown {
+    let fields: Vec<FieldSize> = property_names(degree)
+        .into_iter()
+        .map(|name| FieldSize {
+            used: !name.starts_with('n'),
+            name,
+            kind: "float".into(),
+            bytes_per_row: Some(4),
+            bytes: 4 * count,
+        })
+        .collect();
+    let header_bytes = header(count, degree).len() as u64;
+    let bytes = 4 * count * fields.len() as u64;
+    let vertex = ElementSize { name: "vertex".into(), rows: count, bytes, fields, separator_bytes: 0 };
+    SizeBreakdown {
+        format: "ply, binary_little_endian".into(),
+        file_bytes: header_bytes + bytes,
+        header_bytes,
+        elements: vec![vertex],
+        trailing_bytes: 0,
+    }
+}
+
 impl Scene {
-    /// Writes the scene as a PLY file in the reference layout, with its stored degree. Logarithms and logits are rounded
-    /// to f32, so that a scene read back agrees to about 1e-6 and not to the bit; an opacity of 0 or 1 and a scale of 0
-    /// are written as the nearest finite value that reads back as the same.
+    /// Returns the sizes of the parts of the file; for a generated scene, of the file that [`Scene::write_ply`] writes.
+    pub fn size_breakdown(&self) -> &SizeBreakdown {
+        self.size_breakdown.get_or_init(|| size_breakdown(self.count().into(), self.stored_degree()))
+    }
+
+    /// Writes the scene as a PLY file in the reference layout, with its stored degree.
+    ///
+    /// Logarithms and logits are rounded to f32, so a scene read back agrees to about 1e-6, not to the bit. An opacity
+    /// of 0 or 1 and a scale of 0 are written as the nearest finite value that reads back as the same.
     ///
     /// # Errors
-    /// Whatever the system answers.
+    /// The file cannot be created or written.
     pub fn write_ply(&self, path: impl AsRef<Path>) -> std::io::Result<()> {
         let mut out = BufWriter::new(std::fs::File::create(path)?);
         self.write_ply_to(&mut out)?;
         out.flush()
     }
 
-    /// As [`Scene::write_ply`], to any writer.
+    /// Writes the same bytes as [`Scene::write_ply`] to any writer.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// The writer fails.
     pub fn write_ply_to(&self, out: &mut impl Write) -> std::io::Result<()> {
         let count = self.count() as usize;
         out.write_all(header(count as u64, self.stored_degree()).as_bytes())?;
@@ -72,7 +102,7 @@ impl Scene {
     }
 }
 
-/// Appends a row.
+/// Appends a row to `out`.
 fn encode(splat: &Splat, degree: u32, out: &mut Vec<u8>) {
     let mut put = |value: f32| out.extend_from_slice(&value.to_le_bytes());
     splat.position.into_iter().for_each(&mut put);
@@ -89,13 +119,29 @@ fn encode(splat: &Splat, degree: u32, out: &mut Vec<u8>) {
     splat.rotation.into_iter().for_each(&mut put);
 }
 
-/// The inverse of the sigmoid. -104 and 18 are where it rounds to 0 and to 1 in f32.
+/// Computes the inverse of the sigmoid, clamped to -104 and 18, where the sigmoid rounds to 0 and 1 in f32.
 fn logit(opacity: f32) -> f32 {
     let p = f64::from(opacity);
     (p / (1.0 - p)).ln().clamp(-104.0, 18.0) as f32
 }
 
-/// The logarithm. At -104 its exponential rounds to 0 in f32.
+/// Computes the natural logarithm, at least -104, where its exponential rounds to 0 in f32.
 fn logarithm(scale: f32) -> f32 {
     f64::from(scale).ln().max(-104.0) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reference_file_of_degree_3_has_248_bytes_per_splat() {
+        let size = size_breakdown(1000, 3);
+        assert_eq!(size.elements[0].bytes, 248_000);
+        assert_eq!(size.sum(), size.file_bytes);
+        let text = size.to_string();
+        assert!(text.contains("f_rest_0..44"), "{text}");
+        assert!(text.contains("45 x 4"), "{text}");
+        assert!(text.lines().any(|l| l.contains(" nx ") && l.ends_with("skipped")), "{text}");
+    }
 }

@@ -1,16 +1,17 @@
-//! Makes a scene of more splats out of a scene, for measurements at a size that no capture has.
+//! Enlarges a scene, for measurements at a size that no capture has.
 //!
-//! Copies lie inside the splats they were made from, scattered as their Gaussian is, and all shrink so that the area they
-//! cover stays. What is drawn, and how many splats cover a pixel, then grows as it would in a finer capture of the same
-//! thing.
+//! Copies lie inside the splats that they were made from, distributed as their Gaussian is, and all shrink so that the covered
+//! area stays. The image and the number of splats per pixel then grow as in a finer capture of the same scene.
 
 use super::random::splitmix64;
-use crate::Scene;
+use crate::scene::Scene;
 
-/// A scene of `n` splats. Splat `k` is copy `k / count` of splat `k % count`. Copy 0 stays in place; a further copy moves by
-/// `R (s * u)` with the splat's rotation R, its scales s, and u per axis uniform in -sqrt(3) to sqrt(3) (so with deviation
-/// 1), from the top 24 bits of `splitmix64(3 k + axis)`. All scales are multiplied by `sqrt(count / n)`. An `n` below the
-/// count takes the first `n` splats.
+/// Makes a scene of `n` splats out of another.
+///
+/// Splat `k` is copy `k / count` of splat `k % count`. Copy 0 stays in place; a further copy moves by `R (s * u)` with the
+/// splat's rotation R, its scales s, and u per axis uniform in -sqrt(3) to sqrt(3), which has deviation 1, from the top 24 bits
+/// of `splitmix64(3 k + axis)`. All scales are multiplied by `sqrt(count / n)`. An `n` below the count takes the first `n`
+/// splats.
 pub fn enlarge(scene: &Scene, n: u32) -> Scene {
     let count = scene.count() as usize;
     let shrink = (count as f64 / f64::from(n)).sqrt();

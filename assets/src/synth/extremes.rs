@@ -1,21 +1,22 @@
-//! Scenes that each go to one limit: what a renderer must survive, made small enough to test with.
+//! Generates scenes that each take one property to its limit, small enough for tests.
 //!
 //! All but `uniform` are seen from [`camera`]: at the origin, looking along +z.
 
 use super::random::Random;
-use crate::{Camera, Scene, Splat};
+use crate::camera::Camera;
+use crate::scene::{Scene, Splat};
 
-/// At the origin, looking along +z, 79 degrees across: the world's axes are the view's, so that view depth is z exactly.
+/// Makes a camera at the origin that looks along +z, so that view depth is exactly z.
 pub(super) fn camera() -> Camera {
     Camera { img_name: "origin".into(), ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 79.0, (960, 540)) }
 }
 
-/// Looking at the unit ball from outside.
+/// Makes a camera that looks at the unit ball from outside.
 pub(super) fn outside() -> Camera {
     Camera { img_name: "outside".into(), ..Camera::looking_at([0.0, -0.6, -2.6], [0.0; 3], 60.0, (960, 540)) }
 }
 
-/// Spherical harmonics of a colour (0 to 1) that does not change with the view.
+/// Computes the spherical harmonics of a colour (0 to 1) that is the same from every direction.
 fn flat(color: [f64; 3]) -> [f32; 48] {
     let y0 = crate::harmonics::basis([0.0, 0.0, 1.0])[0];
     let mut sh = [0.0; 48];
@@ -25,7 +26,7 @@ fn flat(color: [f64; 3]) -> [f32; 48] {
     sh
 }
 
-/// A colour that changes smoothly with the place.
+/// Evaluates a colour that changes smoothly with position.
 fn hue(p: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|c| 0.5 + 0.42 * (2.6 * p[c] + 1.3 * p[(c + 1) % 3] + c as f64).sin())
 }
@@ -34,7 +35,7 @@ fn single(values: [f64; 3]) -> [f32; 3] {
     values.map(|v| v as f32)
 }
 
-/// A cloud in front of [`camera`], between depths 2 and 7.
+/// Generates a splat of a cloud in front of [`camera`], between depths 2 and 7.
 fn cloud(random: &mut Random, count: u32) -> Splat {
     let [x, y, z] = random.in_ball();
     let position = [3.0 * x, 1.6 * y, 4.5 + 2.5 * z];
@@ -48,7 +49,7 @@ fn cloud(random: &mut Random, count: u32) -> Splat {
     }
 }
 
-/// A ball of radius 1, with all bands of the harmonics in use.
+/// Generates a ball of radius 1 with all bands of the harmonics in use.
 pub(super) fn uniform(count: u32, seed: u64) -> Scene {
     let size = 0.9 * f64::from(count.max(1)).powf(-1.0 / 3.0);
     Scene::generate(count, 3, |i| {
@@ -66,7 +67,7 @@ pub(super) fn uniform(count: u32, seed: u64) -> Scene {
     })
 }
 
-/// Axes in ratios of up to 10,000 to 1.
+/// Generates needles and plates with axes in ratios of up to 10,000 to 1.
 pub(super) fn needles(count: u32, seed: u64) -> Scene {
     Scene::generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -83,7 +84,7 @@ pub(super) fn needles(count: u32, seed: u64) -> Scene {
     })
 }
 
-/// A cloud inside one splat that is a hundred times as large and holds the camera.
+/// Generates a cloud inside one splat that is a hundred times as large and holds the camera.
 pub(super) fn huge(count: u32, seed: u64) -> Scene {
     Scene::generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -98,7 +99,7 @@ pub(super) fn huge(count: u32, seed: u64) -> Scene {
     })
 }
 
-/// A cloud, with one splat in a hundred scattered up to a million units away on all sides.
+/// Generates a cloud with one splat in a hundred scattered up to a million units away.
 pub(super) fn far(count: u32, seed: u64) -> Scene {
     Scene::generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -112,7 +113,7 @@ pub(super) fn far(count: u32, seed: u64) -> Scene {
     })
 }
 
-/// Eight planes across the view, each with one depth for all of its splats.
+/// Generates eight planes across the view, each with one depth for all of its splats.
 pub(super) fn ties(count: u32, seed: u64) -> Scene {
     Scene::generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -128,7 +129,7 @@ pub(super) fn ties(count: u32, seed: u64) -> Scene {
     })
 }
 
-/// Opacities within a thousandth of 1/255, above and below, where alpha is skipped.
+/// Generates opacities within a thousandth of 1/255, above and below, where alpha is skipped.
 pub(super) fn faint(count: u32, seed: u64) -> Scene {
     Scene::generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -140,7 +141,7 @@ pub(super) fn faint(count: u32, seed: u64) -> Scene {
     })
 }
 
-/// A cloud, all of it behind the camera.
+/// Generates a cloud behind the camera.
 pub(super) fn empty_view(count: u32, seed: u64) -> Scene {
     Scene::generate(count, 0, |i| {
         let mut splat = cloud(&mut Random::new(seed, i as u64), count);

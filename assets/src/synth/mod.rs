@@ -1,7 +1,7 @@
-//! Scenes made from nothing, the same in every run: one to look at and extreme ones to test with.
+//! Generates scenes, the same in every run: one for demonstration and extreme ones for tests.
 //!
-//! [`generators`] lists them by name, with the cameras that they are made to be seen from; [`generate`] makes one.
-//! [`enlarge()`] makes a large scene out of a captured one.
+//! [`generators`] lists them by name, with suitable cameras; [`generate`] makes one. [`enlarge()`] makes a large scene out of a
+//! captured one.
 
 mod demo;
 mod enlarge;
@@ -11,28 +11,29 @@ mod random;
 pub use demo::demo_cameras;
 pub use enlarge::enlarge;
 
+use crate::camera::Camera;
 use crate::error::nearest;
-use crate::{Camera, Scene};
+use crate::scene::Scene;
 
-/// A scene that can be made.
+/// A generator of scenes.
 #[derive(Clone, Copy, Debug)]
 pub struct Generator {
-    /// What to call it by.
+    /// The name to call it by.
     pub name: &'static str,
-    /// What it is, in a line.
+    /// A description of the scene, in a line.
     pub summary: &'static str,
-    /// How many splats it has where no number is asked for.
+    /// Default number of splats.
     pub default_count: u32,
-    /// The cameras that it is made for, 960 x 540; the first is the best.
+    /// Makes suitable cameras, 960 x 540; the first is the best.
     pub cameras: fn() -> Vec<Camera>,
     make: fn(u32, u64) -> Scene,
 }
 
-/// No generator of that name.
+/// The error of a name that no generator has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("there is no generated scene `{name}` (there are {}){}", names(), near(.name))]
+#[error("expected the name of a generated scene ({}), found `{name}`{}", names(), near(.name))]
 pub struct UnknownGenerator {
-    /// The name that was asked for.
+    /// The requested name.
     pub name: String,
 }
 
@@ -49,7 +50,7 @@ fn origin() -> Vec<Camera> {
     vec![extremes::camera()]
 }
 
-/// A scene for tests, seen from the origin.
+/// Makes the entry of a test scene that is seen from the origin.
 const fn extreme(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Scene) -> Generator {
     Generator { name, summary, default_count: 5_000, cameras: origin, make }
 }
@@ -81,15 +82,15 @@ const GENERATORS: [Generator; 8] = [
     extreme("empty-view", "a cloud that is all behind the camera", extremes::empty_view),
 ];
 
-/// All scenes that can be made.
+/// Lists all generators.
 pub fn generators() -> &'static [Generator] {
     &GENERATORS
 }
 
-/// Makes the scene `name` with `count` splats. The same arguments give the same scene.
+/// Generates the scene `name` with `count` splats. The same arguments give the same scene.
 ///
 /// # Errors
-/// Where there is no such scene; the nearest name is offered.
+/// No generator has that name; the message offers the most similar one.
 pub fn generate(name: &str, count: u32, seed: u64) -> Result<Scene, UnknownGenerator> {
     let generator = generators().iter().find(|g| g.name == name);
     let generator = generator.ok_or_else(|| UnknownGenerator { name: name.into() })?;

@@ -1,6 +1,6 @@
-//! Random numbers that are the same on every machine and in every run.
+//! Generates random numbers that are the same on every machine and in every run.
 
-/// The finaliser of Steele, Lea and Flood's SplitMix64: a bijection of 64-bit words whose outputs look random.
+/// Finalises a word by SplitMix64 (Steele, Lea and Flood), a bijection whose outputs look random.
 pub(crate) fn splitmix64(x: u64) -> u64 {
     let x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let x = (x ^ x >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -8,8 +8,9 @@ pub(crate) fn splitmix64(x: u64) -> u64 {
     x ^ x >> 31
 }
 
-/// A stream of random numbers. Streams of different seeds or numbers have nothing to do with each other, so that each
-/// splat can have its own and a scene be made in any order.
+/// A stream of random numbers.
+///
+/// Streams of different seeds or numbers are independent, so each splat can have its own and a scene can be made in any order.
 pub(crate) struct Random(u64);
 
 impl Random {
@@ -22,23 +23,23 @@ impl Random {
         splitmix64(self.0)
     }
 
-    /// 0 to 1, without 1.
+    /// Draws a number from 0 to 1, without 1.
     pub(crate) fn unit(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// `low` to `high`.
+    /// Draws a number from `low` to `high`.
     pub(crate) fn range(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
-    /// Normally distributed, with mean 0 and deviation 1 (Box and Muller).
+    /// Draws a normally distributed number with mean 0 and deviation 1 (Box and Muller).
     pub(crate) fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.unit()).cos()
     }
 
-    /// A direction, all equally likely.
+    /// Draws a unit vector, uniformly distributed.
     pub(crate) fn direction(&mut self) -> [f64; 3] {
         let z = self.range(-1.0, 1.0);
         let (sin, cos) = self.range(0.0, std::f64::consts::TAU).sin_cos();
@@ -46,13 +47,13 @@ impl Random {
         [r * cos, r * sin, z]
     }
 
-    /// A point of the unit ball, all equally likely.
+    /// Draws a point of the unit ball, uniformly distributed.
     pub(crate) fn in_ball(&mut self) -> [f64; 3] {
         let radius = self.unit().cbrt();
         self.direction().map(|c| c * radius)
     }
 
-    /// A rotation, all equally likely, as a quaternion w, x, y, z (Shoemake).
+    /// Draws a rotation, uniformly distributed, as a quaternion w, x, y, z (Shoemake).
     pub(crate) fn rotation(&mut self) -> [f32; 4] {
         let u = self.unit();
         let (a, b) = ((1.0 - u).sqrt(), u.sqrt());

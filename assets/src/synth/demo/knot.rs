@@ -1,20 +1,20 @@
-//! The knot: a trefoil of a twisted, three-lobed rope with the colours of a thin film.
+//! Generates the knot: a trefoil of a twisted, three-lobed rope with the colours of a thin film.
 
 use super::materials::{Material, UP, blend, diffuse, display};
 use super::surface::{Patch, even};
-use crate::Splat;
+use crate::scene::Splat;
 use crate::synth::random::Random;
 use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
 
-/// Its middle.
+/// Centre of the knot.
 const CENTER: DVec3 = DVec3::new(0.0, -1.52, 0.0);
-/// Of the rope, at its mean.
+/// Mean radius of the rope.
 const RADIUS: f64 = 0.120;
-/// How often the rope's lobes go round in one length of it.
+/// Number of turns of the lobes along the rope.
 const TWISTS: f64 = 7.0;
 
-/// The rope's middle line, for `s` from 0 to 1.
+/// Evaluates the centre line of the rope, for `s` from 0 to 1.
 fn line(s: f64) -> DVec3 {
     let t = TAU * s;
     let p = DVec3::new(t.sin() + 2.0 * (2.0 * t).sin(), t.cos() - 2.0 * (2.0 * t).cos(), -(3.0 * t).sin());
@@ -23,7 +23,7 @@ fn line(s: f64) -> DVec3 {
     glam::DQuat::from_rotation_y(0.42) * glam::DQuat::from_rotation_x(0.22) * p + CENTER
 }
 
-/// The rope's surface: u along it, v around it.
+/// Evaluates the surface of the rope: u along it, v around it.
 fn rope(uv: DVec2) -> DVec3 {
     const H: f64 = 1e-3;
     let (before, here, after) = (line(uv.x - H), line(uv.x), line(uv.x + H));
@@ -36,7 +36,7 @@ fn rope(uv: DVec2) -> DVec3 {
     here + RADIUS * lobes(uv) * (cos * normal + sin * binormal)
 }
 
-/// The rope's cross-section, about 1.
+/// Evaluates the radius of the cross-section, relative to its mean.
 fn lobes(uv: DVec2) -> f64 {
     1.0 + 0.17 * (TAU * (3.0 * uv.y + TWISTS * uv.x)).cos()
 }

@@ -1,8 +1,8 @@
-//! The lotus: three rings of petals about a heart that glows.
+//! Generates the lotus: four rings of petals around a glowing heart.
 
 use super::materials::{Material, UP, blend, diffuse, display};
 use super::surface::{Patch, ball, deal, even, flat};
-use crate::Splat;
+use crate::scene::Splat;
 use crate::synth::random::Random;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
@@ -25,7 +25,7 @@ const RINGS: [Ring; 4] = [
     Ring { petals: 5, length: 0.50, width: 0.165, rise: (50.0, 84.0), turn: 0.6 },
 ];
 
-/// One petal's own small differences.
+/// A petal and its random deviations.
 struct Petal {
     ring: usize,
     azimuth: f64,
@@ -50,14 +50,14 @@ fn petals_of(random: &mut Random) -> Vec<Petal> {
     petals
 }
 
-/// The petal's outline: its half width, 1 at the widest, at `u` of its length. It ends in a point.
+/// Evaluates a petal's half width at `u` of its length, 1 at the widest. It ends in a point.
 fn outline(u: f64) -> f64 {
     let u = u.clamp(0.0, 1.0);
     (0.16 + 0.84 * (PI * u.powf(1.15)).sin().max(0.0).powf(0.75)) * (1.0 - u.powi(6)).max(0.0).powf(0.7)
 }
 
 impl Petal {
-    /// A point of the petal: u along it, 0 to 1, v across, 0 to 1.
+    /// Evaluates a point of the petal: u along it, v across, both 0 to 1.
     fn point(&self, uv: DVec2) -> DVec3 {
         const STEPS: usize = 12;
         let ring = &RINGS[self.ring];
@@ -112,7 +112,7 @@ pub(super) fn petals(random: &mut Random, count: usize) -> Vec<Splat> {
         .collect()
 }
 
-/// The seed pod, the stamens about it, and the glow between them.
+/// Generates the seed pod, the stamens around it, and the glow between them.
 pub(super) fn heart(random: &mut Random, count: usize) -> Vec<Splat> {
     const STAMENS: usize = 130;
     const SEGMENTS: usize = 20;
@@ -133,10 +133,18 @@ pub(super) fn heart(random: &mut Random, count: usize) -> Vec<Splat> {
         let tip = segment >= SEGMENTS - 3;
         let along = point(t + 0.02) - point(t - 0.02);
         let color = if tip { DVec3::new(1.0, 0.80, 0.30) } else { DVec3::new(0.98, 0.66, 0.20) };
-        let material = Material::new(display(color * (0.55 + 0.75 * t))).sheen(UP, DVec3::new(0.12, 0.09, 0.03));
+        let material =
+            Material::new(display(color * (0.55 + 0.75 * t))).sheen(UP, DVec3::new(0.12, 0.09, 0.03));
         let thick = if tip { 0.0062 } else { 0.0026 };
         let scale = DVec3::new(0.34 / SEGMENTS as f64 * 0.6, thick, thick);
-        splats.push(flat(point(t), along, along.any_orthonormal_vector().normalize(), scale, 0.92, &material));
+        splats.push(flat(
+            point(t),
+            along,
+            along.any_orthonormal_vector().normalize(),
+            scale,
+            0.92,
+            &material,
+        ));
     }
     for index in 0..glows {
         let color = display(DVec3::new(1.5, 0.85, 0.38));

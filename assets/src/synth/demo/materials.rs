@@ -1,20 +1,20 @@
-//! The colour of a splat, from light to spherical harmonics.
+//! Computes the spherical harmonics of materials under the demo scene's light.
 //!
-//! Colours are display-encoded, as trained scenes have them. What does not change with the view is one colour; what does
-//! is a sum of lobes, each symmetric about an axis, whose harmonics are known in closed form ([`Zonal`]). Lobes are given
-//! by the direction *towards the viewer*; harmonics take the direction from the camera, which is its opposite.
+//! Colours are display-encoded, as in trained scenes. The view-independent part is one colour; the view-dependent part is a
+//! sum of lobes, each symmetric about an axis, whose harmonics are known in closed form ([`Zonal`]). Lobes are given by the
+//! direction *towards the viewer*; harmonics take the direction from the camera, which is its opposite.
 
 use crate::harmonics::{Zonal, basis};
 use glam::DVec3;
 use std::sync::LazyLock;
 
-/// Towards the setting sun.
+/// Direction to the setting sun.
 pub(super) static SUN: LazyLock<DVec3> = LazyLock::new(|| DVec3::new(-0.50, -0.36, 0.79).normalize());
-/// Towards the brightest part of the evening sky, opposite the sun.
+/// Direction to the brightest part of the evening sky, opposite the sun.
 pub(super) static SKY: LazyLock<DVec3> = LazyLock::new(|| DVec3::new(0.45, -0.75, -0.48).normalize());
-/// Where the lotus glows.
+/// Position of the lotus's glow.
 pub(super) const GLOW: DVec3 = DVec3::new(0.0, -0.22, 0.0);
-/// Up is -y.
+/// Direction up, -y.
 pub(super) const UP: DVec3 = DVec3::new(0.0, -1.0, 0.0);
 
 const SUN_COLOR: DVec3 = DVec3::new(2.2, 1.12, 0.50);
@@ -24,24 +24,24 @@ const GLOW_COLOR: DVec3 = DVec3::new(1.0, 0.55, 0.28);
 
 static TIGHT: LazyLock<Zonal> = LazyLock::new(|| Zonal::lobe(9.0));
 static BROAD: LazyLock<Zonal> = LazyLock::new(|| Zonal::lobe(2.2));
-/// Light at a grazing angle: Schlick's approximation with a lower power, as degree 3 can carry no higher.
+/// Light at a grazing angle: Schlick's approximation with a lower power, because degree 3 carries no higher one.
 static RIM: LazyLock<Zonal> = LazyLock::new(|| Zonal::fit(-0.2, |t| (1.0 - t.clamp(0.0, 1.0)).powi(3)));
 static FILM_COS: LazyLock<Zonal> = LazyLock::new(|| film(f64::cos));
 static FILM_SIN: LazyLock<Zonal> = LazyLock::new(|| film(f64::sin));
 
-/// Interference colours: how far the phase of a thin film runs from facing to grazing.
+/// Fits the interference colours of a thin film, whose phase runs from facing to grazing.
 fn film(wave: fn(f64) -> f64) -> Zonal {
     const TURNS: f64 = 0.75;
     Zonal::fit(-0.05, |t| wave(std::f64::consts::TAU * TURNS * (1.0 - t)))
 }
 
-/// Linear light as the display wants it: a shoulder that keeps colours below white, then gamma.
+/// Encodes linear light for the display: a shoulder that keeps colours below white, then gamma.
 pub(super) fn display(linear: DVec3) -> DVec3 {
     let exposed = linear.max(DVec3::ZERO);
     (exposed / (exposed + 0.75) * 1.15).min(DVec3::ONE).map_each(|c| c.powf(1.0 / 2.2))
 }
 
-/// A function of each component.
+/// Applies a function to each component.
 trait MapEach {
     fn map_each(self, f: impl Fn(f64) -> f64) -> Self;
 }
@@ -52,15 +52,15 @@ impl MapEach for DVec3 {
     }
 }
 
-/// Between two colours.
+/// Interpolates between two colours.
 pub(super) fn blend(from: DVec3, to: DVec3, t: f64) -> DVec3 {
     from.lerp(to, t.clamp(0.0, 1.0))
 }
 
-/// Light that a surface sends back in all directions alike, linear.
+/// Computes the linear light that a surface reflects in all directions alike.
 ///
-/// `wrap` is how far light reaches round the surface, and `through` what part passes to its other side: leaves and petals
-/// glow against the sun.
+/// `wrap` is how far light reaches around the surface, and `through` is the share that passes to the other side: leaves and
+/// petals glow against the sun.
 pub(super) fn diffuse(
     at: DVec3,
     normal: DVec3,
@@ -83,11 +83,11 @@ pub(super) fn diffuse(
     albedo * light
 }
 
-/// The harmonics of a splat, while they are put together.
+/// A splat's material, as spherical harmonics of its colour.
 pub(super) struct Material([DVec3; 16]);
 
 impl Material {
-    /// A display colour that is the same from everywhere.
+    /// Makes a material of one display colour, the same from every direction.
     pub(super) fn new(color: DVec3) -> Self {
         let mut material = Self([DVec3::ZERO; 16]);
         // The reference adds 0.5 to the sum.
@@ -101,7 +101,7 @@ impl Material {
         }
     }
 
-    /// Highlights of sun, sky and lotus on a smooth surface: each is where the viewer sees the light mirrored.
+    /// Adds highlights of sun, sky and lotus on a smooth surface, each in its mirror direction.
     pub(super) fn gloss(mut self, at: DVec3, normal: DVec3, strength: f64, tint: DVec3) -> Self {
         let mirror = |towards: DVec3| 2.0 * normal.dot(towards) * normal - towards;
         let seen = |towards: DVec3| (normal.dot(towards) * 4.0 + 0.4).clamp(0.0, 1.0);
@@ -118,25 +118,25 @@ impl Material {
         self
     }
 
-    /// A lobe of light towards a direction, tight as a highlight.
+    /// Adds a tight lobe of light towards a direction.
     pub(super) fn flash(mut self, towards: DVec3, color: DVec3) -> Self {
         self.add(&TIGHT, towards, color);
         self
     }
 
-    /// A wide lobe of light towards a direction.
+    /// Adds a wide lobe of light towards a direction.
     pub(super) fn sheen(mut self, towards: DVec3, color: DVec3) -> Self {
         self.add(&BROAD, towards, color);
         self
     }
 
-    /// Light along the outline.
+    /// Adds light along the outline.
     pub(super) fn rim(mut self, normal: DVec3, color: DVec3) -> Self {
         self.add(&RIM, normal, color);
         self
     }
 
-    /// Colours that run through the spectrum as the surface turns away; `phase` (in turns) is the one that it starts from.
+    /// Adds colours that run through the spectrum as the surface turns away, from `phase` (in turns) on.
     pub(super) fn film(mut self, normal: DVec3, phase: f64, strength: f64) -> Self {
         let turn = |offset: f64| std::f64::consts::TAU * (phase + offset);
         let phases = DVec3::new(turn(0.0), turn(0.36), turn(0.64));
@@ -145,7 +145,7 @@ impl Material {
         self
     }
 
-    /// Coefficient `k` of channel `c` at `3 * k + c`.
+    /// Returns the coefficients; coefficient `k` of channel `c` is at `3 * k + c`.
     pub(super) fn sh(&self) -> [f32; 48] {
         std::array::from_fn(|i| self.0[i / 3][i % 3] as f32)
     }
@@ -163,7 +163,8 @@ mod tests {
     #[test]
     fn a_highlight_is_brightest_where_the_viewer_sees_the_sun_mirrored() {
         let normal = DVec3::new(0.2, -0.9, 0.1).normalize();
-        let material = Material::new(DVec3::splat(0.2)).gloss(DVec3::new(0.0, 50.0, 0.0), normal, 0.5, DVec3::ONE);
+        let material =
+            Material::new(DVec3::splat(0.2)).gloss(DVec3::new(0.0, 50.0, 0.0), normal, 0.5, DVec3::ONE);
         let mirrored = 2.0 * normal.dot(*SUN) * normal - *SUN;
         let there = color(&material, mirrored).x;
         assert!(there > 0.45);

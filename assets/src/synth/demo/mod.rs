@@ -1,34 +1,35 @@
-//! The scene to look at: a lotus on a pond at dusk, and an iridescent knot that hovers above it.
+//! Generates the demo scene: a lotus on a pond at dusk, and an iridescent knot above it.
 //!
-//! It is made to show what splats do well and what makes them hard to draw. The knot and the petals are thin, elongated
-//! splats that follow a surface, with gloss that moves as the view does (bands 1 to 3 of the harmonics). Reeds are needles.
-//! Mist, water and glow are large and nearly transparent, so a pixel has many layers. The reflection in the water is real:
-//! splats mirrored below the surface, their harmonics mirrored with them.
+//! It shows the strengths of splats and the difficulties of drawing them. The knot and the petals are thin, elongated
+//! splats that follow a surface, with gloss that moves with the view (bands 1 to 3 of the harmonics). Reeds are needles.
+//! Mist, water and glow are large and nearly transparent, so a pixel has many layers. The reflection in the water is made of
+//! splats mirrored below the surface, with mirrored harmonics.
 //!
 //! [`materials`] turns light into harmonics and [`surface`] makes splats of parametric surfaces; [`knot`], [`lotus`], [`pond`]
-//! and [`particles`] are the things. Water is at y = 0 and up is -y; the sun sets behind, at +z and to the left.
+//! and [`particles`] make the objects. Water is at y = 0 and up is -y; the sun sets behind, at +z and to the left.
 
-mod particles;
 mod knot;
-mod materials;
 mod lotus;
+mod materials;
+mod particles;
 mod pond;
 mod surface;
 
 use super::random::Random;
-use crate::{Camera, Scene, Splat};
+use crate::camera::Camera;
+use crate::scene::{Scene, Splat};
 
 /// A part of the scene.
 struct Part {
-    /// Its share of the splats, in thousandths.
+    /// Share of the splats, in thousandths.
     share: u32,
-    /// Makes exactly as many splats as it is told.
+    /// Makes the given number of splats.
     make: fn(&mut Random, usize) -> Vec<Splat>,
-    /// Whether the water mirrors it.
+    /// True if the water mirrors the part.
     mirrored: bool,
 }
 
-/// What [`PARTS`] leave of the thousand is the reflection.
+/// The parts; the rest of the thousand is the reflection.
 const PARTS: [Part; 12] = [
     Part { share: 235, make: knot::knot, mirrored: true },
     Part { share: 165, make: lotus::petals, mirrored: true },
@@ -44,7 +45,7 @@ const PARTS: [Part; 12] = [
     Part { share: 22, make: particles::sky, mirrored: true },
 ];
 
-/// The scene, with parts in proportion to `count`; surfaces are covered whatever it is, more finely with more.
+/// Generates the scene. Shares are proportional to `count`; surfaces are covered at any count, more finely with more.
 pub(super) fn demo(count: u32, seed: u64) -> Scene {
     let count = count as usize;
     let mut splats = Vec::with_capacity(count);
@@ -66,8 +67,7 @@ pub(super) fn demo(count: u32, seed: u64) -> Scene {
     Scene::generate(count as u32, 3, |index| splats[index])
 }
 
-/// Four views of the demo scene, 960 x 540: the whole, the knot near, the lotus near, and from behind with the sun in the
-/// back.
+/// Makes four views of the demo scene, 960 x 540: the whole, the knot, the lotus, and from behind.
 pub fn demo_cameras() -> Vec<Camera> {
     let view = |id, name: &str, eye, target, fov| Camera {
         id,

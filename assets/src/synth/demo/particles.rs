@@ -1,28 +1,28 @@
-//! What is in the air and behind it: sky, hills, mist, fireflies, drifting petals.
+//! Generates particles and backdrop: sky, hills, mist, fireflies, dust and drifting petals.
 
 use super::materials::{GLOW, Material, SUN, UP, blend, diffuse, display};
 use super::surface::{ball, even, flat};
-use crate::Splat;
+use crate::scene::Splat;
 use crate::synth::random::Random;
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// How far the sky is.
+/// Distance of the sky, in world units.
 const SKY_RADIUS: f64 = 26.0;
 
-/// A direction from its azimuth (from +x towards +z) and its height above the horizon, in radians.
+/// Computes a direction from azimuth (from +x towards +z) and height above the horizon, in radians.
 fn towards(azimuth: f64, elevation: f64) -> DVec3 {
     let (sin, cos) = azimuth.sin_cos();
     DVec3::new(cos * elevation.cos(), -elevation.sin(), sin * elevation.cos())
 }
 
-/// 1 towards the sun along the horizon, 0 away from it.
+/// Computes 1 towards the sun along the horizon, 0 away from it.
 fn sunward(direction: DVec3) -> f64 {
     let flat = |v: DVec3| DVec3::new(v.x, 0.0, v.z).normalize_or(DVec3::Z);
     0.5 + 0.5 * flat(direction).dot(flat(*SUN))
 }
 
-/// The evening sky's display colour.
+/// Evaluates the evening sky's display colour.
 fn sky_color(direction: DVec3) -> DVec3 {
     let elevation = (-direction.y).asin().to_degrees();
     let bands = [
@@ -41,7 +41,7 @@ fn sky_color(direction: DVec3) -> DVec3 {
     color(upper - 1).lerp(color(upper), t * t * (3.0 - 2.0 * t))
 }
 
-/// A band of glow above the horizon that thins into the dark, and stars over it.
+/// Generates a band of glow above the horizon that thins into the dark, with stars over it.
 pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
     let glow = count * 2 / 5;
     // Equal areas of a sphere are equal steps of height.
@@ -81,7 +81,7 @@ pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
     splats
 }
 
-/// Three ridges, each paler than the one before it.
+/// Generates three ridges, each paler than the one before it.
 pub(super) fn hills(random: &mut Random, count: usize) -> Vec<Splat> {
     const RIDGES: usize = 3;
     (0..count)
@@ -114,7 +114,7 @@ pub(super) fn hills(random: &mut Random, count: usize) -> Vec<Splat> {
         .collect()
 }
 
-/// Low banks of mist on the water.
+/// Generates low banks of mist on the water.
 pub(super) fn mist(random: &mut Random, count: usize) -> Vec<Splat> {
     (0..count)
         .map(|_| {
@@ -134,7 +134,7 @@ pub(super) fn mist(random: &mut Random, count: usize) -> Vec<Splat> {
         .collect()
 }
 
-/// Points of light over the water, each with a soft halo.
+/// Generates points of light over the water, each with a soft halo.
 pub(super) fn fireflies(random: &mut Random, count: usize) -> Vec<Splat> {
     let mut splats = Vec::with_capacity(count);
     while splats.len() < count {
@@ -156,14 +156,14 @@ pub(super) fn fireflies(random: &mut Random, count: usize) -> Vec<Splat> {
     splats
 }
 
-/// The spiral from the lotus to the knot: its axis distance and place at `t`, 0 at the lotus.
+/// Evaluates the spiral from the lotus (`t` = 0) to the knot (1).
 fn spiral(t: f64, start: f64) -> DVec3 {
     let azimuth = start + 1.35 * TAU * t;
     let radius = 0.14 + 0.90 * t.powf(0.8);
     DVec3::new(azimuth.cos() * radius, GLOW.y - 0.10 - 2.05 * t, azimuth.sin() * radius)
 }
 
-/// Gold dust that rises in two strands.
+/// Generates gold dust that rises in two strands.
 pub(super) fn dust(random: &mut Random, count: usize) -> Vec<Splat> {
     (0..count)
         .map(|index| {
@@ -182,7 +182,7 @@ pub(super) fn dust(random: &mut Random, count: usize) -> Vec<Splat> {
         .collect()
 }
 
-/// Petals that the air carries: a few dozen, curled, each of many splats.
+/// Generates a few dozen drifting, curled petals, each of many splats.
 pub(super) fn drifting_petals(random: &mut Random, count: usize) -> Vec<Splat> {
     const PETALS: usize = 46;
     let petals = PETALS.min(count);

@@ -1,18 +1,18 @@
-//! The pond: water, lily pads, reeds, and what the water mirrors.
+//! Generates the pond: water, lily pads, reeds and reflections.
 
 use super::materials::{Material, SUN, UP, blend, diffuse, display};
 use super::surface::{Patch, deal, even, flat};
-use crate::Splat;
+use crate::scene::Splat;
 use crate::synth::random::Random;
 use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
 
-/// Where the water ends in mist.
+/// Radius of the water, in world units; mist hides its edge.
 const SHORE: f64 = 9.0;
-/// What the water sends back of what it mirrors.
+/// Share of the light that the water reflects.
 const REFLECTED: f64 = 0.72;
 
-/// The slope of the ripples: rings about the lotus, and a light wind across.
+/// Evaluates the slope of the ripples: rings around the lotus, and a light wind across.
 fn ripple(at: DVec3) -> DVec3 {
     let out = DVec3::new(at.x, 0.0, at.z);
     let r = out.length();
@@ -21,7 +21,7 @@ fn ripple(at: DVec3) -> DVec3 {
     out.normalize_or_zero() * ring + wind
 }
 
-/// The surface: thin and flat, dark where one looks down, and towards the sun full of its light.
+/// Generates the water's surface: thin, flat and dark, with the sun's glitter.
 pub(super) fn water(random: &mut Random, count: usize) -> Vec<Splat> {
     (0..count)
         .map(|index| {
@@ -68,7 +68,7 @@ struct Pad {
     curl: f64,
 }
 
-/// Leaves that float about the lotus, apart from one another.
+/// Places leaves around the lotus, without overlaps.
 fn pads(random: &mut Random) -> Vec<Pad> {
     let mut pads: Vec<Pad> = Vec::new();
     for _ in 0..4000 {
@@ -115,13 +115,14 @@ pub(super) fn lily_pads(random: &mut Random, count: usize) -> Vec<Splat> {
             let leaf = blend(leaf, DVec3::new(0.13, 0.20, 0.07), 0.7 * vein);
             let leaf = blend(leaf, DVec3::new(0.26, 0.07, 0.07), (r - 0.90) * 7.0);
             let light = diffuse(patch.at, normal, leaf * (1.0 + 0.10 * random.normal()), 0.9, 0.15, 0.4);
-            let material = Material::new(display(light)).gloss(patch.at, normal, 0.28, DVec3::new(0.9, 1.0, 0.85));
+            let material =
+                Material::new(display(light)).gloss(patch.at, normal, 0.28, DVec3::new(0.9, 1.0, 0.85));
             patch.splat(count, 1.0, 0.58, 0.96, &material)
         })
         .collect()
 }
 
-/// Blades of grass at the pond's edge: curved needles, some with a seed head, against the light.
+/// Generates reeds at the pond's edge: curved needles, some with a seed head, against the light.
 pub(super) fn reeds(random: &mut Random, count: usize) -> Vec<Splat> {
     const BLADES: usize = 950;
     const CLUMPS: f64 = 14.0;
@@ -175,7 +176,7 @@ pub(super) fn reeds(random: &mut Random, count: usize) -> Vec<Splat> {
     splats
 }
 
-/// `count` of the splats, mirrored below the water.
+/// Mirrors `count` of the splats below the water.
 pub(super) fn reflection(random: &mut Random, splats: &[Splat], count: usize) -> Vec<Splat> {
     if splats.is_empty() {
         return Vec::new();
@@ -189,8 +190,9 @@ pub(super) fn reflection(random: &mut Random, splats: &[Splat], count: usize) ->
         .collect()
 }
 
-/// What a splat looks like in the water: mirrored at y = 0, dimmer, and moved by the ripples. `growth` makes up for the
-/// splats that are left out.
+/// Mirrors a splat at y = 0, dims it, and moves it with the ripples.
+///
+/// `growth` scales the splat, to make up for those that are left out.
 fn mirror(splat: &Splat, growth: f64, random: &mut Random) -> Splat {
     /// Basis functions that are odd in y, which change sign with it.
     const ODD: [usize; 6] = [1, 4, 5, 9, 10, 11];

@@ -1,21 +1,20 @@
-//! Splats that cover parametric surfaces.
+//! Makes splats that cover parametric surfaces.
 
 use super::materials::Material;
-use crate::Splat;
+use crate::scene::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
-/// Point `index` of a sequence that fills the unit square evenly, however many are taken (Roberts' R2, by the plastic
-/// number).
+/// Evaluates point `index` of a sequence that fills the unit square evenly at every length (Roberts' R2, by the plastic number).
 pub(super) fn even(index: usize) -> DVec2 {
     let fraction = |step: f64| (0.5 + step * (index as f64 + 1.0)).fract();
     DVec2::new(fraction(0.754_877_666_246_692_8), fraction(0.569_840_290_998_053_2))
 }
 
-/// A place on a surface, with what a splat there needs.
+/// A point of a surface with its derivatives.
 pub(super) struct Patch {
-    /// The point.
+    /// Position.
     pub at: DVec3,
-    /// The normal, towards `du x dv`.
+    /// Unit normal, in the direction of `du x dv`.
     pub normal: DVec3,
     /// Derivatives by the two parameters.
     pub du: DVec3,
@@ -23,7 +22,7 @@ pub(super) struct Patch {
 }
 
 impl Patch {
-    /// The patch of a surface at parameters `uv`, by central differences.
+    /// Evaluates a surface at parameters `uv`, by central differences.
     pub(super) fn new(surface: impl Fn(DVec2) -> DVec3, uv: DVec2) -> Self {
         const H: f64 = 1e-4;
         let du = (surface(uv + DVec2::new(H, 0.0)) - surface(uv - DVec2::new(H, 0.0))) / (2.0 * H);
@@ -31,9 +30,17 @@ impl Patch {
         Self { at: surface(uv), normal: du.cross(dv).normalize_or(DVec3::Y), du, dv }
     }
 
-    /// A splat that covers its part of the surface, where `count` are spread evenly over the unit square of parameters:
-    /// `stretch` is how much longer it is along u than an even share, and `cover` its size in shares.
-    pub(super) fn splat(&self, count: usize, stretch: f64, cover: f64, opacity: f64, material: &Material) -> Splat {
+    /// Makes a splat that covers its share of the surface, where `count` are spread evenly over the unit square of parameters.
+    ///
+    /// `stretch` is its elongation along u relative to an even share, and `cover` its size in shares.
+    pub(super) fn splat(
+        &self,
+        count: usize,
+        stretch: f64,
+        cover: f64,
+        opacity: f64,
+        material: &Material,
+    ) -> Splat {
         let share = cover / (count as f64).sqrt();
         let scale = DVec3::new(
             self.du.length() * share * stretch,
@@ -44,8 +51,15 @@ impl Patch {
     }
 }
 
-/// A splat with its first axis along `along` (made perpendicular to the normal) and its third along `normal`.
-pub(super) fn flat(at: DVec3, along: DVec3, normal: DVec3, scale: DVec3, opacity: f64, material: &Material) -> Splat {
+/// Makes a splat with its first axis along `along` (made perpendicular to the normal) and its third along `normal`.
+pub(super) fn flat(
+    at: DVec3,
+    along: DVec3,
+    normal: DVec3,
+    scale: DVec3,
+    opacity: f64,
+    material: &Material,
+) -> Splat {
     let along = (along - normal * normal.dot(along)).normalize_or(normal.any_orthonormal_vector());
     let q = DQuat::from_mat3(&DMat3::from_cols(along, normal.cross(along), normal)).normalize();
     Splat {
@@ -58,13 +72,14 @@ pub(super) fn flat(at: DVec3, along: DVec3, normal: DVec3, scale: DVec3, opacity
     }
 }
 
-/// A ball of one colour; soft where it is transparent.
+/// Makes a round splat of one material.
 pub(super) fn ball(at: DVec3, size: f64, opacity: f64, material: &Material) -> Splat {
     flat(at, DVec3::X, DVec3::Y, DVec3::splat(size), opacity, material)
 }
 
-/// Which of several things the splat `index` of `count` belongs to, where each gets a part in proportion to its weight;
-/// and its own index within that part, and the part's size.
+/// Distributes `count` splats over objects in proportion to their weights.
+///
+/// Yields, for each splat, its object, its index within the object, and the object's number of splats.
 pub(super) fn deal(weights: &[f64], count: usize) -> impl Iterator<Item = (usize, usize, usize)> {
     let total: f64 = weights.iter().sum();
     let mut sum = 0.0;
