@@ -7,7 +7,8 @@
 use splatgraph::builtin;
 use splatgraph::facts::{self, SceneFacts};
 use splatgraph::view::paint;
-use splatgraph_framework::build::{Catalog, Facts, Request, build};
+use splatgraph_framework::build;
+use splatgraph_framework::ir::{Catalog, Facts, Request};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::{Content, LastGood, Rebuilder};
 use splatgraph_framework::shader::Glslang;

@@ -5,8 +5,10 @@
 
 use splatgraph::builtin;
 use splatgraph_api::{Device, FrameInputs, Inspect, SceneData};
-use splatgraph_framework::build::{Catalog, Request, build};
-use splatgraph_framework::plan::{Plan, Value};
+use splatgraph_framework::build;
+use splatgraph_framework::ir::Value;
+use splatgraph_framework::ir::{Catalog, Request};
+use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{SourceMap, render};
 use splatgraph_vulkan::Vulkan;

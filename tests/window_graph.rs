@@ -6,8 +6,8 @@ use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::Planner;
 use splatgraph::view::paint::{self, Composition, Mode, Painted, Painter, Shown};
 use splatgraph_api::{Device, FrameInputs, Given, SceneData};
-use splatgraph_framework::build::Catalog;
-use splatgraph_framework::plan::Format;
+use splatgraph_framework::ir::Catalog;
+use splatgraph_framework::ir::Format;
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 

@@ -10,7 +10,7 @@ use splatgraph::view::events::Event;
 use splatgraph::view::studio::Studio;
 use splatgraph_api::Device;
 use splatgraph_assets::{Scene, synth};
-use splatgraph_framework::plan::Value;
+use splatgraph_framework::ir::Value;
 use splatgraph_vulkan::{Options, Vulkan};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

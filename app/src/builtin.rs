@@ -5,7 +5,7 @@
 
 use crate::facts::{self, SceneFacts};
 use ron::extensions::Extensions;
-use splatgraph_framework::build::Request;
+use splatgraph_framework::ir::Request;
 use splatgraph_framework::lower;
 use splatgraph_framework::plan::Param;
 use splatgraph_framework::schema::Document;

@@ -7,8 +7,8 @@
 use crate::camera::{CAMERA, CAMERA_BYTES};
 use crate::view::paint;
 use splatgraph_assets::{ATTRIBUTES, Scene, Splat};
-use splatgraph_framework::build::{Attribute, Catalog, Facts};
-use splatgraph_framework::plan::Value;
+use splatgraph_framework::ir::Value;
+use splatgraph_framework::ir::{Attribute, Catalog, Facts};
 
 /// Width and height of a picture where nothing says otherwise.
 pub const DEFAULT_SIZE: (u32, u32) = (960, 540);

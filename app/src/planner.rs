@@ -1,7 +1,8 @@
 //! From a graph's name to a plan.
 
 use crate::builtin;
-use splatgraph_framework::build::{Catalog, Facts, Request, build};
+use splatgraph_framework::build;
+use splatgraph_framework::ir::{Catalog, Facts, Request};
 use splatgraph_framework::lower;
 use splatgraph_framework::plan::{Param, Plan};
 use splatgraph_framework::reload::Wanted;

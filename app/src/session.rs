@@ -14,7 +14,8 @@ use splatgraph_api::{
     BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
 };
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::plan::{Format, Plan};
+use splatgraph_framework::ir::Format;
+use splatgraph_framework::plan::Plan;
 
 /// Why a session could not go on.
 #[derive(Debug, thiserror::Error)]

@@ -7,7 +7,8 @@ use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use splatgraph_api::{DeviceInfo, FrameResult};
 use splatgraph_assets::grouped;
-use splatgraph_framework::plan::{PassId, Plan, Run, Value};
+use splatgraph_framework::ir::{PassId, Run, Value};
+use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 
 /// The statistics of one camera.

@@ -4,8 +4,10 @@
 //! `cargo bench -p splatgraph-framework`
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use splatgraph_framework::build::{Attribute, Catalog, Facts, Request, build};
-use splatgraph_framework::plan::{Plan, Value};
+use splatgraph_framework::build;
+use splatgraph_framework::ir::Value;
+use splatgraph_framework::ir::{Attribute, Catalog, Facts, Request};
+use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Library, SourceMap, render};
 use std::fmt::Write;

@@ -5,23 +5,25 @@
 //! touches a GPU: the plan is a pure function of the files, the parameters, the facts of the scene and the facts
 //! of the device, so it can be built, dumped and tested anywhere.
 //!
-//! Data walks through the folders of this crate in this order:
+//! [`ir`] is the ground floor: the plain types that all steps share. Data walks through the other folders in this order, and a test
+//! holds the imports to it:
 //!
 //! 1. [`source`] holds the texts, knows the byte span of every element and draws diagnostics under them;
 //! 2. [`expr`] evaluates the small expressions that a graph may hold in place of numbers;
 //! 3. [`schema`] is the graph as written, a typed tree;
 //! 4. [`lower`] resolves presets, includes, conditions, repeats and swaps to a flat list of passes;
 //! 5. [`shader`] compiles GLSL to SPIR-V and reads back what each shader binds and touches;
-//! 6. [`check`] holds the flat list against the shaders;
+//! 6. [`link`] compiles the shaders and holds the flat list against them;
 //! 7. [`solve`] orders the passes and places the barriers;
 //! 8. [`plan`] is the result, [`dump`] writes it for people and programs.
 //!
 //! When a file changes, [`reload`] notices and sends it on the same way again, while the last good plan goes on being drawn.
 
-pub mod build;
-pub mod check;
+mod build;
 pub mod dump;
 pub mod expr;
+pub mod ir;
+pub mod link;
 pub mod lower;
 pub mod oracle;
 pub mod plan;
@@ -33,5 +35,4 @@ pub mod source;
 #[cfg(test)]
 mod testing;
 
-pub use build::{Catalog, Facts, GivenBuffer, Request, build};
-pub use plan::Plan;
+pub use build::build;

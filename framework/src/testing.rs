@@ -7,12 +7,12 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::build::{Attribute, Catalog, Facts, GivenBuffer, Request, build};
-use crate::plan::{Format, Plan, Value};
-use crate::shader::{
-    Compiled, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderCompiler,
-    ShaderRequest, Varying,
-};
+use crate::build;
+use crate::ir::{Attribute, Catalog, Facts, GivenBuffer, Request};
+use crate::ir::{Format, Value};
+use crate::ir::{Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Varying};
+use crate::plan::Plan;
+use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
 use crate::source::{Diagnostic, Library, SourceMap, render};
 
 pub struct ListCompiler;

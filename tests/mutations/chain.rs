@@ -8,7 +8,8 @@
 //! - with [`reads_what_was_written`] it holds whatever the order of the passes, and whichever resources share memory;
 //! - with [`conflicts`] it holds for the order and the memory of the plan.
 
-use splatgraph_framework::plan::{Plan, Touch};
+use splatgraph_framework::ir::Touch;
+use splatgraph_framework::plan::Plan;
 
 /// The calls of barriers that a frame of this plan records.
 pub fn calls(plan: &Plan) -> usize {

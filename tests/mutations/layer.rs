@@ -6,10 +6,11 @@
 //! the pair. That the layer was silent about a mutant is no argument here.
 
 use splatgraph_api::FRAMES_IN_FLIGHT;
-use splatgraph_framework::oracle::{Actor, Kind, Missing, Objection, Replay, When, replay};
-use splatgraph_framework::plan::{
-    Accesses, Binding, DescriptorKind, DrawCall, Groups, PassId, Plan, ResourceId, ShaderId, Stages, Work,
+use splatgraph_framework::ir::{
+    Accesses, Binding, DescriptorKind, DrawCall, Groups, PassId, ResourceId, ShaderId, Stages, Work,
 };
+use splatgraph_framework::oracle::{Actor, Kind, Missing, Objection, Replay, When, replay};
+use splatgraph_framework::plan::Plan;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 

@@ -11,7 +11,7 @@ use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::Planner;
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameInputs, SceneData};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::build::Facts;
+use splatgraph_framework::ir::Facts;
 use splatgraph_framework::oracle::mutate::{Mutation, apply, mutations, needless};
 use splatgraph_framework::oracle::{Replay, replay};
 use splatgraph_framework::plan::{Barrier, Plan};

@@ -1,12 +1,14 @@
 //! Builds random graphs, and runs properties over many of them.
 
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestError, TestRng, TestRunner};
+use splatgraph_framework::build;
+use splatgraph_framework::ir::{Catalog, Facts, Request};
+use splatgraph_framework::ir::{PassId, Value};
 use splatgraph_framework::oracle;
 use splatgraph_framework::oracle::mutate::{mutations, needless};
-use splatgraph_framework::plan::{Barrier, PassId, Plan, Step, Value};
+use splatgraph_framework::plan::{Barrier, Plan, Step};
 use splatgraph_framework::shader::ShaderCompiler;
 use splatgraph_framework::source::{Library, SourceMap, render as explain};
-use splatgraph_framework::{Catalog, Facts, Request, build};
 use std::io::Write;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};

@@ -9,11 +9,11 @@
 //! //: in 0 tone uint flat         a stage input; `out` likewise
 //! ```
 
-use splatgraph_framework::plan::Format;
-use splatgraph_framework::shader::{
-    Compiled, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderCompiler,
-    ShaderRequest, ShaderStage, Varying,
+use splatgraph_framework::ir::Format;
+use splatgraph_framework::ir::{
+    Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderStage, Varying,
 };
+use splatgraph_framework::shader::{Compiled, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::source::{Diagnostic, SourceMap};
 use std::sync::Arc;
 

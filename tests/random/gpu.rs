@@ -2,7 +2,8 @@
 //! whether or not its resources share memory, and with every barrier as wide as can be.
 
 use splatgraph_api::{Device, FrameInputs, Inspect, SceneData};
-use splatgraph_framework::plan::{Accesses, Barrier, PassId, Plan, ResourceId, Source, Stages, Step};
+use splatgraph_framework::ir::{Accesses, PassId, ResourceId, Source, Stages};
+use splatgraph_framework::plan::{Barrier, Plan, Step};
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::solve::reorder;
 use splatgraph_vulkan::Vulkan;

@@ -1,6 +1,7 @@
 //! The orders that a frame's passes can have.
 
-use splatgraph_framework::plan::{PassId, Plan, Touch, Work};
+use splatgraph_framework::ir::{PassId, Touch, Work};
+use splatgraph_framework::plan::Plan;
 
 /// Orders of the frame in which of two passes that touch the same resource, one of them writing, the first stays the first, and
 /// whose end is the plan's: all of them, or the first `most` by the order of the plan.

@@ -4,7 +4,7 @@ use super::twin::{Twin, shows_something};
 use crate::common;
 use splatgraph::view::events::{Event, Who};
 use splatgraph::view::paint::Mode;
-use splatgraph_framework::plan::Value;
+use splatgraph_framework::ir::Value;
 
 const SPLATS: u32 = 3_000;
 

@@ -30,7 +30,7 @@ use splatgraph::view::navigation::Navigation;
 use splatgraph::view::paint::Mode;
 use splatgraph_api::Device;
 use splatgraph_assets::synth;
-use splatgraph_framework::plan::{Domain, ParamBinding, Value};
+use splatgraph_framework::ir::{Domain, ParamBinding, Value};
 use splatgraph_vulkan::{DeviceMemory, Validation};
 use std::collections::BTreeSet;
 use std::fs;

@@ -6,8 +6,8 @@ use crate::facts::{self, SceneFacts};
 use crate::planner::Planner;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use splatgraph_framework::build::Facts;
 use splatgraph_framework::dump::{self, Dump};
+use splatgraph_framework::ir::Facts;
 use splatgraph_vulkan::Vulkan;
 use std::path::PathBuf;
 

@@ -5,7 +5,7 @@ use crate::image::make_folder_of;
 use crate::progress::Progress;
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
-use splatgraph_framework::plan::Domain;
+use splatgraph_framework::ir::Domain;
 use std::io::Write;
 use std::path::Path;
 use std::sync::Mutex;

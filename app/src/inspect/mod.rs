@@ -11,7 +11,8 @@ use crate::image::{ImageError, save_words};
 use half::f16;
 use serde::Serialize;
 use splatgraph_api::Inspect;
-use splatgraph_framework::plan::{Format, Pass, PassId, Plan, Resource, ResourceId, Run, Shape};
+use splatgraph_framework::ir::{Format, Pass, PassId, ResourceId, Run, Shape};
+use splatgraph_framework::plan::{Plan, Resource};
 use splatgraph_framework::source::nearest;
 use std::path::Path;
 
@@ -231,7 +232,8 @@ fn words(resource: &Resource, bytes: &[u8]) -> (Vec<u64>, Words) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatgraph_framework::plan::{Accesses, Origin, Source, Stages, Step, Touch, Usage, Work};
+    use splatgraph_framework::ir::{Accesses, Origin, Source, Stages, Touch, Usage, Work};
+    use splatgraph_framework::plan::Step;
 
     fn origin() -> Origin {
         Origin { file: "test.ron".into(), line: 1, column: 1 }

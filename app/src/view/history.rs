@@ -5,7 +5,8 @@
 
 use crate::stats::quantile;
 use splatgraph_api::FrameResult;
-use splatgraph_framework::plan::{PassId, Plan, Run};
+use splatgraph_framework::ir::{PassId, Run};
+use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
 
 /// Frames that are remembered.

@@ -11,7 +11,7 @@ use bytemuck::{Pod, Zeroable};
 use egui::epaint::textures::TexturesDelta;
 use egui::epaint::{ClippedPrimitive, Mesh, Primitive};
 use splatgraph_api::Given;
-use splatgraph_framework::build::{Catalog, GivenBuffer};
+use splatgraph_framework::ir::{Catalog, GivenBuffer};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use textures::{Texture, Textures};

@@ -17,8 +17,9 @@ use splatgraph_api::{
     BackendError, Device, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult, Inspect, Loader,
 };
 use splatgraph_assets::Scene;
-use splatgraph_framework::build::Catalog;
-use splatgraph_framework::plan::{Param, ParamBinding, Plan, Value};
+use splatgraph_framework::ir::Catalog;
+use splatgraph_framework::ir::{ParamBinding, Value};
+use splatgraph_framework::plan::{Param, Plan};
 use splatgraph_framework::reload::{
     Attempt, Change, LastGood, Rebuilder, Wanted, WatchError, WatchKind, Watcher,
 };
@@ -40,7 +41,7 @@ pub struct World {
     pub catalog: Arc<Catalog>,
     /// Of the picture, in pixels.
     pub size: (u32, u32),
-    /// See [`splatgraph_framework::Request::share_memory`].
+    /// See [`splatgraph_framework::ir::Request::share_memory`].
     pub share_memory: bool,
 }
 
@@ -440,9 +441,9 @@ mod tests {
             default: value.clone(),
             value,
             exact: None,
-            domain: splatgraph_framework::plan::Domain::Bool,
+            domain: splatgraph_framework::ir::Domain::Bool,
             binding: ParamBinding::Const,
-            origin: splatgraph_framework::plan::Origin { file: "g.ron".into(), line: 1, column: 1 },
+            origin: splatgraph_framework::ir::Origin { file: "g.ron".into(), line: 1, column: 1 },
         };
         assert_eq!(value_of(&param(Value::Int(1)), "4"), Some(Value::Int(4)));
         assert_eq!(value_of(&param(Value::Float(1.0)), "4"), Some(Value::Float(4.0)));

@@ -13,7 +13,7 @@ use super::renderer::{Failure, Renderer, Wake, World};
 use super::studio::{Studio, StudioError};
 use egui::{Context, FontDefinitions, FontFamily, RawInput, Rect};
 use splatgraph_api::{BackendError, Device, FrameInputs, Pixels};
-use splatgraph_framework::build::Catalog;
+use splatgraph_framework::ir::Catalog;
 use std::sync::Arc;
 use std::time::Instant;
 

@@ -16,7 +16,7 @@ use crate::session::image_of;
 use indexmap::IndexMap;
 use splatgraph_api::{BackendError, Device, Picture};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::build::Catalog;
+use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::reload::WatchError;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

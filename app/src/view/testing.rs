@@ -1,6 +1,7 @@
 //! Plans for tests that need no more than names.
 
-use splatgraph_framework::plan::{Origin, Pass, PassId, Plan, ResourceId, Run, Step, Work};
+use splatgraph_framework::ir::{Origin, Pass, PassId, ResourceId, Run, Work};
+use splatgraph_framework::plan::{Plan, Step};
 
 /// A plan of these passes: name and phase.
 pub fn plan(passes: &[(&str, &str)]) -> Plan {

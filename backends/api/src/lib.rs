@@ -1,12 +1,13 @@
 //! What the application sees of a backend: a device that loads a plan and renders frames of it.
 //!
-//! A backend executes [`splatgraph_framework::Plan`]s. It owns the device, the plan's memory and pipelines, and the
+//! A backend executes [`splatgraph_framework::plan::Plan`]s. It owns the device, the plan's memory and pipelines, and the
 //! uploads of the scene; it decides nothing about order or barriers. The order of calls is: open the device (each
 //! backend's own constructor), [`Device::load`] a plan with the scene's data, then [`Device::submit`] frames and
 //! [`Device::wait`] for their results, with up to [`FRAMES_IN_FLIGHT`] submitted and not yet waited for.
 
 use serde::{Deserialize, Serialize};
-use splatgraph_framework::plan::{Format, Plan, Value};
+use splatgraph_framework::ir::{Format, Value};
+use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -82,8 +83,8 @@ pub struct Picture {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Inspect {
-    pub resource: splatgraph_framework::plan::ResourceId,
-    pub after: splatgraph_framework::plan::PassId,
+    pub resource: splatgraph_framework::ir::ResourceId,
+    pub after: splatgraph_framework::ir::PassId,
 }
 
 /// A submitted frame.
@@ -95,7 +96,7 @@ pub struct FrameId(pub u64);
 pub struct FrameResult {
     /// GPU milliseconds per pass that ran, in order of execution (prologue included in the frame that ran it; the host's
     /// step, which runs nothing, left out). `None` where the device has no timestamps.
-    pub pass_ms: Vec<(splatgraph_framework::plan::PassId, Option<f64>)>,
+    pub pass_ms: Vec<(splatgraph_framework::ir::PassId, Option<f64>)>,
     /// GPU milliseconds from the first to the last command of the frame.
     pub total_ms: Option<f64>,
     /// Host milliseconds spent recording and submitting.

@@ -5,7 +5,7 @@
 //! The backend's own barriers have the same form ([`take_over`]). Nothing here calls the API.
 
 use ash::vk;
-use splatgraph_framework::plan::*;
+use splatgraph_framework::{ir::*, plan::*};
 
 /// One side of a barrier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,7 +9,7 @@ use crate::instance::{API_VERSION, Instance, NO_DRIVER, offers};
 use crate::limits::{Limits, SubgroupLimits};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo};
-use splatgraph_framework::plan::Value;
+use splatgraph_framework::ir::Value;
 use std::collections::BTreeMap;
 use std::ffi::{CStr, c_char};
 

@@ -15,7 +15,8 @@ use crate::record::Recorder;
 use crate::screen::{Presentation, Screen};
 use ash::vk;
 use splatgraph_api::{BackendError, FrameId, FrameInputs, FrameResult, Pixels};
-use splatgraph_framework::plan::{PassId, Plan, ResourceId, Source};
+use splatgraph_framework::ir::{PassId, ResourceId, Source};
+use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -171,7 +172,7 @@ fn write_uniforms(loaded: &mut Loaded, slot: usize, inputs: &FrameInputs) -> Res
 }
 
 fn pixels(plan: &Plan, loaded: &LoadedSlot) -> Option<Pixels> {
-    use splatgraph_framework::plan::Shape;
+    use splatgraph_framework::ir::Shape;
     let Shape::Image { format, width, height } = plan.resource(plan.output).shape else { return None };
     Some(Pixels { format, width, height, bytes: loaded.output.as_ref()?.mapped().to_vec() })
 }

@@ -15,7 +15,8 @@ use crate::lower;
 use crate::memory::{Buffer, Memory};
 use crate::picture::PictureBuffer;
 use splatgraph_api::{self as api, BackendError, FrameInputs};
-use splatgraph_framework::plan::{Resource, ResourceId, Shape, Source};
+use splatgraph_framework::ir::{ResourceId, Shape, Source};
+use splatgraph_framework::plan::Resource;
 use std::sync::Arc;
 
 /// What a resource holds for the frame in one slot.

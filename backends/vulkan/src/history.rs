@@ -13,7 +13,7 @@
 use crate::blocks::Bound;
 use crate::lower;
 use ash::vk;
-use splatgraph_framework::plan::*;
+use splatgraph_framework::{ir::*, plan::*};
 
 /// A resource that a later plan may take over.
 pub(crate) struct History {

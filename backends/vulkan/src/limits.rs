@@ -8,8 +8,8 @@ mod given;
 
 use crate::error::mib;
 use splatgraph_api::BackendError;
-use splatgraph_framework::plan::*;
-use splatgraph_framework::shader::ShaderStage;
+use splatgraph_framework::ir::ShaderStage;
+use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashSet;
 
 /// The limits of a physical device that plans can run into.

@@ -15,7 +15,8 @@ use crate::resources::{Created, Resources};
 use crate::upload::upload;
 use ash::vk;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress, SceneData};
-use splatgraph_framework::plan::{Plan, ResourceId, Source, Work};
+use splatgraph_framework::ir::{ResourceId, Source, Work};
+use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 
 /// Dropped in the order of its fields, when no frame of it is in flight.

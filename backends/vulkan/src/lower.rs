@@ -8,8 +8,8 @@
 use crate::barriers::{self, Dependency};
 use crate::limits::SubgroupLimits;
 use ash::vk;
-use splatgraph_framework::plan::*;
-use splatgraph_framework::shader::Reflection;
+use splatgraph_framework::ir::Reflection;
+use splatgraph_framework::{ir::*, plan::*};
 
 /// A descriptor set layout (set 0) and the push constants beside it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -265,7 +265,7 @@ pub(crate) fn image_usage(usage: Usage) -> vk::ImageUsageFlags {
 mod tests {
     use super::*;
     use crate::testing::*;
-    use splatgraph_framework::shader::ShaderStage;
+    use splatgraph_framework::ir::ShaderStage;
 
     const LIMITS: SubgroupLimits =
         SubgroupLimits { size: 32, max_size: 64, selectable: true, max_per_group: 8 };

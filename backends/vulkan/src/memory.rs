@@ -12,7 +12,7 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 use splatgraph_api::BackendError;
-use splatgraph_framework::plan::{Format, Usage};
+use splatgraph_framework::ir::{Format, Usage};
 use std::sync::{Arc, PoisonError};
 
 /// A piece of device memory.

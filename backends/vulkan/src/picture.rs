@@ -140,7 +140,7 @@ impl Recorder<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatgraph_framework::plan::Format;
+    use splatgraph_framework::ir::Format;
 
     #[test]
     fn a_picture_that_could_not_be_bound_is_a_limit() {

@@ -11,7 +11,8 @@ use crate::lower::{Interface, Lowered, PipelineState, Subgroups, TargetState, de
 use crate::resources::Resources;
 use ash::vk;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress};
-use splatgraph_framework::plan::{Pass, Plan, ResourceId, ShaderId, Source};
+use splatgraph_framework::ir::{Pass, ResourceId, ShaderId, Source};
+use splatgraph_framework::plan::Plan;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;

@@ -6,7 +6,8 @@
 //! and looks again.
 
 use crate::memory::Buffer;
-use splatgraph_framework::plan::{Plan, Source};
+use splatgraph_framework::ir::Source;
+use splatgraph_framework::plan::Plan;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 

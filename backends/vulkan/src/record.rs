@@ -15,7 +15,7 @@ use crate::memory::{Buffer, WHOLE};
 use crate::picture::PictureBuffer;
 use ash::vk;
 use splatgraph_api::{BackendError, FrameId, FrameInputs, Inspect};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::ir::*;
 use std::sync::Arc;
 
 /// What a recorded frame does.

@@ -14,7 +14,7 @@ use crate::picture::PictureBuffer;
 use crate::planes::{PlaneKey, Planes};
 use ash::vk;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashMap;
 use std::sync::Arc;
 

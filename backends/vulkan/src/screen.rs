@@ -22,7 +22,7 @@ use crate::queue::{self, Blit};
 use crate::surface::{self, Surface};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
-use splatgraph_framework::plan::Format;
+use splatgraph_framework::ir::Format;
 use std::sync::Arc;
 
 /// How long to wait for an image, in nanoseconds. Some window systems give none while the window is hidden, and do not say that

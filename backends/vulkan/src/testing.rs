@@ -1,7 +1,7 @@
 //! A plan for the tests of what is pure: nothing in it reaches a device.
 
-use splatgraph_framework::plan::*;
-use splatgraph_framework::shader::{Reflection, ShaderStage};
+use splatgraph_framework::ir::{Reflection, ShaderStage};
+use splatgraph_framework::{ir::*, plan::*};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 

@@ -2,7 +2,7 @@
 
 use super::text::{dependency_line, subject};
 use super::{Dump, DumpBarrier};
-use crate::plan::Hazard;
+use crate::ir::Hazard;
 
 /// A DOT graph. Edges are the dependencies of barriers, from the passes that are waited for to the one that waits;
 /// dashed ones only keep passes apart, or come from the frame before. Who reads what a barrier made visible to an earlier

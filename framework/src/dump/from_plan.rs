@@ -5,11 +5,12 @@ use super::{
     DumpLeftOut, DumpParameter, DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader, DumpStat,
     DumpTarget, DumpTouch, DumpTransition, Lifetime, Masks, Place, Totals, repeats,
 };
-use crate::plan::{
-    Accesses, Barrier, Dependency, DrawCall, Groups, ParamBinding, Pass, PassId, Plan, ResourceId, ShaderId,
-    Shape, Source, Stages, Step, Value, Work,
+use crate::ir::MemberKind;
+use crate::ir::{
+    Accesses, DrawCall, Groups, ParamBinding, Pass, PassId, ResourceId, ShaderId, Shape, Source, Stages,
+    Value, Work,
 };
-use crate::shader::MemberKind;
+use crate::plan::{Barrier, Dependency, Plan, Step};
 
 /// The plan with names in place of numbers.
 pub fn dump(plan: &Plan) -> Dump {
@@ -281,7 +282,7 @@ fn shader_of(plan: &Plan, id: ShaderId) -> DumpShader {
 
 /// The touches with at least one of the wanted accesses, reduced to them.
 fn touched(plan: &Plan, pass: &Pass, wanted: Accesses) -> Vec<DumpTouch> {
-    let touch = |t: &crate::plan::Touch| DumpTouch {
+    let touch = |t: &crate::ir::Touch| DumpTouch {
         resource: plan.resource(t.resource).name.clone(),
         stages: flags(t.stages.iter_names()),
         accesses: flags(t.accesses.intersection(wanted).iter_names()),

@@ -22,7 +22,7 @@ mod text;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-use crate::plan::{Blend, DescriptorKind, Hazard, Layout, Load, Origin, Run, Shape, Topology, Value};
+use crate::ir::{Blend, DescriptorKind, Hazard, Layout, Load, Origin, Run, Shape, Topology, Value};
 
 pub use diff::{
     BarrierChange, Change, Diff, DiffSide, Differences, NamedChange, ResourceSize, TotalChange, diff,

@@ -5,7 +5,7 @@ use std::fmt::{self, Write};
 use super::{
     BarrierTotals, Dump, DumpBarrier, DumpDependency, DumpPass, DumpResource, Lifetime, Masks, Place,
 };
-use crate::plan::{Hazard, Run};
+use crate::ir::{Hazard, Run};
 
 /// Bytes with a unit, three significant digits.
 pub fn bytes(n: u64) -> String {

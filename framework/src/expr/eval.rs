@@ -2,7 +2,7 @@
 //! place.
 
 use super::{BinaryOp, ExprError, Function, Node, NodeKind, Scope, UnaryOp};
-use crate::plan::Value;
+use crate::ir::Value;
 use crate::source::nearest;
 
 pub(super) fn eval(node: &Node, scope: &dyn Scope) -> Result<Value, ExprError> {

@@ -31,7 +31,7 @@ mod tests;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use crate::plan::Value;
+use crate::ir::Value;
 
 /// An expression, parsed.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use super::{BinaryOp, ExprError, Function, Node, NodeKind, UnaryOp};
-use crate::plan::Value;
+use crate::ir::Value;
 use crate::source::nearest;
 
 /// Deepest tree. It bounds the recursion of everything that walks one: parsing, evaluating, dropping.

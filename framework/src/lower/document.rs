@@ -3,8 +3,9 @@
 use indexmap::IndexMap;
 use std::rc::Rc;
 
+use crate::ir::{FileId, Span};
 use crate::schema::{Document, GRAPH_VERSION, Graph, Number};
-use crate::source::{Diagnostic, FileId, Kind, Outline, Path, SourceMap, Span, ron_error};
+use crate::source::{Diagnostic, Kind, Outline, Path, SourceMap, ron_error};
 
 /// A graph with what presets changed of it.
 #[derive(Clone, Debug)]

@@ -6,7 +6,8 @@ use super::document::{self, MAX_DEPTH, Opened};
 use super::params;
 use super::passes::{Head, Level, Lowering};
 use super::scope::{Names, Place};
-use crate::plan::{Param, Run};
+use crate::ir::Run;
+use crate::plan::Param;
 use crate::schema::{Number, ParamDecl};
 use crate::source::{Diagnostic, Kind, Path};
 

@@ -3,7 +3,7 @@
 //! A graph may be a preset of another, include sub-graphs, repeat passes, leave some out and swap ping-pong resources.
 //! Lowering walks the tree once, in the order of the file, and resolves all of that: what comes out ([`Flat`]) has
 //! only dispatches, draws and fills over numbered resources, every expression is a value, and `front(keys)` is one
-//! definite buffer. It knows nothing of shaders yet: whether the names under `bind` exist is for [`crate::check`].
+//! definite buffer. It knows nothing of shaders yet: whether the names under `bind` exist is for [`crate::link`].
 //!
 //! The files of this folder: `document` loads files and follows presets; `params` gives parameters their values, and `defines` makes of
 //! them what shaders see; `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes, and
@@ -20,9 +20,11 @@ mod scope;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use crate::build::Request;
-use crate::plan::{DrawCall, LeftOut, Param, Resource, ResourceId, Run, Stat, Target, Topology, Value};
-use crate::source::{Diagnostic, FileId, SourceMap, Span};
+use crate::ir::Request;
+use crate::ir::{DrawCall, ResourceId, Run, Target, Topology, Value};
+use crate::ir::{FileId, Span};
+use crate::plan::{LeftOut, Param, Resource, Stat};
+use crate::source::{Diagnostic, SourceMap};
 
 /// The graph without its constructs. Passes are in the order of the file.
 #[derive(Clone, Debug)]

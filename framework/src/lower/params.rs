@@ -2,10 +2,12 @@
 
 use super::document::{Opened, Setting};
 use super::scope::{Names, Place, describe};
-use crate::build::Request;
-use crate::plan::{Domain, Param, ParamBinding, Value};
+use crate::ir::Span;
+use crate::ir::{Domain, ParamBinding, Value};
+use crate::ir::{LIVE_BINDING, LIVE_BLOCK, Request};
+use crate::plan::Param;
 use crate::schema::{Graph, Number, ParamDecl, ParamKind};
-use crate::source::{Diagnostic, Path, SourceMap, Span, nearest};
+use crate::source::{Diagnostic, Path, SourceMap, nearest};
 
 /// What a graph's parameters come to.
 pub(super) struct Resolved {
@@ -300,8 +302,8 @@ pub(super) fn live_glsl(params: &[Param]) -> String {
     }
     format!(
         "// Generated: the live parameters.\nlayout(set = 0, binding = {}, std140) uniform {} {{\n{}}};\n",
-        crate::check::LIVE_BINDING,
-        crate::check::LIVE_BLOCK,
+        LIVE_BINDING,
+        LIVE_BLOCK,
         members.concat()
     )
 }

@@ -10,11 +10,13 @@ use super::params;
 use super::resources::{Handle, History, PingPong};
 use super::scope::{Names, Place};
 use super::{Flat, FlatBind, FlatPass, FlatPush, FlatSize, FlatWork, ShaderName};
-use crate::build::Request;
-use crate::plan::{DrawCall, LeftOut, Param, Resource, ResourceId, Run, Shape, Source, Stat, Target, Value};
+use crate::ir::{DrawCall, ResourceId, Run, Shape, Source, Target, Value};
+use crate::ir::{EXPORT, HOST};
+use crate::ir::{FileId, Span};
+use crate::ir::{LIVE_BLOCK, Request};
+use crate::plan::{LeftOut, Param, Resource, Stat};
 use crate::schema::{Call, Graph, Number, PassDecl, Size};
-use crate::solve::{EXPORT, HOST};
-use crate::source::{Diagnostic, FileId, Outline, Path, SourceMap, Span};
+use crate::source::{Diagnostic, Outline, Path, SourceMap};
 
 /// Passes that a graph may have after its repeats: far beyond any use, and short of exhausting memory by a typing error.
 const MAX_PASSES: usize = 20_000;
@@ -112,7 +114,7 @@ impl<'a> Lowering<'a> {
         let live_bytes = resolved.live_bytes.next_multiple_of(16).max(16);
         let live_span = root.outline.key(&Path::root().field("params"));
         let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
-        let live = self.add(crate::check::LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
+        let live = self.add(LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
         let lasts = self.lasts();
         match output {
             Some((output, output_span)) if self.errors.is_empty() => Ok(Flat {

@@ -4,10 +4,12 @@ use super::Last;
 use super::params::is_identifier;
 use super::passes::{Level, Lowering};
 use super::scope::{Names, Place, describe};
-use crate::build::GivenBuffer;
-use crate::plan::{Format, Resource, ResourceId, Shape, Source, Usage, Value};
+use crate::ir::GivenBuffer;
+use crate::ir::Span;
+use crate::ir::{Format, ResourceId, Shape, Source, Usage, Value};
+use crate::plan::Resource;
 use crate::schema::{Import, Number, Port, ResourceDecl};
-use crate::source::{Diagnostic, Path, Span};
+use crate::source::{Diagnostic, Path};
 
 /// What a name in a graph stands for.
 #[derive(Clone, Debug)]

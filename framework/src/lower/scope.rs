@@ -5,9 +5,10 @@ use std::rc::Rc;
 
 use super::Values;
 use crate::expr::{Expr, Scope};
-use crate::plan::Value;
+use crate::ir::Span;
+use crate::ir::Value;
 use crate::schema::Number;
-use crate::source::{Diagnostic, Outline, Path, Span};
+use crate::source::{Diagnostic, Outline, Path};
 
 /// What expressions of one graph can see: facts, constant parameters, `let`s and the variables of repeats.
 #[derive(Clone, Debug, Default)]

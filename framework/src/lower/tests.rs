@@ -1,6 +1,6 @@
 //! Mistakes in graphs, with the whole text that a person sees, and the constructs that lowering resolves.
 
-use crate::plan::{Shape, Source, Value, Work};
+use crate::ir::{Shape, Source, Value, Work};
 use crate::testing::{SHADERS, dispatch, graph, plan, plan_of};
 
 fn error(graph: &str, set: &[(&str, &str)]) -> String {
@@ -188,7 +188,7 @@ fn presets_that_lead_back_to_themselves_are_an_error() {
 fn dispatches_beyond_the_limit_in_x_are_folded_into_y() {
     let passes = [make().replace("Threads(64)", "Threads(10000000)"), shown("show")].join("\n");
     let plan = plan(&graph("", &passes), &[]).unwrap_or_else(|e| panic!("{e}"));
-    let Work::Dispatch { groups: crate::plan::Groups::Direct([x, y, 1]), .. } = plan.passes[0].work else {
+    let Work::Dispatch { groups: crate::ir::Groups::Direct([x, y, 1]), .. } = plan.passes[0].work else {
         panic!("{:?}", plan.passes[0].work)
     };
     assert_eq!((x, y), (52084, 3), "156250 groups in three rows, hardly any idle");

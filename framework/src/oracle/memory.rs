@@ -11,7 +11,8 @@
 
 use super::objection::{Actor, Kind, Missing, When};
 use super::stages::{Pairs, with_earlier, with_later};
-use crate::plan::{Accesses, Barrier, ResourceId, Stages, Transition};
+use crate::ir::{Accesses, ResourceId, Stages};
+use crate::plan::{Barrier, Transition};
 
 /// A barrier with its masks spelt out.
 pub struct Scope {
@@ -147,7 +148,7 @@ pub struct Contents {
 pub enum State {
     Never,
     Written(ResourceId),
-    /// An image's contents were given up with a change from [`Undefined`](crate::plan::Layout::Undefined).
+    /// An image's contents were given up with a change from [`Undefined`](crate::ir::Layout::Undefined).
     Discarded(ResourceId),
 }
 

@@ -78,7 +78,7 @@ pub fn replay(plan: &Plan, replay: &Replay) -> Vec<Objection> {
 ///
 /// Between two plans the backend records one barrier from everything to everything. Resources with a
 /// [history](crate::plan::Resource::history) of the same name and shape live on: their
-/// [`Work::Start`](crate::plan::Work::Start) is left out together with the barrier on its image, and the image is brought
+/// [`Work::Start`](crate::ir::Work::Start) is left out together with the barrier on its image, and the image is brought
 /// into the layout that it would have left behind. All else in the new plan is fresh memory.
 pub fn replay_swap(plans: &[(&Plan, u32)]) -> Vec<Objection> {
     let mut objections = Vec::new();

@@ -5,7 +5,8 @@ use super::Replay;
 use super::objection::flag_names;
 use super::script::Script;
 use super::world::World;
-use crate::plan::{Accesses, Barrier, Plan, Stages};
+use crate::ir::{Accesses, Stages};
+use crate::plan::{Barrier, Plan};
 
 /// A call of barriers in a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

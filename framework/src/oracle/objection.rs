@@ -3,7 +3,8 @@
 use std::fmt;
 use std::ops::Range;
 
-use crate::plan::{Accesses, Layout, PassId, Plan, ResourceId, Stages};
+use crate::ir::{Accesses, Layout, PassId, ResourceId, Stages};
+use crate::plan::Plan;
 
 /// One access that Vulkan leaves undefined.
 #[derive(Clone, Debug, PartialEq)]

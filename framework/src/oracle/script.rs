@@ -6,9 +6,10 @@
 use std::ops::Range;
 
 use super::stages::performed_by;
-use crate::plan::{
-    Accesses, DrawCall, Groups, Layout, PassId, Plan, ResourceId, Run, Shape, Source, Stages, Touch, Work,
+use crate::ir::{
+    Accesses, DrawCall, Groups, Layout, PassId, ResourceId, Run, Shape, Source, Stages, Touch, Work,
 };
+use crate::plan::Plan;
 
 /// One kind of access at one stage.
 #[derive(Clone)]

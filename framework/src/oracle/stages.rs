@@ -4,7 +4,7 @@
 //! stage mask for the logically later ones, but only for the order of execution. Memory accesses are in a barrier's
 //! scope only at stages that it names.
 
-use crate::plan::{Accesses, Stages};
+use crate::ir::{Accesses, Stages};
 
 /// These stages and all that come before them in a pipeline: the scope of a source mask.
 pub fn with_earlier(stages: Stages) -> Stages {

@@ -7,9 +7,8 @@ use super::memory::{Cell, Conflict, Contents, Read, Scope, State, Write};
 use super::objection::{Actor, Findings, Kind, Missing, Objection, When};
 use super::script::{Access, Clash, Script};
 use super::stages::Pairs;
-use crate::plan::{
-    Accesses, Barrier, Layout, PassId, Plan, ResourceId, Shape, Stages, Step, Transition, Work,
-};
+use crate::ir::{Accesses, Layout, PassId, ResourceId, Shape, Stages, Work};
+use crate::plan::{Barrier, Plan, Step, Transition};
 
 pub struct World {
     cells: Vec<Cell>,

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde::de::{Deserializer, Error, Visitor};
 use std::fmt;
 
-use crate::plan::{Blend, Load, Run, Topology, Value};
+use crate::ir::{Blend, Load, Run, Topology, Value};
 
 /// The version of the graph language that this framework reads.
 pub const GRAPH_VERSION: u32 = 1;

@@ -35,7 +35,8 @@ use glslang::{
 use guard::Lost;
 
 use super::{Compiled, ShaderCompiler, ShaderRequest, ShaderStage, reflect};
-use crate::source::{Diagnostic, FileId, Kind, NotFound, SourceMap, Span, nearest};
+use crate::ir::{FileId, Span};
+use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
 
 /// Bytes of GLSL in all files of one shader.
 const MOST_BYTES: usize = 256 << 10;

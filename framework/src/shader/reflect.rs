@@ -15,8 +15,8 @@ use rspirv::spirv::{Decoration, Dim, ImageFormat, StorageClass, Word};
 
 use self::access::{Accesses, accesses};
 use self::module::{Module, Type, Variable};
-use super::{Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Varying};
-use crate::plan::Format;
+use super::Reflection;
+use crate::ir::{Format, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Varying};
 
 /// Reads the module of one shader stage with one entry point.
 ///

@@ -14,7 +14,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::plan::{Block, BlockId, Pass, PassId, Resource, ResourceId, Run, Shape, Source, Touch};
+use crate::ir::{BlockId, Pass, PassId, ResourceId, Run, Shape, Source, Touch};
+use crate::plan::{Block, Resource};
 
 /// Blocks that are tried for each resource, from the smallest that fits up: so that packing grows with the number of resources
 /// and not with its square. No graph that people write comes near it.

@@ -12,23 +12,18 @@ mod memory;
 mod order;
 mod usage;
 
-use crate::check::Checked;
-use crate::lower::{Flat, Last};
-use crate::plan::{
-    Accesses, DrawCall, Groups, Layout, PLAN_VERSION, Pass, PassId, Plan, Resource, ResourceId, Run, Shape,
-    Source, Stages, Step, Touch, Usage, Work,
+use crate::ir::{
+    Accesses, DrawCall, EXPORT, Groups, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages,
+    Touch, Usage, Work,
 };
+use crate::link::Linked;
+use crate::lower::{Flat, Last};
+use crate::plan::{PLAN_VERSION, Plan, Resource, Step};
 use crate::source::{Diagnostic, SourceMap};
 
-/// The name of the pass at the frame's end, which no pass of a graph may have.
-pub const EXPORT: &str = "export";
-
-/// The name of the host's turn after the frame, which no pass of a graph may have.
-pub const HOST: &str = "host";
-
 /// Orders the passes, culls, places memory (shared where `share_memory`) and barriers.
-pub fn solve(checked: Checked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
-    let Checked { mut flat, shaders, mut passes, mut spans, mut left_out } = checked;
+pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
+    let Linked { mut flat, shaders, mut passes, mut spans, mut left_out } = linked;
     for pass in end(&mut flat, files) {
         passes.push(pass);
         spans.push(flat.output_span);

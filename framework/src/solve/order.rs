@@ -11,9 +11,11 @@ use petgraph::visit::EdgeRef;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use crate::ir::Span;
+use crate::ir::{Accesses, Pass, ResourceId, Run, Source, Work};
 use crate::lower::{Flat, Last};
-use crate::plan::{Accesses, LeftOut, Pass, ResourceId, Run, Source, Work};
-use crate::source::{Diagnostic, SourceMap, Span};
+use crate::plan::LeftOut;
+use crate::source::{Diagnostic, SourceMap};
 
 /// Indices into the passes, as they run.
 pub(super) struct Order {

@@ -1,6 +1,7 @@
 //! What the solver promises, one sentence a test. A failing assertion prints the dump.
 
-use crate::plan::{Accesses, Barrier, Hazard, Layout, PassId, Plan, Run, Stages, Step, Work};
+use crate::ir::{Accesses, Hazard, Layout, PassId, Run, Stages, Work};
+use crate::plan::{Barrier, Plan, Step};
 use crate::solve::reorder;
 use crate::testing::{apart, dispatch, graph, plan};
 

@@ -1,7 +1,8 @@
 //! Last tidying: only what a scene requires. Resources and shaders that no pass of the plan uses are dropped, and what the
 //! others are used for is noted, so that a backend creates them for that and nothing more.
 
-use crate::plan::{Accesses, DescriptorKind, DrawCall, Groups, Plan, ResourceId, ShaderId, Usage, Work};
+use crate::ir::{Accesses, DescriptorKind, DrawCall, Groups, ResourceId, ShaderId, Usage, Work};
+use crate::plan::Plan;
 
 /// Drops unused resources and shaders, renumbers the rest, and fills in [`crate::plan::Resource::usage`].
 pub(super) fn prune(plan: &mut Plan) {

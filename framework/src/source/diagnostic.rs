@@ -5,7 +5,8 @@ use std::ops::Range;
 
 use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet, normalize_untrusted_str};
 
-use super::{FileId, SourceMap, Span};
+use super::SourceMap;
+use crate::ir::{FileId, Span};
 
 /// A place, and what is to be said of it. The text may be empty.
 #[derive(Clone, Debug, PartialEq, Eq)]

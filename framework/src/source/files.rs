@@ -12,19 +12,7 @@ use std::{fmt, fs};
 
 use super::content::{self, Content, LARGEST_FILE, Wanted};
 use super::{Diagnostic, nearest};
-use crate::plan;
-
-/// A file of a [`SourceMap`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct FileId(pub u32);
-
-/// A range of bytes in a file, `start..end`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Span {
-    pub file: FileId,
-    pub start: usize,
-    pub end: usize,
-}
+use crate::ir::{FileId, Origin, Span};
 
 /// What a file is looked for as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -205,10 +193,10 @@ impl SourceMap {
         (line as u32 + 1, column as u32 + 1)
     }
 
-    /// The start of a span, as plans hold it.
-    pub fn origin(&self, span: Span) -> plan::Origin {
+    /// Returns the start of a span.
+    pub fn origin(&self, span: Span) -> Origin {
         let (line, column) = self.line_column(span);
-        plan::Origin { file: self.path(span.file).to_string(), line, column }
+        Origin { file: self.path(span.file).to_string(), line, column }
     }
 
     /// Every file that was opened, with its path, and whether it is on disk (where it can change).

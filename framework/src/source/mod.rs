@@ -26,6 +26,6 @@ mod token;
 
 pub use content::{Content, Wanted};
 pub use diagnostic::{Diagnostic, Label, nearest, render};
-pub use files::{FileId, Kind, Library, NotFound, SourceMap, Span};
+pub use files::{Kind, Library, NotFound, SourceMap};
 pub use outline::{Outline, Path};
 pub use ron_error::ron_error;

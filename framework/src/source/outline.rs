@@ -10,7 +10,8 @@ use std::sync::Arc;
 use std::{fmt, iter};
 
 use super::token::{Text, Token, TokenKind, tokens};
-use super::{Diagnostic, FileId, Label, Span};
+use super::{Diagnostic, Label};
+use crate::ir::{FileId, Span};
 
 /// The way from the root of a RON text to one of its elements.
 ///

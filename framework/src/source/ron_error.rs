@@ -11,7 +11,8 @@ use std::ops::Range;
 use ron::error::{Error, Position, SpannedError};
 
 use super::outline::{Content, Node};
-use super::{Diagnostic, FileId, Outline, Span, nearest};
+use super::{Diagnostic, Outline, nearest};
+use crate::ir::{FileId, Span};
 
 /// What an error of the `ron` crate (0.12), met while reading `text`, means: in words and at the place where
 /// it would be mended. Unknown fields and variants come with the nearest name that exists.

@@ -4,7 +4,8 @@
 
 use std::ops::Range;
 
-use super::{Diagnostic, FileId, Span};
+use super::Diagnostic;
+use crate::ir::{FileId, Span};
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Token {

@@ -3,7 +3,7 @@
 use super::PICTURES;
 use bytemuck::{Pod, Zeroable};
 use splatgraph_api::{FrameInputs, Given, Picture};
-use splatgraph_framework::plan::Format;
+use splatgraph_framework::ir::Format;
 use std::sync::Arc;
 
 /// The name of the uniform block.

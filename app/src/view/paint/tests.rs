@@ -4,9 +4,9 @@ use crate::planner::Planner;
 use egui::epaint::textures::TextureOptions;
 use egui::epaint::{ColorImage, ImageDelta, TextureId};
 use egui::{Color32, Pos2, Rect, pos2, vec2};
+use splatgraph_framework::ir::{DrawCall, Format, Shape, Source, Work};
 use splatgraph_framework::oracle::mutate::needless;
 use splatgraph_framework::oracle::{Replay, replay};
-use splatgraph_framework::plan::{DrawCall, Format, Shape, Source, Work};
 
 const FONT: TextureId = TextureId::Managed(0);
 

@@ -124,7 +124,7 @@ fn pass_row(
     let this = Open::Pass(pass.name.clone());
     let selected = *open == Some(this.clone());
     let time = ms.map_or(String::new(), |ms| format!("  {ms:.3} ms"));
-    let once = if pass.run == splatgraph_framework::plan::Run::Once { "once, " } else { "" };
+    let once = if pass.run == splatgraph_framework::ir::Run::Once { "once, " } else { "" };
     let text = format!("{}  [{once}{}] {} {}{time}", pass.name, pass.phase, pass.kind, pass.size);
     let row = ui.selectable_label(selected, RichText::new(text).monospace());
     controls.see(&format!("pass:{}", pass.name), row.rect);

@@ -6,7 +6,8 @@ use crate::view::side::{Inspection, Side};
 use egui::{Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};
 use splatgraph_api::Device;
-use splatgraph_framework::plan::{Plan, Work};
+use splatgraph_framework::ir::Work;
+use splatgraph_framework::plan::Plan;
 
 /// Lines of numbers that are shown at a time.
 const LINES: usize = 16;
@@ -224,7 +225,7 @@ pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
         if matches!(pass.work, Work::Export | Work::Host) {
             return None;
         }
-        let keys = |touch: &&splatgraph_framework::plan::Touch| {
+        let keys = |touch: &&splatgraph_framework::ir::Touch| {
             touch.accesses.writes() && plan.resource(touch.resource).name.starts_with("keys")
         };
         let touch = pass.touches.iter().find(keys)?;

@@ -6,7 +6,8 @@ use super::Controls;
 use crate::view::renderer::Renderer;
 use egui::{Color32, ComboBox, RichText, Slider, Ui};
 use splatgraph_api::Device;
-use splatgraph_framework::plan::{Domain, Param, ParamBinding, Value};
+use splatgraph_framework::ir::{Domain, ParamBinding, Value};
+use splatgraph_framework::plan::Param;
 
 /// Ranges over more than this many powers of ten have logarithmic sliders.
 const DECADES: f64 = 2.0;

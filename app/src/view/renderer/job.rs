@@ -7,7 +7,7 @@ use crate::planner::Planner;
 use crate::session::Upload;
 use crate::view::profile::zone;
 use splatgraph_api::{Loader, Progress};
-use splatgraph_framework::build::Facts;
+use splatgraph_framework::ir::Facts;
 use splatgraph_framework::plan::Plan;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;

@@ -5,7 +5,7 @@
 
 use super::{Checker, invalid};
 use splatgraph_api::BackendError;
-use splatgraph_framework::plan::*;
+use splatgraph_framework::ir::*;
 
 impl Checker<'_> {
     /// A buffer that comes with a frame is storage, and only read: it is the host's, or another executor's.

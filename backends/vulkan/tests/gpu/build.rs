@@ -5,9 +5,10 @@
 //! That is more than is needed and never less.
 
 use splatgraph_api::{BackendError, Device, FrameInputs, FrameResult, SceneData};
-use splatgraph_framework::plan::*;
-use splatgraph_framework::shader::{Glslang, ShaderCompiler, ShaderRequest, ShaderStage};
+use splatgraph_framework::ir::ShaderStage;
+use splatgraph_framework::shader::{Glslang, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::source::{Library, SourceMap, render};
+use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -2,7 +2,7 @@
 
 use crate::build::*;
 use splatgraph_api::{Device, FrameInputs, Inspect};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::ir::*;
 
 #[test]
 fn a_fill_a_dispatch_and_an_export_give_the_expected_words() {

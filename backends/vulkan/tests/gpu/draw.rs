@@ -4,7 +4,7 @@
 
 use crate::build::*;
 use splatgraph_api::FrameResult;
-use splatgraph_framework::plan::*;
+use splatgraph_framework::ir::*;
 
 const SIZE: u32 = 4;
 

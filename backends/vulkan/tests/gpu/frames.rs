@@ -2,7 +2,7 @@
 
 use crate::build::*;
 use splatgraph_api::{Device, FrameId, FrameInputs, Inspect};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 
 /// The prologue sets a word to 0 and adds 100 to it; each frame adds 1.

@@ -2,7 +2,7 @@
 
 use crate::build::*;
 use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Given, Inspect, Picture};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 

@@ -2,7 +2,7 @@
 
 use crate::build::*;
 use splatgraph_api::{BackendError, Device, FrameInputs, Progress};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::sync::atomic::Ordering;
 

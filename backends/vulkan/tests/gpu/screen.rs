@@ -3,7 +3,7 @@
 use crate::build::*;
 use crate::x11::{Server, Window};
 use splatgraph_api::{BackendError, Device, FrameInputs, Windowed};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::sync::Arc;
 

@@ -2,7 +2,7 @@
 
 use crate::build::*;
 use splatgraph_api::{Device, FrameInputs, Inspect};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::ir::*;
 
 const COPY: &str = "#version 460
 layout(local_size_x = 1) in;

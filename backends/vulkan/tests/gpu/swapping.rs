@@ -2,7 +2,7 @@
 
 use crate::build::*;
 use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 
 /// The first word of a buffer and every pixel of an image of this width, both with a history, grow by `step` in every frame. The

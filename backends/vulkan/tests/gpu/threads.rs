@@ -3,7 +3,7 @@
 use crate::build::*;
 use crate::swapping::{grow, growing, growing_with, grown, submit};
 use splatgraph_api::{BackendError, Device, FrameInputs, Loader as _, Progress, SceneData};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::{Loader, Ready, Vulkan};
 use std::sync::Barrier as Meeting;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -70,7 +70,7 @@ fn a_barrier_with_other_masks_or_reasons_is_changed_and_one_on_another_line_is_n
     assert_eq!(moved.barriers.only_a.len(), 1, "the handover's");
 
     let step = plan.frame.iter_mut().find(|s| !s.barriers.is_empty()).expect("there are barriers");
-    step.barriers[0].source_stages = crate::plan::Stages::all();
+    step.barriers[0].source_stages = crate::ir::Stages::all();
     let wider = diff(&a, &dump(&plan));
     assert_eq!(wider.barriers.changed.len(), 1);
     assert_eq!(wider.barriers.changed[0].a.masks.source_stages.len(), 2);

@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::plan::*;
-use crate::shader::{Member, MemberKind, PushBlock, Reflection, ShaderStage};
+use crate::ir::{Member, MemberKind, PushBlock, Reflection, ShaderStage};
+use crate::{ir::*, plan::*};
 
 /// A plan under construction.
 struct Maker {

@@ -5,7 +5,8 @@ mod example;
 mod schema;
 
 use super::*;
-use crate::plan::{Plan, Source};
+use crate::ir::Source;
+use crate::plan::Plan;
 use crate::testing;
 
 /// A dump in which the frame's passes take 1, 2, 3, ... milliseconds, as far as a run has times for them.

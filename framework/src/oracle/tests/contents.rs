@@ -31,7 +31,7 @@ fn a_shader_may_read_what_it_writes() {
 
 #[test]
 fn a_cleared_attachment_is_blended_with_the_clear_colour() {
-    use crate::plan::Layout::{ColorTarget, Undefined};
+    use crate::ir::Layout::{ColorTarget, Undefined};
     let drawn = |discards| {
         let mut sketch = Sketch::new();
         let image = sketch.image("color");

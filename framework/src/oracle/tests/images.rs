@@ -1,7 +1,7 @@
 //! Layouts, and what their changes do to memory.
 
 use super::*;
-use crate::plan::Layout::{ColorTarget, General, TransferSource, Undefined};
+use crate::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
 
 const NONE: (Stages, Accesses) = (Stages::empty(), NO_ACCESS);
 

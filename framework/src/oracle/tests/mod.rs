@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::*;
-use crate::plan::*;
+use crate::{ir::*, plan::*};
 
 mod contents;
 mod frames;

@@ -2,7 +2,7 @@
 
 use super::mutate::{Bit, Mutation, Place, apply, mutations, needless};
 use super::*;
-use crate::plan::Layout::{ColorTarget, General, TransferSource, Undefined};
+use crate::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
 
 /// Compute writes a buffer and an image, a draw reads the buffer, the image is exported.
 fn minimal() -> Sketch {

@@ -1,7 +1,7 @@
 //! Plans that follow one another.
 
 use super::*;
-use crate::plan::Layout::{General, TransferTarget, Undefined};
+use crate::ir::Layout::{General, TransferTarget, Undefined};
 
 /// Draws with what the last frame left in `kept`, then makes it anew.
 fn with_history(name: &str, bytes: u64) -> Sketch {

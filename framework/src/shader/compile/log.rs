@@ -10,7 +10,8 @@ use std::ops::Range;
 
 use super::scan::{Token, TokenKind, lex};
 use super::{MOST_DIAGNOSTICS, ShaderRequest, Sources};
-use crate::source::{Diagnostic, SourceMap, Span, nearest};
+use crate::ir::Span;
+use crate::source::{Diagnostic, SourceMap, nearest};
 
 /// The diagnostics that a log gives, at least one.
 pub(super) fn diagnose(

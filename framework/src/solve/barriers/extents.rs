@@ -7,7 +7,8 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 
-use crate::plan::{Accesses, DrawCall, Groups, Pass, Plan, Resource, ResourceId, Stages, Touch, Work};
+use crate::ir::{Accesses, DrawCall, Groups, Pass, ResourceId, Stages, Touch, Work};
+use crate::plan::{Plan, Resource};
 
 /// A touch, with the cells that it is about.
 pub(super) struct Access {

@@ -15,7 +15,8 @@ mod scopes;
 mod settle;
 mod world;
 
-use crate::plan::{Barrier, Hazard, Layout, PassId, Plan, ResourceId, Run, Step, Transition};
+use crate::ir::{Hazard, Layout, PassId, ResourceId, Run};
+use crate::plan::{Barrier, Plan, Step, Transition};
 use extents::Extents;
 use needs::Need;
 use scopes::Masks;

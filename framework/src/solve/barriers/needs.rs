@@ -1,7 +1,8 @@
 //! What a pass needs of the barriers before it, and the least barrier that gives it.
 
 use super::scopes::{Masks, Time, with_earlier, with_later};
-use crate::plan::{Accesses, Barrier, Dependency, Hazard, PassId, ResourceId, Stages};
+use crate::ir::{Accesses, Hazard, PassId, ResourceId, Stages};
+use crate::plan::{Barrier, Dependency};
 
 /// Why: what happened before, and to what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

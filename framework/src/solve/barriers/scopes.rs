@@ -4,7 +4,8 @@
 //! and times. That is enough, because a barrier holds for all that happened before it: whether a write is visible depends on
 //! the stage that made it and on when, and on nothing else. So a barrier costs the same however large the graph is.
 
-use crate::plan::{Accesses, Barrier, Stages};
+use crate::ir::{Accesses, Stages};
+use crate::plan::Barrier;
 
 /// Number of stages that [`Stages`] names.
 pub(super) const STAGES: usize = Stages::all().bits().count_ones() as usize;

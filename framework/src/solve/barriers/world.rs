@@ -3,9 +3,8 @@
 use super::extents::{Access, Extents, Group};
 use super::needs::{self, Need, Reason};
 use super::scopes::{Masks, STAGES, Scopes, Time, index, with_later, write_access};
-use crate::plan::{
-    Accesses, Barrier, Hazard, Layout, PassId, Plan, ResourceId, Source, Stages, Step, Transition, Work,
-};
+use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Source, Stages, Work};
+use crate::plan::{Barrier, Plan, Step, Transition};
 use std::ops::Range;
 
 /// What does not change while the passes are walked.

@@ -1,6 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::ir::{FileId, Span};
 
 fn span(file: FileId, text: &str, part: &str) -> Span {
     let start = text.find(part).unwrap();

@@ -3,6 +3,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::{env, fs, process};
 
 use super::*;
+use crate::ir::{FileId, Span};
 
 const BUILTIN: &[(&str, &str)] = &[
     ("pipelines/splat.ron", "built-in splat"),

@@ -4,6 +4,7 @@ mod outline;
 mod ron_error;
 
 use super::*;
+use crate::ir::FileId;
 
 /// A source map with one file in it.
 fn one_file(path: &str, text: &str) -> (SourceMap, FileId) {

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use serde::Serialize;
 
 use super::*;
+use crate::ir::FileId;
 
 fn outline(text: &str) -> Outline {
     Outline::parse(FileId(0), text).unwrap_or_else(|e| panic!("{text}: {e}"))

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use serde::Deserialize;
 
 use super::*;
+use crate::ir::FileId;
 
 /// A schema with everything that a graph's has: structs, newtype, tuple and struct variants, unit variants,
 /// maps, tuples.

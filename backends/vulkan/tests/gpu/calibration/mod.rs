@@ -19,7 +19,7 @@ mod images;
 
 use crate::build::*;
 use splatgraph_api::{Device, FrameInputs};
-use splatgraph_framework::plan::*;
+use splatgraph_framework::{ir::*, plan::*};
 
 /// Stages and accesses, one side of a barrier.
 type Side = (Stages, Accesses);

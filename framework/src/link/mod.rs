@@ -8,25 +8,22 @@
 mod bindings;
 mod draws;
 
-use crate::build::Request;
-use crate::lower::{Flat, FlatPass, FlatSize, FlatWork, ShaderName};
-use crate::plan::{
-    Accesses, DrawCall, Groups, Layout, LeftOut, Pass, Resource, ResourceId, Shader, ShaderId, Shape, Stages,
-    Touch, Value, Work,
+use crate::ir::Request;
+use crate::ir::ShaderStage;
+use crate::ir::{
+    Accesses, DrawCall, Groups, Layout, Pass, ResourceId, ShaderId, Shape, Stages, Touch, Value, Work,
 };
-use crate::shader::{Compiled, ShaderCompiler, ShaderRequest, ShaderStage};
-use crate::source::{Diagnostic, FileId, Kind, SourceMap, Span};
+use crate::ir::{FileId, Span};
+use crate::lower::{Flat, FlatPass, FlatSize, FlatWork, ShaderName};
+use crate::plan::{LeftOut, Resource, Shader};
+use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
+use crate::source::{Diagnostic, Kind, SourceMap};
 use std::collections::HashMap;
 use std::rc::Rc;
 
-/// The binding number of the generated block of live parameters.
-pub const LIVE_BINDING: u32 = 31;
-/// Its block name.
-pub const LIVE_BLOCK: &str = "Live";
-
 /// A graph whose passes fit their shaders.
 #[derive(Clone, Debug)]
-pub struct Checked {
+pub struct Linked {
     pub flat: Flat,
     pub shaders: Vec<Shader>,
     /// In the order of the file; those of `Once` and of every frame are still mixed.
@@ -36,14 +33,14 @@ pub struct Checked {
     pub left_out: Vec<LeftOut>,
 }
 
-/// Compiles the shaders of every pass and checks the pass against them.
-pub fn check(
+/// Compiles the shaders of every pass and validates the pass against them.
+pub fn link(
     flat: Flat,
     request: &Request,
     files: &mut SourceMap,
     compiler: &mut dyn ShaderCompiler,
-) -> Result<Checked, Vec<Diagnostic>> {
-    let mut checker = Checker {
+) -> Result<Linked, Vec<Diagnostic>> {
+    let mut linker = Linker {
         limits: Limits::of(request),
         generated: vec![("live.glsl".to_string(), flat.live_glsl.clone())],
         shaders: Vec::new(),
@@ -55,15 +52,15 @@ pub fn check(
     };
     let mut passes = Vec::with_capacity(flat.passes.len());
     for pass in &flat.passes {
-        if let Some(pass) = checker.pass(pass) {
+        if let Some(pass) = linker.pass(pass) {
             passes.push(pass);
         }
         // A mistake in a repeated pass or in a shared include is one mistake.
-        if checker.errors.len() >= 20 {
+        if linker.errors.len() >= 20 {
             break;
         }
     }
-    let Checker { mut errors, shaders, .. } = checker;
+    let Linker { mut errors, shaders, .. } = linker;
     if !errors.is_empty() {
         let mut seen: Vec<Diagnostic> = Vec::new();
         errors.retain(|e| {
@@ -77,7 +74,7 @@ pub fn check(
     }
     let spans = flat.passes.iter().map(|p| p.span).collect();
     let left_out = flat.left_out.clone();
-    Ok(Checked { flat, shaders, passes, spans, left_out })
+    Ok(Linked { flat, shaders, passes, spans, left_out })
 }
 
 /// The device's limits, where they are known.
@@ -106,7 +103,7 @@ impl Limits {
 
 type Defines = Vec<(String, String)>;
 
-struct Checker<'a> {
+struct Linker<'a> {
     flat: &'a Flat,
     limits: Limits,
     files: &'a mut SourceMap,
@@ -118,7 +115,7 @@ struct Checker<'a> {
     errors: Vec<Diagnostic>,
 }
 
-impl Checker<'_> {
+impl Linker<'_> {
     fn resource(&self, id: ResourceId) -> &Resource {
         &self.flat.resources[id.index()]
     }

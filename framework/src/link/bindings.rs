@@ -1,14 +1,16 @@
 //! Blocks, images and push constants against what the graph binds.
 
-use super::{Checker, LIVE_BLOCK, describe, touch};
-use crate::lower::{FlatBind, FlatPass, FlatWork};
-use crate::plan::{
-    Accesses, Binding, DescriptorKind, Layout, ResourceId, Run, ShaderId, Shape, Source, Stages, Touch, Value,
+use super::{Linker, describe, touch};
+use crate::ir::{
+    Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, ResourceId, Run, ShaderId, Shape, Source, Stages,
+    Touch, Value,
 };
-use crate::shader::{MemberKind, ReflectedBinding, ReflectedKind};
-use crate::source::{Diagnostic, FileId, Kind, Span, nearest};
+use crate::ir::{FileId, Span};
+use crate::ir::{MemberKind, ReflectedBinding, ReflectedKind};
+use crate::lower::{FlatBind, FlatPass, FlatWork};
+use crate::source::{Diagnostic, Kind, nearest};
 
-impl Checker<'_> {
+impl Linker<'_> {
     /// The descriptors of a pass, over all its stages; adds what the shaders do to `touches`.
     pub(super) fn bindings(
         &mut self,

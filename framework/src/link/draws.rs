@@ -1,10 +1,11 @@
 //! What draws have beyond bindings: the interface between their two stages, and their targets.
 
-use super::{Checker, describe, touch};
-use crate::plan::{Accesses, Layout, Load, ShaderId, Shape, Source, Stages, Target, Touch};
-use crate::source::{Diagnostic, Span};
+use super::{Linker, describe, touch};
+use crate::ir::Span;
+use crate::ir::{Accesses, Layout, Load, ShaderId, Shape, Source, Stages, Target, Touch};
+use crate::source::Diagnostic;
 
-impl Checker<'_> {
+impl Linker<'_> {
     /// Every input of the fragment shader is an output of the vertex shader, of the same type. The two are compiled apart,
     /// so that nobody else would notice.
     pub(super) fn interface(&mut self, vertex: ShaderId, fragment: ShaderId, span: Span) {

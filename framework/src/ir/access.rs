@@ -1,0 +1,100 @@
+//! Pipeline stages, memory accesses, image layouts and hazards.
+//!
+//! Names and meanings are those of Vulkan's synchronization2, the finer of the two models; a Metal backend maps them down.
+
+use bitflags::bitflags;
+use serde::{Deserialize, Serialize};
+
+bitflags! {
+    /// Lists pipeline stages, after `VkPipelineStageFlagBits2`.
+    ///
+    /// Some follow each other within a command, and barriers know it: `INDIRECT`, `VERTEX`, `FRAGMENT`, `COLOR_OUTPUT` for
+    /// draws, and `INDIRECT`, `COMPUTE` for dispatches. `COPY`, `CLEAR` and `HOST` stand alone. See
+    /// [`Barrier`](crate::plan::Barrier).
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub struct Stages: u32 {
+        /// Reads the arguments of indirect commands.
+        const INDIRECT = 1;
+        /// Runs vertex shaders.
+        const VERTEX = 1 << 1;
+        /// Runs fragment shaders.
+        const FRAGMENT = 1 << 2;
+        /// Loads, blends and stores colour attachments.
+        const COLOR_OUTPUT = 1 << 3;
+        /// Runs compute shaders.
+        const COMPUTE = 1 << 4;
+        /// Runs copies.
+        const COPY = 1 << 5;
+        /// Runs fills and clears outside of draws.
+        const CLEAR = 1 << 6;
+        /// Reads on the CPU.
+        const HOST = 1 << 7;
+    }
+
+    /// Lists kinds of memory access, after `VkAccessFlagBits2`.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub struct Accesses: u32 {
+        /// Reads arguments of an indirect command.
+        const INDIRECT_READ = 1;
+        /// Reads a uniform block.
+        const UNIFORM_READ = 1 << 1;
+        /// Reads a storage buffer or storage image.
+        const STORAGE_READ = 1 << 2;
+        /// Writes a storage buffer or storage image.
+        const STORAGE_WRITE = 1 << 3;
+        /// Reads a colour attachment, to load or to blend.
+        const COLOR_READ = 1 << 4;
+        /// Writes a colour attachment.
+        const COLOR_WRITE = 1 << 5;
+        /// Reads as a copy's source.
+        const TRANSFER_READ = 1 << 6;
+        /// Writes as a copy's or a fill's destination.
+        const TRANSFER_WRITE = 1 << 7;
+        /// Reads on the CPU.
+        const HOST_READ = 1 << 8;
+    }
+}
+
+impl Accesses {
+    /// All kinds that write.
+    pub const WRITES: Accesses =
+        Accesses::STORAGE_WRITE.union(Accesses::COLOR_WRITE).union(Accesses::TRANSFER_WRITE);
+
+    /// Tells whether any of them writes.
+    pub fn writes(self) -> bool {
+        self.intersects(Self::WRITES)
+    }
+
+    /// Tells whether any of them reads.
+    pub fn reads(self) -> bool {
+        !self.difference(Self::WRITES).is_empty()
+    }
+}
+
+/// Names the layout of an image at one point of the frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Layout {
+    /// Contents need not be kept.
+    Undefined,
+    /// Storage image.
+    General,
+    /// Colour attachment.
+    ColorTarget,
+    /// Source of a copy.
+    TransferSource,
+    /// Destination of a copy or a clear.
+    TransferTarget,
+}
+
+/// Classifies the conflict that a barrier resolves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Hazard {
+    /// A read must see an earlier write.
+    ReadAfterWrite,
+    /// A write must wait for an earlier read.
+    WriteAfterRead,
+    /// A write must follow an earlier write.
+    WriteAfterWrite,
+    /// Only the image's layout changes.
+    LayoutChange,
+}

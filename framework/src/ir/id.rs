@@ -1,0 +1,24 @@
+//! Indices into the lists of a plan.
+
+macro_rules! id {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub struct $name(pub u32);
+        impl $name {
+            /// Returns the position in the list.
+            pub fn index(self) -> usize {
+                self.0 as usize
+            }
+        }
+    };
+}
+
+id!(/// Indexes [`Plan::resources`](crate::plan::Plan::resources).
+    ResourceId);
+id!(/// Indexes [`Plan::passes`](crate::plan::Plan::passes).
+    PassId);
+id!(/// Indexes [`Plan::shaders`](crate::plan::Plan::shaders).
+    ShaderId);
+id!(/// Indexes [`Plan::blocks`](crate::plan::Plan::blocks).
+    BlockId);

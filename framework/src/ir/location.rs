@@ -1,0 +1,29 @@
+//! Places in the files of a graph.
+
+use serde::{Deserialize, Serialize};
+
+/// Indexes the files of a [`SourceMap`](crate::source::SourceMap).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FileId(pub u32);
+
+/// Marks a range of bytes in a file, `start..end`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Span {
+    /// The file.
+    pub file: FileId,
+    /// Offset of the first byte.
+    pub start: usize,
+    /// Offset behind the last byte.
+    pub end: usize,
+}
+
+/// Names the declaration of something in a graph file, for people to read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Origin {
+    /// The file's path.
+    pub file: String,
+    /// Counts from 1.
+    pub line: u32,
+    /// Counts characters, from 1.
+    pub column: u32,
+}

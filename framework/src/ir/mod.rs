@@ -1,0 +1,29 @@
+//! The ground floor: plain types that every later step, every backend and the application share.
+//!
+//! Nothing here computes more than a table of names or a sum of bits. The rest of this crate imports this module, and this module
+//! imports nothing of the crate. A [`Request`] comes in, a [`Plan`](crate::plan::Plan) goes out, and both are made of the
+//! [values](Value), [places](Span), [formats](Format), [accesses](Accesses) and [passes](Pass) declared here.
+
+mod access;
+mod format;
+mod id;
+mod location;
+mod names;
+mod pass;
+mod reflection;
+mod request;
+mod resource;
+mod value;
+
+pub use access::{Accesses, Hazard, Layout, Stages};
+pub use format::{Blend, Format, Load, Topology};
+pub use id::{BlockId, PassId, ResourceId, ShaderId};
+pub use location::{FileId, Origin, Span};
+pub use names::{EXPORT, HOST, LIVE_BINDING, LIVE_BLOCK};
+pub use pass::{Binding, DescriptorKind, DrawCall, Groups, Pass, Run, Target, Touch, Work};
+pub use reflection::{
+    Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderStage, Varying,
+};
+pub use request::{Attribute, Catalog, Facts, GivenBuffer, Request};
+pub use resource::{Shape, Source, Usage};
+pub use value::{Domain, ParamBinding, Value};

@@ -1,0 +1,164 @@
+//! Passes: one dispatch, draw, fill or export each.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Accesses, Blend, Layout, Load, Origin, ResourceId, ShaderId, Stages, Topology};
+
+/// Says how often a pass runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Run {
+    /// In the prologue.
+    Once,
+    /// In every frame.
+    Frame,
+}
+
+/// Describes one dispatch, draw, fill or export.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pass {
+    /// Unique in the plan, for instance `sort.histogram[2]`.
+    pub name: String,
+    /// The group that its time is summed under: `key`, `sort`, `draw`, ...
+    pub phase: String,
+    /// Prologue or frame.
+    pub run: Run,
+    /// The command.
+    pub work: Work,
+    /// The descriptors of set 0.
+    pub bindings: Vec<Binding>,
+    /// Push constant bytes, complete, little-endian; empty if the shaders take none.
+    pub push: Vec<u8>,
+    /// The accesses, one entry per resource and stage.
+    pub touches: Vec<Touch>,
+    /// The declaration.
+    pub origin: Origin,
+}
+
+/// Describes the command of a pass.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Work {
+    /// Runs a compute shader.
+    Dispatch {
+        /// The compute shader.
+        shader: ShaderId,
+        /// The number of workgroups.
+        groups: Groups,
+    },
+    /// Draws into `targets`: all of the same size, full-size viewport and scissor, no depth, no culling of faces.
+    Draw {
+        /// The vertex shader.
+        vertex: ShaderId,
+        /// The fragment shader.
+        fragment: ShaderId,
+        /// The primitives.
+        topology: Topology,
+        /// The number of vertices and instances.
+        call: DrawCall,
+        /// The colour attachments, in the order of the fragment shader's output locations.
+        targets: Vec<Target>,
+    },
+    /// Writes `value` to every 32-bit word of a buffer.
+    Fill {
+        /// The buffer.
+        buffer: ResourceId,
+        /// The word.
+        value: u32,
+    },
+    /// Zeroes a resource with a history, in the prologue: the first frame finds zeros. Where the history of a former plan lives
+    /// on, a backend omits this pass together with the barrier on its image (not the others of its step), and brings the
+    /// image into the layout that the pass would have left it in.
+    Start {
+        /// The resource.
+        resource: ResourceId,
+    },
+    /// Makes the output and the statistics readable by copies, and copies the statistics.
+    Export,
+    /// Does nothing on the device: the host reads the statistics.
+    Host,
+}
+
+/// Counts the workgroups of a dispatch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Groups {
+    /// Workgroups in x, y, z, within the device's limits. More than fit in x are folded into y: shaders compute
+    /// their index as `gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x` and ignore indices beyond the end.
+    Direct([u32; 3]),
+    /// Three words of a buffer.
+    Indirect {
+        /// The buffer.
+        buffer: ResourceId,
+        /// Byte offset of the first word.
+        offset: u64,
+    },
+}
+
+/// Counts the vertices and instances of a draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DrawCall {
+    /// Numbers known when the plan is built.
+    Direct {
+        /// Vertices of an instance.
+        vertices: u32,
+        /// Instances.
+        instances: u32,
+    },
+    /// Four words of a buffer: vertices, instances, first vertex, first instance.
+    Indirect {
+        /// The buffer.
+        buffer: ResourceId,
+        /// Byte offset of the first word.
+        offset: u64,
+    },
+}
+
+/// Describes a colour attachment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// The image.
+    pub image: ResourceId,
+    /// The treatment of its former contents.
+    pub load: Load,
+    /// The blending.
+    pub blend: Blend,
+}
+
+/// Binds a resource to a shader's block or image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Binding {
+    /// The name of the GLSL block or image.
+    pub name: String,
+    /// The binding number in set 0.
+    pub binding: u32,
+    /// Index in an array of descriptors, 0 where there is none.
+    pub element: u32,
+    /// The type of the descriptor.
+    pub kind: DescriptorKind,
+    /// The resource.
+    pub resource: ResourceId,
+}
+
+/// Names the type of a descriptor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DescriptorKind {
+    /// A storage buffer.
+    StorageBuffer,
+    /// A uniform block.
+    UniformBuffer,
+    /// A storage image.
+    StorageImage,
+}
+
+/// Describes a pass's accesses to a resource in one set of stages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Touch {
+    /// The resource.
+    pub resource: ResourceId,
+    /// The pipeline stages that access it.
+    pub stages: Stages,
+    /// The kinds of access.
+    pub accesses: Accesses,
+    /// The layout that an image must be in; `None` for buffers.
+    pub layout: Option<Layout>,
+    /// The former contents are not needed (an attachment that is cleared).
+    pub discards: bool,
+}

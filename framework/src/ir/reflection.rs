@@ -1,0 +1,136 @@
+//! Declarations and accesses of a compiled shader.
+
+use super::Format;
+
+/// Names the pipeline stage of a shader.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ShaderStage {
+    /// `.vert`
+    Vertex,
+    /// `.frag`
+    Fragment,
+    /// `.comp`
+    Compute,
+}
+
+impl ShaderStage {
+    /// Returns the stage that a file's extension names.
+    pub fn of_file(name: &str) -> Option<ShaderStage> {
+        match name.rsplit_once('.')?.1 {
+            "vert" => Some(ShaderStage::Vertex),
+            "frag" => Some(ShaderStage::Fragment),
+            "comp" => Some(ShaderStage::Compute),
+            _ => None,
+        }
+    }
+}
+
+/// Lists the declarations and accesses of a SPIR-V module.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reflection {
+    /// The stage of its entry point.
+    pub stage: ShaderStage,
+    /// Invocations of a workgroup in x, y, z; `[1, 1, 1]` for all but compute shaders.
+    pub local_size: [u32; 3],
+    /// Bytes of shared memory.
+    pub shared_bytes: u32,
+    /// The bindings that the entry point's code can reach, sorted by number.
+    pub bindings: Vec<ReflectedBinding>,
+    /// The push constants.
+    pub push: Option<PushBlock>,
+    /// Stage inputs with a location, sorted by it.
+    pub inputs: Vec<Varying>,
+    /// Stage outputs with a location, sorted by it.
+    pub outputs: Vec<Varying>,
+    /// The module uses subgroup operations (any GroupNonUniform capability).
+    pub subgroups: bool,
+}
+
+/// Describes a block or image that a shader binds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReflectedBinding {
+    /// Name of the block (`Keys` in `buffer Keys { uint keys[]; }`) or of the image variable.
+    pub name: String,
+    /// Number of the descriptor set.
+    pub set: u32,
+    /// Number of the binding in its set.
+    pub binding: u32,
+    /// Length of the descriptor array, 1 where there is none.
+    pub count: u32,
+    /// Type and layout.
+    pub kind: ReflectedKind,
+    /// The code loads from it (also through a function argument, also by an atomic).
+    pub reads: bool,
+    /// The code stores to it (likewise).
+    pub writes: bool,
+}
+
+/// Describes the type and layout of a binding.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ReflectedKind {
+    /// A storage buffer.
+    StorageBuffer {
+        /// Bytes of an element of the runtime array at the block's end, if it has one.
+        stride: Option<u32>,
+        /// Bytes before that array; of the whole block where there is none.
+        fixed_bytes: u32,
+    },
+    /// A uniform block.
+    UniformBuffer {
+        /// Size in bytes.
+        bytes: u32,
+        /// Members, in order.
+        members: Vec<Member>,
+    },
+    /// A storage image.
+    StorageImage {
+        /// The format, where the shader declares one.
+        format: Option<Format>,
+    },
+}
+
+/// Describes a push-constant block.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PushBlock {
+    /// Size in bytes.
+    pub bytes: u32,
+    /// Members, in order.
+    pub members: Vec<Member>,
+}
+
+/// Describes a member of a uniform or push-constant block.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Member {
+    /// The name.
+    pub name: String,
+    /// Byte offset in the block.
+    pub offset: u32,
+    /// The type.
+    pub kind: MemberKind,
+}
+
+/// Names the type of a block's member.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MemberKind {
+    /// `uint`
+    Uint,
+    /// `int`
+    Int,
+    /// `float`
+    Float,
+    /// A vector, a matrix, a struct or an array.
+    Other,
+}
+
+/// Describes an input or output of a stage.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Varying {
+    /// The name.
+    pub name: String,
+    /// Number of the location.
+    pub location: u32,
+    /// For instance `vec4`, `uint`, `vec2`.
+    pub glsl_type: String,
+    /// Not interpolated.
+    pub flat: bool,
+}

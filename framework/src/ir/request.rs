@@ -1,0 +1,55 @@
+//! The input of a build: a graph's name, parameters, facts and importable data.
+
+use std::collections::BTreeMap;
+
+use super::Value;
+
+/// Maps full names to known values of scene, device and viewport: `scene.count`, `device.subgroup_size`, ...
+pub type Facts = BTreeMap<String, Value>;
+
+/// Lists the data that a graph can import, by full name.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Catalog {
+    /// Attributes of the scene.
+    pub attributes: BTreeMap<String, Attribute>,
+    /// Sizes in bytes of the uniform blocks that the host writes for every frame.
+    pub uniforms: BTreeMap<String, u64>,
+    /// Storage buffers that the host supplies with every frame.
+    pub buffers: BTreeMap<String, GivenBuffer>,
+}
+
+/// Describes a storage buffer that the host supplies with every frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GivenBuffer {
+    /// Bytes of an element.
+    pub stride: u64,
+    /// The fewest elements that it ever has.
+    pub least: u64,
+}
+
+/// Describes an attribute of the scene: `planes` buffers of `count` elements.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Attribute {
+    /// Bytes of an element.
+    pub stride: u64,
+    /// Elements of a plane.
+    pub count: u64,
+    /// Buffers that the attribute is split into.
+    pub planes: u32,
+}
+
+/// Asks for a plan: names a graph and everything that the plan depends on.
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'a> {
+    /// A preset's name or a file's path.
+    pub graph: &'a str,
+    /// Names and texts of the parameters that differ from their defaults; the last of a name wins.
+    pub set: &'a [(String, String)],
+    /// Known values of scene, device and viewport.
+    pub facts: &'a Facts,
+    /// Importable data.
+    pub catalog: &'a Catalog,
+    /// Lets resources that are never alive at the same time share memory. Without it every resource keeps its contents to
+    /// the frame's end, so that it can be inspected after any pass.
+    pub share_memory: bool,
+}

@@ -1,0 +1,67 @@
+//! Values, and the parameters' types.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// Holds the value of a parameter, a fact or an expression.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    /// `true` or `false`.
+    Bool(bool),
+    /// A signed integer of 64 bits.
+    Int(i64),
+    /// A double-precision float.
+    Float(f64),
+    /// A name or another text.
+    Text(String),
+}
+
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Value::Bool(v) => write!(f, "{v}"),
+            Value::Int(v) => write!(f, "{v}"),
+            Value::Float(v) => write!(f, "{v:?}"),
+            Value::Text(v) => write!(f, "{v}"),
+        }
+    }
+}
+
+/// Lists the values that a parameter may take. Ranges are inclusive.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Domain {
+    /// `true` and `false`.
+    Bool,
+    /// Integers.
+    Int {
+        /// The smallest.
+        min: i64,
+        /// The largest.
+        max: i64,
+    },
+    /// Numbers.
+    Float {
+        /// The smallest.
+        min: f64,
+        /// The largest.
+        max: f64,
+        /// The distance between two positions of a slider.
+        step: f64,
+    },
+    /// Names.
+    Choice(Vec<String>),
+}
+
+/// Says how a parameter reaches the shaders.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParamBinding {
+    /// A constant of the plan and a define of the shaders.
+    Const,
+    /// A member of the live uniform block. Every member has 4 bytes: a float, an int, or a uint for a bool or a choice.
+    Live {
+        /// Byte offset in the block.
+        offset: u32,
+    },
+}

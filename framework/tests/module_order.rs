@@ -1,0 +1,32 @@
+//! Data walks through the folders of the framework in one direction, and so do the imports.
+
+use std::path::Path;
+
+#[path = "../../tests/module_order.rs"]
+mod module_order;
+
+/// The modules, from the ground up. `plan` is plain data that `solve` alone builds, so it stands below the solver.
+const ORDER: [&str; 13] = [
+    "ir", "source", "expr", "schema", "plan", "lower", "shader", "link", "solve", "dump", "oracle", "reload",
+    "build",
+];
+
+#[test]
+fn every_module_imports_only_those_before_it() {
+    module_order::assert_imports_run_one_way(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &ORDER);
+}
+
+#[test]
+fn an_import_against_the_order_fails_with_file_line_and_both_modules() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("writable");
+    write("low.rs", "//! See [`crate::high`].\nuse std::fmt;\n\nuse crate::{\n    high::Thing, low,\n};\n");
+    write("high.rs", "use crate::low;\n#[cfg(test)]\nmod tests {\n    use crate::top;\n}\nuse super::low;\n");
+    write("top.rs", "fn f() { crate::high::g() }\n");
+    let failure = std::panic::catch_unwind(|| {
+        module_order::assert_imports_run_one_way(folder.path(), &["low", "high", "top"]);
+    });
+    let message = *failure.expect_err("an import is wrong").downcast::<String>().expect("a text");
+    let found: Vec<&str> = message.lines().skip(1).collect();
+    assert_eq!(found, ["low.rs:4: `low` imports `high`"]);
+}
