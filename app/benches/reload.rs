@@ -7,7 +7,7 @@
 
 use anyhow::{Context, Result, bail};
 use splatgraph::view::events::Event;
-use splatgraph::view::studio::Studio;
+use splatgraph::view::viewer::Studio;
 use splatgraph_api::Device;
 use splatgraph_assets::{Scene, synth};
 use splatgraph_framework::ir::Value;

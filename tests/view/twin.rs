@@ -4,7 +4,7 @@ use crate::common;
 use splatgraph::image::Image;
 use splatgraph::session::image_of;
 use splatgraph::view::events::{Event, Who};
-use splatgraph::view::studio::Studio;
+use splatgraph::view::viewer::Studio;
 use splatgraph_assets::synth;
 use splatgraph_vulkan::Vulkan;
 use std::fs;

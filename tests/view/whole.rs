@@ -9,7 +9,7 @@ use splatgraph::session::image_of;
 use splatgraph::view::events::{Event, Who};
 use splatgraph::view::paint::Mode;
 use splatgraph::view::shell::{Ask, Frame, Shell};
-use splatgraph::view::studio::Studio;
+use splatgraph::view::viewer::Studio;
 use splatgraph_api::Device;
 use splatgraph_assets::{Scene, synth};
 use splatgraph_vulkan::{Options, Vulkan};

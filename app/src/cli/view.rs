@@ -6,7 +6,7 @@ use crate::demo;
 use crate::view::events::Who;
 use crate::view::paint::Mode;
 use crate::view::shell::Shell;
-use crate::view::studio;
+use crate::view::viewer;
 use crate::view::window::{self, Opening};
 use anyhow::{Context, Result};
 use clap::ValueEnum;

@@ -20,8 +20,8 @@ pub mod panels;
 pub mod profile;
 pub mod renderer;
 pub mod shell;
-pub mod side;
-pub mod studio;
+pub mod viewport;
+pub mod viewer;
 #[cfg(test)]
 mod testing;
 pub mod window;

@@ -7,7 +7,7 @@
 //!
 //! One plan is built at a time: whatever changes meanwhile is built after that, all at once.
 
-mod change;
+mod events;
 mod job;
 
 use super::profile::zone;
@@ -27,7 +27,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-pub use change::{Cause, Failure, Happening, Swap};
+pub use events::{Cause, Failure, Happening, Swap};
 
 /// Called, from any thread, when there is something new to draw.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;

@@ -10,7 +10,7 @@ use super::paint::{self, Composition, Painted, Painter};
 use super::panels::{Command, Panels, Shown};
 use super::profile::{self, zone};
 use super::renderer::{Failure, Renderer, Wake, World};
-use super::studio::{Studio, StudioError};
+use super::viewer::{Studio, StudioError};
 use egui::{Context, FontDefinitions, FontFamily, RawInput, Rect};
 use splatgraph_api::{BackendError, Device, FrameInputs, Pixels};
 use splatgraph_framework::ir::Catalog;

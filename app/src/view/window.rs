@@ -6,7 +6,7 @@
 use super::events::Event;
 use super::panels::{Command, Controls};
 use super::shell::{Ask, Shell};
-use super::studio::Studio;
+use super::viewer::Studio;
 use crate::session::image_of;
 use anyhow::{Context as _, Result, anyhow, bail};
 use egui::RawInput;

@@ -1,7 +1,7 @@
 //! The plan, as `splatgraph dump` tells it: passes in order, the barriers between them, what each touches.
 
 use super::Controls;
-use crate::view::side::Side;
+use crate::view::viewport::Side;
 use egui::{Color32, RichText, ScrollArea, Ui};
 use splatgraph_api::Device;
 use splatgraph_framework::dump::{self, Dump, DumpBarrier, DumpPass, DumpTouch};

@@ -2,7 +2,7 @@
 
 use super::Controls;
 use crate::inspect::{Finding, ReadAs};
-use crate::view::side::{Inspection, Side};
+use crate::view::viewport::{Inspection, Side};
 use egui::{Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};
 use splatgraph_api::Device;

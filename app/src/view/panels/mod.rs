@@ -14,7 +14,7 @@ mod presets;
 use super::events::{Event, Who};
 use super::history::History;
 use super::paint::Mode;
-use super::studio::{Studio, StudioError};
+use super::viewer::{Studio, StudioError};
 use egui::{Align2, CentralPanel, Color32, Context, Frame, Panel, Rect, RichText, Ui};
 use presets::{Presets, file_name};
 use splatgraph_api::Device;

@@ -2,7 +2,7 @@
 
 use crate::stats::median;
 use crate::view::history::{History, Quantiles, Row, Series};
-use crate::view::side::Side;
+use crate::view::viewport::Side;
 use egui::{Align, Color32, ComboBox, Layout, Response, RichText, Ui};
 use egui_plot::{Line, Plot, PlotPoints, VLine};
 use splatgraph_api::Device;

@@ -2,7 +2,7 @@
 
 use crate::view::navigation::{self, Buttons, Input, Keys, Modifiers};
 use crate::view::paint::Mode;
-use crate::view::studio::Studio;
+use crate::view::viewer::Studio;
 use egui::{Color32, CursorIcon, Key, PointerButton, Rect, Sense, Ui};
 use splatgraph_api::Device;
 

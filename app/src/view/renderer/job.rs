@@ -1,6 +1,6 @@
 //! What the building thread does: from the files to a plan that the device can swap to.
 
-use super::change::{Cause, Failure};
+use super::events::{Cause, Failure};
 use super::{Wanted, World};
 use crate::facts::{self, SceneFacts};
 use crate::planner::Planner;

@@ -9,7 +9,7 @@ use super::navigation::{self, Navigation};
 use super::paint::Mode;
 use super::profile::zone;
 use super::renderer::{Renderer, Wake, World};
-use super::side::Side;
+use super::viewport::Side;
 use crate::facts;
 use crate::metrics;
 use crate::session::image_of;
