@@ -4,7 +4,7 @@
 //! three products of sums, so a few units in the last place are lost.
 
 use splatgraph::inspect;
-use splatgraph::session::{FrameRequest, Session};
+use splatgraph::session::{FrameOptions, Session};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_vulkan::Vulkan;
 
@@ -36,7 +36,7 @@ fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     session.prepare((camera.width, camera.height), &mut |_| {}).expect("prepared");
     let plan = session.plan().expect("there is a plan");
     let target = inspect::resolve(plan, "covariances", "covariance").expect("the pass and its buffer");
-    let request = FrameRequest { inspect: vec![target], ..FrameRequest::default() };
+    let request = FrameOptions { inspect: vec![target], ..FrameOptions::default() };
     let frame = session.submit(camera, &request).expect("submitted");
     let result = session.wait(frame).expect("drawn");
     common::assert_silent(session.device(), form);

@@ -2,7 +2,7 @@
 
 use splatgraph::image::Image;
 use splatgraph::metrics;
-use splatgraph::session::{FrameRequest, Session, image_of};
+use splatgraph::session::{FrameOptions, Session, image_of};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_vulkan::Vulkan;
 use std::path::Path;
@@ -28,7 +28,7 @@ pub fn draw_scene(
 ) -> Vec<Image> {
     let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
     let mut session: Session<Vulkan> = Session::new(common::device(), scene, preset, &set);
-    let request = FrameRequest { background, read_output: true, inspect: Vec::new() };
+    let request = FrameOptions { background, read_output: true, inspect: Vec::new() };
     let mut images = Vec::new();
     for camera in cameras {
         session

@@ -7,7 +7,7 @@
 
 use anyhow::{Context, Result, bail};
 use splatgraph::view::events::Event;
-use splatgraph::view::viewer::Studio;
+use splatgraph::view::viewer::Viewer;
 use splatgraph_api::Device;
 use splatgraph_assets::{Scene, synth};
 use splatgraph_framework::ir::Value;
@@ -74,14 +74,14 @@ fn main() -> Result<()> {
     let device = Vulkan::open(&Options { device: args.device.clone(), ..Options::default() })?;
     println!("{}, {splats} splats, {} x {}", device.info().name, args.size.0, args.size.1);
     let graph = folder.path().join("pipelines/splat.ron");
-    let mut studio = Studio::new(device, (scene, path), &graph.to_string_lossy(), &[], Arc::new(|| {}))?;
-    until_swapped(&mut studio, args.size)?;
+    let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], Arc::new(|| {}))?;
+    until_swapped(&mut viewer, args.size)?;
     for _ in 0..200.min(20 * args.runs) {
-        studio.frame(args.size)?;
+        viewer.frame(args.size)?;
     }
-    studio.finish()?;
+    viewer.finish()?;
     let quantiles = |q: Option<splatgraph::view::history::Quantiles>| q.unwrap_or_default();
-    let (gpu, cpu) = (quantiles(studio.a.history.total()), quantiles(studio.a.history.record()));
+    let (gpu, cpu) = (quantiles(viewer.a.history.total()), quantiles(viewer.a.history.record()));
     println!(
         "a frame: GPU {:.3} ms (99 %: {:.3}), host {:.3} ms (99 %: {:.3})",
         gpu.median, gpu.p99, cpu.median, cpu.p99
@@ -102,16 +102,16 @@ fn main() -> Result<()> {
     for (name, change) in changes {
         let mut found: Vec<[f64; 3]> = Vec::new();
         for run in 0..args.runs {
-            let before = studio.a.history.frames();
+            let before = viewer.a.history.frames();
             match &change {
                 Change::Edit(file, line) => append(&folder.path().join(file), &line(run))?,
                 Change::Set(param, values) => {
-                    studio.a.renderer.set_param(param, Some(values[run % 2].clone()))
+                    viewer.a.renderer.set_param(param, Some(values[run % 2].clone()))
                 }
             }
-            let (swap, asked) = until_swapped(&mut studio, args.size)?;
-            studio.finish()?;
-            let drawn = studio.a.history.frames() - before;
+            let (swap, asked) = until_swapped(&mut viewer, args.size)?;
+            viewer.finish()?;
+            let drawn = viewer.a.history.frames() - before;
             if drawn != asked {
                 bail!("{drawn} of {asked} frames were drawn");
             }
@@ -133,13 +133,13 @@ fn main() -> Result<()> {
 }
 
 /// Draws until a plan was swapped: [latency, plan, device] in milliseconds, and how many frames it took.
-fn until_swapped(studio: &mut Studio<Vulkan>, size: (u32, u32)) -> Result<([f64; 3], u64)> {
+fn until_swapped(viewer: &mut Viewer<Vulkan>, size: (u32, u32)) -> Result<([f64; 3], u64)> {
     let begun = Instant::now();
     let mut frames = 0;
     while begun.elapsed() < PATIENCE {
-        studio.frame(size)?;
-        frames += u64::from(studio.a.renderer.plan().is_some());
-        for event in studio.take_events() {
+        viewer.frame(size)?;
+        frames += u64::from(viewer.a.renderer.plan().is_some());
+        for event in viewer.take_events() {
             match event {
                 Event::Swapped { plan_ms, prepare_ms, latency_ms, .. } => {
                     return Ok(([latency_ms, plan_ms, prepare_ms], frames));

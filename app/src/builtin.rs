@@ -27,7 +27,7 @@ pub fn names() -> Vec<&'static str> {
     let draws = |text: &str| match options.from_str(text) {
         Ok(Document::Graph(graph)) => graph.output.is_some(),
         Ok(Document::Preset(_)) => true,
-        // Who asks for it is told what is wrong with it.
+        // RendererId asks for it is told what is wrong with it.
         Err(_) => true,
     };
     let graph = |(path, text): &(&'static str, &str)| {

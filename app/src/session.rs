@@ -44,7 +44,7 @@ pub struct Session<D> {
 
 /// What of a frame the caller decides.
 #[derive(Clone, Debug, Default)]
-pub struct FrameRequest {
+pub struct FrameOptions {
     /// What shows where nothing covers it, display-encoded.
     pub background: [f32; 3],
     /// Read the picture back.
@@ -113,7 +113,7 @@ impl<D: Device> Session<D> {
     }
 
     /// Submits a frame. The camera's size must be the one that was prepared.
-    pub fn submit(&mut self, camera: &Camera, request: &FrameRequest) -> Result<FrameId, SessionError> {
+    pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
         debug_assert_eq!(*size, (camera.width, camera.height));
         let view = View {

@@ -460,7 +460,7 @@ impl Sketch {
     }
 }
 
-/// Who writes what in one world.
+/// RendererId writes what in one world.
 struct Past {
     /// Written before any frame.
     once: BTreeSet<Real>,

@@ -11,11 +11,11 @@
 //! Cases that give another plan are counted and left out.
 
 use super::dice::Dice;
-use super::whole::Viewer;
+use super::whole::TestShell;
 use crate::common;
 use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::Planner;
-use splatgraph::view::events::{Event, Who};
+use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::paint;
 use splatgraph::view::renderer::{Cause, Renderer};
 use splatgraph_api::Device;
@@ -104,12 +104,12 @@ enum Outcome {
 }
 
 struct Fuzz {
-    viewer: Viewer,
+    viewer: TestShell,
     dice: Dice,
     /// Whether files build is found out here.
     beside: Beside,
     /// The files that each is drawn from, by their names in the folder.
-    files: Vec<(Who, Vec<String>)>,
+    files: Vec<(RendererId, Vec<String>)>,
     /// What A and the window show.
     shown: [Vec<[f32; 3]>; 2],
     counted: BTreeMap<(Damage, &'static str), usize>,
@@ -118,16 +118,16 @@ struct Fuzz {
 impl Fuzz {
     fn begin(seed: u64) -> Fuzz {
         let options = common::options(Validation::Synchronization);
-        let mut viewer = Viewer::new(&options, ("demo", 400), "pipelines/splat.ron", SIZE);
+        let mut viewer = TestShell::new(&options, ("demo", 400), "pipelines/splat.ron", SIZE);
         viewer.shell.panels.hidden = true;
         viewer.settle();
         // One pass of the sort instead of four: a frame costs less, and all files are still in it.
         let (name, bits) = NARROW;
-        viewer.shell.studio.a.renderer.set_param(name, Some(Value::Int(bits)));
+        viewer.shell.viewer.a.renderer.set_param(name, Some(Value::Int(bits)));
         viewer.settle();
-        let shown = [viewer.picture(Who::A).rgb, viewer.window().rgb];
+        let shown = [viewer.picture(RendererId::A).rgb, viewer.window().rgb];
         let mut beside = Beside::new(&viewer);
-        let files = [Who::A, Who::Window].map(|who| (who, beside.files(who))).into();
+        let files = [RendererId::A, RendererId::Window].map(|who| (who, beside.files(who))).into();
         Fuzz { viewer, dice: Dice::new(seed), beside, files, shown, counted: BTreeMap::new() }
     }
 
@@ -152,8 +152,8 @@ impl Fuzz {
         self.count(damage, if expected == Outcome::Same { "harmless" } else { "failed" });
         self.viewer.events.clear();
         self.viewer.write(&name, &bytes);
-        if let (false, Some(side)) = (watched, self.viewer.shell.studio.side(who)) {
-            side.renderer.want(Cause::Graph, Instant::now());
+        if let (false, Some(viewport)) = (watched, self.viewer.shell.viewer.viewport(who)) {
+            viewport.renderer.want(Cause::Graph, Instant::now());
         }
         match &expected {
             Outcome::Failed(text) => {
@@ -165,7 +165,7 @@ impl Fuzz {
                 });
                 let swapped = self.viewer.events.iter().any(|event| matches!(event, Event::Swapped { .. }));
                 assert!(!swapped, "{case}: {:#?}", self.viewer.events);
-                assert!(self.viewer.picture(Who::A).rgb == self.shown[0], "{case}: another picture");
+                assert!(self.viewer.picture(RendererId::A).rgb == self.shown[0], "{case}: another picture");
             }
             _ => self.until_swapped(who, &case),
         }
@@ -173,8 +173,8 @@ impl Fuzz {
         self.viewer.write(&name, &self.viewer.shipped[&name]);
         self.until_swapped(who, &format!("the mending of {case}"));
         assert!(renderer(&self.viewer, who).failure().is_none(), "{case}");
-        assert!(self.viewer.picture(Who::A).rgb == self.shown[0], "{case}: another picture after it");
-        if who == Who::Window {
+        assert!(self.viewer.picture(RendererId::A).rgb == self.shown[0], "{case}: another picture after it");
+        if who == RendererId::Window {
             assert!(self.viewer.window().rgb == self.shown[1], "{case}: another window after it");
         }
         assert_eq!(self.viewer.undrawn_windows, 0, "{case}");
@@ -185,18 +185,18 @@ impl Fuzz {
     }
 
     /// Draws until there is a new plan, and none to come.
-    fn until_swapped(&mut self, who: Who, what: &str) {
+    fn until_swapped(&mut self, who: RendererId, what: &str) {
         self.viewer.until(what, |viewer| {
-            let swapped = |event: &Event| matches!(event, Event::Swapped { who: of, .. } if *of == who);
+            let swapped = |event: &Event| matches!(event, Event::Swapped { renderer: of, .. } if *of == who);
             viewer.events.iter().any(swapped) && !renderer(viewer, who).busy()
         });
     }
 }
 
-fn renderer(viewer: &Viewer, who: Who) -> &Renderer<Vulkan> {
+fn renderer(viewer: &TestShell, who: RendererId) -> &Renderer<Vulkan> {
     match who {
-        Who::Window => viewer.shell.window(),
-        _ => &viewer.shell.studio.a.renderer,
+        RendererId::Window => viewer.shell.window(),
+        _ => &viewer.shell.viewer.a.renderer,
     }
 }
 
@@ -268,20 +268,20 @@ struct Building {
     plan: Option<Plan>,
 }
 
-fn key(who: Who) -> &'static str {
-    if who == Who::Window { "window" } else { "scene" }
+fn key(who: RendererId) -> &'static str {
+    if who == RendererId::Window { "window" } else { "scene" }
 }
 
 impl Beside {
-    fn new(viewer: &Viewer) -> Beside {
+    fn new(viewer: &TestShell) -> Beside {
         let folder = super::twin::copy_of_shipped_files();
         let device = &viewer.shell.window().device().info().facts;
-        let scene = viewer.shell.studio.scene();
+        let scene = viewer.shell.viewer.scene();
         let mut window = Catalog::default();
         paint::offer(&mut window);
         let graphs = [
-            (Who::A, "pipelines/splat.ron", vec![NARROW], facts::catalog(scene)),
-            (Who::Window, "pipelines/view/window.ron", vec![], window),
+            (RendererId::A, "pipelines/splat.ron", vec![NARROW], facts::catalog(scene)),
+            (RendererId::Window, "pipelines/view/window.ron", vec![], window),
         ];
         let planners = graphs.map(|(who, graph, set, catalog)| {
             let size = renderer(viewer, who).size();
@@ -306,12 +306,12 @@ impl Beside {
         self.folder.path().to_string_lossy().into_owned()
     }
 
-    fn building(&mut self, who: Who) -> &mut Building {
+    fn building(&mut self, who: RendererId) -> &mut Building {
         self.planners.get_mut(key(who)).expect("both are there")
     }
 
     /// The files of the folder that the graph is built from.
-    fn files(&mut self, who: Who) -> Vec<String> {
+    fn files(&mut self, who: RendererId) -> Vec<String> {
         let folder = self.folder.path().canonicalize().expect("the folder is there");
         let wanted = self.building(who).planner.wanted();
         // Those that are not there were looked for in vain.
@@ -326,7 +326,7 @@ impl Beside {
     }
 
     /// What comes of a file that has these bytes.
-    fn outcome(&mut self, who: Who, name: &str, bytes: &[u8], shipped: &[u8]) -> Outcome {
+    fn outcome(&mut self, who: RendererId, name: &str, bytes: &[u8], shipped: &[u8]) -> Outcome {
         let path = self.folder.path().join(name);
         fs::write(&path, bytes).expect("the copy is written");
         let building = self.building(who);

@@ -1,12 +1,12 @@
 //! Keys, and windows of odd sizes, as the whole viewer takes them.
 
-use super::whole::Viewer;
+use super::whole::TestShell;
 use crate::common;
 use egui::{Event as Input, Key, Modifiers};
 use splatgraph_vulkan::Validation;
 
-fn viewer(size: (u32, u32)) -> Viewer {
-    let mut viewer = Viewer::new(
+fn viewer(size: (u32, u32)) -> TestShell {
+    let mut viewer = TestShell::new(
         &common::options(Validation::Synchronization),
         ("demo", 500),
         "pipelines/splat.ron",
@@ -16,7 +16,7 @@ fn viewer(size: (u32, u32)) -> Viewer {
     viewer
 }
 
-fn press(viewer: &mut Viewer, key: Key) {
+fn press(viewer: &mut TestShell, key: Key) {
     for pressed in [true, false] {
         let modifiers = Modifiers::NONE;
         viewer.plan_input(vec![Input::Key { key, physical_key: None, pressed, repeat: false, modifiers }]);
@@ -43,7 +43,7 @@ fn the_key_that_hides_the_panels_gives_no_control_the_focus() {
 fn a_mistake_is_shown_in_windows_of_whatever_size() {
     let mut viewer = viewer((320, 180));
     viewer.write("pipelines/splat.ron", "Graph(");
-    viewer.until("the mistake", |viewer| viewer.shell.studio.a.renderer.failure().is_some());
+    viewer.until("the mistake", |viewer| viewer.shell.viewer.a.renderer.failure().is_some());
     for size in [(0, 0), (1, 1), (5, 180), (320, 3), (320, 180)] {
         viewer.size = size;
         for _ in 0..3 {

@@ -2,7 +2,7 @@
 
 use super::twin::{Twin, shows_something};
 use crate::common;
-use splatgraph::view::events::{Event, Who};
+use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::paint::Mode;
 use splatgraph_framework::ir::Value;
 
@@ -11,9 +11,9 @@ const SPLATS: u32 = 3_000;
 #[test]
 fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);
-    let before = twin.picture(Who::A);
+    let before = twin.picture(RendererId::A);
     assert!(shows_something(&before));
-    let camera = twin.studio.navigation.camera(96, 54);
+    let camera = twin.viewer.navigation.camera(96, 54);
     let (drawn, mut asked) = (twin.drawn(), 0);
     twin.edit("shaders/compose.comp", "void main() {", "void main() {\n    // another text, the same code\n");
     let seen = twin.events.len();
@@ -23,8 +23,8 @@ fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
         assert!(asked < 100_000, "{:#?}", twin.events);
     }
     assert_eq!(twin.drawn() - drawn, asked, "every frame that was asked for was drawn");
-    assert_eq!(twin.picture(Who::A).rgb, before.rgb);
-    assert_eq!(twin.studio.navigation.camera(96, 54), camera);
+    assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
+    assert_eq!(twin.viewer.navigation.camera(96, 54), camera);
 
     // And one that shows.
     let frag = twin.read("shaders/splat.frag");
@@ -39,7 +39,7 @@ fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
     );
     let Event::Swapped { cause, .. } = twin.next_plan() else { unreachable!() };
     assert_eq!(cause, "splat.frag");
-    let blue = twin.picture(Who::A);
+    let blue = twin.picture(RendererId::A);
     assert!(blue.rgb.iter().all(|[r, g, _]| *r == 0.0 && *g == 0.0) && shows_something(&blue));
     twin.close();
 }
@@ -47,7 +47,7 @@ fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
 #[test]
 fn a_mistake_in_a_graph_is_told_at_its_place_and_the_last_good_picture_stays_until_it_is_mended() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);
-    let before = twin.picture(Who::A);
+    let before = twin.picture(RendererId::A);
     let good = twin.read("pipelines/splat.ron");
     twin.write("pipelines/splat.ron", good.replace("\"Splats\": \"splats\"", "\"Splats\": \"splatz\""));
     let text = twin.next_failure();
@@ -56,38 +56,38 @@ fn a_mistake_in_a_graph_is_told_at_its_place_and_the_last_good_picture_stays_unt
         "{text}"
     );
     assert!(text.contains("^^^^^^ not declared") && text.contains("did you mean `splats`?"), "{text}");
-    assert_eq!(twin.picture(Who::A).rgb, before.rgb);
+    assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     twin.write("pipelines/splat.ron", good);
-    twin.until("the mending", |event| matches!(event, Event::Mended { who: Who::A }));
-    assert_eq!(twin.picture(Who::A).rgb, before.rgb);
+    twin.until("the mending", |event| matches!(event, Event::Mended { renderer: RendererId::A }));
+    assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     twin.close();
 }
 
 #[test]
 fn a_mistake_in_a_shader_is_told_at_its_place_too() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);
-    let before = twin.picture(Who::A);
+    let before = twin.picture(RendererId::A);
     twin.edit("shaders/project.comp", "void main() {", "void main() {\n    int i = undeclared;");
     let text = twin.next_failure();
     assert!(text.contains("undeclared") && text.contains("shaders/project.comp:"), "{text}");
-    assert_eq!(twin.picture(Who::A).rgb, before.rgb);
+    assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     twin.edit("shaders/project.comp", "\n    int i = undeclared;", "");
-    twin.until("the mending", |event| matches!(event, Event::Mended { who: Who::A }));
+    twin.until("the mending", |event| matches!(event, Event::Mended { renderer: RendererId::A }));
     twin.close();
 }
 
 #[test]
 fn the_digit_width_changes_while_it_runs_and_the_picture_does_not_flicker() {
     let mut twin = Twin::drawing("splat", SPLATS, &[("sorter", "serial")]);
-    let before = twin.picture(Who::A);
+    let before = twin.picture(RendererId::A);
     let passes = twin.passes();
     for (bits, fewer) in [(4, false), (11, true), (8, false)] {
-        twin.studio.a.renderer.set_param("digit_bits", Some(Value::Int(bits)));
+        twin.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(bits)));
         // Every frame until then, and the first ones after it.
         let seen = twin.events.len();
         let mut after = 0;
         while after < 3 {
-            assert_eq!(twin.picture(Who::A).rgb, before.rgb, "with digits of {bits} bits");
+            assert_eq!(twin.picture(RendererId::A).rgb, before.rgb, "with digits of {bits} bits");
             after +=
                 usize::from(twin.events[seen..].iter().any(|event| matches!(event, Event::Swapped { .. })));
         }
@@ -102,26 +102,26 @@ fn the_digit_width_changes_while_it_runs_and_the_picture_does_not_flicker() {
         }
     }
     // 8 bits are the default: nothing is left to say on the command line.
-    assert_eq!(twin.studio.a.renderer.set().keys().collect::<Vec<_>>(), ["sorter"]);
+    assert_eq!(twin.viewer.a.renderer.set().keys().collect::<Vec<_>>(), ["sorter"]);
     twin.close();
 }
 
 #[test]
 fn a_live_parameter_changes_the_next_picture_without_a_new_plan() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);
-    let before = twin.picture(Who::A);
+    let before = twin.picture(RendererId::A);
     let plans =
         |twin: &Twin| twin.events.iter().filter(|event| matches!(event, Event::Swapped { .. })).count();
     let built = plans(&twin);
-    twin.studio.a.renderer.set_param("budget", Some(Value::Float(0.25)));
-    assert_ne!(twin.picture(Who::A).rgb, before.rgb);
+    twin.viewer.a.renderer.set_param("budget", Some(Value::Float(0.25)));
+    assert_ne!(twin.picture(RendererId::A).rgb, before.rgb);
     // A new plan, for another reason, has it too.
-    let dimmed = twin.picture(Who::A);
-    twin.studio.a.renderer.set_param("digit_bits", Some(Value::Int(4)));
+    let dimmed = twin.picture(RendererId::A);
+    twin.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(4)));
     twin.next_plan();
-    assert_eq!(twin.picture(Who::A).rgb, dimmed.rgb);
-    twin.studio.a.renderer.set_param("budget", None);
-    assert_eq!(twin.picture(Who::A).rgb, before.rgb);
+    assert_eq!(twin.picture(RendererId::A).rgb, dimmed.rgb);
+    twin.viewer.a.renderer.set_param("budget", None);
+    assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     assert_eq!(plans(&twin), built + 1);
     twin.close();
 }
@@ -144,8 +144,8 @@ fn parameters_that_a_file_no_longer_declares_are_forgotten_and_the_others_stay()
         "the parameter to be dropped",
         |event| matches!(event, Event::Dropped { parameters, .. } if parameters == &["budget"]),
     );
-    assert_eq!(twin.studio.a.renderer.set().get("digit_bits").map(String::as_str), Some("4"));
-    assert!(!twin.studio.a.renderer.set().contains_key("budget"));
+    assert_eq!(twin.viewer.a.renderer.set().get("digit_bits").map(String::as_str), Some("4"));
+    assert!(!twin.viewer.a.renderer.set().contains_key("budget"));
     twin.close();
 }
 
@@ -160,20 +160,20 @@ fn a_setting_that_the_graph_does_not_know_is_a_mistake_at_the_start() {
 #[test]
 fn another_graph_and_a_second_one_beside_it_share_the_camera() {
     let mut twin = Twin::drawing("digit8", SPLATS, &[]);
-    twin.studio.set_compare(Mode::Split).unwrap_or_else(|error| panic!("{error}"));
+    twin.viewer.set_compare(Mode::Split).unwrap_or_else(|error| panic!("{error}"));
     twin.settle();
     let other = twin.path("pipelines/digit4.ron");
-    twin.studio
-        .side(Who::B)
+    twin.viewer
+        .viewport(RendererId::B)
         .expect("there is a B")
         .renderer
         .choose(&other.to_string_lossy(), Default::default());
     twin.until(
         "the plan of B",
-        |event| matches!(event, Event::Swapped { who: Who::B, graph, .. } if graph.contains("digit4")),
+        |event| matches!(event, Event::Swapped { renderer: RendererId::B, graph, .. } if graph.contains("digit4")),
     );
-    assert_eq!(twin.picture(Who::A).rgb, twin.picture(Who::B).rgb, "two widths of the digits");
-    twin.studio.measure();
+    assert_eq!(twin.picture(RendererId::A).rgb, twin.picture(RendererId::B).rgb, "two widths of the digits");
+    twin.viewer.measure();
     let compared = twin.until("the comparison", |event| matches!(event, Event::Compared { .. }));
     assert!(
         matches!(compared, Event::Compared { psnr, worst, .. } if psnr.is_infinite() && worst == 0.0),
@@ -181,16 +181,16 @@ fn another_graph_and_a_second_one_beside_it_share_the_camera() {
     );
 
     let unsorted = twin.path("pipelines/unsorted.ron");
-    twin.studio
-        .side(Who::B)
+    twin.viewer
+        .viewport(RendererId::B)
         .expect("there is a B")
         .renderer
         .choose(&unsorted.to_string_lossy(), Default::default());
     twin.until(
         "the plan of B",
-        |event| matches!(event, Event::Swapped { who: Who::B, graph, .. } if graph.contains("unsorted")),
+        |event| matches!(event, Event::Swapped { renderer: RendererId::B, graph, .. } if graph.contains("unsorted")),
     );
-    twin.studio.measure();
+    twin.viewer.measure();
     let compared = twin.until("the comparison", |event| matches!(event, Event::Compared { .. }));
     assert!(matches!(compared, Event::Compared { psnr, .. } if psnr < 40.0), "{compared:?}");
     twin.close();
@@ -202,43 +202,43 @@ fn a_window_that_is_resized_minimised_and_opened_again_shows_the_picture_in_its_
     for size in [(120, 80), (33, 97), (1, 1), (96, 54)] {
         twin.size = size;
         twin.settle();
-        let picture = twin.picture(Who::A);
+        let picture = twin.picture(RendererId::A);
         assert_eq!((picture.width, picture.height), (size.0 as usize, size.1 as usize));
     }
-    let before = twin.picture(Who::A);
+    let before = twin.picture(RendererId::A);
     twin.size = (0, 0);
     twin.frames(5);
     twin.size = (96, 54);
     twin.settle();
-    assert_eq!(twin.picture(Who::A).rgb, before.rgb);
+    assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     twin.close();
 }
 
 #[test]
 fn files_that_are_dropped_are_opened_and_bad_ones_lose_nothing() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);
-    let before = twin.picture(Who::A);
+    let before = twin.picture(RendererId::A);
     for (name, text) in
         [("bad.ply", "ply\nformat sideways 1.0\n"), ("bad.json", "[{"), ("notes.txt", "hello")]
     {
         twin.write(name, text);
         let path = twin.path(name);
-        twin.studio.open(&path);
+        twin.viewer.open(&path);
         twin.until("the complaint", |event| {
             matches!(event, Event::SceneFailed { .. } | Event::FileFailed { .. })
         });
-        assert_eq!(twin.picture(Who::A).rgb, before.rgb, "after {name}");
+        assert_eq!(twin.picture(RendererId::A).rgb, before.rgb, "after {name}");
     }
     let other = splatgraph_assets::synth::generate("uniform", 2_000, 0).expect("it is generated");
     let path = twin.path("other.ply");
     other.write_ply(&path).expect("it is written");
-    twin.studio.open(&path);
+    twin.viewer.open(&path);
     twin.until("the scene", |event| matches!(event, Event::Scene { splats: 2_000, .. }));
     twin.settle();
-    let ball = twin.picture(Who::A);
+    let ball = twin.picture(RendererId::A);
     assert!(shows_something(&ball) && ball.rgb != before.rgb);
     let graph = twin.path("pipelines/unsorted.ron");
-    twin.studio.open(&graph);
+    twin.viewer.open(&graph);
     twin.until(
         "the graph",
         |event| matches!(event, Event::Swapped { graph, .. } if graph.contains("unsorted")),
@@ -250,48 +250,48 @@ fn files_that_are_dropped_are_opened_and_bad_ones_lose_nothing() {
 fn what_the_last_frame_left_lives_on_when_a_shader_is_reloaded() {
     let mut twin = Twin::drawing("stale_order", SPLATS, &[]);
     twin.frames(3);
-    let before = twin.picture(Who::A);
+    let before = twin.picture(RendererId::A);
     assert!(shows_something(&before));
     twin.edit("shaders/compose.comp", "void main() {", "void main() {\n    // another text\n");
     let seen = twin.events.len();
     // It draws in the order of the frame before: without one, a frame is black.
     while twin.events[seen..].iter().all(|event| !matches!(event, Event::Swapped { .. })) {
-        assert_eq!(twin.picture(Who::A).rgb, before.rgb);
+        assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     }
-    assert_eq!(twin.picture(Who::A).rgb, before.rgb);
+    assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     twin.close();
 }
 
 #[test]
 fn sorted_keys_are_found_sorted_and_the_prologue_can_be_looked_at() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);
-    twin.studio.a.look_at("keys", "scatter");
+    twin.viewer.a.look_at("keys", "scatter");
     twin.settle();
     twin.frames(3);
     let found = |twin: &Twin| {
-        let inspection = twin.studio.a.inspection.as_ref().expect("something is looked at");
+        let inspection = twin.viewer.a.inspection.as_ref().expect("something is looked at");
         inspection.found.clone().expect("it was read").unwrap_or_else(|error| panic!("{error}"))
     };
     let order = found(&twin).order.expect("keys have an order");
     assert!(order.ascending && order.keys > 100, "{order:?}");
-    twin.studio.a.look_at("keys", "compact");
+    twin.viewer.a.look_at("keys", "compact");
     twin.settle();
     twin.frames(3);
     assert!(!found(&twin).order.expect("keys have an order").ascending);
     // It runs once: to see what it leaves, it runs again.
-    twin.studio.a.look_at("covariances", "covariance");
+    twin.viewer.a.look_at("covariances", "covariance");
     twin.settle();
     twin.frames(3);
     assert_eq!(found(&twin).pass, "covariance");
-    twin.studio.a.look_at("color", "back_to_front");
+    twin.viewer.a.look_at("color", "back_to_front");
     twin.settle();
     twin.frames(3);
     let picture = found(&twin);
     assert!(picture.is_image && picture.words.picture(&picture.shape).is_some());
-    twin.studio.a.look_at("nothing", "scatter");
+    twin.viewer.a.look_at("nothing", "scatter");
     twin.frames(3);
-    let inspection = twin.studio.a.inspection.as_ref().expect("something is looked at");
+    let inspection = twin.viewer.a.inspection.as_ref().expect("something is looked at");
     assert!(matches!(&inspection.found, Some(Err(error)) if error.contains("no resource `nothing`")));
-    common::assert_silent(twin.studio.a.renderer.device_mut(), "inspection");
+    common::assert_silent(twin.viewer.a.renderer.device_mut(), "inspection");
     twin.close();
 }

@@ -141,10 +141,10 @@ impl Program {
         self.act();
     }
 
-    /// The next plan of a side.
+    /// The next plan of a viewport.
     pub fn swapped(&mut self, since: usize, who: &str, cause: &str) -> Value {
         let event = self.until(since, &format!("a plan of {who} because of {cause}"), |event| {
-            event["event"] == "swapped" && event["who"] == who && event["cause"] == cause
+            event["event"] == "swapped" && event["renderer"] == who && event["cause"] == cause
         });
         assert!(event["latency_ms"].as_f64().is_some_and(|ms| ms > 0.0), "{event}");
         event

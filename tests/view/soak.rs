@@ -10,7 +10,7 @@
 //! - the validation layers, synchronization validation among them, have nothing to say, and nothing panics on whatever thread;
 //! - **no frame is lost**: every frame that is asked for draws one of A once A has a plan, and one of B if B is shown and has
 //!   one, whatever is being built, broken or resized meanwhile. That holds for a window of size 0 as well: the pictures keep
-//!   the size that they had. There are no exceptions but these: before the first plan of a side there is nothing to draw, and
+//!   the size that they had. There are no exceptions but these: before the first plan of a viewport there is nothing to draw, and
 //!   B is not drawn while it is not shown;
 //! - in the reference state, the device's memory has the same bytes each time, and the pictures the same pixels;
 //! - the process's memory does not grow: see [`check_growth`];
@@ -20,12 +20,12 @@
 //! `SPLATGRAPH_SOAK_BARE` leaves the validation layers out, whose own memory is then not in the numbers.
 
 use super::dice::Dice;
-use super::whole::Viewer;
+use super::whole::TestShell;
 use crate::common;
 use egui::{Event as Input, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
 use indexmap::IndexMap;
 use splatgraph::image::Image;
-use splatgraph::view::events::{Event, Who};
+use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::navigation::Navigation;
 use splatgraph::view::paint::Mode;
 use splatgraph_api::Device;
@@ -270,7 +270,7 @@ const DEEDS: [(usize, Deed); 23] = [
 ];
 
 struct Soak {
-    viewer: Viewer,
+    viewer: TestShell,
     dice: Dice,
     begun: Instant,
     /// Where the scene is seen from in the reference state.
@@ -309,7 +309,7 @@ impl Soak {
     fn begin() -> Soak {
         let bare = std::env::var_os("SPLATGRAPH_SOAK_BARE").is_some();
         let validation = if bare { Validation::Off } else { Validation::Synchronization };
-        let viewer = Viewer::new(&common::options(validation), ("demo", SPLATS), GRAPHS[0], SIZE);
+        let viewer = TestShell::new(&common::options(validation), ("demo", SPLATS), GRAPHS[0], SIZE);
         let scenes = ["scene.ply", "smaller.ply", "larger.ply"];
         for (name, generator, splats) in [(scenes[1], "uniform", 700), (scenes[2], "demo", 3_100)] {
             let scene = synth::generate(generator, splats, 1).expect("the scene is generated");
@@ -321,7 +321,7 @@ impl Soak {
             writeln!(table, "{head}").expect("the table is written");
             table
         });
-        let start = viewer.shell.studio.navigation.clone();
+        let start = viewer.shell.viewer.navigation.clone();
         let mut soak = Soak {
             viewer,
             dice: Dice::new(1),
@@ -397,7 +397,7 @@ impl Soak {
     }
 
     fn act(&mut self, deed: Deed) {
-        let who = if self.dice.below(3) == 0 { Who::B } else { Who::A };
+        let who = if self.dice.below(3) == 0 { RendererId::B } else { RendererId::A };
         match deed {
             Deed::Comment => {
                 let name = *self.dice.of(&COMMENTED);
@@ -440,8 +440,8 @@ impl Soak {
             Deed::Param(kind) => self.set_param(who, kind),
             Deed::Graph => {
                 let graph = self.viewer.path(self.dice.of::<&str>(&GRAPHS));
-                if let Some(side) = self.viewer.shell.studio.side(who) {
-                    side.renderer.choose(&graph.to_string_lossy(), IndexMap::new());
+                if let Some(viewport) = self.viewer.shell.viewer.viewport(who) {
+                    viewport.renderer.choose(&graph.to_string_lossy(), IndexMap::new());
                 }
             }
             Deed::Resize => {
@@ -454,22 +454,22 @@ impl Soak {
                 }
                 self.viewer.size = size;
             }
-            Deed::Scale => self.viewer.shell.studio.scale = *self.dice.of(&[SCALE, 0.1, 0.2, 0.25]),
+            Deed::Scale => self.viewer.shell.viewer.scale = *self.dice.of(&[SCALE, 0.1, 0.2, 0.25]),
             Deed::Compare => {
                 let mode = *self.dice.of(&["compare:off", "compare:split", "compare:difference"]);
                 self.click(mode);
             }
-            Deed::Exchange => self.viewer.shell.studio.exchange(),
+            Deed::Exchange => self.viewer.shell.viewer.exchange(),
             Deed::Measure => self.click("measure"),
             Deed::Inspect => self.inspect(who),
             Deed::InspectNothing => {
-                if let Some(side) = self.viewer.shell.studio.side(who) {
-                    side.inspection = None;
+                if let Some(viewport) = self.viewer.shell.viewer.viewport(who) {
+                    viewport.inspection = None;
                 }
             }
             Deed::Scene => {
                 let path = self.viewer.path(self.dice.of::<&str>(&self.scenes));
-                self.viewer.shell.studio.open(&path);
+                self.viewer.shell.viewer.open(&path);
             }
             Deed::Drag => self.drag(),
             Deed::Scroll => {
@@ -503,7 +503,7 @@ impl Soak {
                     "panel:Settings",
                     "panel:Performance",
                     "panel:Graph",
-                    "side:B",
+                    "viewport:B",
                     "keys_sorted",
                 ]);
                 self.click(panel);
@@ -524,11 +524,11 @@ impl Soak {
     }
 
     /// Another value for a parameter of the plan, whichever it has; sometimes the default.
-    fn set_param(&mut self, who: Who, kind: ParamBindingKind) {
-        let Some(side) = self.viewer.shell.studio.side(who) else { return };
+    fn set_param(&mut self, who: RendererId, kind: ParamBindingKind) {
+        let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
         let is_const = |binding| binding == ParamBinding::Const;
         let wanted = kind == ParamBindingKind::Const;
-        let params = side.renderer.params().iter().filter(|param| is_const(param.binding) == wanted);
+        let params = viewport.renderer.params().iter().filter(|param| is_const(param.binding) == wanted);
         let params: Vec<_> = params.cloned().collect();
         if params.is_empty() {
             return;
@@ -542,21 +542,21 @@ impl Soak {
             Domain::Float { min, max, .. } => Some(Value::Float(min + (max - min) * share)),
             Domain::Choice(choices) => Some(Value::Text(self.dice.of(choices).clone())),
         };
-        side.renderer.set_param(&param.name, value);
+        viewport.renderer.set_param(&param.name, value);
     }
 
     /// Looks at something that a pass touches, in every frame or once.
-    fn inspect(&mut self, who: Who) {
-        let Some(side) = self.viewer.shell.studio.side(who) else { return };
-        let Some(plan) = side.renderer.plan().cloned() else { return };
+    fn inspect(&mut self, who: RendererId) {
+        let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
+        let Some(plan) = viewport.renderer.plan().cloned() else { return };
         let steps: Vec<_> = plan.prologue.iter().chain(&plan.frame).collect();
         let pass = plan.pass(self.dice.of(&steps).pass);
         if pass.touches.is_empty() {
             return;
         }
         let resource = &plan.resource(self.dice.of(&pass.touches).resource).name;
-        side.look_at(resource, &pass.name);
-        if let Some(inspection) = &mut side.inspection {
+        viewport.look_at(resource, &pass.name);
+        if let Some(inspection) = &mut viewport.inspection {
             inspection.follow = self.dice.below(2) == 0;
         }
     }
@@ -593,7 +593,7 @@ impl Soak {
 
     /// Brings everything back to the reference state, for the time of this number.
     fn restore(&mut self, cycle: u64) {
-        let input_is_over = |viewer: &mut Viewer| viewer.is_idle();
+        let input_is_over = |viewer: &mut TestShell| viewer.is_idle();
         self.viewer.until("the end of the input", input_is_over);
         self.viewer.plan_input(vec![Input::PointerGone]);
         self.viewer.size = SIZE;
@@ -602,22 +602,22 @@ impl Soak {
         self.viewer.shell.panels.hidden = true;
         self.viewer.shell.panels.help = false;
         let scene = self.viewer.path(self.scenes[0]);
-        let is_loaded = |viewer: &mut Viewer| viewer.shell.studio.loading().is_none();
+        let is_loaded = |viewer: &mut TestShell| viewer.shell.viewer.loading().is_none();
         self.viewer.until("the end of loading", is_loaded);
-        if self.viewer.shell.studio.scene_path() != scene {
-            self.viewer.shell.studio.open(&scene);
+        if self.viewer.shell.viewer.scene_path() != scene {
+            self.viewer.shell.viewer.open(&scene);
             self.viewer.until("the scene", is_loaded);
         }
         let graph = self.viewer.path(GRAPHS[0]);
-        let studio = &mut self.viewer.shell.studio;
+        let viewer = &mut self.viewer.shell.viewer;
         // B is drawn, too, so that it gets there.
-        studio.set_compare(Mode::Split).unwrap_or_else(|error| panic!("{error}"));
-        studio.navigation = self.start.clone();
-        (studio.split, studio.gain, studio.scale) = (0.5, 8.0, SCALE);
-        for who in [Who::A, Who::B] {
-            if let Some(side) = studio.side(who) {
-                side.renderer.choose(&graph.to_string_lossy(), IndexMap::new());
-                side.inspection = None;
+        viewer.set_compare(Mode::Split).unwrap_or_else(|error| panic!("{error}"));
+        viewer.navigation = self.start.clone();
+        (viewer.split, viewer.gain, viewer.scale) = (0.5, 8.0, SCALE);
+        for who in [RendererId::A, RendererId::B] {
+            if let Some(viewport) = viewer.viewport(who) {
+                viewport.renderer.choose(&graph.to_string_lossy(), IndexMap::new());
+                viewport.inspection = None;
             }
         }
         self.viewer.restore(cycle);
@@ -630,7 +630,7 @@ impl Soak {
             self.viewer.size = size;
             self.viewer.settle();
         }
-        self.viewer.shell.studio.set_compare(Mode::A).unwrap_or_else(|error| panic!("{error}"));
+        self.viewer.shell.viewer.set_compare(Mode::A).unwrap_or_else(|error| panic!("{error}"));
         for _ in 0..4 {
             self.viewer.frame();
         }
@@ -641,9 +641,9 @@ impl Soak {
     fn reference(&mut self) -> Reference {
         self.viewer.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
         let shell = &self.viewer.shell;
-        let b = shell.studio.b.as_ref().map(|b| b.renderer.device());
+        let b = shell.viewer.b.as_ref().map(|b| b.renderer.device());
         let lists = [
-            shell.studio.a.renderer.device().memory(),
+            shell.viewer.a.renderer.device().memory(),
             b.map(|b| b.memory()).unwrap_or_default(),
             shell.window().device().memory(),
         ];
@@ -660,7 +660,7 @@ impl Soak {
             files: open_files(),
             threads: settled_threads(),
         };
-        let shown = [self.viewer.picture(Who::A), self.viewer.window()];
+        let shown = [self.viewer.picture(RendererId::A), self.viewer.window()];
         let before = self.shown.get_or_insert_with(|| shown.clone());
         for ((now, before), what) in shown.iter().zip(before.iter()).zip(["A", "the window"]) {
             assert!(now.rgb == before.rgb, "{what} does not look as before: {}", difference(now, before));

@@ -3,8 +3,8 @@
 use crate::common;
 use splatgraph::image::Image;
 use splatgraph::session::image_of;
-use splatgraph::view::events::{Event, Who};
-use splatgraph::view::viewer::Studio;
+use splatgraph::view::events::{Event, RendererId};
+use splatgraph::view::viewer::Viewer;
 use splatgraph_assets::synth;
 use splatgraph_vulkan::Vulkan;
 use std::fs;
@@ -18,10 +18,10 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// The pictures' size.
 pub const SIZE: (u32, u32) = (96, 54);
 
-/// A studio over graphs and shaders of its own, which can be edited.
+/// A viewer over graphs and shaders of its own, which can be edited.
 pub struct Twin {
     /// Draws.
-    pub studio: Studio<Vulkan>,
+    pub viewer: Viewer<Vulkan>,
     /// What happened so far.
     pub events: Vec<Event>,
     /// Of the view, in pixels.
@@ -39,16 +39,16 @@ impl Twin {
         let graph = folder.path().join(format!("pipelines/{graph}.ron"));
         let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
         let graph = graph.to_string_lossy();
-        let mut studio = Studio::new(common::device(), (scene, path), &graph, &set, Arc::new(|| {}))
-            .unwrap_or_else(|error| panic!("the studio opens: {error}"));
-        studio.navigation.set_animated(false);
-        Twin { studio, events: Vec::new(), size: SIZE, folder }
+        let mut viewer = Viewer::new(common::device(), (scene, path), &graph, &set, Arc::new(|| {}))
+            .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
+        viewer.navigation.set_animated(false);
+        Twin { viewer, events: Vec::new(), size: SIZE, folder }
     }
 
     /// The same, once its first frame is drawn.
     pub fn drawing(graph: &str, splats: u32, set: &[(&str, &str)]) -> Twin {
         let mut twin = Twin::new(graph, splats, set);
-        twin.until("the first plan", |event| matches!(event, Event::Swapped { who: Who::A, .. }));
+        twin.until("the first plan", |event| matches!(event, Event::Swapped { renderer: RendererId::A, .. }));
         twin
     }
 
@@ -74,9 +74,9 @@ impl Twin {
 
     /// Draws a frame, and collects what happened.
     pub fn frame(&mut self) {
-        self.studio.frame(self.size).unwrap_or_else(|error| panic!("a frame is drawn: {error}"));
-        self.events.extend(self.studio.take_events());
-        common::assert_silent(self.studio.a.renderer.device_mut(), "a frame");
+        self.viewer.frame(self.size).unwrap_or_else(|error| panic!("a frame is drawn: {error}"));
+        self.events.extend(self.viewer.take_events());
+        common::assert_silent(self.viewer.a.renderer.device_mut(), "a frame");
     }
 
     /// Draws frames.
@@ -106,7 +106,7 @@ impl Twin {
     pub fn settle(&mut self) {
         let begun = Instant::now();
         self.frame();
-        while self.studio.busy() {
+        while self.viewer.busy() {
             self.frame();
             assert!(begun.elapsed() < PATIENCE, "waiting for the end of it; so far: {:#?}", self.events);
         }
@@ -115,7 +115,7 @@ impl Twin {
 
     /// The next plan of A.
     pub fn next_plan(&mut self) -> Event {
-        self.until("a new plan of A", |event| matches!(event, Event::Swapped { who: Who::A, .. }))
+        self.until("a new plan of A", |event| matches!(event, Event::Swapped { renderer: RendererId::A, .. }))
     }
 
     /// The next mistake.
@@ -127,30 +127,33 @@ impl Twin {
     }
 
     /// What the next frame shows.
-    pub fn picture(&mut self, who: Who) -> Image {
-        self.studio.side(who).expect("there is such a side").want_picture();
+    pub fn picture(&mut self, who: RendererId) -> Image {
+        self.viewer.viewport(who).expect("there is such a viewport").want_picture();
         self.frame();
-        self.studio.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
-        let pixels =
-            self.studio.side(who).and_then(|side| side.take_picture()).expect("the picture is there");
+        self.viewer.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let pixels = self
+            .viewer
+            .viewport(who)
+            .and_then(|viewport| viewport.take_picture())
+            .expect("the picture is there");
         image_of(&pixels).expect("it has colours")
     }
 
     /// Passes of A's frame.
     pub fn passes(&self) -> usize {
-        self.studio.a.renderer.plan().map_or(0, |plan| plan.frame.len())
+        self.viewer.a.renderer.plan().map_or(0, |plan| plan.frame.len())
     }
 
     /// Frames of A that were drawn and are done.
     pub fn drawn(&mut self) -> u64 {
-        self.studio.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
-        self.studio.a.history.frames()
+        self.viewer.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        self.viewer.a.history.frames()
     }
 
     /// Closes it; the validation layers must have had nothing to say.
     pub fn close(mut self) {
-        self.studio.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
-        let messages = self.studio.into_device().close();
+        self.viewer.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let messages = self.viewer.into_device().close();
         assert!(messages.is_empty(), "{}", messages.join("\n"));
     }
 }

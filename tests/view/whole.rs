@@ -6,10 +6,10 @@ use crate::common;
 use egui::{Event as Input, Pos2, RawInput, Rect, Vec2, ViewportId, ViewportInfo};
 use splatgraph::image::Image;
 use splatgraph::session::image_of;
-use splatgraph::view::events::{Event, Who};
+use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::paint::Mode;
-use splatgraph::view::shell::{Ask, Frame, Shell};
-use splatgraph::view::viewer::Studio;
+use splatgraph::view::shell::{Frame, FrameRequest, Shell};
+use splatgraph::view::viewer::Viewer;
 use splatgraph_api::Device;
 use splatgraph_assets::{Scene, synth};
 use splatgraph_vulkan::{Options, Vulkan};
@@ -30,13 +30,13 @@ const REST: Duration = Duration::from_millis(20);
 pub const PIXELS_PER_POINT: f32 = 0.4;
 
 /// A viewer over graphs and shaders of its own, which can be edited.
-pub struct Viewer {
+pub struct TestShell {
     pub shell: Shell<Vulkan>,
     /// What happened so far and was not taken yet.
     pub events: Vec<Event>,
     /// Of the window, in pixels.
     pub size: (u32, u32),
-    /// Calls of [`Viewer::frame`] so far.
+    /// Calls of [`TestShell::frame`] so far.
     pub calls: u64,
     /// Frames that had to be drawn so far: one of A for each call once it has a plan, one of B if it is shown and has one.
     pub due: u64,
@@ -51,10 +51,10 @@ pub struct Viewer {
     folder: tempfile::TempDir,
 }
 
-impl Viewer {
+impl TestShell {
     /// Draws `scene` (generator and number of splats) with `graph`, and the window with its own, of a copy of all shipped
     /// files.
-    pub fn new(options: &Options, scene: (&str, u32), graph: &str, size: (u32, u32)) -> Viewer {
+    pub fn new(options: &Options, scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell {
         let folder = copy_of_shipped_files();
         let path = folder.path().join("scene.ply");
         let scene = synth::generate(scene.0, scene.1, 0).expect("the scene is generated");
@@ -71,14 +71,14 @@ impl Viewer {
             // A viewer that is gone needs no waking.
             Arc::new(move || _ = sender.send(()))
         };
-        let mut studio = Studio::new(device, (scene, path), &graph.to_string_lossy(), &[], wake())
-            .unwrap_or_else(|error| panic!("the studio opens: {error}"));
-        studio.navigation.set_animated(false);
-        let shell = Shell::with_graph(studio, canvas, &window.to_string_lossy(), wake())
+        let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], wake())
+            .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
+        viewer.navigation.set_animated(false);
+        let shell = Shell::with_graph(viewer, canvas, &window.to_string_lossy(), wake())
             .unwrap_or_else(|error| panic!("the shell opens: {error}"));
         let shipped =
             splatgraph::builtin::FILES.iter().map(|(name, text)| (name.to_string(), text.to_string()));
-        Viewer {
+        TestShell {
             shell,
             events: Vec::new(),
             size,
@@ -137,13 +137,15 @@ impl Viewer {
         };
         self.calls += 1;
         let window = self.shell.window().plan().is_some();
-        let ask = Ask { size: self.size, pixels_per_point: PIXELS_PER_POINT, present: false, read };
+        let ask = FrameRequest { size: self.size, pixels_per_point: PIXELS_PER_POINT, present: false, read };
         let frame = self.shell.frame(input, ask).unwrap_or_else(|error| panic!("a frame is drawn: {error}"));
         self.undrawn_windows += u64::from(window && !frame.drawn);
-        let studio = &self.shell.studio;
-        let shown_b = studio.b.as_ref().filter(|_| studio.compare != Mode::A);
-        let sides = [Some(&studio.a), shown_b];
-        self.due += sides.into_iter().flatten().filter(|side| side.renderer.plan().is_some()).count() as u64;
+        let viewer = &self.shell.viewer;
+        let shown_b = viewer.b.as_ref().filter(|_| viewer.compare != Mode::A);
+        let viewports = [Some(&viewer.a), shown_b];
+        self.due +=
+            viewports.into_iter().flatten().filter(|viewport| viewport.renderer.plan().is_some()).count()
+                as u64;
         self.events.extend(self.shell.take_events());
         common::assert_silent(self.shell.canvas_mut(), "a frame");
         frame
@@ -152,12 +154,16 @@ impl Viewer {
     /// Frames of A and B that were drawn and are done.
     pub fn drawn(&mut self) -> u64 {
         self.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
-        let studio = &self.shell.studio;
-        [Some(&studio.a), studio.b.as_ref()].into_iter().flatten().map(|side| side.history.frames()).sum()
+        let viewer = &self.shell.viewer;
+        [Some(&viewer.a), viewer.b.as_ref()]
+            .into_iter()
+            .flatten()
+            .map(|viewport| viewport.history.frames())
+            .sum()
     }
 
     /// Draws frames until `is_so`. Between them it waits a little for other threads to have something new.
-    pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut Viewer) -> bool) {
+    pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut TestShell) -> bool) {
         let begun = Instant::now();
         loop {
             self.frame();
@@ -179,8 +185,8 @@ impl Viewer {
     }
 
     fn busy(&self) -> bool {
-        let Viewer { shell, .. } = self;
-        shell.studio.busy() || shell.window().busy() || shell.window().size() != self.size
+        let TestShell { shell, .. } = self;
+        shell.viewer.busy() || shell.window().busy() || shell.window().size() != self.size
     }
 
     /// Has all that is shown drawn from the files as they are shipped now, but for a number in the graphs' summaries, which tells
@@ -200,8 +206,8 @@ impl Viewer {
         let mark = format!("{number}. ");
         self.until("the files as they are shipped", |viewer| {
             let shell = &viewer.shell;
-            let b = shell.studio.b.as_ref().filter(|_| shell.studio.compare != Mode::A);
-            let all = [Some(&shell.studio.a.renderer), b.map(|b| &b.renderer), Some(shell.window())];
+            let b = shell.viewer.b.as_ref().filter(|_| shell.viewer.compare != Mode::A);
+            let all = [Some(&shell.viewer.a.renderer), b.map(|b| &b.renderer), Some(shell.window())];
             all.into_iter().flatten().all(|renderer| {
                 renderer.failure().is_none()
                     && renderer.plan().is_some_and(|plan| plan.summary.starts_with(&mark))
@@ -210,12 +216,12 @@ impl Viewer {
         self.settle();
     }
 
-    /// What the next frame of a side shows.
-    pub fn picture(&mut self, who: Who) -> Image {
-        self.shell.studio.side(who).expect("there is such a side").want_picture();
+    /// What the next frame of a viewport shows.
+    pub fn picture(&mut self, who: RendererId) -> Image {
+        self.shell.viewer.viewport(who).expect("there is such a viewport").want_picture();
         self.frame();
         self.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
-        let pixels = self.shell.studio.side(who).and_then(|side| side.take_picture());
+        let pixels = self.shell.viewer.viewport(who).and_then(|viewport| viewport.take_picture());
         image_of(&pixels.expect("the picture is there")).expect("it has colours")
     }
 

@@ -49,7 +49,7 @@ fn parameters(program: &mut Program, first: &Pixels) {
     let passes = |event: &serde_json::Value| event["passes"].as_u64().expect("it has passes");
     let since = program.now();
     let started =
-        program.until(0, "the first plan", |event| event["who"] == "a" && event["event"] == "swapped");
+        program.until(0, "the first plan", |event| event["renderer"] == "a" && event["event"] == "swapped");
     // From 8 bits to about 4.
     let rail = program.control("param:digit_bits");
     let ([left, _, right, _], [_, y]) = (rail, middle(rail));

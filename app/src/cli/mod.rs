@@ -157,7 +157,7 @@ fn colour() -> bool {
 
 /// Prints an error with its causes, once, and gives the exit code.
 fn report(error: &anyhow::Error) -> ExitCode {
-    // Who closes our standard output early, like `head`, has seen enough.
+    // RendererId closes our standard output early, like `head`, has seen enough.
     let broken_pipe = |e: &(dyn std::error::Error + 'static)| {
         e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe)
     };

@@ -6,7 +6,7 @@ use crate::demo;
 use crate::image::{Format, Image};
 use crate::inspect::{self, Finding};
 use crate::progress::Progress;
-use crate::session::{FrameRequest, Session, image_of};
+use crate::session::{FrameOptions, Session, image_of};
 use crate::stats::CameraStats;
 use anyhow::{Context, Result, bail};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect};
@@ -56,8 +56,8 @@ pub struct Args {
     ///
     /// `keys` stands for the half of the pair that the pass writes, `scatter` for the last of `sort.scatter[0]`,
     /// `sort.scatter[1]`, ... Of a resource whose name begins with `keys` it is said whether its keys ascend.
-    #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = wish)]
-    inspect: Vec<Wish>,
+    #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = inspect_request)]
+    inspect: Vec<InspectRequest>,
     /// The device: a part of its name, or its index in `splatgraph devices`
     #[arg(long, value_name = "NAME|INDEX")]
     device: Option<String>,
@@ -68,13 +68,13 @@ pub struct Args {
 
 /// `RESOURCE@PASS[=FILE.npy]`.
 #[derive(Clone, Debug)]
-struct Wish {
+struct InspectRequest {
     resource: String,
     pass: String,
     file: Option<PathBuf>,
 }
 
-fn wish(text: &str) -> Result<Wish, String> {
+fn inspect_request(text: &str) -> Result<InspectRequest, String> {
     let (target, file) = match text.split_once('=') {
         Some((target, file)) if Format::of(Path::new(file)) == Some(Format::Npy) => {
             (target, Some(file.into()))
@@ -84,7 +84,7 @@ fn wish(text: &str) -> Result<Wish, String> {
     };
     match target.split_once('@') {
         Some((resource, pass)) if !resource.is_empty() && !pass.is_empty() => {
-            Ok(Wish { resource: resource.into(), pass: pass.into(), file })
+            Ok(InspectRequest { resource: resource.into(), pass: pass.into(), file })
         }
         _ => Err("expected RESOURCE@PASS, for instance keys@scatter".into()),
     }
@@ -115,7 +115,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut progress = Progress::new("drawing");
     for (index, camera) in cameras.iter().enumerate() {
         progress.set(index as u64, cameras.len() as u64, &camera.img_name);
-        let Drawn { stats, image, wishes } = draw(args, &mut session, camera, destination.is_some())?;
+        let Drawn { stats, image, requests } = draw(args, &mut session, camera, destination.is_some())?;
         // Where the JSON goes to standard output, it goes alone.
         let say = |line: String| {
             progress.suspend(|| {
@@ -134,9 +134,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
             }
             _ => say(format!("{}: {}", camera.img_name, stats.line()))?,
         }
-        for (finding, wish) in stats.inspected.iter().zip(wishes) {
+        for (finding, inspect_request) in stats.inspected.iter().zip(requests) {
             say(finding.text())?;
-            if let Some(file) = &args.inspect[wish].file {
+            if let Some(file) = &args.inspect[inspect_request].file {
                 finding.save(&per_camera(file, camera, cameras.len()))?;
             }
         }
@@ -236,7 +236,7 @@ struct Drawn {
     stats: CameraStats,
     image: Option<Image>,
     /// Which of `--inspect` each of the findings in `stats` answers. What the prologue leaves is found once per load.
-    wishes: Vec<usize>,
+    requests: Vec<usize>,
 }
 
 /// Draws the frames of one camera.
@@ -246,7 +246,7 @@ fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: boo
     let targets: Vec<Inspect> = args
         .inspect
         .iter()
-        .map(|wish| inspect::resolve(&plan, &wish.resource, &wish.pass))
+        .map(|inspect_request| inspect::resolve(&plan, &inspect_request.resource, &inspect_request.pass))
         .collect::<Result<_, _>>()?;
 
     let mut results = Vec::with_capacity(args.repeat as usize);
@@ -266,7 +266,7 @@ fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: boo
         // What the prologue leaves can only be read in the frame that runs it.
         let due = |target: &Inspect| if inspect::in_prologue(&plan, target) { first && loaded } else { last };
         let asked: Vec<usize> = (0..targets.len()).filter(|&i| due(&targets[i])).collect();
-        let request = FrameRequest {
+        let request = FrameOptions {
             background: args.background,
             read_output: wanted && last,
             inspect: asked.iter().map(|&i| targets[i]).collect(),
@@ -292,10 +292,13 @@ fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: boo
     let info = session.device().info();
     let size = (camera.width, camera.height);
     let mut stats = CameraStats::new((&camera.img_name, size), &plan, info, scene_count, &results, memory);
-    let found = findings.into_iter().enumerate().filter_map(|(wish, finding)| Some((wish, finding?)));
-    let wishes;
-    (wishes, stats.inspected) = found.unzip();
-    Ok(Drawn { stats, image, wishes })
+    let found = findings
+        .into_iter()
+        .enumerate()
+        .filter_map(|(inspect_request, finding)| Some((inspect_request, finding?)));
+    let requests;
+    (requests, stats.inspected) = found.unzip();
+    Ok(Drawn { stats, image, requests })
 }
 
 /// Makes and loads the plan, with progress.
@@ -364,9 +367,9 @@ mod tests {
 
     #[test]
     fn what_to_inspect_is_a_resource_a_pass_and_perhaps_a_file() {
-        let found = wish("keys#1@sort.scatter[2]=a/b.npy").unwrap();
+        let found = inspect_request("keys#1@sort.scatter[2]=a/b.npy").unwrap();
         assert_eq!((found.resource.as_str(), found.pass.as_str()), ("keys#1", "sort.scatter[2]"));
         assert_eq!(found.file, Some("a/b.npy".into()));
-        assert!(wish("keys@scatter=keys.txt").is_err());
+        assert!(inspect_request("keys@scatter=keys.txt").is_err());
     }
 }

@@ -3,11 +3,11 @@
 use super::options::{self, Drawing};
 use super::{Outcome, Usage};
 use crate::demo;
-use crate::view::events::Who;
+use crate::view::events::RendererId;
 use crate::view::paint::Mode;
 use crate::view::shell::Shell;
 use crate::view::viewer;
-use crate::view::window::{self, Opening};
+use crate::view::window::{self, WindowOptions};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use indexmap::IndexMap;
@@ -132,7 +132,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let validation = if args.validate { Validation::Synchronization } else { Validation::Off };
     let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
     let first = First::of(args)?;
-    let messages = window::run(Opening {
+    let messages = window::run(WindowOptions {
         scene,
         pipeline,
         set,
@@ -160,7 +160,7 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene,
         }
     };
     let scene = options::load_scene(&path)?;
-    let cameras = match (given, own, studio::cameras_of(&path)) {
+    let cameras = match (given, own, viewer::cameras_of(&path)) {
         (Some(cameras), ..) => cameras,
         (None, Some(own), _) => vec![own],
         (None, None, Some(file)) => Camera::load(&file)?,
@@ -220,18 +220,18 @@ impl First {
         shell.panels.performance = has(ShowPanel::Performance);
         shell.panels.graph = has(ShowPanel::Graph) || self.inspect.is_some();
         shell.panels.hidden = has(ShowPanel::None);
-        let studio = &mut shell.studio;
-        studio.background = self.background;
-        (studio.split, studio.gain, studio.scale) = (self.split, self.gain, self.scale);
+        let viewer = &mut shell.viewer;
+        viewer.background = self.background;
+        (viewer.split, viewer.gain, viewer.scale) = (self.split, self.gain, self.scale);
         if let Some((how, graph, set)) = self.compare {
-            studio.set_compare(how)?;
-            if let Some(b) = studio.side(Who::B) {
+            viewer.set_compare(how)?;
+            if let Some(b) = viewer.viewport(RendererId::B) {
                 let graph = graph.unwrap_or_else(|| b.renderer.graph().to_owned());
                 b.renderer.choose(&graph, set);
             }
         }
         if let Some((resource, pass)) = self.inspect {
-            studio.a.look_at(&resource, &pass);
+            viewer.a.look_at(&resource, &pass);
         }
         Ok(())
     }

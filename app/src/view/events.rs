@@ -1,6 +1,6 @@
 //! What happens in the viewer, for people (the log in the window) and programs (`--events`, one JSON object per line).
 
-use super::renderer::{Happening, Swap};
+use super::renderer::{RendererEvent, Swap};
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// Which renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Who {
+pub enum RendererId {
     /// The scene, as it is shown alone or left of the split line.
     A,
     /// What it is compared with.
@@ -17,23 +17,23 @@ pub enum Who {
     Window,
 }
 
-impl fmt::Display for Who {
+impl fmt::Display for RendererId {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(match self {
-            Who::A => "A",
-            Who::B => "B",
-            Who::Window => "window",
+            RendererId::A => "A",
+            RendererId::B => "B",
+            RendererId::Window => "window",
         })
     }
 }
 
-/// Something that happened.
+/// An event in the viewer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
     /// A new plan draws from now on; see [`Swap`].
     Swapped {
-        who: Who,
+        renderer: RendererId,
         graph: String,
         cause: String,
         passes: usize,
@@ -42,11 +42,11 @@ pub enum Event {
         latency_ms: f64,
     },
     /// There is no new plan; the one before goes on.
-    Failed { who: Who, text: String },
+    Failed { renderer: RendererId, text: String },
     /// What had failed does no longer.
-    Mended { who: Who },
+    Mended { renderer: RendererId },
     /// Parameters that the new graph does not have were forgotten.
-    Dropped { who: Who, parameters: Vec<String> },
+    Dropped { renderer: RendererId, parameters: Vec<String> },
     /// A scene was loaded.
     Scene { path: PathBuf, splats: u32, load_ms: f64 },
     /// A scene could not be loaded; the one before stays.
@@ -71,12 +71,12 @@ pub enum Event {
 }
 
 impl Event {
-    /// What happened to a renderer.
-    pub fn of(who: Who, happening: Happening) -> Event {
-        match happening {
-            Happening::Swapped(Swap { graph, cause, passes, plan_ms, prepare_ms, latency_ms }) => {
+    /// Names the renderer of an event.
+    pub fn of(renderer: RendererId, event: RendererEvent) -> Event {
+        match event {
+            RendererEvent::Swapped(Swap { graph, cause, passes, plan_ms, prepare_ms, latency_ms }) => {
                 Event::Swapped {
-                    who,
+                    renderer,
                     graph,
                     cause: cause.to_string(),
                     passes,
@@ -85,9 +85,9 @@ impl Event {
                     latency_ms,
                 }
             }
-            Happening::Failed(text) => Event::Failed { who, text },
-            Happening::Mended => Event::Mended { who },
-            Happening::Dropped(parameters) => Event::Dropped { who, parameters },
+            RendererEvent::Failed(text) => Event::Failed { renderer, text },
+            RendererEvent::Mended => Event::Mended { renderer },
+            RendererEvent::Dropped(parameters) => Event::Dropped { renderer, parameters },
         }
     }
 
@@ -101,15 +101,17 @@ impl Event {
 impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
-            Event::Swapped { who, graph, cause, passes, plan_ms, prepare_ms, latency_ms } => write!(
+            Event::Swapped { renderer, graph, cause, passes, plan_ms, prepare_ms, latency_ms } => write!(
                 f,
-                "{who}: {graph} after {cause}: {latency_ms:.0} ms to its first frame ({passes} passes; plan {plan_ms:.0} ms, \
+                "{renderer}: {graph} after {cause}: {latency_ms:.0} ms to its first frame ({passes} passes; plan {plan_ms:.0} ms, \
                  device {prepare_ms:.0} ms)"
             ),
-            Event::Failed { who, text } => write!(f, "{who}: {}", text.lines().next().unwrap_or_default()),
-            Event::Mended { who } => write!(f, "{who}: mended"),
-            Event::Dropped { who, parameters } => {
-                write!(f, "{who}: this graph has no parameter {}", parameters.join(", "))
+            Event::Failed { renderer, text } => {
+                write!(f, "{renderer}: {}", text.lines().next().unwrap_or_default())
+            }
+            Event::Mended { renderer } => write!(f, "{renderer}: mended"),
+            Event::Dropped { renderer, parameters } => {
+                write!(f, "{renderer}: this graph has no parameter {}", parameters.join(", "))
             }
             Event::Scene { path, splats, load_ms } => {
                 let splats = splatgraph_assets::grouped((*splats).into());

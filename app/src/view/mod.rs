@@ -5,7 +5,7 @@
 //! - [`renderer`]: a device with a graph that is kept up to date: built anew beside the frames when files, parameters or the
 //!   surroundings change;
 //! - [`side`]: a renderer of the scene, with what its frames took ([`history`]) and what of them is looked at;
-//! - [`studio`]: the scene, the camera ([`navigation`]), and one or two sides;
+//! - [`viewer`]: the scene, the camera ([`navigation`]), and one or two sides;
 //! - [`panels`]: the user interface around the pictures;
 //! - [`paint`] and [`shell`]: the graph of the window itself, which draws the pictures and the user interface over them;
 //! - [`window`]: winit's events in, frames out.
@@ -20,8 +20,8 @@ pub mod panels;
 pub mod profile;
 pub mod renderer;
 pub mod shell;
-pub mod viewport;
-pub mod viewer;
 #[cfg(test)]
 mod testing;
+pub mod viewer;
+pub mod viewport;
 pub mod window;

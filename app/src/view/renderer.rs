@@ -1,7 +1,7 @@
 //! A device with a graph that is kept up to date.
 //!
 //! A [`Renderer`] has a device, the name of a graph, and settings. When a file of the graph changes, or a constant parameter,
-//! or the [`World`] that the plan is made for, it has a new plan built and made ready on a thread of its own, while frames of
+//! or the [`PlanInputs`] that the plan is made for, it has a new plan built and made ready on a thread of its own, while frames of
 //! the plan of now go on, and swaps to it at the edge of a frame. When that fails, the plan of now stays and the failure is
 //! told. Live parameters need none of this: they go to the device with the next frame.
 //!
@@ -27,14 +27,14 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-pub use events::{Cause, Failure, Happening, Swap};
+pub use events::{Cause, Failure, RendererEvent, Swap};
 
 /// Called, from any thread, when there is something new to draw.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;
 
 /// What a plan is made for, besides its files and parameters.
 #[derive(Clone)]
-pub struct World {
+pub struct PlanInputs {
     /// What is drawn.
     pub scene: Arc<Scene>,
     /// What graphs can import.
@@ -45,9 +45,9 @@ pub struct World {
     pub share_memory: bool,
 }
 
-impl World {
+impl PlanInputs {
     /// Why a plan for `former` will not do for this one.
-    fn differs(&self, former: &World) -> Option<Cause> {
+    fn differs(&self, former: &PlanInputs) -> Option<Cause> {
         if self.scene.identity() != former.scene.identity() {
             Some(Cause::Scene)
         } else if self.size != former.size {
@@ -61,7 +61,7 @@ impl World {
 }
 
 /// A frame that is done.
-pub struct Done {
+pub struct FinishedFrame {
     /// What came of it.
     pub result: FrameResult,
     /// The plan that it is of.
@@ -72,21 +72,21 @@ pub struct Done {
     pub inspected: Vec<Inspect>,
 }
 
-struct Flight {
+struct FrameInFlight {
     frame: FrameId,
     plan: Arc<Plan>,
     inspected: Vec<Inspect>,
-    first: Option<Pending>,
+    first: Option<PendingSwap>,
 }
 
 /// A swap whose first frame is not done.
-struct Pending {
+struct PendingSwap {
     swap: Swap,
     asked: Instant,
 }
 
 /// The next plan to build.
-struct Wish {
+struct PendingBuild {
     cause: Cause,
     /// Since when it is waited for.
     asked: Instant,
@@ -103,17 +103,17 @@ pub struct Renderer<D: Device> {
     strict: bool,
     builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
     watcher: Watcher,
-    wish: Option<Wish>,
-    asked: Option<World>,
+    pending_build: Option<PendingBuild>,
+    asked: Option<PlanInputs>,
     state: LastGood<Arc<Plan>, Failure>,
     /// When it was polled last.
     now: Instant,
     params: Vec<Param>,
     size: (u32, u32),
-    pending: Option<Pending>,
-    flying: VecDeque<Flight>,
-    done: Vec<Done>,
-    happened: Vec<Happening>,
+    pending_swap: Option<PendingSwap>,
+    in_flight: VecDeque<FrameInFlight>,
+    done: Vec<FinishedFrame>,
+    events: Vec<RendererEvent>,
     /// The failure that was told last.
     failed: Option<String>,
     /// The attempt that is being built.
@@ -135,7 +135,7 @@ impl<D: Device> Renderer<D> {
         let builder = Rebuilder::new(builder, move || woken())?;
         let mut state = LastGood::new();
         let now = Instant::now();
-        let wish = Wish { cause: Cause::Start, asked: now, attempt: state.asked(now) };
+        let build = PendingBuild { cause: Cause::Start, asked: now, attempt: state.asked(now) };
         Ok(Renderer {
             device,
             graph: graph.to_owned(),
@@ -143,16 +143,16 @@ impl<D: Device> Renderer<D> {
             strict: true,
             builder,
             watcher,
-            wish: Some(wish),
+            pending_build: Some(build),
             asked: None,
             state,
             now,
             params: Vec::new(),
             size: (0, 0),
-            pending: None,
-            flying: VecDeque::new(),
+            pending_swap: None,
+            in_flight: VecDeque::new(),
             done: Vec::new(),
-            happened: Vec::new(),
+            events: Vec::new(),
             failed: None,
             building: None,
             progress: Arc::default(),
@@ -201,7 +201,7 @@ impl<D: Device> Renderer<D> {
 
     /// Whether a plan is being built, or waits to be.
     pub fn busy(&self) -> bool {
-        self.wish.is_some() || self.building.is_some() || self.state.due(self.now).is_some()
+        self.pending_build.is_some() || self.building.is_some() || self.state.due(self.now).is_some()
     }
 
     /// What of the building takes time just now, in words; empty where nothing is known.
@@ -255,14 +255,16 @@ impl<D: Device> Renderer<D> {
             Cause::Files(_) => self.state.changed(now),
             _ => self.state.asked(now),
         };
-        self.wish = Some(match self.wish.take() {
-            None => Wish { cause, asked, attempt },
-            Some(former) => Wish { cause: former.cause.and(cause), asked: former.asked.min(asked), attempt },
+        self.pending_build = Some(match self.pending_build.take() {
+            None => PendingBuild { cause, asked, attempt },
+            Some(former) => {
+                PendingBuild { cause: former.cause.and(cause), asked: former.asked.min(asked), attempt }
+            }
         });
     }
 
     /// Takes a plan that became ready, and has one built where something changed. To be called at the edge of every frame.
-    pub fn poll(&mut self, world: &World, now: Instant) -> Result<(), BackendError> {
+    pub fn poll(&mut self, inputs: &PlanInputs, now: Instant) -> Result<(), BackendError> {
         self.now = now;
         while let Some(output) = self.builder.poll() {
             match output {
@@ -273,22 +275,22 @@ impl<D: Device> Renderer<D> {
         if let Some(Change { files, first_seen }) = self.watcher.take() {
             self.want(Cause::Files(files), first_seen);
         }
-        if let Some(cause) = self.asked.as_ref().and_then(|former| world.differs(former)) {
+        if let Some(cause) = self.asked.as_ref().and_then(|former| inputs.differs(former)) {
             self.want(cause, now);
         }
         // A size of nothing has no pictures: the plan of before will do until there is one.
-        let drawable = world.size.0 > 0 && world.size.1 > 0;
+        let drawable = inputs.size.0 > 0 && inputs.size.1 > 0;
         if drawable
             && self.building.is_none()
-            && let Some(Wish { cause, asked, attempt }) = self.wish.take()
+            && let Some(PendingBuild { cause, asked, attempt }) = self.pending_build.take()
         {
-            self.asked = Some(world.clone());
+            self.asked = Some(inputs.clone());
             self.building = Some(attempt);
             self.builder.submit(Job {
                 graph: self.graph.clone(),
                 set: self.set.iter().map(|(name, value)| (name.clone(), value.clone())).collect(),
                 strict: self.strict,
-                world: world.clone(),
+                inputs: inputs.clone(),
                 device: self.device.info().facts.clone(),
                 loader: self.device.loader(),
                 cause,
@@ -299,8 +301,8 @@ impl<D: Device> Renderer<D> {
         let failure = self.state.error(now).map(|failure| failure.text(false));
         match (&failure, &self.failed) {
             (Some(new), Some(old)) if new == old => {}
-            (Some(new), _) => self.happened.push(Happening::Failed(new.clone())),
-            (None, Some(_)) => self.happened.push(Happening::Mended),
+            (Some(new), _) => self.events.push(RendererEvent::Failed(new.clone())),
+            (None, Some(_)) => self.events.push(RendererEvent::Mended),
             (None, None) => {}
         }
         self.failed = failure;
@@ -319,7 +321,7 @@ impl<D: Device> Renderer<D> {
             for name in &built.dropped {
                 self.set.shift_remove(name);
             }
-            self.happened.push(Happening::Dropped(built.dropped));
+            self.events.push(RendererEvent::Dropped(built.dropped));
         }
         let (plan, ready) = match built.outcome {
             Ok(made) => made,
@@ -330,7 +332,7 @@ impl<D: Device> Renderer<D> {
         };
         self.device.swap(ready)?;
         self.strict = false;
-        self.size = built.world.size;
+        self.size = built.inputs.size;
         self.params = plan.params.clone();
         let swap = Swap {
             graph: plan.name.clone(),
@@ -340,7 +342,7 @@ impl<D: Device> Renderer<D> {
             prepare_ms: built.prepare_ms,
             latency_ms: 0.0,
         };
-        self.pending = Some(Pending { swap, asked: built.asked });
+        self.pending_swap = Some(PendingSwap { swap, asked: built.asked });
         if let Some(attempt) = self.building.take() {
             self.state.succeeded(attempt, Arc::new(plan));
         }
@@ -360,16 +362,16 @@ impl<D: Device> Renderer<D> {
     /// Draws a frame, if there is a plan. `inputs` lacks the live parameters, which are the renderer's own.
     pub fn submit(&mut self, inputs: FrameInputs) -> Result<bool, BackendError> {
         let Some(plan) = self.state.good().cloned() else { return Ok(false) };
-        if self.flying.len() == FRAMES_IN_FLIGHT {
-            self.land()?;
+        if self.in_flight.len() == FRAMES_IN_FLIGHT {
+            self.wait_for_oldest()?;
         }
         zone!("submit");
         let inspected = inputs.inspect.clone();
         let inputs = FrameInputs { live: plan.live_bytes_of(&self.params), ..inputs };
         let frame = self.device.submit(&inputs)?;
-        let first = self.pending.take();
+        let first = self.pending_swap.take();
         let is_first = first.is_some();
-        self.flying.push_back(Flight { frame, plan, inspected, first });
+        self.in_flight.push_back(FrameInFlight { frame, plan, inspected, first });
         if is_first {
             // Once per swap, so that what is told of it is what it took.
             self.finish()?;
@@ -379,27 +381,27 @@ impl<D: Device> Renderer<D> {
 
     /// Waits for the frames that are being drawn.
     pub fn finish(&mut self) -> Result<(), BackendError> {
-        while !self.flying.is_empty() {
-            self.land()?;
+        while !self.in_flight.is_empty() {
+            self.wait_for_oldest()?;
         }
         Ok(())
     }
 
-    fn land(&mut self) -> Result<(), BackendError> {
-        let Some(flight) = self.flying.pop_front() else { return Ok(()) };
-        let result = self.device.wait(flight.frame)?;
-        let first = flight.first.is_some();
-        if let Some(Pending { swap, asked }) = flight.first {
+    fn wait_for_oldest(&mut self) -> Result<(), BackendError> {
+        let Some(frame) = self.in_flight.pop_front() else { return Ok(()) };
+        let result = self.device.wait(frame.frame)?;
+        let first = frame.first.is_some();
+        if let Some(PendingSwap { swap, asked }) = frame.first {
             let latency_ms = asked.elapsed().as_secs_f64() * 1e3;
-            self.happened.push(Happening::Swapped(Swap { latency_ms, ..swap }));
+            self.events.push(RendererEvent::Swapped(Swap { latency_ms, ..swap }));
         }
-        self.done.push(Done { result, plan: flight.plan, first, inspected: flight.inspected });
+        self.done.push(FinishedFrame { result, plan: frame.plan, first, inspected: frame.inspected });
         Ok(())
     }
 
     /// Whether the next frame is the first of its plan, the one that runs the prologue.
     pub fn is_first_next(&self) -> bool {
-        self.pending.is_some()
+        self.pending_swap.is_some()
     }
 
     /// Gives the device back.
@@ -408,13 +410,13 @@ impl<D: Device> Renderer<D> {
     }
 
     /// The frames that were finished since this was asked last, in the order of their submission.
-    pub fn take_done(&mut self) -> Vec<Done> {
+    pub fn take_done(&mut self) -> Vec<FinishedFrame> {
         std::mem::take(&mut self.done)
     }
 
-    /// What happened since this was asked last.
-    pub fn take_happened(&mut self) -> Vec<Happening> {
-        std::mem::take(&mut self.happened)
+    /// Takes the events since the last call.
+    pub fn take_events(&mut self) -> Vec<RendererEvent> {
+        std::mem::take(&mut self.events)
     }
 }
 

@@ -1,16 +1,16 @@
-//! The viewer without the window system: a [`Studio`], the panels around its picture, and the graph that draws both.
+//! The viewer without the window system: a [`Viewer`], the panels around its picture, and the graph that draws both.
 //!
 //! The window is a render graph like any other, `pipelines/view/window.ron`: it draws the pictures of the scene (alone, split, or
 //! their difference) and egui's triangles over them. A [`Shell`] turns input into a frame of that graph, which a window shows
 //! and a test reads back; it does not know which.
 
-use super::events::{Event, Who};
+use super::events::{Event, RendererId};
 use super::history::History;
 use super::paint::{self, Composition, Painted, Painter};
 use super::panels::{Command, Panels, Shown};
 use super::profile::{self, zone};
-use super::renderer::{Failure, Renderer, Wake, World};
-use super::viewer::{Studio, StudioError};
+use super::renderer::{Failure, PlanInputs, Renderer, Wake};
+use super::viewer::{Viewer, ViewerError};
 use egui::{Context, FontDefinitions, FontFamily, RawInput, Rect};
 use splatgraph_api::{BackendError, Device, FrameInputs, Pixels};
 use splatgraph_framework::ir::Catalog;
@@ -19,7 +19,7 @@ use std::time::Instant;
 
 /// How a frame is to be drawn.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Ask {
+pub struct FrameRequest {
     /// Of the window, in pixels.
     pub size: (u32, u32),
     /// Pixels per point of the user interface.
@@ -45,7 +45,7 @@ pub struct Frame {
 /// See the module's documentation.
 pub struct Shell<D: Device> {
     /// The pictures.
-    pub studio: Studio<D>,
+    pub viewer: Viewer<D>,
     /// What stands around them.
     pub panels: Panels,
     ctx: Context,
@@ -57,18 +57,18 @@ pub struct Shell<D: Device> {
 }
 
 impl<D: Device> Shell<D> {
-    /// A shell around a studio. `canvas` draws the window: if there is one, it is its device.
-    pub fn new(studio: Studio<D>, canvas: D, wake: Wake) -> Result<Shell<D>, StudioError> {
-        Shell::with_graph(studio, canvas, paint::GRAPH, wake)
+    /// A shell around a viewer. `canvas` draws the window: if there is one, it is its device.
+    pub fn new(viewer: Viewer<D>, canvas: D, wake: Wake) -> Result<Shell<D>, ViewerError> {
+        Shell::with_graph(viewer, canvas, paint::GRAPH, wake)
     }
 
     /// The same with a graph of the window's own, a built-in one's name or a path: it imports what [`paint::offer`] offers.
     pub fn with_graph(
-        studio: Studio<D>,
+        viewer: Viewer<D>,
         canvas: D,
         graph: &str,
         wake: Wake,
-    ) -> Result<Shell<D>, StudioError> {
+    ) -> Result<Shell<D>, ViewerError> {
         let ctx = Context::default();
         ctx.set_theme(egui::Theme::Dark);
         ctx.set_fonts(fonts());
@@ -79,7 +79,7 @@ impl<D: Device> Shell<D> {
         let mut catalog = Catalog::default();
         paint::offer(&mut catalog);
         Ok(Shell {
-            studio,
+            viewer,
             panels: Panels::default(),
             ctx,
             painter: Painter::default(),
@@ -111,34 +111,34 @@ impl<D: Device> Shell<D> {
     }
 
     /// Draws a frame: the input acts, the pictures are drawn, and the window with them.
-    pub fn frame(&mut self, input: RawInput, ask: Ask) -> Result<Frame, StudioError> {
+    pub fn frame(&mut self, input: RawInput, request: FrameRequest) -> Result<Frame, ViewerError> {
         zone!("window frame");
         for file in &input.dropped_files {
-            self.studio.open(file.path());
+            self.viewer.open(file.path());
         }
         let failure = self.canvas.failure().map(|failure| failure.text(true));
-        let mut shown: Option<Result<Shown, StudioError>> = None;
+        let mut shown: Option<Result<Shown, ViewerError>> = None;
         let output = self.ctx.run_ui(input, |ui| {
-            let (panels, studio) = (&mut self.panels, &mut self.studio);
+            let (panels, viewer) = (&mut self.panels, &mut self.viewer);
             let window = (&self.history, self.canvas.plan().map(|plan| plan.as_ref()));
-            shown = Some(panels.show(ui, studio, window, failure.as_deref()));
+            shown = Some(panels.show(ui, viewer, window, failure.as_deref()));
         });
         let pixels_per_point = output.pixels_per_point;
         let primitives = self.ctx.tessellate(output.shapes, pixels_per_point);
         let painted = self.painter.paint(output.textures_delta, &primitives, pixels_per_point);
         let Some(shown) = shown.transpose()? else { unreachable!("the closure runs at least once") };
 
-        let pixel = |v: f32| (v * ask.pixels_per_point).round().max(0.0) as u32;
+        let pixel = |v: f32| (v * request.pixels_per_point).round().max(0.0) as u32;
         let Rect { min, max } = shown.view;
         let (left, top) = (pixel(min.x), pixel(min.y));
         let view = [left, top, pixel(max.x).saturating_sub(left), pixel(max.y).saturating_sub(top)];
         let size = (view[2], view[3]);
-        self.studio.frame(size)?;
-        for event in self.studio.take_events() {
+        self.viewer.frame(size)?;
+        for event in self.viewer.take_events() {
             self.panels.tell(&event);
             self.events.push(event);
         }
-        let (drawn, picture) = self.paint(ask, view, &painted)?;
+        let (drawn, picture) = self.paint(request, view, &painted)?;
         profile::frame();
         Ok(Frame { platform: output.platform_output, commands: shown.commands, drawn, picture })
     }
@@ -146,35 +146,35 @@ impl<D: Device> Shell<D> {
     /// Draws the window.
     fn paint(
         &mut self,
-        ask: Ask,
+        request: FrameRequest,
         view: [u32; 4],
         painted: &Painted,
     ) -> Result<(bool, Option<Pixels>), BackendError> {
-        let world = World {
+        let inputs = PlanInputs {
             // Only its facts are asked for, and the window's graph asks for none of them.
-            scene: self.studio.shared_scene(),
+            scene: self.viewer.shared_scene(),
             catalog: self.catalog.clone(),
-            size: ask.size,
+            size: request.size,
             share_memory: true,
         };
-        self.canvas.poll(&world, Instant::now())?;
-        let [a, b] = self.studio.pictures().map(|picture| picture.map(Into::into));
+        self.canvas.poll(&inputs, Instant::now())?;
+        let [a, b] = self.viewer.pictures().map(|picture| picture.map(Into::into));
         let composition = Composition {
-            window: [ask.size.0, ask.size.1],
+            window: [request.size.0, request.size.1],
             view,
-            mode: self.studio.compare,
-            split: self.studio.split,
-            amplification: self.studio.gain,
+            mode: self.viewer.compare,
+            split: self.viewer.split,
+            amplification: self.viewer.gain,
             background: [0.0; 3],
             a,
             b,
         };
         let mut inputs =
-            FrameInputs { present: ask.present, read_output: ask.read, ..FrameInputs::default() };
+            FrameInputs { present: request.present, read_output: request.read, ..FrameInputs::default() };
         composition.give(&mut inputs);
         painted.give(&mut inputs.buffers);
         let drawn = self.canvas.submit(inputs)?;
-        if ask.read {
+        if request.read {
             self.canvas.finish()?;
         }
         let mut picture = None;
@@ -185,20 +185,20 @@ impl<D: Device> Shell<D> {
             self.history.push(&done.plan, &done.result);
             picture = done.result.output.take().or(picture);
         }
-        for happening in self.canvas.take_happened() {
-            let event = Event::of(Who::Window, happening);
+        for event in self.canvas.take_events() {
+            let event = Event::of(RendererId::Window, event);
             self.panels.tell(&event);
             self.events.push(event);
         }
         Ok((drawn, picture))
     }
 
-    /// What happened since this was asked last.
+    /// Takes the events since the last call.
     pub fn take_events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }
 
-    /// Tells something that happened outside.
+    /// Reports an event from outside of the shell.
     pub fn tell(&mut self, event: Event) {
         self.panels.tell(&event);
         self.events.push(event);
@@ -206,14 +206,14 @@ impl<D: Device> Shell<D> {
 
     /// Waits for the frames that are being drawn.
     pub fn finish(&mut self) -> Result<(), BackendError> {
-        self.studio.finish()?;
+        self.viewer.finish()?;
         self.canvas.finish()
     }
 
     /// Gives the device of the window back, after everything else is closed.
     pub fn into_device(self) -> D {
-        let Shell { studio, canvas, .. } = self;
-        drop(studio);
+        let Shell { viewer, canvas, .. } = self;
+        drop(viewer);
         canvas.into_device()
     }
 }

@@ -1,15 +1,15 @@
 //! Everything that the viewer does, without a window.
 //!
-//! A [`Studio`] has a scene, a camera, and one or two renderers of it: A, and B to compare it with. [`Studio::frame`] is one
+//! A [`Viewer`] has a scene, a camera, and one or two renderers of it: A, and B to compare it with. [`Viewer::frame`] is one
 //! turn: it takes what other threads have finished (plans, scenes, comparisons) and draws both pictures. Windows and tests
-//! drive it alike; what happened comes out as [`Event`]s.
+//! drive it alike; what happens comes out as [`Event`]s.
 
-use super::events::{Event, Who};
+use super::events::{Event, RendererId};
 use super::navigation::{self, Navigation};
 use super::paint::Mode;
 use super::profile::zone;
-use super::renderer::{Renderer, Wake, World};
-use super::viewport::Side;
+use super::renderer::{PlanInputs, Renderer, Wake};
+use super::viewport::Viewport;
 use crate::facts;
 use crate::metrics;
 use crate::session::image_of;
@@ -23,9 +23,9 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Instant;
 
-/// Why there is no studio.
+/// Why there is no viewer.
 #[derive(Debug, thiserror::Error)]
-pub enum StudioError {
+pub enum ViewerError {
     /// The device failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
@@ -41,7 +41,7 @@ enum Finished {
 }
 
 /// See the module's documentation.
-pub struct Studio<D: Device> {
+pub struct Viewer<D: Device> {
     scene: Arc<Scene>,
     scene_path: PathBuf,
     catalog: Arc<Catalog>,
@@ -52,9 +52,9 @@ pub struct Studio<D: Device> {
     /// Where the scene is seen from.
     pub navigation: Navigation,
     /// The picture, or its left part.
-    pub a: Side<D>,
+    pub a: Viewport<D>,
     /// What it is compared with. It stays, with its parameters, while it is not shown.
-    pub b: Option<Side<D>>,
+    pub b: Option<Viewport<D>>,
     /// How the two are shown.
     pub compare: Mode,
     /// Where the line is, as a share of the width.
@@ -72,26 +72,26 @@ pub struct Studio<D: Device> {
     wake: Wake,
 }
 
-impl<D: Device> Studio<D> {
-    /// A studio that draws `scene`, which came from `path`, with `graph` and the parameters of `set` changed.
+impl<D: Device> Viewer<D> {
+    /// A viewer that draws `scene`, which came from `path`, with `graph` and the parameters of `set` changed.
     pub fn new(
         device: D,
         (scene, path): (Scene, PathBuf),
         graph: &str,
         set: &[(String, String)],
         wake: Wake,
-    ) -> Result<Studio<D>, StudioError> {
+    ) -> Result<Viewer<D>, ViewerError> {
         let navigation = at_start(&scene);
         let catalog = Arc::new(facts::catalog(&scene));
         let renderer = Renderer::new(device, graph, set, wake.clone())?;
-        Ok(Studio {
+        Ok(Viewer {
             scene: Arc::new(scene),
             scene_path: path,
             catalog,
             cameras: Vec::new(),
             camera: None,
             navigation,
-            a: Side::new(renderer),
+            a: Viewport::new(renderer),
             b: None,
             compare: Mode::A,
             split: 0.5,
@@ -127,11 +127,11 @@ impl<D: Device> Studio<D> {
     }
 
     /// A picture by its name; B only once there is one.
-    pub fn side(&mut self, who: Who) -> Option<&mut Side<D>> {
-        match who {
-            Who::A => Some(&mut self.a),
-            Who::B => self.b.as_mut(),
-            Who::Window => None,
+    pub fn viewport(&mut self, id: RendererId) -> Option<&mut Viewport<D>> {
+        match id {
+            RendererId::A => Some(&mut self.a),
+            RendererId::B => self.b.as_mut(),
+            RendererId::Window => None,
         }
     }
 
@@ -142,13 +142,13 @@ impl<D: Device> Studio<D> {
     }
 
     /// Shows A alone, or both. B is at first what A is then.
-    pub fn set_compare(&mut self, compare: Mode) -> Result<(), StudioError> {
+    pub fn set_compare(&mut self, compare: Mode) -> Result<(), ViewerError> {
         self.compare = compare;
         if compare != Mode::A && self.b.is_none() {
             let a = &self.a.renderer;
             let set: Vec<_> = a.set().iter().map(|(name, value)| (name.clone(), value.clone())).collect();
             let device = a.device().beside()?;
-            self.b = Some(Side::new(Renderer::new(device, a.graph(), &set, self.wake.clone())?));
+            self.b = Some(Viewport::new(Renderer::new(device, a.graph(), &set, self.wake.clone())?));
         }
         Ok(())
     }
@@ -185,7 +185,7 @@ impl<D: Device> Studio<D> {
                 scene.identity();
             });
             let load_ms = begun.elapsed().as_secs_f64() * 1e3;
-            // A studio that is gone does not mind.
+            // A viewer that is gone does not mind.
             let _ = done.send(Finished::Scene { path, load_ms, scene: scene.map(Box::new) });
             wake();
         });
@@ -242,25 +242,25 @@ impl<D: Device> Studio<D> {
             self.take(finished);
         }
         let now = Instant::now();
-        let scaled = |side: u32| match side {
+        let scaled = |length: u32| match length {
             0 => 0,
-            _ => ((side as f32 * self.scale).round() as u32).max(1),
+            _ => ((length as f32 * self.scale).round() as u32).max(1),
         };
         let size = (scaled(size.0), scaled(size.1));
         let camera = self.navigation.camera(size.0.max(1), size.1.max(1));
         let shown_b = self.b.as_mut().filter(|_| self.compare != Mode::A);
-        let sides = [Some((Who::A, &mut self.a)), shown_b.map(|b| (Who::B, b))];
-        for (who, side) in sides.into_iter().flatten() {
-            let world = World {
+        let viewports = [Some((RendererId::A, &mut self.a)), shown_b.map(|b| (RendererId::B, b))];
+        for (id, viewport) in viewports.into_iter().flatten() {
+            let inputs = PlanInputs {
                 scene: self.scene.clone(),
                 catalog: self.catalog.clone(),
                 size,
-                share_memory: side.inspection.is_none(),
+                share_memory: viewport.inspection.is_none(),
             };
-            side.renderer.poll(&world, now)?;
-            side.draw(&self.scene, &camera, self.background)?;
-            let happened = side.renderer.take_happened();
-            self.events.extend(happened.into_iter().map(|happening| Event::of(who, happening)));
+            viewport.renderer.poll(&inputs, now)?;
+            viewport.draw(&self.scene, &camera, self.background)?;
+            let events = viewport.renderer.take_events();
+            self.events.extend(events.into_iter().map(|event| Event::of(id, event)));
         }
         self.compare_pictures();
         Ok(())
@@ -268,28 +268,28 @@ impl<D: Device> Studio<D> {
 
     /// The pictures that were drawn last.
     pub fn pictures(&self) -> [Option<Picture>; 2] {
-        let of = |side: &Side<D>| side.renderer.device().picture();
+        let of = |viewport: &Viewport<D>| viewport.renderer.device().picture();
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [of(&self.a), b.and_then(of)]
     }
 
-    /// What happened since this was asked last.
+    /// Takes the events since the last call.
     pub fn take_events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }
 
     /// Gives A's device back, after everything else is closed.
     pub fn into_device(self) -> D {
-        let Studio { a, b, .. } = self;
+        let Viewer { a, b, .. } = self;
         drop(b);
         a.renderer.into_device()
     }
 
     /// Waits for the frames that are being drawn.
     pub fn finish(&mut self) -> Result<(), BackendError> {
-        for side in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
-            side.renderer.finish()?;
-            side.collect();
+        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+            viewport.renderer.finish()?;
+            viewport.collect();
         }
         Ok(())
     }
@@ -327,7 +327,7 @@ impl<D: Device> Studio<D> {
         }
     }
 
-    /// Once both pictures of [`Studio::measure`] are there, compares them on a thread of their own.
+    /// Once both pictures of [`Viewer::measure`] are there, compares them on a thread of their own.
     fn compare_pictures(&mut self) {
         let Some(b) = self.b.as_mut().filter(|_| self.comparing) else { return };
         let (true, true) = (self.a.has_picture(), b.has_picture()) else { return };

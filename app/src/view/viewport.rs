@@ -37,7 +37,7 @@ impl Inspection {
 }
 
 /// See the module's documentation.
-pub struct Side<D: Device> {
+pub struct Viewport<D: Device> {
     /// Draws it.
     pub renderer: Renderer<D>,
     /// What the frames took.
@@ -46,7 +46,7 @@ pub struct Side<D: Device> {
     pub inspection: Option<Inspection>,
     /// The graph's statistics, as of the newest frame that is done.
     pub stats: Vec<(String, u32)>,
-    /// The picture is read back when this is set; see [`Side::take_picture`].
+    /// The picture is read back when this is set; see [`Viewport::take_picture`].
     wants_picture: bool,
     picture: Option<Pixels>,
     frames: u32,
@@ -54,9 +54,9 @@ pub struct Side<D: Device> {
     track: GpuTrack,
 }
 
-impl<D: Device> Side<D> {
-    pub(super) fn new(renderer: Renderer<D>) -> Side<D> {
-        Side {
+impl<D: Device> Viewport<D> {
+    pub(super) fn new(renderer: Renderer<D>) -> Viewport<D> {
+        Viewport {
             renderer,
             history: History::default(),
             inspection: None,

@@ -5,8 +5,8 @@
 
 use super::events::Event;
 use super::panels::{Command, Controls};
-use super::shell::{Ask, Shell};
-use super::viewer::Studio;
+use super::shell::{FrameRequest, Shell};
+use super::viewer::Viewer;
 use crate::session::image_of;
 use anyhow::{Context as _, Result, anyhow, bail};
 use egui::RawInput;
@@ -35,7 +35,7 @@ const BUILDING: Duration = Duration::from_millis(10);
 pub type Setup = Box<dyn FnOnce(&mut Shell<Vulkan>) -> Result<()>>;
 
 /// What to open.
-pub struct Opening {
+pub struct WindowOptions {
     pub scene: (Scene, PathBuf),
     pub pipeline: String,
     pub set: Vec<(String, String)>,
@@ -58,7 +58,7 @@ pub struct Opening {
 ///
 /// # Errors
 /// Without a display, without a device that can show pictures on it, or when the device fails.
-pub fn run(opening: Opening) -> Result<Vec<String>> {
+pub fn run(options: WindowOptions) -> Result<Vec<String>> {
     super::profile::start();
     let events = EventLoop::new().map_err(|error| {
         // What stands before is where winit found out.
@@ -67,14 +67,14 @@ pub fn run(opening: Opening) -> Result<Vec<String>> {
         anyhow!("there is no display to open a window on ({why}); `splatgraph render` draws without one")
     })?;
     let mut app =
-        App { proxy: events.create_proxy(), opening: Some(opening), running: None, outcome: Ok(Vec::new()) };
+        App { proxy: events.create_proxy(), options: Some(options), running: None, outcome: Ok(Vec::new()) };
     events.run_app(&mut app)?;
     app.outcome
 }
 
 struct App {
     proxy: EventLoopProxy<()>,
-    opening: Option<Opening>,
+    options: Option<WindowOptions>,
     running: Option<Running>,
     outcome: Result<Vec<String>>,
 }
@@ -104,25 +104,25 @@ struct Closing {
 }
 
 impl App {
-    fn open(&mut self, target: &ActiveEventLoop, opening: Opening) -> Result<()> {
+    fn open(&mut self, target: &ActiveEventLoop, options: WindowOptions) -> Result<()> {
         let attributes = Window::default_attributes()
-            .with_title(title(&opening.scene.1))
-            .with_inner_size(PhysicalSize::new(opening.size.0, opening.size.1));
+            .with_title(title(&options.scene.1))
+            .with_inner_size(PhysicalSize::new(options.size.0, options.size.1));
         let window = Arc::new(target.create_window(attributes).context("the window cannot be opened")?);
         let size = window.inner_size();
-        let mut canvas = Vulkan::open_in_window(&opening.device, window.clone(), (size.width, size.height))?;
-        canvas.set_vsync(opening.vsync);
+        let mut canvas = Vulkan::open_in_window(&options.device, window.clone(), (size.width, size.height))?;
+        canvas.set_vsync(options.vsync);
         let proxy = self.proxy.clone();
         // A loop that has ended needs no waking.
         let wake: super::renderer::Wake = Arc::new(move || {
             let _ = proxy.send_event(());
         });
         let device = splatgraph_api::Device::beside(&canvas)?;
-        let mut studio = Studio::new(device, opening.scene, &opening.pipeline, &opening.set, wake.clone())?;
-        studio.set_cameras(opening.cameras);
-        let mut shell = Shell::new(studio, canvas, wake)?;
-        shell.panels.vsync = opening.vsync;
-        (opening.setup)(&mut shell)?;
+        let mut viewer = Viewer::new(device, options.scene, &options.pipeline, &options.set, wake.clone())?;
+        viewer.set_cameras(options.cameras);
+        let mut shell = Shell::new(viewer, canvas, wake)?;
+        shell.panels.vsync = options.vsync;
+        (options.setup)(&mut shell)?;
         let input = egui_winit::State::new(
             shell.context().clone(),
             egui::ViewportId::ROOT,
@@ -140,8 +140,8 @@ impl App {
             minimised: (false, Instant::now()),
             drawn: false,
             frames: 0,
-            closing: Closing { screenshot: opening.screenshot, frames: opening.frames },
-            log: opening.events.map(EventLog::new),
+            closing: Closing { screenshot: options.screenshot, frames: options.frames },
+            log: options.events.map(EventLog::new),
             save: None,
             save_a: None,
         });
@@ -158,8 +158,8 @@ impl App {
 
 impl ApplicationHandler<()> for App {
     fn resumed(&mut self, target: &ActiveEventLoop) {
-        if let Some(opening) = self.opening.take()
-            && let Err(error) = self.open(target, opening)
+        if let Some(options) = self.options.take()
+            && let Err(error) = self.open(target, options)
         {
             self.end(target, Err(error));
         }
@@ -236,18 +236,18 @@ impl Running {
         let size = self.window.inner_size();
         let input: RawInput = self.input.take_egui_input(&self.window);
         // What was asked for is shown: nothing is being built any more.
-        let settled = self.frames >= self.closing.frames.unwrap_or(3) && !self.shell.studio.busy();
+        let settled = self.frames >= self.closing.frames.unwrap_or(3) && !self.shell.viewer.busy();
         let mut close = settled && (self.closing.screenshot.is_some() || self.closing.frames.is_some());
         if settled && let Some(path) = &self.closing.screenshot {
             self.save = Some(path.clone());
         }
-        let ask = Ask {
+        let request = FrameRequest {
             size: (size.width, size.height),
             pixels_per_point: egui_winit::pixels_per_point(self.shell.context(), &self.window),
             present: true,
             read: self.save.is_some(),
         };
-        let frame = self.shell.frame(input, ask)?;
+        let frame = self.shell.frame(input, request)?;
         if let Some(failure) = self.shell.is_blind() {
             bail!("the window's own graph cannot be drawn\n{}", failure.text(false));
         }
@@ -261,7 +261,7 @@ impl Running {
             }
         }
         if let Some(path) = self.save_a.clone()
-            && let Some(pixels) = self.shell.studio.a.take_picture()
+            && let Some(pixels) = self.shell.viewer.a.take_picture()
         {
             self.save_a = None;
             // What went wrong is told in the window.
@@ -269,26 +269,26 @@ impl Running {
         }
         close &= self.save.is_none();
         for command in frame.commands {
-            self.obey(command);
+            self.apply(command);
         }
         self.drawn = frame.drawn;
         self.frames += u64::from(frame.drawn);
         let events = self.shell.take_events();
         if let Some(log) = &mut self.log {
-            log.write(events, &self.shell.panels.controls, &ask)?;
+            log.write(events, &self.shell.panels.controls, &request)?;
             if frame.drawn {
-                log.write_line(&Event::Frame { number: self.frames, busy: self.shell.studio.busy() })?;
+                log.write_line(&Event::Frame { number: self.frames, busy: self.shell.viewer.busy() })?;
             }
             log.out.flush()?;
         }
         Ok(close)
     }
 
-    fn obey(&mut self, command: Command) {
+    fn apply(&mut self, command: Command) {
         match command {
             Command::Screenshot => self.save = Some(fresh_name("splatgraph-window")),
             Command::SavePicture => {
-                self.shell.studio.a.want_picture();
+                self.shell.viewer.a.want_picture();
                 self.save_a = Some(fresh_name("splatgraph"));
             }
             Command::Vsync(vsync) => self.shell.canvas_mut().set_vsync(vsync),
@@ -355,8 +355,8 @@ impl EventLog {
         EventLog { out: BufWriter::new(out), begun: Instant::now(), window: None, controls: BTreeMap::new() }
     }
 
-    fn write(&mut self, mut all: Vec<Event>, controls: &Controls, ask: &Ask) -> Result<()> {
-        let Ask { size: (width, height), pixels_per_point, .. } = *ask;
+    fn write(&mut self, mut all: Vec<Event>, controls: &Controls, request: &FrameRequest) -> Result<()> {
+        let FrameRequest { size: (width, height), pixels_per_point, .. } = *request;
         let window = Event::Window { width, height, pixels_per_point };
         if self.window.as_ref() != Some(&window) {
             self.window = Some(window.clone());

@@ -1,7 +1,7 @@
 //! The plan, as `splatgraph dump` tells it: passes in order, the barriers between them, what each touches.
 
 use super::Controls;
-use crate::view::viewport::Side;
+use crate::view::viewport::Viewport;
 use egui::{Color32, RichText, ScrollArea, Ui};
 use splatgraph_api::Device;
 use splatgraph_framework::dump::{self, Dump, DumpBarrier, DumpPass, DumpTouch};
@@ -38,13 +38,13 @@ struct Clicked {
 
 impl State {
     /// Draws the panel.
-    pub fn show<D: Device>(&mut self, ui: &mut Ui, side: &mut Side<D>, controls: &mut Controls) {
-        let Some(plan) = side.renderer.plan().cloned() else { return };
+    pub fn show<D: Device>(&mut self, ui: &mut Ui, viewport: &mut Viewport<D>, controls: &mut Controls) {
+        let Some(plan) = viewport.renderer.plan().cloned() else { return };
         if !self.dumped.as_ref().is_some_and(|(of, _)| Arc::ptr_eq(of, &plan)) {
             self.dumped = Some((plan.clone(), dump::dump(&plan)));
         }
         let Some((_, dump)) = &self.dumped else { return };
-        let times = side.history.medians(&plan);
+        let times = viewport.history.medians(&plan);
         let ms = |pass: &str| times.iter().find(|(name, _)| name == pass).map(|(_, ms)| *ms);
         let frame = dump.totals.frame;
         ui.label(format!(
@@ -81,7 +81,7 @@ impl State {
             self.open = if self.open.as_ref() == Some(&open) { None } else { Some(open) };
         }
         if let Some((resource, pass)) = clicked.look {
-            side.look_at(&resource, &pass);
+            viewport.look_at(&resource, &pass);
         }
     }
 }

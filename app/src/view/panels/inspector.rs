@@ -2,7 +2,7 @@
 
 use super::Controls;
 use crate::inspect::{Finding, ReadAs};
-use crate::view::viewport::{Inspection, Side};
+use crate::view::viewport::{Inspection, Viewport};
 use egui::{Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};
 use splatgraph_api::Device;
@@ -31,23 +31,23 @@ pub struct State {
 
 impl State {
     /// Draws the panel.
-    pub fn show<D: Device>(&mut self, ui: &mut Ui, side: &mut Side<D>, controls: &mut Controls) {
-        let Some(plan) = side.renderer.plan().cloned() else { return };
+    pub fn show<D: Device>(&mut self, ui: &mut Ui, viewport: &mut Viewport<D>, controls: &mut Controls) {
+        let Some(plan) = viewport.renderer.plan().cloned() else { return };
         ui.horizontal(|ui| {
             let keys = ui.button("Are the keys sorted?");
             controls.see("keys_sorted", keys.rect);
             if keys.on_hover_text("Reads the sorted keys back, and says whether they ascend").clicked() {
                 match sorted_keys(&plan) {
-                    Some((resource, pass)) => side.look_at(&resource, &pass),
-                    None => side.cannot_look("this plan has no resource whose name begins with `keys` and that a pass of it writes"),
+                    Some((resource, pass)) => viewport.look_at(&resource, &pass),
+                    None => viewport.cannot_look("this plan has no resource whose name begins with `keys` and that a pass of it writes"),
                 }
             }
-            if side.inspection.is_some() && ui.button("Close").clicked() {
-                side.inspection = None;
+            if viewport.inspection.is_some() && ui.button("Close").clicked() {
+                viewport.inspection = None;
             }
         });
-        let number = side.readings();
-        let Some(inspection) = &mut side.inspection else {
+        let number = viewport.readings();
+        let Some(inspection) = &mut viewport.inspection else {
             ui.weak("Click a resource of a pass to see what it holds then. While one is looked at, resources do not share memory.");
             return;
         };

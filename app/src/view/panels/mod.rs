@@ -1,7 +1,7 @@
 //! What stands around the picture: parameters and presets at the left, times and memory at the right, the graph and what its
 //! resources hold below, mistakes over the picture.
 //!
-//! Panels read and change a [`Studio`]; they know no window, so that tests click through them without one.
+//! Panels read and change a [`Viewer`]; they know no window, so that tests click through them without one.
 
 mod failures;
 mod graph;
@@ -11,10 +11,10 @@ mod performance;
 mod pointer;
 mod presets;
 
-use super::events::{Event, Who};
+use super::events::{Event, RendererId};
 use super::history::History;
 use super::paint::Mode;
-use super::viewer::{Studio, StudioError};
+use super::viewer::{Viewer, ViewerError};
 use egui::{Align2, CentralPanel, Color32, Context, Frame, Panel, Rect, RichText, Ui};
 use presets::{Presets, file_name};
 use splatgraph_api::Device;
@@ -91,7 +91,7 @@ pub struct Panels {
     /// Whether frames wait for the display.
     pub vsync: bool,
     /// Whose parameters and times are shown.
-    pub side: Who,
+    pub selected: RendererId,
     /// Where controls stand.
     pub controls: Controls,
     /// The list of keys.
@@ -119,7 +119,7 @@ impl Default for Panels {
             performance: true,
             graph: false,
             vsync: true,
-            side: Who::A,
+            selected: RendererId::A,
             controls: Controls::default(),
             help: false,
             presets: Presets::new(),
@@ -146,29 +146,29 @@ impl Panels {
         }
     }
 
-    /// Draws the panels, and lets the person's input act on the studio.
+    /// Draws the panels, and lets the person's input act on the viewer.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
-        studio: &mut Studio<D>,
+        viewer: &mut Viewer<D>,
         (window, window_plan): (&History, Option<&Plan>),
         window_failure: Option<&str>,
-    ) -> Result<Shown, StudioError> {
+    ) -> Result<Shown, ViewerError> {
         self.controls.now.clear();
         let mut commands = Vec::new();
-        self.time(studio.a.history.frames());
-        self.keys(ui.ctx(), studio, &mut commands);
-        if studio.b.is_none() {
-            self.side = Who::A;
+        self.time(viewer.a.history.frames());
+        self.keys(ui.ctx(), viewer, &mut commands);
+        if viewer.b.is_none() {
+            self.selected = RendererId::A;
         }
         if !self.hidden {
-            Panel::top("menu").show(ui, |ui| self.menu(ui, studio, &mut commands)).inner?;
-            Panel::bottom("status").show(ui, |ui| self.status(ui, studio));
+            Panel::top("menu").show(ui, |ui| self.menu(ui, viewer, &mut commands)).inner?;
+            Panel::bottom("status").show(ui, |ui| self.status(ui, viewer));
             if self.graph {
                 Panel::bottom("graph")
                     .resizable(true)
                     .default_size(280.0)
-                    .show(ui, |ui| self.graph_panel(ui, studio));
+                    .show(ui, |ui| self.graph_panel(ui, viewer));
             }
             // However small the window is, some of the picture is to be seen.
             let most = 0.45 * ui.available_width();
@@ -177,7 +177,7 @@ impl Panels {
                     .resizable(true)
                     .default_size(290.0)
                     .max_size(most)
-                    .show(ui, |ui| self.settings_panel(ui, studio));
+                    .show(ui, |ui| self.settings_panel(ui, viewer));
             }
             if self.performance {
                 let panel = Panel::right("performance").resizable(true).default_size(310.0);
@@ -187,11 +187,11 @@ impl Panels {
                         // Room for the scroll bar.
                         ui.set_max_width((ui.available_width() - 10.0).max(0.0));
                         let frame_ms: Vec<f64> = self.frame_ms.iter().copied().collect();
-                        let loaded = studio.scene().count();
-                        if let Some(side) = studio.side(self.side) {
+                        let loaded = viewer.scene().count();
+                        if let Some(viewport) = viewer.viewport(self.selected) {
                             performance::show(
                                 ui,
-                                side,
+                                viewport,
                                 loaded,
                                 &frame_ms,
                                 (window, window_plan),
@@ -202,8 +202,8 @@ impl Panels {
                 });
             }
         }
-        let view = CentralPanel::no_frame().show(ui, |ui| self.view(ui, studio)).inner;
-        self.mistakes(ui.ctx(), studio, window_failure, view);
+        let view = CentralPanel::no_frame().show(ui, |ui| self.view(ui, viewer)).inner;
+        self.mistakes(ui.ctx(), viewer, window_failure, view);
         self.help_window(ui.ctx());
         Ok(Shown { view, commands })
     }
@@ -223,7 +223,7 @@ impl Panels {
         }
     }
 
-    fn keys<D: Device>(&mut self, ctx: &Context, studio: &mut Studio<D>, commands: &mut Vec<Command>) {
+    fn keys<D: Device>(&mut self, ctx: &Context, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
         if ctx.egui_wants_keyboard_input() {
             return;
         }
@@ -247,20 +247,20 @@ impl Panels {
             commands.push(Command::Vsync(self.vsync));
         }
         let step = i64::from(pressed(egui::Key::CloseBracket)) - i64::from(pressed(egui::Key::OpenBracket));
-        if step != 0 && !studio.cameras.is_empty() {
-            let now = studio.camera.map_or(if step > 0 { -1 } else { 0 }, |camera| camera as i64);
-            let next = (now + step).rem_euclid(studio.cameras.len() as i64) as usize;
-            studio.look_through(next);
+        if step != 0 && !viewer.cameras.is_empty() {
+            let now = viewer.camera.map_or(if step > 0 { -1 } else { 0 }, |camera| camera as i64);
+            let next = (now + step).rem_euclid(viewer.cameras.len() as i64) as usize;
+            viewer.look_through(next);
         }
     }
 
     fn menu<D: Device>(
         &mut self,
         ui: &mut Ui,
-        studio: &mut Studio<D>,
+        viewer: &mut Viewer<D>,
         commands: &mut Vec<Command>,
-    ) -> Result<(), StudioError> {
-        let mut compare = studio.compare;
+    ) -> Result<(), ViewerError> {
+        let mut compare = viewer.compare;
         ui.horizontal_wrapped(|ui| {
             for (name, open) in [
                 ("Settings", &mut self.settings),
@@ -277,26 +277,28 @@ impl Panels {
                 self.controls.see(&format!("compare:{name}"), response.rect);
             }
             if compare != Mode::A {
-                ui.selectable_value(&mut self.side, Who::A, "A").on_hover_text("Settings and times of A");
-                let b =
-                    ui.selectable_value(&mut self.side, Who::B, "B").on_hover_text("Settings and times of B");
-                self.controls.see("side:B", b.rect);
+                ui.selectable_value(&mut self.selected, RendererId::A, "A")
+                    .on_hover_text("Settings and times of A");
+                let b = ui
+                    .selectable_value(&mut self.selected, RendererId::B, "B")
+                    .on_hover_text("Settings and times of B");
+                self.controls.see("viewport:B", b.rect);
                 if ui.button("swap").on_hover_text("A becomes B, and B becomes A").clicked() {
-                    studio.exchange();
+                    viewer.exchange();
                 }
                 let measure =
                     ui.button("measure").on_hover_text("PSNR and SSIM of A against B, as they are now");
                 self.controls.see("measure", measure.rect);
                 if measure.clicked() {
-                    studio.measure();
+                    viewer.measure();
                 }
             }
             if compare == Mode::Difference {
-                ui.add(egui::Slider::new(&mut studio.gain, 1.0..=256.0).logarithmic(true).text("x"))
+                ui.add(egui::Slider::new(&mut viewer.gain, 1.0..=256.0).logarithmic(true).text("x"))
                     .on_hover_text("How much the difference is amplified");
             }
             ui.separator();
-            let scale = egui::DragValue::new(&mut studio.scale).range(0.1..=2.0).speed(0.01).prefix("scale ");
+            let scale = egui::DragValue::new(&mut viewer.scale).range(0.1..=2.0).speed(0.01).prefix("scale ");
             let scale = ui.add(scale.update_while_editing(false));
             self.controls.see("scale", scale.rect);
             scale.on_hover_text("Pixels that are drawn per pixel of the window, across and down");
@@ -312,28 +314,28 @@ impl Panels {
                 self.help = !self.help;
             }
         });
-        match compare == studio.compare {
+        match compare == viewer.compare {
             true => Ok(()),
-            false => studio.set_compare(compare),
+            false => viewer.set_compare(compare),
         }
     }
 
-    fn status<D: Device>(&mut self, ui: &mut Ui, studio: &mut Studio<D>) {
+    fn status<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         ui.horizontal(|ui| {
             ui.set_min_height(STATUS);
-            if let Some(path) = studio.loading() {
+            if let Some(path) = viewer.loading() {
                 ui.spinner();
                 ui.label(format!("loading {}", path.display()));
             }
-            for who in [Who::A, Who::B] {
-                let Some(side) = studio.side(who) else { continue };
-                let progress = side.renderer.progress();
+            for id in [RendererId::A, RendererId::B] {
+                let Some(viewport) = viewer.viewport(id) else { continue };
+                let progress = viewport.renderer.progress();
                 if !progress.is_empty() {
                     ui.spinner();
-                    ui.label(format!("{who}: {progress}"));
+                    ui.label(format!("{id}: {progress}"));
                 }
             }
-            let watching = studio.a.renderer.watching();
+            let watching = viewer.a.renderer.watching();
             if watching != WatchKind::Events {
                 ui.colored_label(
                     Color32::from_rgb(230, 200, 120),
@@ -347,63 +349,63 @@ impl Panels {
         });
     }
 
-    fn settings_panel<D: Device>(&mut self, ui: &mut Ui, studio: &mut Studio<D>) {
+    fn settings_panel<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            let scene = file_name(&studio.scene_path().to_string_lossy());
-            let command = format!("splatgraph render {}", studio.scene_path().display());
-            let cameras: Vec<String> = studio.cameras.iter().enumerate().map(camera_name).collect();
-            ui.label(RichText::new(scene).strong()).on_hover_text(studio.scene_path().display().to_string());
+            let scene = file_name(&viewer.scene_path().to_string_lossy());
+            let command = format!("splatgraph render {}", viewer.scene_path().display());
+            let cameras: Vec<String> = viewer.cameras.iter().enumerate().map(camera_name).collect();
+            ui.label(RichText::new(scene).strong()).on_hover_text(viewer.scene_path().display().to_string());
             let mut chosen = None;
             if !cameras.is_empty() {
-                let now = studio.camera.and_then(|index| cameras.get(index)).cloned().unwrap_or_default();
+                let now = viewer.camera.and_then(|index| cameras.get(index)).cloned().unwrap_or_default();
                 egui::ComboBox::from_label("camera").selected_text(now).show_ui(ui, |ui| {
                     for (index, name) in cameras.iter().enumerate() {
-                        if ui.selectable_label(studio.camera == Some(index), name).clicked() {
+                        if ui.selectable_label(viewer.camera == Some(index), name).clicked() {
                             chosen = Some(index);
                         }
                     }
                 });
             }
             if let Some(index) = chosen {
-                studio.look_through(index);
+                viewer.look_through(index);
             }
-            let Some(side) = studio.side(self.side) else { return };
-            let title = match self.side {
-                Who::B => "Graph of B",
+            let Some(viewport) = viewer.viewport(self.selected) else { return };
+            let title = match self.selected {
+                RendererId::B => "Graph of B",
                 _ => "Graph",
             };
-            egui::CollapsingHeader::new(format!("{title}: {}", file_name(side.renderer.graph())))
+            egui::CollapsingHeader::new(format!("{title}: {}", file_name(viewport.renderer.graph())))
                 .id_salt("presets")
                 .default_open(true)
                 .show(ui, |ui| {
-                    self.presets.show(ui, &mut side.renderer, &mut self.controls);
+                    self.presets.show(ui, &mut viewport.renderer, &mut self.controls);
                 });
-            let command = format!("{command} --pipeline {}", side.renderer.graph());
+            let command = format!("{command} --pipeline {}", viewport.renderer.graph());
             egui::CollapsingHeader::new("Parameters").default_open(true).show(ui, |ui| {
-                params::show(ui, &mut side.renderer, &command, &mut self.controls);
+                params::show(ui, &mut viewport.renderer, &command, &mut self.controls);
             });
         });
     }
 
-    fn graph_panel<D: Device>(&mut self, ui: &mut Ui, studio: &mut Studio<D>) {
-        let Some(side) = studio.side(self.side) else { return };
+    fn graph_panel<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+        let Some(viewport) = viewer.viewport(self.selected) else { return };
         let width = ui.available_width();
         Panel::right("inspector").resizable(true).default_size(0.45 * width).min_size(0.3 * width).show(
             ui,
             |ui| {
-                self.inspector.show(ui, side, &mut self.controls);
+                self.inspector.show(ui, viewport, &mut self.controls);
             },
         );
-        self.graph_state.show(ui, side, &mut self.controls);
+        self.graph_state.show(ui, viewport, &mut self.controls);
     }
 
     /// The part of the window where the picture is; the person moves the camera there.
-    fn view<D: Device>(&mut self, ui: &mut Ui, studio: &mut Studio<D>) -> Rect {
+    fn view<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) -> Rect {
         let rect = ui.max_rect();
         self.controls.see("view", rect);
-        self.drag.act(ui, rect, studio);
-        if studio.a.renderer.plan().is_none() && studio.a.renderer.failure().is_none() {
-            let text = match studio.a.renderer.progress() {
+        self.drag.act(ui, rect, viewer);
+        if viewer.a.renderer.plan().is_none() && viewer.a.renderer.failure().is_none() {
+            let text = match viewer.a.renderer.progress() {
                 progress if progress.is_empty() => "building the plan".to_owned(),
                 progress => progress,
             };
@@ -422,14 +424,14 @@ impl Panels {
     fn mistakes<D: Device>(
         &mut self,
         ctx: &Context,
-        studio: &mut Studio<D>,
+        viewer: &mut Viewer<D>,
         window_failure: Option<&str>,
         view: Rect,
     ) {
         let mut texts: Vec<String> = Vec::new();
         let mut goes_on = "The last good plan goes on";
-        for who in [Who::A, Who::B] {
-            let Some(renderer) = studio.side(who).map(|side| &side.renderer) else { continue };
+        for id in [RendererId::A, RendererId::B] {
+            let Some(renderer) = viewer.viewport(id).map(|viewport| &viewport.renderer) else { continue };
             if let Some(failure) = renderer.failure() {
                 texts.push(failure.text(true));
                 if renderer.plan().is_none() {

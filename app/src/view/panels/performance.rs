@@ -2,7 +2,7 @@
 
 use crate::stats::median;
 use crate::view::history::{History, Quantiles, Row, Series};
-use crate::view::viewport::Side;
+use crate::view::viewport::Viewport;
 use egui::{Align, Color32, ComboBox, Layout, Response, RichText, Ui};
 use egui_plot::{Line, Plot, PlotPoints, VLine};
 use splatgraph_api::Device;
@@ -24,17 +24,17 @@ const COLOURS: [Color32; 8] = [
 /// The panel of one side. `window` is the history of the window's own graph, `plotted` the phase whose passes are plotted.
 pub fn show<D: Device>(
     ui: &mut Ui,
-    side: &Side<D>,
+    viewport: &Viewport<D>,
     loaded: u32,
     frame_ms: &[f64],
     window: (&History, Option<&Plan>),
     plotted: &mut Option<String>,
 ) {
     let (window, window_plan) = window;
-    let info = side.renderer.device().info();
+    let info = viewport.renderer.device().info();
     ui.label(RichText::new(&info.name).strong()).on_hover_text(&info.driver);
     let interval = median(frame_ms.to_vec()).filter(|ms| *ms > 0.0);
-    let (total, record) = (side.history.total(), side.history.record());
+    let (total, record) = (viewport.history.total(), viewport.history.record());
     let mut row = |name: &str, hint: &str, ms: Option<Quantiles>| {
         line(ui, |ui| ui.label(name).on_hover_text(hint), |ui| numbers(ui, ms));
     };
@@ -54,17 +54,17 @@ pub fn show<D: Device>(
         line(ui, |ui| ui.label("between frames").on_hover_text(hint), right);
     }
     let mut counts = vec![format!("{} splats", grouped(loaded.into()))];
-    counts.extend(side.stats.iter().map(|(name, value)| format!("{} {name}", grouped((*value).into()))));
+    counts.extend(viewport.stats.iter().map(|(name, value)| format!("{} {name}", grouped((*value).into()))));
     ui.label(counts.join(" · "));
     ui.separator();
-    let series = side.history.phase_series();
+    let series = viewport.history.phase_series();
     let phases: Vec<String> = series.iter().map(|series| series.name.clone()).collect();
     choose(ui, &phases, plotted);
-    let passes = plotted.as_ref().zip(side.renderer.plan());
-    let series = passes.map_or(series, |(phase, plan)| side.history.pass_series(plan, phase));
-    plot(ui, series, &side.history.changes());
-    if let Some(plan) = side.renderer.plan() {
-        table(ui, &side.history.table(plan), &phases, side.history.steady_frames());
+    let passes = plotted.as_ref().zip(viewport.renderer.plan());
+    let series = passes.map_or(series, |(phase, plan)| viewport.history.pass_series(plan, phase));
+    plot(ui, series, &viewport.history.changes());
+    if let Some(plan) = viewport.renderer.plan() {
+        table(ui, &viewport.history.table(plan), &phases, viewport.history.steady_frames());
     }
     if let Some(plan) = window_plan {
         egui::CollapsingHeader::new("The window itself").show(ui, |ui| {
@@ -73,7 +73,7 @@ pub fn show<D: Device>(
         });
     }
     ui.separator();
-    memory(ui, &side.renderer.device().memory());
+    memory(ui, &viewport.renderer.device().memory());
 }
 
 fn colour(index: usize) -> Color32 {

@@ -2,7 +2,7 @@
 
 use crate::view::navigation::{self, Buttons, Input, Keys, Modifiers};
 use crate::view::paint::Mode;
-use crate::view::viewer::Studio;
+use crate::view::viewer::Viewer;
 use egui::{Color32, CursorIcon, Key, PointerButton, Rect, Sense, Ui};
 use splatgraph_api::Device;
 
@@ -21,12 +21,12 @@ pub enum Drag {
 
 impl Drag {
     /// Lets what the person did in the last frame act.
-    pub fn act<D: Device>(&mut self, ui: &mut Ui, view: Rect, studio: &mut Studio<D>) {
+    pub fn act<D: Device>(&mut self, ui: &mut Ui, view: Rect, viewer: &mut Viewer<D>) {
         // The keyboard is the camera's wherever no control has it: the view takes no focus of its own.
         let response = ui.interact(view, ui.scope_id().with("view"), Sense::CLICK | Sense::DRAG);
-        let line = view.left() + studio.split * view.width();
+        let line = view.left() + viewer.split * view.width();
         let pointer = ui.input(|input| input.pointer.latest_pos());
-        let splits = studio.compare == Mode::Split;
+        let splits = viewer.compare == Mode::Split;
         let near = splits && response.hovered() && pointer.is_some_and(|p| (p.x - line).abs() <= GRIP);
         if response.drag_started() {
             let origin = ui.input(|input| input.pointer.press_origin());
@@ -36,10 +36,10 @@ impl Drag {
         let dragged = |button| response.dragged_by(button);
         let moves_line = *self == Drag::Split && splits && dragged(PointerButton::Primary);
         if moves_line && let Some(p) = pointer {
-            studio.split = ((p.x - view.left()) / view.width().max(1.0)).clamp(0.0, 1.0);
+            viewer.split = ((p.x - view.left()) / view.width().max(1.0)).clamp(0.0, 1.0);
         }
         if splits {
-            let line = view.left() + studio.split * view.width();
+            let line = view.left() + viewer.split * view.width();
             label(ui, view, line, "A", -1.0);
             label(ui, view, line, "B", 1.0);
         }
@@ -67,7 +67,7 @@ impl Drag {
         let flies = response.is_pointer_button_down_on()
             && ui.input(|input| input.pointer.button_down(PointerButton::Secondary));
         let any = response.dragged() || flies;
-        studio.navigation.update(&Input {
+        viewer.navigation.update(&Input {
             size: [view.width().into(), view.height().into()],
             moved: if any { [moved.x.into(), moved.y.into()] } else { [0.0; 2] },
             buttons: Buttons {

@@ -86,9 +86,9 @@ pub struct Swap {
     pub latency_ms: f64,
 }
 
-/// What happened to a renderer.
+/// Names the renderer of an event.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Happening {
+pub enum RendererEvent {
     /// Frames are drawn by a new plan now.
     Swapped(Swap),
     /// There is no new plan; the one before goes on. The text is without colours.

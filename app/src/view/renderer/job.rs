@@ -1,7 +1,7 @@
 //! What the building thread does: from the files to a plan that the device can swap to.
 
 use super::events::{Cause, Failure};
-use super::{Wanted, World};
+use super::{PlanInputs, Wanted};
 use crate::facts::{self, SceneFacts};
 use crate::planner::Planner;
 use crate::session::Upload;
@@ -18,7 +18,7 @@ pub(super) struct Job<L> {
     pub set: Vec<(String, String)>,
     /// A setting that the graph does not know is an error; otherwise it is dropped.
     pub strict: bool,
-    pub world: World,
+    pub inputs: PlanInputs,
     pub device: Facts,
     pub loader: L,
     pub cause: Cause,
@@ -31,7 +31,7 @@ pub(super) struct Built<R> {
     pub outcome: Result<(Plan, R), Failure>,
     pub wanted: Vec<Wanted>,
     pub dropped: Vec<String>,
-    pub world: World,
+    pub inputs: PlanInputs,
     pub cause: Cause,
     pub asked: Instant,
     pub plan_ms: f64,
@@ -45,31 +45,31 @@ pub(super) fn builder<L: Loader>() -> impl FnMut(Job<L>) -> Built<L::Ready> {
 }
 
 fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
-    let Job { graph, mut set, strict, world, device, loader, cause, asked, progress } = job;
+    let Job { graph, mut set, strict, inputs, device, loader, cause, asked, progress } = job;
     let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
     zone!("build a plan");
     let begun = Instant::now();
     planner.forget_files();
-    planner.share_memory = world.share_memory;
-    let facts = facts::facts(&SceneFacts::of(&world.scene), &device, world.size);
+    planner.share_memory = inputs.share_memory;
+    let facts = facts::facts(&SceneFacts::of(&inputs.scene), &device, inputs.size);
     let mut dropped = Vec::new();
-    if !strict && let Ok(declared) = planner.params(&graph, &facts, &world.catalog) {
+    if !strict && let Ok(declared) = planner.params(&graph, &facts, &inputs.catalog) {
         let known = |name: &str| declared.iter().any(|param| param.name == name);
         dropped.extend(set.iter().filter(|(name, _)| !known(name)).map(|(name, _)| name.clone()));
         set.retain(|(name, _)| known(name));
     }
-    let plan = planner.plan(&graph, &set, &facts, &world.catalog);
+    let plan = planner.plan(&graph, &set, &facts, &inputs.catalog);
     let plan_ms = milliseconds(begun);
     let wanted = planner.wanted();
     let begun = Instant::now();
     let outcome = plan.map_err(Failure::Graph).and_then(|plan| {
         let ready =
-            loader.prepare(plan.clone(), &Upload(&world.scene), &mut |step| tell(&progress, said(&step)));
+            loader.prepare(plan.clone(), &Upload(&inputs.scene), &mut |step| tell(&progress, said(&step)));
         tell(&progress, String::new());
         Ok((plan, ready.map_err(Failure::Backend)?))
     });
     let prepare_ms = milliseconds(begun);
-    Built { outcome, wanted, dropped, world, cause, asked, plan_ms, prepare_ms }
+    Built { outcome, wanted, dropped, inputs, cause, asked, plan_ms, prepare_ms }
 }
 
 fn tell(progress: &Mutex<String>, text: String) {
