@@ -1,0 +1,301 @@
+//! Graphs with mistakes, and the diagnostics that a person then reads: `golden/in/*.ron` to `golden/out/*.snap`.
+//!
+//! An input holds many small graphs. A line `//// title` starts each; `// set: name=value` and `// fact: name=value` under it
+//! change a parameter or a fact, `// graph: name` builds another file than this one, and `//// file: path` starts a file of the
+//! section's own. The folders `in/pipelines` and `in/shaders` are there for all of them.
+//!
+//! After a change of words, write the outputs anew and read the difference:
+//!
+//! ```sh
+//! INSTA_UPDATE=always cargo test -p splatgraph-framework --test golden
+//! git diff framework/tests/golden/out
+//! ```
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use proc_macro2::{Delimiter, TokenStream, TokenTree};
+use splatgraph_framework::build;
+use splatgraph_framework::ir::{Attribute, Catalog, Facts, GivenBuffer, Request, Value};
+use splatgraph_framework::shader::Glslang;
+use splatgraph_framework::source::{Library, SourceMap, render};
+
+fn folder(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
+}
+
+/// The files of a folder and of the folders in it, sorted by path.
+fn files_in(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() { found.extend(files_in(&path)) } else { found.push(path) }
+    }
+    found.sort();
+    found
+}
+
+fn read(path: &Path) -> String {
+    fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// The files that every section can name, by their path under `in`.
+fn shared_files() -> BTreeMap<String, String> {
+    let root = folder("tests/golden/in");
+    let shared = ["pipelines", "shaders"].map(|name| files_in(&root.join(name))).concat();
+    let name = |path: &PathBuf| path.strip_prefix(&root).expect("inside").display().to_string();
+    shared.iter().map(|path| (name(path), read(path))).collect()
+}
+
+fn catalog() -> Catalog {
+    let attribute = |stride, planes| Attribute { stride, count: 1000, planes };
+    let attributes = [("scene.position", (12, 1)), ("scene.sh", (16, 12)), ("scene.index", (4, 1))];
+    Catalog {
+        attributes: attributes
+            .map(|(name, (stride, planes))| (name.into(), attribute(stride, planes)))
+            .into(),
+        uniforms: [("frame.camera".into(), 256)].into(),
+        buffers: [("frame.words".into(), GivenBuffer { stride: 4, least: 64 })].into(),
+    }
+}
+
+/// What is printed for one section of the input `name`.
+fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>) -> String {
+    let mut facts: Facts = [("scene.count", 1000), ("viewport.width", 64), ("viewport.height", 32)]
+        .map(|(name, value)| (name.to_string(), Value::Int(value)))
+        .into();
+    let (mut graph, mut set) = (name.to_string(), Vec::new());
+    let mut memory = shared.clone();
+    for (number, file) in section.split("//// file: ").enumerate() {
+        let (path, text) = if number == 0 { (name, file) } else { file.split_once('\n').expect("a text") };
+        let directives = text.lines().take_while(|line| line.starts_with("// "));
+        for line in directives.filter(|_| number == 0) {
+            let pair = |text: &str| {
+                let (name, value) = text.split_once('=').expect("name=value");
+                (name.to_string(), value.to_string())
+            };
+            match line.split_once(": ") {
+                Some(("// set", text)) => set.push(pair(text)),
+                Some(("// graph", text)) => graph = text.to_string(),
+                Some(("// fact", text)) => {
+                    let (name, value) = pair(text);
+                    facts.insert(name, Value::Int(value.parse().expect("an integer")));
+                }
+                _ => panic!("{name}: {line}"),
+            }
+        }
+        memory.insert(path.to_string(), text.trim_end().to_string());
+    }
+    let mut files = SourceMap::new(Library { memory, ..Library::default() });
+    let request =
+        Request { graph: &graph, set: &set, facts: &facts, catalog: &catalog(), share_memory: true };
+    match build(&request, &mut files, &mut Glslang::new()) {
+        Ok(_) => panic!("no mistake is found in\n{section}"),
+        Err(diagnostics) => render(&files, &diagnostics, false),
+    }
+}
+
+/// The text of each output, by the name of its input.
+static OUTPUTS: LazyLock<BTreeMap<String, String>> = LazyLock::new(outputs);
+
+fn outputs() -> BTreeMap<String, String> {
+    let shared = shared_files();
+    let inputs =
+        fs::read_dir(folder("tests/golden/in")).expect("the inputs").map(|e| e.expect("an entry").path());
+    let output = |path: PathBuf| {
+        let name = path.file_name().expect("a name").to_string_lossy().into_owned();
+        let text = read(&path);
+        let sections = text.strip_prefix("//// ").expect("a title").split("\n//// ");
+        // A file of the section's own starts with the same slashes.
+        let mut joined: Vec<String> = Vec::new();
+        for part in sections {
+            match joined.last_mut().filter(|_| part.starts_with("file: ")) {
+                Some(section) => *section += &format!("\n//// {part}"),
+                None => joined.push(part.to_string()),
+            }
+        }
+        let shown = joined.iter().map(|section| {
+            let (title, text) = section.split_once('\n').unwrap_or((section, ""));
+            format!("//// {title}\n\n{}", printed(&name, text, &shared))
+        });
+        (name.trim_end_matches(".ron").to_string(), shown.collect::<Vec<_>>().join("\n"))
+    };
+    inputs.filter(|path| path.is_file()).map(output).collect()
+}
+
+#[test]
+fn every_mistake_is_described_as_its_golden_file_says() {
+    let mut settings = insta::Settings::clone_current();
+    settings.set_snapshot_path("golden/out");
+    settings.set_prepend_module_to_snapshot(false);
+    settings.set_omit_expression(true);
+    settings.bind(|| {
+        for (name, text) in &*OUTPUTS {
+            insta::assert_snapshot!(name.as_str(), text);
+        }
+    });
+}
+
+/// The folders that find no mistakes in graphs.
+const WITHOUT_DIAGNOSTICS: [&str; 3] = ["dump", "oracle", "reload"];
+
+/// Sentences that no golden file shows: a file, or a file and the start of a sentence.
+const NOT_SHOWN: &[&str] = &[
+    // Parts of logs and of generated texts, which are no messages.
+    "lower/params.rs: {kind} {};",
+    "lower/params.rs: // ",
+    "shader/compile.rs: #define ",
+    "shader/compile.rs: ERROR: {",
+    "shader/compile/log.rs: INTERNAL ERROR: ",
+    "shader/compile/log.rs: UNKNOWN ERROR: ",
+    "shader/compile/log.rs: ' : ",
+    "shader/compile/log.rs: compilation terminated",
+    "shader/compile/log.rs: No code generated.",
+    "shader/compile/log.rs: Linking {stage} stage: ",
+    "shader/compile/log.rs: , unexpected ",
+    "shader/compile/log.rs: , expecting ",
+    "shader/compile/log.rs: end of file",
+    // The dump says why a pass is culled: that is no mistake.
+    "lower/passes.rs: its condition is false",
+    "solve/order.rs: nothing reads what it writes",
+    // Files on disk: source/tests/files.rs.
+    "source/files.rs: the {} `{}` cannot be used",
+    "source/files.rs: (looked for {})",
+    "source/files.rs: <unknown file>",
+    "source/files.rs: is larger than {} MiB",
+    "source/files.rs: cannot be read ({error})",
+    "source/files.rs: is not UTF-8 text",
+    // RON that the outline refuses before the crate `ron` does, or that the schema does not hold: source/tests.
+    "source/outline.rs: an opening bracket",
+    "source/outline.rs: names and values stand in",
+    "source/outline.rs: expected {what}, found the end of the file",
+    "source/outline.rs: the file ends here",
+    "source/ron_error.rs: the file is nested too deeply",
+    "source/ron_error.rs: nothing may come after the value",
+    "source/ron_error.rs: there are no {what} here",
+    "source/ron_error.rs: there is only `{only}`",
+    "source/ron_error.rs: a character in single quotes",
+    "source/ron_error.rs: a byte string",
+    "source/ron_error.rs: `Some(...)` or `None`",
+    "source/ron_error.rs: more, but the file ends",
+    "source/token.rs: the text ends here",
+    // Limits that take long texts or a long time to pass: shader/compile/tests.rs and shader/compile/guard.rs.
+    "shader/compile.rs: a shader and its includes can have",
+    "shader/compile.rs: the limit is passed",
+    "shader/compile.rs: includes are nested deeper than",
+    "shader/compile.rs: the included files together",
+    "shader/compile.rs: the compiler does not come to an end",
+    // The compiler and its log never gave cause for these.
+    "shader/compile.rs: the include of `{}` is not understood",
+    "shader/compile.rs: cannot start a thread",
+    "shader/compile.rs: ERROR: glslang does not start",
+    "shader/compile/log.rs: the shader does not compile",
+    "shader/compile/log.rs: a type's name",
+    "shader/compile/log.rs: a member's name",
+    // SPIR-V that glslang does not make: shader/reflect/tests.rs.
+    "shader/reflect.rs",
+    "shader/reflect/",
+    // Mistakes of the solver, of which none is known.
+    "solve/mod.rs: no list of barriers was found",
+    "solve/mod.rs: for this output",
+    "solve/mod.rs: this is a mistake of the solver",
+];
+
+/// The sentences in the string literals of a file: those with a space, outside of attributes, assertions and tests.
+fn sentences(tokens: TokenStream, found: &mut Vec<String>) {
+    let mut tokens = tokens.into_iter().peekable();
+    // Whether the next group in parentheses is an assertion's or holds what an impossible `None` is unwrapped with.
+    let mut silent = false;
+    while let Some(token) = tokens.next() {
+        match token {
+            TokenTree::Punct(sign) if sign.as_char() == '#' => {
+                tokens.next_if(|token| token.to_string() == "!");
+                let attribute = tokens.next().map(|group| group.to_string()).unwrap_or_default();
+                if attribute.replace(' ', "") == "[cfg(test)]" {
+                    let ends = |token: &TokenTree| match token {
+                        TokenTree::Group(group) => group.delimiter() == Delimiter::Brace,
+                        token => token.to_string() == ";",
+                    };
+                    tokens.by_ref().find(ends);
+                }
+            }
+            TokenTree::Punct(_) => {}
+            TokenTree::Ident(name) => {
+                silent = ["expect", "panic", "unreachable", "assert", "assert_eq"].iter().any(|n| name == n);
+            }
+            TokenTree::Group(group) => {
+                if !std::mem::take(&mut silent) {
+                    sentences(group.stream(), found);
+                }
+            }
+            TokenTree::Literal(literal) => {
+                let text = literal.to_string();
+                if let Some(text) = text.strip_prefix('"').and_then(|text| text.strip_suffix('"')) {
+                    let text = text.replace("\\\"", "\"").replace("\\\\", "\\");
+                    let lines = text.split("\\\n").map(str::trim_start);
+                    let text = lines.enumerate().fold(String::new(), |all, (i, line)| match i {
+                        0 => line.to_string(),
+                        _ => all + line,
+                    });
+                    if text.trim().contains(' ') {
+                        found.push(text);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Whether a line has the pieces of a format string, in their order.
+fn is_in(line: &str, sentence: &str) -> bool {
+    let escaped = sentence.replace("{{", "\u{1}").replace("}}", "\u{2}");
+    let pieces = escaped.split('{').enumerate().map(|(i, piece)| match i {
+        0 => piece,
+        _ => piece.split_once('}').map_or("", |(_, rest)| rest),
+    });
+    let mut rest = line;
+    pieces.map(|piece| piece.replace('\u{1}', "{").replace('\u{2}', "}")).all(|piece| {
+        match rest.find(&piece) {
+            Some(at) => {
+                rest = &rest[at + piece.len()..];
+                true
+            }
+            None => false,
+        }
+    })
+}
+
+#[test]
+fn every_sentence_of_the_modules_that_find_mistakes_is_in_a_golden_file() {
+    let lines = || OUTPUTS.values().flat_map(|text| text.lines());
+    let (mut seen, mut unseen, mut excused) = (0, Vec::new(), vec![false; NOT_SHOWN.len()]);
+    for path in files_in(&folder("src")) {
+        let name = path.strip_prefix(folder("src")).expect("inside").display().to_string();
+        let module = name.split_once('/').map_or("", |(module, _)| module);
+        if module.is_empty() || WITHOUT_DIAGNOSTICS.contains(&module) || name.contains("tests") {
+            continue;
+        }
+        let mut found = Vec::new();
+        sentences(read(&path).parse().expect("Rust"), &mut found);
+        for sentence in found {
+            let place = format!("{name}: {sentence}");
+            if lines().any(|line| is_in(line, &sentence)) {
+                seen += 1;
+            } else if let Some(at) = NOT_SHOWN.iter().position(|start| place.starts_with(start)) {
+                excused[at] = true;
+            } else {
+                unseen.push(place);
+            }
+        }
+    }
+    let stale = NOT_SHOWN.iter().zip(excused).filter(|(_, excused)| !excused).map(|(start, _)| *start);
+    let stale: Vec<&str> = stale.collect();
+    assert!(
+        unseen.is_empty() && stale.is_empty(),
+        "{seen} sentences are shown, and not these {}:\n{}\nnothing is excused any more by {stale:?}",
+        unseen.len(),
+        unseen.join("\n"),
+    );
+}

@@ -1,0 +1,4 @@
+#version 460
+layout(set = 0, binding = 0, std430) readonly buffer Tones { float t[]; };
+layout(location = 0) out vec4 color;
+void main() { color = vec4(t[0]); }

@@ -1,0 +1,4 @@
+#version 460
+layout(set = 0, binding = 0, std140) uniform Camera { mat4 view; };
+layout(set = 0, binding = 1, std430) writeonly buffer Out { float o[]; };
+void main() { o[0] = view[0].x; }
