@@ -4,10 +4,9 @@
 //! test makes the same pairs here, sorts them, and compares keys and values.
 
 use splatgraph::builtin;
-use splatgraph_api::{Device, FrameInputs, Inspect, SceneData};
+use splatgraph_api::{Device, FrameInputs, Inspect, NoScene};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::Value;
-use splatgraph_framework::ir::{Catalog, Request};
+use splatgraph_framework::ir::{Catalog, Request, Value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{SourceMap, render};
@@ -51,18 +50,6 @@ impl Run {
             Kind::FewDistinct => mixed(mixed(i.wrapping_add(self.seed)) % 3),
         };
         (0..self.count).map(|i| (key(i) & mask, mixed(i))).collect()
-    }
-}
-
-struct NoScene;
-
-impl SceneData for NoScene {
-    fn write(&self, attribute: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
-        Err(format!("no {attribute}"))
-    }
-
-    fn identity(&self) -> u64 {
-        0
     }
 }
 

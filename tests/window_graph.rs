@@ -5,26 +5,12 @@ use half::f16;
 use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::Planner;
 use splatgraph::view::paint::{self, Composition, Mode, Painted, Painter, Shown};
-use splatgraph_api::{Device, FrameInputs, Given, SceneData};
-use splatgraph_framework::ir::Catalog;
-use splatgraph_framework::ir::Format;
+use splatgraph_api::{Device, FrameInputs, Given, NoScene};
+use splatgraph_framework::ir::{Catalog, Format};
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 
 use crate::common;
-
-/// The window reads nothing of a scene.
-struct NoScene;
-
-impl SceneData for NoScene {
-    fn write(&self, attribute: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
-        Err(attribute.to_owned())
-    }
-
-    fn identity(&self) -> u64 {
-        0
-    }
-}
 
 /// Draws windows of one size.
 struct Window {

@@ -41,6 +41,19 @@ pub trait SceneData: Sync {
     fn identity(&self) -> u64;
 }
 
+/// No scene, for plans that import no attributes.
+pub struct NoScene;
+
+impl SceneData for NoScene {
+    fn write(&self, attribute: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
+        Err(format!("`{attribute}`: there is no scene"))
+    }
+
+    fn identity(&self) -> u64 {
+        0
+    }
+}
+
 /// Everything that the host gives to one frame.
 #[derive(Clone, Debug, Default)]
 pub struct FrameInputs {

@@ -1,0 +1,41 @@
+//! Runs a render graph that draws no splats: load, build, run, read back, write a PNG.
+//!
+//!     cargo run --release -p splatgraph-examples --bin gray_scott
+
+use std::{error::Error, fs::File};
+
+use splatgraph_api::{Device, FrameInputs, NoScene};
+use splatgraph_framework::build;
+use splatgraph_framework::ir::{Catalog, Request};
+use splatgraph_framework::shader::Glslang;
+use splatgraph_framework::source::{SourceMap, render};
+use splatgraph_vulkan::{Options, Vulkan};
+
+const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/gray_scott/graph.ron");
+const FRAMES: usize = 60;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut device = Vulkan::open(&Options::default())?;
+
+    // Text to plan. The files that were read stay in `files`, so that errors can show them.
+    let mut files = SourceMap::default();
+    let catalog = Catalog::default();
+    let facts = &device.info().facts;
+    let request = Request { graph: GRAPH, set: &[], facts, catalog: &catalog, share_memory: true };
+    let plan = build(&request, &mut files, &mut Glslang::default())
+        .map_err(|errors| render(&files, &errors, false))?;
+
+    // Plan to pixels.
+    let live = plan.live_bytes();
+    device.load(plan, &NoScene, &mut |_| {})?;
+    for _ in 1..FRAMES {
+        device.submit(&FrameInputs { live: live.clone(), ..Default::default() })?;
+    }
+    let last = device.submit(&FrameInputs { live, read_output: true, ..Default::default() })?;
+    let image = device.wait(last)?.output.ok_or("the frame has no output")?;
+
+    let mut png = png::Encoder::new(File::create("gray_scott.png")?, image.width, image.height);
+    png.set_color(png::ColorType::Rgba);
+    png.write_header()?.write_image_data(&image.bytes)?;
+    Ok(())
+}
