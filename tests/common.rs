@@ -10,7 +10,7 @@ pub fn device() -> Vulkan {
     let device = Vulkan::open(&options(Validation::Synchronization))
         .unwrap_or_else(|e| panic!("the tests need lavapipe and the validation layers: {e}"));
     if let Ok(lanes) = std::env::var(EXPECTED_LANES) {
-        let found = &device.info().facts["device.subgroup_size"];
+        let found = device.info().facts.subgroup_size;
         assert_eq!(found.to_string(), lanes, "the driver did not take the vector width");
     }
     device

@@ -132,7 +132,7 @@ fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
 struct Build {
     graph: String,
     set: Vec<(String, String)>,
-    lanes: i64,
+    lanes: u32,
 }
 
 /// The builds that together read every shipped file.

@@ -6,7 +6,7 @@
 use splatgraph::builtin;
 use splatgraph_api::{Device, FrameInputs, Inspect, NoScene};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, Request, Value};
+use splatgraph_framework::ir::{Catalog, Facts, Request, Value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{SourceMap, render};
@@ -74,15 +74,12 @@ impl Bench {
     }
 
     fn lanes(&self) -> u32 {
-        match self.device.info().facts["device.subgroup_size"] {
-            Value::Int(lanes) => lanes as u32,
-            ref other => panic!("a subgroup of {other} lanes"),
-        }
+        self.device.info().facts.subgroup_size
     }
 
     fn sorter(&mut self, sorter: &str, digit_bits: u32, key_bits: u32, capacity: u32) -> Sorter<'_> {
-        let mut facts = self.device.info().facts.clone();
-        facts.insert("scene.count".into(), Value::Int(capacity.into()));
+        let host = [("scene.count".into(), Value::Int(capacity.into()))].into();
+        let facts = Facts { device: self.device.info().facts, host };
         let set = [
             ("sorter", sorter),
             ("digit_bits", &digit_bits.to_string()),

@@ -7,8 +7,7 @@
 use crate::camera::{CAMERA, CAMERA_BYTES};
 use crate::view::paint;
 use splatgraph_assets::{ATTRIBUTES, Scene, Splat};
-use splatgraph_framework::ir::Value;
-use splatgraph_framework::ir::{Attribute, Catalog, Facts};
+use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Value};
 
 /// Width and height of a picture where nothing says otherwise.
 pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
@@ -39,40 +38,34 @@ impl SceneFacts {
 }
 
 /// All facts that a graph can use, by full name.
-pub fn facts(scene: &SceneFacts, device: &Facts, (width, height): (u32, u32)) -> Facts {
-    let mut facts = device.clone();
-    for (name, value) in [
+pub fn facts(scene: &SceneFacts, device: &DeviceFacts, (width, height): (u32, u32)) -> Facts {
+    let host = [
         ("scene.count", scene.count as i64),
         ("scene.sh_degree", scene.sh_degree.into()),
         ("scene.stored_sh_degree", scene.stored_sh_degree.into()),
         ("viewport.width", width.into()),
         ("viewport.height", height.into()),
-    ] {
-        facts.insert(name.into(), Value::Int(value));
-    }
-    facts
+    ];
+    Facts { device: *device, host: host.map(|(name, value)| (name.to_owned(), Value::Int(value))).into() }
 }
 
 /// Lanes of the subgroups of real devices: CPUs have 4 to 16, most GPUs 32, some 64.
-pub const SUBGROUP_SIZES: [i64; 5] = [4, 8, 16, 32, 64];
+pub const SUBGROUP_SIZES: [u32; 5] = [4, 8, 16, 32, 64];
 
 /// What most GPUs have.
-pub const USUAL_SUBGROUP_SIZE: i64 = 32;
+pub const USUAL_SUBGROUP_SIZE: u32 = 32;
 
 /// The least device that the built-in graphs run on: what Vulkan 1.3 promises, but for 256 invocations per workgroup, which
 /// every known device has.
-pub fn portable_device(subgroup_size: i64) -> Facts {
-    [
-        ("device.subgroup_size", subgroup_size),
-        ("device.max_storage_bytes", 1 << 27),
-        ("device.max_groups_x", 65_535),
-        ("device.shared_bytes", 16 << 10),
-        ("device.max_invocations", 256),
-    ]
-    .map(|(name, value)| (name.to_owned(), Value::Int(value)))
-    .into_iter()
-    .chain([("device.rounds_half".to_owned(), Value::Bool(false))])
-    .collect()
+pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
+    DeviceFacts {
+        subgroup_size,
+        max_storage_bytes: 1 << 27,
+        max_groups_x: 65_535,
+        shared_bytes: 16 << 10,
+        max_invocations: 256,
+        rounds_half: false,
+    }
 }
 
 /// What a graph can import when it draws this scene.

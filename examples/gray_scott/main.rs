@@ -20,8 +20,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     // Text to plan. The files that were read stay in `files`, so that errors can show them.
     let mut files = SourceMap::default();
     let catalog = Catalog::default();
-    let facts = &device.info().facts;
-    let request = Request { graph: GRAPH, set: &[], facts, catalog: &catalog, share_memory: true };
+    let facts = device.info().facts.into();
+    let request = Request { graph: GRAPH, set: &[], facts: &facts, catalog: &catalog, share_memory: true };
     let plan = build(&request, &mut files, &mut Glslang::default())
         .map_err(|errors| render(&files, &errors, false))?;
 

@@ -5,8 +5,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::Value;
-use splatgraph_framework::ir::{Attribute, Catalog, Facts, Request};
+use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Request, Value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Library, SourceMap, render};
@@ -21,14 +20,16 @@ fn facts() -> Facts {
         ("scene.stored_sh_degree", 3),
         ("viewport.width", 1920),
         ("viewport.height", 1080),
-        ("device.subgroup_size", 32),
-        ("device.max_groups_x", 65_535),
-        ("device.max_storage_bytes", 1 << 27),
-        ("device.max_invocations", 1024),
-        ("device.shared_bytes", 32 << 10),
     ];
-    let ints = ints.into_iter().map(|(name, value)| (name.to_string(), Value::Int(value)));
-    ints.chain([("device.rounds_half".to_string(), Value::Bool(true))]).collect()
+    let device = DeviceFacts {
+        subgroup_size: 32,
+        max_storage_bytes: 1 << 27,
+        max_groups_x: 65_535,
+        shared_bytes: 32 << 10,
+        max_invocations: 1024,
+        rounds_half: true,
+    };
+    Facts { device, host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }
 }
 
 fn catalog() -> Catalog {

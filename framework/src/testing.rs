@@ -8,9 +8,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::build;
-use crate::ir::{Attribute, Catalog, Facts, GivenBuffer, Request};
-use crate::ir::{Format, Value};
-use crate::ir::{Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Varying};
+use crate::ir::{
+    Attribute, Catalog, DeviceFacts, Facts, Format, GivenBuffer, Member, MemberKind, PushBlock,
+    ReflectedBinding, ReflectedKind, Reflection, Request, Value, Varying,
+};
 use crate::plan::Plan;
 use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
 use crate::source::{Diagnostic, Library, SourceMap, render};
@@ -88,16 +89,17 @@ impl ShaderCompiler for ListCompiler {
 
 /// Facts of a small scene on a plain device.
 pub fn facts() -> Facts {
-    let ints = [
-        ("scene.count", 1000),
-        ("scene.sh_degree", 2),
-        ("viewport.width", 64),
-        ("viewport.height", 32),
-        ("device.subgroup_size", 8),
-        ("device.max_groups_x", 65535),
-        ("device.max_storage_bytes", 128 << 20),
-    ];
-    ints.into_iter().map(|(k, v)| (k.to_string(), Value::Int(v))).collect()
+    let ints =
+        [("scene.count", 1000), ("scene.sh_degree", 2), ("viewport.width", 64), ("viewport.height", 32)];
+    let device = DeviceFacts {
+        subgroup_size: 8,
+        max_storage_bytes: 128 << 20,
+        max_groups_x: 65_535,
+        shared_bytes: u32::MAX,
+        max_invocations: u32::MAX,
+        rounds_half: false,
+    };
+    Facts { device, host: ints.map(|(k, v)| (k.to_string(), Value::Int(v))).into() }
 }
 
 pub fn catalog() -> Catalog {

@@ -18,7 +18,7 @@ use std::sync::LazyLock;
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Attribute, Catalog, Facts, GivenBuffer, Request, Value};
+use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, GivenBuffer, Request, Value};
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Library, SourceMap, render};
 
@@ -63,9 +63,17 @@ fn catalog() -> Catalog {
 
 /// What is printed for one section of the input `name`.
 fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>) -> String {
-    let mut facts: Facts = [("scene.count", 1000), ("viewport.width", 64), ("viewport.height", 32)]
-        .map(|(name, value)| (name.to_string(), Value::Int(value)))
-        .into();
+    let host = [("scene.count", 1000), ("viewport.width", 64), ("viewport.height", 32)]
+        .map(|(name, value)| (name.to_string(), Value::Int(value)));
+    let device = DeviceFacts {
+        subgroup_size: 8,
+        max_storage_bytes: u64::MAX,
+        max_groups_x: 65_535,
+        shared_bytes: u32::MAX,
+        max_invocations: u32::MAX,
+        rounds_half: true,
+    };
+    let mut facts = Facts { device, host: host.into() };
     let (mut graph, mut set) = (name.to_string(), Vec::new());
     let mut memory = shared.clone();
     for (number, file) in section.split("//// file: ").enumerate() {
@@ -81,7 +89,13 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>) -> Stri
                 Some(("// graph", text)) => graph = text.to_string(),
                 Some(("// fact", text)) => {
                     let (name, value) = pair(text);
-                    facts.insert(name, Value::Int(value.parse().expect("an integer")));
+                    let value: u32 = value.parse().expect("an integer");
+                    match name.as_str() {
+                        "device.max_storage_bytes" => facts.device.max_storage_bytes = value.into(),
+                        "device.shared_bytes" => facts.device.shared_bytes = value,
+                        "device.max_invocations" => facts.device.max_invocations = value,
+                        _ => drop(facts.host.insert(name, Value::Int(value.into()))),
+                    }
                 }
                 _ => panic!("{name}: {line}"),
             }

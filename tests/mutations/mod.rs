@@ -11,7 +11,7 @@ use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::Planner;
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameInputs, SceneData};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::Facts;
+use splatgraph_framework::ir::DeviceFacts;
 use splatgraph_framework::oracle::mutate::{Mutation, apply, mutations, needless};
 use splatgraph_framework::oracle::{Replay, replay};
 use splatgraph_framework::plan::{Barrier, Plan};
@@ -43,7 +43,7 @@ fn scene() -> Scene {
 }
 
 /// The plan of every preset, for this device.
-fn plans(scene: &Scene, device: &Facts) -> Vec<Plan> {
+fn plans(scene: &Scene, device: &DeviceFacts) -> Vec<Plan> {
     let facts = facts::facts(&SceneFacts::of(scene), device, SIZE);
     let (catalog, mut planner) = (facts::catalog(scene), Planner::default());
     let plan = |name| planner.plan(name, &[], &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
@@ -206,7 +206,7 @@ fn the_validation_layer_catches_every_mutant_that_it_can_see() {
     }
     let start = Instant::now();
     let mut bench = Bench::new();
-    let plans = plans(&bench.scene, &bench.device.info().facts.clone());
+    let plans = plans(&bench.scene, &bench.device.info().facts);
     say("mutants: preset, mutants, caught, masks refused, not covered (by what the layer does not see)");
     let (mut total, mut wrong) = (Tally::default(), Vec::new());
     let mut met = BTreeSet::new();

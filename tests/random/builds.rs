@@ -2,8 +2,7 @@
 
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestError, TestRng, TestRunner};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, Facts, Request};
-use splatgraph_framework::ir::{PassId, Value};
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, PassId, Request, Value};
 use splatgraph_framework::oracle;
 use splatgraph_framework::oracle::mutate::{mutations, needless};
 use splatgraph_framework::plan::{Barrier, Plan, Step};
@@ -22,15 +21,16 @@ use crate::common::long;
 
 /// Facts of a plain device.
 fn facts() -> Facts {
-    let ints = [
-        ("scene.count", 1000),
-        ("viewport.width", 16),
-        ("viewport.height", 8),
-        ("device.subgroup_size", 8),
-        ("device.max_groups_x", 65535),
-        ("device.max_storage_bytes", 128 << 20),
-    ];
-    ints.into_iter().map(|(name, value)| (name.to_string(), Value::Int(value))).collect()
+    let ints = [("scene.count", 1000), ("viewport.width", 16), ("viewport.height", 8)];
+    let device = DeviceFacts {
+        subgroup_size: 8,
+        max_storage_bytes: 128 << 20,
+        max_groups_x: 65_535,
+        shared_bytes: u32::MAX,
+        max_invocations: u32::MAX,
+        rounds_half: false,
+    };
+    Facts { device, host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }
 }
 
 /// Builds the graph of these files. An error is as a user would read it.

@@ -9,9 +9,8 @@
 //! //: in 0 tone uint flat         a stage input; `out` likewise
 //! ```
 
-use splatgraph_framework::ir::Format;
 use splatgraph_framework::ir::{
-    Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderStage, Varying,
+    Format, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderStage, Varying,
 };
 use splatgraph_framework::shader::{Compiled, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::source::{Diagnostic, SourceMap};

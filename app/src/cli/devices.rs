@@ -30,7 +30,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     for device in &devices {
         options::print(&format!("{}: {} ({}; {})", device.index, device.name, device.kind, device.driver))?;
-        for (name, value) in &device.facts {
+        for (name, value) in device.facts.named() {
             options::print(&format!("     {name} = {value}"))?;
         }
         if let Some(why) = &device.unfit {

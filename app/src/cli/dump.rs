@@ -7,7 +7,7 @@ use crate::planner::Planner;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use splatgraph_framework::dump::{self, Dump};
-use splatgraph_framework::ir::Facts;
+use splatgraph_framework::ir::DeviceFacts;
 use splatgraph_vulkan::Vulkan;
 use std::path::PathBuf;
 
@@ -145,13 +145,13 @@ fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
 }
 
 /// The facts of the device that is named, or of the portable one.
-pub fn device_facts(wanted: Option<&str>) -> Result<Facts> {
+pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     let Some(wanted) = wanted else {
         return Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
     };
     let options = splatgraph_vulkan::Options { device: Some(wanted.to_owned()), ..Default::default() };
     let device = Vulkan::open(&options).context("the device's limits are not known")?;
-    Ok(splatgraph_api::Device::info(&device).facts.clone())
+    Ok(splatgraph_api::Device::info(&device).facts)
 }
 
 #[cfg(test)]

@@ -17,8 +17,7 @@ use splatgraph_api::{
     BackendError, Device, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult, Inspect, Loader,
 };
 use splatgraph_assets::Scene;
-use splatgraph_framework::ir::Catalog;
-use splatgraph_framework::ir::{ParamBinding, Value};
+use splatgraph_framework::ir::{Catalog, ParamBinding, Value};
 use splatgraph_framework::plan::{Param, Plan};
 use splatgraph_framework::reload::{
     Attempt, Change, LastGood, Rebuilder, Wanted, WatchError, WatchKind, Watcher,
@@ -291,7 +290,7 @@ impl<D: Device> Renderer<D> {
                 set: self.set.iter().map(|(name, value)| (name.clone(), value.clone())).collect(),
                 strict: self.strict,
                 inputs: inputs.clone(),
-                device: self.device.info().facts.clone(),
+                device: self.device.info().facts,
                 loader: self.device.loader(),
                 cause,
                 asked,

@@ -5,8 +5,8 @@
 //! backend's own constructor), [`Device::load`] a plan with the scene's data, then [`Device::submit`] frames and
 //! [`Device::wait`] for their results, with up to [`FRAMES_IN_FLIGHT`] submitted and not yet waited for.
 
-use serde::{Deserialize, Serialize};
-use splatgraph_framework::ir::{Format, Value};
+use serde::Serialize;
+use splatgraph_framework::ir::{DeviceFacts, Format};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,18 +15,15 @@ use std::sync::Arc;
 pub const FRAMES_IN_FLIGHT: usize = 2;
 
 /// A physical device that a backend could open.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DeviceInfo {
     pub index: usize,
     pub name: String,
     /// For instance `discrete`, `integrated`, `cpu`.
     pub kind: String,
     pub driver: String,
-    /// Facts that graphs can use, by their full names: `device.subgroup_size` (lanes that compute shaders run with),
-    /// `device.max_storage_bytes` (largest storage binding), `device.max_groups_x`, `device.shared_bytes`,
-    /// `device.max_invocations` (per workgroup), all integers; and `device.rounds_half`, whether blending rounds what it
-    /// writes to half-float images to nearest.
-    pub facts: BTreeMap<String, Value>,
+    /// Facts that graphs can use; all 0 where the device lacks the API version.
+    pub facts: DeviceFacts,
     /// Why it cannot run plans, if it cannot.
     pub unfit: Option<String>,
 }

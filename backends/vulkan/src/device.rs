@@ -9,8 +9,7 @@ use crate::instance::{API_VERSION, Instance, NO_DRIVER, offers};
 use crate::limits::{Limits, SubgroupLimits};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo};
-use splatgraph_framework::ir::Value;
-use std::collections::BTreeMap;
+use splatgraph_framework::ir::DeviceFacts;
 use std::ffi::{CStr, c_char};
 
 /// A physical device and what is known of it.
@@ -216,18 +215,15 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
 
 impl Limits {
     /// The device facts that graphs can use; see [`DeviceInfo::facts`].
-    fn facts(&self) -> BTreeMap<String, Value> {
-        [
-            ("device.subgroup_size", self.subgroup.size as i64),
-            ("device.max_storage_bytes", i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX)),
-            ("device.max_groups_x", self.max_groups[0] as i64),
-            ("device.shared_bytes", self.shared_bytes as i64),
-            ("device.max_invocations", self.max_invocations as i64),
-        ]
-        .map(|(name, value)| (name.to_string(), Value::Int(value)))
-        .into_iter()
-        .chain([("device.rounds_half".to_string(), Value::Bool(self.rounds_half))])
-        .collect()
+    fn facts(&self) -> DeviceFacts {
+        DeviceFacts {
+            subgroup_size: self.subgroup.size,
+            max_storage_bytes: self.max_storage_bytes,
+            max_groups_x: self.max_groups[0],
+            shared_bytes: self.shared_bytes,
+            max_invocations: self.max_invocations,
+            rounds_half: self.rounds_half,
+        }
     }
 }
 
@@ -306,7 +302,7 @@ mod tests {
             name: name.to_string(),
             kind: kind_name(kind).to_string(),
             driver: String::new(),
-            facts: BTreeMap::new(),
+            facts: DeviceFacts::default(),
             unfit: unfit.map(str::to_string),
         };
         Physical { handle: vk::PhysicalDevice::null(), family: 0, info, limits: Limits::default(), kind }

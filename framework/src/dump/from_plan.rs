@@ -5,10 +5,9 @@ use super::{
     DumpLeftOut, DumpParameter, DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader, DumpStat,
     DumpTarget, DumpTouch, DumpTransition, Lifetime, Masks, Place, Totals, repeats,
 };
-use crate::ir::MemberKind;
 use crate::ir::{
-    Accesses, DrawCall, Groups, ParamBinding, Pass, PassId, ResourceId, ShaderId, Shape, Source, Stages,
-    Value, Work,
+    Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, ShaderId, Shape, Source,
+    Stages, Value, Work,
 };
 use crate::plan::{Barrier, Dependency, Plan, Step};
 

@@ -5,6 +5,7 @@
 //! [values](Value), [places](Span), [formats](Format), [accesses](Accesses) and [passes](Pass) declared here.
 
 mod access;
+mod device;
 mod format;
 mod id;
 mod location;
@@ -16,6 +17,7 @@ mod resource;
 mod value;
 
 pub use access::{Accesses, Hazard, Layout, Stages};
+pub use device::DeviceFacts;
 pub use format::{Blend, Format, Load, Topology};
 pub use id::{BlockId, PassId, ResourceId, ShaderId};
 pub use location::{FileId, Origin, Span};

@@ -2,10 +2,30 @@
 
 use std::collections::BTreeMap;
 
-use super::Value;
+use super::{DeviceFacts, Value};
 
-/// Maps full names to known values of scene, device and viewport: `scene.count`, `device.subgroup_size`, ...
-pub type Facts = BTreeMap<String, Value>;
+/// Holds the known values that expressions can name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Facts {
+    /// Facts of the device.
+    pub device: DeviceFacts,
+    /// Facts of scene and viewport, by full name: `scene.count`, `viewport.width`, ...
+    pub host: BTreeMap<String, Value>,
+}
+
+impl Facts {
+    /// Maps the full names of all facts to their values.
+    pub fn named(&self) -> BTreeMap<String, Value> {
+        let device = self.device.named().map(|(name, value)| (name.to_string(), value));
+        self.host.clone().into_iter().chain(device).collect()
+    }
+}
+
+impl From<DeviceFacts> for Facts {
+    fn from(device: DeviceFacts) -> Facts {
+        Facts { device, host: BTreeMap::new() }
+    }
+}
 
 /// Lists the data that a graph can import, by full name.
 #[derive(Clone, Debug, Default, PartialEq)]

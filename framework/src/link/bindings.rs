@@ -2,11 +2,9 @@
 
 use super::{Linker, describe, touch};
 use crate::ir::{
-    Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, ResourceId, Run, ShaderId, Shape, Source, Stages,
-    Touch, Value,
+    Accesses, Binding, DescriptorKind, FileId, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding,
+    ReflectedKind, ResourceId, Run, ShaderId, Shape, Source, Span, Stages, Touch, Value,
 };
-use crate::ir::{FileId, Span};
-use crate::ir::{MemberKind, ReflectedBinding, ReflectedKind};
 use crate::lower::{FlatBind, FlatPass, FlatWork};
 use crate::source::{Diagnostic, Kind, nearest};
 
@@ -199,9 +197,9 @@ impl Linker<'_> {
                 }
                 for id in resources {
                     let bytes = self.resource(*id).bytes();
-                    if bytes > self.limits.storage_bytes {
+                    if bytes > self.device.max_storage_bytes {
                         let mib = |b: u64| b.div_ceil(1 << 20);
-                        let limit = self.limits.storage_bytes;
+                        let limit = self.device.max_storage_bytes;
                         let diagnostic = Diagnostic::new(
                             format!(
                                 "`{}` has {} MiB, and the device binds at most {}",

@@ -1,8 +1,7 @@
 //! What draws have beyond bindings: the interface between their two stages, and their targets.
 
 use super::{Linker, describe, touch};
-use crate::ir::Span;
-use crate::ir::{Accesses, Layout, Load, ShaderId, Shape, Source, Stages, Target, Touch};
+use crate::ir::{Accesses, Layout, Load, ShaderId, Shape, Source, Span, Stages, Target, Touch};
 use crate::source::Diagnostic;
 
 impl Linker<'_> {

@@ -8,12 +8,10 @@
 mod bindings;
 mod draws;
 
-use crate::ir::Request;
-use crate::ir::ShaderStage;
 use crate::ir::{
-    Accesses, DrawCall, Groups, Layout, Pass, ResourceId, ShaderId, Shape, Stages, Touch, Value, Work,
+    Accesses, DeviceFacts, DrawCall, FileId, Groups, Layout, Pass, Request, ResourceId, ShaderId,
+    ShaderStage, Shape, Span, Stages, Touch, Work,
 };
-use crate::ir::{FileId, Span};
 use crate::lower::{Flat, FlatPass, FlatSize, FlatWork, ShaderName};
 use crate::plan::{LeftOut, Resource, Shader};
 use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
@@ -41,7 +39,7 @@ pub fn link(
     compiler: &mut dyn ShaderCompiler,
 ) -> Result<Linked, Vec<Diagnostic>> {
     let mut linker = Linker {
-        limits: Limits::of(request),
+        device: request.facts.device,
         generated: vec![("live.glsl".to_string(), flat.live_glsl.clone())],
         shaders: Vec::new(),
         compiled: HashMap::new(),
@@ -77,35 +75,11 @@ pub fn link(
     Ok(Linked { flat, shaders, passes, spans, left_out })
 }
 
-/// The device's limits, where they are known.
-struct Limits {
-    groups_x: u64,
-    invocations: u64,
-    shared_bytes: u64,
-    storage_bytes: u64,
-}
-
-impl Limits {
-    fn of(request: &Request) -> Limits {
-        let fact = |name: &str, otherwise: u64| match request.facts.get(name) {
-            Some(Value::Int(v)) => *v as u64,
-            _ => otherwise,
-        };
-        // Without facts: what Vulkan promises of every device, or no limit.
-        Limits {
-            groups_x: fact("device.max_groups_x", 65_535).max(1),
-            invocations: fact("device.max_invocations", u64::MAX),
-            shared_bytes: fact("device.shared_bytes", u64::MAX),
-            storage_bytes: fact("device.max_storage_bytes", u64::MAX),
-        }
-    }
-}
-
 type Defines = Vec<(String, String)>;
 
 struct Linker<'a> {
     flat: &'a Flat,
-    limits: Limits,
+    device: DeviceFacts,
     files: &'a mut SourceMap,
     compiler: &'a mut dyn ShaderCompiler,
     generated: Vec<(String, String)>,
@@ -221,16 +195,16 @@ impl Linker<'_> {
     fn workgroup(&mut self, id: ShaderId, span: Span) {
         let reflection = &self.shaders[id.index()].reflection;
         let invocations: u64 = reflection.local_size.iter().map(|s| *s as u64).product();
-        if invocations > self.limits.invocations {
+        if invocations > self.device.max_invocations.into() {
             self.errors.push(Diagnostic::new(
-                format!("the device has workgroups of at most {} invocations", self.limits.invocations),
+                format!("the device has workgroups of at most {} invocations", self.device.max_invocations),
                 span,
                 format!("this shader has {invocations}"),
             ));
         }
-        if reflection.shared_bytes as u64 > self.limits.shared_bytes {
+        if reflection.shared_bytes > self.device.shared_bytes {
             self.errors.push(Diagnostic::new(
-                format!("the device has {} bytes of shared memory", self.limits.shared_bytes),
+                format!("the device has {} bytes of shared memory", self.device.shared_bytes),
                 span,
                 format!("this shader uses {}", reflection.shared_bytes),
             ));
@@ -244,7 +218,7 @@ impl Linker<'_> {
             FlatSize::Groups(groups) => groups,
             FlatSize::Threads(threads) => threads.div_ceil(local[0].max(1) as u64),
         };
-        let limit = self.limits.groups_x;
+        let limit = u64::from(self.device.max_groups_x.max(1));
         if groups <= limit {
             return Some(Groups::Direct([groups as u32, 1, 1]));
         }

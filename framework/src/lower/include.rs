@@ -121,7 +121,7 @@ impl Lowering<'_> {
         if let Some(name) = set.keys().find(|k| !graph.params.contains_key(*k)) {
             return Err(params::unknown(name, place.field("set").field(name).key(), graph));
         }
-        let mut names = Names { values: self.request.facts.clone(), live: Default::default() };
+        let mut names = Names { values: self.request.facts.named(), live: Default::default() };
         let mut params = Vec::new();
         for (name, declaration) in &opened.graph.params {
             let at = Place::new(&opened.outline, Path::root().field("params").key(name));

@@ -20,9 +20,7 @@ mod scope;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use crate::ir::Request;
-use crate::ir::{DrawCall, ResourceId, Run, Target, Topology, Value};
-use crate::ir::{FileId, Span};
+use crate::ir::{DrawCall, FileId, Request, ResourceId, Run, Span, Target, Topology, Value};
 use crate::plan::{LeftOut, Param, Resource, Stat};
 use crate::source::{Diagnostic, SourceMap};
 

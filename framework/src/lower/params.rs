@@ -2,9 +2,7 @@
 
 use super::document::{Opened, Setting};
 use super::scope::{Names, Place, describe};
-use crate::ir::Span;
-use crate::ir::{Domain, ParamBinding, Value};
-use crate::ir::{LIVE_BINDING, LIVE_BLOCK, Request};
+use crate::ir::{Domain, LIVE_BINDING, LIVE_BLOCK, ParamBinding, Request, Span, Value};
 use crate::plan::Param;
 use crate::schema::{Graph, Number, ParamDecl, ParamKind};
 use crate::source::{Diagnostic, Path, SourceMap, nearest};
@@ -45,7 +43,7 @@ pub(super) fn resolve(
         texts.push((name.as_str(), Text { value, span }));
     }
 
-    let mut names = Names { values: request.facts.clone(), live: Default::default() };
+    let mut names = Names { values: request.facts.named(), live: Default::default() };
     let mut params = Vec::new();
     let mut live_bytes = 0;
     for (name, declaration) in &root.graph.params {

@@ -10,10 +10,9 @@ use super::params;
 use super::resources::{Handle, History, PingPong};
 use super::scope::{Names, Place};
 use super::{Flat, FlatBind, FlatPass, FlatPush, FlatSize, FlatWork, ShaderName};
-use crate::ir::{DrawCall, ResourceId, Run, Shape, Source, Target, Value};
-use crate::ir::{EXPORT, HOST};
-use crate::ir::{FileId, Span};
-use crate::ir::{LIVE_BLOCK, Request};
+use crate::ir::{
+    DrawCall, EXPORT, FileId, HOST, LIVE_BLOCK, Request, ResourceId, Run, Shape, Source, Span, Target, Value,
+};
 use crate::plan::{LeftOut, Param, Resource, Stat};
 use crate::schema::{Call, Graph, Number, PassDecl, Size};
 use crate::source::{Diagnostic, Outline, Path, SourceMap};
@@ -120,7 +119,7 @@ impl<'a> Lowering<'a> {
             Some((output, output_span)) if self.errors.is_empty() => Ok(Flat {
                 name: self.request.graph.into(),
                 summary: root.summary.clone(),
-                facts: self.request.facts.clone(),
+                facts: self.request.facts.named(),
                 live_glsl: params::live_glsl(&resolved.params),
                 params: resolved.params,
                 resources: self.resources,

@@ -5,8 +5,7 @@ use std::rc::Rc;
 
 use super::Values;
 use crate::expr::{Expr, Scope};
-use crate::ir::Span;
-use crate::ir::Value;
+use crate::ir::{Span, Value};
 use crate::schema::Number;
 use crate::source::{Diagnostic, Outline, Path};
 

@@ -11,8 +11,7 @@ use petgraph::visit::EdgeRef;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use crate::ir::Span;
-use crate::ir::{Accesses, Pass, ResourceId, Run, Source, Work};
+use crate::ir::{Accesses, Pass, ResourceId, Run, Source, Span, Work};
 use crate::lower::{Flat, Last};
 use crate::plan::LeftOut;
 use crate::source::{Diagnostic, SourceMap};

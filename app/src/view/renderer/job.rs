@@ -7,7 +7,7 @@ use crate::planner::Planner;
 use crate::session::Upload;
 use crate::view::profile::zone;
 use splatgraph_api::{Loader, Progress};
-use splatgraph_framework::ir::Facts;
+use splatgraph_framework::ir::DeviceFacts;
 use splatgraph_framework::plan::Plan;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -19,7 +19,7 @@ pub(super) struct Job<L> {
     /// A setting that the graph does not know is an error; otherwise it is dropped.
     pub strict: bool,
     pub inputs: PlanInputs,
-    pub device: Facts,
+    pub device: DeviceFacts,
     pub loader: L,
     pub cause: Cause,
     pub asked: Instant,

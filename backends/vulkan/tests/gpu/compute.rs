@@ -118,9 +118,9 @@ void main() {
     let plan = show(build, words_);
     let mut vulkan = open();
     load(&mut vulkan, plan);
-    let Value::Int(size) = vulkan.info().facts["device.subgroup_size"] else { panic!("not an integer") };
+    let size = vulkan.info().facts.subgroup_size;
     let output = frame(&mut vulkan, &with_output()).output.unwrap();
-    assert_eq!(words(&output.bytes), [size as u32; 2]);
+    assert_eq!(words(&output.bytes), [size; 2]);
     finish(vulkan);
 }
 

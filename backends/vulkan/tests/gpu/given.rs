@@ -153,10 +153,7 @@ fn a_frame_without_the_buffer_or_with_too_little_of_it_is_refused_and_the_next_r
 fn a_buffer_that_is_longer_than_a_binding_may_be_is_a_limit() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(1));
-    let most = match vulkan.info().facts["device.max_storage_bytes"] {
-        Value::Int(most) => most as u64,
-        ref other => panic!("{other:?}"),
-    };
+    let most = vulkan.info().facts.max_storage_bytes;
     // Zeros that nobody looks at take no memory, however many.
     let long = vec![0; most as usize / 4 * 4 + 4];
     let error = vulkan.submit(&giving(Given::Bytes(Arc::new(long))));
