@@ -371,14 +371,28 @@ impl Linker<'_> {
                 let twice =
                     pass.bind[..i].iter().find(|b| b.resources.iter().any(|other| real(other) == real(id)));
                 if let (true, Some(other)) = (written, twice) {
-                    self.errors.push(
-                        Diagnostic::new(
-                            format!("`{}` is written and bound twice", self.resource(*id).name),
-                            bind.resource_span,
-                            "bound here",
-                        )
-                        .with_label(other.resource_span, "and here"),
-                    );
+                    let name = &self.resource(real(id)).name;
+                    let diagnostic = Diagnostic::new(
+                        format!("`{name}` is written and bound twice"),
+                        bind.resource_span,
+                        "bound here",
+                    )
+                    .with_label(other.resource_span, "and here");
+                    let mut bound =
+                        other.resources.iter().chain([id]).filter(|other| real(other) == real(id));
+                    let last = bound.find(|id| self.flat.last(**id).is_some());
+                    self.errors.push(match last.map(|id| &self.resource(*id).name) {
+                        // Halves of a ping-pong buffer are numbered.
+                        Some(last) if name.contains('#') => diagnostic.with_help(format!(
+                            "`{last}` is `{name}`, the half in front at the end of a frame; with an even number of swaps in \
+                             a frame, its first pass can read `{last}` and write the back"
+                        )),
+                        Some(last) => diagnostic.with_help(format!(
+                            "`{last}` is `{name}` before the first write of a frame; write another buffer, and copy it \
+                             to `{name}` in a later pass"
+                        )),
+                        None => diagnostic,
+                    });
                 }
             }
         }
