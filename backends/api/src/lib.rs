@@ -5,6 +5,10 @@
 //! backend's own constructor), [`Device::load`] a plan with the scene's data, then [`Device::submit`] frames and
 //! [`Device::wait`] for their results, with up to [`FRAMES_IN_FLIGHT`] submitted and not yet waited for.
 
+mod error;
+
+pub use error::{BackendError, LimitExceeded, Recovery, Unit, display_bytes};
+
 use serde::Serialize;
 use splatgraph_framework::ir::{DeviceFacts, Format};
 use splatgraph_framework::plan::Plan;
@@ -26,6 +30,37 @@ pub struct DeviceInfo {
     pub facts: DeviceFacts,
     /// Why it cannot run plans, if it cannot.
     pub unfit: Option<String>,
+}
+
+/// How to open a device.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// A part of the device's name in any case, or its index in the list of devices. Without it the first discrete GPU is
+    /// taken, else the first integrated one, else another, a CPU last.
+    pub device: Option<String>,
+    /// The checks that the API's validation makes.
+    pub validation: Validation,
+}
+
+/// How much of the API's validation is switched on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Validation {
+    /// None of it.
+    #[default]
+    Off,
+    /// The default checks.
+    On,
+    /// The default checks and synchronization validation: every hazard that it can see is a message.
+    Synchronization,
+}
+
+/// Bytes of a device's memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DeviceMemory {
+    /// Bytes in use by objects.
+    pub used: u64,
+    /// Bytes allocated from the device: those in use, and the rest of the pieces that they were cut from.
+    pub reserved: u64,
 }
 
 /// Gives the bytes of the scene's attributes, as a plan asks for them.
@@ -217,29 +252,4 @@ pub trait Windowed: Device {
     /// Whether frames wait for the display's refresh, which is so at first. Without it they come as fast as they are drawn;
     /// where that cannot be had, nothing changes.
     fn set_vsync(&mut self, vsync: bool);
-}
-
-/// Why a backend could not do what it was asked to.
-#[derive(Debug, thiserror::Error)]
-pub enum BackendError {
-    /// No driver, no device of that name, no layer.
-    #[error("{0}")]
-    Unavailable(String),
-    /// The plan asks for more than the device has.
-    #[error("{0}")]
-    Limit(String),
-    #[error("out of device memory: {0}")]
-    OutOfMemory(String),
-    /// The plan contradicts itself, or a frame was asked for with inputs that do not fit the plan.
-    #[error("{0}")]
-    Invalid(String),
-    /// The scene lacks an attribute that the plan reads.
-    #[error("the scene cannot give {0}")]
-    Scene(String),
-    /// The device stopped; says which pass ran last.
-    #[error("device lost: {0}")]
-    DeviceLost(String),
-    /// Any other answer of the API to a call.
-    #[error("{call} failed: {answer}")]
-    Api { call: &'static str, answer: String },
 }

@@ -1,8 +1,8 @@
 //! Barriers in Vulkan's terms, as plain data.
 //!
-//! The barriers that a plan records as one call become the contents of one `VkDependencyInfo`: a barrier on all memory
-//! a `VkMemoryBarrier2`, a barrier on an image a `VkImageMemoryBarrier2` with exactly the layouts that the plan names.
-//! The backend's own barriers have the same form ([`take_over`]). Nothing here calls the API.
+//! The barriers that a plan records as one call become the contents of one `VkDependencyInfo`: a barrier on all memory a
+//! `VkMemoryBarrier2`, a barrier on an image a `VkImageMemoryBarrier2` with exactly the layouts that the plan names. The runtime's own
+//! barriers have the same form. Nothing here calls the API.
 
 use ash::vk;
 use splatgraph_framework::{ir::*, plan::*};
@@ -14,7 +14,7 @@ pub(crate) struct Scope {
     pub accesses: vk::AccessFlags2,
 }
 
-/// Every command of the queue, and whatever it does to memory.
+/// Every command of the queue, and all that it does to memory.
 pub(crate) const ANYTHING: Scope = Scope {
     stages: vk::PipelineStageFlags2::ALL_COMMANDS,
     accesses: vk::AccessFlags2::from_raw(
@@ -22,9 +22,21 @@ pub(crate) const ANYTHING: Scope = Scope {
     ),
 };
 
-/// Whatever the queue's commands wrote.
-const WRITTEN: Scope =
-    Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::MEMORY_WRITE };
+/// Every command of the queue, and the copies that it writes.
+pub(crate) const BEFORE_COPIES: Scope =
+    Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::TRANSFER_WRITE };
+
+/// The writes of copies.
+pub(crate) const COPIES: Scope =
+    Scope { stages: vk::PipelineStageFlags2::COPY, accesses: vk::AccessFlags2::TRANSFER_WRITE };
+
+/// Every read of the queue's commands.
+pub(crate) const READERS: Scope =
+    Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::MEMORY_READ };
+
+/// The reads of the host.
+pub(crate) const HOST: Scope =
+    Scope { stages: vk::PipelineStageFlags2::HOST, accesses: vk::AccessFlags2::HOST_READ };
 
 /// A barrier on all memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,98 +48,65 @@ pub(crate) struct MemoryBarrier {
 /// A barrier on a whole image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ImageBarrier {
-    pub resource: ResourceId,
+    pub image: vk::Image,
     pub source: Scope,
     pub target: Scope,
     pub old: vk::ImageLayout,
     pub new: vk::ImageLayout,
 }
 
-/// What one `vkCmdPipelineBarrier2` waits for.
+/// The contents of one `vkCmdPipelineBarrier2`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dependency {
     pub memory: Vec<MemoryBarrier>,
     pub images: Vec<ImageBarrier>,
+    /// The orders of image barriers, which count for all memory.
+    orders: Vec<MemoryBarrier>,
 }
 
 impl Dependency {
-    pub fn is_empty(&self) -> bool {
-        self.memory.is_empty() && self.images.is_empty()
+    /// Removes all barriers, and keeps the memory for the next.
+    pub fn clear(&mut self) {
+        self.memory.clear();
+        self.images.clear();
+        self.orders.clear();
     }
 
-    /// Some barrier on all memory orders these stages.
-    fn orders(&self, source: vk::PipelineStageFlags2, target: vk::PipelineStageFlags2) -> bool {
-        self.memory.iter().any(|b| b.source.stages.contains(source) && b.target.stages.contains(target))
-    }
-
-    /// What was copied before it, the host can read after it (once it knows that the frame is done).
-    pub fn shows_copies_to_host(&self) -> bool {
-        self.memory.iter().any(|b| {
-            b.source.stages.contains(vk::PipelineStageFlags2::COPY)
-                && b.source.accesses.contains(vk::AccessFlags2::TRANSFER_WRITE)
-                && b.target.stages.contains(vk::PipelineStageFlags2::HOST)
-                && b.target.accesses.contains(vk::AccessFlags2::HOST_READ)
-        })
-    }
-}
-
-/// Lowers the barriers of one call.
-///
-/// Those of image barriers order everything, not the image alone (Vulkan 1.3, chapter 7), and plans count on that. Validation
-/// layers of old (1.3.239) follow such an order for the image alone, so that it is told to them once more, in barriers
-/// without any access on all memory, unless the call's barrier on all memory has it already.
-pub(crate) fn dependency(barriers: &[Barrier]) -> Dependency {
-    let mut dependency = Dependency::default();
-    for barrier in barriers {
-        let source =
-            Scope { stages: stages(barrier.source_stages), accesses: accesses(barrier.source_accesses) };
-        let target =
-            Scope { stages: stages(barrier.target_stages), accesses: accesses(barrier.target_accesses) };
-        match barrier.image {
-            None => dependency.memory.push(MemoryBarrier { source, target }),
-            Some(Transition { image: resource, old, new }) => {
+    /// Lowers the barriers of one call. An image barrier that comes without its image orders what it orders, and changes nothing.
+    ///
+    /// Image barriers order everything, not the image alone (Vulkan 1.3, chapter 7), and plans count on that. Older validation
+    /// layers (1.3.239) apply such an order to the image alone, so it is repeated for them in barriers without any access on all
+    /// memory, unless the call's barrier on all memory has it already.
+    pub fn lower<'a>(&mut self, barriers: impl Iterator<Item = (&'a Barrier, Option<vk::Image>)>) {
+        self.clear();
+        for (barrier, image) in barriers {
+            let source =
+                Scope { stages: stages(barrier.source_stages), accesses: accesses(barrier.source_accesses) };
+            let target =
+                Scope { stages: stages(barrier.target_stages), accesses: accesses(barrier.target_accesses) };
+            let Some(Transition { old, new, .. }) = barrier.image else {
+                self.memory.push(MemoryBarrier { source, target });
+                continue;
+            };
+            if let Some(image) = image {
                 let (old, new) = (layout(old), layout(new));
-                dependency.images.push(ImageBarrier { resource, source, target, old, new });
+                self.images.push(ImageBarrier { image, source, target, old, new });
+            }
+            let order = |scope: Scope| Scope { accesses: vk::AccessFlags2::NONE, ..scope };
+            self.orders.push(MemoryBarrier { source: order(source), target: order(target) });
+        }
+        for order in &self.orders {
+            let (source, target) = (order.source.stages, order.target.stages);
+            let has =
+                |b: &MemoryBarrier| b.source.stages.contains(source) && b.target.stages.contains(target);
+            if !source.is_empty() && !self.memory.iter().any(has) {
+                self.memory.push(*order);
             }
         }
     }
-    for index in 0..dependency.images.len() {
-        let ImageBarrier { source, target, .. } = dependency.images[index];
-        if !source.stages.is_empty() && !dependency.orders(source.stages, target.stages) {
-            let order = |scope: Scope| Scope { accesses: vk::AccessFlags2::NONE, ..scope };
-            dependency.memory.push(MemoryBarrier { source: order(source), target: order(target) });
-        }
-    }
-    dependency
 }
 
-/// What a plan's first frame begins with where it goes on from the histories of a former plan: everything that the former
-/// plan's frames did, before everything that is to come. `images` are those taken over with the layouts that they were left
-/// in; they come to the layout that [`Work::Start`] leaves an image in.
-pub(crate) fn take_over(images: impl IntoIterator<Item = (ResourceId, vk::ImageLayout)>) -> Dependency {
-    let image = |(resource, old)| ImageBarrier {
-        resource,
-        source: WRITTEN,
-        target: ANYTHING,
-        old,
-        new: layout(Layout::TransferTarget),
-    };
-    Dependency {
-        memory: vec![MemoryBarrier { source: WRITTEN, target: ANYTHING }],
-        images: images.into_iter().map(image).collect(),
-    }
-}
-
-/// What remains of a prologue's barriers where the histories of `carried` go on and are not zeroed: all but the changes of
-/// layout that would lose their contents. (The others may stand for passes that do run.)
-pub(crate) fn going_on(dependency: &Dependency, carried: &[ResourceId]) -> Dependency {
-    let start = (layout(Layout::Undefined), layout(Layout::TransferTarget));
-    let mut rest = dependency.clone();
-    rest.images.retain(|b| !carried.contains(&b.resource) || (b.old, b.new) != start);
-    rest
-}
-
-/// `CLEAR` stands for fills. The specification counts `vkCmdFillBuffer` among the clear commands; validation layers
+/// Lowers stages. `CLEAR` is the stage of fills. The specification counts `vkCmdFillBuffer` among the clear commands; validation layers
 /// before 1.3.280 counted it among the copies. Naming both stages costs nothing, as both run in the same place.
 pub(crate) fn stages(stages: Stages) -> vk::PipelineStageFlags2 {
     const TABLE: [(Stages, vk::PipelineStageFlags2); 8] = [
@@ -149,6 +128,7 @@ pub(crate) fn stages(stages: Stages) -> vk::PipelineStageFlags2 {
         .fold(vk::PipelineStageFlags2::NONE, |all, (_, flag)| all | *flag)
 }
 
+/// Lowers accesses.
 pub(crate) fn accesses(accesses: Accesses) -> vk::AccessFlags2 {
     const TABLE: [(Accesses, vk::AccessFlags2); 9] = [
         (Accesses::INDIRECT_READ, vk::AccessFlags2::INDIRECT_COMMAND_READ),
@@ -167,6 +147,7 @@ pub(crate) fn accesses(accesses: Accesses) -> vk::AccessFlags2 {
         .fold(vk::AccessFlags2::NONE, |all, (_, flag)| all | *flag)
 }
 
+/// Lowers a layout.
 pub(crate) fn layout(layout: Layout) -> vk::ImageLayout {
     match layout {
         Layout::Undefined => vk::ImageLayout::UNDEFINED,
@@ -189,7 +170,15 @@ mod tests {
     const COPIED: (Stages, Accesses) = (Stages::COPY, Accesses::TRANSFER_READ);
     const DRAWS: (Stages, Accesses) =
         (Stages::COLOR_OUTPUT, Accesses::COLOR_READ.union(Accesses::COLOR_WRITE));
+    const IMAGE: vk::Image = vk::Image::null();
     const ANEW: Transition = Transition { image: COLOR, old: Layout::Undefined, new: Layout::ColorTarget };
+
+    fn dependency(barriers: &[Barrier]) -> Dependency {
+        let mut dependency = Dependency::default();
+        dependency.lower(barriers.iter().map(|barrier| (barrier, barrier.image.map(|_| IMAGE))));
+        dependency.orders.clear();
+        dependency
+    }
 
     #[test]
     fn every_stage_and_access_has_its_vulkan_counterpart() {
@@ -216,7 +205,7 @@ mod tests {
     fn nothing_lowers_to_nothing() {
         assert_eq!(stages(Stages::empty()), S::NONE);
         assert_eq!(accesses(Accesses::empty()), A::NONE);
-        assert!(dependency(&[]).is_empty());
+        assert_eq!(dependency(&[]), Dependency::default());
     }
 
     #[test]
@@ -237,7 +226,7 @@ mod tests {
             },
         ];
         let images = [ImageBarrier {
-            resource: COLOR,
+            image: IMAGE,
             source: Scope { stages: S::COPY, accesses: A::TRANSFER_READ },
             target: Scope {
                 stages: S::COLOR_ATTACHMENT_OUTPUT,
@@ -246,7 +235,7 @@ mod tests {
             old: vk::ImageLayout::UNDEFINED,
             new: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
         }];
-        assert_eq!(lowered, Dependency { memory: memory.into(), images: images.into() });
+        assert_eq!(lowered, Dependency { memory: memory.into(), images: images.into(), orders: Vec::new() });
     }
 
     #[test]
@@ -262,44 +251,11 @@ mod tests {
     }
 
     #[test]
-    fn only_a_barrier_from_copies_to_the_hosts_reads_shows_copies_to_the_host() {
-        let copies = (Stages::COPY, Accesses::TRANSFER_WRITE);
-        let host = (Stages::HOST, Accesses::HOST_READ);
-        let shows = |source, target| dependency(&[on_memory(source, target)]).shows_copies_to_host();
-        assert!(shows(copies, host));
-        assert!(shows((Stages::COPY | Stages::COMPUTE, Accesses::WRITES), host));
-        assert!(!shows(WROTE, host));
-        assert!(!shows((Stages::COPY, Accesses::TRANSFER_READ), host));
-        assert!(!shows(copies, (Stages::HOST, Accesses::empty())));
-        assert!(!shows(copies, READS));
-        assert!(!Dependency::default().shows_copies_to_host());
-    }
-
-    #[test]
-    fn a_take_over_waits_for_everything_and_leaves_images_as_a_start_would() {
-        let lowered = take_over([(COLOR, vk::ImageLayout::GENERAL)]);
-        let written = Scope { stages: S::ALL_COMMANDS, accesses: A::MEMORY_WRITE };
-        let anything = Scope { stages: S::ALL_COMMANDS, accesses: A::MEMORY_READ | A::MEMORY_WRITE };
-        assert_eq!(lowered.memory, [MemoryBarrier { source: written, target: anything }]);
-        let [image] = lowered.images[..] else { panic!("one image was given") };
-        assert_eq!((image.source, image.target), (written, anything));
-        assert_eq!((image.old, image.new), (vk::ImageLayout::GENERAL, vk::ImageLayout::TRANSFER_DST_OPTIMAL));
-    }
-
-    #[test]
-    fn of_a_history_that_goes_on_only_the_change_of_layout_before_its_start_is_left_out() {
-        let start = Transition { image: COLOR, old: Layout::Undefined, new: Layout::TransferTarget };
-        let nothing = (Stages::empty(), Accesses::empty());
-        let fills = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
-        let all = dependency(&[
-            on_memory(WROTE, READS),
-            on_image(start, nothing, fills),
-            on_image(Transition { image: WORDS, ..start }, nothing, fills),
-            on_image(Transition { old: Layout::TransferTarget, new: Layout::General, ..start }, fills, READS),
-        ]);
-        let rest = going_on(&all, &[COLOR]);
-        assert_eq!(rest.memory, all.memory);
-        assert_eq!(rest.images, all.images[1..]);
-        assert_eq!(going_on(&all, &[]), all);
+    fn an_image_barrier_without_its_image_keeps_its_order_alone() {
+        let barrier = on_image(ANEW, COPIED, DRAWS);
+        let mut lowered = Dependency::default();
+        lowered.lower([(&barrier, None)].into_iter());
+        assert_eq!(lowered.memory, dependency(&[barrier]).memory);
+        assert!(lowered.memory.len() == 1 && lowered.images.is_empty());
     }
 }

@@ -6,10 +6,9 @@
 
 use crate::error::api;
 use crate::instance::{API_VERSION, Instance, NO_DRIVER, offers};
-use crate::limits::{Limits, SubgroupLimits};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo};
-use splatgraph_framework::ir::DeviceFacts;
+use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::ffi::{CStr, c_char};
 
 /// A physical device and what is known of it.
@@ -213,20 +212,6 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
     (limits, driver.trim().to_string())
 }
 
-impl Limits {
-    /// The device facts that graphs can use; see [`DeviceInfo::facts`].
-    fn facts(&self) -> DeviceFacts {
-        DeviceFacts {
-            subgroup_size: self.subgroup.size,
-            max_storage_bytes: self.max_storage_bytes,
-            max_groups_x: self.max_groups[0],
-            shared_bytes: self.shared_bytes,
-            max_invocations: self.max_invocations,
-            rounds_half: self.rounds_half,
-        }
-    }
-}
-
 /// Creates the logical device, with `extensions` (a swapchain's, for instance) besides what this crate uses.
 pub(crate) fn create(
     instance: &Instance,
@@ -295,6 +280,7 @@ pub(crate) fn create(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use splatgraph_framework::ir::DeviceFacts;
 
     fn device(index: usize, name: &str, kind: vk::PhysicalDeviceType, unfit: Option<&str>) -> Physical {
         let info = DeviceInfo {

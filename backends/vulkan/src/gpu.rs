@@ -1,8 +1,8 @@
 //! The opened device, and objects that are destroyed when they are dropped.
 //!
-//! Everything made from the device holds it by an [`Arc<Gpu>`], so that the device outlives what was made from it in
-//! whatever order things are dropped. What the GPU may still be using is not guarded here: the owner of frames in
-//! flight ([`crate::Vulkan`]) waits for them before it lets go of anything.
+//! Everything made from the device holds it by an [`Arc<VulkanGpu>`], so that the device outlives it in whatever order things are
+//! dropped. Objects that the GPU may still be using are not guarded here: the owner of frames in flight
+//! ([`splatgraph_runtime::Executor`]) waits for them before it drops anything.
 //!
 //! One device serves several executors and the threads on which plans are made ready: it can be used from any of them at a
 //! time. Vulkan wants one caller at a time for the queue (so it stands behind a lock) and for pools (each has one owner);
@@ -11,43 +11,42 @@
 use crate::device::{self, Physical};
 use crate::error::api;
 use crate::instance::Instance;
-use crate::limits::Limits;
-use crate::picture::Pictures;
-use crate::planes::Shelf;
 use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use splatgraph_api::BackendError;
+use splatgraph_runtime::Limits;
 use std::ffi::{CStr, CString};
+use std::fmt::Arguments;
 use std::ops::Deref;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-pub(crate) struct Gpu {
-    pub device: ash::Device,
+/// An opened Vulkan device; see [`crate::Vulkan`].
+pub struct VulkanGpu {
+    pub(crate) device: ash::Device,
     queue: Mutex<vk::Queue>,
-    pub family: u32,
-    pub limits: Limits,
-    pub physical: vk::PhysicalDevice,
+    pub(crate) family: u32,
+    pub(crate) limits: Limits,
+    pub(crate) physical: vk::PhysicalDevice,
     /// Kept across loads: a plan that is rebuilt finds the pipelines that did not change.
-    pub pipeline_cache: vk::PipelineCache,
+    pub(crate) pipeline_cache: vk::PipelineCache,
     /// `None` once the device is being destroyed.
-    pub allocator: Mutex<Option<Allocator>>,
-    /// The scene's planes that some plan has.
-    pub planes: Shelf,
-    pub pictures: Pictures,
-    /// What the first executor said that found the device lost; nothing works after that.
-    pub lost: OnceLock<String>,
+    pub(crate) allocator: Mutex<Option<Allocator>>,
     labels: Option<ext::debug_utils::Device>,
     // Dropped after the device is destroyed.
-    pub instance: Instance,
+    pub(crate) instance: Instance,
 }
 
-impl Gpu {
-    pub fn new(instance: Instance, physical: &Physical, extensions: &[&CStr]) -> Result<Gpu, BackendError> {
+impl VulkanGpu {
+    pub(crate) fn new(
+        instance: Instance,
+        physical: &Physical,
+        extensions: &[&CStr],
+    ) -> Result<VulkanGpu, BackendError> {
         let device = device::create(&instance, physical, extensions)?;
         // SAFETY: the device was created with one queue of this family.
         let queue = unsafe { device.get_device_queue(physical.family, 0) };
         let labels = instance.labels.then(|| ext::debug_utils::Device::new(&instance.raw, &device));
-        let mut gpu = Gpu {
+        let mut gpu = VulkanGpu {
             device,
             queue: Mutex::new(queue),
             family: physical.family,
@@ -55,9 +54,6 @@ impl Gpu {
             physical: physical.handle,
             pipeline_cache: vk::PipelineCache::null(),
             allocator: Mutex::new(None),
-            planes: Shelf::default(),
-            pictures: Pictures::default(),
-            lost: OnceLock::new(),
             labels,
             instance,
         };
@@ -80,20 +76,20 @@ impl Gpu {
     }
 
     /// The queue, for one submission or one frame to present.
-    pub fn queue(&self) -> MutexGuard<'_, vk::Queue> {
+    pub(crate) fn queue(&self) -> MutexGuard<'_, vk::Queue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// An error, once the device is lost.
-    pub fn check_lost(&self) -> Result<(), BackendError> {
-        match self.lost.get() {
-            Some(text) => Err(BackendError::DeviceLost(text.clone())),
-            None => Ok(()),
-        }
+    /// Returns the features that the device supports for images of a format.
+    pub(crate) fn format_features(&self, format: vk::Format) -> vk::FormatFeatureFlags {
+        // SAFETY: a query of a live instance's device.
+        let properties =
+            unsafe { self.instance.raw.get_physical_device_format_properties(self.physical, format) };
+        properties.optimal_tiling_features
     }
 
     /// Names an object in captures and messages.
-    pub fn name(&self, object: impl vk::Handle, name: &str) {
+    pub(crate) fn name(&self, object: impl vk::Handle, name: &str) {
         let Some(labels) = &self.labels else { return };
         let name = c_string(name);
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
@@ -102,29 +98,22 @@ impl Gpu {
     }
 
     /// Opens a label around what is recorded next.
-    pub fn begin_label(&self, commands: vk::CommandBuffer, name: &str) {
+    pub(crate) fn begin_label(&self, commands: vk::CommandBuffer, name: Arguments) {
         let Some(labels) = &self.labels else { return };
-        let name = c_string(name);
+        let name = c_string(&name.to_string());
         let label = vk::DebugUtilsLabelEXT::default().label_name(&name);
         // SAFETY: the command buffer is being recorded.
         unsafe { labels.cmd_begin_debug_utils_label(commands, &label) };
     }
 
-    pub fn end_label(&self, commands: vk::CommandBuffer) {
+    pub(crate) fn end_label(&self, commands: vk::CommandBuffer) {
         let Some(labels) = &self.labels else { return };
         // SAFETY: the command buffer is being recorded, and a label was opened in it.
         unsafe { labels.cmd_end_debug_utils_label(commands) };
     }
-
-    /// Blocks until the device has nothing left to do; a lost device has.
-    pub fn wait_idle(&self) {
-        let _queue = self.queue();
-        // SAFETY: the device's one queue is locked.
-        let _ = unsafe { self.device.device_wait_idle() };
-    }
 }
 
-impl Drop for Gpu {
+impl Drop for VulkanGpu {
     fn drop(&mut self) {
         let allocator = match self.allocator.get_mut() {
             Ok(allocator) => allocator.take(),
@@ -132,7 +121,7 @@ impl Drop for Gpu {
         };
         // The allocator gives its memory back to the device.
         drop(allocator);
-        // SAFETY: whatever was made from the device holds the `Gpu`, so nothing is left of it.
+        // SAFETY: whatever was made from the device holds the `VulkanGpu`, so nothing is left of it.
         unsafe {
             self.device.destroy_pipeline_cache(self.pipeline_cache, None);
             self.device.destroy_device(None);
@@ -145,7 +134,9 @@ fn c_string(text: &str) -> CString {
 }
 
 /// A handle that [`Owned`] can destroy.
-pub(crate) trait Destroy: vk::Handle + Copy {
+pub trait Destroy: vk::Handle + Copy {
+    /// Destroys the object.
+    ///
     /// # Safety
     /// The object is of this device, nothing uses it any more, and it is destroyed once.
     unsafe fn destroy(self, device: &ash::Device);
@@ -177,14 +168,14 @@ destroy!(
 );
 
 /// A Vulkan object that is destroyed when it is dropped.
-pub(crate) struct Owned<H: Destroy> {
-    gpu: Arc<Gpu>,
+pub struct Owned<H: Destroy> {
+    gpu: Arc<VulkanGpu>,
     raw: H,
 }
 
 impl<H: Destroy> Owned<H> {
     /// Takes over an object that was just created.
-    pub fn new(gpu: &Arc<Gpu>, raw: H) -> Owned<H> {
+    pub(crate) fn new(gpu: &Arc<VulkanGpu>, raw: H) -> Owned<H> {
         Owned { gpu: gpu.clone(), raw }
     }
 }

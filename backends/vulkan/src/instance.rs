@@ -4,22 +4,12 @@
 //! Vulkan. An instance needs no window system: only one that is made for a window enables a window system's extensions.
 
 use crate::error::api;
-use crate::surface::{self, Surface, Window};
+use crate::surface::{self, Surface};
 use ash::{ext, vk};
-use splatgraph_api::BackendError;
+use splatgraph_api::{BackendError, Validation};
+use splatgraph_runtime::{Messages, Window};
 use std::ffi::{CStr, c_char, c_void};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-
-/// How much of the Khronos validation layer is switched on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Validation {
-    #[default]
-    Off,
-    /// The layer's default checks.
-    On,
-    /// The default checks and synchronization validation: every hazard that the layer can see is a message.
-    Synchronization,
-}
+use std::sync::{Arc, OnceLock};
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -30,28 +20,6 @@ pub(crate) const NO_DRIVER: &str = "the Vulkan loader finds no driver that works
 
 /// The oldest version that has all that this crate calls (synchronization2, dynamic rendering, maintenance4).
 pub(crate) const API_VERSION: u32 = vk::API_VERSION_1_3;
-
-/// Messages kept until they are taken; a mistake that repeats every frame must not eat the memory.
-const MOST_MESSAGES: usize = 1000;
-
-/// What the validation layer said.
-#[derive(Default)]
-pub(crate) struct Messages(Mutex<Vec<String>>);
-
-impl Messages {
-    pub fn take(&self) -> Vec<String> {
-        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-
-    fn add(&self, message: String) {
-        let mut messages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if messages.len() < MOST_MESSAGES {
-            messages.push(message);
-        } else if messages.len() == MOST_MESSAGES {
-            messages.push(format!("more than {MOST_MESSAGES} messages: the rest is not kept"));
-        }
-    }
-}
 
 /// An instance that is destroyed when it is dropped; everything made from it must be gone by then.
 pub(crate) struct Instance {

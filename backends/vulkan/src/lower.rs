@@ -1,15 +1,12 @@
 //! The plan in Vulkan's terms, as plain data.
 //!
-//! Everything here is a pure function of the plan: formats, blends and usages become Vulkan's, each call's barriers
-//! become one `VkDependencyInfo` (see [`crate::barriers`]), bindings become descriptor set layouts, and passes that can
-//! share a pipeline do. Nothing calls the API, so that the lowering is tested on any machine; the rest of the crate
-//! creates and records exactly what is listed here.
+//! Everything here is a pure function of the plan: formats, blends and usages become Vulkan's, bindings become descriptor set
+//! layouts, and passes that can share a pipeline do. Nothing calls the API, so that the lowering is tested on any machine.
 
-use crate::barriers::{self, Dependency};
-use crate::limits::SubgroupLimits;
 use ash::vk;
 use splatgraph_framework::ir::Reflection;
 use splatgraph_framework::{ir::*, plan::*};
+use splatgraph_runtime::SubgroupLimits;
 
 /// A descriptor set layout (set 0) and the push constants beside it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,56 +53,26 @@ pub(crate) struct BlendState {
     pub alpha: (vk::BlendFactor, vk::BlendFactor),
 }
 
-/// A step, ready to be recorded: the barriers, and the pipeline to bind for its pass.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct LoweredStep {
-    pub pass: PassId,
-    pub dependency: Dependency,
-    /// Index into [`Lowered::pipelines`]; only dispatches and draws have one.
-    pub pipeline: Option<usize>,
-}
-
-/// A whole plan, lowered.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// The layouts and pipelines of a whole plan.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Lowered {
     pub interfaces: Vec<Interface>,
     /// Pipelines, each with the index of its interface.
     pub pipelines: Vec<(PipelineState, usize)>,
-    pub prologue: Vec<LoweredStep>,
-    /// Between the prologue and the first frame.
-    pub handover: Dependency,
-    pub frame: Vec<LoweredStep>,
-    /// The host's step of the frame shows it all that was copied before, not the statistics alone.
-    pub host_sees_copies: bool,
+    /// Index into [`Lowered::pipelines`] by pass; only dispatches and draws that run have one.
+    pub of_pass: Vec<Option<usize>>,
 }
 
-/// Lowers a plan that [`crate::limits::check`] accepted.
+/// Lowers a checked plan.
 pub(crate) fn lower(plan: &Plan, subgroups: &SubgroupLimits) -> Lowered {
-    let mut lowered = Lowered {
-        interfaces: Vec::new(),
-        pipelines: Vec::new(),
-        prologue: Vec::new(),
-        handover: barriers::dependency(&plan.handover),
-        frame: Vec::new(),
-        host_sees_copies: false,
-    };
-    let mut steps = |steps: &[Step]| -> Vec<LoweredStep> {
-        steps
-            .iter()
-            .map(|step| {
-                let pass = plan.pass(step.pass);
-                let pipeline = pipeline(plan, pass, subgroups).map(|state| {
-                    let interface = position_or_push(&mut lowered.interfaces, interface(pass));
-                    position_or_push(&mut lowered.pipelines, (state, interface))
-                });
-                let dependency = barriers::dependency(&step.barriers);
-                LoweredStep { pass: step.pass, dependency, pipeline }
-            })
-            .collect()
-    };
-    (lowered.prologue, lowered.frame) = (steps(&plan.prologue), steps(&plan.frame));
-    let host = lowered.frame.iter().find(|step| plan.pass(step.pass).work == Work::Host);
-    lowered.host_sees_copies = host.is_some_and(|step| step.dependency.shows_copies_to_host());
+    let mut lowered = Lowered { of_pass: vec![None; plan.passes.len()], ..Lowered::default() };
+    for step in plan.prologue.iter().chain(&plan.frame) {
+        let pass = plan.pass(step.pass);
+        let Some(state) = pipeline(plan, pass, subgroups) else { continue };
+        let interface = position_or_push(&mut lowered.interfaces, interface(pass));
+        let pipeline = position_or_push(&mut lowered.pipelines, (state, interface));
+        lowered.of_pass[step.pass.index()] = Some(pipeline);
+    }
     lowered
 }
 
@@ -216,15 +183,8 @@ pub(crate) fn blend(blend: Blend) -> Option<BlendState> {
     }
 }
 
-/// The usage of a buffer or an image; copies out are always allowed, so that any resource can be inspected.
-pub(crate) fn buffer_usage(resource: &Resource) -> vk::BufferUsageFlags {
-    const ALL: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
-        vk::BufferUsageFlags::STORAGE_BUFFER.as_raw()
-            | vk::BufferUsageFlags::UNIFORM_BUFFER.as_raw()
-            | vk::BufferUsageFlags::INDIRECT_BUFFER.as_raw()
-            | vk::BufferUsageFlags::TRANSFER_SRC.as_raw()
-            | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
-    );
+/// Lowers the usage of a buffer.
+pub(crate) fn buffer_usage(usage: Usage) -> vk::BufferUsageFlags {
     const TABLE: [(Usage, vk::BufferUsageFlags); 5] = [
         (Usage::STORAGE, vk::BufferUsageFlags::STORAGE_BUFFER),
         (Usage::UNIFORM, vk::BufferUsageFlags::UNIFORM_BUFFER),
@@ -232,33 +192,24 @@ pub(crate) fn buffer_usage(resource: &Resource) -> vk::BufferUsageFlags {
         (Usage::COPY_SOURCE, vk::BufferUsageFlags::TRANSFER_SRC),
         (Usage::COPY_TARGET, vk::BufferUsageFlags::TRANSFER_DST),
     ];
-    let base = match resource.source {
-        // The same for every plan, since plans share them.
-        Source::Scene { .. } => return ALL,
-        Source::Transient if resource.history.is_some() => return ALL,
-        Source::Transient => vk::BufferUsageFlags::TRANSFER_SRC,
-        Source::Given { .. } => return ALL,
-        Source::Frame { .. } | Source::Live => {
-            vk::BufferUsageFlags::UNIFORM_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC
-        }
-        Source::Readback => vk::BufferUsageFlags::TRANSFER_DST | vk::BufferUsageFlags::TRANSFER_SRC,
-    };
-    TABLE.iter().filter(|(usage, _)| resource.usage.contains(*usage)).fold(base, |all, (_, flag)| all | *flag)
+    TABLE
+        .iter()
+        .filter(|(bit, _)| usage.contains(*bit))
+        .fold(vk::BufferUsageFlags::empty(), |all, (_, flag)| all | *flag)
 }
 
-/// See [`buffer_usage`].
+/// Lowers the usage of an image.
 pub(crate) fn image_usage(usage: Usage) -> vk::ImageUsageFlags {
-    let mut flags = vk::ImageUsageFlags::TRANSFER_SRC;
-    if usage.contains(Usage::STORAGE) {
-        flags |= vk::ImageUsageFlags::STORAGE;
-    }
-    if usage.contains(Usage::COLOR_TARGET) {
-        flags |= vk::ImageUsageFlags::COLOR_ATTACHMENT;
-    }
-    if usage.contains(Usage::COPY_TARGET) {
-        flags |= vk::ImageUsageFlags::TRANSFER_DST;
-    }
-    flags
+    const TABLE: [(Usage, vk::ImageUsageFlags); 4] = [
+        (Usage::STORAGE, vk::ImageUsageFlags::STORAGE),
+        (Usage::COLOR_TARGET, vk::ImageUsageFlags::COLOR_ATTACHMENT),
+        (Usage::COPY_SOURCE, vk::ImageUsageFlags::TRANSFER_SRC),
+        (Usage::COPY_TARGET, vk::ImageUsageFlags::TRANSFER_DST),
+    ];
+    TABLE
+        .iter()
+        .filter(|(bit, _)| usage.contains(*bit))
+        .fold(vk::ImageUsageFlags::empty(), |all, (_, flag)| all | *flag)
 }
 
 #[cfg(test)]
@@ -274,9 +225,8 @@ mod tests {
     fn passes_of_one_shader_and_state_share_a_pipeline() {
         let lowered = lower(&plan(), &LIMITS);
         assert_eq!(lowered.pipelines.len(), 2);
-        let pipelines: Vec<_> = lowered.frame.iter().map(|step| step.pipeline).collect();
-        assert_eq!(pipelines, [Some(0), Some(0), Some(1), None, None]);
-        assert_eq!(lowered.prologue[0].pipeline, None);
+        // By pass: a fill, two dispatches, a draw, the export and the host's step.
+        assert_eq!(lowered.of_pass, [None, Some(0), Some(0), Some(1), None, None]);
     }
 
     #[test]
@@ -339,48 +289,13 @@ mod tests {
     }
 
     #[test]
-    fn every_resource_can_be_copied_from_and_what_plans_share_has_one_usage() {
-        for resource in &plan().resources {
-            assert!(buffer_usage(resource).contains(vk::BufferUsageFlags::TRANSFER_SRC));
-        }
-        assert!(image_usage(Usage::empty()).contains(vk::ImageUsageFlags::TRANSFER_SRC));
-        let mut history = plan().resources[ARGS.index()].clone();
-        history.history = Some("args".to_string());
-        for mut shared in [plan().resources[SPLATS.index()].clone(), history] {
-            let usage = buffer_usage(&shared);
-            shared.usage = Usage::UNIFORM;
-            assert_eq!(buffer_usage(&shared), usage);
-        }
-    }
-
-    #[test]
-    fn an_image_that_is_a_target_of_copies_can_be_cleared() {
+    fn every_usage_has_its_vulkan_counterpart() {
+        let buffers = buffer_usage(Usage::all());
+        assert_eq!(buffers.as_raw().count_ones(), 5);
+        let images = image_usage(Usage::all());
+        assert_eq!(images.as_raw().count_ones(), 4);
         assert!(image_usage(Usage::COPY_TARGET).contains(vk::ImageUsageFlags::TRANSFER_DST));
         assert!(!image_usage(Usage::STORAGE).contains(vk::ImageUsageFlags::TRANSFER_DST));
-    }
-
-    #[test]
-    fn the_handover_is_one_dependency() {
-        let mut plan = plan();
-        let wrote = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
-        plan.handover = vec![on_memory(wrote, (Stages::COMPUTE, Accesses::STORAGE_READ))];
-        let lowered = lower(&plan, &LIMITS);
-        assert_eq!(lowered.handover, barriers::dependency(&plan.handover));
-        assert_eq!(lowered.handover.memory.len(), 1);
-    }
-
-    #[test]
-    fn the_host_sees_all_copies_where_its_step_says_so() {
-        let sees = |plan: &Plan| lower(plan, &LIMITS).host_sees_copies;
-        let copies = (Stages::COPY, Accesses::TRANSFER_WRITE);
-        let shows = on_memory(copies, (Stages::HOST, Accesses::HOST_READ));
-        let mut with = plan();
-        assert!(!sees(&with));
-        with.frame[4].barriers = vec![shows.clone()];
-        assert!(sees(&with));
-        // Before another step it would come too early.
-        let mut early = plan();
-        early.frame[3].barriers = vec![shows];
-        assert!(!sees(&early));
+        assert!(buffer_usage(Usage::empty()).is_empty() && image_usage(Usage::empty()).is_empty());
     }
 }

@@ -1,47 +1,49 @@
-//! Pipelines and descriptor sets, made once per plan.
+//! Pipelines and their layouts, made once per plan.
 //!
-//! The lists come from [`crate::lower`]: an interface is a descriptor set layout with a pipeline layout, and each
-//! pipeline names the interface that it is made for. A pass that binds something of the frame has one descriptor set per
-//! frame in flight, any other pass has one. What is bound is written when the set is made, but for buffers that come with a
-//! frame ([`crate::given`]), and written again where it changes.
+//! The lists come from [`crate::lower`]: an interface is a descriptor set layout with a pipeline layout, and each pipeline names the
+//! interface that it is made for.
 
 use crate::error::api;
-use crate::gpu::{Gpu, Owned};
-use crate::lower::{Interface, Lowered, PipelineState, Subgroups, TargetState, descriptor};
-use crate::resources::Resources;
+use crate::gpu::{Owned, VulkanGpu};
+use crate::lower::{self, Interface, Lowered, PipelineState, Subgroups, TargetState};
 use ash::vk;
-use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress};
-use splatgraph_framework::ir::{Pass, ResourceId, ShaderId, Source};
+use splatgraph_api::{BackendError, Progress};
+use splatgraph_framework::ir::{PassId, ShaderId};
 use splatgraph_framework::plan::Plan;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
-pub(crate) struct PipelineLayout {
-    pub raw: Owned<vk::PipelineLayout>,
-    pub set: Owned<vk::DescriptorSetLayout>,
-    pub stages: vk::ShaderStageFlags,
+/// The layout of a pipeline's descriptor set and push constants.
+pub struct PipelineLayout {
+    pub(crate) raw: Owned<vk::PipelineLayout>,
+    pub(crate) set: Owned<vk::DescriptorSetLayout>,
+    pub(crate) stages: vk::ShaderStageFlags,
 }
 
-pub(crate) struct Pipeline {
-    pub raw: Owned<vk::Pipeline>,
-    pub bind_point: vk::PipelineBindPoint,
+/// A compute or graphics pipeline.
+pub struct Pipeline {
+    pub(crate) raw: Owned<vk::Pipeline>,
+    pub(crate) bind_point: vk::PipelineBindPoint,
     /// Index into [`Pipelines::layouts`].
-    pub layout: usize,
+    layout: usize,
 }
 
-pub(crate) struct Pipelines {
-    pub pipelines: Vec<Pipeline>,
-    pub layouts: Vec<PipelineLayout>,
+/// The pipelines of one plan.
+pub struct Pipelines {
+    pipelines: Vec<Pipeline>,
+    layouts: Vec<PipelineLayout>,
+    lowered: Lowered,
 }
 
 impl Pipelines {
-    pub fn new(
-        gpu: &Arc<Gpu>,
+    /// Creates the pipelines of all dispatches and draws of a plan.
+    pub(crate) fn new(
+        gpu: &Arc<VulkanGpu>,
         plan: &Plan,
-        lowered: &Lowered,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Pipelines, BackendError> {
+        let lowered = lower::lower(plan, &gpu.limits.subgroup);
         let layouts: Vec<PipelineLayout> =
             lowered.interfaces.iter().map(|interface| layout(gpu, interface)).collect::<Result<_, _>>()?;
         // Needed only until the pipelines are made.
@@ -87,11 +89,23 @@ impl Pipelines {
             };
             pipelines.push(Pipeline { raw, bind_point, layout: *interface });
         }
-        Ok(Pipelines { pipelines, layouts })
+        Ok(Pipelines { pipelines, layouts, lowered })
+    }
+
+    /// Returns a pass's pipeline with its layout; none where it runs none.
+    pub(crate) fn of(&self, pass: PassId) -> Option<(&Pipeline, &PipelineLayout)> {
+        let pipeline = &self.pipelines[self.lowered.of_pass[pass.index()]?];
+        Some((pipeline, &self.layouts[pipeline.layout]))
+    }
+
+    /// Returns the interface of a pass's pipeline.
+    pub(crate) fn interface(&self, pass: PassId) -> Option<&Interface> {
+        let pipeline = self.lowered.of_pass[pass.index()]?;
+        Some(&self.lowered.interfaces[self.lowered.pipelines[pipeline].1])
     }
 }
 
-fn layout(gpu: &Arc<Gpu>, interface: &Interface) -> Result<PipelineLayout, BackendError> {
+fn layout(gpu: &Arc<VulkanGpu>, interface: &Interface) -> Result<PipelineLayout, BackendError> {
     let bindings: Vec<_> = interface
         .bindings
         .iter()
@@ -119,7 +133,11 @@ fn layout(gpu: &Arc<Gpu>, interface: &Interface) -> Result<PipelineLayout, Backe
     Ok(PipelineLayout { raw: Owned::new(gpu, raw), set, stages: interface.stages })
 }
 
-fn module(gpu: &Arc<Gpu>, plan: &Plan, shader: ShaderId) -> Result<Owned<vk::ShaderModule>, BackendError> {
+fn module(
+    gpu: &Arc<VulkanGpu>,
+    plan: &Plan,
+    shader: ShaderId,
+) -> Result<Owned<vk::ShaderModule>, BackendError> {
     let shader = plan.shader(shader);
     let info = vk::ShaderModuleCreateInfo::default().code(&shader.spirv);
     // SAFETY: the words are a compiler's output.
@@ -130,7 +148,7 @@ fn module(gpu: &Arc<Gpu>, plan: &Plan, shader: ShaderId) -> Result<Owned<vk::Sha
 }
 
 fn compute(
-    gpu: &Gpu,
+    gpu: &VulkanGpu,
     module: vk::ShaderModule,
     subgroups: Subgroups,
     layout: vk::PipelineLayout,
@@ -153,7 +171,7 @@ fn compute(
 }
 
 fn draw(
-    gpu: &Gpu,
+    gpu: &VulkanGpu,
     [vertex, fragment]: [vk::ShaderModule; 2],
     topology: vk::PrimitiveTopology,
     targets: &[TargetState],
@@ -217,148 +235,5 @@ fn single(
     match made {
         Ok(pipelines) => pipelines.first().copied().ok_or(vk::Result::ERROR_UNKNOWN),
         Err((_, answer)) => Err(answer),
-    }
-}
-
-/// Every pass's descriptor sets.
-pub(crate) struct DescriptorSets {
-    /// By pass; null for passes that bind nothing.
-    sets: Vec<[vk::DescriptorSet; FRAMES_IN_FLIGHT]>,
-    // Frees the sets.
-    _pool: Option<Owned<vk::DescriptorPool>>,
-}
-
-impl DescriptorSets {
-    pub fn new(
-        gpu: &Arc<Gpu>,
-        plan: &Plan,
-        lowered: &Lowered,
-        pipelines: &Pipelines,
-        resources: &Resources,
-    ) -> Result<DescriptorSets, BackendError> {
-        let mut sets = vec![[vk::DescriptorSet::null(); FRAMES_IN_FLIGHT]; plan.passes.len()];
-        let steps = lowered.prologue.iter().chain(&lowered.frame);
-        let bound: Vec<(&Pass, usize, usize)> = steps
-            .filter_map(|step| Some((step, step.pipeline?)))
-            .map(|(step, pipeline)| {
-                (plan.pass(step.pass), step.pass.index(), pipelines.pipelines[pipeline].layout)
-            })
-            .filter(|(pass, ..)| !pass.bindings.is_empty())
-            .collect();
-        let Some(pool) = pool(gpu, plan, &bound, lowered)? else {
-            return Ok(DescriptorSets { sets, _pool: None });
-        };
-        for &(pass, index, layout) in &bound {
-            let made = copies(plan, pass);
-            let layouts = vec![*pipelines.layouts[layout].set; made];
-            let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(*pool).set_layouts(&layouts);
-            // SAFETY: the pool was made for exactly these sets.
-            let new = unsafe { gpu.device.allocate_descriptor_sets(&info) }
-                .map_err(api("vkAllocateDescriptorSets"))?;
-            for (slot, &set) in new.iter().enumerate() {
-                gpu.name(set, &pass.name);
-                write(gpu, pass, set, slot, resources, |id| !is_given(plan, id));
-            }
-            sets[index] = std::array::from_fn(|slot| new[slot % made]);
-        }
-        Ok(DescriptorSets { sets, _pool: Some(pool) })
-    }
-
-    /// Points all that this slot's sets bind of `changed` to where it is now. No frame that uses these sets is in flight.
-    pub fn rewrite(
-        &self,
-        gpu: &Gpu,
-        plan: &Plan,
-        resources: &Resources,
-        slot: usize,
-        changed: &[ResourceId],
-    ) {
-        if changed.is_empty() {
-            return;
-        }
-        for (pass, sets) in plan.passes.iter().zip(&self.sets) {
-            // Passes that no step runs have none.
-            if sets[slot] != vk::DescriptorSet::null() {
-                write(gpu, pass, sets[slot], slot, resources, |id| changed.contains(&id));
-            }
-        }
-    }
-
-    /// The set of a pass (by index) for the frame in this slot.
-    pub fn of(&self, pass: usize, slot: usize) -> vk::DescriptorSet {
-        self.sets[pass][slot]
-    }
-}
-
-/// How many sets a pass needs.
-fn copies(plan: &Plan, pass: &Pass) -> usize {
-    let per_frame = pass.bindings.iter().any(|b| plan.resource(b.resource).source.is_per_frame());
-    if per_frame { FRAMES_IN_FLIGHT } else { 1 }
-}
-
-fn pool(
-    gpu: &Arc<Gpu>,
-    plan: &Plan,
-    bound: &[(&Pass, usize, usize)],
-    lowered: &Lowered,
-) -> Result<Option<Owned<vk::DescriptorPool>>, BackendError> {
-    let mut sets = 0;
-    let mut sizes: Vec<vk::DescriptorPoolSize> = Vec::new();
-    for &(pass, _, layout) in bound {
-        let copies = copies(plan, pass) as u32;
-        sets += copies;
-        for binding in &lowered.interfaces[layout].bindings {
-            let count = binding.count * copies;
-            match sizes.iter_mut().find(|size| size.ty == binding.kind) {
-                Some(size) => size.descriptor_count += count,
-                None => {
-                    sizes.push(vk::DescriptorPoolSize::default().ty(binding.kind).descriptor_count(count))
-                }
-            }
-        }
-    }
-    if sets == 0 {
-        return Ok(None);
-    }
-    let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets).pool_sizes(&sizes);
-    // SAFETY: `info` lives until the call returns.
-    let pool =
-        unsafe { gpu.device.create_descriptor_pool(&info, None) }.map_err(api("vkCreateDescriptorPool"))?;
-    Ok(Some(Owned::new(gpu, pool)))
-}
-
-fn is_given(plan: &Plan, id: ResourceId) -> bool {
-    matches!(plan.resource(id).source, Source::Given { .. })
-}
-
-/// Writes those bindings of a pass whose resources are `wanted`.
-fn write(
-    gpu: &Gpu,
-    pass: &Pass,
-    set: vk::DescriptorSet,
-    slot: usize,
-    resources: &Resources,
-    wanted: impl Fn(ResourceId) -> bool,
-) {
-    for binding in pass.bindings.iter().filter(|binding| wanted(binding.resource)) {
-        let write = vk::WriteDescriptorSet::default()
-            .dst_set(set)
-            .dst_binding(binding.binding)
-            .dst_array_element(binding.element)
-            .descriptor_type(descriptor(binding.kind));
-        let buffer;
-        let image;
-        let write = if let Some(view) = resources.image(binding.resource) {
-            image = [vk::DescriptorImageInfo::default()
-                .image_view(*view.view)
-                .image_layout(vk::ImageLayout::GENERAL)];
-            write.image_info(&image)
-        } else {
-            let (held, bytes) = resources.part(binding.resource, slot);
-            buffer = [vk::DescriptorBufferInfo::default().buffer(*held.raw).range(bytes)];
-            write.buffer_info(&buffer)
-        };
-        // SAFETY: the set is not in use, the resources are alive, and the kinds fit (checked with the plan).
-        unsafe { gpu.device.update_descriptor_sets(&[write], &[]) };
     }
 }

@@ -1,14 +1,14 @@
 //! Command pools, fences, semaphores and submissions: what uploads and frames have in common.
 
 use crate::error::api;
-use crate::gpu::{Gpu, Owned};
+use crate::gpu::{Owned, VulkanGpu};
 use ash::{khr, vk};
 use splatgraph_api::BackendError;
 use std::sync::Arc;
 
 /// A pool with one primary command buffer.
 pub(crate) fn command_pool(
-    gpu: &Arc<Gpu>,
+    gpu: &Arc<VulkanGpu>,
 ) -> Result<(Owned<vk::CommandPool>, vk::CommandBuffer), BackendError> {
     let info = vk::CommandPoolCreateInfo::default()
         .flags(vk::CommandPoolCreateFlags::TRANSIENT)
@@ -26,20 +26,44 @@ pub(crate) fn command_pool(
     Ok((pool, buffers[0]))
 }
 
-pub(crate) fn fence(gpu: &Arc<Gpu>) -> Result<Owned<vk::Fence>, BackendError> {
+/// Starts to record into a pool's command buffer, whose last submission is done.
+pub(crate) fn begin(
+    gpu: &VulkanGpu,
+    pool: vk::CommandPool,
+    commands: vk::CommandBuffer,
+) -> Result<(), BackendError> {
+    // SAFETY: the command buffer, the only one of the pool, is not in use.
+    unsafe { gpu.device.reset_command_pool(pool, vk::CommandPoolResetFlags::empty()) }
+        .map_err(api("vkResetCommandPool"))?;
+    let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+    // SAFETY: as above.
+    unsafe { gpu.device.begin_command_buffer(commands, &info) }.map_err(api("vkBeginCommandBuffer"))
+}
+
+/// Ends a recording.
+pub(crate) fn end(gpu: &VulkanGpu, commands: vk::CommandBuffer) -> Result<(), BackendError> {
+    // SAFETY: the command buffer is being recorded.
+    unsafe { gpu.device.end_command_buffer(commands) }.map_err(api("vkEndCommandBuffer"))
+}
+
+pub(crate) fn fence(gpu: &Arc<VulkanGpu>) -> Result<Owned<vk::Fence>, BackendError> {
     // SAFETY: a plain creation on a live device.
     let fence = unsafe { gpu.device.create_fence(&vk::FenceCreateInfo::default(), None) };
     Ok(Owned::new(gpu, fence.map_err(api("vkCreateFence"))?))
 }
 
-pub(crate) fn semaphore(gpu: &Arc<Gpu>) -> Result<Owned<vk::Semaphore>, BackendError> {
+pub(crate) fn semaphore(gpu: &Arc<VulkanGpu>) -> Result<Owned<vk::Semaphore>, BackendError> {
     // SAFETY: a plain creation on a live device.
     let semaphore = unsafe { gpu.device.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) };
     Ok(Owned::new(gpu, semaphore.map_err(api("vkCreateSemaphore"))?))
 }
 
 /// Submits one command buffer; `fence` is signalled when it is done.
-pub(crate) fn submit(gpu: &Gpu, commands: vk::CommandBuffer, fence: vk::Fence) -> Result<(), BackendError> {
+pub(crate) fn submit(
+    gpu: &VulkanGpu,
+    commands: vk::CommandBuffer,
+    fence: vk::Fence,
+) -> Result<(), BackendError> {
     let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
     let submits = [vk::SubmitInfo2::default().command_buffer_infos(&buffers)];
     let queue = gpu.queue();
@@ -62,7 +86,7 @@ pub(crate) struct Blit {
 /// They are two batches: drivers wait for a semaphore before they begin a batch, whatever stage the wait names, and the
 /// frame has no reason to wait for the window.
 pub(crate) fn submit_and_blit(
-    gpu: &Gpu,
+    gpu: &VulkanGpu,
     commands: vk::CommandBuffer,
     blit: Blit,
     fence: vk::Fence,
@@ -91,7 +115,7 @@ pub(crate) fn submit_and_blit(
 /// Hands an image of a swapchain to the window once `finished` is signalled. True if the swapchain does not fit the window as
 /// well as another would.
 pub(crate) fn present(
-    gpu: &Gpu,
+    gpu: &VulkanGpu,
     functions: &khr::swapchain::Device,
     swapchain: vk::SwapchainKHR,
     image: u32,
@@ -107,7 +131,7 @@ pub(crate) fn present(
 }
 
 /// Blocks until the fence is signalled, and resets it.
-pub(crate) fn wait(gpu: &Gpu, fence: vk::Fence) -> Result<(), BackendError> {
+pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence) -> Result<(), BackendError> {
     // SAFETY: the fence is alive, and a submission will signal it.
     unsafe { gpu.device.wait_for_fences(&[fence], true, u64::MAX) }.map_err(api("vkWaitForFences"))?;
     // SAFETY: the fence is signalled, so that no submission uses it.

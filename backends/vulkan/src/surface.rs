@@ -2,19 +2,15 @@
 //!
 //! A surface belongs to an instance and knows nothing of a device: which devices can show pictures in the window, in what
 //! formats and how paced, is asked here. What is made of the answers ([`format()`], [`present_mode`], [`extent`] and others) are
-//! plain functions on data. The swapchain that follows from them is in [`crate::screen`].
+//! plain functions on data. The swapchain that follows from them is in [`crate::swapchain`].
 
 use crate::error::api;
 use ash::{khr, vk};
-use raw_window_handle::{HandleError, HasDisplayHandle, HasWindowHandle};
+use raw_window_handle::HandleError;
 use splatgraph_api::BackendError;
+use splatgraph_runtime::Window;
 use std::ffi::CStr;
 use std::sync::Arc;
-
-/// What a window must be to be drawn in. It is kept for as long as its surface exists.
-pub(crate) trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
-
-impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
 
 /// The instance extensions that windows of this window system need.
 pub(crate) fn extensions(window: &dyn Window) -> Result<Vec<&'static CStr>, BackendError> {

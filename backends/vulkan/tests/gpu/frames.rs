@@ -63,7 +63,7 @@ fn results_that_nobody_takes_do_not_pile_up() {
     load(&mut vulkan, counter().0);
     let first = vulkan.submit(&FrameInputs::default()).unwrap();
     let last = (0..80).map(|_| vulkan.submit(&FrameInputs::default()).unwrap()).last().unwrap();
-    assert!(error_of(vulkan.wait(first)).contains("newer ones"));
+    assert!(error_of(vulkan.wait(first)).contains("newer results"));
     assert_eq!(vulkan.wait(last).unwrap().stats[0].1, 181);
     finish(vulkan);
 }
@@ -118,10 +118,10 @@ fn inputs_that_do_not_fit_are_refused_and_the_next_frame_runs() {
     let mut vulkan = open();
     load(&mut vulkan, uniforms());
     let error = error_of(vulkan.submit(&FrameInputs::default()));
-    assert!(error.contains("no uniform block `frame.camera`"), "{error}");
+    assert!(error.contains("no contents for uniform block `frame.camera`"), "{error}");
     let mut long = uniform_inputs(1, 2);
     long.live = vec![0; 17];
-    assert!(error_of(vulkan.submit(&long)).contains("17 bytes"));
+    assert!(error_of(vulkan.submit(&long)).contains("found 17"));
     assert_eq!(words(&frame(&mut vulkan, &uniform_inputs(3, 4)).output.unwrap().bytes), [3, 4]);
     finish(vulkan);
 }

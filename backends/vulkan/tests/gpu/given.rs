@@ -137,14 +137,22 @@ fn a_frame_without_the_buffer_or_with_too_little_of_it_is_refused_and_the_next_r
         assert!(matches!(error, BackendError::Invalid(_)), "{error:?}");
         assert!(error.to_string().contains(expected), "{error}");
     };
-    refused(&mut vulkan, &with_output(), "given no buffer `frame.words`");
-    refused(&mut vulkan, &given(&[1]), "given 4 bytes for `frame.words`, which wants 8 or more");
-    refused(&mut vulkan, &giving(Given::Bytes(Arc::default())), "given 0 bytes");
-    refused(&mut vulkan, &giving(Given::Bytes(Arc::new(vec![0; 10]))), "in elements of 4");
+    refused(&mut vulkan, &with_output(), "no contents for host buffer `frame.words`");
+    refused(
+        &mut vulkan,
+        &given(&[1]),
+        "host buffer `frame.words`: expected 8 bytes or more in elements of 4, found 4 bytes",
+    );
+    refused(&mut vulkan, &giving(Given::Bytes(Arc::default())), "found 0 bytes");
+    refused(&mut vulkan, &giving(Given::Bytes(Arc::new(vec![0; 10]))), "in elements of 4, found 10 bytes");
     let unknown = Picture { id: 77, format: Format::R32Uint, width: 4, height: 4 };
-    refused(&mut vulkan, &giving(Given::Picture(unknown)), "the picture 77 for `frame.words`");
+    refused(
+        &mut vulkan,
+        &giving(Given::Picture(unknown)),
+        "host buffer `frame.words` was given the picture 77",
+    );
     assert_eq!(shown(&mut vulkan, &given(&[3, 4])), [3, 4, 2]);
-    refused(&mut vulkan, &given(&[1]), "given 4 bytes");
+    refused(&mut vulkan, &given(&[1]), "found 4 bytes");
     assert_eq!(shown(&mut vulkan, &given(&[5, 6, 7])), [5, 6, 3]);
     finish(vulkan);
 }

@@ -170,7 +170,10 @@ fn a_picture_that_is_gone_cannot_be_given_and_frames_that_were_given_it_read_it_
     load(&mut scene, plain(9));
     let refused = |window: &mut Vulkan, picture: Picture| {
         let error = error_of(window.submit(&pictures(picture, picture)));
-        assert!(error.contains(&format!("the picture {} for `frame.left`", picture.id)), "{error}");
+        assert!(
+            error.contains(&format!("host buffer `frame.left` was given the picture {}", picture.id)),
+            "{error}"
+        );
     };
     let first = draw(&mut scene, 1);
     let pending = window.submit(&pictures(first, first)).expect("the frame is submitted");

@@ -335,7 +335,7 @@ fn a_load_that_fails_leaves_the_former_plan_its_frames_and_its_histories() {
         build.dispatch(Run::Frame, "add", shader, 1, &[(scene, 0, READ), (count, 1, READ)]);
     });
     let error = vulkan.load(lacking, &Scene::default(), &mut |_| {});
-    assert!(matches!(error, Err(BackendError::Scene(_))), "{error:?}");
+    assert!(matches!(error, Err(BackendError::Scene { .. })), "{error:?}");
     assert_eq!(grow(&mut vulkan), 3);
     assert_eq!(pending.map(|frame| grown(&mut vulkan, frame).1), [1, 2]);
     load(&mut vulkan, growing("count", 10));

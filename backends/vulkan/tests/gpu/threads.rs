@@ -228,7 +228,7 @@ fn an_upload_that_fails_stands_in_nobodys_way() {
     let mut vulkan = open();
     let loader = vulkan.loader();
     let error = loader.prepare(numbers(2), &Broken { panics: false }, &mut |_| {}).err();
-    assert!(matches!(error, Some(BackendError::Scene(_))), "{error:?}");
+    assert!(matches!(error, Some(BackendError::Scene { .. })), "{error:?}");
     let loader = vulkan.loader();
     let thread =
         thread::spawn(move || loader.prepare(numbers(2), &Broken { panics: true }, &mut |_| {}).map(drop));

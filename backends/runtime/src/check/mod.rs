@@ -1,63 +1,18 @@
-//! What a device allows, and a plan held against it.
+//! Checks a plan against itself and against the limits of a device.
 //!
-//! [`check`] is a pure function. It runs before anything is created, so that a plan that is too large is refused with
-//! a sentence that names the resource and both numbers, and so that everything after it may index into the plan
-//! freely: a plan that was read from a file can say anything.
+//! [`check`] is a pure function. It runs before anything is created, so that a plan that is too large is refused with an error
+//! that names the resource and both numbers, and so that everything after it may index into the plan freely.
 
-mod given;
+mod host_buffers;
 
-use crate::error::mib;
-use splatgraph_api::BackendError;
+use crate::limits::Limits;
+use splatgraph_api::{BackendError, LimitExceeded, Unit, display_bytes};
 use splatgraph_framework::ir::ShaderStage;
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashSet;
 
-/// The limits of a physical device that plans can run into.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Limits {
-    pub max_storage_bytes: u64,
-    pub max_uniform_bytes: u64,
-    pub max_buffer_bytes: u64,
-    pub max_push_bytes: u32,
-    pub max_groups: [u32; 3],
-    pub max_local_size: [u32; 3],
-    pub max_invocations: u32,
-    pub shared_bytes: u32,
-    /// Pixels in x and in y.
-    pub max_image_size: u32,
-    pub max_targets: u32,
-    /// Descriptors that one shader may see.
-    pub max_storage_buffers: u32,
-    pub max_uniform_buffers: u32,
-    pub max_storage_images: u32,
-    /// Size of the largest device-local heap.
-    pub heap_bytes: u64,
-    /// A bit for each memory type that is device-local.
-    pub device_memory_types: u32,
-    /// Buffers and images next to each other in memory keep this many bytes apart.
-    pub buffer_image_granularity: u64,
-    /// Targets of one draw may blend differently.
-    pub independent_blend: bool,
-    pub subgroup: SubgroupLimits,
-    /// Blending rounds what it writes to half-float images.
-    pub rounds_half: bool,
-    /// Bits that count in a timestamp; 0 where the queue has none.
-    pub timestamp_bits: u32,
-    /// Nanoseconds per tick.
-    pub timestamp_period: f32,
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct SubgroupLimits {
-    /// Lanes that compute shaders run with.
-    pub size: u32,
-    /// The largest that the driver may choose where a pipeline does not ask.
-    pub max_size: u32,
-    /// A compute pipeline may ask for a size.
-    pub selectable: bool,
-    /// Subgroups of a workgroup, where a size is asked for.
-    pub max_per_group: u32,
-}
+/// The axes of dispatches.
+const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Refuses a plan that contradicts itself ([`BackendError::Invalid`]) or asks for too much ([`BackendError::Limit`]).
 /// What it accepts is whole: every id is within range and fits its use.
@@ -97,24 +52,43 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
     checker.output()
 }
 
-/// A plan that contradicts itself.
+/// Returns the error for a plan that contradicts itself, or for inputs that do not fit it.
 pub(crate) fn invalid<T>(text: String) -> Result<T, BackendError> {
     Err(BackendError::Invalid(text))
 }
 
-fn over<T>(text: String) -> Result<T, BackendError> {
-    Err(BackendError::Limit(text))
+/// Refuses more than `available` bytes; `what` names the thing that has them.
+pub(crate) fn within_bytes(
+    what: impl FnOnce() -> String,
+    needed: u64,
+    available: u64,
+) -> Result<(), BackendError> {
+    within(what, needed, available, Unit::Bytes)
 }
 
-/// What the checks ask of a resource.
-trait ResourceExt {
-    fn is_image(&self) -> bool;
+/// Refuses more than `available` of something.
+fn within_count(
+    what: impl FnOnce() -> String,
+    needed: impl Into<u64>,
+    available: impl Into<u64>,
+) -> Result<(), BackendError> {
+    within(what, needed.into(), available.into(), Unit::Count)
 }
 
-impl ResourceExt for Resource {
-    fn is_image(&self) -> bool {
-        matches!(self.shape, Shape::Image { .. })
+fn within(
+    what: impl FnOnce() -> String,
+    needed: u64,
+    available: u64,
+    unit: Unit,
+) -> Result<(), BackendError> {
+    if needed <= available {
+        return Ok(());
     }
+    Err(BackendError::Limit(LimitExceeded { what: what(), needed, available, unit }))
+}
+
+fn is_image(resource: &Resource) -> bool {
+    matches!(resource.shape, Shape::Image { .. })
 }
 
 struct Checker<'a> {
@@ -159,7 +133,7 @@ impl<'a> Checker<'a> {
     ) -> Result<&'a Resource, BackendError> {
         let resource = self.resources(id, user)?;
         let inside = offset.checked_add(bytes).is_some_and(|end| end <= resource.bytes());
-        if resource.is_image() || !inside || !offset.is_multiple_of(4) {
+        if is_image(resource) || !inside || !offset.is_multiple_of(4) {
             return invalid(format!(
                 "`{user}` uses {bytes} bytes at byte {offset} of `{}`, which has {} bytes in words of 4",
                 resource.name,
@@ -176,30 +150,19 @@ impl<'a> Checker<'a> {
                 let Some(bytes) = stride.checked_mul(count).filter(|&bytes| bytes > 0) else {
                     return invalid(format!("buffer `{name}` has {count} elements of {stride} bytes"));
                 };
-                if bytes > self.limits.max_buffer_bytes {
-                    return over(format!(
-                        "buffer `{name}` is {}, and a buffer of this device may have {} at most",
-                        mib(bytes),
-                        mib(self.limits.max_buffer_bytes)
-                    ));
-                }
+                within_bytes(|| format!("the size of buffer `{name}`"), bytes, self.limits.max_buffer_bytes)
             }
             Shape::Image { width, height, .. } => {
-                let most = self.limits.max_image_size;
                 if resource.source != Source::Transient || width == 0 || height == 0 {
                     return invalid(format!(
                         "image `{name}` is {width} x {height} from {:?}",
                         resource.source
                     ));
                 }
-                if width.max(height) > most {
-                    return over(format!(
-                        "image `{name}` is {width} x {height} pixels, and this device has {most} x {most} at most"
-                    ));
-                }
+                let what = || format!("the longer side of image `{name}` ({width} x {height} pixels)");
+                within_count(what, width.max(height), self.limits.max_image_size)
             }
         }
-        Ok(())
     }
 
     /// Every transient resource stands in the block that it names, and nothing else stands in one.
@@ -230,17 +193,13 @@ impl<'a> Checker<'a> {
     fn memory(&self) -> Result<(), BackendError> {
         let others = self.plan.resources.iter().filter(|r| r.source != Source::Transient);
         let total = others.fold(self.plan.transient_bytes(), |sum, r| sum.saturating_add(r.bytes()));
-        if total <= self.limits.heap_bytes {
-            return Ok(());
-        }
-        let largest = self.plan.resources.iter().max_by_key(|r| r.bytes());
-        let largest = largest.map(|r| format!("; the largest is `{}` with {}", r.name, mib(r.bytes())));
-        over(format!(
-            "the plan's resources are {} in all, and the device's memory is {}{}",
-            mib(total),
-            mib(self.limits.heap_bytes),
-            largest.unwrap_or_default()
-        ))
+        let what = || {
+            let largest = self.plan.resources.iter().max_by_key(|r| r.bytes());
+            let largest =
+                largest.map(|r| format!(" (the largest is `{}` with {})", r.name, display_bytes(r.bytes())));
+            format!("the size of all resources{}", largest.unwrap_or_default())
+        };
+        within_bytes(what, total, self.limits.heap_bytes)
     }
 
     fn barriers(&self, barriers: &[Barrier], place: &str) -> Result<(), BackendError> {
@@ -254,7 +213,7 @@ impl<'a> Checker<'a> {
                 continue;
             };
             let resource = self.resources(image, &format!("a barrier {place}"))?;
-            if !resource.is_image() || new == Layout::Undefined {
+            if !is_image(resource) || new == Layout::Undefined {
                 return invalid(format!(
                     "a barrier {place} brings `{}` into the layout {new:?}, which it cannot have",
                     resource.name
@@ -266,13 +225,8 @@ impl<'a> Checker<'a> {
 
     fn pass(&self, pass: &Pass) -> Result<(), BackendError> {
         let name = &pass.name;
-        if pass.push.len() > self.limits.max_push_bytes as usize {
-            return over(format!(
-                "pass `{name}` has {} bytes of push constants, and this device takes {}",
-                pass.push.len(),
-                self.limits.max_push_bytes
-            ));
-        }
+        let what = || format!("the size of the push constants of pass `{name}`");
+        within_bytes(what, pass.push.len() as u64, self.limits.max_push_bytes.into())?;
         if !pass.push.len().is_multiple_of(4) {
             return invalid(format!(
                 "pass `{name}` has {} bytes of push constants, not whole words",
@@ -296,7 +250,7 @@ impl<'a> Checker<'a> {
             }
             Work::Fill { buffer, .. } => self.filled(*buffer, name),
             Work::Start { resource } => {
-                let image = self.used(*resource, Usage::COPY_TARGET, name)?.is_image();
+                let image = is_image(self.used(*resource, Usage::COPY_TARGET, name)?);
                 if image { Ok(()) } else { self.filled(*resource, name) }
             }
             Work::Export | Work::Host => Ok(()),
@@ -314,10 +268,10 @@ impl<'a> Checker<'a> {
     }
 
     fn bindings(&self, pass: &Pass) -> Result<(), BackendError> {
-        let (mut storage, mut uniform, mut images) = (0, 0, 0);
+        let (mut storage, mut uniform, mut images) = (0u32, 0u32, 0u32);
         for binding in &pass.bindings {
             let resource = self.resources(binding.resource, &pass.name)?;
-            if resource.is_image() != (binding.kind == DescriptorKind::StorageImage) {
+            if is_image(resource) != (binding.kind == DescriptorKind::StorageImage) {
                 return invalid(format!(
                     "pass `{}` binds `{}` to `{}`, which is not a {:?}",
                     pass.name, resource.name, binding.name, binding.kind
@@ -329,32 +283,21 @@ impl<'a> Checker<'a> {
                 DescriptorKind::StorageImage => (&mut images, u64::MAX),
             };
             *count += 1;
-            if resource.bytes() > most {
-                return over(format!(
-                    "`{}`, bound by pass `{}`, is {}, and a {} of this device may have {} at most",
-                    resource.name,
-                    pass.name,
-                    mib(resource.bytes()),
-                    if binding.kind == DescriptorKind::StorageBuffer {
-                        "storage binding"
-                    } else {
-                        "uniform block"
-                    },
-                    mib(most)
-                ));
-            }
+            let what = || {
+                let kind = match binding.kind {
+                    DescriptorKind::UniformBuffer => "uniform block",
+                    _ => "storage buffer",
+                };
+                format!("the size of `{}`, bound as a {kind} by pass `{}`", resource.name, pass.name)
+            };
+            within_bytes(what, resource.bytes(), most)?;
         }
-        for (count, most, what) in [
+        for (count, most, kind) in [
             (storage, self.limits.max_storage_buffers, "storage buffers"),
             (uniform, self.limits.max_uniform_buffers, "uniform blocks"),
             (images, self.limits.max_storage_images, "storage images"),
         ] {
-            if count > most {
-                return over(format!(
-                    "pass `{}` binds {count} {what}, and this device allows {most}",
-                    pass.name
-                ));
-            }
+            within_count(|| format!("the number of {kind} bound by pass `{}`", pass.name), count, most)?;
         }
         Ok(())
     }
@@ -372,26 +315,23 @@ impl<'a> Checker<'a> {
 
     fn dispatch(&self, pass: &Pass, shader: ShaderId, groups: Groups) -> Result<(), BackendError> {
         let shader = self.shader(shader, ShaderStage::Compute, &pass.name)?;
-        let (local, most) = (shader.reflection.local_size, self.limits.max_local_size);
-        let invocations = local.iter().fold(1u32, |product, &n| product.saturating_mul(n));
-        if invocations > self.limits.max_invocations || (0..3).any(|i| local[i] > most[i]) {
-            return over(format!(
-                "shader `{}` has workgroups of {local:?}, and this device allows {most:?} and {} in all",
-                shader.name, self.limits.max_invocations
-            ));
+        let (local, name) = (shader.reflection.local_size, &shader.name);
+        for axis in 0..3 {
+            let what = || format!("the workgroup size {local:?} of shader `{name}` in {}", AXES[axis]);
+            within_count(what, local[axis], self.limits.max_local_size[axis])?;
         }
-        if shader.reflection.shared_bytes > self.limits.shared_bytes {
-            return over(format!(
-                "shader `{}` uses {} bytes of shared memory, and this device has {}",
-                shader.name, shader.reflection.shared_bytes, self.limits.shared_bytes
-            ));
-        }
+        let invocations = local.iter().fold(1u64, |product, &n| product.saturating_mul(n.into()));
+        let what = || format!("the number of invocations in a workgroup {local:?} of shader `{name}`");
+        within_count(what, invocations, self.limits.max_invocations)?;
+        let what = || format!("the shared memory of shader `{name}`");
+        within_bytes(what, shader.reflection.shared_bytes.into(), self.limits.shared_bytes.into())?;
         match groups {
-            Groups::Direct(groups) if (0..3).any(|i| groups[i] > self.limits.max_groups[i]) => over(format!(
-                "pass `{}` dispatches {groups:?} workgroups, and this device allows {:?}",
-                pass.name, self.limits.max_groups
-            )),
-            Groups::Direct(_) => Ok(()),
+            Groups::Direct(groups) => (0..3).try_for_each(|axis| {
+                let what = || {
+                    format!("the number of workgroups {groups:?} of pass `{}` in {}", pass.name, AXES[axis])
+                };
+                within_count(what, groups[axis], self.limits.max_groups[axis])
+            }),
             Groups::Indirect { buffer, offset } => self.indirect(buffer, offset, 12, &pass.name),
         }
     }
@@ -402,13 +342,11 @@ impl<'a> Checker<'a> {
     }
 
     fn targets(&self, targets: &[Target], user: &str) -> Result<(), BackendError> {
-        if targets.is_empty() || targets.len() > self.limits.max_targets as usize {
-            return over(format!(
-                "pass `{user}` draws into {} targets; this device allows 1 to {}",
-                targets.len(),
-                self.limits.max_targets
-            ));
+        if targets.is_empty() {
+            return invalid(format!("pass `{user}` draws into no target"));
         }
+        let what = || format!("the number of targets of pass `{user}`");
+        within_count(what, targets.len() as u64, self.limits.max_targets)?;
         let mut sizes = Vec::new();
         for target in targets {
             let resource = self.used(target.image, Usage::COLOR_TARGET, user)?;
@@ -421,13 +359,15 @@ impl<'a> Checker<'a> {
             return invalid(format!("pass `{user}` draws into targets of different sizes: {sizes:?}"));
         }
         if !self.limits.independent_blend && targets.iter().any(|t| t.blend != targets[0].blend) {
-            return over(format!("pass `{user}` blends its targets differently, which this device cannot"));
+            return Err(BackendError::Unsupported(format!(
+                "pass `{user}` blends its targets differently, which this device does not support"
+            )));
         }
         Ok(())
     }
 
     fn output(&self) -> Result<(), BackendError> {
-        if !self.resources(self.plan.output, "output")?.is_image() {
+        if !is_image(self.resources(self.plan.output, "output")?) {
             return invalid("the plan's output is not an image".to_string());
         }
         for stat in &self.plan.stats {

@@ -1,17 +1,15 @@
 //! Planes of the scene's attributes, which all plans of a device share.
 //!
 //! A plane is uploaded once and never written again, so that any number of plans can read it, of one executor or of several.
-//! The device knows those that are alive ([`Shelf`]); each plan that reads a plane keeps it alive. A plane comes to the shelf
-//! when its upload is complete, not before, and only one plan is uploading at a time: whoever lacks a plane waits for its turn
-//! and looks again.
+//! The [`AttributeCache`] finds those that some plan holds. A plane enters it when its upload is complete, not before, and only
+//! one plan uploads at a time: another that lacks a plane waits for its turn and looks again.
 
-use crate::memory::Buffer;
 use splatgraph_framework::ir::Source;
 use splatgraph_framework::plan::Plan;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-/// What tells one plane of scene data from another.
+/// The key of one plane of scene data.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct PlaneKey {
     /// [`splatgraph_api::SceneData::identity`].
@@ -21,10 +19,10 @@ pub(crate) struct PlaneKey {
     pub bytes: u64,
 }
 
-/// Planes that are on the device, or that a plan is about to bring there.
-pub(crate) type Planes = HashMap<PlaneKey, Arc<Buffer>>;
+/// Planes that are on the device, or that a plan is about to upload.
+pub(crate) type Planes<B> = HashMap<PlaneKey, Arc<B>>;
 
-/// The planes that `plan` reads, of the scene with this identity.
+/// Lists the planes that `plan` reads of the scene with this identity.
 pub(crate) fn keys(plan: &Plan, identity: u64) -> Vec<PlaneKey> {
     let key = |source: &Source, bytes| match source {
         Source::Scene { attribute, plane } => {
@@ -35,35 +33,35 @@ pub(crate) fn keys(plan: &Plan, identity: u64) -> Vec<PlaneKey> {
     plan.resources.iter().filter_map(|resource| key(&resource.source, resource.bytes())).collect()
 }
 
-/// The complete planes of a device.
-pub(crate) struct Shelf<B = Buffer> {
+/// The uploaded planes of a device; `B` is a buffer.
+pub(crate) struct AttributeCache<B> {
     complete: Mutex<HashMap<PlaneKey, Weak<B>>>,
     uploading: Mutex<()>,
 }
 
-impl<B> Default for Shelf<B> {
+impl<B> Default for AttributeCache<B> {
     fn default() -> Self {
-        Shelf { complete: Mutex::default(), uploading: Mutex::default() }
+        AttributeCache { complete: Mutex::default(), uploading: Mutex::default() }
     }
 }
 
 /// The right to upload, of one plan at a time.
 pub(crate) type Turn<'a> = MutexGuard<'a, ()>;
 
-impl<B> Shelf<B> {
-    /// Those of `keys` that are there. If some are not, also the turn to bring them: the plan that had it before may have been
-    /// bringing them, and has ended.
-    pub fn find(&self, keys: &[PlaneKey]) -> (HashMap<PlaneKey, Arc<B>>, Option<Turn<'_>>) {
-        let there = self.there(keys);
-        if keys.iter().all(|key| there.contains_key(key)) {
-            return (there, None);
+impl<B> AttributeCache<B> {
+    /// Finds the planes of `keys`. If some are missing, waits for the turn to upload them, and looks again: the plan that had the
+    /// turn before may have uploaded them.
+    pub fn find(&self, keys: &[PlaneKey]) -> (Planes<B>, Option<Turn<'_>>) {
+        let held = self.held(keys);
+        if keys.iter().all(|key| held.contains_key(key)) {
+            return (held, None);
         }
         // A plan that failed, or panicked, has added nothing.
         let turn = self.uploading.lock().unwrap_or_else(PoisonError::into_inner);
-        (self.there(keys), Some(turn))
+        (self.held(keys), Some(turn))
     }
 
-    /// Planes that are complete now.
+    /// Enters planes whose upload is complete.
     pub fn add<'a>(&self, planes: impl IntoIterator<Item = (&'a PlaneKey, &'a Arc<B>)>)
     where
         B: 'a,
@@ -73,7 +71,7 @@ impl<B> Shelf<B> {
         complete.extend(planes.into_iter().map(|(key, plane)| (key.clone(), Arc::downgrade(plane))));
     }
 
-    fn there(&self, keys: &[PlaneKey]) -> HashMap<PlaneKey, Arc<B>> {
+    fn held(&self, keys: &[PlaneKey]) -> Planes<B> {
         let complete = self.complete.lock().unwrap_or_else(PoisonError::into_inner);
         keys.iter().filter_map(|key| Some((key.clone(), complete.get(key)?.upgrade()?))).collect()
     }
@@ -89,29 +87,29 @@ mod tests {
 
     #[test]
     fn a_plane_is_found_as_long_as_some_plan_has_it() {
-        let shelf = Shelf::<&str>::default();
+        let cache = AttributeCache::<&str>::default();
         let plane = Arc::new("plane");
-        shelf.add([(&key(0), &plane)]);
-        let (found, turn) = shelf.find(&[key(0)]);
+        cache.add([(&key(0), &plane)]);
+        let (found, turn) = cache.find(&[key(0)]);
         assert!(turn.is_none() && Arc::ptr_eq(&found[&key(0)], &plane));
         // Another plan has it, and then none.
         drop(plane);
-        assert!(shelf.find(&[key(0)]).1.is_none());
+        assert!(cache.find(&[key(0)]).1.is_none());
         drop(found);
-        let (found, turn) = shelf.find(&[key(0)]);
+        let (found, turn) = cache.find(&[key(0)]);
         assert!(found.is_empty() && turn.is_some());
     }
 
     #[test]
-    fn who_lacks_a_plane_waits_for_the_one_that_is_bringing_it() {
-        let shelf = Shelf::<&str>::default();
-        let (_, turn) = shelf.find(&[key(0)]);
+    fn a_plan_that_lacks_a_plane_waits_for_the_one_that_uploads_it() {
+        let cache = AttributeCache::<&str>::default();
+        let (_, turn) = cache.find(&[key(0)]);
         let plane = Arc::new("plane");
         std::thread::scope(|scope| {
-            let second = scope.spawn(|| shelf.find(&[key(0)]).0);
-            // One that lacks nothing does not wait.
-            assert!(shelf.find(&[]).1.is_none());
-            shelf.add([(&key(0), &plane)]);
+            let second = scope.spawn(|| cache.find(&[key(0)]).0);
+            // A plan that lacks nothing does not wait.
+            assert!(cache.find(&[]).1.is_none());
+            cache.add([(&key(0), &plane)]);
             drop(turn);
             assert!(Arc::ptr_eq(&second.join().expect("it ends well")[&key(0)], &plane));
         });

@@ -1,5 +1,7 @@
 //! A plan for the tests of what is pure: nothing in it reaches a device.
 
+#![allow(dead_code, reason = "each backend crate that includes this file uses a part of it")]
+
 use splatgraph_framework::ir::{Reflection, ShaderStage};
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::BTreeMap;

@@ -1,0 +1,161 @@
+//! Errors of backends, by what can be done about them.
+
+use std::fmt;
+
+/// Why a backend could not do what it was asked to. [`BackendError::recovery`] says what can be done about it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum BackendError {
+    /// There is no driver, no such device or no validation layer, or the window cannot be drawn in.
+    #[error("{0}")]
+    Unavailable(String),
+    /// The plan or the frame needs more of something than the device has.
+    #[error("{0}")]
+    Limit(LimitExceeded),
+    /// The plan needs something that the device does not support.
+    #[error("{0}")]
+    Unsupported(String),
+    /// Memory could not be allocated.
+    #[error("out of memory for `{name}` ({}): {reason}", display_bytes(*bytes))]
+    OutOfMemory {
+        /// The resource, or the call that failed.
+        name: String,
+        /// The size that was asked for; 0 where the driver does not say.
+        bytes: u64,
+        /// The answer of the allocator or the driver.
+        reason: String,
+    },
+    /// The plan contradicts itself, or the inputs of a frame do not fit the plan.
+    #[error("{0}")]
+    Invalid(String),
+    /// The scene cannot supply an attribute that the plan reads.
+    #[error("cannot read plane {plane} of scene attribute `{attribute}`: {reason}")]
+    Scene {
+        /// The attribute's full name.
+        attribute: String,
+        /// The plane of it.
+        plane: u32,
+        /// The answer of the scene.
+        reason: String,
+    },
+    /// The driver was busy, or the window changed meanwhile.
+    #[error("{call} answered {answer}: try again")]
+    Busy {
+        /// The call that failed.
+        call: &'static str,
+        /// The driver's answer.
+        answer: String,
+    },
+    /// The device stopped; names the pass that ran last.
+    #[error("device lost: {0}")]
+    DeviceLost(String),
+    /// Any other answer of the API to a call.
+    #[error("{call} failed: {answer}")]
+    Api {
+        /// The call that failed.
+        call: &'static str,
+        /// The driver's answer.
+        answer: String,
+    },
+}
+
+/// What can be done about a [`BackendError`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Recovery {
+    /// The same call may succeed if it is made again.
+    Retry,
+    /// The user can mend it: install a driver, choose another device, scene or parameter, or free memory.
+    User,
+    /// The program or the driver has a defect: the plan, the inputs or an answer is wrong.
+    Defect,
+    /// The device has ended: open another.
+    DeviceEnded,
+}
+
+impl BackendError {
+    /// Says what can be done about the error.
+    pub fn recovery(&self) -> Recovery {
+        match self {
+            BackendError::Busy { .. } => Recovery::Retry,
+            BackendError::Unavailable(_)
+            | BackendError::Limit(_)
+            | BackendError::Unsupported(_)
+            | BackendError::OutOfMemory { .. }
+            | BackendError::Scene { .. } => Recovery::User,
+            BackendError::Invalid(_) | BackendError::Api { .. } => Recovery::Defect,
+            BackendError::DeviceLost(_) => Recovery::DeviceEnded,
+        }
+    }
+}
+
+/// A limit of the device that a plan or a frame exceeds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LimitExceeded {
+    /// The thing that is limited, for instance "the size of buffer `keys`".
+    pub what: String,
+    /// The amount needed.
+    pub needed: u64,
+    /// The amount that the device allows at most.
+    pub available: u64,
+    /// The unit of both amounts.
+    pub unit: Unit,
+}
+
+/// The unit of a limit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Bytes, shown in mebibytes where there are many.
+    Bytes,
+    /// A number of things.
+    Count,
+}
+
+impl fmt::Display for LimitExceeded {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let LimitExceeded { what, needed, available, unit } = self;
+        match unit {
+            Unit::Bytes => {
+                let (available, needed) = (display_bytes(*available), display_bytes(*needed));
+                write!(f, "{what} exceeds the device's limit: expected at most {available}, found {needed}")
+            }
+            Unit::Count => {
+                write!(f, "{what} exceeds the device's limit: expected at most {available}, found {needed}")
+            }
+        }
+    }
+}
+
+/// Formats a byte count: `152.6 MiB`, or bytes where it is less than a tenth of a mebibyte.
+pub fn display_bytes(bytes: u64) -> String {
+    const MIB: f64 = 1024.0 * 1024.0;
+    if (bytes as f64) < 0.1 * MIB {
+        format!("{bytes} bytes")
+    } else {
+        format!("{:.1} MiB", bytes as f64 / MIB)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_written_in_mebibytes() {
+        assert_eq!(display_bytes(160_000_000), "152.6 MiB");
+        assert_eq!(display_bytes(4096), "4096 bytes");
+    }
+
+    #[test]
+    fn a_limit_is_told_with_both_amounts() {
+        let mut limit = LimitExceeded {
+            what: "the size of buffer `keys`".to_string(),
+            needed: 160_000_000,
+            available: 4096,
+            unit: Unit::Bytes,
+        };
+        let text = "the size of buffer `keys` exceeds the device's limit: expected at most 4096 bytes, found 152.6 MiB";
+        assert_eq!(limit.to_string(), text);
+        limit.unit = Unit::Count;
+        assert!(limit.to_string().ends_with("expected at most 4096, found 160000000"));
+        assert_eq!(BackendError::Limit(limit).recovery(), Recovery::User);
+    }
+}

@@ -1,0 +1,191 @@
+//! The memory of transient resources that share it.
+//!
+//! The members of a block are never alive at the same time: where the device allows it, they are bound to the start of the same
+//! piece of memory, which is as large as the largest of them needs. Sharing is never required: where members need different
+//! types of memory, or one needs a dedicated allocation, each has its own.
+
+use crate::gpu::{Buffer, BufferDesc, Gpu, Image, ImageDesc, Location, MemoryKind, Requirements};
+use splatgraph_api::BackendError;
+use std::sync::Arc;
+
+/// A member of a block to create.
+pub(crate) enum Member<'a> {
+    Buffer(BufferDesc<'a>),
+    Image(ImageDesc<'a>),
+}
+
+/// A transient resource with its memory. Plans may share it.
+pub(crate) enum Transient<G: Gpu> {
+    Buffer(Arc<Buffer<G>>),
+    Image(Arc<Image<G>>),
+}
+
+impl<G: Gpu> Clone for Transient<G> {
+    fn clone(&self) -> Self {
+        match self {
+            Transient::Buffer(buffer) => Transient::Buffer(buffer.clone()),
+            Transient::Image(image) => Transient::Image(image.clone()),
+        }
+    }
+}
+
+impl<G: Gpu> Transient<G> {
+    pub fn memory(&self) -> &Arc<G::Memory> {
+        match self {
+            Transient::Buffer(buffer) => &buffer.memory,
+            Transient::Image(image) => &image.memory,
+        }
+    }
+}
+
+enum Unbound<G: Gpu> {
+    Buffer(G::UnboundBuffer),
+    Image(G::UnboundImage),
+}
+
+impl Member<'_> {
+    fn name(&self) -> &str {
+        match self {
+            Member::Buffer(desc) => desc.name,
+            Member::Image(desc) => desc.name,
+        }
+    }
+
+    fn create<G: Gpu>(&self, gpu: &Arc<G>) -> Result<(Unbound<G>, Requirements<G::Dedicated>), BackendError> {
+        Ok(match self {
+            Member::Buffer(desc) => {
+                let (buffer, requirements) = gpu.create_buffer(desc)?;
+                (Unbound::Buffer(buffer), requirements)
+            }
+            Member::Image(desc) => {
+                let (image, requirements) = gpu.create_image(desc)?;
+                (Unbound::Image(image), requirements)
+            }
+        })
+    }
+
+    fn bind<G: Gpu>(
+        &self,
+        gpu: &Arc<G>,
+        unbound: Unbound<G>,
+        memory: Arc<G::Memory>,
+    ) -> Result<Transient<G>, BackendError> {
+        Ok(match (self, unbound) {
+            (Member::Buffer(desc), Unbound::Buffer(buffer)) => {
+                Transient::Buffer(Arc::new(Buffer::bind(gpu, desc, buffer, memory)?))
+            }
+            (Member::Image(desc), Unbound::Image(image)) => {
+                Transient::Image(Arc::new(Image::bind(gpu, desc, image, memory)?))
+            }
+            _ => unreachable!("a member is bound as the kind that it was created as"),
+        })
+    }
+}
+
+/// Creates the members of a block, and binds them to one piece of memory or to one each.
+pub(crate) fn create_block<G: Gpu>(
+    gpu: &Arc<G>,
+    members: &[Member],
+) -> Result<Vec<Transient<G>>, BackendError> {
+    let created = members.iter().map(|member| member.create(gpu)).collect::<Result<Vec<_>, _>>()?;
+    let requirements: Vec<_> = created.iter().map(|(_, requirements)| *requirements).collect();
+    let limits = gpu.limits();
+    let shared = match combine(&requirements, limits.device_memory_types, limits.buffer_image_granularity) {
+        Some(requirements) => {
+            let names: Vec<&str> = members.iter().map(Member::name).collect();
+            Some(Arc::new(gpu.allocate(&names.join(" + "), &requirements, Location::Device)?))
+        }
+        None => None,
+    };
+    members
+        .iter()
+        .zip(created)
+        .map(|(member, (unbound, requirements))| {
+            let memory = match &shared {
+                Some(memory) => memory.clone(),
+                None => Arc::new(gpu.allocate(member.name(), &requirements, Location::Device)?),
+            };
+            member.bind(gpu, unbound, memory)
+        })
+        .collect()
+}
+
+/// Combines the requirements of members; none where they cannot share memory. `device_types` are the memory types on the device.
+///
+/// Where buffers and images share, the block fills whole pages of `granularity` bytes
+/// (`VkPhysicalDeviceLimits::bufferImageGranularity`), so that its neighbours are unaffected whichever member is alive.
+fn combine<D: Copy + PartialEq>(
+    members: &[Requirements<D>],
+    device_types: u32,
+    granularity: u64,
+) -> Option<Requirements<D>> {
+    let (first, rest) = members.split_first()?;
+    if rest.is_empty() {
+        return Some(*first);
+    }
+    let mut all = *first;
+    for next in rest {
+        all.size = all.size.max(next.size);
+        // Alignments are powers of two.
+        all.alignment = all.alignment.max(next.alignment);
+        all.types &= next.types;
+        if all.kind != next.kind {
+            all.kind = MemoryKind::Optimal;
+        }
+    }
+    let plain = |needs: &Requirements<D>| matches!(needs.kind, MemoryKind::Linear | MemoryKind::Optimal);
+    if all.types & device_types == 0 || !members.iter().all(plain) {
+        return None;
+    }
+    if members.iter().any(|needs| needs.kind != all.kind) {
+        all.alignment = all.alignment.max(granularity);
+        all.size = all.size.next_multiple_of(granularity.max(1));
+    }
+    Some(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Needs = Requirements<()>;
+
+    const BUFFER: Needs = Needs { size: 1000, alignment: 16, types: 0b0111, kind: MemoryKind::Linear };
+    const IMAGE: Needs = Needs { size: 700, alignment: 256, types: 0b0110, kind: MemoryKind::Optimal };
+    const ON_DEVICE: u32 = 0b0011;
+
+    #[test]
+    fn members_together_need_the_most_that_any_of_them_needs() {
+        let larger = Needs { size: 3000, types: 0b1101, ..BUFFER };
+        let together = Needs { size: 3000, types: 0b0101, ..BUFFER };
+        assert_eq!(combine(&[BUFFER, larger], ON_DEVICE, 1024), Some(together));
+        assert_eq!(combine(&[larger, BUFFER, BUFFER], ON_DEVICE, 1024), Some(together));
+    }
+
+    #[test]
+    fn a_block_of_buffers_and_images_fills_whole_pages() {
+        let together = Needs { size: 1024, alignment: 1024, types: 0b0110, kind: MemoryKind::Optimal };
+        assert_eq!(combine(&[BUFFER, IMAGE], ON_DEVICE, 1024), Some(together));
+        assert_eq!(combine(&[IMAGE, BUFFER], ON_DEVICE, 1024), Some(together));
+        let fine = Needs { size: 1000, alignment: 256, ..together };
+        assert_eq!(combine(&[IMAGE, BUFFER], ON_DEVICE, 1), Some(fine));
+    }
+
+    #[test]
+    fn members_without_a_type_of_device_memory_in_common_do_not_share() {
+        let other = Needs { types: 0b1000, ..IMAGE };
+        assert_eq!(combine(&[BUFFER, other], ON_DEVICE, 1), None);
+        // A type in common, which is the host's.
+        assert_eq!(combine(&[BUFFER, Needs { types: 0b0100, ..IMAGE }], ON_DEVICE, 1), None);
+        // Alone, a member gets what it asks for.
+        assert_eq!(combine(&[other], ON_DEVICE, 1), Some(other));
+    }
+
+    #[test]
+    fn a_member_that_needs_a_dedicated_allocation_does_not_share() {
+        let alone = Needs { kind: MemoryKind::Dedicated(()), ..IMAGE };
+        assert_eq!(combine(&[BUFFER, alone], ON_DEVICE, 1), None);
+        assert_eq!(combine(&[alone, alone], ON_DEVICE, 1), None);
+        assert_eq!(combine(&[alone], ON_DEVICE, 1), Some(alone));
+    }
+}

@@ -1,0 +1,67 @@
+//! The bindings of a plan's passes, and which of them are written when.
+//!
+//! A pass that binds something of the frame has one copy of its bindings per frame in flight, any other pass has one. They are
+//! written when they are made, but for those of host buffers, whose contents come with the frames, and written again where they
+//! change.
+
+use crate::gpu::{Gpu, binding_copies};
+use crate::resources::Resources;
+use splatgraph_api::BackendError;
+use splatgraph_framework::ir::{Pass, PassId, ResourceId, Source, Work};
+use splatgraph_framework::plan::Plan;
+use std::sync::Arc;
+
+pub(crate) struct Bindings<G: Gpu> {
+    pub raw: G::Bindings,
+    /// The passes that bind something, each with the number of copies.
+    passes: Vec<(PassId, usize)>,
+}
+
+impl<G: Gpu> Bindings<G> {
+    /// Creates the bindings of all passes that run, and writes those that are the same for all frames of a slot.
+    pub fn new(
+        gpu: &Arc<G>,
+        plan: &Plan,
+        pipelines: &G::Pipelines,
+        resources: &Resources<G>,
+    ) -> Result<Self, BackendError> {
+        let mut raw = gpu.create_bindings(plan, pipelines)?;
+        let steps = plan.prologue.iter().chain(&plan.frame);
+        let runs = |pass: &Pass| matches!(pass.work, Work::Dispatch { .. } | Work::Draw { .. });
+        let bound = steps
+            .map(|step| step.pass)
+            .filter(|&id| runs(plan.pass(id)) && !plan.pass(id).bindings.is_empty());
+        let passes: Vec<_> = bound.map(|id| (id, binding_copies(plan, plan.pass(id)))).collect();
+        let fixed = |id: ResourceId| !matches!(plan.resource(id).source, Source::Given { .. });
+        for &(id, copies) in &passes {
+            for copy in 0..copies {
+                for binding in plan.pass(id).bindings.iter().filter(|binding| fixed(binding.resource)) {
+                    let target = resources.binding_target(binding.resource, copy);
+                    gpu.write_binding(&mut raw, id, copy, binding, target);
+                }
+            }
+        }
+        Ok(Bindings { raw, passes })
+    }
+
+    /// Points all that this slot's passes bind of `changed` to where it is now. No frame that uses these bindings is in flight.
+    pub fn rewrite(
+        &mut self,
+        gpu: &G,
+        plan: &Plan,
+        resources: &Resources<G>,
+        slot: usize,
+        changed: &[ResourceId],
+    ) {
+        if changed.is_empty() {
+            return;
+        }
+        for &(id, copies) in &self.passes {
+            for binding in plan.pass(id).bindings.iter().filter(|binding| changed.contains(&binding.resource))
+            {
+                let target = resources.binding_target(binding.resource, slot);
+                gpu.write_binding(&mut self.raw, id, slot % copies, binding, target);
+            }
+        }
+    }
+}

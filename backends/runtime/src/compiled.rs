@@ -1,0 +1,203 @@
+//! A compiled plan: everything that is created for a plan, and nothing of any one frame.
+//!
+//! It is made beside the frames, on any thread ([`CompiledPlan::new`]), and becomes the current one when it
+//! [follows](CompiledPlan::follow) the plan before it. Only then is it known which histories that one leaves.
+
+use crate::attributes;
+use crate::bindings::Bindings;
+use crate::check;
+use crate::gpu::{Buffer, Gpu, Memory};
+use crate::history::{self, History};
+use crate::resources::Resources;
+use crate::shared::Shared;
+use crate::timing::queries;
+use crate::upload::upload;
+use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress, SceneData};
+use splatgraph_framework::{ir::*, plan::*};
+use std::sync::Arc;
+
+/// Dropped in the order of its fields, when no frame of it is in flight.
+pub(crate) struct CompiledPlan<G: Gpu> {
+    pub bindings: Bindings<G>,
+    pub pipelines: G::Pipelines,
+    pub slots: [PlanSlot<G>; FRAMES_IN_FLIGHT],
+    pub resources: Resources<G>,
+    pub plan: Plan,
+    /// Tells plans apart that are loaded one after another; see [`CompiledPlan::follow`].
+    pub number: u64,
+    /// The scene's; see [`SceneData::identity`].
+    identity: u64,
+    /// The layouts that the frames submitted so far leave the images in.
+    pub layouts: Vec<Layout>,
+    /// Resources that go on from the history of a former plan, until the first frame was submitted.
+    pub carried: Vec<ResourceId>,
+    /// The next frame is the first: it runs the prologue.
+    pub prologue_due: bool,
+    /// The host's step of the frame makes all copies before it visible to the host, not those of the statistics alone.
+    pub host_sees_copies: bool,
+}
+
+/// The objects that a plan has once per frame in flight.
+pub(crate) struct PlanSlot<G: Gpu> {
+    /// See [`queries`]; none where the queue has no timer.
+    pub timestamps: Option<G::Timestamps>,
+    /// The output's pixels; made when first asked for.
+    pub output: Option<Buffer<G>>,
+}
+
+impl<G: Gpu> CompiledPlan<G> {
+    /// Creates everything that a plan needs, and uploads the planes of the scene that are missing on the device.
+    pub fn new(
+        shared: &Shared<G>,
+        plan: Plan,
+        scene: &dyn SceneData,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Self, BackendError> {
+        let gpu = &shared.gpu;
+        check::check(&plan, gpu.limits())?;
+        let identity = scene.identity();
+        let pipelines = gpu.create_pipelines(&plan, progress)?;
+        // Where planes are missing this may wait, so it comes after the pipelines.
+        let (mut planes, turn) = shared.attributes.find(&attributes::keys(&plan, identity));
+        let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes)?;
+        let bindings = Bindings::new(gpu, &plan, &pipelines, &resources)?;
+        let slots = [PlanSlot::new(gpu, &plan)?, PlanSlot::new(gpu, &plan)?];
+        // Last, since it takes the longest: a plan that cannot run is refused before.
+        upload(gpu, scene, &missing, &planes, progress)?;
+        shared.attributes.add(missing.iter().map(|key| (key, &planes[key])));
+        drop(turn);
+        Ok(CompiledPlan {
+            bindings,
+            pipelines,
+            slots,
+            resources,
+            number: 0,
+            identity,
+            layouts: vec![Layout::Undefined; plan.resources.len()],
+            carried: Vec::new(),
+            prologue_due: true,
+            host_sees_copies: host_sees_copies(&plan),
+            plan,
+        })
+    }
+
+    /// Makes it the plan of this number, which goes on from the `histories` that the plan before has after its last frame. No frame
+    /// of this plan was submitted yet.
+    pub fn follow(&mut self, gpu: &G, number: u64, histories: &[History<G>]) {
+        self.number = number;
+        for id in self.ids() {
+            let Some(history) = history::find(&self.plan, id, self.identity, histories) else { continue };
+            self.carried.push(id);
+            self.layouts[id.index()] = history.layout;
+            self.resources.rebind(id, history.transient.clone());
+        }
+        for slot in 0..FRAMES_IN_FLIGHT {
+            self.bindings.rewrite(gpu, &self.plan, &self.resources, slot, &self.carried);
+        }
+    }
+
+    fn ids(&self) -> impl Iterator<Item = ResourceId> + use<G> {
+        (0..self.plan.resources.len() as u32).map(ResourceId)
+    }
+
+    /// Lists the histories that the next plan may go on from.
+    pub fn histories(&self) -> Vec<History<G>> {
+        // Before the first frame only the histories of the plan before have contents.
+        let full = self.ids().filter(|id| !self.prologue_due || self.carried.contains(id));
+        let history = |id: ResourceId| {
+            Some(History {
+                name: history::name(&self.plan, id)?.to_string(),
+                shape: self.plan.resource(id).shape,
+                identity: self.identity,
+                layout: self.layouts[id.index()],
+                transient: self.resources.transient(id)?.clone(),
+            })
+        };
+        full.filter_map(history).collect()
+    }
+
+    /// Returns the steps of the prologue, if the next frame runs it.
+    pub fn prologue(&self) -> &[Step] {
+        if self.prologue_due { &self.plan.prologue } else { &[] }
+    }
+
+    /// Says whether the step would zero a history that goes on: then its pass does not run.
+    pub fn is_left_out(&self, step: &Step) -> bool {
+        matches!(self.plan.pass(step.pass).work, Work::Start { resource } if self.carried.contains(&resource))
+    }
+
+    /// Iterates over the steps whose passes the next frame runs.
+    pub fn steps(&self) -> impl Iterator<Item = &Step> {
+        self.prologue().iter().filter(|step| !self.is_left_out(step)).chain(&self.plan.frame)
+    }
+
+    /// Returns the buffer that the statistics of the frame in this slot are copied to; none where the plan has none.
+    pub fn readback(&self, slot: usize) -> Option<&Buffer<G>> {
+        let index = self.plan.resources.iter().position(|resource| resource.source == Source::Readback)?;
+        Some(self.resources.buffer(ResourceId(index as u32), slot))
+    }
+
+    /// Iterates over every piece of memory, some more than once: plans may share some.
+    pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
+        let outputs = self.slots.iter().flat_map(|slot| &slot.output);
+        self.resources.pieces().chain(outputs.map(|buffer| &buffer.memory))
+    }
+
+    /// Lists names and bytes of the memory; see [`splatgraph_api::Device::memory`].
+    pub fn memory(&self) -> Vec<(String, u64)> {
+        let mut memory = self.resources.memory(&self.plan);
+        let outputs = self.slots.iter().flat_map(|slot| &slot.output);
+        let readback: u64 = outputs.map(|buffer| buffer.memory.bytes()).sum();
+        if readback > 0 {
+            memory.push(("output readback".to_string(), readback));
+        }
+        memory
+    }
+}
+
+impl<G: Gpu> PlanSlot<G> {
+    fn new(gpu: &Arc<G>, plan: &Plan) -> Result<Self, BackendError> {
+        let timestamps = gpu.create_timestamps(queries(plan.prologue.len() + plan.frame.len()))?;
+        Ok(PlanSlot { timestamps, output: None })
+    }
+}
+
+/// Says whether the host's step of the frame waits for all copies: then the host can read whatever was copied before it.
+fn host_sees_copies(plan: &Plan) -> bool {
+    let host = plan.frame.iter().find(|step| plan.pass(step.pass).work == Work::Host);
+    host.is_some_and(|step| {
+        step.barriers.iter().any(|b| {
+            b.image.is_none()
+                && b.source_stages.contains(Stages::COPY)
+                && b.source_accesses.contains(Accesses::TRANSFER_WRITE)
+                && b.target_stages.contains(Stages::HOST)
+                && b.target_accesses.contains(Accesses::HOST_READ)
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{on_memory, plan};
+
+    #[test]
+    fn the_host_sees_all_copies_where_its_step_says_so() {
+        let copies = (Stages::COPY, Accesses::TRANSFER_WRITE);
+        let host = (Stages::HOST, Accesses::HOST_READ);
+        let sees = |step: usize, source, target| {
+            let mut plan = plan();
+            plan.frame[step].barriers = vec![on_memory(source, target)];
+            host_sees_copies(&plan)
+        };
+        assert!(!host_sees_copies(&plan()));
+        assert!(sees(4, copies, host));
+        assert!(sees(4, (Stages::COPY | Stages::COMPUTE, Accesses::WRITES), host));
+        // Before another step it would come too early.
+        assert!(!sees(3, copies, host));
+        assert!(!sees(4, (Stages::COMPUTE, Accesses::STORAGE_WRITE), host));
+        assert!(!sees(4, (Stages::COPY, Accesses::TRANSFER_READ), host));
+        assert!(!sees(4, copies, (Stages::HOST, Accesses::empty())));
+        assert!(!sees(4, copies, (Stages::COMPUTE, Accesses::STORAGE_READ)));
+    }
+}

@@ -1,0 +1,177 @@
+//! Frames in flight: submission, completion and results.
+//!
+//! Each frame in flight has a slot: an encoder that is used again, and (with the plan, in [`crate::compiled`]) timestamps, readback
+//! memory and host buffers. Frame `n` uses slot `n % FRAMES_IN_FLIGHT`.
+
+use crate::check::invalid;
+use crate::compiled::{CompiledPlan, PlanSlot};
+use crate::gpu::{Buffer, Gpu};
+use crate::outputs::SharedOutput;
+use crate::record::Recorder;
+use crate::shared::Shared;
+use crate::timing::Times;
+use crate::window::Swapchain;
+use crate::{host_buffers, inspect};
+use splatgraph_api::{BackendError, FrameId, FrameInputs, FrameResult, Pixels};
+use splatgraph_framework::ir::{PassId, ResourceId, Shape, Source};
+use splatgraph_framework::plan::Plan;
+use std::sync::Arc;
+use std::time::Instant;
+
+pub(crate) struct Slot<G: Gpu> {
+    encoder: G::Encoder,
+    /// The frame that the device may still be executing.
+    pub pending: Option<Pending<G>>,
+}
+
+/// A submitted frame, until its results are collected.
+pub(crate) struct Pending<G: Gpu> {
+    pub frame: FrameId,
+    /// [`CompiledPlan::number`] of its plan.
+    pub plan: u64,
+    /// The passes that it runs, in order.
+    pub passes: Vec<PassId>,
+    pub inspected: Vec<Buffer<G>>,
+    /// The shared outputs that it reads, and the one that it writes.
+    pub outputs: Vec<Arc<SharedOutput<G>>>,
+    read_output: bool,
+    record_ms: f64,
+}
+
+/// A frame to submit.
+pub(crate) struct Frame<'a, G: Gpu> {
+    pub id: FrameId,
+    pub slot: usize,
+    pub inputs: &'a FrameInputs,
+    /// The target of a copy of its output.
+    pub output: Option<&'a Arc<SharedOutput<G>>>,
+    /// The window that its output is blitted to.
+    pub swapchain: Option<&'a mut Swapchain<G>>,
+}
+
+impl<G: Gpu> Slot<G> {
+    pub fn new(gpu: &Arc<G>) -> Result<Self, BackendError> {
+        Ok(Slot { encoder: gpu.create_encoder("frame")?, pending: None })
+    }
+
+    /// Records and submits a frame. The slot must have nothing pending. Returns the image of the window that is still to be
+    /// presented.
+    pub fn submit(
+        &mut self,
+        shared: &Shared<G>,
+        compiled: &mut CompiledPlan<G>,
+        frame: Frame<G>,
+    ) -> Result<Option<u32>, BackendError> {
+        let Frame { id, slot, inputs, output, mut swapchain } = frame;
+        let gpu = &shared.gpu;
+        let start = Instant::now();
+        write_uniforms(compiled, slot, inputs)?;
+        host_buffers::take(shared, compiled, slot, inputs)?;
+        if inputs.read_output && compiled.slots[slot].output.is_none() {
+            let bytes = compiled.resources.image(compiled.plan.output).map_or(0, |image| image.bytes());
+            compiled.slots[slot].output = Some(Buffer::to_host(gpu, "output readback", bytes)?);
+        }
+        let inspected = inspect::buffers(gpu, compiled, slot, &inputs.inspect)?;
+        let recorder = Recorder {
+            encoder: &mut self.encoder,
+            compiled,
+            inputs,
+            frame: id,
+            slot,
+            inspected: &inspected,
+            shared: output.map(Arc::as_ref),
+        };
+        let recorded = recorder.record()?;
+        let waiting = Instant::now();
+        let image = match (&mut swapchain, compiled.resources.image(compiled.plan.output)) {
+            (Some(swapchain), Some(output)) => swapchain.prepare(output, slot)?,
+            _ => None,
+        };
+        let waited = waiting.elapsed();
+        let show = swapchain.as_mut().zip(image).and_then(|(swapchain, image)| swapchain.show(image, slot));
+        gpu.submit(&mut self.encoder, show)?;
+        compiled.layouts = recorded.layouts;
+        compiled.prologue_due = false;
+        compiled.carried.clear();
+        self.pending = Some(Pending {
+            frame: id,
+            plan: compiled.number,
+            passes: recorded.passes,
+            inspected,
+            outputs: output.cloned().into_iter().chain(compiled.resources.take_outputs(slot)).collect(),
+            read_output: inputs.read_output,
+            record_ms: (start.elapsed() - waited).as_secs_f64() * 1e3,
+        });
+        Ok(image)
+    }
+
+    /// Blocks until the slot's frame is done, and returns its results. The slot is free after this, unless the device was lost.
+    /// `compiled` is the frame's plan, `slot` this slot's index.
+    pub fn collect(
+        &mut self,
+        gpu: &G,
+        compiled: &CompiledPlan<G>,
+        slot: usize,
+    ) -> Result<Option<(FrameId, FrameResult)>, BackendError> {
+        if self.pending.is_none() {
+            return Ok(None);
+        }
+        gpu.wait(&mut self.encoder)?;
+        let Some(pending) = self.pending.take() else { return Ok(None) };
+        let (plan, own) = (&compiled.plan, &compiled.slots[slot]);
+        let times = Times::read(gpu, own.timestamps.as_ref(), pending.passes.len())?;
+        let words = compiled.readback(slot).into_iter().flat_map(|buffer| buffer.mapped().chunks_exact(4));
+        let words = words.map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]]));
+        let result = FrameResult {
+            pass_ms: pending.passes.iter().enumerate().map(|(i, &pass)| (pass, times.pass(i))).collect(),
+            total_ms: times.total(),
+            record_ms: pending.record_ms,
+            stats: plan.stats.iter().map(|stat| stat.name.clone()).zip(words).collect(),
+            output: pending.read_output.then(|| pixels(plan, own)).flatten(),
+            inspected: pending.inspected.iter().map(|buffer| buffer.mapped().to_vec()).collect(),
+        };
+        Ok(Some((pending.frame, result)))
+    }
+
+    /// Says which of the pending frame's passes are known to be complete; none where there is no timer.
+    pub fn finished(&self, gpu: &G, own: &PlanSlot<G>) -> Option<Vec<bool>> {
+        let passes = self.pending.as_ref()?.passes.len();
+        Times::read(gpu, own.timestamps.as_ref(), passes).ok()?.finished(passes)
+    }
+}
+
+/// Copies the frame's uniform blocks to the buffers that its bindings point to.
+fn write_uniforms<G: Gpu>(
+    compiled: &mut CompiledPlan<G>,
+    slot: usize,
+    inputs: &FrameInputs,
+) -> Result<(), BackendError> {
+    for (index, resource) in compiled.plan.resources.iter().enumerate() {
+        let bytes = match &resource.source {
+            Source::Frame { uniform } => match inputs.uniforms.get(uniform) {
+                Some(bytes) => bytes,
+                None => return invalid(format!("the frame has no contents for uniform block `{uniform}`")),
+            },
+            Source::Live => &inputs.live,
+            Source::Transient | Source::Scene { .. } | Source::Given { .. } | Source::Readback => continue,
+        };
+        let Some(target) = compiled.resources.mapped_mut(ResourceId(index as u32), slot) else { continue };
+        if bytes.len() > target.len() {
+            return invalid(format!(
+                "uniform block `{}`: expected at most {} bytes, found {}",
+                resource.name,
+                target.len(),
+                bytes.len()
+            ));
+        }
+        let (contents, rest) = target.split_at_mut(bytes.len());
+        contents.copy_from_slice(bytes);
+        rest.fill(0);
+    }
+    Ok(())
+}
+
+fn pixels<G: Gpu>(plan: &Plan, own: &PlanSlot<G>) -> Option<Pixels> {
+    let Shape::Image { format, width, height } = plan.resource(plan.output).shape else { return None };
+    Some(Pixels { format, width, height, bytes: own.output.as_ref()?.mapped().to_vec() })
+}

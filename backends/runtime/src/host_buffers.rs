@@ -1,0 +1,211 @@
+//! Host buffers: buffers whose contents come with each frame ([`Source::Given`]).
+//!
+//! A plan holds each once per frame in flight. Bytes of the host are copied to a mapped buffer that grows when it must (to a power of
+//! two, so that a length that creeps up does not make a buffer per frame), and are not copied where they are there already. A shared
+//! output is not copied: the frame reads it in place.
+//!
+//! So a frame's bindings may have to point elsewhere, or to another length, than those of the last frame in the same slot. They are
+//! rewritten when the frame is submitted; nothing of that slot is in flight then.
+
+use crate::check::{invalid, within_bytes};
+use crate::compiled::CompiledPlan;
+use crate::gpu::{Buffer, BufferDesc, Gpu, Location};
+use crate::outputs::SharedOutput;
+use crate::resources::usage;
+use crate::shared::Shared;
+use splatgraph_api::{BackendError, FrameInputs, Given};
+use splatgraph_framework::ir::{ResourceId, Shape, Source};
+use splatgraph_framework::plan::Resource;
+use std::sync::Arc;
+
+/// The contents of a resource for the frame in one slot.
+pub(crate) struct HostBuffer<G: Gpu> {
+    /// For bytes of the host; made when the first come.
+    own: Option<Buffer<G>>,
+    /// The bytes in `own`. They cannot change as long as this holds them.
+    bytes: Option<Arc<Vec<u8>>>,
+    /// Held in place of bytes, while the frame is recorded.
+    output: Option<Arc<SharedOutput<G>>>,
+    /// The contents that the frame about to be recorded reads.
+    holds: Contents,
+    /// The contents that the slot's bindings point to.
+    written: Contents,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Contents {
+    #[default]
+    Nothing,
+    /// So many bytes of the buffer for bytes.
+    Bytes(u64),
+    /// The shared output with this id. (Ids are never used twice, so that it is the same buffer.)
+    Output(u64),
+}
+
+impl<G: Gpu> Default for HostBuffer<G> {
+    fn default() -> Self {
+        HostBuffer {
+            own: None,
+            bytes: None,
+            output: None,
+            holds: Contents::Nothing,
+            written: Contents::Nothing,
+        }
+    }
+}
+
+impl<G: Gpu> HostBuffer<G> {
+    /// Takes the contents of a frame. The slot must have nothing in flight.
+    fn take(
+        &mut self,
+        shared: &Shared<G>,
+        resource: &Resource,
+        contents: &Given,
+    ) -> Result<(), BackendError> {
+        let most = shared.gpu.limits().max_storage_bytes;
+        match contents {
+            Given::Bytes(bytes) => {
+                check_length(resource, bytes.len() as u64, most)?;
+                self.copy(&shared.gpu, resource, bytes)?;
+                self.output = None;
+                self.holds = Contents::Bytes(bytes.len() as u64);
+            }
+            Given::Picture(picture) => {
+                let Some(found) = shared.outputs.find(picture) else {
+                    return invalid(format!(
+                        "host buffer `{}` was given the picture {}, which does not exist: its executor has shared another \
+                         since or was dropped, or it is of another device",
+                        resource.name, picture.id
+                    ));
+                };
+                check_length(resource, found.buffer.bytes, most)?;
+                self.holds = Contents::Output(picture.id);
+                self.output = Some(found);
+            }
+        }
+        Ok(())
+    }
+
+    /// Copies bytes to the buffer for them.
+    fn copy(&mut self, gpu: &Arc<G>, resource: &Resource, bytes: &Arc<Vec<u8>>) -> Result<(), BackendError> {
+        let length = bytes.len() as u64;
+        if self.own.as_ref().is_none_or(|own| own.bytes < length) {
+            let capacity = capacity(length, gpu.limits().max_buffer_bytes);
+            let desc = BufferDesc { name: &resource.name, bytes: capacity, usage: usage(resource) };
+            let buffer = Buffer::new(gpu, &desc, Location::Upload)?;
+            // The bindings point to the buffer before, which is dropped.
+            (self.bytes, self.written) = (None, Contents::Nothing);
+            self.own = Some(buffer);
+        }
+        if self.bytes.as_ref().is_some_and(|held| Arc::ptr_eq(held, bytes)) {
+            return Ok(());
+        }
+        let target = self.own.as_mut().and_then(|own| own.mapped_mut().get_mut(..bytes.len()));
+        let Some(target) = target else {
+            let answer = format!("the memory of `{}` is not mapped", resource.name);
+            return Err(BackendError::Api { call: "allocate", answer });
+        };
+        target.copy_from_slice(bytes);
+        self.bytes = Some(bytes.clone());
+        Ok(())
+    }
+
+    /// Returns the buffer that the frame reads and how many bytes of it; none before its contents came.
+    pub fn held(&self) -> Option<(&Buffer<G>, u64)> {
+        match self.holds {
+            Contents::Nothing => None,
+            Contents::Bytes(bytes) => Some((self.own.as_ref()?, bytes)),
+            Contents::Output(_) => self.output.as_ref().map(|held| (&held.buffer, held.buffer.bytes)),
+        }
+    }
+
+    /// Takes the shared output, to be kept until the frame is done.
+    pub fn take_output(&mut self) -> Option<Arc<SharedOutput<G>>> {
+        self.output.take()
+    }
+
+    /// Returns the memory of its own.
+    pub fn memory(&self) -> Option<&Arc<G::Memory>> {
+        self.own.as_ref().map(|own| &own.memory)
+    }
+}
+
+/// Takes the contents of all host buffers for a frame in `slot`, and points the slot's bindings to them.
+///
+/// # Errors
+/// [`BackendError::Invalid`] for contents that are missing, too short or not whole elements, and for a shared output that does not
+/// exist; [`BackendError::Limit`] for contents longer than a storage binding may be.
+pub(crate) fn take<G: Gpu>(
+    shared: &Shared<G>,
+    compiled: &mut CompiledPlan<G>,
+    slot: usize,
+    inputs: &FrameInputs,
+) -> Result<(), BackendError> {
+    let CompiledPlan { plan, resources, bindings, .. } = compiled;
+    let mut changed = Vec::new();
+    for (index, resource) in plan.resources.iter().enumerate() {
+        let (id, Source::Given { buffer }) = (ResourceId(index as u32), &resource.source) else { continue };
+        let Some(contents) = inputs.buffers.get(buffer) else {
+            return invalid(format!("the frame has no contents for host buffer `{buffer}`"));
+        };
+        let Some(held) = resources.host_buffer_mut(id, slot) else { continue };
+        held.take(shared, resource, contents)?;
+        if held.holds != held.written {
+            changed.push(id);
+        }
+    }
+    bindings.rewrite(&shared.gpu, plan, resources, slot, &changed);
+    for id in changed {
+        if let Some(held) = resources.host_buffer_mut(id, slot) {
+            held.written = held.holds;
+        }
+    }
+    Ok(())
+}
+
+/// Refuses contents that are not whole elements, fewer than the plan counts on, or more than a binding may have.
+fn check_length(resource: &Resource, bytes: u64, most: u64) -> Result<(), BackendError> {
+    let Shape::Buffer { stride, .. } = resource.shape else { return Ok(()) };
+    let (name, least) = (&resource.name, resource.bytes());
+    if bytes < least || !bytes.is_multiple_of(stride) {
+        return invalid(format!(
+            "host buffer `{name}`: expected {least} bytes or more in elements of {stride}, found {bytes} bytes"
+        ));
+    }
+    within_bytes(|| format!("the size of the contents of host buffer `{name}`"), bytes, most)
+}
+
+/// Returns the size of a buffer for `bytes` bytes, on a device whose buffers may have `most`.
+fn capacity(bytes: u64, most: u64) -> u64 {
+    bytes.checked_next_power_of_two().map_or(bytes, |capacity| capacity.min(most.max(bytes)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{SPLATS, plan};
+
+    #[test]
+    fn buffers_are_powers_of_two_as_far_as_the_device_allows() {
+        assert_eq!(capacity(1, 1 << 30), 1);
+        assert_eq!(capacity(4096, 1 << 30), 4096);
+        assert_eq!(capacity(4097, 1 << 30), 8192);
+        assert_eq!(capacity(4097, 5000), 5000);
+        assert_eq!(capacity(u64::MAX - 1, u64::MAX), u64::MAX - 1);
+    }
+
+    #[test]
+    fn a_length_is_whole_elements_no_fewer_than_the_plan_counts_on_and_no_more_than_can_be_bound() {
+        let mut resource = plan().resources[SPLATS.index()].clone();
+        resource.shape = Shape::Buffer { stride: 8, count: 3 };
+        let said =
+            |bytes| check_length(&resource, bytes, 80).err().map(|e| e.to_string()).unwrap_or_default();
+        assert_eq!((said(24), said(32), said(80)), Default::default());
+        let short = "host buffer `splats`: expected 24 bytes or more in elements of 8, found 16 bytes";
+        assert_eq!(said(16), short);
+        assert!(said(28).contains("in elements of 8, found 28 bytes"), "{}", said(28));
+        assert!(said(88).contains("expected at most 80 bytes, found 88 bytes"), "{}", said(88));
+        let long = check_length(&resource, 88, 80);
+        assert!(matches!(long, Err(BackendError::Limit(_))), "{long:?}");
+    }
+}

@@ -1,0 +1,71 @@
+//! Resources to inspect: which can be, after which pass, and the buffers that they are copied to.
+
+use crate::check::invalid;
+use crate::compiled::CompiledPlan;
+use crate::gpu::{Buffer, Gpu};
+use splatgraph_api::{BackendError, Inspect};
+use splatgraph_framework::ir::Touch;
+use std::sync::Arc;
+
+/// Creates a buffer of the host for each resource to inspect; refuses those that the next frame cannot show.
+pub(crate) fn buffers<G: Gpu>(
+    gpu: &Arc<G>,
+    compiled: &CompiledPlan<G>,
+    slot: usize,
+    inspect: &[Inspect],
+) -> Result<Vec<Buffer<G>>, BackendError> {
+    let plan = &compiled.plan;
+    let buffer = |inspect: &Inspect| {
+        let (Some(resource), Some(pass)) =
+            (plan.resources.get(inspect.resource.index()), plan.passes.get(inspect.after.index()))
+        else {
+            return invalid(format!("{inspect:?} names a resource or a pass that is not in the plan"));
+        };
+        let Some(last) = compiled.steps().position(|step| step.pass == inspect.after) else {
+            return invalid(format!(
+                "`{}` cannot be inspected after pass `{}`, which does not run in this frame",
+                resource.name, pass.name
+            ));
+        };
+        check_contents(compiled, inspect, last)?;
+        let bytes = match compiled.resources.image(inspect.resource) {
+            Some(image) => image.bytes(),
+            None => compiled.resources.part(inspect.resource, slot).1,
+        };
+        Buffer::to_host(gpu, "inspection", bytes)
+    };
+    inspect.iter().map(buffer).collect()
+}
+
+/// Refuses a resource that has no contents of its own right after step `last` of the next frame: an image that no pass has written,
+/// or a resource whose memory belongs to another at that time (changing the layout of such an image would overwrite it).
+fn check_contents<G: Gpu>(
+    compiled: &CompiledPlan<G>,
+    inspect: &Inspect,
+    last: usize,
+) -> Result<(), BackendError> {
+    let (plan, id) = (&compiled.plan, inspect.resource);
+    let (resource, pass) = (plan.resource(id), plan.pass(inspect.after));
+    let touches = || compiled.steps().take(last + 1).flat_map(|step| &plan.pass(step.pass).touches);
+    if plan.aliases(id).next().is_some() {
+        let holds = |touch: &&Touch| plan.resource(touch.resource).block == resource.block;
+        let holder = touches().filter(holds).last().map(|touch| touch.resource);
+        if holder != Some(id) {
+            let holder = match holder {
+                Some(holder) => format!("holds `{}` then", plan.resource(holder).name),
+                None => "holds nothing yet".to_string(),
+            };
+            return invalid(format!(
+                "`{}` cannot be inspected after pass `{}`: it shares its memory, which {holder}",
+                resource.name, pass.name
+            ));
+        }
+    }
+    let written = !compiled.prologue_due
+        || compiled.carried.contains(&id)
+        || touches().any(|touch| touch.resource == id && touch.accesses.writes());
+    if compiled.resources.image(id).is_some() && !written {
+        return invalid(format!("image `{}` has no contents yet after pass `{}`", resource.name, pass.name));
+    }
+    Ok(())
+}

@@ -1,0 +1,51 @@
+//! Executes plans on any graphics API: the part of a backend that is the same for all of them.
+//!
+//! [`Executor`] implements [`splatgraph_api::Device`] on top of [`Gpu`], the small trait that a graphics API implements. A plan's way
+//! through the crate:
+//!
+//! 1. `check` checks it against itself and against the device's `limits`;
+//! 2. `resources` (with `aliasing`, `attributes` and `host_buffers`), `bindings` and `upload` create what it needs, which together is
+//!    a `compiled` plan; a `loader` does all this on any thread;
+//! 3. the plan becomes the current one of an `executor`, and goes on from the `history` of the one before;
+//! 4. `record` records a frame of it, step by step, and `frame` submits it and reads the results back; `window` shows its output, and
+//!    `outputs` shares it with other executors.
+//!
+//! The crate decides nothing about order or barriers: it records the barriers of the plan, and adds some only for its own work
+//! (uploads, readback, inspection, shared outputs, the change from one plan to the next).
+//!
+//! Ownership runs one way: an executor holds the state that executors of one device share, that holds the device, and objects hold
+//! the device that they were made from.
+
+mod aliasing;
+mod attributes;
+mod bindings;
+mod check;
+mod compiled;
+mod executor;
+mod frame;
+mod gpu;
+mod history;
+mod host_buffers;
+mod inspect;
+mod limits;
+mod loader;
+mod messages;
+mod outputs;
+mod record;
+mod resources;
+mod shared;
+#[cfg(test)]
+mod testing;
+mod timing;
+mod upload;
+mod window;
+
+pub use executor::Executor;
+pub use gpu::{
+    Acquired, BindingTarget, Buffer, BufferDesc, Draw, Encoder, FormatSupport, Gpu, Image, ImageDesc,
+    LayoutChange, Location, Memory, MemoryKind, PlanBarrier, Presented, Requirements, Show, Window,
+    binding_copies,
+};
+pub use limits::{Limits, SubgroupLimits};
+pub use loader::{Loader, Ready};
+pub use messages::Messages;

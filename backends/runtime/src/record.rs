@@ -1,0 +1,225 @@
+//! The recording of a frame: the plan's steps, one after another, into an encoder.
+//!
+//! Between the passes stand the barriers of the plan and no others. The runtime adds its own only for the work that it adds: at the
+//! start of a plan that goes on from another's histories, around the copies of inspected resources and of a shared output, and
+//! before the host reads copies that no step of the plan makes visible to it.
+
+use crate::compiled::CompiledPlan;
+use crate::gpu::{Buffer, Draw, Encoder, Gpu, LayoutChange, PlanBarrier};
+use crate::outputs::SharedOutput;
+use crate::timing::queries;
+use splatgraph_api::{BackendError, FrameId, FrameInputs, Inspect};
+use splatgraph_framework::{ir::*, plan::*};
+
+/// The outcome of a recording.
+pub(crate) struct Recorded {
+    /// The passes that the frame runs, in order.
+    pub passes: Vec<PassId>,
+    /// The layouts that the frame leaves the images in.
+    pub layouts: Vec<Layout>,
+}
+
+/// The inputs of a recording.
+pub(crate) struct Recorder<'a, G: Gpu> {
+    pub encoder: &'a mut G::Encoder,
+    pub compiled: &'a CompiledPlan<G>,
+    pub inputs: &'a FrameInputs,
+    pub frame: FrameId,
+    pub slot: usize,
+    /// A buffer for each resource to inspect, in the order asked.
+    pub inspected: &'a [Buffer<G>],
+    /// The target of a copy of the output.
+    pub shared: Option<&'a SharedOutput<G>>,
+}
+
+impl<G: Gpu> Recorder<'_, G> {
+    /// Records the frame.
+    pub fn record(mut self) -> Result<Recorded, BackendError> {
+        let compiled = self.compiled;
+        let mut recorded = Recorded { passes: Vec::new(), layouts: compiled.layouts.clone() };
+        self.encoder.begin()?;
+        self.encoder.push_label(format_args!("frame {}", self.frame.0));
+        if let Some(timestamps) = &compiled.slots[self.slot].timestamps {
+            self.encoder.reset_timestamps(timestamps, queries(compiled.steps().count()));
+        }
+        self.timestamp(0);
+        self.take_over(&mut recorded.layouts);
+        for step in compiled.prologue() {
+            self.step(step, &compiled.carried, &mut recorded);
+        }
+        if compiled.prologue_due {
+            self.barriers(&compiled.plan.handover, &[], &mut recorded.layouts);
+        }
+        for step in &compiled.plan.frame {
+            self.step(step, &[], &mut recorded);
+        }
+        self.share_output();
+        if self.host_reads_unseen_copies() {
+            self.encoder.copies_to_host();
+        }
+        self.timestamp(1);
+        self.encoder.pop_label();
+        self.encoder.end()?;
+        Ok(recorded)
+    }
+
+    /// Orders everything after the frames of another plan, whose histories this one goes on from. Images come to the layout that
+    /// [`Work::Start`] leaves them in.
+    fn take_over(&mut self, layouts: &mut [Layout]) {
+        let carried = &self.compiled.carried;
+        if carried.is_empty() {
+            return;
+        }
+        let resources = &self.compiled.resources;
+        let new = Layout::TransferTarget;
+        self.encoder.full_barrier(carried.iter().filter_map(|&id| {
+            Some(LayoutChange { image: resources.image(id)?, old: layouts[id.index()], new })
+        }));
+        for id in carried {
+            layouts[id.index()] = new;
+        }
+    }
+
+    /// Records barriers, the pass of a step, and copies of the resources to inspect after it.
+    fn step(&mut self, step: &Step, carried: &[ResourceId], recorded: &mut Recorded) {
+        let pass = self.compiled.plan.pass(step.pass);
+        self.encoder.push_label(format_args!("{}", pass.name));
+        self.barriers(&step.barriers, carried, &mut recorded.layouts);
+        if pass.work != Work::Host && !self.compiled.is_left_out(step) {
+            let query = queries(recorded.passes.len());
+            self.timestamp(query);
+            self.work(step.pass, pass);
+            self.timestamp(query + 1);
+            recorded.passes.push(step.pass);
+        }
+        self.encoder.pop_label();
+        for (inspect, buffer) in self.inputs.inspect.iter().zip(self.inspected) {
+            if inspect.after == step.pass {
+                self.encoder.push_label(format_args!("inspect after {}", pass.name));
+                self.inspect(*inspect, buffer, &recorded.layouts);
+                self.encoder.pop_label();
+            }
+        }
+    }
+
+    /// Records the barriers of one call. Histories of `carried` go on and are not zeroed: of the barrier that would lose their
+    /// contents only the order remains, which other passes may count on.
+    fn barriers(&mut self, barriers: &[Barrier], carried: &[ResourceId], layouts: &mut [Layout]) {
+        if barriers.is_empty() {
+            return;
+        }
+        let resources = &self.compiled.resources;
+        let change = |barrier: &Barrier| {
+            barrier.image.filter(|change| {
+                !carried.contains(&change.image)
+                    || (change.old, change.new) != (Layout::Undefined, Layout::TransferTarget)
+            })
+        };
+        self.encoder.barriers(barriers.iter().map(|barrier| PlanBarrier {
+            barrier,
+            image: change(barrier).and_then(|change| resources.image(change.image)),
+        }));
+        for change in barriers.iter().filter_map(change) {
+            layouts[change.image.index()] = change.new;
+        }
+    }
+
+    fn work(&mut self, id: PassId, pass: &Pass) {
+        let (compiled, slot) = (self.compiled, self.slot);
+        let (resources, encoder) = (&compiled.resources, &mut *self.encoder);
+        match &pass.work {
+            Work::Dispatch { groups, .. } => {
+                encoder.bind(&compiled.pipelines, &compiled.bindings.raw, id, pass, slot);
+                match *groups {
+                    Groups::Direct(groups) => encoder.dispatch(groups),
+                    Groups::Indirect { buffer, offset } => {
+                        encoder.dispatch_indirect(resources.buffer(buffer, slot), offset);
+                    }
+                }
+            }
+            Work::Draw { call, targets, .. } => {
+                encoder.bind(&compiled.pipelines, &compiled.bindings.raw, id, pass, slot);
+                let targets = targets.iter().filter_map(|t| Some((t, resources.image(t.image)?)));
+                encoder.draw(
+                    targets,
+                    match *call {
+                        DrawCall::Direct { vertices, instances } => Draw::Direct { vertices, instances },
+                        DrawCall::Indirect { buffer, offset } => {
+                            Draw::Indirect(resources.buffer(buffer, slot), offset)
+                        }
+                    },
+                );
+            }
+            Work::Fill { buffer, value } => encoder.fill(resources.buffer(*buffer, slot), *value),
+            Work::Start { resource } => match resources.image(*resource) {
+                Some(image) => encoder.clear(image),
+                None => encoder.fill(resources.buffer(*resource, slot), 0),
+            },
+            Work::Export => self.export(),
+            Work::Host => {}
+        }
+    }
+
+    /// Copies the statistics, and the output if it is read, to buffers of the host.
+    fn export(&mut self) {
+        let (compiled, slot) = (self.compiled, self.slot);
+        if let Some(target) = compiled.readback(slot) {
+            for (index, stat) in compiled.plan.stats.iter().enumerate() {
+                let source = compiled.resources.buffer(stat.buffer, slot);
+                self.encoder.copy_buffer((source, stat.offset), (target, 4 * index as u64), 4);
+            }
+        }
+        if let (true, Some(target)) = (self.inputs.read_output, &compiled.slots[slot].output) {
+            self.copy_output(target);
+        }
+    }
+
+    /// Copies the output, which the export leaves in [`Layout::TransferSource`].
+    fn copy_output(&mut self, target: &Buffer<G>) {
+        if let Some(output) = self.compiled.resources.image(self.compiled.plan.output) {
+            self.encoder.copy_image(output, target);
+        }
+    }
+
+    /// Copies the output to the frame's shared output, if it has one.
+    fn share_output(&mut self) {
+        let Some(SharedOutput { buffer, .. }) = self.shared else { return };
+        self.encoder.push_label(format_args!("picture"));
+        self.encoder.before_copy(buffer);
+        self.copy_output(buffer);
+        self.encoder.after_copy(buffer, 0..buffer.bytes);
+        self.encoder.pop_label();
+    }
+
+    /// Says whether the host reads copies of this frame that no step of the plan makes visible to it. (Waiting for the submission
+    /// alone does not.)
+    fn host_reads_unseen_copies(&self) -> bool {
+        let inspect = &self.inputs.inspect;
+        let copies = self.inputs.read_output || !inspect.is_empty();
+        let late = inspect.iter().any(|i| self.compiled.plan.pass(i.after).work == Work::Host);
+        copies && (late || !self.compiled.host_sees_copies)
+    }
+
+    /// Copies a resource as it is now. The full barriers on both sides keep the copy out of the plan's hazards.
+    fn inspect(&mut self, inspect: Inspect, target: &Buffer<G>, layouts: &[Layout]) {
+        let resources = &self.compiled.resources;
+        let (layout, copied) = (layouts[inspect.resource.index()], Layout::TransferSource);
+        let image = resources.image(inspect.resource);
+        let change = |old, new| image.into_iter().map(move |image| LayoutChange { image, old, new });
+        self.encoder.full_barrier(change(layout, copied));
+        match image {
+            Some(image) => self.encoder.copy_image(image, target),
+            None => {
+                let (source, bytes) = resources.part(inspect.resource, self.slot);
+                self.encoder.copy_buffer((source, 0), (target, 0), bytes);
+            }
+        }
+        self.encoder.full_barrier(change(copied, layout));
+    }
+
+    fn timestamp(&mut self, index: u32) {
+        if let Some(timestamps) = &self.compiled.slots[self.slot].timestamps {
+            self.encoder.timestamp(timestamps, index);
+        }
+    }
+}

@@ -1,0 +1,295 @@
+//! The buffers and images of one plan.
+//!
+//! Transients are single, and share the memory of the plan's blocks. A uniform block that the host writes exists once per frame in
+//! flight, mapped for as long as it exists, and so does the memory that the host reads statistics from. A host buffer is made when
+//! its contents first come with a frame ([`crate::host_buffers`]). Planes of the scene are shared by all plans of the device
+//! ([`crate::attributes`]), and histories by plans that follow one another ([`crate::history`]).
+
+use crate::aliasing::{self, Member, Transient};
+use crate::attributes::{PlaneKey, Planes};
+use crate::gpu::{BindingTarget, Buffer, BufferDesc, Gpu, Image, ImageDesc, Location};
+use crate::host_buffers::HostBuffer;
+use crate::outputs::SharedOutput;
+use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
+use splatgraph_framework::{ir::*, plan::*};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+enum Held<G: Gpu> {
+    Transient(Transient<G>),
+    Plane(Arc<Buffer<G>>),
+    PerFrame([Buffer<G>; FRAMES_IN_FLIGHT]),
+    HostBuffer([HostBuffer<G>; FRAMES_IN_FLIGHT]),
+}
+
+pub(crate) struct Resources<G: Gpu> {
+    held: Vec<Held<G>>,
+}
+
+/// Returns every use that the buffer or image of a resource is made for. Copies out are always among them, so that any resource
+/// can be inspected.
+pub(crate) fn usage(resource: &Resource) -> Usage {
+    const BUFFER: Usage = Usage::COLOR_TARGET.complement();
+    if matches!(resource.shape, Shape::Image { .. }) {
+        return resource.usage | Usage::COPY_SOURCE;
+    }
+    let base = match resource.source {
+        // The same for every plan, since plans share them.
+        Source::Scene { .. } | Source::Given { .. } => return BUFFER,
+        Source::Transient if resource.history.is_some() => return BUFFER,
+        Source::Transient => Usage::COPY_SOURCE,
+        Source::Frame { .. } | Source::Live => Usage::UNIFORM | Usage::COPY_SOURCE,
+        Source::Readback => Usage::COPY_TARGET | Usage::COPY_SOURCE,
+    };
+    base | resource.usage & BUFFER
+}
+
+impl<G: Gpu> Resources<G> {
+    /// Creates the resources of `plan`, but for the `planes` that are on the device. The missing ones are created, added to
+    /// `planes`, and returned: their data is still to be uploaded.
+    pub fn create(
+        gpu: &Arc<G>,
+        plan: &Plan,
+        identity: u64,
+        planes: &mut Planes<Buffer<G>>,
+    ) -> Result<(Resources<G>, Vec<PlaneKey>), BackendError> {
+        let mut transients = transients(gpu, plan)?;
+        let (mut held, mut missing) = (Vec::new(), Vec::new());
+        for (index, resource) in plan.resources.iter().enumerate() {
+            let bytes = resource.bytes();
+            let desc = BufferDesc { name: &resource.name, bytes, usage: usage(resource) };
+            let per_frame = |location| -> Result<Held<G>, BackendError> {
+                let copy = || Buffer::new(gpu, &desc, location);
+                Ok(Held::PerFrame([copy()?, copy()?]))
+            };
+            held.push(match &resource.source {
+                Source::Transient => match transients.remove(&ResourceId(index as u32)) {
+                    Some(transient) => Held::Transient(transient),
+                    None => unreachable!("every transient of a checked plan is in a block"),
+                },
+                Source::Scene { attribute, plane } => {
+                    let key = PlaneKey { identity, attribute: attribute.clone(), plane: *plane, bytes };
+                    if !planes.contains_key(&key) {
+                        missing.push(key.clone());
+                        planes.insert(key.clone(), Arc::new(Buffer::new(gpu, &desc, Location::Device)?));
+                    }
+                    Held::Plane(planes[&key].clone())
+                }
+                Source::Given { .. } => Held::HostBuffer(Default::default()),
+                Source::Frame { .. } | Source::Live => per_frame(Location::Upload)?,
+                Source::Readback => per_frame(Location::Readback)?,
+            });
+        }
+        Ok((Resources { held }, missing))
+    }
+
+    /// Returns the image behind a resource, if it is one.
+    pub fn image(&self, id: ResourceId) -> Option<&Image<G>> {
+        match &self.held[id.index()] {
+            Held::Transient(Transient::Image(image)) => Some(image),
+            _ => None,
+        }
+    }
+
+    /// Returns the buffer behind a resource, for the frame in this slot.
+    ///
+    /// # Panics
+    /// As [`Resources::part`].
+    pub fn buffer(&self, id: ResourceId, slot: usize) -> &Buffer<G> {
+        self.part(id, slot).0
+    }
+
+    /// Returns the buffer, and how many of its bytes belong to the resource, from the first on.
+    ///
+    /// # Panics
+    /// On an image, and on a host buffer before its contents have come. [`crate::check::check`] made sure that resources used as
+    /// buffers are buffers, and [`crate::host_buffers::take`] that a frame has all its host buffers.
+    pub fn part(&self, id: ResourceId, slot: usize) -> (&Buffer<G>, u64) {
+        let buffer = match &self.held[id.index()] {
+            Held::Transient(Transient::Buffer(buffer)) | Held::Plane(buffer) => buffer,
+            Held::PerFrame(copies) => &copies[slot],
+            Held::HostBuffer(copies) => match copies[slot].held() {
+                Some(held) => return held,
+                None => unreachable!("a frame is not recorded before it has all its host buffers"),
+            },
+            Held::Transient(Transient::Image(_)) => {
+                unreachable!("images are not used as buffers in a checked plan")
+            }
+        };
+        (buffer, buffer.bytes)
+    }
+
+    /// Returns the target of bindings of a resource, for the frame in this slot.
+    ///
+    /// # Panics
+    /// As [`Resources::part`], except on images.
+    pub fn binding_target(&self, id: ResourceId, slot: usize) -> BindingTarget<'_, G> {
+        match self.image(id) {
+            Some(image) => BindingTarget::Image(image),
+            None => {
+                let (buffer, bytes) = self.part(id, slot);
+                BindingTarget::Buffer(buffer, bytes)
+            }
+        }
+    }
+
+    /// Returns the host buffer behind a resource, for the frame in this slot, if it is one.
+    pub fn host_buffer_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut HostBuffer<G>> {
+        match &mut self.held[id.index()] {
+            Held::HostBuffer(copies) => Some(&mut copies[slot]),
+            _ => None,
+        }
+    }
+
+    /// Takes the shared outputs that the frame in this slot reads, once it is recorded. They must be kept until it is done.
+    pub fn take_outputs(&mut self, slot: usize) -> impl Iterator<Item = Arc<SharedOutput<G>>> {
+        self.held.iter_mut().filter_map(move |held| match held {
+            Held::HostBuffer(copies) => copies[slot].take_output(),
+            _ => None,
+        })
+    }
+
+    /// Returns a transient, to be shared with another plan.
+    pub fn transient(&self, id: ResourceId) -> Option<&Transient<G>> {
+        match &self.held[id.index()] {
+            Held::Transient(transient) => Some(transient),
+            _ => None,
+        }
+    }
+
+    /// Replaces a transient by another plan's.
+    pub fn rebind(&mut self, id: ResourceId, transient: Transient<G>) {
+        self.held[id.index()] = Held::Transient(transient);
+    }
+
+    /// Returns the host's view of a resource that exists once per frame in flight; none for resources of other kinds.
+    pub fn mapped_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut [u8]> {
+        match &mut self.held[id.index()] {
+            Held::PerFrame(copies) => Some(copies[slot].mapped_mut()),
+            _ => None,
+        }
+    }
+
+    /// Iterates over every piece of memory, some more than once.
+    pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
+        self.held.iter().flat_map(|held| match held {
+            Held::Transient(transient) => vec![transient.memory()],
+            Held::Plane(buffer) => vec![&buffer.memory],
+            Held::PerFrame(copies) => copies.iter().map(|copy| &copy.memory).collect(),
+            Held::HostBuffer(copies) => copies.iter().filter_map(HostBuffer::memory).collect(),
+        })
+    }
+
+    /// Lists names and allocated bytes: the plan's own resources, then the planes of the scene. Resources that share memory are
+    /// one entry.
+    pub fn memory(&self, plan: &Plan) -> Vec<(String, u64)> {
+        use crate::gpu::Memory;
+        let mut entries: Vec<(String, u64)> = Vec::new();
+        // Each piece of memory with its entry.
+        let mut seen = HashMap::new();
+        let is_plane = |index: &usize| matches!(self.held[*index], Held::Plane(_));
+        let (planes, own): (Vec<_>, Vec<_>) = (0..self.held.len()).partition(is_plane);
+        for index in own.into_iter().chain(planes) {
+            let name = &plan.resources[index].name;
+            let memory = match &self.held[index] {
+                Held::Transient(transient) => transient.memory(),
+                Held::Plane(buffer) => &buffer.memory,
+                Held::PerFrame(copies) => {
+                    entries.push((name.clone(), copies.iter().map(|copy| copy.memory.bytes()).sum()));
+                    continue;
+                }
+                Held::HostBuffer(copies) => {
+                    let bytes = copies.iter().filter_map(HostBuffer::memory).map(|m| m.bytes()).sum();
+                    // None before the first frame, and none where only shared outputs are read.
+                    if bytes > 0 {
+                        entries.push((name.clone(), bytes));
+                    }
+                    continue;
+                }
+            };
+            match seen.get(&Arc::as_ptr(memory)) {
+                Some(&entry) => {
+                    let (names, _): &mut (String, u64) = &mut entries[entry];
+                    *names = format!("{names} + {name}");
+                }
+                None => {
+                    seen.insert(Arc::as_ptr(memory), entries.len());
+                    entries.push((name.clone(), memory.bytes()));
+                }
+            }
+        }
+        entries
+    }
+}
+
+/// Creates the members of all blocks.
+fn transients<G: Gpu>(gpu: &Arc<G>, plan: &Plan) -> Result<HashMap<ResourceId, Transient<G>>, BackendError> {
+    let mut all = HashMap::new();
+    for block in &plan.blocks {
+        let mut members = Vec::new();
+        for &id in &block.tenants {
+            let resource = plan.resource(id);
+            let (name, usage) = (resource.name.as_str(), usage(resource));
+            members.push(match resource.shape {
+                Shape::Image { format, width, height } => {
+                    check_format(gpu, plan, id, format)?;
+                    Member::Image(ImageDesc { name, format, size: (width, height), usage })
+                }
+                Shape::Buffer { .. } => Member::Buffer(BufferDesc { name, bytes: resource.bytes(), usage }),
+            });
+        }
+        all.extend(block.tenants.iter().copied().zip(aliasing::create_block(gpu, &members)?));
+    }
+    Ok(all)
+}
+
+/// Refuses an image whose format the device cannot store to, draw into or blend into.
+fn check_format<G: Gpu>(
+    gpu: &Arc<G>,
+    plan: &Plan,
+    id: ResourceId,
+    format: Format,
+) -> Result<(), BackendError> {
+    let (resource, support) = (plan.resource(id), gpu.format_support(format));
+    for (used, supported, action) in [
+        (resource.usage.contains(Usage::STORAGE), support.storage, "store to it"),
+        (resource.usage.contains(Usage::COLOR_TARGET), support.target, "draw into it"),
+        (is_blended(plan, id), support.blend, "blend into it"),
+    ] {
+        if used && !supported {
+            return Err(BackendError::Unsupported(format!(
+                "image `{}` has the format {format:?}, and this device cannot {action}",
+                resource.name
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Some draw blends into the image.
+fn is_blended(plan: &Plan, image: ResourceId) -> bool {
+    plan.passes.iter().any(|pass| match &pass.work {
+        Work::Draw { targets, .. } => targets.iter().any(|t| t.image == image && t.blend != Blend::Replace),
+        _ => false,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{ARGS, SPLATS, plan};
+
+    #[test]
+    fn every_resource_can_be_copied_from_and_shared_ones_have_one_usage() {
+        for resource in &plan().resources {
+            assert!(usage(resource).contains(Usage::COPY_SOURCE));
+        }
+        let mut history = plan().resources[ARGS.index()].clone();
+        history.history = Some("args".to_string());
+        for mut shared in [plan().resources[SPLATS.index()].clone(), history] {
+            let before = usage(&shared);
+            shared.usage = Usage::UNIFORM;
+            assert_eq!(usage(&shared), before);
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! Timestamps of frames, and the place where a lost device stopped.
+
+use crate::gpu::Gpu;
+use splatgraph_api::{BackendError, FrameId};
+
+/// Returns how many timestamps a frame that runs `passes` passes writes: its start and its end, then one before and one after each
+/// pass.
+pub(crate) fn queries(passes: usize) -> u32 {
+    2 + 2 * passes as u32
+}
+
+/// A frame's timestamps; see [`queries`] for their order.
+pub(crate) struct Times {
+    /// Empty where the queue has no timer; `None` for one that was not written.
+    ticks: Vec<Option<u64>>,
+    bits: u32,
+    /// Nanoseconds per tick.
+    period: f64,
+}
+
+impl Times {
+    pub fn read<G: Gpu>(
+        gpu: &G,
+        timestamps: Option<&G::Timestamps>,
+        passes: usize,
+    ) -> Result<Times, BackendError> {
+        let limits = gpu.limits();
+        let ticks = match timestamps {
+            Some(timestamps) => gpu.read_timestamps(timestamps, queries(passes))?,
+            None => Vec::new(),
+        };
+        Ok(Times { ticks, bits: limits.timestamp_bits, period: limits.timestamp_period as f64 })
+    }
+
+    /// Says for each pass whether it is known to be complete; none where there is no timer.
+    pub fn finished(&self, passes: usize) -> Option<Vec<bool>> {
+        let done = |pass| self.ticks[queries(pass) as usize + 1].is_some();
+        (!self.ticks.is_empty()).then(|| (0..passes).map(done).collect())
+    }
+
+    /// Returns the milliseconds between two timestamps.
+    fn between(&self, from: u32, to: u32) -> Option<f64> {
+        let ticks = |query: u32| self.ticks.get(query as usize).copied().flatten();
+        Some(milliseconds(ticks(from)?, ticks(to)?, self.bits, self.period))
+    }
+
+    pub fn pass(&self, index: usize) -> Option<f64> {
+        self.between(queries(index), queries(index) + 1)
+    }
+
+    pub fn total(&self) -> Option<f64> {
+        self.between(0, 1)
+    }
+}
+
+/// Converts ticks, which count modulo two to the number of valid bits: the counter may have wrapped between the two.
+fn milliseconds(from: u64, to: u64, bits: u32, period: f64) -> f64 {
+    let mask = if bits >= 64 { u64::MAX } else { (1 << bits) - 1 };
+    (to.wrapping_sub(from) & mask) as f64 * period * 1e-6
+}
+
+/// Says in words where a lost device stopped.
+pub(crate) fn lost_in(frame: FrameId, names: &[&str], finished: Option<&[bool]>) -> String {
+    let Some(finished) = finished else {
+        return format!("in or after frame {}; without timestamps no pass of it is known complete", frame.0);
+    };
+    let done = finished.iter().take_while(|&&done| done).count();
+    match (done.checked_sub(1).and_then(|last| names.get(last)), names.get(done)) {
+        (Some(last), Some(next)) => {
+            format!(
+                "in frame {}; the last pass known complete is `{last}`, the next one is `{next}`",
+                frame.0
+            )
+        }
+        (Some(last), None) => {
+            format!("after frame {}; all its passes are known complete, the last is `{last}`", frame.0)
+        }
+        (None, Some(first)) => {
+            format!("in frame {}; none of its passes is known complete, the first is `{first}`", frame.0)
+        }
+        (None, None) => format!("in frame {}, which has no passes", frame.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_timestamp_counter_may_wrap_within_its_valid_bits() {
+        assert_eq!(milliseconds(10, 1_000_010, 64, 1.0), 1.0);
+        assert_eq!(milliseconds((1 << 36) - 500_000, 500_000, 36, 1.0), 1.0);
+        assert_eq!(milliseconds(u64::MAX - 9, 90, 64, 10.0), 0.001);
+    }
+
+    #[test]
+    fn a_lost_device_names_the_pass_that_ran_last() {
+        let names = ["key", "sort.scan[0]", "draw"];
+        let said = |finished: Option<&[bool]>| lost_in(FrameId(7), &names, finished);
+        let middle = said(Some(&[true, false, false]));
+        assert!(middle.contains("frame 7") && middle.contains("complete is `key`"), "{middle}");
+        assert!(middle.contains("next one is `sort.scan[0]`"), "{middle}");
+        // A later pass that overlapped and finished first does not hide the one that did not.
+        assert_eq!(said(Some(&[true, false, true])), middle);
+        assert!(said(Some(&[false; 3])).contains("none of its passes"));
+        assert!(said(Some(&[true; 3])).contains("all its passes"));
+        assert!(said(None).contains("without timestamps"));
+    }
+}

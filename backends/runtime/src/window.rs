@@ -1,0 +1,147 @@
+//! Frames that are shown in a window.
+//!
+//! A window's pixels are the images of a swapchain, which go back and forth between the window system and the program. To show a
+//! frame, its output is blitted into an image that was acquired, and the image is presented. The blit is submitted right behind the
+//! frame, so that the frame itself never waits for the window, and its timestamps do not count such a wait.
+//!
+//! A swapchain fits its window until the window is resized, or is to be paced in another way. Then it is *stale*, and the next frame
+//! to be shown makes a new one. A window without pixels has none, and nothing is shown in it.
+
+use crate::check::invalid;
+use crate::gpu::{Acquired, Gpu, Image, Presented, Show};
+use splatgraph_api::BackendError;
+use splatgraph_framework::ir::Format;
+use std::sync::Arc;
+
+/// The swapchain of a window, and what it must fit.
+pub(crate) struct Swapchain<G: Gpu> {
+    // Dropped first, when the device is idle.
+    raw: Option<G::Swapchain>,
+    /// The window's size in pixels, as far as the program was told.
+    told: (u32, u32),
+    vsync: bool,
+    /// The swapchain, if there is one, must be replaced before the next frame is shown.
+    stale: bool,
+    /// An image was acquired and not presented yet.
+    acquired: bool,
+    gpu: Arc<G>,
+}
+
+impl<G: Gpu> Swapchain<G> {
+    /// Creates a swapchain for the window that the device was opened with, which has `size` pixels. A window that cannot be drawn in
+    /// is refused.
+    pub fn new(gpu: &Arc<G>, size: (u32, u32)) -> Result<Self, BackendError> {
+        let mut swapchain =
+            Swapchain { raw: None, told: size, vsync: true, stale: true, acquired: false, gpu: gpu.clone() };
+        swapchain.renew()?;
+        Ok(swapchain)
+    }
+
+    /// See [`splatgraph_api::Windowed::resize_window`].
+    pub fn resize(&mut self, size: (u32, u32)) {
+        self.stale |= size != self.told;
+        self.told = size;
+    }
+
+    /// See [`splatgraph_api::Windowed::set_vsync`].
+    pub fn set_vsync(&mut self, vsync: bool) {
+        self.stale |= vsync != self.vsync;
+        self.vsync = vsync;
+    }
+
+    /// Acquires an image of the window and records the blit of `output` into it, to be submitted behind the frame in `slot` and then
+    /// [`present`](Swapchain::present)ed. Returns the image's index; none if nothing can be shown now. The frame that last used this
+    /// slot must be done.
+    ///
+    /// Blocks while all images are with the window system: with vsync, until the display's next refresh.
+    pub fn prepare(&mut self, output: &Image<G>, slot: usize) -> Result<Option<u32>, BackendError> {
+        check_output(output.format, self.gpu.format_support(output.format).blit)?;
+        let Some(image) = self.acquire(slot)? else { return Ok(None) };
+        let gpu = self.gpu.clone();
+        if let Some(show) = self.show(image, slot) {
+            gpu.record_blit(show, output)?;
+        }
+        Ok(Some(image))
+    }
+
+    /// Names an acquired image to the device.
+    pub fn show(&mut self, image: u32, slot: usize) -> Option<Show<'_, G>> {
+        self.raw.as_mut().map(|swapchain| Show { swapchain, image, slot })
+    }
+
+    /// Presents an image whose blit was submitted.
+    pub fn present(&mut self, image: u32, slot: usize) -> Result<(), BackendError> {
+        self.acquired = false;
+        let gpu = self.gpu.clone();
+        let Some(show) = self.show(image, slot) else { return Ok(()) };
+        self.stale |= gpu.present(show)? != Presented::Shown;
+        Ok(())
+    }
+
+    /// Acquires an image; none if the window shows nothing now.
+    fn acquire(&mut self, slot: usize) -> Result<Option<u32>, BackendError> {
+        // A submission failed after its image was acquired: only a new swapchain gets that image back.
+        self.stale |= self.acquired;
+        // The window may change its size between the two calls, once; if it goes on, the next frame will fit.
+        for _ in 0..2 {
+            if self.stale {
+                self.renew()?;
+            }
+            let Some(swapchain) = self.raw.as_mut().filter(|_| !self.stale) else { return Ok(None) };
+            match self.gpu.acquire(swapchain, slot)? {
+                Acquired::Image { index, suboptimal } => {
+                    self.acquired = true;
+                    self.stale |= suboptimal;
+                    return Ok(Some(index));
+                }
+                Acquired::OutOfDate => self.stale = true,
+                Acquired::NotReady => return Ok(None),
+            }
+        }
+        Ok(None)
+    }
+
+    /// Replaces the swapchain by one that fits the window, unless the window has no pixels.
+    fn renew(&mut self) -> Result<(), BackendError> {
+        let Some(size) = self.gpu.window_size(self.told)? else { return Ok(()) };
+        // Nothing may use the former swapchain when it is destroyed. This waits for more than it must, but only when a window
+        // changes.
+        self.gpu.wait_idle();
+        // It cannot be used after this, also if no other can be made.
+        let former = self.raw.take();
+        self.raw = Some(self.gpu.create_swapchain(size, self.vsync, former.as_ref())?);
+        self.stale = false;
+        self.acquired = false;
+        Ok(())
+    }
+}
+
+/// Refuses an output that is no picture, or that the device cannot blit.
+fn check_output(format: Format, blit: bool) -> Result<(), BackendError> {
+    let name = format.name();
+    if format == Format::R32Uint {
+        return invalid(format!(
+            "the plan's output has the format {name}, whose integers are no colours: it cannot be shown in a window"
+        ));
+    }
+    if !blit {
+        return Err(BackendError::Unsupported(format!(
+            "the plan's output has the format {name}, which this device cannot blit to a window"
+        )));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_output_that_is_no_picture_or_cannot_be_blitted_is_refused_by_its_format() {
+        assert!(check_output(Format::Rgba16Float, true).is_ok());
+        let integers = check_output(Format::R32Uint, true).unwrap_err().to_string();
+        assert!(integers.contains("r32ui") && integers.contains("no colours"), "{integers}");
+        let unable = check_output(Format::Rgba32Float, false);
+        assert!(unable.unwrap_err().to_string().contains("rgba32f, which this device cannot blit"));
+    }
+}

@@ -1,0 +1,220 @@
+//! Vulkan as the runtime's graphics API.
+
+use crate::descriptors::DescriptorSets;
+use crate::encoder::Encoder;
+use crate::error::api;
+use crate::gpu::{Owned, VulkanGpu};
+use crate::instance::Instance;
+use crate::memory::{self, Dedicated, Image, Memory, UnboundImage};
+use crate::pipelines::Pipelines;
+use crate::swapchain::{self, Swapchain};
+use crate::{device, lower, queue};
+use ash::{khr, vk};
+use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Progress, Validation};
+use splatgraph_framework::ir::{Binding, Format, PassId};
+use splatgraph_framework::plan::Plan;
+use splatgraph_runtime::{
+    Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, Messages,
+    Presented, Requirements, Show, Window,
+};
+use std::ffi::CStr;
+use std::sync::{Arc, PoisonError};
+
+impl Gpu for VulkanGpu {
+    type Memory = Memory;
+    type Dedicated = Dedicated;
+    type UnboundBuffer = Owned<vk::Buffer>;
+    type UnboundImage = UnboundImage;
+    type Buffer = Owned<vk::Buffer>;
+    type Image = Image;
+    type Pipelines = Pipelines;
+    type Bindings = DescriptorSets;
+    type Timestamps = Owned<vk::QueryPool>;
+    type Encoder = Encoder;
+    type Swapchain = Swapchain;
+
+    fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
+        let instance = Instance::new(Validation::Off, &[])?;
+        Ok(device::all(&instance)?.into_iter().map(|device| device.info).collect())
+    }
+
+    fn open(
+        options: &Options,
+        window: Option<Arc<dyn Window>>,
+    ) -> Result<(DeviceInfo, Arc<Self>), BackendError> {
+        let (instance, extensions): (_, &[&CStr]) = match window {
+            Some(window) => (Instance::in_window(options.validation, window)?, &[khr::swapchain::NAME]),
+            None => (Instance::new(options.validation, &[])?, &[]),
+        };
+        let physical = device::choose(device::all(&instance)?, options.device.as_deref())?;
+        let gpu = VulkanGpu::new(instance, &physical, extensions)?;
+        Ok((physical.info, Arc::new(gpu)))
+    }
+
+    fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    fn messages(&self) -> &Arc<Messages> {
+        &self.instance.messages
+    }
+
+    fn memory(&self) -> DeviceMemory {
+        let allocator = self.allocator.lock().unwrap_or_else(PoisonError::into_inner);
+        allocator.as_ref().map_or(DeviceMemory::default(), |allocator| {
+            let report = allocator.generate_report();
+            DeviceMemory { used: report.total_allocated_bytes, reserved: report.total_capacity_bytes }
+        })
+    }
+
+    fn format_support(&self, format: Format) -> FormatSupport {
+        let features = self.format_features(lower::format(format));
+        FormatSupport {
+            storage: features.contains(vk::FormatFeatureFlags::STORAGE_IMAGE),
+            target: features.contains(vk::FormatFeatureFlags::COLOR_ATTACHMENT),
+            blend: features.contains(vk::FormatFeatureFlags::COLOR_ATTACHMENT_BLEND),
+            blit: features.contains(vk::FormatFeatureFlags::BLIT_SRC),
+        }
+    }
+
+    fn wait_idle(&self) {
+        let _queue = self.queue();
+        // SAFETY: the device's one queue is locked.
+        let _ = unsafe { self.device.device_wait_idle() };
+    }
+
+    fn create_buffer(
+        self: &Arc<Self>,
+        desc: &BufferDesc,
+    ) -> Result<(Owned<vk::Buffer>, Requirements<Dedicated>), BackendError> {
+        memory::create_buffer(self, desc)
+    }
+
+    fn create_image(
+        self: &Arc<Self>,
+        desc: &ImageDesc,
+    ) -> Result<(UnboundImage, Requirements<Dedicated>), BackendError> {
+        memory::create_image(self, desc)
+    }
+
+    fn allocate(
+        self: &Arc<Self>,
+        name: &str,
+        requirements: &Requirements<Dedicated>,
+        location: Location,
+    ) -> Result<Memory, BackendError> {
+        Memory::new(self, name, requirements, location)
+    }
+
+    fn bind_buffer(
+        self: &Arc<Self>,
+        buffer: Owned<vk::Buffer>,
+        memory: &Memory,
+    ) -> Result<Owned<vk::Buffer>, BackendError> {
+        memory::bind_buffer(self, buffer, memory)
+    }
+
+    fn bind_image(self: &Arc<Self>, image: UnboundImage, memory: &Memory) -> Result<Image, BackendError> {
+        memory::bind_image(self, image, memory)
+    }
+
+    fn create_pipelines(
+        self: &Arc<Self>,
+        plan: &Plan,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Pipelines, BackendError> {
+        Pipelines::new(self, plan, progress)
+    }
+
+    fn create_bindings(
+        self: &Arc<Self>,
+        plan: &Plan,
+        pipelines: &Pipelines,
+    ) -> Result<DescriptorSets, BackendError> {
+        DescriptorSets::new(self, plan, pipelines)
+    }
+
+    fn write_binding(
+        &self,
+        bindings: &mut DescriptorSets,
+        pass: PassId,
+        copy: usize,
+        binding: &Binding,
+        target: BindingTarget<Self>,
+    ) {
+        bindings.write(self, pass, copy, binding, target);
+    }
+
+    fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Owned<vk::QueryPool>>, BackendError> {
+        if self.limits.timestamp_bits == 0 {
+            return Ok(None);
+        }
+        let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(count);
+        // SAFETY: a plain creation on a live device.
+        let pool = unsafe { self.device.create_query_pool(&info, None) };
+        Ok(Some(Owned::new(self, pool.map_err(api("vkCreateQueryPool"))?)))
+    }
+
+    fn read_timestamps(
+        &self,
+        timestamps: &Owned<vk::QueryPool>,
+        count: u32,
+    ) -> Result<Vec<Option<u64>>, BackendError> {
+        // Each value is followed by whether it is there.
+        let mut values = vec![[0u64; 2]; count as usize];
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WITH_AVAILABILITY;
+        // SAFETY: the pool has at least this many timestamps.
+        match unsafe { self.device.get_query_pool_results(**timestamps, 0, &mut values, flags) } {
+            Ok(()) | Err(vk::Result::NOT_READY) => {}
+            Err(answer) => return Err(api("vkGetQueryPoolResults")(answer)),
+        }
+        Ok(values.iter().map(|[value, written]| (*written != 0).then_some(*value)).collect())
+    }
+
+    fn create_encoder(self: &Arc<Self>, name: &str) -> Result<Encoder, BackendError> {
+        Encoder::new(self, name)
+    }
+
+    fn submit(&self, encoder: &mut Encoder, show: Option<Show<Self>>) -> Result<(), BackendError> {
+        match show {
+            Some(show) => {
+                let blit = show.swapchain.blit(show.slot, show.image);
+                queue::submit_and_blit(self, encoder.commands, blit, *encoder.fence)
+            }
+            None => queue::submit(self, encoder.commands, *encoder.fence),
+        }
+    }
+
+    fn wait(&self, encoder: &mut Encoder) -> Result<(), BackendError> {
+        queue::wait(self, *encoder.fence)
+    }
+
+    fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
+        swapchain::window_size(self, told)
+    }
+
+    fn create_swapchain(
+        self: &Arc<Self>,
+        size: (u32, u32),
+        vsync: bool,
+        former: Option<&Swapchain>,
+    ) -> Result<Swapchain, BackendError> {
+        Swapchain::new(self, size, vsync, former)
+    }
+
+    fn acquire(&self, swapchain: &mut Swapchain, slot: usize) -> Result<Acquired, BackendError> {
+        swapchain.acquire(slot)
+    }
+
+    fn record_blit(
+        &self,
+        show: Show<Self>,
+        output: &splatgraph_runtime::Image<Self>,
+    ) -> Result<(), BackendError> {
+        show.swapchain.record_blit(self, show.slot, show.image, output)
+    }
+
+    fn present(&self, show: Show<Self>) -> Result<Presented, BackendError> {
+        show.swapchain.present(self, show.image)
+    }
+}

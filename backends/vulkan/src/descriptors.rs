@@ -1,0 +1,121 @@
+//! Descriptor sets: the bindings of a plan's passes.
+
+use crate::error::api;
+use crate::gpu::{Owned, VulkanGpu};
+use crate::lower::descriptor;
+use crate::pipelines::Pipelines;
+use ash::vk;
+use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
+use splatgraph_framework::ir::{Binding, PassId};
+use splatgraph_framework::plan::Plan;
+use splatgraph_runtime::{BindingTarget, binding_copies};
+use std::sync::Arc;
+
+/// The descriptor sets of all passes of a plan.
+pub struct DescriptorSets {
+    /// By pass, then by slot; null for passes that bind nothing.
+    sets: Vec<[vk::DescriptorSet; FRAMES_IN_FLIGHT]>,
+    // Frees the sets.
+    _pool: Option<Owned<vk::DescriptorPool>>,
+}
+
+impl DescriptorSets {
+    /// Allocates the sets of all passes that run and bind something.
+    pub(crate) fn new(
+        gpu: &Arc<VulkanGpu>,
+        plan: &Plan,
+        pipelines: &Pipelines,
+    ) -> Result<DescriptorSets, BackendError> {
+        let mut sets = vec![[vk::DescriptorSet::null(); FRAMES_IN_FLIGHT]; plan.passes.len()];
+        let steps = plan.prologue.iter().chain(&plan.frame);
+        let bound = steps.map(|step| step.pass).filter(|&id| !plan.pass(id).bindings.is_empty());
+        let bound: Vec<PassId> = bound.collect();
+        let Some(pool) = pool(gpu, plan, pipelines, &bound)? else {
+            return Ok(DescriptorSets { sets, _pool: None });
+        };
+        for id in bound {
+            let Some((_, layout)) = pipelines.of(id) else { continue };
+            let copies = binding_copies(plan, plan.pass(id));
+            let layouts = vec![*layout.set; copies];
+            let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(*pool).set_layouts(&layouts);
+            // SAFETY: the pool was made for exactly these sets.
+            let new = unsafe { gpu.device.allocate_descriptor_sets(&info) }
+                .map_err(api("vkAllocateDescriptorSets"))?;
+            for &set in &new {
+                gpu.name(set, &plan.pass(id).name);
+            }
+            sets[id.index()] = std::array::from_fn(|slot| new[slot % copies]);
+        }
+        Ok(DescriptorSets { sets, _pool: Some(pool) })
+    }
+
+    /// Writes one binding of one copy of a pass's set.
+    pub(crate) fn write(
+        &self,
+        gpu: &VulkanGpu,
+        pass: PassId,
+        copy: usize,
+        binding: &Binding,
+        target: BindingTarget<VulkanGpu>,
+    ) {
+        let write = vk::WriteDescriptorSet::default()
+            .dst_set(self.of(pass, copy))
+            .dst_binding(binding.binding)
+            .dst_array_element(binding.element)
+            .descriptor_type(descriptor(binding.kind));
+        let buffer;
+        let image;
+        let write = match target {
+            BindingTarget::Image(bound) => {
+                image = [vk::DescriptorImageInfo::default()
+                    .image_view(*bound.raw.view)
+                    .image_layout(vk::ImageLayout::GENERAL)];
+                write.image_info(&image)
+            }
+            BindingTarget::Buffer(bound, bytes) => {
+                buffer = [vk::DescriptorBufferInfo::default().buffer(*bound.raw).range(bytes)];
+                write.buffer_info(&buffer)
+            }
+        };
+        // SAFETY: the set is not in use, the resources are alive, and the kinds fit (checked with the plan).
+        unsafe { gpu.device.update_descriptor_sets(&[write], &[]) };
+    }
+
+    /// Returns the set of a pass for the frame in this slot.
+    pub(crate) fn of(&self, pass: PassId, slot: usize) -> vk::DescriptorSet {
+        self.sets[pass.index()][slot]
+    }
+}
+
+/// Creates a pool for the sets of the passes `bound`; none where there are none.
+fn pool(
+    gpu: &Arc<VulkanGpu>,
+    plan: &Plan,
+    pipelines: &Pipelines,
+    bound: &[PassId],
+) -> Result<Option<Owned<vk::DescriptorPool>>, BackendError> {
+    let mut sets = 0;
+    let mut sizes: Vec<vk::DescriptorPoolSize> = Vec::new();
+    for &id in bound {
+        let Some(interface) = pipelines.interface(id) else { continue };
+        let copies = binding_copies(plan, plan.pass(id)) as u32;
+        sets += copies;
+        for binding in &interface.bindings {
+            let count = binding.count * copies;
+            match sizes.iter_mut().find(|size| size.ty == binding.kind) {
+                Some(size) => size.descriptor_count += count,
+                None => {
+                    sizes.push(vk::DescriptorPoolSize::default().ty(binding.kind).descriptor_count(count))
+                }
+            }
+        }
+    }
+    if sets == 0 {
+        return Ok(None);
+    }
+    let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets).pool_sizes(&sizes);
+    // SAFETY: `info` lives until the call returns.
+    let pool =
+        unsafe { gpu.device.create_descriptor_pool(&info, None) }.map_err(api("vkCreateDescriptorPool"))?;
+    Ok(Some(Owned::new(gpu, pool)))
+}

@@ -1,0 +1,328 @@
+//! The recording of commands into a command buffer.
+
+use crate::barriers::{
+    ANYTHING, BEFORE_COPIES, COPIES, Dependency, HOST, ImageBarrier, MemoryBarrier, READERS, Scope, layout,
+};
+use crate::descriptors::DescriptorSets;
+use crate::gpu::{Owned, VulkanGpu};
+use crate::memory::{LAYER, WHOLE};
+use crate::pipelines::Pipelines;
+use crate::queue;
+use ash::vk;
+use splatgraph_api::BackendError;
+use splatgraph_framework::ir::*;
+use splatgraph_runtime::{Buffer, Draw, Image, LayoutChange, PlanBarrier};
+use std::fmt::Arguments;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// A command buffer, and the fence of its submission.
+pub struct Encoder {
+    pub(crate) commands: vk::CommandBuffer,
+    pub(crate) fence: Owned<vk::Fence>,
+    pool: Owned<vk::CommandPool>,
+    gpu: Arc<VulkanGpu>,
+    // Lists that are filled again and again, so that recording allocates nothing.
+    dependency: Dependency,
+    memory: Vec<vk::MemoryBarrier2<'static>>,
+    images: Vec<vk::ImageMemoryBarrier2<'static>>,
+    attachments: Vec<vk::RenderingAttachmentInfo<'static>>,
+}
+
+impl Encoder {
+    /// Creates an encoder with a command pool of its own.
+    pub(crate) fn new(gpu: &Arc<VulkanGpu>, name: &str) -> Result<Encoder, BackendError> {
+        let (pool, commands) = queue::command_pool(gpu)?;
+        gpu.name(commands, name);
+        Ok(Encoder {
+            commands,
+            fence: queue::fence(gpu)?,
+            pool,
+            gpu: gpu.clone(),
+            dependency: Dependency::default(),
+            memory: Vec::new(),
+            images: Vec::new(),
+            attachments: Vec::new(),
+        })
+    }
+
+    /// Records the collected dependency, unless it is empty.
+    fn flush(&mut self) {
+        self.memory.clear();
+        self.memory.extend(self.dependency.memory.iter().map(memory_barrier));
+        self.images.clear();
+        self.images.extend(self.dependency.images.iter().map(image_barrier));
+        if self.memory.is_empty() && self.images.is_empty() {
+            return;
+        }
+        let info =
+            vk::DependencyInfo::default().memory_barriers(&self.memory).image_memory_barriers(&self.images);
+        pipeline_barrier(&self.gpu, self.commands, &info);
+    }
+
+    fn buffer_barrier(&self, buffer: &Buffer<VulkanGpu>, range: Range<u64>, source: Scope, target: Scope) {
+        let barrier = [vk::BufferMemoryBarrier2::default()
+            .src_stage_mask(source.stages)
+            .src_access_mask(source.accesses)
+            .dst_stage_mask(target.stages)
+            .dst_access_mask(target.accesses)
+            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .buffer(*buffer.raw)
+            .offset(range.start)
+            .size(range.end - range.start)];
+        let info = vk::DependencyInfo::default().buffer_memory_barriers(&barrier);
+        pipeline_barrier(&self.gpu, self.commands, &info);
+    }
+
+    fn set_area(&self, area: vk::Rect2D) {
+        let viewport = vk::Viewport {
+            x: 0.0,
+            y: 0.0,
+            width: area.extent.width as f32,
+            height: area.extent.height as f32,
+            min_depth: 0.0,
+            max_depth: 1.0,
+        };
+        // SAFETY: the command buffer is being recorded.
+        unsafe {
+            self.gpu.device.cmd_set_viewport(self.commands, 0, &[viewport]);
+            self.gpu.device.cmd_set_scissor(self.commands, 0, &[area]);
+        }
+    }
+}
+
+impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
+    fn begin(&mut self) -> Result<(), BackendError> {
+        queue::begin(&self.gpu, *self.pool, self.commands)
+    }
+
+    fn end(&mut self) -> Result<(), BackendError> {
+        queue::end(&self.gpu, self.commands)
+    }
+
+    fn push_label(&mut self, name: Arguments) {
+        self.gpu.begin_label(self.commands, name);
+    }
+
+    fn pop_label(&mut self) {
+        self.gpu.end_label(self.commands);
+    }
+
+    fn barriers<'a>(&mut self, barriers: impl Iterator<Item = PlanBarrier<'a, VulkanGpu>>) {
+        self.dependency.lower(barriers.map(|b| (b.barrier, b.image.map(|image| *image.raw.raw))));
+        self.flush();
+    }
+
+    fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = LayoutChange<'a, VulkanGpu>>) {
+        self.dependency.clear();
+        self.dependency.memory.push(MemoryBarrier { source: ANYTHING, target: ANYTHING });
+        self.dependency.images.extend(changes.map(|change| ImageBarrier {
+            image: *change.image.raw.raw,
+            source: ANYTHING,
+            target: ANYTHING,
+            old: layout(change.old),
+            new: layout(change.new),
+        }));
+        self.flush();
+    }
+
+    fn before_copy(&mut self, target: &Buffer<VulkanGpu>) {
+        self.buffer_barrier(target, 0..target.bytes, BEFORE_COPIES, COPIES);
+    }
+
+    fn after_copy(&mut self, target: &Buffer<VulkanGpu>, range: Range<u64>) {
+        self.buffer_barrier(target, range, COPIES, READERS);
+    }
+
+    fn copies_to_host(&mut self) {
+        self.dependency.clear();
+        self.dependency.memory.push(MemoryBarrier { source: COPIES, target: HOST });
+        self.flush();
+    }
+
+    fn bind(
+        &mut self,
+        pipelines: &Pipelines,
+        bindings: &DescriptorSets,
+        id: PassId,
+        pass: &Pass,
+        slot: usize,
+    ) {
+        let Some((pipeline, layout)) = pipelines.of(id) else { return };
+        let device = &self.gpu.device;
+        // SAFETY: pipeline, layout and set were made for one another and are alive.
+        unsafe {
+            device.cmd_bind_pipeline(self.commands, pipeline.bind_point, *pipeline.raw);
+            if !pass.bindings.is_empty() {
+                let sets = [bindings.of(id, slot)];
+                device.cmd_bind_descriptor_sets(
+                    self.commands,
+                    pipeline.bind_point,
+                    *layout.raw,
+                    0,
+                    &sets,
+                    &[],
+                );
+            }
+            if !pass.push.is_empty() {
+                device.cmd_push_constants(self.commands, *layout.raw, layout.stages, 0, &pass.push);
+            }
+        }
+    }
+
+    fn dispatch(&mut self, [x, y, z]: [u32; 3]) {
+        // SAFETY: a compute pipeline with its set is bound; the size was checked with the plan.
+        unsafe { self.gpu.device.cmd_dispatch(self.commands, x, y, z) };
+    }
+
+    fn dispatch_indirect(&mut self, arguments: &Buffer<VulkanGpu>, offset: u64) {
+        // SAFETY: a compute pipeline with its set is bound; the words lie within their buffer.
+        unsafe { self.gpu.device.cmd_dispatch_indirect(self.commands, *arguments.raw, offset) };
+    }
+
+    fn draw<'a>(
+        &mut self,
+        targets: impl Iterator<Item = (&'a Target, &'a Image<VulkanGpu>)>,
+        draw: Draw<VulkanGpu>,
+    ) {
+        let mut extent = vk::Extent2D::default();
+        self.attachments.clear();
+        self.attachments.extend(targets.map(|(target, image)| {
+            (extent.width, extent.height) = image.size;
+            attachment(target, image)
+        }));
+        let area = vk::Rect2D { offset: vk::Offset2D::default(), extent };
+        self.set_area(area);
+        let rendering = vk::RenderingInfo::default()
+            .render_area(area)
+            .layer_count(1)
+            .color_attachments(&self.attachments);
+        let device = &self.gpu.device;
+        // SAFETY: a graphics pipeline for targets of these formats is bound with its set; the views are alive and of one size; the
+        // indirect words lie within their buffer.
+        unsafe {
+            device.cmd_begin_rendering(self.commands, &rendering);
+            match draw {
+                Draw::Direct { vertices, instances } => {
+                    device.cmd_draw(self.commands, vertices, instances, 0, 0);
+                }
+                Draw::Indirect(buffer, offset) => {
+                    device.cmd_draw_indirect(self.commands, *buffer.raw, offset, 1, 16);
+                }
+            }
+            device.cmd_end_rendering(self.commands);
+        }
+    }
+
+    fn fill(&mut self, buffer: &Buffer<VulkanGpu>, value: u32) {
+        // SAFETY: the buffer is alive and a target of transfers, and its size is in whole words.
+        unsafe { self.gpu.device.cmd_fill_buffer(self.commands, *buffer.raw, 0, vk::WHOLE_SIZE, value) };
+    }
+
+    fn clear(&mut self, image: &Image<VulkanGpu>) {
+        // Zero has the same bits in every format.
+        let zero = vk::ClearColorValue { uint32: [0; 4] };
+        let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
+        // SAFETY: the image is alive, a target of transfers, and in this layout.
+        unsafe {
+            self.gpu.device.cmd_clear_color_image(self.commands, *image.raw.raw, layout, &zero, &[WHOLE]);
+        }
+    }
+
+    fn copy_buffer(
+        &mut self,
+        source: (&Buffer<VulkanGpu>, u64),
+        target: (&Buffer<VulkanGpu>, u64),
+        bytes: u64,
+    ) {
+        let region = [vk::BufferCopy { src_offset: source.1, dst_offset: target.1, size: bytes }];
+        // SAFETY: both buffers are alive, allow the copy, and hold the ranges.
+        unsafe {
+            self.gpu.device.cmd_copy_buffer(self.commands, *source.0.raw, *target.0.raw, &region);
+        }
+    }
+
+    fn copy_image(&mut self, image: &Image<VulkanGpu>, target: &Buffer<VulkanGpu>) {
+        let (width, height) = image.size;
+        let region = [vk::BufferImageCopy::default().image_subresource(LAYER).image_extent(vk::Extent3D {
+            width,
+            height,
+            depth: 1,
+        })];
+        let layout = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
+        // SAFETY: image and buffer are alive, the image is in this layout, and the buffer holds the whole image.
+        unsafe {
+            self.gpu.device.cmd_copy_image_to_buffer(
+                self.commands,
+                *image.raw.raw,
+                layout,
+                *target.raw,
+                &region,
+            );
+        }
+    }
+
+    fn reset_timestamps(&mut self, timestamps: &Owned<vk::QueryPool>, count: u32) {
+        // SAFETY: the frame that last used this pool is done, and the pool has this many queries.
+        unsafe { self.gpu.device.reset_query_pool(**timestamps, 0, count) };
+    }
+
+    /// The difference of two is the time for which the commands between them kept the device from going on, also where passes
+    /// overlap.
+    fn timestamp(&mut self, timestamps: &Owned<vk::QueryPool>, index: u32) {
+        let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
+        // SAFETY: the command buffer is being recorded outside of rendering, and the query was reset.
+        unsafe { self.gpu.device.cmd_write_timestamp2(self.commands, stage, **timestamps, index) };
+    }
+}
+
+/// Records a pipeline barrier outside of rendering.
+pub(crate) fn pipeline_barrier(gpu: &VulkanGpu, commands: vk::CommandBuffer, info: &vk::DependencyInfo) {
+    // SAFETY: the command buffer is being recorded outside of rendering, and the resources are alive.
+    unsafe { gpu.device.cmd_pipeline_barrier2(commands, info) };
+}
+
+fn attachment(target: &Target, image: &Image<VulkanGpu>) -> vk::RenderingAttachmentInfo<'static> {
+    let info = vk::RenderingAttachmentInfo::default()
+        .image_view(*image.raw.view)
+        .image_layout(vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL)
+        .store_op(vk::AttachmentStoreOp::STORE);
+    match target.load {
+        Load::Keep => info.load_op(vk::AttachmentLoadOp::LOAD),
+        Load::Clear(r, g, b, a) => {
+            info.load_op(vk::AttachmentLoadOp::CLEAR).clear_value(clear_value(image.format, [r, g, b, a]))
+        }
+    }
+}
+
+fn clear_value(format: Format, [r, g, b, a]: [f32; 4]) -> vk::ClearValue {
+    let color = match format {
+        Format::R32Uint => vk::ClearColorValue { uint32: [r as u32, g as u32, b as u32, a as u32] },
+        _ => vk::ClearColorValue { float32: [r, g, b, a] },
+    };
+    vk::ClearValue { color }
+}
+
+fn memory_barrier(barrier: &MemoryBarrier) -> vk::MemoryBarrier2<'static> {
+    vk::MemoryBarrier2::default()
+        .src_stage_mask(barrier.source.stages)
+        .src_access_mask(barrier.source.accesses)
+        .dst_stage_mask(barrier.target.stages)
+        .dst_access_mask(barrier.target.accesses)
+}
+
+/// Rewrites a barrier on a whole image.
+pub(crate) fn image_barrier(barrier: &ImageBarrier) -> vk::ImageMemoryBarrier2<'static> {
+    vk::ImageMemoryBarrier2::default()
+        .src_stage_mask(barrier.source.stages)
+        .src_access_mask(barrier.source.accesses)
+        .dst_stage_mask(barrier.target.stages)
+        .dst_access_mask(barrier.target.accesses)
+        .old_layout(barrier.old)
+        .new_layout(barrier.new)
+        .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+        .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+        .image(barrier.image)
+        .subresource_range(WHOLE)
+}

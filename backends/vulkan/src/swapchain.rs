@@ -1,0 +1,283 @@
+//! Swapchains: the images of a window, and the blit into them.
+//!
+//! The blit has a command buffer of its own that is submitted right behind the frame's. Output and image may differ in size and
+//! format; colours are display-encoded already, and nothing converts them. When a swapchain is made, and when it is replaced, is
+//! decided by the runtime.
+//!
+//! Semaphores, and their owners: the one that says an image was acquired belongs to the frame's slot, since a slot is used again only
+//! when its frame, blit included, is done. The one that says a blit is done belongs to the *image*: the window system waits for it,
+//! and is known to be through with it only when it gives the image back.
+
+use crate::barriers::{ImageBarrier, Scope};
+use crate::encoder::{image_barrier, pipeline_barrier};
+use crate::gpu::{Owned, VulkanGpu};
+use crate::lower;
+use crate::memory::LAYER;
+use crate::queue::{self, Blit};
+use crate::surface::{self, Surface};
+use ash::{khr, vk};
+use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
+use splatgraph_runtime::{Acquired, Image, Presented};
+use std::sync::Arc;
+
+/// How long to wait for an image, in nanoseconds. Some window systems give none while the window is hidden, and do not say that it
+/// is: the program must go on.
+const PATIENCE: u64 = 2_000_000_000;
+
+/// The images of a window and the objects that go with them. The device must be idle when it is dropped.
+pub struct Swapchain {
+    raw: vk::SwapchainKHR,
+    functions: khr::swapchain::Device,
+    extent: vk::Extent2D,
+    images: Vec<vk::Image>,
+    /// By slot: the image that its frame is shown in may be written.
+    acquired: [Owned<vk::Semaphore>; FRAMES_IN_FLIGHT],
+    /// By image: the blit into it is done.
+    finished: Vec<Owned<vk::Semaphore>>,
+    /// By slot: a command buffer for the blit.
+    blits: [(Owned<vk::CommandPool>, vk::CommandBuffer); FRAMES_IN_FLIGHT],
+}
+
+/// Returns the surface of the window that the device was opened with.
+fn window_surface(gpu: &VulkanGpu) -> Result<&Surface, BackendError> {
+    let none = || BackendError::Invalid("this device was not opened in a window".to_string());
+    gpu.instance.surface.as_ref().ok_or_else(none)
+}
+
+/// Returns the size of the window's images, given the size that the program was told; none while the window has no pixels.
+pub(crate) fn window_size(
+    gpu: &VulkanGpu,
+    (width, height): (u32, u32),
+) -> Result<Option<(u32, u32)>, BackendError> {
+    let capabilities = window_surface(gpu)?.capabilities(gpu.physical)?;
+    let extent = surface::extent(&capabilities, vk::Extent2D { width, height });
+    Ok(extent.map(|extent| (extent.width, extent.height)))
+}
+
+impl Swapchain {
+    /// Creates a swapchain. The device is idle, and `former` is the window's swapchain until now.
+    pub(crate) fn new(
+        gpu: &Arc<VulkanGpu>,
+        (width, height): (u32, u32),
+        vsync: bool,
+        former: Option<&Swapchain>,
+    ) -> Result<Swapchain, BackendError> {
+        let surface = window_surface(gpu)?;
+        let capabilities = surface.capabilities(gpu.physical)?;
+        if !capabilities.supported_usage_flags.contains(vk::ImageUsageFlags::TRANSFER_DST) {
+            return Err(BackendError::Unavailable(
+                "this window's images cannot be copied to, so that no picture can be shown in it".to_string(),
+            ));
+        }
+        let functions = khr::swapchain::Device::new(&gpu.instance.raw, &gpu.device);
+        let can_blit = |format| gpu.format_features(format).contains(vk::FormatFeatureFlags::BLIT_DST);
+        let format = surface::format(&surface.formats(gpu.physical)?, can_blit)?;
+        let extent = vk::Extent2D { width, height };
+        let info = vk::SwapchainCreateInfoKHR::default()
+            .surface(surface.raw)
+            .min_image_count(surface::image_count(&capabilities))
+            .image_format(format.format)
+            .image_color_space(format.color_space)
+            .image_extent(extent)
+            .image_array_layers(1)
+            .image_usage(vk::ImageUsageFlags::TRANSFER_DST)
+            .image_sharing_mode(vk::SharingMode::EXCLUSIVE)
+            .pre_transform(surface::transform(&capabilities))
+            .composite_alpha(surface::composite_alpha(capabilities.supported_composite_alpha))
+            .present_mode(surface::present_mode(&surface.present_modes(gpu.physical)?, vsync))
+            .clipped(true)
+            .old_swapchain(former.map_or(vk::SwapchainKHR::null(), |former| former.raw));
+        let acquired = [queue::semaphore(gpu)?, queue::semaphore(gpu)?];
+        let blits = [queue::command_pool(gpu)?, queue::command_pool(gpu)?];
+        for (_, commands) in &blits {
+            gpu.name(*commands, "blit to the window");
+        }
+        // SAFETY: `info` has what the surface offers, and the former swapchain was made of the same surface.
+        let raw = unsafe { functions.create_swapchain(&info, None) };
+        let raw = raw.map_err(surface::window("vkCreateSwapchainKHR"))?;
+        let mut swapchain =
+            Swapchain { raw, functions, extent, images: Vec::new(), acquired, finished: Vec::new(), blits };
+        // SAFETY: the swapchain was just created.
+        let images = unsafe { swapchain.functions.get_swapchain_images(raw) };
+        swapchain.images = images.map_err(surface::window("vkGetSwapchainImagesKHR"))?;
+        for &image in &swapchain.images {
+            gpu.name(image, "window");
+            swapchain.finished.push(queue::semaphore(gpu)?);
+        }
+        Ok(swapchain)
+    }
+
+    /// Acquires an image for the frame in `slot`.
+    pub(crate) fn acquire(&self, slot: usize) -> Result<Acquired, BackendError> {
+        // SAFETY: the slot's former frame is done, which waited for the semaphore; all images that were acquired before were
+        // presented.
+        let answer = unsafe {
+            self.functions.acquire_next_image(self.raw, PATIENCE, *self.acquired[slot], vk::Fence::null())
+        };
+        match answer {
+            Ok((index, suboptimal)) => Ok(Acquired::Image { index, suboptimal }),
+            Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(Acquired::OutOfDate),
+            Err(vk::Result::TIMEOUT | vk::Result::NOT_READY) => Ok(Acquired::NotReady),
+            Err(answer) => Err(surface::window("vkAcquireNextImageKHR")(answer)),
+        }
+    }
+
+    /// Returns the recorded blit of the frame in `slot` into an image, with its semaphores.
+    pub(crate) fn blit(&self, slot: usize, image: u32) -> Blit {
+        Blit {
+            commands: self.blits[slot].1,
+            acquired: *self.acquired[slot],
+            finished: *self.finished[image as usize],
+        }
+    }
+
+    /// Records the blit of `output`, which its frame's export leaves as a transfer's source, into an acquired image.
+    pub(crate) fn record_blit(
+        &self,
+        gpu: &VulkanGpu,
+        slot: usize,
+        image: u32,
+        output: &Image<VulkanGpu>,
+    ) -> Result<(), BackendError> {
+        let (pool, commands) = &self.blits[slot];
+        let (image, commands) = (self.images[image as usize], *commands);
+        let size = vk::Extent2D { width: output.size.0, height: output.size.1 };
+        let features = gpu.format_features(lower::format(output.format));
+        let filter = filter(features, size == self.extent);
+        queue::begin(gpu, **pool, commands)?;
+        gpu.begin_label(commands, format_args!("blit to the window"));
+        let region = [vk::ImageBlit::default()
+            .src_subresource(LAYER)
+            .src_offsets(corners(size))
+            .dst_subresource(LAYER)
+            .dst_offsets(corners(self.extent))];
+        barrier(gpu, commands, BEFORE, image);
+        // SAFETY: the command buffer is being recorded outside of rendering. The images are alive and were made to be copied from
+        // and to; the device can blit between their formats, with this filter.
+        unsafe {
+            gpu.device.cmd_blit_image(
+                commands,
+                *output.raw.raw,
+                vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+                image,
+                vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+                &region,
+                filter,
+            );
+        }
+        barrier(gpu, commands, AFTER, image);
+        gpu.end_label(commands);
+        queue::end(gpu, commands)
+    }
+
+    /// Presents an image whose blit was submitted.
+    pub(crate) fn present(&self, gpu: &VulkanGpu, image: u32) -> Result<Presented, BackendError> {
+        let finished = *self.finished[image as usize];
+        match queue::present(gpu, &self.functions, self.raw, image, finished) {
+            Ok(false) => Ok(Presented::Shown),
+            Ok(true) => Ok(Presented::Suboptimal),
+            Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(Presented::OutOfDate),
+            Err(answer) => Err(surface::window("vkQueuePresentKHR")(answer)),
+        }
+    }
+}
+
+impl Drop for Swapchain {
+    fn drop(&mut self) {
+        // SAFETY: the device is idle, and the surface is alive, which the instance keeps.
+        unsafe { self.functions.destroy_swapchain(self.raw, None) };
+    }
+}
+
+/// Copies pixels one to one, or interpolates them if the device can.
+fn filter(features: vk::FormatFeatureFlags, same_size: bool) -> vk::Filter {
+    if same_size || !features.contains(vk::FormatFeatureFlags::SAMPLED_IMAGE_FILTER_LINEAR) {
+        vk::Filter::NEAREST
+    } else {
+        vk::Filter::LINEAR
+    }
+}
+
+/// A barrier around the blit: one on memory for the plan's output, and one on the window's image.
+#[derive(Clone, Copy)]
+struct Around {
+    output: [(vk::PipelineStageFlags2, vk::AccessFlags2); 2],
+    window: [(vk::PipelineStageFlags2, vk::AccessFlags2, vk::ImageLayout); 2],
+}
+
+/// The plan made its output ready for the export's copies, and no more; the blit goes on from there. The window's image has no
+/// contents that matter, and was acquired for the stage of the blit.
+const BEFORE: Around = Around {
+    output: [
+        (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::NONE),
+        (vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::TRANSFER_READ),
+    ],
+    window: [
+        (vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::NONE, vk::ImageLayout::UNDEFINED),
+        (
+            vk::PipelineStageFlags2::BLIT,
+            vk::AccessFlags2::TRANSFER_WRITE,
+            vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+        ),
+    ],
+};
+
+/// What the next frame does to the output once the export's copies are done, it may do once the blit is. The window's image is
+/// handed over by a semaphore, which needs no barrier's second half.
+const AFTER: Around = Around {
+    output: [
+        (vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::NONE),
+        (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::NONE),
+    ],
+    window: [
+        (
+            vk::PipelineStageFlags2::BLIT,
+            vk::AccessFlags2::TRANSFER_WRITE,
+            vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+        ),
+        (vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::NONE, vk::ImageLayout::PRESENT_SRC_KHR),
+    ],
+};
+
+fn barrier(gpu: &VulkanGpu, commands: vk::CommandBuffer, around: Around, image: vk::Image) {
+    let [(from, before), (to, after)] = around.output;
+    let memory = [vk::MemoryBarrier2::default()
+        .src_stage_mask(from)
+        .src_access_mask(before)
+        .dst_stage_mask(to)
+        .dst_access_mask(after)];
+    let [(from, before, old), (to, after, new)] = around.window;
+    let (source, target) = (Scope { stages: from, accesses: before }, Scope { stages: to, accesses: after });
+    let images = [image_barrier(&ImageBarrier { image, source, target, old, new })];
+    let info = vk::DependencyInfo::default().memory_barriers(&memory).image_memory_barriers(&images);
+    pipeline_barrier(gpu, commands, &info);
+}
+
+/// Returns the corners of an image of this size.
+fn corners(extent: vk::Extent2D) -> [vk::Offset3D; 2] {
+    // Sizes of images are far below the range of `i32`.
+    [vk::Offset3D::default(), vk::Offset3D { x: extent.width as i32, y: extent.height as i32, z: 1 }]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_blit_takes_its_place_between_the_exports_copies_and_whatever_waits_for_them() {
+        // The second half is beyond what the validation layer compares between submissions.
+        let [(after, _), (blit, access)] = BEFORE.output;
+        assert_eq!((after, blit), (vk::PipelineStageFlags2::COPY, vk::PipelineStageFlags2::BLIT));
+        assert_eq!(access, vk::AccessFlags2::TRANSFER_READ);
+        let [(blit, _), (before, _)] = AFTER.output;
+        assert_eq!((blit, before), (vk::PipelineStageFlags2::BLIT, vk::PipelineStageFlags2::COPY));
+    }
+
+    #[test]
+    fn pixels_are_interpolated_only_between_sizes_and_where_the_device_can() {
+        let linear = vk::FormatFeatureFlags::SAMPLED_IMAGE_FILTER_LINEAR;
+        assert_eq!(filter(linear, true), vk::Filter::NEAREST);
+        assert_eq!(filter(linear, false), vk::Filter::LINEAR);
+        assert_eq!(filter(vk::FormatFeatureFlags::empty(), false), vk::Filter::NEAREST);
+    }
+}
