@@ -164,7 +164,8 @@ struct Outcome {
 /// Builds as the live program does, with a compiler that is kept.
 fn builder(folder: PathBuf) -> impl FnMut(Build) -> Outcome {
     let mut compiler = Glslang::default();
-    let catalog = facts::nominal_catalog();
+    let mut catalog = facts::nominal_catalog();
+    paint::offer(&mut catalog);
     move |job| {
         let facts =
             facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(job.lanes), facts::DEFAULT_SIZE);

@@ -1,15 +1,15 @@
-//! The imports of a crate run one way: each module imports only modules before it in a list.
+//! Checks that imports run one way: each module imports only modules before it in a list.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Reads the sources of a crate and fails on every import that runs against `order`.
+/// Reads the sources of a module and fails on every import that runs against `order`.
 ///
-/// `order` lists the top-level modules of the crate in `src`, from the ground up. A file may name the modules before its own
-/// (`crate::...`, or as many `super::` as lead to the root), in a `use` or inline. Tests may import anything: a file called
-/// `tests.rs` or `testing.rs`, a folder called `tests`, and the rest of a module behind `#[cfg(test)]`. The crate's root imports
-/// nothing that matters here.
-pub fn assert_imports_run_one_way(src: &Path, order: &[&str]) {
+/// `src` is the folder of the module `root`, `crate` or for instance `crate::view`. `order` lists its submodules from the ground
+/// up; paths outside of `root` are not checked. A file may name the modules before its own (by `root`, or as many `super::` as
+/// lead to it), in a `use` or inline. Tests may import anything: a file called `tests.rs` or `testing.rs`, a folder called
+/// `tests`, and the rest of a module behind `#[cfg(test)]`. The file of `root` itself may name every submodule.
+pub fn assert_imports_run_one_way(src: &Path, root: &str, order: &[&str]) {
     let mut files = Vec::new();
     collect(src, &mut files);
     files.sort();
@@ -19,7 +19,7 @@ pub fn assert_imports_run_one_way(src: &Path, order: &[&str]) {
         let path: Vec<String> =
             relative.with_extension("").iter().map(|p| p.to_string_lossy().into()).collect();
         if path.iter().any(|p| matches!(p.as_str(), "tests" | "testing"))
-            || matches!(&*path[0], "lib" | "main")
+            || matches!(&*path[0], "lib" | "main" | "mod")
         {
             continue;
         }
@@ -29,7 +29,7 @@ pub fn assert_imports_run_one_way(src: &Path, order: &[&str]) {
         };
         let depth = path.iter().filter(|p| *p != "mod").count();
         let text = fs::read_to_string(file).expect("a source file is readable");
-        for (line, name) in imports(&code(&text), depth) {
+        for (line, name) in imports(&code(&text), root, depth) {
             match order.iter().position(|m| *m == name) {
                 Some(other) if other <= own => {}
                 Some(_) => {
@@ -77,12 +77,11 @@ fn code(text: &str) -> String {
     code
 }
 
-/// Lists the crate's modules that the code names, with their lines. The code stands `depth` modules below the root.
-fn imports(code: &str, depth: usize) -> Vec<(usize, String)> {
+/// Lists the submodules of `root` that the code names, with their lines. The code is `depth` modules below `root`.
+fn imports(code: &str, root: &str, depth: usize) -> Vec<(usize, String)> {
     let mut found = Vec::new();
-    let root = "super::".repeat(depth);
-    for start in ["crate::", &root] {
-        for (at, _) in code.match_indices(start) {
+    for start in [format!("{root}::"), "super::".repeat(depth)] {
+        for (at, _) in code.match_indices(&start) {
             let before = code[..at].chars().next_back();
             if before.is_some_and(|c| c.is_alphanumeric() || matches!(c, '_' | ':')) {
                 continue;
@@ -100,7 +99,10 @@ fn imports(code: &str, depth: usize) -> Vec<(usize, String)> {
 fn heads(path: &str) -> Vec<String> {
     let name =
         |text: &str| text.trim().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
-    let Some(group) = path.strip_prefix('{') else { return vec![name(path)] };
+    // A glob in a module within the file, `super::*`, names nothing.
+    let Some(group) = path.strip_prefix('{') else {
+        return Some(name(path)).filter(|n| !n.is_empty()).into_iter().collect();
+    };
     let (mut heads, mut depth, mut start) = (Vec::new(), 0, 0);
     for (at, c) in group.char_indices() {
         match c {

@@ -1,36 +1,25 @@
-//! From a camera as people write it down to the uniform block that the shaders read.
+//! Converts a camera to the uniform block `Camera` of `shaders/camera.glsl`.
 //!
-//! Cameras come in the form of the reference implementation's `cameras.json`: a position in the world, a rotation from
-//! the camera's axes (x right, y down, z forward) to the world's, and focal lengths in pixels. Shaders want the opposite
-//! direction, world to camera, as the block `Camera` of `shaders/camera.glsl`. All of this is computed in f64 and
-//! rounded to f32 once, at the end, because the reference pipeline does so: equal bits here give equal depths, and equal
-//! depths give the same order of the splats.
+//! Cameras have the form of the reference implementation's `cameras.json`: a position in the world, a rotation from the
+//! camera's axes (x right, y down, z forward) to the world's, and focal lengths in pixels. Shaders need the opposite
+//! direction, world to camera. Everything is computed in f64 and rounded to f32 once, at the end, as in the reference
+//! pipeline: equal bits give equal depths, and equal depths give the same order of the splats.
 
 use bytemuck::{Pod, Zeroable};
 use splatgraph_assets::{Bounds, Camera, NEAR};
+use std::collections::BTreeMap;
 
-/// The name of the block among a plan's frame uniforms.
+/// The block's name among a plan's frame uniforms.
 pub const CAMERA: &str = "frame.camera";
 
-/// Bytes of the block.
+/// Size of the block, in bytes.
 pub const CAMERA_BYTES: u64 = size_of::<Block>() as u64;
 
-/// What of a frame the shaders are told besides the camera.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct View {
-    /// What shows where nothing covers it, display-encoded.
-    pub background: [f32; 3],
-    /// Least and greatest view depth of the scene, from [`depth_range`].
-    pub depth: [f64; 2],
-    /// Counts up from 0.
-    pub frame: u32,
-}
-
-/// `shaders/camera.glsl`, in the layout std140.
+/// The block `Camera` of `shaders/camera.glsl`, in the layout std140.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Block {
-    /// World to camera, column by column.
+    /// World-to-camera transform, column by column.
     view: [[f32; 4]; 4],
     position: [f32; 4],
     /// Focal lengths in pixels, and the tangents of half the fields of view.
@@ -40,20 +29,33 @@ struct Block {
     /// Near plane, the scene's depth range, frame number.
     depth: [f32; 4],
     background: [f32; 4],
-    /// Room to grow without a change of size.
+    /// Room for new members without a change of size.
     reserved: [[f32; 4]; 7],
 }
 
 const _: () = assert!(size_of::<Block>() == 256);
 
-/// Least and greatest view depth in the scene's bounding box, neither nearer than [`NEAR`].
-pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
+/// Makes the uniform blocks of a frame, by name.
+///
+/// `bounds` is the scene's box, `background` the display-encoded colour behind the splats, and `frame` the frame's number,
+/// which counts up from 0.
+pub fn frame_uniforms(
+    camera: &Camera,
+    bounds: &Bounds,
+    background: [f32; 3],
+    frame: u32,
+) -> BTreeMap<String, Vec<u8>> {
+    [(CAMERA.to_owned(), uniform(camera, depth_range(camera, bounds), background, frame))].into()
+}
+
+/// Computes the least and greatest view depth of the scene's box, neither nearer than [`NEAR`].
+fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     let (near, far) = camera.depth_range(bounds);
     [near.max(NEAR), far.max(NEAR)]
 }
 
-/// The bytes of the block `Camera`.
-pub fn uniform(camera: &Camera, view: &View) -> Vec<u8> {
+/// Packs the block; `depth` is the scene's depth range.
+fn uniform(camera: &Camera, depth: [f64; 2], background: [f32; 3], frame: u32) -> Vec<u8> {
     // A point `p` of the world is at `rows * p + translation` in the camera's frame.
     let rows = camera.axes();
     let translation = rows.map(|row| -(0..3).map(|i| row[i] * camera.position[i]).sum::<f64>());
@@ -61,13 +63,13 @@ pub fn uniform(camera: &Camera, view: &View) -> Vec<u8> {
     let [tx, ty, tz] = translation.map(|v| v as f32);
     let [x, y, z] = camera.position.map(|v| v as f32);
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
-    let [r, g, b] = view.background;
+    let [r, g, b] = background;
     let block = Block {
         view: [column(0), column(1), column(2), [tx, ty, tz, 1.0]],
         position: [x, y, z, 0.0],
         focal: [camera.fx, camera.fy, 0.5 * width / camera.fx, 0.5 * height / camera.fy].map(|v| v as f32),
         viewport: [width, height, 1.0 / width, 1.0 / height].map(|v| v as f32),
-        depth: [NEAR as f32, view.depth[0] as f32, view.depth[1] as f32, view.frame as f32],
+        depth: [NEAR as f32, depth[0] as f32, depth[1] as f32, frame as f32],
         background: [r, g, b, 0.0],
         reserved: [[0.0; 4]; 7],
     };
@@ -78,7 +80,7 @@ pub fn uniform(camera: &Camera, view: &View) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// Looks along the world's x, from (1, 2, 3): the camera's right is the world's -z, down is y, forward is x.
+    /// Makes a camera at (1, 2, 3) that looks along the world's x; its right is the world's -z, its down is y.
     fn sideways() -> Camera {
         Camera {
             id: 0,
@@ -99,7 +101,7 @@ mod tests {
 
     #[test]
     fn the_matrix_takes_a_point_of_the_world_into_the_cameras_frame() {
-        let f = floats(&uniform(&sideways(), &View::default()));
+        let f = floats(&uniform(&sideways(), [0.0; 2], [0.0; 3], 0));
         // (5, 3, 1) is 4 ahead, 1 below and 2 to the right.
         let point = [5.0, 3.0, 1.0, 1.0];
         let at = |row: usize| (0..4).map(|column| f[4 * column + row] * point[column]).sum::<f32>();
@@ -108,8 +110,7 @@ mod tests {
 
     #[test]
     fn the_block_lies_as_the_shaders_declare_it() {
-        let view = View { background: [0.25, 0.5, 0.75], depth: [1.5, 8.0], frame: 7 };
-        let bytes = uniform(&sideways(), &view);
+        let bytes = uniform(&sideways(), [1.5, 8.0], [0.25, 0.5, 0.75], 7);
         assert_eq!(bytes.len(), 256);
         let f = floats(&bytes);
         assert_eq!(f[16..20], [1.0, 2.0, 3.0, 0.0], "position at 64");
@@ -124,7 +125,7 @@ mod tests {
     fn elements_are_rounded_once_from_double_precision() {
         let mut camera = sideways();
         camera.position = [1e8 + 0.25, 0.0, 0.0];
-        let f = floats(&uniform(&camera, &View::default()));
+        let f = floats(&uniform(&camera, [0.0; 2], [0.0; 3], 0));
         assert_eq!(f[14], -(1e8 + 0.25) as f32);
     }
 

@@ -5,7 +5,6 @@
 //! what builds for it, in all the widths of [`SUBGROUP_SIZES`], builds everywhere.
 
 use crate::camera::{CAMERA, CAMERA_BYTES};
-use crate::view::paint;
 use splatgraph_assets::{ATTRIBUTES, Scene, Splat};
 use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Value};
 
@@ -37,16 +36,25 @@ impl SceneFacts {
     }
 }
 
-/// All facts that a graph can use, by full name.
-pub fn facts(scene: &SceneFacts, device: &DeviceFacts, (width, height): (u32, u32)) -> Facts {
-    let host = [
+/// Collects the facts of a graph that draws a scene. The size is in pixels.
+pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Facts {
+    let mut facts = without_scene(device, size);
+    let scene = [
         ("scene.count", scene.count as i64),
         ("scene.sh_degree", scene.sh_degree.into()),
         ("scene.stored_sh_degree", scene.stored_sh_degree.into()),
-        ("viewport.width", width.into()),
-        ("viewport.height", height.into()),
     ];
-    Facts { device: *device, host: host.map(|(name, value)| (name.to_owned(), Value::Int(value))).into() }
+    facts.host.extend(scene.map(|(name, value)| (name.to_owned(), Value::Int(value))));
+    facts
+}
+
+/// Collects the facts of a graph that draws no scene. The size is in pixels.
+pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts {
+    let viewport = [("viewport.width", width), ("viewport.height", height)];
+    Facts {
+        device: *device,
+        host: viewport.map(|(name, value)| (name.to_owned(), Value::Int(value.into()))).into(),
+    }
 }
 
 /// Lanes of the subgroups of real devices: CPUs have 4 to 16, most GPUs 32, some 64.
@@ -73,7 +81,7 @@ pub fn catalog(scene: &Scene) -> Catalog {
     catalog_of(scene, scene.count().into())
 }
 
-/// What any graph can import: of the nominal scene, and of the viewer's window.
+/// Lists the imports of a graph that draws the nominal scene.
 pub fn nominal_catalog() -> Catalog {
     let splat = |_| Splat {
         position: [0.0; 3],
@@ -84,9 +92,7 @@ pub fn nominal_catalog() -> Catalog {
     };
     // Attributes depend on the degree alone: one splat will do.
     let scene = Scene::generate(1, SceneFacts::NOMINAL.stored_sh_degree, splat);
-    let mut catalog = catalog_of(&scene, SceneFacts::NOMINAL.count);
-    paint::offer(&mut catalog);
-    catalog
+    catalog_of(&scene, SceneFacts::NOMINAL.count)
 }
 
 fn catalog_of(scene: &Scene, count: u64) -> Catalog {
@@ -106,12 +112,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_nominal_catalog_has_every_attribute_of_a_scene_of_degree_3_and_the_windows_inputs() {
+    fn the_nominal_catalog_has_every_attribute_of_a_scene_of_degree_3_and_the_camera() {
         let catalog = nominal_catalog();
         assert_eq!(catalog.attributes.len(), ATTRIBUTES.len());
         let expected = Attribute { stride: 16, count: 1_000_000, planes: 12 };
         assert_eq!(catalog.attributes["scene.sh"], expected);
         assert_eq!(catalog.uniforms["frame.camera"], 256);
-        assert_eq!(catalog.uniforms["frame.window"], 96);
     }
 }

@@ -5,7 +5,7 @@
 //! [`Session::wait`] gives what came of it. Up to [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be
 //! submitted before the first is waited for.
 
-use crate::camera::{self, CAMERA, View};
+use crate::camera;
 use crate::facts::{self, SceneFacts};
 use crate::image::Image;
 use crate::planner::{GraphErrors, Planner};
@@ -107,7 +107,7 @@ impl<D: Device> Session<D> {
         let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
         let catalog = facts::catalog(&self.scene);
         let plan = self.planner.plan(&self.pipeline, &self.set, &facts, &catalog)?;
-        self.device.load(plan.clone(), &Upload(&self.scene), progress)?;
+        self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress)?;
         self.loaded = Some((plan, size));
         Ok(true)
     }
@@ -116,13 +116,9 @@ impl<D: Device> Session<D> {
     pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
         debug_assert_eq!(*size, (camera.width, camera.height));
-        let view = View {
-            background: request.background,
-            depth: camera::depth_range(camera, &self.scene.bounds()),
-            frame: self.frame,
-        };
+        let bounds = self.scene.bounds();
         let inputs = FrameInputs {
-            uniforms: [(CAMERA.to_owned(), camera::uniform(camera, &view))].into(),
+            uniforms: camera::frame_uniforms(camera, &bounds, request.background, self.frame),
             live: plan.live_bytes(),
             read_output: request.read_output,
             inspect: request.inspect.clone(),
@@ -138,16 +134,19 @@ impl<D: Device> Session<D> {
     }
 }
 
-/// The scene as the device asks for it.
-pub(crate) struct Upload<'a>(pub &'a Scene);
+/// Uploads a scene's attributes to the device, or none where a graph draws without a scene.
+pub(crate) struct Upload<'a>(pub Option<&'a Scene>);
 
 impl SceneData for Upload<'_> {
     fn write(&self, attribute: &str, plane: u32, target: &mut [u8]) -> Result<(), String> {
-        self.0.write_attribute(attribute, plane, target)
+        match self.0 {
+            Some(scene) => scene.write_attribute(attribute, plane, target),
+            None => Err(format!("expected a scene with `{attribute}`, found none")),
+        }
     }
 
     fn identity(&self) -> u64 {
-        self.0.identity()
+        self.0.map_or(0, Scene::identity)
     }
 }
 

@@ -22,5 +22,9 @@ const ORDER: [&str; 11] = [
 
 #[test]
 fn every_module_imports_only_those_before_it() {
-    module_order::assert_imports_run_one_way(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &ORDER);
+    module_order::assert_imports_run_one_way(
+        &Path::new(env!("CARGO_MANIFEST_DIR")).join("src"),
+        "crate",
+        &ORDER,
+    );
 }

@@ -13,7 +13,11 @@ const ORDER: [&str; 13] = [
 
 #[test]
 fn every_module_imports_only_those_before_it() {
-    module_order::assert_imports_run_one_way(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &ORDER);
+    module_order::assert_imports_run_one_way(
+        &Path::new(env!("CARGO_MANIFEST_DIR")).join("src"),
+        "crate",
+        &ORDER,
+    );
 }
 
 #[test]
@@ -24,7 +28,7 @@ fn an_import_against_the_order_fails_with_file_line_and_both_modules() {
     write("high.rs", "use crate::low;\n#[cfg(test)]\nmod tests {\n    use crate::top;\n}\nuse super::low;\n");
     write("top.rs", "fn f() { crate::high::g() }\n");
     let failure = std::panic::catch_unwind(|| {
-        module_order::assert_imports_run_one_way(folder.path(), &["low", "high", "top"]);
+        module_order::assert_imports_run_one_way(folder.path(), "crate", &["low", "high", "top"]);
     });
     let message = *failure.expect_err("an import is wrong").downcast::<String>().expect("a text");
     let found: Vec<&str> = message.lines().skip(1).collect();

@@ -6,7 +6,7 @@
 //! known not to see what is wrong with it ([`layer`]).
 
 use splatgraph::builtin;
-use splatgraph::camera::{self, View};
+use splatgraph::camera;
 use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::Planner;
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameInputs, SceneData};
@@ -129,11 +129,8 @@ impl Bench {
             if in_flight.len() == FRAMES_IN_FLIGHT {
                 self.device.wait(in_flight.pop_front().expect("a frame")).expect("drawn");
             }
-            let depth = camera::depth_range(&self.camera, &self.scene.bounds());
-            let view = View { background: [0.0; 3], depth, frame };
-            let uniforms = [(camera::CAMERA.to_owned(), camera::uniform(&self.camera, &view))].into();
             let inputs = FrameInputs {
-                uniforms,
+                uniforms: camera::frame_uniforms(&self.camera, &self.scene.bounds(), [0.0; 3], frame),
                 live: plan.live_bytes(),
                 read_output: true,
                 ..FrameInputs::default()

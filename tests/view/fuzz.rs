@@ -284,11 +284,15 @@ impl Beside {
         ];
         let planners = graphs.map(|(who, graph, set, catalog)| {
             let size = renderer(viewer, who).size();
+            let facts = match who {
+                RendererId::Window => facts::without_scene(device, size),
+                _ => facts::facts(&SceneFacts::of(scene), device, size),
+            };
             let building = Building {
                 planner: Planner::default(),
                 graph: folder.path().join(graph).to_string_lossy().into_owned(),
                 set: set.into_iter().map(|(name, bits)| (name.to_owned(), bits.to_string())).collect(),
-                facts: facts::facts(&SceneFacts::of(scene), device, size),
+                facts,
                 catalog,
                 plan: None,
             };

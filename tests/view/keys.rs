@@ -1,9 +1,12 @@
-//! Keys, and windows of odd sizes, as the whole viewer takes them.
+//! Keys, windows of odd sizes and opened scenes in the whole viewer.
 
 use super::whole::TestShell;
 use crate::common;
 use egui::{Event as Input, Key, Modifiers};
+use splatgraph::view::events::{Event, RendererId};
+use splatgraph_assets::synth;
 use splatgraph_vulkan::Validation;
+use std::sync::Arc;
 
 fn viewer(size: (u32, u32)) -> TestShell {
     let mut viewer = TestShell::new(
@@ -51,5 +54,26 @@ fn a_mistake_is_shown_in_windows_of_whatever_size() {
         }
     }
     assert_eq!(viewer.undrawn_windows, 0);
+    viewer.close();
+}
+
+#[test]
+fn an_opened_scene_is_drawn_without_a_new_plan_for_the_window() {
+    let mut viewer = viewer((320, 180));
+    let before = viewer.shell.window().plan().expect("the window has a plan").clone();
+    let path = viewer.path("other.ply");
+    let scene = synth::generate("uniform", 300, 0).expect("the scene is generated");
+    scene.write_ply(&path).expect("the scene is written");
+    viewer.events.clear();
+    viewer.shell.viewer.open(&path);
+    viewer.until("the other scene", |viewer| {
+        let a = |event: &Event| matches!(event, Event::Swapped { renderer: RendererId::A, cause, .. } if cause == "another scene");
+        viewer.events.iter().any(a)
+    });
+    viewer.settle();
+    let after = viewer.shell.window().plan().expect("the window has a plan");
+    assert!(Arc::ptr_eq(&before, after), "the window has another plan");
+    let window = |event: &&Event| matches!(event, Event::Swapped { renderer: RendererId::Window, .. });
+    assert_eq!(viewer.events.iter().find(window), None);
     viewer.close();
 }

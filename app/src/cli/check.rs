@@ -72,7 +72,7 @@ fn check(
     graph: &str,
     set: &[(String, String)],
 ) -> Result<Result<String, String>, GraphErrors> {
-    let catalog = facts::nominal_catalog();
+    let catalog = options::nominal_catalog();
     let mut line = Ok(String::new());
     for lanes in facts::SUBGROUP_SIZES {
         let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);

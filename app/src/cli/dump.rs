@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             let scene = options::load_scene(path)?;
             (SceneFacts::of(&scene), facts::catalog(&scene))
         }
-        None => (SceneFacts::NOMINAL, facts::nominal_catalog()),
+        None => (SceneFacts::NOMINAL, options::nominal_catalog()),
     };
     let device = device_facts(args.device.as_deref())?;
     let facts = facts::facts(&scene, &device, args.size);

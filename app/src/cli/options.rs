@@ -3,9 +3,10 @@
 use crate::facts;
 use crate::image::make_folder_of;
 use crate::progress::Progress;
+use crate::view::paint;
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
-use splatgraph_framework::ir::Domain;
+use splatgraph_framework::ir::{Catalog, Domain};
 use std::io::Write;
 use std::path::Path;
 use std::sync::Mutex;
@@ -97,7 +98,14 @@ pub fn cameras(spec: &str) -> Result<Vec<Camera>, CameraError> {
     if cameras.is_empty() { Err(CameraError::Empty { path: spec.into() }) } else { Ok(cameras) }
 }
 
-/// The camera that frames a scene, named after what it is.
+/// Lists the imports of any built-in graph: those of the nominal scene and of the viewer's window.
+pub fn nominal_catalog() -> Catalog {
+    let mut catalog = facts::nominal_catalog();
+    paint::offer(&mut catalog);
+    catalog
+}
+
+/// Makes the camera that frames a scene, with the name `framing`.
 pub fn framing(scene: &Scene) -> Camera {
     let (width, height) = facts::DEFAULT_SIZE;
     Camera { img_name: "framing".into(), ..Camera::framing(scene, width, height) }

@@ -34,8 +34,8 @@ pub type Wake = Arc<dyn Fn() + Send + Sync>;
 /// What a plan is made for, besides its files and parameters.
 #[derive(Clone)]
 pub struct PlanInputs {
-    /// What is drawn.
-    pub scene: Arc<Scene>,
+    /// The scene to draw; `None` for a graph that draws no scene, such as the window's.
+    pub scene: Option<Arc<Scene>>,
     /// What graphs can import.
     pub catalog: Arc<Catalog>,
     /// Of the picture, in pixels.
@@ -47,7 +47,8 @@ pub struct PlanInputs {
 impl PlanInputs {
     /// Why a plan for `former` will not do for this one.
     fn differs(&self, former: &PlanInputs) -> Option<Cause> {
-        if self.scene.identity() != former.scene.identity() {
+        let identity = |inputs: &PlanInputs| inputs.scene.as_ref().map(|scene| scene.identity());
+        if identity(self) != identity(former) {
             Some(Cause::Scene)
         } else if self.size != former.size {
             Some(Cause::Size)

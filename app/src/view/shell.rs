@@ -150,13 +150,8 @@ impl<D: Device> Shell<D> {
         view: [u32; 4],
         painted: &Painted,
     ) -> Result<(bool, Option<Pixels>), BackendError> {
-        let inputs = PlanInputs {
-            // Only its facts are asked for, and the window's graph asks for none of them.
-            scene: self.viewer.shared_scene(),
-            catalog: self.catalog.clone(),
-            size: request.size,
-            share_memory: true,
-        };
+        let inputs =
+            PlanInputs { scene: None, catalog: self.catalog.clone(), size: request.size, share_memory: true };
         self.canvas.poll(&inputs, Instant::now())?;
         let [a, b] = self.viewer.pictures().map(|picture| picture.map(Into::into));
         let composition = Composition {

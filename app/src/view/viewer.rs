@@ -111,11 +111,6 @@ impl<D: Device> Viewer<D> {
         &self.scene
     }
 
-    /// The same, to be kept.
-    pub fn shared_scene(&self) -> Arc<Scene> {
-        self.scene.clone()
-    }
-
     /// The file that it came from.
     pub fn scene_path(&self) -> &Path {
         &self.scene_path
@@ -252,7 +247,7 @@ impl<D: Device> Viewer<D> {
         let viewports = [Some((RendererId::A, &mut self.a)), shown_b.map(|b| (RendererId::B, b))];
         for (id, viewport) in viewports.into_iter().flatten() {
             let inputs = PlanInputs {
-                scene: self.scene.clone(),
+                scene: Some(self.scene.clone()),
                 catalog: self.catalog.clone(),
                 size,
                 share_memory: viewport.inspection.is_none(),

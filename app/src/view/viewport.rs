@@ -3,7 +3,7 @@
 use super::history::History;
 use super::profile::GpuTrack;
 use super::renderer::{Cause, Renderer};
-use crate::camera::{self, CAMERA, View};
+use crate::camera;
 use crate::inspect::{self, Finding};
 use splatgraph_api::{BackendError, Device, FrameInputs, Inspect, Pixels};
 use splatgraph_assets::{Camera, Scene};
@@ -119,11 +119,10 @@ impl<D: Device> Viewport<D> {
             return Ok(false);
         }
         let camera = camera.resized(width, height);
-        let view =
-            View { background, depth: camera::depth_range(&camera, &scene.bounds()), frame: self.frames };
+        let uniforms = camera::frame_uniforms(&camera, &scene.bounds(), background, self.frames);
         self.frames = self.frames.wrapping_add(1);
         let inputs = FrameInputs {
-            uniforms: [(CAMERA.to_owned(), camera::uniform(&camera, &view))].into(),
+            uniforms,
             read_output: std::mem::take(&mut self.wants_picture),
             inspect: self.due().into_iter().collect(),
             show: true,

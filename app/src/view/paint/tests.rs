@@ -1,5 +1,5 @@
 use super::*;
-use crate::facts::{self, SceneFacts};
+use crate::facts;
 use crate::planner::Planner;
 use egui::epaint::textures::TextureOptions;
 use egui::epaint::{ColorImage, ImageDelta, TextureId};
@@ -222,12 +222,13 @@ fn the_windows_graph_builds_and_each_of_its_barriers_is_needed() {
     let mut catalog = Catalog::default();
     offer(&mut catalog);
     let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-    let facts = facts::facts(&SceneFacts::NOMINAL, &device, (640, 400));
+    let facts = facts::without_scene(&device, (640, 400));
     let plan = Planner::default().plan(GRAPH, &[], &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
     let output = plan.resource(plan.output);
     assert_eq!(output.shape, Shape::Image { format: Format::Rgba8Unorm, width: 640, height: 400 });
     let given = plan.resources.iter().filter(|r| matches!(r.source, Source::Given { .. })).count();
     assert_eq!(given, catalog.buffers.len(), "it imports all that is offered");
+    assert_eq!(catalog.uniforms[WINDOW], 96);
     let phases: Vec<&str> = plan.frame.iter().map(|step| plan.pass(step.pass).phase.as_str()).collect();
     assert_eq!(phases[..2], ["compose", "ui"]);
     let ui = &plan.pass(plan.frame[1].pass).work;

@@ -51,7 +51,11 @@ fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
     let begun = Instant::now();
     planner.forget_files();
     planner.share_memory = inputs.share_memory;
-    let facts = facts::facts(&SceneFacts::of(&inputs.scene), &device, inputs.size);
+    let scene = inputs.scene.as_deref();
+    let facts = match scene {
+        Some(scene) => facts::facts(&SceneFacts::of(scene), &device, inputs.size),
+        None => facts::without_scene(&device, inputs.size),
+    };
     let mut dropped = Vec::new();
     if !strict && let Ok(declared) = planner.params(&graph, &facts, &inputs.catalog) {
         let known = |name: &str| declared.iter().any(|param| param.name == name);
@@ -63,8 +67,7 @@ fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
     let wanted = planner.wanted();
     let begun = Instant::now();
     let outcome = plan.map_err(Failure::Graph).and_then(|plan| {
-        let ready =
-            loader.prepare(plan.clone(), &Upload(&inputs.scene), &mut |step| tell(&progress, said(&step)));
+        let ready = loader.prepare(plan.clone(), &Upload(scene), &mut |step| tell(&progress, said(&step)));
         tell(&progress, String::new());
         Ok((plan, ready.map_err(Failure::Backend)?))
     });

@@ -1,0 +1,34 @@
+//! Checks that the imports of the application run one way.
+
+use std::path::Path;
+
+#[path = "../../tests/module_order.rs"]
+mod module_order;
+
+/// The modules of the crate, from the ground up.
+const CRATE: [&str; 13] = [
+    "image", "progress", "camera", "demo", "metrics", "inspect", "stats", "facts", "builtin", "planner",
+    "session", "view", "cli",
+];
+
+/// The modules of the viewer, from the ground up.
+const VIEW: [&str; 11] = [
+    "profile",
+    "history",
+    "navigation",
+    "paint",
+    "renderer",
+    "events",
+    "viewport",
+    "viewer",
+    "panels",
+    "shell",
+    "window",
+];
+
+#[test]
+fn every_module_imports_only_those_before_it() {
+    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    module_order::assert_imports_run_one_way(&src, "crate", &CRATE);
+    module_order::assert_imports_run_one_way(&src.join("view"), "crate::view", &VIEW);
+}
