@@ -20,7 +20,7 @@ pub fn source_map() -> SourceMap {
 }
 
 /// The names of the built-in graphs that draw a scene, sorted. Graphs made to be included have no output and are not among
-/// them, nor are those in folders of their own, which draw for the program itself ([`crate::view::paint::GRAPH`]).
+/// them, nor are those in folders of their own, which draw for the program itself (`crate::view::paint::GRAPH`).
 pub fn names() -> Vec<&'static str> {
     let options = ron::Options::default()
         .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME);

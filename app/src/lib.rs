@@ -27,4 +27,5 @@ pub mod planner;
 pub mod progress;
 pub mod session;
 pub mod stats;
+#[cfg(feature = "window")]
 pub mod view;

@@ -157,6 +157,7 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
 }
 
 /// The least of the ascending `values` that the share `q` of them does not exceed.
+#[cfg(feature = "window")]
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let rank = (q * values.len() as f64).ceil() as usize;
     values.get(rank.saturating_sub(1)).copied()

@@ -2,10 +2,8 @@
 
 use super::Outcome;
 use super::{colour, options};
-use crate::builtin;
 use crate::facts::{self, SceneFacts};
 use crate::planner::{GraphErrors, Planner};
-use crate::view::paint;
 use anyhow::Result;
 use splatgraph_framework::dump;
 use splatgraph_framework::oracle::{self, Replay, mutate};
@@ -34,7 +32,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let graphs: Vec<&str> = if args.graphs.is_empty() {
-        builtin::names().into_iter().chain([paint::GRAPH]).collect()
+        options::built_in_graphs()
     } else {
         args.graphs.iter().map(String::as_str).collect()
     };

@@ -12,6 +12,7 @@ mod info;
 mod options;
 mod render;
 mod synth;
+#[cfg(feature = "window")]
 mod view;
 
 use crate::builtin;
@@ -43,6 +44,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Render(render::Args),
+    #[cfg(feature = "window")]
     View(view::Args),
     Dump(dump::Args),
     Check(check::Args),
@@ -93,6 +95,7 @@ pub fn main() -> ExitCode {
     };
     let result = match &cli.command {
         Command::Render(args) => render::run(args),
+        #[cfg(feature = "window")]
         Command::View(args) => view::run(args),
         Command::Dump(args) => dump::run(args),
         Command::Check(args) => check::run(args),
@@ -119,9 +122,10 @@ fn command() -> clap::Command {
     let presets = preset_list();
     let with_presets =
         |c: clap::Command, examples: &str| c.after_long_help(format!("{examples}\n\n{presets}"));
+    #[cfg(feature = "window")]
+    let command = command.mut_subcommand("view", |c| with_presets(c, view::EXAMPLES));
     command
         .mut_subcommand("render", |c| with_presets(c, render::EXAMPLES))
-        .mut_subcommand("view", |c| with_presets(c, view::EXAMPLES))
         .mut_subcommand("dump", |c| with_presets(c, dump::EXAMPLES))
         .mut_subcommand("check", |c| with_presets(c, check::EXAMPLES))
         .mut_subcommand("info", |c| with_presets(c, info::EXAMPLES))

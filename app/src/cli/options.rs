@@ -1,9 +1,9 @@
 //! Options that several commands share.
 
+use crate::builtin;
 use crate::facts;
 use crate::image::make_folder_of;
 use crate::progress::Progress;
-use crate::view::paint;
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, Domain};
@@ -100,9 +100,20 @@ pub fn cameras(spec: &str) -> Result<Vec<Camera>, CameraError> {
 
 /// Lists the imports of any built-in graph: those of the nominal scene and of the viewer's window.
 pub fn nominal_catalog() -> Catalog {
+    #[cfg_attr(not(feature = "window"), expect(unused_mut))]
     let mut catalog = facts::nominal_catalog();
-    paint::offer(&mut catalog);
+    #[cfg(feature = "window")]
+    crate::view::paint::offer(&mut catalog);
     catalog
+}
+
+/// Lists every built-in graph, that of the viewer's window last.
+pub fn built_in_graphs() -> Vec<&'static str> {
+    #[cfg_attr(not(feature = "window"), expect(unused_mut))]
+    let mut graphs = builtin::names();
+    #[cfg(feature = "window")]
+    graphs.push(crate::view::paint::GRAPH);
+    graphs
 }
 
 /// Makes the camera that frames a scene, with the name `framing`.
