@@ -9,6 +9,46 @@ use crate::{link, lower, solve};
 /// Reads a graph, lowers it, compiles and links its shaders, and solves for order and barriers.
 ///
 /// Errors point into the files; an `Err` holds at least one.
+///
+/// ```
+/// use splatgraph_framework::build;
+/// use splatgraph_framework::ir::{Catalog, DeviceFacts, Request};
+/// use splatgraph_framework::shader::Glslang;
+/// use splatgraph_framework::source::{Library, SourceMap, render};
+///
+/// # fn main() -> Result<(), String> {
+/// let graph = r#"Graph(version: 1, summary: "One colour", output: "image",
+///     resources: { "image": Image(format: "rgba8", size: (64, 64)) },
+///     passes: [Dispatch(name: "paint", shader: "paint.comp", size: Threads(64), bind: { "image": "image" })],
+/// )"#;
+/// let shader = "#version 460
+///     layout(local_size_x = 64) in;
+///     layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;
+///     void main() {
+///         for (int y = 0; y < 64; y++) imageStore(image, ivec2(gl_GlobalInvocationID.x, y), vec4(1.0));
+///     }";
+/// let memory = [("pipelines/paint.ron", graph), ("shaders/paint.comp", shader)];
+/// let memory = memory.map(|(path, text)| (path.to_string(), text.to_string())).into();
+/// let mut files = SourceMap::new(Library { memory, ..Library::default() });
+///
+/// let device = DeviceFacts {
+///     subgroup_size: 32,
+///     max_storage_bytes: 128 << 20,
+///     max_groups_x: 65_535,
+///     shared_bytes: 16 << 10,
+///     max_invocations: 256,
+///     rounds_half: true,
+/// };
+/// let request =
+///     Request { graph: "paint", set: &[], facts: &device.into(), catalog: &Catalog::default(), share_memory: true };
+/// let plan = build(&request, &mut files, &mut Glslang::default())
+///     .map_err(|errors| render(&files, &errors, false))?;
+///
+/// let passes: Vec<&str> = plan.frame.iter().map(|step| plan.pass(step.pass).name.as_str()).collect();
+/// assert_eq!(passes, ["paint", "export"]);
+/// # Ok(())
+/// # }
+/// ```
 pub fn build(
     request: &Request,
     files: &mut SourceMap,

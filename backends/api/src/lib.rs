@@ -189,6 +189,19 @@ pub trait Loader: Send + 'static {
 ///
 /// Several can be open on one device at a time ([`Device::beside`]): each has a plan and frames of its own, and they take turns
 /// on one queue, in the order of their submission. What they read of a scene is on the device once.
+///
+/// ```
+/// use splatgraph_api::{BackendError, Device, FrameInputs, NoScene, Pixels};
+/// use splatgraph_framework::plan::Plan;
+///
+/// /// Draws one frame of a plan that reads no scene.
+/// fn draw(device: &mut impl Device, plan: Plan) -> Result<Option<Pixels>, BackendError> {
+///     let live = plan.live_bytes();
+///     device.load(plan, &NoScene, &mut |_| {})?;
+///     let frame = device.submit(&FrameInputs { live, read_output: true, ..FrameInputs::default() })?;
+///     Ok(device.wait(frame)?.output)
+/// }
+/// ```
 pub trait Device: Sized {
     /// See [`Device::loader`].
     type Loader: Loader;

@@ -51,6 +51,16 @@ pub struct Library {
 }
 
 /// The files that were opened so far. See the module's documentation for how they are found.
+///
+/// ```
+/// use splatgraph_framework::source::{Kind, Library, SourceMap};
+///
+/// let memory = [("pipelines/thin.ron".to_string(), "Preset(...)".to_string())].into();
+/// let mut files = SourceMap::new(Library { memory, ..Library::default() });
+/// let file = files.find(None, "thin", Kind::Graph)?;
+/// assert_eq!((files.path(file), files.text(file)), ("pipelines/thin.ron", "Preset(...)"));
+/// # Ok::<(), splatgraph_framework::source::NotFound>(())
+/// ```
 #[derive(Debug, Default)]
 pub struct SourceMap {
     library: Library,
