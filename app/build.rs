@@ -1,5 +1,4 @@
-//! Writes the list of the files that are built into the binary: every graph under `pipelines/` and every shader under
-//! `shaders/`, so that an installed program finds them without a checkout.
+//! Lists the files that are built into the binary: every graph under `pipelines/` and every shader under `shaders/`.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -24,8 +23,9 @@ fn main() {
     fs::write(&target, code).unwrap_or_else(|error| panic!("{}: {error}", target.display()));
 }
 
-/// Adds the files under `folder`, each by its name from the root (with slashes) and its absolute path. Cargo watches the
-/// folders, for files that come and go; the files themselves it knows from `include_str!`.
+/// Adds the files under `folder`, each by its name from the root, with slashes, and its absolute path.
+///
+/// Cargo watches the folders for added and removed files; it knows the files from `include_str!`.
 fn walk(folder: &Path, name: &str, files: &mut Vec<(String, PathBuf)>) -> io::Result<()> {
     println!("cargo:rerun-if-changed={}", folder.display());
     for entry in fs::read_dir(folder)? {

@@ -1,4 +1,4 @@
-// The words of the buffer `args`: how much there is to sort and to draw, written by the GPU for the GPU.
+// The layout of the buffer `args`: the amounts to sort and to draw, written and read by the GPU.
 //
 //   word  byte
 //      0     0   workgroups of the sort's block passes: x, y, z (an indirect dispatch)

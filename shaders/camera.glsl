@@ -1,5 +1,5 @@
-// What the host tells every frame: the camera, in 256 bytes. The conventions are those of the reference rasteriser:
-// camera space has x to the right, y down and z forward; pixel centres lie at integers.
+// The camera of a frame, 256 bytes from the host. The conventions are those of the reference rasteriser: camera space
+// has x to the right, y down and z forward; pixel centres are at integers.
 layout(set = 0, binding = 30, std140) uniform Camera {
     mat4 view;        // world to camera, column-major
     vec4 position;    // the camera's centre in world space; w unused

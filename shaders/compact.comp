@@ -3,9 +3,9 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 
-// Closes the gaps that culled splats left: the visible ones, in the order of their indices, become pairs of a depth key
-// and an index. A splat's place is the offset of its block, plus the visible ones before it in its block. No atomics: the
-// same scene gives the same order in every frame, and so a stable sort keeps equal depths in the order of their indices.
+// Compacts the visible splats: pairs of depth key and index, in the order of their indices. A splat's place is the offset
+// of its block, plus the number of visible splats before it in the block. There are no atomics, so the same scene gives
+// the same order in every frame, and a stable sort keeps equal depths in the order of their indices.
 
 #include "camera.glsl"
 #include "depth_key.glsl"

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Lays the blended splats over the background.
+// Composes the blended splats with the background.
 
 #include "camera.glsl"
 #include "groups.glsl"

@@ -1,12 +1,12 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// The 3D covariance of every splat, R S S^T R^T, from its scale and rotation. Neither depends on the camera: this runs
-// once per scene.
+// Computes the 3D covariance of every splat, R S S^T R^T, from its scale and rotation. It does not depend on the camera,
+// so this pass runs once per scene.
 //
 // `six` stores the six different elements of the symmetric matrix, 24 bytes. `factored` stores M = R S, 36 bytes: the
-// covariance is M M^T, and what is computed from M alone keeps the short axis of a needle, which the rounding of the
-// product loses as soon as the axes differ by more than 2^12 to 1.
+// covariance is M M^T, and a computation from M keeps the short axis of a needle, which rounding of the product loses if
+// the axes differ by more than 2^12 to 1.
 
 #include "groups.glsl"
 

@@ -1,14 +1,14 @@
-// View depth to sort key: KEY_BITS wide, never decreasing in z, near to far.
+// Converts view depth to a sort key of KEY_BITS bits that never decreases in z, near to far.
 //
-// `float_bits` takes the bits of the float, which sort like the number where it is positive: exact at 32 bits, and
-// still exact below that wherever the scene's depths differ in no more than 2^KEY_BITS floats. `linear` gives equal
-// steps of depth, `logarithmic` equal ratios. Depths outside the scene's range take its ends.
+// `float_bits` takes the bits of the float, which sort like the number if it is positive: exact at 32 bits, and still
+// exact below that if the scene's depth range has at most 2^KEY_BITS floats. `linear` gives equal steps of depth,
+// `logarithmic` equal ratios. Depths outside of the scene's range are clamped to it.
 //
 // Every step is monotone in floating point too: integer arithmetic, or one correctly rounded operation by a constant.
-// That rules out log2() and division by the range, of which no device promises it.
+// That excludes log2() and division by the range, which need not be monotone on every device.
 
-// A logarithm of a positive float as an integer: 24 fractional bits, exponent above. Between powers of two,
-// log2(1 + m) = m + 0.344 m (1 - m), right to 0.008, in fixed point.
+// Computes log2 of a positive float in fixed point, with 24 fractional bits. Between powers of two it uses
+// log2(1 + m) = m + 0.344 m (1 - m), with an error below 0.008.
 uint fixed_log2(float z) {
     uint bits = floatBitsToUint(z);
     uint m = bits << 9;
@@ -18,7 +18,7 @@ uint fixed_log2(float z) {
     return ((bits >> 23) << 24) + (m >> 8) + (scaled >> 8);
 }
 
-// Stretches 0 .. range to KEY_BITS bits; leaves x as it is where all of it fits.
+// Scales 0 .. range to KEY_BITS bits; returns x unchanged if the range fits.
 uint stretch(uint x, uint range) {
 #if KEY_BITS < 32
     if ((range >> KEY_BITS) != 0u) {

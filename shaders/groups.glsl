@@ -1,4 +1,5 @@
-// Workgroups that do not fit in x are folded into y. Whoever asks for the index must ignore what is beyond the end.
+// Returns the index of the workgroup. Workgroups that do not fit in x continue in y; the caller ignores indices beyond
+// the end.
 uint group_index() {
     return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
 }

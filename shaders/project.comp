@@ -3,11 +3,11 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 
-// From a Gaussian in the world to an ellipse on the screen: cull, project, colour. Each invocation takes one splat. What
-// is visible leaves a record at the splat's own index and its depth; what is not leaves the depth -1. Every workgroup
-// counts its visible splats, so that compact.comp can close the gaps and keep the order of the indices.
+// Projects Gaussians to ellipses on the screen: cull, project, colour. Each invocation takes one splat. A visible splat
+// gets a record and its depth at its own index, an invisible one the depth -1. Every workgroup counts its visible splats,
+// so that compact.comp can close the gaps and keep the order of the indices.
 //
-// The rules are those of the published rasteriser (see docs/splatting.md); the formulas are arranged so that they hold in
+// The rules are those of the published rasteriser (see docs/splatting.md); the formulas are arranged to stay accurate in
 // 32-bit floats: see `Ellipse`.
 
 #include "camera.glsl"
@@ -35,15 +35,15 @@ layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_co
 const float NEAR_PLANE = 0.2;
 // Added to both variances on the screen, in square pixels: no splat is narrower than about a pixel.
 const float LOW_PASS = 0.3;
-// The Jacobian is taken no further than this times the half field of view from the axis.
+// The Jacobian is clamped at this multiple of the half field of view.
 const float JACOBIAN_LIMIT = 1.3;
-// Bounds are widened by this many pixels, so that rounding never drops a pixel that the fragment shader would keep.
+// Margin of the bounds, in pixels, so that rounding never drops a pixel that the fragment shader would keep.
 const float MARGIN = 1.0 / 64.0;
 
 shared uint visible_in_subgroup[256 / DEVICE_SUBGROUP_SIZE];
 
-// a b - c d with the rounding error of one product returned to the sum (Kahan). Without it the difference of two nearly
-// equal products has no correct digit.
+// Computes a b - c d and compensates the rounding error of one product (Kahan). Otherwise the difference of two nearly
+// equal products would have no correct digit.
 float difference_of_products(float a, float b, float c, float d) {
     precise float cd = c * d;
     precise float error = fma(-c, d, cd);
@@ -87,13 +87,13 @@ Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
     return e;
 }
 
-// True if a pixel centre of 0 .. size - 1 lies within `reach` of `centre`.
+// Returns true if a pixel centre of 0 .. size - 1 is within `reach` of `centre`.
 bool covers_a_pixel(float centre, float reach, float size) {
     return max(ceil(centre - reach), 0.0) <= min(floor(centre + reach), size - 1.0);
 }
 
 #if ORDER_OF == ORDER_OF_LAST_FRAME
-// What was visible in the last frame is drawn, visible or not: this shows nothing.
+// The record of an invisible splat, which is drawn if it was visible in the previous frame.
 const Splat NOTHING = Splat(vec2(0.0), vec2(1.0, 0.0), vec2(0.0, 1.0), 0.0, 0.0, vec4(0.0));
 #endif
 
@@ -102,7 +102,7 @@ float project(uint i) {
     vec3 p = vec3(position[i].x, position[i].y, position[i].z);
     mat4 view = camera.view;
 
-    // This shape and no other: the order of the splats is defined by what it gives.
+    // The exact expression matters: its rounding defines the order of the splats.
     precise float z = fma(view[2][2], p.z, fma(view[1][2], p.y, view[0][2] * p.x)) + view[3][2];
     if (!(z > NEAR_PLANE)) {
         return -1.0;
@@ -114,7 +114,7 @@ float project(uint i) {
     float x = fma(view[2][0], p.z, fma(view[1][0], p.y, view[0][0] * p.x)) + view[3][0];
     float y = fma(view[2][1], p.z, fma(view[1][1], p.y, view[0][1] * p.x)) + view[3][1];
 
-    // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z held near the view.
+    // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
     vec2 slope = vec2(x, y) / z;
     vec2 limit = JACOBIAN_LIMIT * camera.focal.zw;
     vec2 held = clamp(slope, -limit, limit);
@@ -133,14 +133,14 @@ float project(uint i) {
     float larger = mean + radius + LOW_PASS;
     float smaller = (e.determinant + LOW_PASS * (2.0 * mean + LOW_PASS)) / larger;
     if (!(smaller > 0.0) || isinf(larger)) {
-        return -1.0;  // no area, or beyond what 32 bits can say
+        return -1.0;  // no area, or too large for 32-bit floats
     }
 
-    // The eigenvector of the larger one, of the two forms that which adds. A circle has no direction: any will do.
+    // The eigenvector of the larger one, in the form without cancellation. A circle has no direction; any is right.
     vec2 direction = lean >= 0.0 ? vec2(radius + lean, e.xy) : vec2(e.xy, radius - lean);
     direction = radius > 1e-6 * mean ? normalize(direction) : vec2(1.0, 0.0);
 
-    // The quad reaches as far as alpha can be 1/255, or as far as it is allowed to.
+    // The quad extends to alpha = 1/255, or to the cutoff.
     float reach = sqrt(2.0 * max(log(255.0 * alpha), 0.0));
     float extent = min(cutoff, reach);
     Splat splat;
@@ -150,7 +150,7 @@ float project(uint i) {
     splat.extent = extent;
     splat.opacity = alpha;
 
-    // Bounds: those of the quad, or of the ellipse of alpha = 1/255 inside it where that is smaller.
+    // The smaller of the bounds of the quad and of the ellipse of alpha = 1/255.
     vec2 quad = extent * (abs(splat.major) + abs(splat.minor));
     vec2 ellipse = reach * sqrt(vec2(e.xx, e.yy) + LOW_PASS);
     vec2 bounds = min(quad, ellipse) + MARGIN;

@@ -3,8 +3,8 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
-// Counts of visible splats per block of 256 become offsets: an exclusive scan, in place, by one workgroup. The sum is
-// the number of visible splats, from which follows how much there is to sort and to draw.
+// Turns the counts of visible splats per block of 256 into offsets: an exclusive scan, in place, by one workgroup. The sum
+// is the number of visible splats, which determines the amounts to sort and to draw.
 
 #include "args.glsl"
 #include "live.glsl"
@@ -19,7 +19,7 @@ const uint THREADS = 256u;
 const uint PER_THREAD = 16u;
 const uint SUBGROUPS = THREADS / uint(DEVICE_SUBGROUP_SIZE);
 
-// Two sets, used in turn, so that one barrier per round is enough.
+// Two alternating sets, so that one barrier per round is enough.
 shared uint subgroup_sum[2][SUBGROUPS];
 
 void write_args(uint visible) {

@@ -1,12 +1,12 @@
-// Colour by direction: real spherical harmonics up to degree SH_DEGREE, in the basis and the sign convention of 3D
-// Gaussian Splatting. The coefficients lie in planes of four floats per splat; float 3 k + c of a splat is channel c of
-// coefficient k, so that four coefficients fill three planes.
+// Evaluates view-dependent colour: real spherical harmonics up to degree SH_DEGREE, in the basis and the sign convention
+// of 3D Gaussian Splatting. The coefficients are in planes of four floats per splat; float 3 k + c of a splat is channel c
+// of coefficient k, so four coefficients fill three planes.
 //
 // Source of the basis: Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2013; signs as in Kerbl et al. 2023.
 
 layout(set = 0, binding = 8, std430) readonly buffer Sh { vec4 v[]; } sh[SH_PLANES];
 
-// The colour of splat `i` seen along `d` (of length 1, from the camera to the splat). Not below 0; not limited above.
+// Evaluates the colour of splat `i` along `d`, a unit vector from the camera to the splat. At least 0, without a maximum.
 vec3 sh_colour(uint i, vec3 d) {
     vec4 a = sh[0].v[i];
     vec3 colour = 0.28209479177387814 * a.xyz;

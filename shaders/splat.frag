@@ -1,6 +1,6 @@
 #version 460
 
-// One splat at one pixel: the Gaussian's value times the opacity, premultiplied for blending.
+// Shades one splat at one pixel: the Gaussian's value times the opacity, premultiplied for blending.
 
 layout(location = 0) flat in vec2 centre;
 layout(location = 1) flat in vec4 inverse_axes;
@@ -9,7 +9,7 @@ layout(location = 2) flat in vec4 colour;
 layout(location = 0) out vec4 blended;
 
 void main() {
-    // The distance from the centre in sigmas, along both axes. It is real, so the power is never above 0.
+    // Distance from the centre in sigmas, along both axes. It is real, so the power is never above 0.
     vec2 from_centre = gl_FragCoord.xy - 0.5 - centre;
     vec2 sigmas = vec2(dot(from_centre, inverse_axes.xy), dot(from_centre, inverse_axes.zw));
     float power = -0.5 * dot(sigmas, sigmas);

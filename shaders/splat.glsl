@@ -1,4 +1,4 @@
-// A splat as it stands on the screen: what project.comp leaves for splat.vert.
+// A projected splat, written by project.comp for splat.vert.
 struct Splat {
     vec2 centre;      // in pixels, pixel centres at integers
     vec2 major;       // half axis of the ellipse of one sigma, in pixels

@@ -1,9 +1,9 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// One splat's quad: a rectangle along the axes of its ellipse, as far as it can be seen. The corners only decide which
-// pixels are looked at; the fragment shader measures from the centre itself, because corners are snapped to 1/256 pixel
-// by the rasteriser, and interpolated coordinates would be off by as much.
+// Makes a splat's quad, a rectangle along the axes of its ellipse. The corners only select the pixels; the fragment shader
+// measures from the centre, because the rasteriser snaps corners to 1/256 pixel and interpolated coordinates would have
+// the same error.
 
 #include "args.glsl"
 #include "camera.glsl"
@@ -17,7 +17,7 @@ layout(location = 0) flat out vec2 centre;
 layout(location = 1) flat out vec4 inverse_axes;
 layout(location = 2) flat out vec4 colour;
 
-// Pixels added on every side, so that snapping loses none.
+// Margin in pixels on every side, so that snapping loses no pixel.
 const float MARGIN = 1.0 / 64.0;
 
 void main() {
@@ -33,7 +33,7 @@ void main() {
     corner *= splat.extent + MARGIN * inversesqrt(vec2(major2, minor2));
     vec2 pixel = splat.centre + corner.x * splat.major + corner.y * splat.minor;
 
-    // Pixel centres lie at integers, the framebuffer's at halves.
+    // Pixel centres are at integers here, at halves in the framebuffer.
     gl_Position = vec4((2.0 * pixel + 1.0) * camera.viewport.zw - 1.0, 0.0, 1.0);
     centre = splat.centre;
     inverse_axes = vec4(splat.major / major2, splat.minor / minor2);

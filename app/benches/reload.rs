@@ -1,9 +1,8 @@
-//! How long it takes from a change to the first frame that shows it, and what recording a frame costs the host.
+//! Measures the time from a change to its first frame, and the host's time for recording a frame.
 //!
 //! `cargo bench -p splatgraph --bench reload [-- --device NAME] [--scene SCENE.ply] [--size WxH] [--runs N]` draws the default
-//! preset from a copy of the shipped files, without a window, changes something, and measures what the viewer itself measures: from
-//! the moment at which the system tells of the save until the device has finished the first frame of the new plan. Frames are
-//! drawn all the while, one after another, and counted.
+//! preset from a copy of the shipped files, without a window, and makes changes. The time is the viewer's own: from the system's
+//! notice of the save to the end of the new plan's first frame on the device. Frames are drawn all the while, and counted.
 
 use anyhow::{Context, Result, bail};
 use splatgraph::view::events::Event;
@@ -16,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Nothing takes so long.
+/// Longest wait for a new plan.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 struct Args {
@@ -50,11 +49,11 @@ impl Args {
     }
 }
 
-/// What is changed.
+/// A change to measure.
 enum Change {
-    /// A line is added to a file of the copy.
+    /// Appends a line to a file of the copy.
     Edit(&'static str, fn(usize) -> String),
-    /// A parameter gets one of two values in turn.
+    /// Sets a parameter to one of two values in turn.
     Set(&'static str, [Value; 2]),
 }
 
@@ -132,7 +131,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Draws until a plan was swapped: [latency, plan, device] in milliseconds, and how many frames it took.
+/// Draws until a plan is swapped: [latency, plan, device] in milliseconds, and the number of frames.
 fn until_swapped(viewer: &mut Viewer<Vulkan>, size: (u32, u32)) -> Result<([f64; 3], u64)> {
     let begun = Instant::now();
     let mut frames = 0;

@@ -1,4 +1,4 @@
-//! The graphs and shaders that are part of the program.
+//! Lists the graphs and shaders that are built into the program.
 //!
 //! The build script embeds everything under `pipelines/` and `shaders/`, so that an installed program needs no checkout.
 //! Files on disk come first (see [`SourceMap::find`]), so in a checkout edits show at once.
@@ -11,16 +11,17 @@ use splatgraph_framework::plan::Param;
 use splatgraph_framework::schema::Document;
 use splatgraph_framework::source::{Library, SourceMap};
 
-/// Path (`pipelines/splat.ron`, `shaders/sort/scatter.comp`) and text, sorted by path.
+/// Path (`pipelines/splat.ron`, `shaders/sort/scatter.comp`) and text of each file, sorted by path.
 pub const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/builtin.rs"));
 
-/// A source map that finds files on disk and the built-in ones.
+/// Makes a source map of the files on disk and the built-in ones.
 pub fn source_map() -> SourceMap {
     SourceMap::new(Library { builtin: FILES, ..Library::default() })
 }
 
-/// The names of the built-in graphs that draw a scene, sorted. Graphs made to be included have no output and are not among
-/// them, nor are those in folders of their own, which draw for the program itself (`crate::view::paint::GRAPH`).
+/// Lists the names of the built-in graphs that draw a scene, sorted.
+///
+/// Graphs for includes have no output and are left out, and so are those in subfolders, which draw for the program itself.
 pub fn names() -> Vec<&'static str> {
     let options = ron::Options::default()
         .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME);
@@ -40,15 +41,15 @@ pub fn names() -> Vec<&'static str> {
 /// A built-in graph, for lists.
 #[derive(Clone, Debug)]
 pub struct Preset {
-    /// What `--pipeline` takes.
+    /// The name, as `--pipeline` takes it.
     pub name: &'static str,
-    /// One line that says what it does.
+    /// A description in one line.
     pub summary: String,
-    /// Its parameters, with the values for a nominal scene.
+    /// The parameters, with their values for a nominal scene.
     pub params: Vec<Param>,
 }
 
-/// The built-in graphs that draw a scene, sorted by name.
+/// Lists the built-in graphs that draw a scene, sorted by name.
 pub fn presets() -> Vec<Preset> {
     let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);

@@ -1,7 +1,6 @@
-//! The scene that is drawn when none is given.
+//! Generates and finds the demo scene, the default of `render` and `view`.
 //!
-//! It is generated, not downloaded: on first use it is written as an ordinary `.ply` in the layout of the reference
-//! implementation, and from then on loaded from there like any other scene.
+//! The first use writes it as an ordinary `.ply` in the layout of the reference implementation; later uses load that file.
 
 use splatgraph_assets::{Camera, Scene, synth};
 use std::env;
@@ -9,10 +8,10 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The name of its generator.
+/// Name of the generator.
 pub const NAME: &str = "demo";
 
-/// Where the demo scene lies: in a checkout, `assets/splats/demo.ply` of it; elsewhere, the user's cache folder.
+/// Returns the demo scene's path: `assets/splats/demo.ply` in a checkout, else in the user's cache folder.
 pub fn path() -> PathBuf {
     let here = env::current_dir().unwrap_or_default();
     let in_checkout =
@@ -37,7 +36,7 @@ fn cache_folder() -> PathBuf {
     folder.unwrap_or_else(env::temp_dir)
 }
 
-/// Makes sure that the demo scene is at `path`, and says whether it had to be made.
+/// Generates the demo scene if `path` does not exist; returns true if it did.
 pub fn ensure(path: &Path) -> io::Result<bool> {
     if path.is_file() {
         return Ok(false);
@@ -51,7 +50,7 @@ fn generate() -> Result<Scene, synth::UnknownGenerator> {
     synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)
 }
 
-/// Writes a scene whole or not at all: whoever loads it meanwhile never finds half of it.
+/// Writes a scene atomically, through a temporary file: no reader finds half of it.
 pub fn write(scene: &Scene, path: &Path) -> io::Result<()> {
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         fs::create_dir_all(folder)?;
@@ -65,7 +64,7 @@ pub fn write(scene: &Scene, path: &Path) -> io::Result<()> {
     written
 }
 
-/// The camera that the demo scene is made to be seen from.
+/// Makes the demo scene's first camera.
 pub fn camera() -> Option<Camera> {
     synth::demo_cameras().into_iter().next()
 }

@@ -1,14 +1,14 @@
-//! What graphs may know: facts of the scene, the device and the viewport, and the attributes that they can import.
+//! Collects the facts and imports of graphs: of the scene, the device and the viewport.
 //!
-//! A plan is built from numbers alone, so it can be built without a scene and without a GPU: for that there are a nominal
-//! scene and a portable device. [`portable_device`] has of everything the least that the built-in graphs promise to run on, so
-//! what builds for it, in all the widths of [`SUBGROUP_SIZES`], builds everywhere.
+//! A plan is built from numbers alone, so it needs neither a scene nor a GPU: a nominal scene and [`portable_device`] replace
+//! them. That device has the smallest limits that the built-in graphs run on. A graph that builds for it in all of
+//! [`SUBGROUP_SIZES`] builds for every device with at least these limits.
 
 use crate::camera::{CAMERA, CAMERA_BYTES};
 use splatgraph_assets::{ATTRIBUTES, Scene, Splat};
 use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Value};
 
-/// Width and height of a picture where nothing says otherwise.
+/// Default width and height of a picture, in pixels.
 pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
 
 /// The facts of a scene.
@@ -16,17 +16,17 @@ pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
 pub struct SceneFacts {
     /// Number of splats.
     pub count: u64,
-    /// The highest band of spherical harmonics that is not all zero.
+    /// Highest band of spherical harmonics that is not all zero.
     pub sh_degree: u32,
-    /// The degree that the file stores.
+    /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,
 }
 
 impl SceneFacts {
-    /// Stands in where no scene is given.
+    /// The facts of a nominal scene, for plans without a scene.
     pub const NOMINAL: SceneFacts = SceneFacts { count: 1_000_000, sh_degree: 3, stored_sh_degree: 3 };
 
-    /// The facts of a loaded scene.
+    /// Collects the facts of a loaded scene.
     pub fn of(scene: &Scene) -> SceneFacts {
         SceneFacts {
             count: scene.count().into(),
@@ -57,14 +57,21 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
     }
 }
 
-/// Lanes of the subgroups of real devices: CPUs have 4 to 16, most GPUs 32, some 64.
+/// Largest number of storage buffers in a shader of the built-in graphs, with spherical harmonics of degree 3.
+///
+/// Vulkan guarantees only 4 per stage (`maxPerStageDescriptorStorageBuffers`).
+pub const MAX_STORAGE_BUFFERS: usize = 18;
+
+/// Subgroup sizes of real devices: CPUs have 4 to 16 lanes, most GPUs 32, some 64.
 pub const SUBGROUP_SIZES: [u32; 5] = [4, 8, 16, 32, 64];
 
-/// What most GPUs have.
+/// Subgroup size of most GPUs.
 pub const USUAL_SUBGROUP_SIZE: u32 = 32;
 
-/// The least device that the built-in graphs run on: what Vulkan 1.3 promises, but for 256 invocations per workgroup, which
-/// every known device has.
+/// Returns the facts of the smallest device that the built-in graphs run on.
+///
+/// Storage range, workgroup count and shared memory are the minima that Vulkan 1.3 guarantees. Two requirements exceed them:
+/// 256 invocations per workgroup (guaranteed: 128), and [`MAX_STORAGE_BUFFERS`] storage buffers per shader (guaranteed: 4).
 pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     DeviceFacts {
         subgroup_size,
@@ -76,7 +83,7 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     }
 }
 
-/// What a graph can import when it draws this scene.
+/// Lists the imports of a graph that draws this scene.
 pub fn catalog(scene: &Scene) -> Catalog {
     catalog_of(scene, scene.count().into())
 }

@@ -1,18 +1,18 @@
-//! The application: draws scenes with render graphs and says what the pictures cost.
+//! Draws scenes with render graphs and measures the cost of the pictures.
 //!
 //! This library joins the parts: a scene from `splatgraph-assets`, a plan that `splatgraph-framework` built from a graph
 //! file, and a device that executes it. The program `splatgraph` ([`cli`]) is a thin layer over it:
 //!
-//! - [`builtin`]: the graphs and shaders that are part of the program;
-//! - [`facts`]: what graphs may know of scene, device and viewport;
-//! - [`planner`]: from a graph's name to a plan;
-//! - [`camera`]: from a camera to the uniform block that shaders read;
-//! - [`session`]: a device, a scene and a plan that draw frames together;
-//! - [`stats`]: what frames cost, for people and programs;
-//! - [`inspect`]: what a buffer holds after a pass;
-//! - [`image`] and [`metrics`]: pictures in files, and how far two of them are apart;
-//! - [`view`]: the window in which everything can be changed while it runs;
-//! - [`demo`]: the scene that is drawn when none is given;
+//! - [`builtin`]: the built-in graphs and shaders;
+//! - [`facts`]: the facts and imports of graphs;
+//! - [`planner`]: builds plans from graphs;
+//! - [`camera`]: the camera's uniform block;
+//! - [`session`]: draws frames with a device, a scene and a plan;
+//! - [`stats`]: the times and counts of frames;
+//! - [`inspect`]: the contents of a resource after a pass;
+//! - [`image`] and [`metrics`]: picture files, and differences between pictures;
+//! - [`view`]: the interactive viewer;
+//! - [`demo`]: the demo scene;
 //! - [`progress`]: progress on standard error.
 
 pub mod builtin;

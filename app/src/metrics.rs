@@ -1,8 +1,7 @@
-//! How far two pictures are apart.
+//! Measures the difference between two pictures.
 //!
-//! Three numbers, each blind where another sees. **PSNR** weighs the squared error of the whole picture; **SSIM**
-//! compares local structure as an eye would; the **worst pixel** finds the one splat that is missing. All sums are
-//! in f64.
+//! Each of the three numbers sees what the others miss. **PSNR** is the squared error of the whole picture; **SSIM** compares
+//! local structure, closer to perception; the **worst pixel** finds a single missing splat. All sums are in f64.
 
 use crate::image::Image;
 use rayon::prelude::*;
@@ -13,29 +12,31 @@ const RADIUS: usize = 5;
 /// Standard deviation of SSIM's window, in pixels.
 const SIGMA: f64 = 1.5;
 
-/// What [`compare`] found.
+/// The result of [`compare`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Peak signal-to-noise ratio in decibels, `10 log10(1 / MSE)` with the mean over all pixels and channels of
-    /// values clamped to 0..1. `None` where the error is 0 (the ratio is infinite).
+    /// Peak signal-to-noise ratio in decibels; `None` if the error is 0 and the ratio infinite.
+    ///
+    /// It is `10 log10(1 / MSE)`, with the mean over all pixels and channels of values clamped to 0..1.
     pub psnr_db: Option<f64>,
     /// Structural similarity, 1 for equal pictures. See [`ssim`]. `None` for pictures smaller than its window.
     pub ssim: Option<f64>,
-    /// The pixel that differs most.
+    /// The pixel with the largest difference.
     pub worst: WorstPixel,
-    /// Every channel of every pixel is the same number in both.
+    /// True if every channel of every pixel is equal.
     pub identical: bool,
 }
 
 impl Comparison {
-    /// PSNR in decibels, infinite where the error is 0.
+    /// Returns PSNR in decibels, infinite if the error is 0.
     pub fn psnr(&self) -> f64 {
         self.psnr_db.unwrap_or(f64::INFINITY)
     }
 }
 
-/// The first pixel (by rows) with the largest absolute difference of a channel. Values count as they are, not
-/// clamped, so that a difference beyond white is seen.
+/// The first pixel, by rows, with the largest absolute difference of a channel.
+///
+/// Values are not clamped, so that differences beyond white count.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct WorstPixel {
     /// The largest absolute difference over the channels, 0 for identical pictures.
@@ -46,18 +47,18 @@ pub struct WorstPixel {
     pub y: usize,
 }
 
-/// Why two pictures cannot be compared.
+/// A pair of pictures that cannot be compared.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MetricError {
-    /// Pixels across and down of either.
+    /// The sizes differ.
     #[error("the sizes differ: {a_width} x {a_height} and {b_width} x {b_height}")]
     Sizes { a_width: usize, a_height: usize, b_width: usize, b_height: usize },
-    /// NaN or infinity, for instance from a shader that divides by zero.
+    /// A picture has NaN or infinite values, for instance from a shader that divides by zero.
     #[error("{which} holds {count} values that are not finite, the first at ({x}, {y})")]
     NotFinite { which: &'static str, count: usize, x: usize, y: usize },
 }
 
-/// All metrics of two pictures of one size, whose values must be finite.
+/// Computes all metrics of two pictures of one size with finite values.
 pub fn compare(a: &Image, b: &Image) -> Result<Comparison, MetricError> {
     if (a.width, a.height) != (b.width, b.height) {
         return Err(MetricError::Sizes {
@@ -88,7 +89,7 @@ pub fn compare(a: &Image, b: &Image) -> Result<Comparison, MetricError> {
     })
 }
 
-/// The value of a channel as it is displayed.
+/// Clamps a channel to its displayed value.
 fn shown(value: f32) -> f64 {
     f64::from(value.clamp(0.0, 1.0))
 }
@@ -112,18 +113,18 @@ fn worst_pixel(a: &Image, b: &Image) -> WorstPixel {
     worst
 }
 
-/// Mean structural similarity, after Wang, Bovik, Sheikh and Simoncelli, "Image Quality Assessment: From Error
-/// Visibility to Structural Similarity", IEEE TIP 13(4), 2004, with the constants of that paper: a Gaussian window
-/// of 11 x 11 with standard deviation 1.5 and sum 1, K1 = 0.01, K2 = 0.03, and a dynamic range of 1. Values are
-/// clamped to 0..1 first.
+/// Computes the mean structural similarity (SSIM) of two pictures of one size.
 ///
-/// The paper leaves three things open; here: the map is taken only where the whole window lies in the picture (no
-/// padding), variances are the window's weighted ones (not scaled to n - 1), and of colour pictures each channel is
-/// done for itself and the three means are averaged. This is what scikit-image computes for
-/// `structural_similarity(a, b, gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1,
-/// channel_axis=2)`.
+/// The source is Wang, Bovik, Sheikh and Simoncelli, "Image Quality Assessment: From Error Visibility to Structural
+/// Similarity", IEEE TIP 13(4), 2004, with its constants: a Gaussian window of 11 x 11 with standard deviation 1.5 and
+/// sum 1, K1 = 0.01, K2 = 0.03, and a dynamic range of 1. Values are clamped to 0..1 first.
 ///
-/// `None` for pictures with fewer than 11 columns or rows. The sizes must be equal.
+/// Where the paper leaves a choice: the map covers only pixels whose window is inside the picture (no padding), variances
+/// are weighted by the window (not scaled to n - 1), and a colour picture's value is the mean over its channels.
+/// scikit-image computes the same as `structural_similarity(a, b, gaussian_weights=True, sigma=1.5,
+/// use_sample_covariance=False, data_range=1, channel_axis=2)`.
+///
+/// Returns `None` for pictures with fewer than 11 columns or rows. Panics if the sizes differ.
 pub fn ssim(a: &Image, b: &Image) -> Option<f64> {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let (columns, rows) = (a.width.checked_sub(2 * RADIUS)?, a.height.checked_sub(2 * RADIUS)?);
@@ -144,8 +145,9 @@ fn gaussian_window() -> [f64; 2 * RADIUS + 1] {
     window
 }
 
-/// Sum over the channels of one row of the map; its windows begin at row `top`. The window is separable: first the
-/// five moments of every column are summed vertically, then these horizontally.
+/// Sums one row of the map over the channels; its windows begin at row `top`.
+///
+/// The window is separable: the five moments of every column are summed vertically, then horizontally.
 fn ssim_row(a: &Image, b: &Image, top: usize, window: &[f64; 2 * RADIUS + 1]) -> f64 {
     const C1: f64 = 0.01 * 0.01;
     const C2: f64 = 0.03 * 0.03;
@@ -179,7 +181,7 @@ fn ssim_row(a: &Image, b: &Image, top: usize, window: &[f64; 2 * RADIUS + 1]) ->
     sum
 }
 
-/// A picture of the absolute differences, times `gain`.
+/// Makes a picture of the absolute differences, times `gain`.
 pub fn difference(a: &Image, b: &Image, gain: f32) -> Image {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     Image::from_fn(a.width, a.height, |x, y| {
@@ -192,7 +194,7 @@ pub fn difference(a: &Image, b: &Image, gain: f32) -> Image {
 mod tests {
     use super::*;
 
-    /// A picture made of integer arithmetic only, so that another program can make the same.
+    /// Makes a picture by integer arithmetic, so that another program can make the same.
     fn pattern(width: usize, height: usize, seed: usize) -> Image {
         Image::from_fn(width, height, |x, y| {
             std::array::from_fn(|c| ((x * 7 + y * 13 + c * 29 + x * y * seed) % 101) as f32 / 100.0)

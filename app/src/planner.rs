@@ -1,4 +1,4 @@
-//! From a graph's name to a plan.
+//! Builds plans from graphs.
 
 use crate::builtin;
 use splatgraph_framework::build;
@@ -10,7 +10,7 @@ use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Diagnostic, SourceMap, render};
 use std::fmt;
 
-/// Builds plans, and remembers the shaders that it compiled.
+/// A builder of plans with a cache of compiled shaders.
 pub struct Planner {
     /// See [`Request::share_memory`].
     pub share_memory: bool,
@@ -25,7 +25,7 @@ impl Default for Planner {
 }
 
 impl Planner {
-    /// The plan of `graph` (a preset's name or a path) with the parameters of `set` changed (the last of a name wins).
+    /// Builds the plan of `graph`, a preset's name or a path, with the parameters in `set`; later entries win.
     pub fn plan(
         &mut self,
         graph: &str,
@@ -38,7 +38,7 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// The parameters that `graph` declares, with their defaults.
+    /// Lists the parameters of `graph` with their defaults.
     pub fn params(
         &mut self,
         graph: &str,
@@ -51,21 +51,21 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Lets the next plan read its files anew. Shaders whose texts and constants are the same are not compiled again.
+    /// Drops the files in memory, so that the next plan reads them again. Unchanged shaders are not recompiled.
     pub fn forget_files(&mut self) {
         self.files = builtin::source_map();
     }
 
-    /// What of the disk the plans since [`Planner::forget_files`] depend on.
+    /// Lists the files that the plans since [`Planner::forget_files`] depend on.
     pub fn wanted(&self) -> Vec<Wanted> {
         self.files.wanted()
     }
 }
 
-/// What is wrong with a graph or its shaders, drawn under the text that it is about.
+/// The errors of a graph and its shaders, rendered with the source text.
 #[derive(Debug)]
 pub struct GraphErrors {
-    /// How many errors there are, at least one.
+    /// Number of errors, at least one.
     pub count: usize,
     plain: String,
     coloured: String,
@@ -80,7 +80,7 @@ impl GraphErrors {
         }
     }
 
-    /// The errors, each with its place, ready to be printed.
+    /// Returns the rendered errors, ready for printing.
     pub fn text(&self, colour: bool) -> &str {
         if colour { &self.coloured } else { &self.plain }
     }

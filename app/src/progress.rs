@@ -1,18 +1,18 @@
-//! Progress for people who wait.
+//! Shows the progress of long tasks on standard error.
 //!
-//! Nothing is shown of what is done within a second. After that, a terminal gets a bar; a file or a pipe, where a bar would
-//! be thousands of lines, gets a plain line now and then. All of it goes to standard error.
+//! Tasks of less than a second show nothing. After that, a terminal gets a bar; a file or a pipe, where a bar would be thousands
+//! of lines, gets a plain line every ten seconds.
 
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-/// What is done sooner is not worth a word.
+/// Duration without output.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Between two plain lines.
+/// Interval of plain lines.
 const PLAIN_INTERVAL: Duration = Duration::from_secs(10);
 
-/// The progress of one task. It vanishes from the terminal when it is dropped.
+/// The progress of one task. Dropping it clears the bar.
 pub struct Progress {
     what: String,
     started: Instant,
@@ -22,7 +22,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// `what` is a short phrase like `loading biker.ply`.
+    /// Starts a task. `what` is a short phrase such as `loading biker.ply`.
     pub fn new(what: impl Into<String>) -> Progress {
         Progress {
             what: what.into(),
@@ -33,7 +33,7 @@ impl Progress {
         }
     }
 
-    /// `done` of `of` units are done; `detail` says which is at hand, or is empty.
+    /// Reports that `done` of `of` units are done. `detail` names the current step, or is empty.
     pub fn set(&mut self, done: u64, of: u64, detail: &str) {
         if self.started.elapsed() < PATIENCE {
             return;
@@ -55,7 +55,7 @@ impl Progress {
         }
     }
 
-    /// Prints something without tearing the bar.
+    /// Prints something above the bar.
     pub fn suspend<T>(&self, print: impl FnOnce() -> T) -> T {
         match &self.bar {
             Some(bar) => bar.suspend(print),

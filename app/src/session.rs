@@ -1,9 +1,8 @@
-//! A device, a scene and a plan that draw frames together.
+//! Draws frames with a device, a scene and a plan.
 //!
-//! A [`Session`] owns all three. [`Session::prepare`] makes the plan for a picture's size (a plan knows the size of its
-//! images) and hands it to the device with the scene; [`Session::submit`] draws a frame from a camera, and
-//! [`Session::wait`] gives what came of it. Up to [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be
-//! submitted before the first is waited for.
+//! A [`Session`] owns all three. [`Session::prepare`] builds the plan for a picture size and loads it with the scene;
+//! [`Session::submit`] draws a frame from a camera, and [`Session::wait`] returns its results. Up to
+//! [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be submitted before the first is waited for.
 
 use crate::camera;
 use crate::facts::{self, SceneFacts};
@@ -17,21 +16,21 @@ use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::Format;
 use splatgraph_framework::plan::Plan;
 
-/// Why a session could not go on.
+/// An error of a session.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// The graph or its shaders have errors.
     #[error(transparent)]
     Graph(#[from] GraphErrors),
-    /// The device refused, or failed.
+    /// The device refused the plan, or failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
-    /// A frame was asked for before [`Session::prepare`].
+    /// A frame was submitted before [`Session::prepare`].
     #[error("there is no plan yet")]
     NotPrepared,
 }
 
-/// See the module's documentation.
+/// A device that draws a scene with a plan; see the module's documentation.
 pub struct Session<D> {
     device: D,
     scene: Scene,
@@ -42,20 +41,21 @@ pub struct Session<D> {
     frame: u32,
 }
 
-/// What of a frame the caller decides.
+/// The caller's options for a frame.
 #[derive(Clone, Debug, Default)]
 pub struct FrameOptions {
-    /// What shows where nothing covers it, display-encoded.
+    /// Background colour, display-encoded.
     pub background: [f32; 3],
-    /// Read the picture back.
+    /// True to read the picture back.
     pub read_output: bool,
     /// Resources to read back, each after a pass.
     pub inspect: Vec<Inspect>,
 }
 
 impl<D: Device> Session<D> {
-    /// A session that draws `scene` with the graph `pipeline` (a preset's name or a path) and the parameters of `set`
-    /// changed. Nothing is built yet.
+    /// Creates a session that draws `scene` with the graph `pipeline` (a preset's name or a path) and the parameters in `set`.
+    ///
+    /// No plan is built yet.
     pub fn new(device: D, scene: Scene, pipeline: &str, set: &[(String, String)]) -> Session<D> {
         Session {
             device,
@@ -68,34 +68,36 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Lets every resource keep its contents to the frame's end, in memory of its own, so that it can be looked at after any
-    /// pass. Holds for plans that are prepared from now on.
+    /// Keeps every resource's contents until the end of the frame, in memory of its own, for inspection after any pass.
+    ///
+    /// This applies to plans that are prepared later.
     pub fn keep_contents(&mut self) {
         self.planner.share_memory = false;
     }
 
-    /// The device, with the plan that it executes.
+    /// Returns the device, with its loaded plan.
     pub fn device(&mut self) -> &mut D {
         &mut self.device
     }
 
-    /// Gives the device back, so that it can be closed.
+    /// Returns the device, so that it can be closed.
     pub fn into_device(self) -> D {
         self.device
     }
 
-    /// The scene that is drawn.
+    /// Returns the scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// The plan that [`Session::prepare`] made last.
+    /// Returns the plan of the last [`Session::prepare`].
     pub fn plan(&self) -> Option<&Plan> {
         self.loaded.as_ref().map(|(plan, _)| plan)
     }
 
-    /// Builds the plan for pictures of this size and loads it, unless it is loaded already. Says whether it did: then the
-    /// next frame runs the plan's prologue.
+    /// Builds and loads the plan for pictures of this size, unless it is loaded already.
+    ///
+    /// Returns true if it did; the next frame then runs the plan's prologue.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -112,7 +114,7 @@ impl<D: Device> Session<D> {
         Ok(true)
     }
 
-    /// Submits a frame. The camera's size must be the one that was prepared.
+    /// Submits a frame. The camera must have the prepared size.
     pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
         debug_assert_eq!(*size, (camera.width, camera.height));
@@ -128,7 +130,7 @@ impl<D: Device> Session<D> {
         Ok(self.device.submit(&inputs)?)
     }
 
-    /// Waits for a frame and gives its results.
+    /// Waits for a frame and returns its results.
     pub fn wait(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
         Ok(self.device.wait(frame)?)
     }
@@ -150,7 +152,7 @@ impl SceneData for Upload<'_> {
     }
 }
 
-/// The colours of a picture that a device gave back; alpha is left out. `None` for a format that holds no colours.
+/// Converts the pixels of a device to an image without alpha; `None` for a format without colours.
 pub fn image_of(pixels: &Pixels) -> Option<Image> {
     let (width, height) = (pixels.width as usize, pixels.height as usize);
     let rgb: Vec<[f32; 3]> = match pixels.format {

@@ -1,7 +1,7 @@
-//! What frames cost and counted, for people and programs.
+//! Summarises the times and counts of frames.
 //!
-//! One [`CameraStats`] per camera. A time is the median over the frames that were drawn from that camera; a pass that runs
-//! once (in the first frame after a load) has the one time that it took.
+//! There is one [`CameraStats`] per camera. A time is the median over the camera's frames; a pass of the prologue, which runs in
+//! the first frame after a load, has a single time.
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
@@ -16,34 +16,33 @@ use std::collections::BTreeMap;
 pub struct CameraStats {
     /// The camera's name.
     pub camera: String,
-    /// Pixels across.
+    /// Width of the picture, in pixels.
     pub width: u32,
-    /// Pixels down.
+    /// Height of the picture, in pixels.
     pub height: u32,
-    /// The graph.
+    /// The graph's name.
     pub pipeline: String,
     /// The device's name.
     pub device: String,
     /// The device's driver, with its version.
     pub driver: String,
-    /// All parameters of the graph with the values in use, in the order of the file.
+    /// All parameters of the graph with their values, in the order of the file.
     pub parameters: Map<String, Json>,
-    /// `loaded`: splats of the scene; and the graph's statistics, as of the last frame: `visible` (after culling),
-    /// `drawn`, ...
+    /// Counts: `loaded` splats of the scene, and the graph's statistics of the last frame, such as `visible` and `drawn`.
     pub counts: Map<String, Json>,
-    /// In order of execution.
+    /// The passes, in order of execution.
     pub passes: Vec<PassTime>,
-    /// Milliseconds per phase: the sum of its passes; `null` where the device has no timestamps.
+    /// Milliseconds per phase, the sum of its passes; `null` if the device has no timestamps.
     pub phases: Map<String, Json>,
-    /// From the first command of a frame to the last, frames with the prologue left out where there are others.
+    /// Milliseconds from a frame's first command to its last. Frames with the prologue count only if there are no others.
     pub gpu_ms: Option<f64>,
-    /// What the host takes to record and submit a frame.
+    /// Milliseconds of the host for recording and submitting a frame.
     pub record_ms: f64,
-    /// How many frames the medians are of.
+    /// Number of frames.
     pub frames: usize,
-    /// Device memory by name.
+    /// Device memory by name, in bytes.
     pub buffers: Vec<BufferSize>,
-    /// What was asked for with `--inspect`.
+    /// The findings of `--inspect`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub inspected: Vec<crate::inspect::Finding>,
 }
@@ -51,11 +50,11 @@ pub struct CameraStats {
 /// The time of a pass.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PassTime {
-    /// As in the plan's dump.
+    /// The pass's name, as in the plan's dump.
     pub name: String,
-    /// The group that it belongs to.
+    /// The pass's phase.
     pub phase: String,
-    /// Milliseconds; `None` where the device has no timestamps.
+    /// Milliseconds; `None` if the device has no timestamps.
     pub gpu_ms: Option<f64>,
     #[serde(skip)]
     run: Run,
@@ -64,14 +63,14 @@ pub struct PassTime {
 /// An allocation.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BufferSize {
-    /// The resource's name, or what the backend itself uses it for.
+    /// The resource's name, or the backend's purpose of the memory.
     pub name: String,
-    /// Its size.
+    /// Size in bytes.
     pub bytes: u64,
 }
 
 impl CameraStats {
-    /// Sums up the frames that were drawn from one camera (at least one), in the order of their submission.
+    /// Summarises at least one frame of a camera, in the order of submission.
     pub fn new(
         camera: (&str, (u32, u32)),
         plan: &Plan,
@@ -106,12 +105,12 @@ impl CameraStats {
         }
     }
 
-    /// A count by its name.
+    /// Returns a count by its name.
     pub fn count(&self, name: &str) -> Option<u64> {
         self.counts.get(name)?.as_u64()
     }
 
-    /// One line for people: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
+    /// Formats a line for people: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
     pub fn line(&self) -> String {
         let mut line = grouped(self.count("loaded").unwrap_or(0)) + " splats";
         if let Some(visible) = self.count("visible") {
@@ -145,7 +144,7 @@ fn json(value: &Value) -> Json {
     }
 }
 
-/// Between the two in the middle where their number is even.
+/// Computes the median, the mean of the middle two for an even number of values.
 pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let n = values.len();
@@ -156,14 +155,14 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     }
 }
 
-/// The least of the ascending `values` that the share `q` of them does not exceed.
+/// Finds the least of the ascending `values` that at least the share `q` of them do not exceed.
 #[cfg(feature = "window")]
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let rank = (q * values.len() as f64).ceil() as usize;
     values.get(rank.saturating_sub(1)).copied()
 }
 
-/// The median of each pass, in the order in which they ran first.
+/// Computes the median of each pass, in the order of their first run.
 fn pass_times(plan: &Plan, frames: &[FrameResult]) -> Vec<PassTime> {
     let mut order: Vec<PassId> = Vec::new();
     let mut times: BTreeMap<PassId, Vec<f64>> = BTreeMap::new();

@@ -1,5 +1,5 @@
-// The shape of a workgroup that takes a block together: its subgroups have a stretch of the block each, in which their lanes
-// stand side by side. Memory order is (subgroup, step, lane), and that is the order of the sort's ties.
+// The shape of a workgroup that sorts one block: each subgroup takes a range of the block, and its lanes take neighbouring
+// keys. Memory order is (subgroup, step, lane), which is also the order of equal keys.
 //
 // Eight subgroups, or as many of these as 256 invocations and 16 KiB of shared memory allow: see scatter.comp.
 
@@ -15,12 +15,12 @@ const uint LANES = uint(DEVICE_SUBGROUP_SIZE);
 #endif
 const uint SUBGROUPS = uint(BLOCK_SUBGROUPS);
 const uint THREADS = SUBGROUPS * LANES;
-// Steps that a lane makes through its subgroup's stretch. Known to the compiler, so that keys stay in registers.
+// Steps of a lane through its subgroup's range. A constant, so that keys stay in registers.
 const uint STEPS = (uint(BLOCK_KEYS) + THREADS - 1u) / THREADS;
 
 layout(local_size_x = BLOCK_SUBGROUPS * DEVICE_SUBGROUP_SIZE) in;
 
-// Vulkan does not say how invocations are laid over subgroups, so indices are made from these two only.
+// Vulkan does not define the mapping of invocations to subgroups, so indices come from these two values only.
 uint thread_index() {
     return gl_SubgroupID * LANES + gl_SubgroupInvocationID;
 }

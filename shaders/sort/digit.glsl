@@ -1,7 +1,6 @@
-// What all passes of the radix sort share: the sizes, the digit that is being sorted by, and the layout of the counts.
+// Definitions of all passes of the radix sort: sizes, the current digit, and the layout of the counts.
 //
-// A *block* is BLOCK_KEYS keys that stand next to each other. The number of blocks follows from the number of keys, which
-// only the GPU knows.
+// A *block* is BLOCK_KEYS consecutive keys. The number of blocks follows from the number of keys, which only the GPU knows.
 
 #include "../args.glsl"
 #include "../groups.glsl"
@@ -14,8 +13,8 @@ layout(push_constant) uniform Digit {
     uint first_total;  // where this digit's totals begin
 };
 
-// Every bin has its total in TOTAL_PARTS parts, and block b adds to part b mod TOTAL_PARTS: thousands of blocks that add to
-// one word would wait for each other.
+// The total of every bin has TOTAL_PARTS parts, and block b adds to part b mod TOTAL_PARTS, because atomic additions of
+// thousands of blocks to one word would be serialised.
 
 uint total_index(uint bin, uint part) {
     return first_total + part * BINS + bin;

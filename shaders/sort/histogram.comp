@@ -3,7 +3,7 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// First pass of a digit: how often each of its values occurs in each block, and in all.
+// First pass of a digit: counts each of its values per block, and in total.
 
 #include "block.glsl"
 

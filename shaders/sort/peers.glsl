@@ -1,5 +1,5 @@
-// Who else in the subgroup has the same digit: one ballot per bit of the digit, keeping those that answered alike. A mask
-// has as many words as the subgroup needs. To be called by whole subgroups.
+// Finds the lanes of the subgroup with the same digit: one ballot per bit of the digit, keeping the lanes with an equal
+// bit. A mask has as many words as the subgroup needs. Must be called by whole subgroups.
 
 #if DEVICE_SUBGROUP_SIZE <= 32
 #define LaneMask uint
@@ -24,7 +24,7 @@ uint bits_in(uvec4 mask) {
     return bits_in(mask.xy) + bits_in(mask.zw);
 }
 
-// The valid lanes whose `bin` is this lane's. Means nothing for a lane that is not valid.
+// Returns the valid lanes with this lane's `bin`; undefined for a lane that is not valid.
 LaneMask peers_of(uint bin, bool valid) {
     LaneMask peers = MASK_OF(subgroupBallot(valid));
     [[unroll]] for (uint b = 0u; b < uint(DIGIT_BITS); b++) {

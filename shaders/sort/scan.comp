@@ -3,8 +3,8 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
-// Second pass of a digit: counts become places. One workgroup takes one bin: its keys begin where those of all lower
-// bins end, and each block's after those of the blocks before it.
+// Second pass of a digit: turns counts into places. One workgroup takes one bin: its keys begin after those of all lower
+// bins, and each block's after those of the blocks before it.
 
 #include "block.glsl"
 
@@ -14,10 +14,10 @@ layout(set = 0, binding = 2, std430) readonly buffer Totals { uint totals[]; };
 
 const uint PER_THREAD = 8u;
 
-// Two sets, used in turn, so that one barrier per round is enough.
+// Two alternating sets, so that one barrier per round is enough.
 shared uint subgroup_sum[2][SUBGROUPS];
 
-// The sum of `value` over lower threads; adds the sum over all to `carry`. To be called by the whole workgroup.
+// Sums `value` over lower threads, and adds the sum over all threads to `carry`. Must be called by the whole workgroup.
 uint exclusive_sum(uint value, uint round, inout uint carry) {
     uint inclusive = subgroupInclusiveAdd(value);
     if (gl_SubgroupInvocationID == LANES - 1u) {
@@ -43,7 +43,7 @@ void main() {
         total += totals[total_index(bin, part)];
     }
     if (total == 0u) {
-        return;  // no key falls in this bin, so nobody asks for its places
+        return;  // no key is in this bin, so its places are not read
     }
 
     uint thread = thread_index();

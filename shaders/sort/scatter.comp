@@ -5,12 +5,12 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Third pass of a digit: every pair goes to its place. A key's place is that of its bin and block (from the table), plus
-// the keys of the same bin in its block before it: those of lower subgroups, those of earlier steps of its own, and those
-// of lower lanes in the same step. No order is left to chance, so the sort is stable.
+// Third pass of a digit: moves every pair to its place. A key's place is that of its bin and block (from the table), plus
+// the number of keys of the same bin before it in its block: those of lower subgroups, of earlier steps of its own, and of
+// lower lanes in the same step. The order is deterministic, so the sort is stable.
 //
-// Where the block fits in shared memory, its pairs are put in order there first. They then leave in runs, a run per bin,
-// and neighbouring lanes write neighbouring words.
+// If the block fits in shared memory, its pairs are sorted there first. They are then written in runs, one per bin, and
+// neighbouring lanes write neighbouring words.
 
 #include "block.glsl"
 #include "peers.glsl"
@@ -22,18 +22,18 @@ layout(set = 0, binding = 3, std430) readonly buffer Table { uint table[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer KeysOut { uint keys_out[]; };
 layout(set = 0, binding = 5, std430) writeonly buffer ValuesOut { uint values_out[]; };
 
-// Counters have 16 bits, two in a word; every subgroup has one for each bin. For four subgroups and 11 bits that is 16 KiB.
+// Counters have 16 bits, two in a word; every subgroup has one per bin. For four subgroups and 11 bits that is 16 KiB.
 const uint WORDS = BINS / 2u;
 const uint COUNTER_WORDS = SUBGROUPS * WORDS;
 const uint WORDS_PER_THREAD = (WORDS + THREADS - 1u) / THREADS;
 
-// 16 KiB hold the block and the bins' places, or the scatter is direct.
+// If 16 KiB hold the block and the bins' places, pairs are sorted in shared memory; otherwise they are scattered directly.
 #define REORDER (DIGIT_BITS <= 10 && 4 * BLOCK_KEYS + (4 << DIGIT_BITS) <= 16384)
 
 #if REORDER
 // First the counters with the subgroups' sums behind them, then the block's keys, then its values.
 shared uint words[max(COUNTER_WORDS + SUBGROUPS, uint(BLOCK_KEYS))];
-// Where each bin's run goes, less where it stands in the block.
+// The place of each bin's run, minus its offset in the block.
 shared uint bin_place[BINS];
 #else
 shared uint words[COUNTER_WORDS];
@@ -70,8 +70,8 @@ void main() {
 #endif
     barrier();
 
-    // Each subgroup walks its stretch and counts; what a key finds is its rank among those of its bin in the stretch.
-    // Lanes beyond the end vote too, but with nobody.
+    // Each subgroup walks its range and counts; the counter before a key is its rank among those of its bin in the range.
+    // Lanes beyond the end take part in the ballots, but match no lane.
     uint rank[STEPS];
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         bool valid = mine + i * LANES < end;
@@ -79,12 +79,12 @@ void main() {
         LaneMask peers = peers_of(bin, valid);
         uint below = lanes_below(peers);
         rank[i] = counter(gl_SubgroupID, bin) + below;
-        subgroupBarrier();  // everyone has read before one of them writes
+        subgroupBarrier();  // all lanes read before one of them writes
         if (valid && below == 0u) {
             // Atomic, because another bin's counter shares the word.
             atomicAdd(words[gl_SubgroupID * WORDS + (bin >> 1)], lanes_in(peers) << (16u * (bin & 1u)));
         }
-        subgroupBarrier();  // and it is written before anyone reads again
+        subgroupBarrier();  // the write is complete before the next read
     }
 #if REORDER
     uint values[STEPS];
@@ -95,8 +95,8 @@ void main() {
 #endif
     barrier();
 
-    // Counts become offsets: of each subgroup within its bin, both halves of a word at once (a block has fewer than 2^16
-    // keys, so no half runs over into the other).
+    // Turns counts into offsets of each subgroup within its bin, for both halves of a word at once: a block has fewer than
+    // 2^16 keys, so no half overflows into the other.
 #if REORDER
     uint pair_count[WORDS_PER_THREAD];
     uint sum = 0u;
@@ -145,7 +145,7 @@ void main() {
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         rank[i] += counter(gl_SubgroupID, digit_of(keys[i]));
     }
-    barrier();  // the counters are done with, and the keys take their room
+    barrier();  // the keys replace the counters from here on
 
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         if (mine + i * LANES < end) {

@@ -1,6 +1,6 @@
-// The shape of the serial sort: a block is one invocation's, which walks it alone. It needs no shared memory, no barrier
-// and no subgroup operation, and so suits devices with narrow subgroups, above all those that compute on the CPU: there
-// the cache is the shared memory, and talking to another lane costs more than the work.
+// The shape of the serial sort: one block per invocation. It needs no shared memory, no barrier and no subgroup operation,
+// so it suits devices with narrow subgroups, above all those that run on the CPU: there the cache is the shared memory, and
+// communication between lanes costs more than the work.
 
 #include "digit.glsl"
 

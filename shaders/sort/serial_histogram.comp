@@ -1,13 +1,13 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// First pass of a digit, serial: how often each of its values occurs in each block, and in all.
+// First pass of a digit, serial: counts each of its values per block, and in total.
 
 #include "serial.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
 layout(set = 0, binding = 1, std430) readonly buffer KeysIn { uint keys_in[]; };
-// A row per block, a column per bin: an invocation's counters stand together.
+// A row per block, a column per bin, so that an invocation's counters are contiguous.
 layout(set = 0, binding = 2, std430) buffer Table { uint table[]; };
 layout(set = 0, binding = 3, std430) buffer Totals { uint totals[]; };
 

@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Second pass of a digit, serial: counts become places. An invocation takes one bin: its keys begin where those of all
-// lower bins end, and each block's after those of the blocks before it.
+// Second pass of a digit, serial: turns counts into places. An invocation takes one bin: its keys begin after those of all
+// lower bins, and each block's after those of the blocks before it.
 
 #include "serial.glsl"
 

@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Third pass of a digit, serial: every pair goes to its place. An invocation takes the pairs of its block in order and
-// moves its own place in the bin on by one each time, so the sort is stable.
+// Third pass of a digit, serial: moves every pair to its place. An invocation takes the pairs of its block in order and
+// advances its place in the bin by one each time, so the sort is stable.
 
 #include "serial.glsl"
 

@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// The scene's part of the window: picture A, or A and B with a line between them, or how far they are apart. Pictures are
-// buffers here, row 0 at the top, pixels as their format packs them.
+// Draws the scene's part of the window: picture A, or A and B with a line between them, or their difference. Pictures are
+// buffers, row 0 at the top, with pixels packed in their format.
 
 #include "window.glsl"
 
@@ -15,7 +15,7 @@ uint word(bool b, uint i) {
     return b ? picture_b[i] : picture_a[i];
 }
 
-// A pixel as a display shows it, from 0 to 1; beyond the border, the nearest one.
+// Reads a pixel, clamped to 0..1 as on a display; beyond the border, the nearest one.
 vec3 texel(bool b, uvec4 picture, ivec2 at) {
     at = clamp(at, ivec2(0), ivec2(picture.xy) - 1);
     uint i = uint(at.y) * picture.x + uint(at.x);
@@ -37,7 +37,7 @@ vec3 texel(bool b, uvec4 picture, ivec2 at) {
     return clamp(colour, 0.0, 1.0);
 }
 
-// What a picture has at a place of the view, in pixels from its top left corner.
+// Samples a picture at a place of the view, in pixels from its top left corner.
 vec3 picture(bool b, vec2 at) {
     uvec4 picture = b ? window.picture_b : window.picture_a;
     if (picture.z == FORMAT_NONE) {
@@ -46,11 +46,11 @@ vec3 picture(bool b, vec2 at) {
     if (picture.xy == window.view.zw) {
         return texel(b, picture, ivec2(at));
     }
-    // A picture of another size is that of a moment ago: the view was resized since. The next one will show the same from top
-    // to bottom, and more or less at the sides, so this one is laid out that way.
+    // A picture of another size was drawn before the view was resized. The next one will have the same vertical field of
+    // view, so this one is scaled to the view's height.
     vec2 size = vec2(picture.xy);
     vec2 place = (at - 0.5 * vec2(window.view.zw)) * (size.y / float(window.view.w)) + 0.5 * size;
-    // Sizes are rounded to whole pixels: what misses by half of one is covered.
+    // Sizes are rounded to whole pixels, so half a pixel beyond the border is still covered.
     if (any(lessThan(place, vec2(-0.5))) || any(greaterThan(place, size + 0.5))) {
         return window.background.rgb;
     }
@@ -62,7 +62,7 @@ vec3 picture(bool b, vec2 at) {
     return mix(top, bottom, part.y);
 }
 
-// A to the left of the line, B to the right. The line is two pixels wide, black and white, so that it stands out from any
+// Draws A to the left of the line and B to the right. The line is two pixels wide, black and white, to be visible on any
 // picture.
 vec3 split(vec2 at) {
     float from_line = floor(at.x) - round(window.split * float(window.view.z));

@@ -1,6 +1,6 @@
 #version 460
 
-// One triangle that covers everything.
+// Makes one triangle that covers the window.
 
 void main() {
     vec2 corner = vec2(float(gl_VertexIndex & 1), float(gl_VertexIndex >> 1));

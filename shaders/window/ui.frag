@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// A pixel of egui's meshes: texture times colour, inside the clip rectangle. All textures lie in one buffer and are filtered
-// here.
+// Shades a pixel of egui's meshes: texture times colour, inside the clip rectangle. All textures are in one buffer and are
+// filtered here.
 
 #include "ui.glsl"
 
@@ -23,14 +23,14 @@ vec4 texel(Clip c, ivec2 at) {
 void main() {
     Clip c = clips[clip];
     vec2 place = uv * vec2(c.width, c.height);
-    // Texels per pixel. (Derivatives come before any pixel of a quad may leave.)
+    // Texels per pixel. Derivatives are taken before any pixel of a quad is discarded.
     float density = max(length(dFdx(place)), length(dFdy(place)));
     if (any(lessThan(gl_FragCoord.xy, c.first)) || any(greaterThan(gl_FragCoord.xy, c.beyond))) {
         discard;
     }
     vec4 texture_colour;
     if (uv == vec2(0.0)) {
-        // Where egui has a white texel, for what is filled with one colour: most of a user interface.
+        // The white texel of egui, for areas of one colour: most of a user interface.
         texture_colour = vec4(1.0);
     } else if ((c.smoothing & (density > 1.001 ? SMOOTH_MINIFIED : SMOOTH_MAGNIFIED)) != 0u) {
         vec2 corner = floor(place - 0.5);

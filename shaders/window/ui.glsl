@@ -1,12 +1,12 @@
-// What egui's meshes come as. Colours are display-encoded and premultiplied, packed as rgba8.
+// A vertex of egui's meshes. Colours are display-encoded and premultiplied, packed as rgba8.
 struct Vertex {
     vec2 position;  // in pixels of the window
     vec2 uv;        // 0 to 1 across the texture
     uint colour;
-    uint clip;      // which of the clips holds for it
+    uint clip;      // index of its clip
 };
 
-// Where a mesh may draw, and what its texture is.
+// The clip rectangle of a mesh, and its texture.
 struct Clip {
     vec2 first;     // the top left pixel that may be drawn to
     vec2 beyond;    // the pixel below and to the right of the last one

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// The triangles of egui's meshes, fetched by their indices.
+// Fetches the triangles of egui's meshes by their indices.
 
 #include "ui.glsl"
 #include "window.glsl"

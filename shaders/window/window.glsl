@@ -1,11 +1,11 @@
-// What the viewer says of its window, every frame, in 96 bytes. Lengths are in pixels, colours display-encoded.
+// The viewer's window in a frame, 96 bytes from the host. Lengths are in pixels, colours display-encoded.
 layout(set = 0, binding = 30, std140) uniform Window {
-    uvec4 view;           // where the scene is shown: left, top, width, height
+    uvec4 view;           // place of the scene: left, top, width, height
     uvec4 picture_a;      // width, height, format (below); w unused
     uvec4 picture_b;
     vec4 background;      // r, g, b around the pictures; w unused
     vec2 size;            // of the window
-    float split;          // where the split line is: 0 at the view's left border, 1 at its right one
+    float split;          // place of the split line: 0 at the view's left border, 1 at its right one
     float amplification;  // of differences
     uint mode;            // below
 } window;

@@ -1,4 +1,4 @@
-//! `splatgraph check`: whether graphs and their shaders are sound.
+//! Runs `splatgraph check`: builds graphs and replays their barriers.
 
 use super::Outcome;
 use super::{colour, options};
@@ -15,14 +15,13 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Check graphs and their shaders, without a GPU
 ///
-/// Every graph is built as far as a plan, and its shaders are compiled and held against it, for a nominal scene and devices
-/// with the least limits that the built-in graphs run on, with subgroups of 4 to 64 lanes. Mistakes are shown at their line
-/// and column. Then an oracle replays the plan's barriers: that they suffice, and that none of them, and no bit of one, could
-/// be left out.
+/// Every graph is built, and its shaders are compiled and checked against it, for a nominal scene and the smallest supported
+/// device, with subgroups of 4 to 64 lanes. Errors are shown at their line and column. An oracle then replays the plan's
+/// barriers, and tests that they suffice and that none of them, and no bit of one, is needless.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The graphs: built-in ones' names (see --help), or paths; without any, every built-in one
+    /// The graphs: names of built-in ones (see --help), or paths; without any, every built-in one
     #[arg(value_name = "NAME")]
     graphs: Vec<String>,
     /// Change a parameter of the graphs; can be given several times
@@ -63,8 +62,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// Builds a graph for every width of subgroups, since graphs may choose by it what they do, and says what it is for the
-/// usual one. The errors are those of the first width that has any.
+/// Builds a graph for every subgroup size, because graphs may depend on it, and describes the plan for the usual size.
+///
+/// Returns the errors of the first size that has any.
 fn check(
     planner: &mut Planner,
     graph: &str,
@@ -82,7 +82,7 @@ fn check(
     Ok(line)
 }
 
-/// Lets the oracle replay the plan, and try what it can do without: what it found, or its objections.
+/// Replays the plan with the oracle and tries every mutation; returns a summary, or the violations.
 fn proof(plan: &Plan) -> Result<String, String> {
     let objections = oracle::replay(plan, &Replay::default());
     if !objections.is_empty() {

@@ -1,4 +1,4 @@
-//! `splatgraph compare`: how far pictures are apart.
+//! Runs `splatgraph compare`: measures the difference between pictures.
 
 use super::{Outcome, Usage, options};
 use crate::image::{Image, npz_names, split_member};
@@ -11,12 +11,11 @@ use std::path::{Path, PathBuf};
 /// Compare pictures: PSNR, SSIM and the worst pixel
 ///
 /// A and B are pictures (.png, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of them; a .npz archive counts as a folder
-/// of arrays. Pictures of two folders belong together when their names without extension are equal; a picture without a
-/// partner is an error.
+/// of arrays. Pictures of two folders are matched by name without extension; a picture without a partner is an error.
 ///
 /// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM is the mean over the channels
-/// of that of Wang et al. 2004 (Gaussian window of 11 x 11, sigma 1.5). The worst pixel is the largest difference of a
-/// channel, of values as they are stored; where one picture has only 8 bits, of values clamped to 0..1.
+/// of that of Wang et al. 2004 (Gaussian window of 11 x 11, sigma 1.5). The worst pixel is the one with the largest
+/// difference of a channel, unclamped; if one picture has only 8 bits, values are clamped to 0..1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph compare out.npy golden.npz#camera0
@@ -27,12 +26,12 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// A picture, a folder or a .npz archive
     a: PathBuf,
-    /// What to compare it with
+    /// The picture, folder or archive to compare it with
     b: PathBuf,
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
-    /// Write a picture of the absolute differences (of folders: a folder of them)
+    /// Write a picture of the absolute differences (for folders: a folder of them)
     #[arg(long, value_name = "OUT.png")]
     diff: Option<PathBuf>,
     /// Factor by which the differences are amplified in --diff
@@ -41,7 +40,7 @@ pub struct Args {
     /// Exit with code 1 if a picture's PSNR is below this
     #[arg(long, value_name = "DB")]
     min_psnr: Option<f64>,
-    /// In folders, match by the number at the end of the names; pictures whose names end otherwise are left out, and named
+    /// In folders, match by the number at the end of the names; other pictures are skipped and listed
     #[arg(long)]
     by_number: bool,
 }
@@ -53,7 +52,7 @@ fn positive(text: &str) -> Result<f32, String> {
     }
 }
 
-/// A pair that was compared.
+/// A compared pair.
 struct Pair {
     name: String,
     a: PathBuf,
@@ -69,7 +68,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// What is printed, and how it ends.
+/// The comparisons and the output options.
 fn compare(args: &Args) -> Result<(String, Outcome)> {
     let (a, b) = (Pictures::of(&args.a)?, Pictures::of(&args.b)?);
     let (pairs, folders) = match (a, b) {
@@ -106,10 +105,10 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
     Ok((text, if below { Outcome::Failed } else { Outcome::Done }))
 }
 
-/// What an argument names.
+/// The pictures that an argument refers to.
 enum Pictures {
     One(PathBuf),
-    /// By name without extension.
+    /// Pictures of a folder, by name without extension.
     Many(BTreeMap<String, PathBuf>),
 }
 
@@ -146,7 +145,7 @@ impl Pictures {
     }
 }
 
-/// The pictures that belong together. An error lists those that have no partner.
+/// Pairs the pictures of two folders. An error lists those without a partner.
 fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>) -> Result<Vec<Pair>> {
     let (a, mut b) = if args.by_number { (numbered(a)?, numbered(b)?) } else { (plain(a), plain(b)) };
     let mut pairs = Vec::new();
@@ -170,7 +169,7 @@ fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>
     bail!("these pictures have no partner:{}{hint}", list.concat());
 }
 
-/// Pictures by what they are matched by.
+/// Indexes pictures by their matching key.
 type Keyed = BTreeMap<(u64, String), (String, PathBuf)>;
 
 fn plain(pictures: BTreeMap<String, PathBuf>) -> Keyed {
@@ -239,7 +238,7 @@ fn table(pairs: &[Pair], found: &[Comparison], worst: usize) -> String {
     text + &format!("worst: {}, {}", pairs[worst].name, sentence(&found[worst]))
 }
 
-/// PSNR is `null` where it is infinite.
+/// Serialises an infinite PSNR as `null`.
 fn report(pairs: &[Pair], found: &[Comparison], worst: usize, folders: bool) -> Value {
     let entry = |pair: &Pair, c: &Comparison| {
         let mut entry = json!({ "name": pair.name, "a": pair.a, "b": pair.b });

@@ -1,20 +1,20 @@
-//! `splatgraph devices`: what can draw here.
+//! Runs `splatgraph devices`: lists the devices of this machine.
 
 use super::{Outcome, options};
 use anyhow::{Result, bail};
 use splatgraph_vulkan::Vulkan;
 
-/// List the devices that Vulkan knows on this machine
+/// List this machine's Vulkan devices
 ///
-/// The index, or a part of the name, is what --device takes. Without --device the first discrete GPU is taken, else an
-/// integrated one, else another, one that runs on the CPU last.
+/// --device takes an index, or a part of a name. Without --device, a discrete GPU is preferred, then an integrated one, then
+/// any other; a device that runs on the CPU comes last.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph devices
   splatgraph devices --json
   splatgraph render --device llvmpipe -o demo.png")]
 pub struct Args {
-    /// Print JSON, with the facts that graphs can use
+    /// Print JSON, with the facts for graphs
     #[arg(long)]
     json: bool,
 }

@@ -1,4 +1,4 @@
-//! `splatgraph dump`: the plan of a graph, for people and programs.
+//! Runs `splatgraph dump`: writes the plan of a graph.
 
 use super::options;
 use super::{Outcome, Usage};
@@ -31,31 +31,31 @@ Two plans side by side:
 
 /// Show the plan that a graph becomes: passes in order, barriers, resources
 ///
-/// Needs no GPU: without --device the plan is for a device with the least limits that the built-in graphs run on and
-/// subgroups of 32 lanes, without --scene for a million splats with spherical harmonics of degree 3. With --diff it shows
-/// what is different between two plans. The JSON's fields are documented in docs/dump.md.
+/// No GPU is needed. Without --device, the plan is for the smallest supported device, with subgroups of 32 lanes; without --scene,
+/// for a million splats with spherical harmonics of degree 3. With --diff, the differences between two plans are shown. The
+/// JSON's fields are documented in docs/dump.md.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The graph: a built-in one's name (see --help), or a path
+    /// The graph: the name of a built-in one (see --help), or a path
     #[arg(value_name = "NAME")]
     graph: String,
-    /// Change a parameter of the graph (of both graphs, with --diff); can be given several times
+    /// Set a parameter of the graph (of both graphs, with --diff); may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
-    /// Compare with the plan of this graph (b): what it adds, lacks and changes
+    /// Compare with the plan of this graph (b): additions, omissions and changes
     #[arg(long, value_name = "NAME", conflicts_with = "times")]
     diff: Option<String>,
-    /// Change a parameter of the graph that --diff names, after what --set changed; can be given several times
+    /// Set a parameter of the graph of --diff, after --set; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, requires = "diff")]
     set_b: Vec<(String, String)>,
-    /// Add GPU times: the medians of a file that `splatgraph render --json` wrote
+    /// Add GPU times: the medians of a file from `splatgraph render --json`
     #[arg(long, value_name = "STATS.JSON")]
     times: Option<PathBuf>,
-    /// The scene whose facts (number of splats, degree of the harmonics) the plan is for
+    /// Build the plan for this scene's facts (number of splats, degree of the harmonics)
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// The device whose limits the plan is for: a part of its name, or its index in `splatgraph devices`
+    /// Build the plan for this device's limits: a part of its name, or its index in `splatgraph devices`
     #[arg(long, value_name = "NAME|INDEX")]
     device: Option<String>,
     /// Size of the pictures
@@ -63,7 +63,7 @@ pub struct Args {
     size: (u32, u32),
     #[arg(long, value_enum, default_value_t = Form::Text)]
     format: Form,
-    /// Where it goes [default: standard output]
+    /// Output file [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -71,9 +71,9 @@ pub struct Args {
 /// The form of a dump.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Form {
-    /// To read
+    /// Text for people
     Text,
-    /// For programs; everything that the others show
+    /// JSON for programs, with everything that the others show
     Json,
     /// A picture of passes and dependencies, for Graphviz
     Dot,
@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Adds the times, and says what may be wrong with them: the file may be of another graph or another set of parameters.
+/// Adds the times, and warns if the file may be of another graph or of other parameters.
 fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
     let (timed, found) = dump.with_times(&times.passes);
     let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();
@@ -144,7 +144,7 @@ fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
     Ok(timed)
 }
 
-/// The facts of the device that is named, or of the portable one.
+/// Returns the facts of the named device, or of the smallest supported one.
 pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     let Some(wanted) = wanted else {
         return Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
@@ -167,7 +167,7 @@ mod tests {
         args: Args,
     }
 
-    /// What `splatgraph dump` with these words writes to a file, or its error.
+    /// Runs `splatgraph dump` with these words and returns the output file's text.
     fn dumped(folder: &Path, words: &str) -> Result<String> {
         let output = folder.join("out");
         let words = ["dump"].into_iter().chain(words.split(' '));

@@ -1,4 +1,4 @@
-//! `splatgraph info`: what a scene holds, and what it takes.
+//! Runs `splatgraph info`: reports a scene's contents, flaws and memory.
 
 use super::Outcome;
 use super::dump::device_facts;
@@ -16,10 +16,10 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph info scene.ply --cameras cameras.json --pipeline key16
   splatgraph info scene.ply --json";
 
-/// Show where the bytes of a scene's file go, what is odd about it, and what a graph needs of memory to draw it
+/// Show the size breakdown of a scene file, its flaws, and the GPU memory that a graph needs for it
 ///
-/// The size breakdown accounts for every byte of the file: fields x bytes x splats. The report counts what was dropped or is
-/// unusual and says what range of depths a sort key must resolve, for the cameras given or one that frames the scene.
+/// The size breakdown accounts for every byte of the file: fields x bytes x splats. The report counts dropped and unusual
+/// splats, and shows the depth range that a sort key must resolve, for the given cameras or one that frames the scene.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -27,7 +27,7 @@ pub struct Args {
     scene: PathBuf,
     #[command(flatten)]
     drawing: Drawing,
-    /// The device whose limits the plan is for: a part of its name, or its index in `splatgraph devices`
+    /// Build the plan for this device's limits: a part of its name, or its index in `splatgraph devices`
     #[arg(long, value_name = "NAME|INDEX")]
     device: Option<String>,
     /// Print JSON
@@ -81,7 +81,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The plan's buffers and images, the scene's first, each kind with its sum.
+/// Formats the sizes of the plan's buffers and images by source, each source with its sum.
 fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
     let mut text = format!("on the GPU with {}, {width} x {height}\n", dump.graph);
     let mut all = 0;

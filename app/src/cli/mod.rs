@@ -1,8 +1,7 @@
-//! The command line: one file per command.
+//! Defines the command line, one file per command.
 //!
-//! A command is a struct of arguments (its documentation is the help that people read) and a function `run`. Results go to
-//! standard output, everything else to standard error. The exit code is 0, 1 where something failed, 2 where the command line
-//! itself makes no sense.
+//! A command is a struct of arguments, whose documentation is the help text, and a function `run`. Results go to standard
+//! output, everything else to standard error. The exit code is 0 for success, 1 for a failure, 2 for an invalid command line.
 
 mod check;
 mod compare;
@@ -23,10 +22,10 @@ use splatgraph_framework::plan::Param;
 use std::io::{ErrorKind, IsTerminal};
 use std::process::ExitCode;
 
-/// Draw 3D Gaussian Splatting scenes with renderers that are data files, and see what every choice costs
+/// Draw 3D Gaussian Splatting scenes with renderers that are data files, and measure the cost of every choice
 ///
-/// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. The built-in ones are listed by
-/// `splatgraph render --help`; any of them can be copied, changed and given by its path.
+/// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. `splatgraph render --help` lists the
+/// built-in ones; copy any of them, change it, and pass its path.
 #[derive(Debug, Parser)]
 #[command(name = "splatgraph", version, max_term_width = 110)]
 #[command(after_help = "Examples:
@@ -54,21 +53,21 @@ enum Command {
     Devices(devices::Args),
 }
 
-/// How a command that could be carried out ended.
+/// The result of a command that ran to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
-    /// As wished: exit code 0.
+    /// Success: exit code 0.
     Done,
-    /// The answer is no, and the command has said why: exit code 1.
+    /// A negative result, already reported: exit code 1.
     Failed,
 }
 
-/// A command line that makes no sense, found after it was parsed: exit code 2.
+/// An invalid command line, detected after parsing: exit code 2.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct Usage(String);
 
-/// Prints what the validation layer said, and whether that is well.
+/// Prints the validation messages; they are a failure if validation was requested.
 fn validated(asked: bool, messages: &[String]) -> Outcome {
     for message in messages {
         eprintln!("validation: {message}");
@@ -111,7 +110,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// The command line with the lists that are only known at run time in its long help.
+/// Makes the command line, with the lists of graphs and scenes in its long help.
 fn command() -> clap::Command {
     let command = Cli::command();
     // The lists take some milliseconds to make: only for those who ask.
@@ -134,7 +133,7 @@ fn command() -> clap::Command {
         })
 }
 
-/// The built-in graphs, and the parameters of the default one, for help.
+/// Lists the built-in graphs and the parameters of the default one, for help.
 fn preset_list() -> String {
     let presets = builtin::presets();
     let rows = presets.iter().map(|p| (p.name.to_owned(), p.summary.clone()));
@@ -154,12 +153,12 @@ fn preset_list() -> String {
     text
 }
 
-/// Whether messages may be coloured.
+/// Returns true if messages may have colours.
 fn colour() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
 }
 
-/// Prints an error with its causes, once, and gives the exit code.
+/// Prints an error with its causes, each once, and returns the exit code.
 fn report(error: &anyhow::Error) -> ExitCode {
     // RendererId closes our standard output early, like `head`, has seen enough.
     let broken_pipe = |e: &(dyn std::error::Error + 'static)| {

@@ -1,4 +1,4 @@
-//! Options that several commands share.
+//! Defines options and helpers of several commands.
 
 use crate::builtin;
 use crate::facts;
@@ -11,10 +11,10 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::Mutex;
 
-/// What `--pipeline` is where it is not given.
+/// Default of `--pipeline`.
 pub const DEFAULT_PIPELINE: &str = "splat";
 
-/// `NAME=VALUE`.
+/// Parses `NAME=VALUE`.
 pub fn setting(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((name, value)) if !name.trim().is_empty() && !value.trim().is_empty() => {
@@ -24,7 +24,7 @@ pub fn setting(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// `WIDTHxHEIGHT`.
+/// Parses `WIDTHxHEIGHT`.
 pub fn size(text: &str) -> Result<(u32, u32), String> {
     let parse = || {
         let (width, height) = text.split_once(['x', 'X'])?;
@@ -34,7 +34,7 @@ pub fn size(text: &str) -> Result<(u32, u32), String> {
     parse().ok_or_else(|| "expected WIDTHxHEIGHT in pixels, for instance 1920x1080".into())
 }
 
-/// `r,g,b`.
+/// Parses `R,G,B`.
 pub fn colour(text: &str) -> Result<[f32; 3], String> {
     let values: Vec<f32> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
     match values.as_slice() {
@@ -43,7 +43,7 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
-/// The values that a parameter takes, for help.
+/// Formats a parameter's range of values, for help.
 pub fn domain(domain: &Domain) -> String {
     match domain {
         Domain::Bool => "true|false".into(),
@@ -53,9 +53,9 @@ pub fn domain(domain: &Domain) -> String {
     }
 }
 
-/// A list for help: names, and what they are, broken into lines that stay in their column.
+/// Formats a list of names and descriptions in two columns, for help.
 pub fn two_columns(rows: Vec<(String, String)>) -> String {
-    /// What clap leaves as it is on any terminal that is wide enough for the rest of the help.
+    /// Width below which clap does not wrap the text on common terminals.
     const COLUMNS: usize = 98;
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     let mut lines: Vec<String> = Vec::new();
@@ -88,7 +88,7 @@ pub fn load_scene(path: &Path) -> Result<Scene> {
     Ok(scene)
 }
 
-/// The cameras that `FILE` or `FILE#INDEX` names.
+/// Loads the cameras of `FILE` or `FILE#INDEX`.
 pub fn cameras(spec: &str) -> Result<Vec<Camera>, CameraError> {
     // A `#` may also be part of the file's own name.
     if spec.contains('#') && !Path::new(spec).exists() {
@@ -122,43 +122,43 @@ pub fn framing(scene: &Scene) -> Camera {
     Camera { img_name: "framing".into(), ..Camera::framing(scene, width, height) }
 }
 
-/// What decides over a plan: graph, parameters, and the pictures' size.
+/// Options of a plan: graph, parameters, cameras and picture size.
 #[derive(Debug, clap::Args)]
 pub struct Drawing {
-    /// The graph: a built-in one's name (see --help), or a path
+    /// The graph: the name of a built-in one (see --help), or a path
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
     pub pipeline: String,
-    /// Change a parameter of the graph; can be given several times
+    /// Set a parameter of the graph; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]
     pub set: Vec<(String, String)>,
-    /// Cameras in the form of the reference implementation's cameras.json; `#2` or `#NAME` picks one of them
+    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
     #[arg(short, long, value_name = "FILE[#INDEX]")]
     pub cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     ///
-    /// The vertical field of view of the cameras stays: a wider picture shows more at its sides.
+    /// The cameras' vertical field of view stays: a wider picture shows more at its sides.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     pub size: Option<(u32, u32)>,
 }
 
 impl Drawing {
-    /// The cameras that were named, as the file has them.
+    /// Loads the cameras of `--cameras`.
     pub fn cameras(&self) -> Result<Option<Vec<Camera>>, CameraError> {
         self.cameras.as_deref().map(cameras).transpose()
     }
 }
 
-/// Writes JSON to a file, or to standard output where the name is `-`.
+/// Writes JSON to a file, or to standard output if the name is `-`.
 pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
     write_text(Some(path).filter(|path| *path != Path::new("-")), &format!("{value:#}\n"))
 }
 
-/// Prints a line to standard output. Unlike `println!` it does not panic where nobody listens any more.
+/// Prints a line to standard output; unlike `println!`, returns an error if the pipe is closed.
 pub fn print(line: &str) -> Result<()> {
     Ok(writeln!(std::io::stdout().lock(), "{line}")?)
 }
 
-/// Writes a text to a file, or to standard output.
+/// Writes text to a file, or to standard output.
 pub fn write_text(path: Option<&Path>, text: &str) -> Result<()> {
     match path {
         Some(path) => {

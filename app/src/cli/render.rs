@@ -1,4 +1,4 @@
-//! `splatgraph render`: pictures of a scene, and what they cost.
+//! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
 use super::options::{self, Drawing};
 use super::{Outcome, Usage};
@@ -27,7 +27,7 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Draw a scene
 ///
-/// Without SCENE, the demo scene is drawn; it is generated on first use. Without cameras, one that frames the scene.
+/// Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -35,12 +35,12 @@ pub struct Args {
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
-    /// Colour of what nothing covers, display-encoded, 0 to 1
+    /// Background colour, display-encoded, 0 to 1
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", value_parser = options::colour)]
     background: [f32; 3],
-    /// Where the picture goes: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder
+    /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder
     ///
-    /// A name without such an ending is a folder: it gets one picture per camera, named after the camera's img_name.
+    /// A name without one of these extensions is a folder: it gets one picture per camera, named after the camera's img_name.
     #[arg(short, long, value_name = "OUT", required_unless_present_any = ["json", "inspect"])]
     output: Option<PathBuf>,
     /// Format of the pictures in a folder [default: png]
@@ -49,24 +49,24 @@ pub struct Args {
     /// Write statistics as JSON, one entry per camera; `-` is standard output
     #[arg(long, value_name = "STATS.json")]
     json: Option<PathBuf>,
-    /// Frames per camera; times are the medians over them
+    /// Number of frames per camera; times are medians over them
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     repeat: u32,
-    /// Read a resource back after a pass (names as in `dump`), print its ends, and write it to FILE.npy
+    /// Read a resource back after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
     ///
     /// `keys` stands for the half of the pair that the pass writes, `scatter` for the last of `sort.scatter[0]`,
-    /// `sort.scatter[1]`, ... Of a resource whose name begins with `keys` it is said whether its keys ascend.
+    /// `sort.scatter[1]`, ... For a resource whose name begins with `keys`, the output says whether its keys ascend.
     #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = inspect_request)]
     inspect: Vec<InspectRequest>,
-    /// The device: a part of its name, or its index in `splatgraph devices`
+    /// Device: a part of its name, or its index in `splatgraph devices`
     #[arg(long, value_name = "NAME|INDEX")]
     device: Option<String>,
-    /// Draw under Vulkan's validation layer with synchronization validation; exit with code 1 if it says anything
+    /// Draw under Vulkan's validation layer with synchronization validation; exit with code 1 if it reports anything
     #[arg(long)]
     validate: bool,
 }
 
-/// `RESOURCE@PASS[=FILE.npy]`.
+/// A parsed `RESOURCE@PASS[=FILE.npy]`.
 #[derive(Clone, Debug)]
 struct InspectRequest {
     resource: String,
@@ -149,7 +149,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::validated(args.validate, &session.into_device().close()))
 }
 
-/// The scene, and the cameras to draw it from, in the size that was asked for, each with a name of its own.
+/// Loads the scene and its cameras, in the requested size, each with a unique name.
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<(Scene, Vec<Camera>)> {
     let (scene, own) = match &args.scene {
         Some(path) => (options::load_scene(path)?, None),
@@ -180,10 +180,10 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<(Scene, 
     Ok((scene, cameras))
 }
 
-/// Where pictures go.
+/// The destination of pictures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Destination {
-    /// One picture, in the format of its name.
+    /// One picture, in the format of its extension.
     Picture(PathBuf),
     /// One picture per camera.
     Folder(PathBuf, Format),
@@ -208,7 +208,7 @@ impl Destination {
         Ok(Some(Destination::Folder(output.clone(), args.format.unwrap_or(Format::Png))))
     }
 
-    /// The file of a camera's picture.
+    /// Returns the path of a camera's picture.
     fn path(&self, camera: &Camera) -> PathBuf {
         match self {
             Destination::Picture(path) => path.clone(),
@@ -217,12 +217,12 @@ impl Destination {
     }
 }
 
-/// The camera's name as a file's: the name of a photograph may hold a path.
+/// Makes a file name of the camera's name, which may contain a path.
 fn file_name(camera: &Camera) -> String {
     camera.img_name.replace(['/', '\\'], "_")
 }
 
-/// `keys.npy` as `keys-NAME.npy` where there are several cameras.
+/// Inserts the camera's name into a path if there are several cameras: `keys-NAME.npy`.
 fn per_camera(file: &Path, camera: &Camera, cameras: usize) -> PathBuf {
     if cameras == 1 {
         return file.to_owned();
@@ -231,11 +231,11 @@ fn per_camera(file: &Path, camera: &Camera, cameras: usize) -> PathBuf {
     file.with_file_name(format!("{stem}-{}.npy", file_name(camera)))
 }
 
-/// What came of one camera.
+/// The results of one camera.
 struct Drawn {
     stats: CameraStats,
     image: Option<Image>,
-    /// Which of `--inspect` each of the findings in `stats` answers. What the prologue leaves is found once per load.
+    /// Index of the `--inspect` option of each finding in `stats`. Contents after the prologue are read once per load.
     requests: Vec<usize>,
 }
 
@@ -301,7 +301,7 @@ fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: boo
     Ok(Drawn { stats, image, requests })
 }
 
-/// Makes and loads the plan, with progress.
+/// Builds and loads the plan, with progress.
 fn prepare(session: &mut Session<Vulkan>, camera: &Camera) -> Result<bool> {
     let mut compiling = Progress::new("making pipelines");
     let mut uploading = None;

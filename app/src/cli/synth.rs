@@ -1,4 +1,4 @@
-//! `splatgraph synth`: generated scenes.
+//! Runs `splatgraph synth`: generates scenes.
 
 use super::Usage;
 use super::{Outcome, options};
@@ -17,31 +17,31 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Generate a scene
 ///
-/// The same arguments give the same scene, on any machine. Without a NAME, the scenes are listed.
+/// The same arguments give the same scene, on any machine. Without NAME, the scenes are listed.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// Which scene
+    /// Name of the scene
     #[arg(conflicts_with = "enlarge")]
     name: Option<String>,
     /// The .ply file to write, in the layout of the reference implementation
     #[arg(short, long, value_name = "OUT.ply")]
     output: Option<PathBuf>,
-    /// How many splats [default: as listed]
+    /// Number of splats [default: as listed]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     count: Option<u32>,
-    /// Another seed gives another scene of the kind
+    /// Seed of the random numbers
     #[arg(long, value_name = "SEED", default_value_t = 0)]
     seed: u64,
-    /// Also write the cameras that the scene is made to be seen from
+    /// Also write the scene's cameras
     #[arg(long, value_name = "CAMERAS.json", conflicts_with = "enlarge")]
     cameras: Option<PathBuf>,
-    /// Make a larger scene (of --count splats) out of this one: copies, scattered inside the splats that they are made of
+    /// Enlarge this scene to --count splats, with copies scattered inside its splats
     #[arg(long, value_name = "SCENE.ply", requires = "count")]
     enlarge: Option<PathBuf>,
 }
 
-/// The scenes, for people.
+/// Lists the scenes, for help.
 pub fn generator_list() -> String {
     let row = |g: &synth::Generator| {
         (g.name.to_owned(), format!("{} ({} splats)", g.summary, grouped(g.default_count.into())))

@@ -1,4 +1,4 @@
-//! `splatgraph view`: a window on a scene.
+//! Runs `splatgraph view`: opens a window on a scene.
 
 use super::options::{self, Drawing};
 use super::{Outcome, Usage};
@@ -25,72 +25,72 @@ pub const EXAMPLES: &str = "Examples:
 
 Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A S D fly. F frames the scene, F1 lists the rest.";
 
-/// Open a window on a scene, and change everything while it runs
+/// Open a window on a scene, and change everything in it live
 ///
-/// The graph, its includes and its shaders are read again whenever a file changes, and so are the built-in ones once a file
-/// of their name lies in ./pipelines or ./shaders. Parameters that the graph declares become controls. A mistake is shown
-/// over the last good picture until it is mended.
+/// The graph, its includes and its shaders are reloaded when a file changes; a file in ./pipelines or ./shaders replaces the
+/// built-in one of the same name. The graph's parameters become controls. An error is shown over the last good picture until
+/// it is corrected.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// A .ply file in the layout of the reference implementation
     ///
-    /// Without it the demo scene is shown; it is generated on first use. `cameras.json` beside the scene is found by itself.
+    /// Without it, the demo scene is shown; the first use generates it. `cameras.json` in the scene's folder is loaded automatically.
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
-    /// Colour of what nothing covers, display-encoded, 0 to 1
+    /// Background colour, display-encoded, 0 to 1
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", value_parser = options::colour)]
     background: [f32; 3],
     /// Compare with another graph
     #[arg(long, value_name = "NAME")]
     compare: Option<String>,
-    /// Change a parameter of the graph to compare with; without --compare, of the same graph
+    /// Set a parameter of the other graph; without --compare, of the same graph; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting)]
     compare_set: Vec<(String, String)>,
-    /// How the two are shown [default: split]
+    /// Display of the comparison [default: split]
     #[arg(long = "as", value_name = "HOW")]
     compare_as: Option<How>,
-    /// Where the split line stands, as a share of the width
+    /// Position of the split line, as a share of the width
     #[arg(long, value_name = "0..1", default_value_t = 0.5)]
     split: f32,
-    /// How much the difference is amplified
+    /// Amplification of the difference
     #[arg(long, value_name = "FACTOR", default_value_t = 8.0)]
     gain: f32,
-    /// Pixels that are drawn per pixel of the window, across and down
+    /// Resolution: pixels of the picture per pixel of the window, across and down
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     scale: f32,
-    /// Panels that are open at first, comma-separated [default: settings,performance, or settings alone in a small window]
+    /// Open panels, comma-separated [default: settings,performance, or settings alone in a small window]
     #[arg(long, value_name = "PANELS", value_enum, value_delimiter = ',')]
     show: Vec<ShowPanel>,
-    /// Look at a resource after a pass (names as in `dump`), in the graph panel
+    /// Inspect a resource after a pass (names as in `dump`), in the graph panel
     #[arg(long, value_name = "RESOURCE@PASS")]
     inspect: Option<String>,
-    /// Draw as fast as the device can, not as fast as the display shows
+    /// Draw as fast as the device can, without waiting for the display
     #[arg(long)]
     no_vsync: bool,
-    /// The device: a part of its name, or its index in `splatgraph devices`
+    /// Device: a part of its name, or its index in `splatgraph devices`
     #[arg(long, value_name = "NAME|INDEX")]
     device: Option<String>,
-    /// Run under Vulkan's validation layer with synchronization validation; exit with code 1 if it says anything
+    /// Run under Vulkan's validation layer with synchronization validation; exit with code 1 if it reports anything
     #[arg(long)]
     validate: bool,
-    /// Write what happens as JSON, one object per line; `-` is standard output
+    /// Write events as JSON, one object per line; `-` is standard output
     #[arg(long, value_name = "FILE")]
     events: Option<PathBuf>,
-    /// Save what the window shows once everything is built, and close it
+    /// Save the window's picture when everything is built, and close the window
     #[arg(long, value_name = "FILE.png")]
     screenshot: Option<PathBuf>,
-    /// Close after this many frames (with --screenshot: draw at least so many)
+    /// Close the window after this many frames (with --screenshot: draw at least this many)
     #[arg(long, value_name = "N")]
     frames: Option<u64>,
 }
 
-/// In a window that is narrower than this, two panels leave no room for a picture.
+/// Window width below which two panels leave no room for a picture, in pixels.
 const SMALL: u32 = 900;
 
 impl Args {
-    /// Of the window's content, in pixels.
+    /// Returns the size of the window's content, in pixels.
     fn size(&self) -> (u32, u32) {
         self.drawing.size.unwrap_or((1600, 900))
     }
@@ -98,9 +98,9 @@ impl Args {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum How {
-    /// A left of a line, B right of it
+    /// A to the left of a line, B to the right
     Split,
-    /// How far they are apart, amplified
+    /// The amplified absolute difference
     Difference,
 }
 
@@ -110,9 +110,9 @@ enum ShowPanel {
     Settings,
     /// Times and memory
     Performance,
-    /// Passes, barriers, and what resources hold
+    /// Passes, barriers and resource contents
     Graph,
-    /// Nothing but the picture
+    /// The picture alone
     None,
 }
 
@@ -148,7 +148,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::validated(args.validate, &messages))
 }
 
-/// The scene with its path, and the cameras to choose from.
+/// Loads the scene and its cameras; returns the scene with its path.
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
     let (path, own) = match &args.scene {
         Some(path) => (path.clone(), None),
@@ -169,7 +169,7 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene,
     Ok(((scene, path), cameras))
 }
 
-/// What the first frames show.
+/// The viewer's initial state.
 struct First {
     background: [f32; 3],
     compare: Option<(Mode, Option<String>, IndexMap<String, String>)>,

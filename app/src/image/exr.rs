@@ -1,8 +1,8 @@
-//! OpenEXR, float32, channels R, G, B.
+//! Reads and writes OpenEXR files: float32, channels R, G, B.
 //!
-//! Programs take the values of an EXR for linear light unless it says otherwise; ours are display-encoded. Two
-//! attributes say so: `colorInteropID`, in the vocabulary of the Academy Software Foundation's Color Interop Forum,
-//! for programs, and `comments` for people.
+//! Programs take the values of an EXR as linear light unless it says otherwise; ours are display-encoded. Two attributes say
+//! so: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop Forum, and
+//! `comments` for people.
 
 use super::{Image, ImageError, check_size};
 use exr::prelude as x;
@@ -30,7 +30,7 @@ pub(super) fn save(image: &Image, path: &Path) -> Result<(), ImageError> {
     x::Image::from_layer(layer).write().to_file(path).map_err(|e| ImageError::because(path, e))
 }
 
-/// The first layer that has R, G and B, as its data window holds it.
+/// Loads the data window of the first layer that has R, G and B.
 pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
     let fail = |e: exr::error::Error| ImageError::because(path, e);
     let meta = exr::meta::MetaData::read_from_file(path, false).map_err(fail)?;

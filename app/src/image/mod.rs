@@ -1,12 +1,11 @@
-//! Pictures in memory and in files.
+//! Stores pictures in memory and in files.
 //!
-//! An [`Image`] holds what a renderer blended, as float32 and *display-encoded*: the values are meant to be sent to
-//! a screen as they are. Splat scenes are trained against ordinary photographs, so their colours live in that
-//! encoding already, and nothing here converts to or from linear light.
+//! An [`Image`] holds blended pixels as float32, *display-encoded*: a screen shows the values unchanged. Splat scenes are
+//! trained on ordinary photographs, so their colours have that encoding already, and nothing here converts to or from
+//! linear light.
 //!
-//! Three formats can be written, and read back: `.npy` (float32, exact), `.exr` (float32, exact, with attributes
-//! that say how the values are encoded) and `.png` (8 bits per channel, for eyes). Arrays inside a `.npz` archive
-//! are read by naming them after a `#`: `golden.npz#camera0`.
+//! Three formats can be written and read: `.npy` (float32, exact), `.exr` (float32, exact, with attributes for the encoding)
+//! and `.png` (8 bits per channel, for display). `#` selects an array of a `.npz` archive: `golden.npz#camera0`.
 
 mod exr;
 mod npy;
@@ -18,22 +17,22 @@ use std::str::FromStr;
 
 pub use npy::{npz_names, save_words};
 
-/// Largest picture that is read: a wrong header must not ask for all of the memory.
+/// Largest picture that is read, in pixels: a damaged header must not exhaust the memory.
 const MAX_PIXELS: u64 = 1 << 28;
 
-/// A picture: rows from the top, each from the left, display-encoded RGB, not clamped.
+/// A picture: rows from the top, pixels from the left, display-encoded RGB, not clamped.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
-    /// Pixels per row.
+    /// Width, in pixels.
     pub width: usize,
-    /// Number of rows.
+    /// Height, in pixels.
     pub height: usize,
     /// `width * height` pixels; 0 is black and 1 is white.
     pub rgb: Vec<[f32; 3]>,
 }
 
 impl Image {
-    /// A picture whose pixel at column `x` and row `y` is `pixel(x, y)`.
+    /// Makes a picture whose pixel at column `x` and row `y` is `pixel(x, y)`.
     pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> [f32; 3]) -> Image {
         let mut rgb = Vec::with_capacity(width * height);
         for y in 0..height {
@@ -42,13 +41,13 @@ impl Image {
         Image { width, height, rgb }
     }
 
-    /// The pixel at column `x` of row `y`. Panics where there is none.
+    /// Returns the pixel at column `x` of row `y`. Panics outside of the picture.
     pub fn at(&self, x: usize, y: usize) -> [f32; 3] {
         assert!(x < self.width && y < self.height, "pixel ({x}, {y}) of {} x {}", self.width, self.height);
         self.rgb[y * self.width + x]
     }
 
-    /// Every channel limited to 0..1, as a screen or an 8-bit file shows it.
+    /// Clamps every channel to 0..1, as a screen or an 8-bit file does.
     pub fn clamped(mut self) -> Image {
         for value in self.rgb.as_flattened_mut() {
             *value = value.clamp(0.0, 1.0);
@@ -56,7 +55,7 @@ impl Image {
         self
     }
 
-    /// Reads `.png`, `.exr`, `.npy`, or `archive.npz#array`.
+    /// Loads `.png`, `.exr`, `.npy`, or `archive.npz#array`.
     pub fn load(path: &Path) -> Result<Image, ImageError> {
         if let Some((archive, array)) = split_member(path) {
             return npy::load_member(&archive, &array);
@@ -83,7 +82,7 @@ impl Image {
         }
     }
 
-    /// Writes a picture in the format that the name ends with, and makes the folder where it goes.
+    /// Saves a picture in the format of the path's extension, and creates its folder.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         let Some(format) = Format::of(path) else {
             return Err(ImageError::new(path, "a picture's name ends with .png, .exr or .npy"));
@@ -97,7 +96,7 @@ impl Image {
     }
 }
 
-/// The formats that pictures are written in.
+/// The formats of written pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// 8 bits per channel, clamped to 0..1.
@@ -109,12 +108,12 @@ pub enum Format {
 }
 
 impl Format {
-    /// By the name's extension, in any case.
+    /// Returns the format of a path's extension, in upper or lower case.
     pub fn of(path: &Path) -> Option<Format> {
         [Format::Png, Format::Exr, Format::Npy].into_iter().find(|f| has_extension(path, f.extension()))
     }
 
-    /// Without the dot.
+    /// Returns the extension without the dot.
     pub fn extension(self) -> &'static str {
         match self {
             Format::Png => "png",
@@ -138,11 +137,11 @@ impl FromStr for Format {
     }
 }
 
-/// Why a picture could not be read or written: the file, and what is the matter with it.
+/// An error of reading or writing a picture: the file and the problem.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {what}", path.display())]
 pub struct ImageError {
-    /// The picture's file, or the archive that holds it.
+    /// The picture's file, or the archive with it.
     pub path: PathBuf,
     what: String,
 }
@@ -157,7 +156,7 @@ impl ImageError {
     }
 }
 
-/// `a/b.npz#name` as (`a/b.npz`, `name`).
+/// Splits `a/b.npz#name` into `a/b.npz` and `name`.
 pub fn split_member(path: &Path) -> Option<(PathBuf, String)> {
     let (archive, array) = path.to_str()?.rsplit_once('#')?;
     has_extension(Path::new(archive), "npz").then(|| (PathBuf::from(archive), array.to_owned()))
@@ -167,7 +166,7 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-/// Makes the folder that `path` is to be written into.
+/// Creates the folder of a file to be written.
 pub fn make_folder_of(path: &Path) -> Result<(), ImageError> {
     match path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         Some(folder) => std::fs::create_dir_all(folder)
@@ -176,7 +175,7 @@ pub fn make_folder_of(path: &Path) -> Result<(), ImageError> {
     }
 }
 
-/// Checks the size that a file's header claims before memory is taken for it.
+/// Checks the size in a file's header before memory is allocated for it.
 fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize), ImageError> {
     match width.checked_mul(height) {
         Some(0) => {

@@ -1,7 +1,7 @@
-//! NumPy's `.npy` arrays, and the `.npz` archives that hold several.
+//! Reads and writes NumPy's `.npy` arrays, and reads `.npz` archives of them.
 //!
-//! Written as float32, little-endian, shape `[height, width, 3]`. Read in any float type, or as bytes of 0 to 255,
-//! with 3 channels, or 4 of which the last is ignored.
+//! Arrays are written as float32, little-endian, shape `[height, width, 3]`. They are read as any float type, or as bytes
+//! of 0 to 255, with 3 channels, or 4 of which the last is ignored.
 
 use super::{Image, ImageError, MAX_PIXELS, check_size, has_extension, make_folder_of};
 use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
@@ -16,7 +16,7 @@ pub(super) fn save(image: &Image, path: &Path) -> Result<(), ImageError> {
     write(path, &shape, image.rgb.as_flattened().iter().copied())
 }
 
-/// Writes 32-bit words, as they were read back from a buffer, as an array of `shape` (uint32 or float32).
+/// Writes 32-bit words of a resource as an array of `shape` (uint32 or float32).
 pub fn save_words<T: npyz::AutoSerialize + Copy>(
     path: &Path,
     shape: &[u64],
@@ -63,7 +63,7 @@ pub(super) fn load_member(archive: &Path, array: &str) -> Result<Image, ImageErr
     read(archive, NpyFile::new(BufReader::new(member)).map_err(|e| ImageError::because(archive, e))?)
 }
 
-/// The names of an archive's arrays, sorted.
+/// Lists the names of an archive's arrays, sorted.
 pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
     let npz = open_npz(archive)?;
     let mut names: Vec<String> =
@@ -72,7 +72,7 @@ pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
     Ok(names)
 }
 
-/// An `.npz` is a zip archive of `.npy` files.
+/// Opens an `.npz`, which is a zip archive of `.npy` files.
 fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
     let file = File::open(archive).map_err(|e| ImageError::because(archive, e))?;
     ZipArchive::new(BufReader::new(file)).map_err(|e| ImageError::because(archive, e))

@@ -1,11 +1,11 @@
-//! PNG, 8 bits per channel when written; any colour type and depth when read.
+//! Reads and writes PNG files: 8 bits per channel when written, any colour type and depth when read.
 
 use super::{Image, ImageError, check_size};
 use std::fs::File;
 use std::io::{BufReader, BufWriter};
 use std::path::Path;
 
-/// The byte that shows `value`: limited to 0..1, scaled to 0..255, halves rounded up. NaN becomes 0.
+/// Converts a value to a byte: clamped to 0..1, scaled to 0..255, halves rounded up. NaN becomes 0.
 fn level(value: f32) -> u8 {
     // A float cast to an integer truncates, saturates, and turns NaN into 0.
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
@@ -24,7 +24,7 @@ pub(super) fn save(image: &Image, path: &Path) -> Result<(), ImageError> {
     writer.finish().map_err(fail)
 }
 
-/// Alpha is ignored: pictures here are opaque.
+/// Loads a file and ignores its alpha: pictures here are opaque.
 pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
     let fail = |e: png::DecodingError| ImageError::because(path, e);
     let file = File::open(path).map_err(|e| ImageError::because(path, e))?;

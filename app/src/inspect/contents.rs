@@ -1,6 +1,6 @@
-//! What a resource holds, as numbers, as a histogram, as a picture.
+//! Shows the contents of a resource as numbers, as a histogram and as a picture.
 //!
-//! Buffers are words without a type: a person may read them as integers or as floats. Images are what their format says.
+//! Buffers are words without a type, shown as integers or as floats. Images have the type of their format.
 
 use crate::image::Image;
 use std::ops::Range;
@@ -8,13 +8,13 @@ use std::ops::Range;
 /// The words of a resource.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Words {
-    /// Of a buffer, or of an image of integers.
+    /// Words of a buffer, or of an image of integers.
     Uint(Vec<u32>),
-    /// Of an image.
+    /// Values of an image of floats.
     Float(Vec<f32>),
 }
 
-/// How the words of a buffer are read.
+/// The interpretation of a buffer's words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ReadAs {
     /// Unsigned integers.
@@ -24,19 +24,19 @@ pub enum ReadAs {
     Float,
 }
 
-/// How often values fall where.
+/// A histogram of values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
-    /// The least and the greatest finite value.
+    /// Least and greatest finite value.
     pub range: [f64; 2],
-    /// How many fall into each of the equal parts of the range.
+    /// Number of values in each of the equal parts of the range.
     pub counts: Vec<u64>,
-    /// Values that are infinite or not numbers.
+    /// Number of values that are infinite or not numbers.
     pub not_finite: u64,
 }
 
 impl Words {
-    /// How many there are.
+    /// Counts the words.
     pub fn len(&self) -> usize {
         match self {
             Words::Uint(words) => words.len(),
@@ -44,12 +44,12 @@ impl Words {
         }
     }
 
-    /// Whether there are none.
+    /// Returns true if there are no words.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// A word as a number.
+    /// Converts a word to a number.
     pub fn number(&self, index: usize, read: ReadAs) -> Option<f64> {
         Some(match (self, read) {
             (Words::Uint(words), ReadAs::Uint) => (*words.get(index)?).into(),
@@ -58,7 +58,7 @@ impl Words {
         })
     }
 
-    /// A word as a text.
+    /// Formats a word.
     pub fn text(&self, index: usize, read: ReadAs) -> Option<String> {
         Some(match (self, read) {
             (Words::Uint(words), ReadAs::Uint) => words.get(index)?.to_string(),
@@ -66,7 +66,7 @@ impl Words {
         })
     }
 
-    /// Every `stride`th word of `range`, sorted into `bins` equal parts of its values' range.
+    /// Sorts every `stride`th word of `range` into `bins` equal parts of the values' range.
     pub fn histogram(&self, range: Range<usize>, stride: usize, read: ReadAs, bins: usize) -> Histogram {
         let range = range.start.min(self.len())..range.end.min(self.len());
         let numbers = || range.clone().step_by(stride.max(1)).filter_map(|index| self.number(index, read));
@@ -86,8 +86,9 @@ impl Words {
         Histogram { range, counts, not_finite: numbers().count() as u64 - found }
     }
 
-    /// The picture of an image of `[height, width, channels]`: its colours, or its one channel in grey. Values are as they
-    /// are where they fit between 0 and 1, and stretched to that where they do not.
+    /// Makes a picture of an image of `[height, width, channels]`: its colours, or its one channel in grey.
+    ///
+    /// Values between 0 and 1 stay as they are; a wider range is scaled to 0..1.
     pub fn picture(&self, shape: &[u64]) -> Option<Image> {
         let (height, width, channels) = match *shape {
             [height, width] => (height as usize, width as usize, 1),

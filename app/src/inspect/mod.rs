@@ -1,9 +1,9 @@
-//! What a buffer or an image holds after a pass.
+//! Reads the contents of a buffer or an image after a pass.
 //!
-//! A target is written `RESOURCE@PASS`, with the names of the plan's dump. Both may be shorter than there: `keys` is the
-//! half of the ping-pong pair `keys#0`, `keys#1` that the pass writes; `sort.scatter`, or just `scatter`, is the last of
-//! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers; of depth keys, which must ascend over the
-//! visible splats, it is said whether they do.
+//! A target is written `RESOURCE@PASS`, with the names of the plan's dump. Short forms are allowed: `keys` is the half of the
+//! ping-pong pair `keys#0`, `keys#1` that the pass writes; `sort.scatter`, or just `scatter`, is the last of
+//! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers. Depth keys must ascend over the visible
+//! splats, and the finding says whether they do.
 
 mod contents;
 
@@ -18,31 +18,31 @@ use std::path::Path;
 
 pub use contents::{Histogram, ReadAs, Words};
 
-/// How many words are shown from either end.
+/// Number of words shown from either end.
 const SHOWN: usize = 8;
 
-/// Why there is nothing to inspect. The text is a whole sentence.
+/// An inspection that names no resource or pass of the plan.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct InspectError(String);
 
-/// Finds what `RESOURCE@PASS` means in a plan.
+/// Resolves `RESOURCE@PASS` in a plan.
 pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, InspectError> {
     let after = find_pass(plan, pass)?;
     Ok(Inspect { resource: find_resource(plan, resource, plan.pass(after))?, after })
 }
 
-/// Whether the pass runs only in the first frame after a load.
+/// Returns true if the pass runs only in the first frame after a load.
 pub fn in_prologue(plan: &Plan, target: &Inspect) -> bool {
     plan.pass(target.after).run == Run::Once
 }
 
-/// `sort.scatter[2]` without its index.
+/// Strips the index of `sort.scatter[2]`.
 fn without_index(name: &str) -> &str {
     name.split_once('[').map_or(name, |(stem, _)| stem)
 }
 
-/// `sort.scatter[2]` without its index and without the graphs that it was included through.
+/// Strips the index and the includes of `sort.scatter[2]`.
 fn last_part(name: &str) -> &str {
     let stem = without_index(name);
     stem.rsplit_once('.').map_or(stem, |(_, last)| last)
@@ -93,50 +93,50 @@ fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, Ins
     }
 }
 
-/// `keys#1` without the half.
+/// Strips the half of `keys#1`.
 fn without_half(name: &str) -> &str {
     name.split_once('#').map_or(name, |(stem, _)| stem)
 }
 
-/// What was read back.
+/// The contents of a resource after a pass.
 #[derive(Clone, Debug, Serialize)]
 pub struct Finding {
-    /// The resource's whole name.
+    /// The resource's full name.
     pub resource: String,
-    /// The pass after which it was read.
+    /// The pass's name.
     pub pass: String,
-    /// `[count, words per element]` of a buffer, `[height, width, channels]` of an image, without a last 1.
+    /// `[count, words per element]` of a buffer, `[height, width, channels]` of an image; a last 1 is left out.
     pub shape: Vec<u64>,
-    /// Whether its keys ascend; only for resources whose name begins with `keys`.
+    /// The order of the keys; only for resources whose name begins with `keys`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<KeyOrder>,
-    /// How many of its elements hold something, where the plan says so: the visible ones of a resource with one element per splat.
+    /// Number of elements with contents, if known: the visible ones of a resource with one element per splat.
     #[serde(skip)]
     pub counted: Option<u64>,
-    /// Whether it is an image.
+    /// True for an image.
     #[serde(skip)]
     pub is_image: bool,
-    /// What it holds.
+    /// The words.
     #[serde(skip)]
     pub words: Words,
 }
 
-/// Whether keys ascend.
+/// The order of sorted keys.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct KeyOrder {
-    /// How many of the first keys were looked at: the visible ones, or all where that is not known.
+    /// Number of examined keys: the visible ones, or all if that number is unknown.
     pub keys: u64,
-    /// No key is smaller than the one before it.
+    /// True if no key is smaller than the one before it.
     pub ascending: bool,
-    /// How many are.
+    /// Number of keys that are smaller than the one before them.
     pub descents: u64,
-    /// Index of the first of these.
+    /// Index of the first such key.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub first_descent: Option<u64>,
 }
 
 impl Finding {
-    /// From the bytes that were read back. `visible` is how many of its elements hold something.
+    /// Makes a finding from the bytes of a resource. `visible` is the number of visible splats, if known.
     pub fn new(plan: &Plan, target: &Inspect, bytes: &[u8], visible: Option<u64>) -> Finding {
         let resource = plan.resource(target.resource);
         let (shape, words) = words(resource, bytes);
@@ -150,7 +150,7 @@ impl Finding {
         Finding { resource: resource.name.clone(), pass, shape, order, counted, is_image, words }
     }
 
-    /// Writes the words as a NumPy array: uint32 for buffers, float32 for images of floats.
+    /// Saves the words as a NumPy array: uint32 for buffers, float32 for images of floats.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         match &self.words {
             Words::Uint(words) => save_words(path, &self.shape, words),
@@ -158,7 +158,7 @@ impl Finding {
         }
     }
 
-    /// Some lines for people: the shape, the order of keys, the first and last words.
+    /// Formats the shape, the order of the keys, and the first and last words.
     pub fn text(&self) -> String {
         let shape: Vec<String> = self.shape.iter().map(u64::to_string).collect();
         let mut text = format!("{} after {}: {} words", self.resource, self.pass, shape.join(" x "));
@@ -259,7 +259,7 @@ mod tests {
         }
     }
 
-    /// Two scatters that ping and pong, and a pass that reads what came out.
+    /// Makes a plan of two scatters that ping-pong, and a pass that reads the result.
     fn plan() -> Plan {
         let buffer = |name: &str, stride| Resource {
             name: name.into(),

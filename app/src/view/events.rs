@@ -1,19 +1,19 @@
-//! What happens in the viewer, for people (the log in the window) and programs (`--events`, one JSON object per line).
+//! Defines the viewer's events, for the log in the window and for `--events` (one JSON object per line).
 
 use super::renderer::{RendererEvent, Swap};
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
 
-/// Which renderer.
+/// Identifies a renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RendererId {
-    /// The scene, as it is shown alone or left of the split line.
+    /// The scene's renderer: the whole view, or the part left of the split line.
     A,
-    /// What it is compared with.
+    /// The renderer of the comparison.
     B,
-    /// The window itself: pictures and user interface.
+    /// The renderer of the window itself: pictures and user interface.
     Window,
 }
 
@@ -31,7 +31,7 @@ impl fmt::Display for RendererId {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
-    /// A new plan draws from now on; see [`Swap`].
+    /// A new plan replaced the former; see [`Swap`].
     Swapped {
         renderer: RendererId,
         graph: String,
@@ -41,32 +41,33 @@ pub enum Event {
         prepare_ms: f64,
         latency_ms: f64,
     },
-    /// There is no new plan; the one before goes on.
+    /// The plan could not be built; the former stays.
     Failed { renderer: RendererId, text: String },
-    /// What had failed does no longer.
+    /// A plan builds again after a failure.
     Mended { renderer: RendererId },
-    /// Parameters that the new graph does not have were forgotten.
+    /// Parameters were dropped because the new graph does not have them.
     Dropped { renderer: RendererId, parameters: Vec<String> },
     /// A scene was loaded.
     Scene { path: PathBuf, splats: u32, load_ms: f64 },
-    /// A scene could not be loaded; the one before stays.
+    /// A scene could not be loaded; the former stays.
     SceneFailed { path: PathBuf, error: String },
-    /// Cameras to choose from were loaded.
+    /// Cameras were loaded.
     Cameras { path: PathBuf, count: usize },
-    /// A file that is nothing that can be opened, or could not be read or written.
+    /// A file could not be read or written, or is of no known kind.
     FileFailed { path: PathBuf, error: String },
     /// A picture was written.
     Screenshot { path: PathBuf },
-    /// A and B were compared, on the view of that moment.
+    /// A and B were compared.
     Compared { psnr: f64, ssim: Option<f64>, worst: f64 },
-    /// The window's content has this size, in pixels, and that many pixels per point of the user interface.
+    /// The window's content has a new size, in pixels, or another number of pixels per point.
     Window { width: u32, height: u32, pixels_per_point: f32 },
-    /// Where a control stands in the window, in pixels: for programs that move it.
+    /// A control has a new place in the window, in pixels.
     Control { name: String, left: f32, top: f32, right: f32, bottom: f32 },
-    /// A control is no longer there.
+    /// A control vanished.
     ControlGone { name: String },
-    /// The window shows its frame of this number. While it is busy, something is being built, loaded or compared, and frames are
-    /// of what was before.
+    /// The window shows a frame.
+    ///
+    /// While it is busy, something is being built, loaded or compared, and the frame shows the former state.
     Frame { number: u64, busy: bool },
 }
 
@@ -91,7 +92,7 @@ impl Event {
         }
     }
 
-    /// Whether it belongs in the log that people read.
+    /// Returns true for events of the log in the window.
     pub fn is_for_people(&self) -> bool {
         use Event::{Control, ControlGone, Frame, Window};
         !matches!(self, Window { .. } | Control { .. } | ControlGone { .. } | Frame { .. })

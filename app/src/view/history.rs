@@ -1,7 +1,7 @@
-//! What the last frames took: for the rolling plot, and for the table of medians and 99th percentiles.
+//! Records the times of recent frames, for the rolling plot and the table of medians and 99th percentiles.
 //!
-//! Every frame that is done leaves a [`Sample`]. The newest [`WINDOW`] are kept, across changes of the plan, so that the plot
-//! shows what a change did; the table is about the frames of the current plan alone, prologues left out.
+//! Every finished frame leaves a [`Sample`]. The newest [`WINDOW`] are kept across changes of the plan, so that the plot shows
+//! the effect of a change. The table is about the frames of the current plan alone, without prologues.
 
 use crate::stats::quantile;
 use splatgraph_api::FrameResult;
@@ -9,20 +9,20 @@ use splatgraph_framework::ir::{PassId, Run};
 use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
 
-/// Frames that are remembered.
+/// Number of recorded frames.
 pub const WINDOW: usize = 300;
 
-/// One frame.
+/// The times of one frame.
 #[derive(Clone, Debug)]
 struct Sample {
-    /// Counts the plans.
+    /// Number of the plan.
     generation: u64,
-    /// Counts the frames.
+    /// Number of the frame.
     number: u64,
     prologue: bool,
     total_ms: Option<f64>,
     record_ms: f64,
-    /// Per phase, in the order in which they run; prologue passes left out.
+    /// Milliseconds per phase, in order of execution, without passes of the prologue.
     phases: Vec<(String, Option<f64>)>,
     passes: Vec<(PassId, Option<f64>)>,
 }
@@ -30,9 +30,9 @@ struct Sample {
 /// Milliseconds over the frames of the current plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Quantiles {
-    /// Half of the frames took less.
+    /// The median.
     pub median: f64,
-    /// One frame in a hundred took longer. (Of fewer than a hundred, the longest.)
+    /// The 99th percentile; of fewer than a hundred frames, the maximum.
     pub p99: f64,
 }
 
@@ -46,24 +46,24 @@ impl Quantiles {
 /// A row of the table: a phase, or a pass of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// The pass's, or the phase's.
+    /// Name of the pass or the phase.
     pub name: String,
-    /// Which phase a pass belongs to; `None` for a phase.
+    /// Phase of a pass; `None` for a phase.
     pub phase: Option<String>,
-    /// `None` where the device has no timestamps.
+    /// Milliseconds; `None` if the device has no timestamps.
     pub ms: Option<Quantiles>,
 }
 
 /// A line of the plot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// The phase's, or the pass's.
+    /// Name of the phase or the pass.
     pub name: String,
-    /// Number of the frame, milliseconds.
+    /// Pairs of frame number and milliseconds.
     pub points: Vec<[f64; 2]>,
 }
 
-/// See the module's documentation.
+/// The recorded frames of one renderer.
 #[derive(Clone, Debug, Default)]
 pub struct History {
     samples: VecDeque<Sample>,
@@ -72,12 +72,12 @@ pub struct History {
 }
 
 impl History {
-    /// The frames that come from now on are of another plan.
+    /// Starts a new plan; later frames belong to it.
     pub fn next_plan(&mut self) {
         self.generation += 1;
     }
 
-    /// Remembers a frame of the current plan.
+    /// Records a frame of the current plan.
     pub fn push(&mut self, plan: &Plan, result: &FrameResult) {
         let mut phases: Vec<(String, Option<f64>)> = Vec::new();
         let mut prologue = false;
@@ -107,27 +107,27 @@ impl History {
         });
     }
 
-    /// Frames so far, those that are forgotten among them.
+    /// Counts all frames so far, including those no longer recorded.
     pub fn frames(&self) -> u64 {
         self.frames
     }
 
-    /// Frames that the table is of.
+    /// Counts the frames of the table.
     pub fn steady_frames(&self) -> usize {
         self.steady().count()
     }
 
-    /// From the first command of a frame to its last.
+    /// Computes the milliseconds from a frame's first command to its last.
     pub fn total(&self) -> Option<Quantiles> {
         Quantiles::of(&mut self.steady().filter_map(|s| s.total_ms).collect::<Vec<_>>())
     }
 
-    /// What the host takes to record and submit a frame.
+    /// Computes the milliseconds of the host for recording and submitting a frame.
     pub fn record(&self) -> Option<Quantiles> {
         Quantiles::of(&mut self.steady().map(|s| s.record_ms).collect::<Vec<_>>())
     }
 
-    /// The phases, each with its passes, in the order in which they first run.
+    /// Lists the phases, each with its passes, in the order of their first run.
     pub fn table(&self, plan: &Plan) -> Vec<Row> {
         let Some(last) = self.steady().last() else { return Vec::new() };
         let mut rows = Vec::new();
@@ -151,13 +151,13 @@ impl History {
         rows
     }
 
-    /// Milliseconds per phase over the frames that are remembered, phases in the order in which they first came.
+    /// Collects the milliseconds per phase over all recorded frames, in the order of first appearance.
     pub fn phase_series(&self) -> Vec<Series> {
         let phases = |sample: &Sample| sample.phases.clone();
         collect(&self.samples, phases)
     }
 
-    /// Milliseconds per pass of one phase, over the frames of the current plan.
+    /// Collects the milliseconds per pass of one phase over the frames of the current plan.
     pub fn pass_series(&self, plan: &Plan, phase: &str) -> Vec<Series> {
         let passes = |sample: &Sample| {
             let of_phase = sample.passes.iter().filter(|(id, _)| {
@@ -168,13 +168,13 @@ impl History {
         collect(self.steady(), passes)
     }
 
-    /// Where in the plot the plan changed: the numbers of the first frames of another plan.
+    /// Lists the numbers of the first frames of each new plan.
     pub fn changes(&self) -> Vec<f64> {
         let pairs = self.samples.iter().zip(self.samples.iter().skip(1));
         pairs.filter(|(a, b)| a.generation != b.generation).map(|(_, b)| b.number as f64).collect()
     }
 
-    /// Milliseconds per pass of the newest steady frames, as medians, by name: for [`Dump::with_times`].
+    /// Computes the median milliseconds per pass, by name, for [`Dump::with_times`].
     ///
     /// [`Dump::with_times`]: splatgraph_framework::dump::Dump::with_times
     pub fn medians(&self, plan: &Plan) -> Vec<(String, f64)> {
@@ -182,13 +182,13 @@ impl History {
         passes.filter_map(|row| Some((row.name, row.ms?.median))).collect()
     }
 
-    /// Frames of the current plan that did not run the prologue.
+    /// Iterates over the frames of the current plan that did not run the prologue.
     fn steady(&self) -> impl DoubleEndedIterator<Item = &Sample> {
         self.samples.iter().filter(|s| s.generation == self.generation && !s.prologue)
     }
 }
 
-/// A line per name, names in the order in which they first come.
+/// Groups points into a line per name, in the order of first appearance.
 fn collect<'a>(
     samples: impl IntoIterator<Item = &'a Sample>,
     named: impl Fn(&Sample) -> Vec<(String, Option<f64>)>,
@@ -212,7 +212,7 @@ mod tests {
     use super::*;
     use crate::view::testing;
 
-    /// A frame of the testing plan, whose passes take this long.
+    /// Makes a frame of the testing plan with these times.
     fn frame(times: &[f64]) -> FrameResult {
         FrameResult {
             pass_ms: times.iter().enumerate().map(|(i, ms)| (PassId(i as u32), Some(*ms))).collect(),

@@ -1,16 +1,15 @@
-//! The viewer: a window on a scene in which everything can be changed while it runs.
+//! Implements the viewer: a window on a scene in which everything can be changed live.
 //!
-//! From the inside out:
+//! From the lowest layer to the highest:
 //!
-//! - [`renderer`]: a device with a graph that is kept up to date: built anew beside the frames when files, parameters or the
-//!   surroundings change;
-//! - [`side`]: a renderer of the scene, with what its frames took ([`history`]) and what of them is looked at;
-//! - [`viewer`]: the scene, the camera ([`navigation`]), and one or two sides;
+//! - [`renderer`]: a device with a graph, whose plan is rebuilt in the background when files, parameters or inputs change;
+//! - [`viewport`]: a renderer of the scene with its frame times ([`history`]) and its inspection;
+//! - [`viewer`]: the scene, the camera ([`navigation`]), and one or two viewports;
 //! - [`panels`]: the user interface around the pictures;
 //! - [`paint`] and [`shell`]: the graph of the window itself, which draws the pictures and the user interface over them;
 //! - [`window`]: winit's events in, frames out.
 //!
-//! Only [`window`] knows a window. Everything else runs in tests as it does there.
+//! Only [`window`] depends on a window system. Tests run everything else.
 
 pub mod events;
 pub mod history;

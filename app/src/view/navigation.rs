@@ -1,20 +1,23 @@
-//! The viewer's camera: what pointer and keys do to it.
+//! Moves the viewer's camera by pointer and keys.
 //!
-//! [`Navigation`] is a state machine without a window. It is told what the pointer and the keys did since it was asked last
-//! ([`Input`]) and answers with a camera ([`Navigation::camera`]). The camera looks at its *pivot*, a point straight ahead at a
-//! distance that it remembers. The habits are those of 3D modellers and of game editors together:
+//! [`Navigation`] is a state machine without a window. It takes the input since the last update ([`Input`]) and returns a camera
+//! ([`Navigation::camera`]). The camera looks at its *pivot*, a point straight ahead at a stored distance. The controls are
+//! those of 3D modellers and game editors:
 //!
-//! | what the user does | what happens |
+//! | input
+//! effect |
 //! |---|---|
 //! | drag (left or middle button), arrow keys | orbit about the pivot, as on a turntable: the horizon stays as it is |
 //! | Shift + drag | pan: what lies at the pivot's depth follows the pointer |
-//! | scroll, Ctrl + drag up and down | zoom: go towards the pivot or away from it, never through it |
+//! | scroll, Ctrl + drag up and down
+//! zoom: move towards the pivot or away from it, never through it |
 //! | hold the right button | fly: the pointer looks around, W A S D move, E rises, Q sinks, Shift is faster, Ctrl slower, scrolling changes the speed |
 //! | double click, F | frame the scene, seen from the same direction |
-//! | Home | back to where the viewer started |
+//! | Home
+//! return to the first camera |
 //!
-//! Positions are the world's, in f64. The camera's axes are those of [`splatgraph_assets::Camera`]: x right, y down, z forward.
-//! Everything stays finite and orthonormal, whatever the input.
+//! Positions are in world units, in f64. The camera's axes are those of [`splatgraph_assets::Camera`]: x right, y down, z forward.
+//! Everything stays finite and orthonormal for every input.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::{Bounds, Camera, NEAR};
@@ -22,55 +25,54 @@ use splatgraph_assets::{Bounds, Camera, NEAR};
 #[cfg(test)]
 mod tests;
 
-/// Where the sky is when nothing says otherwise: in the camera convention of the 3DGS reference, y points down.
+/// Default direction up: in the camera convention of the 3DGS reference, y points down.
 pub const DEFAULT_UP: DVec3 = DVec3::NEG_Y;
 
-/// Seconds that it takes to get to another camera.
+/// Duration of a flight to another camera, in seconds.
 const FLIGHT_SECONDS: f64 = 0.35;
-/// Radians of orbiting and of looking around, per point that the pointer moves.
+/// Orbiting and looking around, in radians per point of pointer motion.
 const TURN_PER_POINT: f64 = 0.3 * std::f64::consts::PI / 180.0;
-/// Radians per second of orbiting with the arrow keys.
+/// Orbiting with the arrow keys, in radians per second.
 const TURN_PER_SECOND: f64 = std::f64::consts::FRAC_PI_3;
-/// The steepest that orbiting and looking around go, in radians from the horizon: short of the pole, beyond which left and right
-/// would be exchanged.
+/// Largest elevation of orbiting and looking around, in radians; beyond the pole, left and right would be exchanged.
 const STEEPEST: f64 = 89.9 * std::f64::consts::PI / 180.0;
-/// A notch of the wheel divides the distance by `e` to this power.
+/// Zoom per notch of the wheel: it divides the distance by `e` to this power.
 pub const ZOOM_PER_NOTCH: f64 = 0.15;
-/// The same for each point of a drag.
+/// Zoom per point of a drag, as an exponent of `e`.
 const ZOOM_PER_POINT: f64 = 0.01;
-/// How near to the pivot and how far from it zooming goes, in sizes of the scene.
+/// Least and greatest distance to the pivot, in sizes of the scene.
 const DISTANCES: (f64, f64) = (1e-6, 1e4);
-/// How far from the scene's middle the camera may be, in sizes of the scene.
+/// Greatest distance to the scene's centre, in sizes of the scene.
 const FARTHEST: f64 = 1e6;
-/// Sizes of the scene that are flown through in a second, at first.
+/// Initial speed of flying, in sizes of the scene per second.
 const FLY_SPEED: f64 = 0.2;
-/// A notch of the wheel changes the speed by this factor while flying.
+/// Factor of the flying speed per notch of the wheel.
 const SPEED_PER_NOTCH: f64 = 1.2;
-/// How much slower and faster than at first flying can be made.
+/// Least and greatest factor of the initial flying speed.
 const SPEEDS: (f64, f64) = (1e-3, 1e3);
-/// What Shift and Ctrl multiply and divide the speed by.
+/// Factor of the flying speed with Shift, divisor with Ctrl.
 const HURRY: f64 = 4.0;
-/// Part of the viewport that a framed scene may fill.
+/// Share of the viewport that a framed scene may fill.
 const FILL: f64 = 0.92;
 
-/// What the user did since the last [`Navigation::update`]. Only what is meant for the view: a drag that began on a panel is not.
+/// The user's input since the last [`Navigation::update`], without drags that began on a panel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
     /// Width and height of the view, in points.
     pub size: [f64; 2],
-    /// How far the pointer moved, in points: right and down.
+    /// Motion of the pointer, in points: right and down.
     pub moved: [f64; 2],
-    /// Buttons that are held.
+    /// Pressed buttons.
     pub buttons: Buttons,
-    /// Modifiers that are held.
+    /// Pressed modifiers.
     pub modifiers: Modifiers,
-    /// Notches that the wheel was turned, positive away from the user.
+    /// Notches of the wheel, positive away from the user.
     pub scroll: f64,
-    /// Keys that are held.
+    /// Pressed keys.
     pub keys: Keys,
-    /// Frame the scene (F, or a double click).
+    /// True to frame the scene (F, or a double click).
     pub frame: bool,
-    /// Go back to where the viewer started (Home).
+    /// True to return to the first camera (Home).
     pub home: bool,
     /// Seconds since the last update.
     pub seconds: f64,
@@ -84,49 +86,49 @@ pub struct Buttons {
     pub right: bool,
 }
 
-/// Modifiers that mean something here.
+/// Modifiers of the controls.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Modifiers {
     pub shift: bool,
     pub ctrl: bool,
 }
 
-/// Keys by what they mean; in parentheses, where they are.
+/// Keys by effect, with their default place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Keys {
-    /// (W)
+    /// W
     pub forward: bool,
-    /// (S)
+    /// S
     pub back: bool,
-    /// (A)
+    /// A
     pub left: bool,
-    /// (D)
+    /// D
     pub right: bool,
-    /// (E)
+    /// E
     pub rise: bool,
-    /// (Q)
+    /// Q
     pub sink: bool,
-    /// (arrow left)
+    /// Arrow left
     pub orbit_left: bool,
-    /// (arrow right)
+    /// Arrow right
     pub orbit_right: bool,
-    /// (arrow up)
+    /// Arrow up
     pub orbit_up: bool,
-    /// (arrow down)
+    /// Arrow down
     pub orbit_down: bool,
 }
 
-/// A view: from where, in which direction, how wide.
+/// A view: position, orientation and field of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pose {
     position: DVec3,
-    /// From the camera's axes to the world's, of length 1.
+    /// Rotation from the camera's axes to the world's, of length 1.
     orientation: DQuat,
     /// Tangent of half the vertical field of view.
     tan_y: f64,
-    /// How much longer the horizontal focal length is than the vertical one, in pixels: 1 for square pixels.
+    /// Ratio of the horizontal focal length to the vertical one, in pixels: 1 for square pixels.
     stretch: f64,
-    /// From the camera to the pivot.
+    /// Distance to the pivot, in world units.
     distance: f64,
 }
 
@@ -147,8 +149,9 @@ impl Pose {
         self.position + self.distance * self.forward()
     }
 
-    /// Turns the camera where it is, or about its pivot: `yaw` about the world's up (positive to the left, seen from above), `pitch`
-    /// upwards. Any roll against the horizon stays.
+    /// Turns the camera in place or about its pivot, and keeps its roll against the horizon.
+    ///
+    /// `yaw` is about the world's up, positive to the left seen from above; `pitch` is upwards. Both are in radians.
     fn turned(mut self, up: DVec3, yaw: f64, pitch: f64, about_pivot: bool) -> Pose {
         let (pivot, forward) = (self.pivot(), self.forward());
         let elevation = forward.dot(up).clamp(-1.0, 1.0).asin();
@@ -165,7 +168,7 @@ impl Pose {
         self
     }
 
-    /// Goes to another distance from the pivot.
+    /// Changes the distance to the pivot by a factor of `e` to `exponent`.
     fn zoomed(mut self, exponent: f64, scale: f64) -> Pose {
         let pivot = self.pivot();
         let (nearest, farthest) = (DISTANCES.0 * scale, DISTANCES.1 * scale);
@@ -176,7 +179,7 @@ impl Pose {
         self
     }
 
-    /// Part way to another pose, `t` from 0 to 1. The pivot goes straight, and the distance by equal factors in equal times.
+    /// Interpolates between two poses. The pivot moves in a straight line, the distance geometrically.
     fn towards(&self, to: &Pose, t: f64) -> Pose {
         let geometric = |a: f64, b: f64| a * (b / a).powf(t);
         let pivot = self.pivot().lerp(to.pivot(), t);
@@ -192,14 +195,14 @@ impl Pose {
     }
 }
 
-/// A view to go to, and the camera that it is, if it is one as it was given.
+/// A destination: its pose, and the camera if it is one from a file.
 #[derive(Clone, Debug, PartialEq)]
 struct Goal {
     pose: Pose,
     camera: Option<Camera>,
 }
 
-/// On the way from one view to another.
+/// A flight from one pose to another.
 #[derive(Clone, Debug)]
 struct Flight {
     from: Pose,
@@ -207,26 +210,27 @@ struct Flight {
     seconds: f64,
 }
 
-/// See the module's documentation.
+/// The state of the camera; see the module's documentation.
 #[derive(Clone, Debug)]
 pub struct Navigation {
     pose: Pose,
-    /// The camera that was set, as long as nothing moved it: its picture is then that of the file's very numbers.
+    /// The camera from a file, as long as nothing moved it, so that its picture has exactly the file's numbers.
     unmoved: Option<Camera>,
     flight: Option<Flight>,
     start: Camera,
     up: DVec3,
     bounds: Bounds,
-    /// The scene's size: lengths that are not given in pixels are multiples of it.
+    /// Size of the scene, in world units; lengths that are not in pixels are multiples of it.
     scale: f64,
-    /// Multiplies [`FLY_SPEED`].
+    /// Factor of [`FLY_SPEED`].
     speed: f64,
     animated: bool,
 }
 
 impl Navigation {
-    /// At the camera `start`, in a scene whose bulk is in `bounds` (see [`splatgraph_assets::Scene::robust_bounds`]). Which way is
-    /// up can be had from [`mean_up`] of the scene's cameras, or is [`DEFAULT_UP`].
+    /// Starts at the camera `start`, in a scene with its bulk in `bounds` (see [`splatgraph_assets::Scene::robust_bounds`]).
+    ///
+    /// `up` is [`mean_up`] of the scene's cameras, or [`DEFAULT_UP`].
     pub fn new(bounds: &Bounds, start: &Camera, up: DVec3) -> Navigation {
         let pose = Pose {
             position: DVec3::ZERO,
@@ -253,7 +257,7 @@ impl Navigation {
         navigation
     }
 
-    /// Takes another scene's bounds; the camera stays.
+    /// Replaces the scene's bounds; the camera stays.
     pub fn set_scene(&mut self, bounds: &Bounds) {
         let finite = bounds.min.iter().chain(&bounds.max).all(|v| v.is_finite());
         self.bounds = if finite { *bounds } else { Bounds::ORIGIN };
@@ -264,19 +268,19 @@ impl Navigation {
         };
     }
 
-    /// Which way is up. A vector without a direction is ignored.
+    /// Sets the direction up. A vector without a direction is ignored.
     pub fn set_up(&mut self, up: DVec3) {
         if let Some(up) = up.try_normalize() {
             self.up = up;
         }
     }
 
-    /// Which way is up, of length 1.
+    /// Returns the direction up, of length 1.
     pub fn up(&self) -> DVec3 {
         self.up
     }
 
-    /// Whether the way to another camera is shown, which it is at first, or is a jump.
+    /// Sets if flights to another camera are animated (the default) or jumps.
     pub fn set_animated(&mut self, animated: bool) {
         self.animated = animated;
         if !animated && let Some(flight) = self.flight.take() {
@@ -284,23 +288,24 @@ impl Navigation {
         }
     }
 
-    /// Whether the camera is on its way: it will move with the next update, whatever the user does.
+    /// Returns true during a flight, when the next update moves the camera without input.
     pub fn is_moving(&self) -> bool {
         self.flight.is_some()
     }
 
-    /// Units of the world per second that are flown, without Shift and Ctrl.
+    /// Returns the flying speed without Shift and Ctrl, in world units per second.
     pub fn fly_speed(&self) -> f64 {
         FLY_SPEED * self.speed * self.scale
     }
 
-    /// The point that orbiting goes around.
+    /// Returns the centre of orbiting.
     pub fn pivot(&self) -> DVec3 {
         self.pose.pivot()
     }
 
-    /// The camera of now, for a picture of this size. As long as a camera that was set has not moved, it is that camera
-    /// [resized](Camera::resized), and bit for bit the same in its own size. A side of 0 counts as 1.
+    /// Returns the current camera for a picture of this size; a length of 0 counts as 1.
+    ///
+    /// As long as nothing moved a camera from a file, it is that camera [resized](Camera::resized), bit for bit in its own size.
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let (width, height) = (width.max(1), height.max(1));
         if let Some(camera) = &self.unmoved {
@@ -320,27 +325,29 @@ impl Navigation {
         }
     }
 
-    /// Goes to a camera. What it sees from top to bottom, the view will see; a wider view shows more at the sides. The pivot becomes
-    /// the point of its axis that is nearest to the scene's middle, if that is ahead.
+    /// Goes to a camera; the vertical field of view stays, and a wider view shows more at the sides.
+    ///
+    /// The pivot becomes the point of the camera's axis that is nearest to the scene's centre, if that is ahead.
     pub fn set_camera(&mut self, camera: &Camera) {
         let goal = self.goal_of(camera);
         self.go_to(goal);
     }
 
-    /// Goes to where the whole scene is in view, keeping the direction and the field of view. The size is the view's, in any unit.
+    /// Frames the whole scene, with the same direction and field of view. `size` is the view's, in any unit.
     pub fn frame(&mut self, size: [f64; 2]) {
         let goal = Goal { pose: self.framing(size), camera: None };
         self.go_to(goal);
     }
 
-    /// Goes back to the camera that the viewer started with.
+    /// Returns to the first camera.
     pub fn home(&mut self) {
         let goal = self.goal_of(&self.start);
         self.go_to(goal);
     }
 
-    /// Does what the user asked for and says whether the camera moved. A flight to another camera goes on unless the user does
-    /// something else, which ends it where it is.
+    /// Applies the input; returns true if the camera moved.
+    ///
+    /// A flight to another camera goes on until other input ends it in place.
     pub fn update(&mut self, input: &Input) -> bool {
         let before = (self.pose, self.unmoved.is_some());
         let input = Input {
@@ -365,7 +372,7 @@ impl Navigation {
         before != (self.pose, self.unmoved.is_some())
     }
 
-    /// The pose after what buttons, wheel and keys did.
+    /// Computes the pose after the effects of buttons, wheel and keys.
     fn steered(&mut self, input: &Input) -> Pose {
         let (mut pose, up, scale) = (self.pose, self.up, self.scale);
         let [x, y] = input.moved;
@@ -407,7 +414,7 @@ impl Navigation {
         pose
     }
 
-    /// The pose, not so far away that numbers lose their meaning.
+    /// Limits the pose's distance from the scene, to keep precision.
     fn confined(&self, mut pose: Pose) -> Pose {
         let middle = DVec3::from(self.bounds.center());
         let farthest = (FARTHEST * self.scale).max((self.pose.position - middle).length());
@@ -495,7 +502,7 @@ impl Navigation {
     }
 }
 
-/// The mean of what is up in the images of these cameras, of length 1. `None` of no cameras, or where they cancel out.
+/// Computes the mean direction up of the cameras' images, of length 1. `None` without cameras, or if they cancel out.
 pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
     let ups = cameras.iter().map(|camera| -DVec3::from(camera.axes()[1])).filter(|up| up.is_finite());
     let sum: DVec3 = ups.sum();

@@ -1,11 +1,11 @@
-//! The painter: from what egui wants drawn to the buffers that the window's graph draws it from.
+//! Converts egui's output to the buffers of the window's graph.
 //!
-//! The window is drawn by a render graph like any other, [`GRAPH`], and what it draws comes as buffers with every frame. egui
-//! hands over clipped triangle meshes and changes of textures; [`Painter::paint`] packs the meshes one after another, keeps all
-//! textures in one buffer of texels, and writes the arguments of one indirect draw. The vertex shader fetches vertices by
-//! index; the fragment shader clips and filters. What lies under the user interface is said by a [`Composition`].
+//! A render graph, [`GRAPH`], draws the window from buffers that come with every frame. egui emits clipped triangle meshes and
+//! changes of textures; [`Painter::paint`] packs the meshes one after another, keeps all textures in one buffer of texels, and
+//! writes the arguments of one indirect draw. The vertex shader fetches vertices by index; the fragment shader clips and
+//! filters. A [`Composition`] defines the pictures below the user interface.
 //!
-//! The structs here are those of `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
+//! The structs here match those of `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
 
 use bytemuck::{Pod, Zeroable};
 use egui::epaint::textures::TexturesDelta;
@@ -23,48 +23,48 @@ mod composition;
 mod tests;
 mod textures;
 
-/// The built-in graph that draws the window.
+/// Name of the built-in graph that draws the window.
 pub const GRAPH: &str = "view/window";
 
-/// The vertices of all meshes.
+/// Name of the buffer with the vertices of all meshes.
 pub const VERTICES: &str = "frame.ui_vertices";
-/// Their indices, three for each triangle, counted through all meshes.
+/// Name of the buffer with their indices, three per triangle, counted through all meshes.
 pub const INDICES: &str = "frame.ui_indices";
-/// Clip rectangle and texture of each mesh.
+/// Name of the buffer with the clip rectangle and texture of each mesh.
 pub const CLIPS: &str = "frame.ui_clips";
-/// The texels of all textures, rgba8, display-encoded and premultiplied.
+/// Name of the buffer with the texels of all textures, rgba8, display-encoded and premultiplied.
 pub const TEXELS: &str = "frame.ui_texels";
-/// The arguments of the indirect draw.
+/// Name of the buffer with the arguments of the indirect draw.
 pub const DRAW: &str = "frame.ui_draw";
-/// The pictures that are shown: their pixels, packed.
+/// Names of the buffers with the pictures' pixels, packed.
 pub const PICTURES: [&str; 2] = ["frame.picture_a", "frame.picture_b"];
 
-/// A vertex as the shader reads it.
+/// A vertex, in the shader's layout.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 struct Vertex {
-    /// In pixels of the window.
+    /// Position, in pixels of the window.
     position: [f32; 2],
-    /// 0 to 1 across the texture.
+    /// Texture coordinates, 0 to 1.
     uv: [f32; 2],
     /// Red, green, blue, alpha.
     colour: [u8; 4],
-    /// Which of the clips.
+    /// Index of the clip.
     clip: u32,
 }
 
-/// Where a mesh may draw, and its texture.
+/// The clip rectangle of a mesh, and its texture.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 struct Clip {
-    /// The top left pixel.
+    /// Top left pixel.
     first: [f32; 2],
-    /// The one below and to the right of the last.
+    /// Pixel below and to the right of the last.
     beyond: [f32; 2],
     texture: Texture,
 }
 
-/// Adds what the window's graph imports to a catalog.
+/// Adds the imports of the window's graph to a catalog.
 pub fn offer(catalog: &mut Catalog) {
     let words = GivenBuffer { stride: 4, least: 1 };
     let buffers = [
@@ -80,13 +80,13 @@ pub fn offer(catalog: &mut Catalog) {
     catalog.uniforms.insert(WINDOW.to_owned(), WINDOW_BYTES);
 }
 
-/// Keeps the textures, and packs meshes. One for each egui context.
+/// A packer of egui's meshes and textures, one per egui context.
 #[derive(Debug, Default)]
 pub struct Painter {
     textures: Textures,
 }
 
-/// The buffers of one frame's user interface. Each holds at least one element, which an empty interface does not draw.
+/// The buffers of one frame's user interface. Each has at least one element, which an empty interface does not draw.
 #[derive(Clone, Debug)]
 pub struct Painted {
     vertices: Arc<Vec<u8>>,
@@ -94,13 +94,12 @@ pub struct Painted {
     clips: Arc<Vec<u8>>,
     texels: Arc<Vec<u8>>,
     draw: Arc<Vec<u8>>,
-    /// Primitives that could not be drawn: paint callbacks, which are code for another painter, and meshes that are malformed or
-    /// whose texture egui never handed over.
+    /// Number of skipped primitives: paint callbacks for other painters, malformed meshes, and meshes with an unknown texture.
     pub left_out: usize,
 }
 
 impl Painted {
-    /// Adds them to a frame's inputs.
+    /// Adds the buffers to a frame's inputs.
     pub fn give(&self, buffers: &mut BTreeMap<String, Given>) {
         let all = [
             (VERTICES, &self.vertices),
@@ -114,8 +113,9 @@ impl Painted {
 }
 
 impl Painter {
-    /// Takes what one pass of egui gave: `FullOutput::textures_delta`, of which none may be left out, and the meshes of
-    /// `Context::tessellate` with the pixels per point that they were made for.
+    /// Packs the output of one pass of egui: all of `FullOutput::textures_delta`, and the meshes of `Context::tessellate`.
+    ///
+    /// `pixels_per_point` is the scale of the meshes.
     pub fn paint(
         &mut self,
         mut changes: TexturesDelta,
@@ -156,7 +156,7 @@ impl Painter {
     }
 }
 
-/// Meshes, one after another.
+/// The packed meshes.
 #[derive(Default)]
 struct Meshes {
     vertices: Vec<Vertex>,
@@ -179,7 +179,7 @@ impl Meshes {
     }
 }
 
-/// The bytes of the elements, of a zero where there are none: no buffer is empty.
+/// Copies the elements' bytes, or those of one zero element, because no buffer may be empty.
 fn bytes<T: Pod>(elements: &[T]) -> Arc<Vec<u8>> {
     let none = [T::zeroed()];
     let elements = if elements.is_empty() { &none } else { elements };

@@ -1,15 +1,14 @@
-//! Profilers: Tracy and RenderDoc, each behind a feature of its own, and nothing at all without.
+//! Connects the profilers Tracy and RenderDoc, each behind a feature.
 //!
-//! With the feature `tracy`, what the host does is marked as zones ([`zone!`]), and the GPU times of every pass appear in a GPU
-//! context. These are durations that the device measured; they are laid end to end before the moment at which the frame was
-//! known to be done, because the host does not share a clock with the device. With the feature `renderdoc`, the program can
-//! capture a frame where it was started by RenderDoc, or with its library preloaded; the labels and names in the capture are
-//! the graph's. The recipes are in `docs/profiling.md`.
+//! With the feature `tracy`, host code is marked with zones ([`zone!`]), and the GPU times of every pass appear in a GPU context.
+//! They are measured durations, laid end to end before the time at which the frame was found finished, because host and device
+//! share no clock. With the feature `renderdoc`, the program can capture a frame if RenderDoc started it or its library is
+//! preloaded; labels and names in the capture are the graph's. See `docs/profiling.md`.
 
 use splatgraph_api::FrameResult;
 use splatgraph_framework::plan::Plan;
 
-/// Marks what the host does from here to the end of the block, under a name that Tracy shows.
+/// Marks the host's work from here to the end of the block, with a name for Tracy.
 macro_rules! zone {
     ($name:literal) => {
         #[cfg(feature = "tracy")]
@@ -18,7 +17,7 @@ macro_rules! zone {
 }
 pub(crate) use zone;
 
-/// Starts the profilers that are compiled in. Before the device is opened: RenderDoc must see it.
+/// Starts the compiled-in profilers. Must be called before the device is opened, for RenderDoc.
 pub fn start() {
     #[cfg(feature = "tracy")]
     tracy_client::Client::start();
@@ -26,7 +25,7 @@ pub fn start() {
     capture::start();
 }
 
-/// Tells Tracy that a frame ends here.
+/// Marks the end of a frame in Tracy.
 pub fn frame() {
     #[cfg(feature = "tracy")]
     if let Some(client) = tracy_client::Client::running() {
@@ -34,10 +33,10 @@ pub fn frame() {
     }
 }
 
-/// Lets RenderDoc capture the next frame that the window shows.
+/// Captures the next frame of the window with RenderDoc.
 ///
 /// # Errors
-/// Where RenderDoc is not compiled in, or not there.
+/// RenderDoc is not compiled in, or not available.
 pub fn capture_next_frame() -> Result<(), String> {
     #[cfg(feature = "renderdoc")]
     return capture::next_frame();
@@ -45,7 +44,7 @@ pub fn capture_next_frame() -> Result<(), String> {
     Err("this program was built without the feature `renderdoc`".to_owned())
 }
 
-/// The GPU times of one renderer's frames, for Tracy.
+/// The GPU times of one renderer's frames, in Tracy.
 #[derive(Default)]
 pub struct GpuTrack {
     #[cfg(feature = "tracy")]
@@ -53,7 +52,7 @@ pub struct GpuTrack {
 }
 
 impl GpuTrack {
-    /// Shows the passes of a frame that was just found done. `name` is the renderer's.
+    /// Adds the passes of a finished frame. `name` is the renderer's.
     pub fn push(&mut self, name: &str, plan: &Plan, result: &FrameResult) {
         #[cfg(feature = "tracy")]
         if let Some(client) = tracy_client::Client::running() {
@@ -70,11 +69,11 @@ mod tracy {
     use std::time::Instant;
     use tracy_client::{Client, GpuContext, GpuContextType};
 
-    /// A GPU context whose clock is the host's, in nanoseconds since it was made.
+    /// A GPU context whose clock is the host's, in nanoseconds since its creation.
     pub struct Track {
         context: Option<GpuContext>,
         begun: Instant,
-        /// Where the last span ended.
+        /// End of the last span, in nanoseconds.
         end: i64,
     }
 

@@ -1,11 +1,11 @@
-//! A device with a graph that is kept up to date.
+//! Draws with a graph and keeps its plan up to date.
 //!
-//! A [`Renderer`] has a device, the name of a graph, and settings. When a file of the graph changes, or a constant parameter,
-//! or the [`PlanInputs`] that the plan is made for, it has a new plan built and made ready on a thread of its own, while frames of
-//! the plan of now go on, and swaps to it at the edge of a frame. When that fails, the plan of now stays and the failure is
-//! told. Live parameters need none of this: they go to the device with the next frame.
+//! A [`Renderer`] has a device, the name of a graph, and its settings. When a file of the graph, a constant parameter or the
+//! [`PlanInputs`] change, it builds a new plan on another thread while frames of the current plan go on, and swaps to it
+//! between frames. If the build fails, the current plan stays and the failure is reported. Live parameters need no build: they
+//! go to the device with the next frame.
 //!
-//! One plan is built at a time: whatever changes meanwhile is built after that, all at once.
+//! One plan is built at a time; changes during a build are combined into the next one.
 
 mod events;
 mod job;
@@ -28,24 +28,24 @@ use std::time::Instant;
 
 pub use events::{Cause, Failure, RendererEvent, Swap};
 
-/// Called, from any thread, when there is something new to draw.
+/// A callback for new content to draw; any thread calls it.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;
 
-/// What a plan is made for, besides its files and parameters.
+/// The inputs of a plan besides its files and parameters.
 #[derive(Clone)]
 pub struct PlanInputs {
     /// The scene to draw; `None` for a graph that draws no scene, such as the window's.
     pub scene: Option<Arc<Scene>>,
-    /// What graphs can import.
+    /// The imports of graphs.
     pub catalog: Arc<Catalog>,
-    /// Of the picture, in pixels.
+    /// Size of the picture, in pixels.
     pub size: (u32, u32),
     /// See [`splatgraph_framework::ir::Request::share_memory`].
     pub share_memory: bool,
 }
 
 impl PlanInputs {
-    /// Why a plan for `former` will not do for this one.
+    /// Returns the cause of a new build if a plan for `former` does not fit.
     fn differs(&self, former: &PlanInputs) -> Option<Cause> {
         let identity = |inputs: &PlanInputs| inputs.scene.as_ref().map(|scene| scene.identity());
         if identity(self) != identity(former) {
@@ -60,15 +60,15 @@ impl PlanInputs {
     }
 }
 
-/// A frame that is done.
+/// A finished frame.
 pub struct FinishedFrame {
-    /// What came of it.
+    /// The device's results.
     pub result: FrameResult,
-    /// The plan that it is of.
+    /// The frame's plan.
     pub plan: Arc<Plan>,
-    /// Whether it is the first of that plan.
+    /// True for the first frame of the plan.
     pub first: bool,
-    /// What was asked to be read back.
+    /// The requested inspections.
     pub inspected: Vec<Inspect>,
 }
 
@@ -79,7 +79,7 @@ struct FrameInFlight {
     first: Option<PendingSwap>,
 }
 
-/// A swap whose first frame is not done.
+/// A swap before the end of its first frame.
 struct PendingSwap {
     swap: Swap,
     asked: Instant,
@@ -88,14 +88,14 @@ struct PendingSwap {
 /// The next plan to build.
 struct PendingBuild {
     cause: Cause,
-    /// Since when it is waited for.
+    /// Time of the change.
     asked: Instant,
     attempt: Attempt,
 }
 
 type Ready<D> = <<D as Device>::Loader as Loader>::Ready;
 
-/// See the module's documentation.
+/// A device with a graph; see the module's documentation.
 pub struct Renderer<D: Device> {
     device: D,
     graph: String,
@@ -106,7 +106,7 @@ pub struct Renderer<D: Device> {
     pending_build: Option<PendingBuild>,
     asked: Option<PlanInputs>,
     state: LastGood<Arc<Plan>, Failure>,
-    /// When it was polled last.
+    /// Time of the last poll.
     now: Instant,
     params: Vec<Param>,
     size: (u32, u32),
@@ -114,15 +114,15 @@ pub struct Renderer<D: Device> {
     in_flight: VecDeque<FrameInFlight>,
     done: Vec<FinishedFrame>,
     events: Vec<RendererEvent>,
-    /// The failure that was told last.
+    /// The last reported failure.
     failed: Option<String>,
-    /// The attempt that is being built.
+    /// The attempt of the current build.
     building: Option<Attempt>,
     progress: Arc<Mutex<String>>,
 }
 
 impl<D: Device> Renderer<D> {
-    /// A renderer that draws with `graph`, a built-in one's name or a path, and the parameters of `set` changed.
+    /// Creates a renderer of `graph`, a built-in one's name or a path, with the parameters in `set`.
     pub fn new(
         device: D,
         graph: &str,
@@ -159,69 +159,69 @@ impl<D: Device> Renderer<D> {
         })
     }
 
-    /// The device, for what concerns no plan.
+    /// Returns the device.
     pub fn device(&self) -> &D {
         &self.device
     }
 
-    /// The device, for what concerns no plan.
+    /// Returns the device for changes that concern no plan.
     pub fn device_mut(&mut self) -> &mut D {
         &mut self.device
     }
 
-    /// The name that the graph was asked for by.
+    /// Returns the requested name of the graph.
     pub fn graph(&self) -> &str {
         &self.graph
     }
 
-    /// The plan that frames are drawn with, once there is one.
+    /// Returns the current plan.
     pub fn plan(&self) -> Option<&Arc<Plan>> {
         self.state.good()
     }
 
-    /// The size of the pictures that the plan draws.
+    /// Returns the size of the plan's pictures, in pixels.
     pub fn size(&self) -> (u32, u32) {
         self.size
     }
 
-    /// The parameters, with the values that were asked for: those of constants may still be on their way into a plan.
+    /// Returns the parameters with the requested values; constants may still wait for a new plan.
     pub fn params(&self) -> &[Param] {
         &self.params
     }
 
-    /// The parameters that were changed, with their values as texts, in the order in which they were changed first.
+    /// Returns the changed parameters with their values as text, in the order of the first change.
     pub fn set(&self) -> &IndexMap<String, String> {
         &self.set
     }
 
-    /// Why the newest files and parameters have no plan, if that is so.
+    /// Returns the failure of the newest files and parameters, if they have no plan.
     pub fn failure(&self) -> Option<&Failure> {
         self.state.error(self.now)
     }
 
-    /// Whether a plan is being built, or waits to be.
+    /// Returns true while a plan is being built or waits for it.
     pub fn busy(&self) -> bool {
         self.pending_build.is_some() || self.building.is_some() || self.state.due(self.now).is_some()
     }
 
-    /// What of the building takes time just now, in words; empty where nothing is known.
+    /// Describes the current step of the build; empty if unknown.
     pub fn progress(&self) -> String {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// How files are watched.
+    /// Returns the kind of file watching.
     pub fn watching(&self) -> WatchKind {
         self.watcher.kind()
     }
 
-    /// Changes to another graph. Its settings go with it; those that are given come instead.
+    /// Changes to another graph and replaces the settings.
     pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
         self.graph = graph.to_owned();
         self.set = set;
         self.want(Cause::Graph, Instant::now());
     }
 
-    /// Changes a parameter; `None` is its default. An unknown name, or a value of another kind, changes nothing.
+    /// Sets a parameter; `None` restores its default. An unknown name, or a value of another type, changes nothing.
     pub fn set_param(&mut self, name: &str, value: Option<Value>) {
         let Some(param) = self.params.iter_mut().find(|param| param.name == name) else { return };
         let value = value.filter(|value| *value != param.default);
@@ -239,7 +239,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// All parameters at once to their defaults.
+    /// Restores the defaults of all parameters.
     pub fn reset_params(&mut self) {
         let names: Vec<String> = self.set.keys().cloned().collect();
         for name in names {
@@ -247,7 +247,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Asks for a plan to be built, because of a change that came at `asked`.
+    /// Requests a build because of a change at the time `asked`.
     pub fn want(&mut self, cause: Cause, asked: Instant) {
         let now = Instant::now();
         // What a file is while it is being written is no mistake yet.
@@ -263,7 +263,7 @@ impl<D: Device> Renderer<D> {
         });
     }
 
-    /// Takes a plan that became ready, and has one built where something changed. To be called at the edge of every frame.
+    /// Takes a finished plan, and starts a build if something changed. Must be called before every frame.
     pub fn poll(&mut self, inputs: &PlanInputs, now: Instant) -> Result<(), BackendError> {
         self.now = now;
         while let Some(output) = self.builder.poll() {
@@ -350,7 +350,7 @@ impl<D: Device> Renderer<D> {
         Ok(())
     }
 
-    /// What was changed since the plan was asked for stays changed.
+    /// Applies settings that changed since the plan was requested.
     fn apply_set(&mut self) {
         for param in &mut self.params {
             if let Some(value) = self.set.get(&param.name).and_then(|text| value_of(param, text)) {
@@ -359,7 +359,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Draws a frame, if there is a plan. `inputs` lacks the live parameters, which are the renderer's own.
+    /// Draws a frame, if there is a plan; returns true if it did. The live parameters in `inputs` are replaced.
     pub fn submit(&mut self, inputs: FrameInputs) -> Result<bool, BackendError> {
         let Some(plan) = self.state.good().cloned() else { return Ok(false) };
         if self.in_flight.len() == FRAMES_IN_FLIGHT {
@@ -379,7 +379,7 @@ impl<D: Device> Renderer<D> {
         Ok(true)
     }
 
-    /// Waits for the frames that are being drawn.
+    /// Waits for the frames in flight.
     pub fn finish(&mut self) -> Result<(), BackendError> {
         while !self.in_flight.is_empty() {
             self.wait_for_oldest()?;
@@ -399,17 +399,17 @@ impl<D: Device> Renderer<D> {
         Ok(())
     }
 
-    /// Whether the next frame is the first of its plan, the one that runs the prologue.
+    /// Returns true if the next frame is the first of its plan, which runs the prologue.
     pub fn is_first_next(&self) -> bool {
         self.pending_swap.is_some()
     }
 
-    /// Gives the device back.
+    /// Returns the device.
     pub fn into_device(self) -> D {
         self.device
     }
 
-    /// The frames that were finished since this was asked last, in the order of their submission.
+    /// Takes the frames finished since the last call, in the order of submission.
     pub fn take_done(&mut self) -> Vec<FinishedFrame> {
         std::mem::take(&mut self.done)
     }
@@ -420,7 +420,7 @@ impl<D: Device> Renderer<D> {
     }
 }
 
-/// A setting's text as a value of the parameter's kind.
+/// Parses a setting as a value of the parameter's type.
 fn value_of(param: &Param, text: &str) -> Option<Value> {
     match param.value {
         Value::Bool(_) => text.parse().ok().map(Value::Bool),

@@ -1,8 +1,8 @@
-//! The viewer without the window system: a [`Viewer`], the panels around its picture, and the graph that draws both.
+//! Runs the viewer without a window system: a [`Viewer`], the panels around it, and the graph that draws both.
 //!
-//! The window is a render graph like any other, `pipelines/view/window.ron`: it draws the pictures of the scene (alone, split, or
-//! their difference) and egui's triangles over them. A [`Shell`] turns input into a frame of that graph, which a window shows
-//! and a test reads back; it does not know which.
+//! The window's graph, `pipelines/view/window.ron`, draws the pictures of the scene (one, two with a split line, or their
+//! difference) and egui's triangles over them. A [`Shell`] turns input into a frame of that graph, for a window to present or
+//! a test to read back.
 
 use super::events::{Event, RendererId};
 use super::history::History;
@@ -17,36 +17,36 @@ use splatgraph_framework::ir::Catalog;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// How a frame is to be drawn.
+/// The size and destination of a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FrameRequest {
-    /// Of the window, in pixels.
+    /// Size of the window, in pixels.
     pub size: (u32, u32),
     /// Pixels per point of the user interface.
     pub pixels_per_point: f32,
-    /// Show it in the device's window.
+    /// True to present the frame in the device's window.
     pub present: bool,
-    /// Read it back.
+    /// True to read the frame back.
     pub read: bool,
 }
 
-/// What came of a frame.
+/// The results of a frame.
 pub struct Frame {
-    /// For the window system: what goes to the clipboard, the shape of the pointer.
+    /// Output for the window system: clipboard, pointer shape.
     pub platform: egui::PlatformOutput,
-    /// What the person asks of the window.
+    /// Requests to the window.
     pub commands: Vec<Command>,
-    /// Whether something was drawn; not before the window's own graph is built.
+    /// True if the window was drawn; false until its own graph is built.
     pub drawn: bool,
-    /// What the window shows, if it was asked for and drawn.
+    /// Pixels of the window, if requested and drawn.
     pub picture: Option<Pixels>,
 }
 
-/// See the module's documentation.
+/// The viewer with its panels and its window's graph.
 pub struct Shell<D: Device> {
-    /// The pictures.
+    /// The scene and its viewports.
     pub viewer: Viewer<D>,
-    /// What stands around them.
+    /// The panels.
     pub panels: Panels,
     ctx: Context,
     painter: Painter,
@@ -57,12 +57,12 @@ pub struct Shell<D: Device> {
 }
 
 impl<D: Device> Shell<D> {
-    /// A shell around a viewer. `canvas` draws the window: if there is one, it is its device.
+    /// Creates a shell. `canvas` draws the window; it must be the device of the window, if there is one.
     pub fn new(viewer: Viewer<D>, canvas: D, wake: Wake) -> Result<Shell<D>, ViewerError> {
         Shell::with_graph(viewer, canvas, paint::GRAPH, wake)
     }
 
-    /// The same with a graph of the window's own, a built-in one's name or a path: it imports what [`paint::offer`] offers.
+    /// Creates a shell with another window graph, a built-in one's name or a path, with the imports of [`paint::offer`].
     pub fn with_graph(
         viewer: Viewer<D>,
         canvas: D,
@@ -90,27 +90,27 @@ impl<D: Device> Shell<D> {
         })
     }
 
-    /// The context of the user interface.
+    /// Returns the context of the user interface.
     pub fn context(&self) -> &Context {
         &self.ctx
     }
 
-    /// What draws the window.
+    /// Returns the renderer of the window.
     pub fn window(&self) -> &Renderer<D> {
         &self.canvas
     }
 
-    /// The device that draws the window.
+    /// Returns the device of the window.
     pub fn canvas_mut(&mut self) -> &mut D {
         self.canvas.device_mut()
     }
 
-    /// Why the window's own graph has no plan at all, if it has none: nothing can be shown then.
+    /// Returns the failure of the window's own graph if it has no plan, so that nothing can be shown.
     pub fn is_blind(&self) -> Option<&Failure> {
         if self.canvas.plan().is_some() { None } else { self.canvas.failure() }
     }
 
-    /// Draws a frame: the input acts, the pictures are drawn, and the window with them.
+    /// Applies the input and draws the pictures and the window.
     pub fn frame(&mut self, input: RawInput, request: FrameRequest) -> Result<Frame, ViewerError> {
         zone!("window frame");
         for file in &input.dropped_files {
@@ -199,13 +199,13 @@ impl<D: Device> Shell<D> {
         self.events.push(event);
     }
 
-    /// Waits for the frames that are being drawn.
+    /// Waits for the frames in flight.
     pub fn finish(&mut self) -> Result<(), BackendError> {
         self.viewer.finish()?;
         self.canvas.finish()
     }
 
-    /// Gives the device of the window back, after everything else is closed.
+    /// Returns the device of the window, after everything else is closed.
     pub fn into_device(self) -> D {
         let Shell { viewer, canvas, .. } = self;
         drop(viewer);
@@ -213,7 +213,7 @@ impl<D: Device> Shell<D> {
     }
 }
 
-/// egui's fonts. Signs that its font for labels lacks come from its monospace font, which has more of them than the icons do.
+/// Returns egui's fonts; signs missing from its label font come from its monospace font first, which has more than the icons.
 fn fonts() -> FontDefinitions {
     let mut fonts = FontDefinitions::default();
     let signs = fonts.families.get(&FontFamily::Monospace).and_then(|names| names.first()).cloned();

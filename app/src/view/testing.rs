@@ -1,9 +1,9 @@
-//! Plans for tests that need no more than names.
+//! Makes plans for tests that need only names.
 
 use splatgraph_framework::ir::{Origin, Pass, PassId, ResourceId, Run, Work};
 use splatgraph_framework::plan::{Plan, Step};
 
-/// A plan of these passes: name and phase.
+/// Makes a plan of passes, each with name and phase.
 pub fn plan(passes: &[(&str, &str)]) -> Plan {
     let pass = |(name, phase): &(&str, &str)| Pass {
         name: name.to_string(),

@@ -1,8 +1,8 @@
-//! Everything that the viewer does, without a window.
+//! Implements the viewer without a window.
 //!
-//! A [`Viewer`] has a scene, a camera, and one or two renderers of it: A, and B to compare it with. [`Viewer::frame`] is one
-//! turn: it takes what other threads have finished (plans, scenes, comparisons) and draws both pictures. Windows and tests
-//! drive it alike; what happens comes out as [`Event`]s.
+//! A [`Viewer`] has a scene, a camera, and one or two viewports: A, and B for comparison. [`Viewer::frame`] takes the results of
+//! other threads (plans, scenes, comparisons) and draws both pictures. Windows and tests drive it alike; results are reported
+//! as [`Event`]s.
 
 use super::events::{Event, RendererId};
 use super::navigation::{self, Navigation};
@@ -23,7 +23,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Instant;
 
-/// Why there is no viewer.
+/// An error of opening the viewer.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
     /// The device failed.
@@ -34,34 +34,34 @@ pub enum ViewerError {
     Watch(#[from] WatchError),
 }
 
-/// What other threads finished.
+/// A result of another thread.
 enum Finished {
     Scene { path: PathBuf, load_ms: f64, scene: Result<Box<Scene>, String> },
     Compared(Result<Event, String>),
 }
 
-/// See the module's documentation.
+/// A scene, a camera and one or two viewports; see the module's documentation.
 pub struct Viewer<D: Device> {
     scene: Arc<Scene>,
     scene_path: PathBuf,
     catalog: Arc<Catalog>,
-    /// Cameras to choose from.
+    /// Selectable cameras.
     pub cameras: Vec<Camera>,
-    /// The one that was looked through last.
+    /// Index of the camera that was selected last.
     pub camera: Option<usize>,
-    /// Where the scene is seen from.
+    /// Position of the camera.
     pub navigation: Navigation,
-    /// The picture, or its left part.
+    /// The viewport of the picture, or of its left part.
     pub a: Viewport<D>,
-    /// What it is compared with. It stays, with its parameters, while it is not shown.
+    /// The viewport for comparison. It keeps its parameters while it is hidden.
     pub b: Option<Viewport<D>>,
-    /// How the two are shown.
+    /// The comparison.
     pub compare: Mode,
-    /// Where the line is, as a share of the width.
+    /// Position of the split line, as a share of the width.
     pub split: f32,
-    /// The factor of the difference.
+    /// Amplification of the difference.
     pub gain: f32,
-    /// What shows where nothing covers it, display-encoded.
+    /// Background colour, display-encoded.
     pub background: [f32; 3],
     /// Pixels of the picture per pixel of the window, across and down.
     pub scale: f32,
@@ -73,7 +73,7 @@ pub struct Viewer<D: Device> {
 }
 
 impl<D: Device> Viewer<D> {
-    /// A viewer that draws `scene`, which came from `path`, with `graph` and the parameters of `set` changed.
+    /// Creates a viewer of `scene`, loaded from `path`, with `graph` and the parameters in `set`.
     pub fn new(
         device: D,
         (scene, path): (Scene, PathBuf),
@@ -106,22 +106,22 @@ impl<D: Device> Viewer<D> {
         })
     }
 
-    /// What is drawn.
+    /// Returns the scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// The file that it came from.
+    /// Returns the scene's file.
     pub fn scene_path(&self) -> &Path {
         &self.scene_path
     }
 
-    /// The file that is being loaded, if one is.
+    /// Returns the file that is being loaded.
     pub fn loading(&self) -> Option<&Path> {
         self.loading.as_deref()
     }
 
-    /// A picture by its name; B only once there is one.
+    /// Returns a viewport; `None` for the window, and for B before the first comparison.
     pub fn viewport(&mut self, id: RendererId) -> Option<&mut Viewport<D>> {
         match id {
             RendererId::A => Some(&mut self.a),
@@ -130,13 +130,13 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Whether anything is being built, loaded or compared: what is shown is not yet what was asked for.
+    /// Returns true while anything is being built, loaded or compared.
     pub fn busy(&self) -> bool {
         let b = self.b.as_ref().is_some_and(|b| self.compare != Mode::A && b.renderer.busy());
         self.a.renderer.busy() || b || self.loading.is_some() || self.comparing
     }
 
-    /// Shows A alone, or both. B is at first what A is then.
+    /// Shows A alone, or both. B starts as a copy of A.
     pub fn set_compare(&mut self, compare: Mode) -> Result<(), ViewerError> {
         self.compare = compare;
         if compare != Mode::A && self.b.is_none() {
@@ -148,14 +148,14 @@ impl<D: Device> Viewer<D> {
         Ok(())
     }
 
-    /// A becomes B, and B becomes A.
+    /// Exchanges A and B.
     pub fn exchange(&mut self) {
         if let Some(b) = &mut self.b {
             std::mem::swap(&mut self.a, b);
         }
     }
 
-    /// Opens a file: a scene, a graph, or cameras, by its ending. A scene is loaded beside the frames.
+    /// Opens a scene, a graph or cameras, by extension. Scenes are loaded in the background.
     pub fn open(&mut self, path: &Path) {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         match ending.as_str() {
@@ -169,7 +169,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Loads a scene on a thread of its own; the one before stays until it is there.
+    /// Loads a scene on another thread; the former stays until then.
     pub fn open_scene(&mut self, path: &Path) {
         let (path, done, wake) = (path.to_owned(), self.finished.0.clone(), self.wake.clone());
         self.loading = Some(path.clone());
@@ -186,7 +186,7 @@ impl<D: Device> Viewer<D> {
         });
     }
 
-    /// Reads cameras to choose from, and looks through the first.
+    /// Loads cameras and selects the first.
     pub fn open_cameras(&mut self, path: &Path) {
         match Camera::load(path) {
             Ok(cameras) if cameras.is_empty() => self.events.push(Event::FileFailed {
@@ -203,7 +203,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Offers cameras to choose from, and looks through the first. What they all hold for up, is up.
+    /// Replaces the cameras and selects the first. Their mean direction up becomes the viewer's.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         if let Some(camera) = cameras.first() {
             let up = navigation::mean_up(&cameras).unwrap_or(navigation::DEFAULT_UP);
@@ -213,7 +213,7 @@ impl<D: Device> Viewer<D> {
         self.cameras = cameras;
     }
 
-    /// Goes to one of the cameras.
+    /// Selects a camera.
     pub fn look_through(&mut self, index: usize) {
         if let Some(camera) = self.cameras.get(index) {
             self.camera = Some(index);
@@ -221,7 +221,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Compares what A and B draw next, and tells the result as an event.
+    /// Compares the next pictures of A and B; the result is an event.
     pub fn measure(&mut self) {
         if let (Some(b), false) = (&mut self.b, self.comparing) {
             self.comparing = true;
@@ -230,7 +230,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// One turn: takes what is finished, and draws. `size` is that of the view in the window's pixels.
+    /// Takes finished results and draws. `size` is the view's, in pixels of the window.
     pub fn frame(&mut self, size: (u32, u32)) -> Result<(), BackendError> {
         zone!("pictures");
         while let Ok(finished) = self.finished.1.try_recv() {
@@ -261,7 +261,7 @@ impl<D: Device> Viewer<D> {
         Ok(())
     }
 
-    /// The pictures that were drawn last.
+    /// Returns the newest pictures.
     pub fn pictures(&self) -> [Option<Picture>; 2] {
         let of = |viewport: &Viewport<D>| viewport.renderer.device().picture();
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
@@ -273,14 +273,14 @@ impl<D: Device> Viewer<D> {
         std::mem::take(&mut self.events)
     }
 
-    /// Gives A's device back, after everything else is closed.
+    /// Returns A's device, after everything else is closed.
     pub fn into_device(self) -> D {
         let Viewer { a, b, .. } = self;
         drop(b);
         a.renderer.into_device()
     }
 
-    /// Waits for the frames that are being drawn.
+    /// Waits for the frames in flight.
     pub fn finish(&mut self) -> Result<(), BackendError> {
         for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
             viewport.renderer.finish()?;
@@ -322,7 +322,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Once both pictures of [`Viewer::measure`] are there, compares them on a thread of their own.
+    /// Compares both pictures of [`Viewer::measure`] on another thread, once they are read back.
     fn compare_pictures(&mut self) {
         let Some(b) = self.b.as_mut().filter(|_| self.comparing) else { return };
         let (true, true) = (self.a.has_picture(), b.has_picture()) else { return };
@@ -341,15 +341,17 @@ impl<D: Device> Viewer<D> {
     }
 }
 
-/// Where a scene without cameras is seen from at first.
+/// Makes the first view of a scene without cameras.
 fn at_start(scene: &Scene) -> Navigation {
     let (width, height) = facts::DEFAULT_SIZE;
     let camera = Camera::framing(scene, width, height);
     Navigation::new(&scene.robust_bounds(), &camera, navigation::DEFAULT_UP)
 }
 
-/// The cameras that lie beside a scene, as the reference implementation leaves them: `NAME.cameras.json`, or `cameras.json`
-/// in its folder or, for `point_cloud/iteration_N/point_cloud.ply`, up to three folders above.
+/// Finds the cameras of a scene, as the reference implementation places them.
+///
+/// They are `NAME.cameras.json`, or `cameras.json` in its folder or, for `point_cloud/iteration_N/point_cloud.ply`, up to three
+/// folders above.
 pub fn cameras_of(scene: &Path) -> Option<PathBuf> {
     let own = scene.with_extension("cameras.json");
     if own.is_file() {

@@ -1,4 +1,4 @@
-//! One of the two pictures of the scene: a renderer, what its frames took, and what of them is looked at.
+//! Draws one of the two pictures of the scene, and records its times and inspections.
 
 use super::history::History;
 use super::profile::GpuTrack;
@@ -9,44 +9,44 @@ use splatgraph_api::{BackendError, Device, FrameInputs, Inspect, Pixels};
 use splatgraph_assets::{Camera, Scene};
 use std::time::Instant;
 
-/// A resource that is looked at.
+/// An inspection of a resource after a pass.
 #[derive(Clone, Debug)]
 pub struct Inspection {
-    /// As in [`inspect::resolve`].
+    /// Name of the resource, as for [`inspect::resolve`].
     pub resource: String,
-    /// The pass after which it is read.
+    /// Name of the pass.
     pub pass: String,
-    /// Read it in every frame, not only when asked.
+    /// True to read it in every frame, not only on request.
     pub follow: bool,
-    /// What was found last, or why nothing could be.
+    /// The last finding, or the reason for its absence.
     pub found: Option<Result<Finding, String>>,
     asked: bool,
 }
 
 impl Inspection {
-    /// Looks once.
+    /// Creates an inspection that reads once.
     pub fn new(resource: &str, pass: &str) -> Inspection {
         let (resource, pass) = (resource.to_owned(), pass.to_owned());
         Inspection { resource, pass, follow: false, found: None, asked: true }
     }
 
-    /// Looks again.
+    /// Requests another reading.
     pub fn ask(&mut self) {
         self.asked = true;
     }
 }
 
-/// See the module's documentation.
+/// A renderer of the scene with its history and inspection.
 pub struct Viewport<D: Device> {
-    /// Draws it.
+    /// The renderer.
     pub renderer: Renderer<D>,
-    /// What the frames took.
+    /// Times of the frames.
     pub history: History,
-    /// What is looked at; while something is, resources do not share memory.
+    /// The inspection; while there is one, resources do not share memory.
     pub inspection: Option<Inspection>,
-    /// The graph's statistics, as of the newest frame that is done.
+    /// The graph's statistics of the newest finished frame.
     pub stats: Vec<(String, u32)>,
-    /// The picture is read back when this is set; see [`Viewport::take_picture`].
+    /// True to read the next picture back; see [`Viewport::take_picture`].
     wants_picture: bool,
     picture: Option<Pixels>,
     frames: u32,
@@ -69,45 +69,45 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// A number that the graph computes, by its name.
+    /// Returns a statistic of the graph by its name.
     pub fn stat(&self, name: &str) -> Option<u32> {
         self.stats.iter().find(|(stat, _)| stat == name).map(|(_, value)| *value)
     }
 
-    /// Reads the next frame's picture back.
+    /// Requests the next frame's picture.
     pub fn want_picture(&mut self) {
         self.wants_picture = true;
         self.picture = None;
     }
 
-    /// The picture that was wanted, once it is there.
+    /// Takes the requested picture, once it is read back.
     pub fn take_picture(&mut self) -> Option<Pixels> {
         self.picture.take()
     }
 
-    /// Whether the picture that was wanted is there.
+    /// Returns true once the requested picture is read back.
     pub fn has_picture(&self) -> bool {
         self.picture.is_some()
     }
 
-    /// Looks at a resource after a pass, by their names.
+    /// Inspects a resource after a pass, by their names.
     pub fn look_at(&mut self, resource: &str, pass: &str) {
         let follow = self.inspection.as_ref().is_some_and(|inspection| inspection.follow);
         self.inspection = Some(Inspection { follow, ..Inspection::new(resource, pass) });
     }
 
-    /// Tells why there is nothing to look at.
+    /// Reports the reason why nothing can be inspected.
     pub fn cannot_look(&mut self, why: &str) {
         self.inspection =
             Some(Inspection { found: Some(Err(why.to_owned())), asked: false, ..Inspection::new("", "") });
     }
 
-    /// Counts what was read back: a new number is a new finding.
+    /// Counts the readings; a new number means a new finding.
     pub fn readings(&self) -> u64 {
         self.readings
     }
 
-    /// Submits a frame, if there is a plan; says whether it did.
+    /// Submits a frame, if there is a plan; returns true if it did.
     pub(super) fn draw(
         &mut self,
         scene: &Scene,
@@ -140,7 +140,7 @@ impl<D: Device> Viewport<D> {
         Ok(drawn)
     }
 
-    /// What of the inspection is to be read in the next frame.
+    /// Returns the inspection to read in the next frame.
     fn due(&mut self) -> Option<Inspect> {
         let first = self.renderer.is_first_next();
         let plan = self.renderer.plan()?.clone();
@@ -171,7 +171,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Takes what the frames that are done gave.
+    /// Takes the results of finished frames.
     pub(super) fn collect(&mut self) {
         for mut done in self.renderer.take_done() {
             if done.first {

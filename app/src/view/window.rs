@@ -1,7 +1,7 @@
-//! The window: winit's events go into a [`Shell`], and its frames onto the display.
+//! Opens the window: winit's events go into a [`Shell`], and its frames onto the display.
 //!
-//! The window draws all the time, as fast as the display shows it (or, without vsync, as fast as the device draws): the times
-//! that it tells are of a device at work. While it is minimised or covered it draws nothing and costs nothing.
+//! The window draws continuously, at the display's rate or, without vsync, the device's, so that the shown times are those of a
+//! busy device. While it is minimised or covered, it does not draw.
 
 use super::events::Event;
 use super::panels::{Command, Controls};
@@ -25,39 +25,39 @@ use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Fullscreen, Window, WindowId};
 
-/// How long a window that shows nothing sleeps between looks at whether it still does.
+/// Interval of checks for a hidden window to reappear.
 const IDLE: Duration = Duration::from_millis(100);
 
-/// How long a window without a plan to draw with sleeps: the plan is being built, which needs the processor.
+/// Interval of frames before the first plan, whose build needs the processor.
 const BUILDING: Duration = Duration::from_millis(10);
 
-/// Sets up what a window shows, once there is a device.
+/// A function that sets the initial state of the shell.
 pub type Setup = Box<dyn FnOnce(&mut Shell<Vulkan>) -> Result<()>>;
 
-/// What to open.
+/// The options of the window.
 pub struct WindowOptions {
     pub scene: (Scene, PathBuf),
     pub pipeline: String,
     pub set: Vec<(String, String)>,
     pub cameras: Vec<Camera>,
-    /// Of the window's content, in pixels.
+    /// Size of the window's content, in pixels.
     pub size: (u32, u32),
     pub device: Options,
     pub vsync: bool,
-    /// Lets the first frames have their panels and comparisons.
+    /// Sets the initial state of the shell.
     pub setup: Setup,
-    /// Where events go, one JSON object per line.
+    /// Destination of events, one JSON object per line.
     pub events: Option<Box<dyn Write>>,
-    /// Save the window's picture here once it shows what was asked for, and close it.
+    /// File for the window's picture, saved once everything is built; the window then closes.
     pub screenshot: Option<PathBuf>,
-    /// At least this many frames before that; without a screenshot, close after them.
+    /// Least number of frames before that; without a screenshot, the number of frames after which the window closes.
     pub frames: Option<u64>,
 }
 
-/// Opens the window and runs until it is closed. Gives the validation messages.
+/// Opens the window and runs until it is closed. Returns the validation messages.
 ///
 /// # Errors
-/// Without a display, without a device that can show pictures on it, or when the device fails.
+/// There is no display, no device that can present on it, or the device fails.
 pub fn run(options: WindowOptions) -> Result<Vec<String>> {
     super::profile::start();
     let events = EventLoop::new().map_err(|error| {
@@ -84,20 +84,20 @@ struct Running {
     input: egui_winit::State,
     window: Arc<Window>,
     covered: bool,
-    /// Whether it is an icon, and when that was found out: not every window system tells.
+    /// True for a minimised window, and the time of that check; not every window system reports changes.
     minimised: (bool, Instant),
-    /// Whether the last frame drew anything.
+    /// True if the last frame was drawn.
     drawn: bool,
     frames: u64,
     closing: Closing,
     log: Option<EventLog>,
-    /// The next frame's picture goes here.
+    /// File for the next frame's picture.
     save: Option<PathBuf>,
-    /// The next picture of A goes here.
+    /// File for the next picture of A.
     save_a: Option<PathBuf>,
 }
 
-/// When the window closes by itself.
+/// The conditions for closing the window.
 struct Closing {
     screenshot: Option<PathBuf>,
     frames: Option<u64>,
@@ -228,7 +228,7 @@ impl Running {
         self.covered || self.minimised.0 || size.width == 0 || size.height == 0
     }
 
-    /// Draws a frame; says whether the window shall close.
+    /// Draws a frame; returns true if the window must close.
     fn draw(&mut self) -> Result<bool> {
         if self.shows_nothing() {
             return Ok(false);
@@ -304,7 +304,7 @@ impl Running {
         }
     }
 
-    /// Writes a picture, and tells it.
+    /// Saves a picture and reports the result.
     fn save_picture(&mut self, pixels: &Pixels, path: &Path) -> Result<()> {
         let saved = match image_of(pixels) {
             Some(image) => image.save(path).map_err(Into::into),
@@ -328,13 +328,13 @@ fn title(scene: &Path) -> String {
     format!("{} - splatgraph", scene.file_name().unwrap_or_default().to_string_lossy())
 }
 
-/// `NAME-1.png`, or the first number whose file is not there yet.
+/// Finds the first of `NAME-1.png`, `NAME-2.png`, ... that does not exist.
 fn fresh_name(stem: &str) -> PathBuf {
     let name = |number: u32| PathBuf::from(format!("{stem}-{number}.png"));
     (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
 }
 
-/// Events as JSON lines, with the size of the window and where the controls stand whenever that changed.
+/// A log of events as JSON lines, with changes of the window's size and of the controls' places.
 struct EventLog {
     out: BufWriter<Box<dyn Write>>,
     begun: Instant,

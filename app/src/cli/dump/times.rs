@@ -1,4 +1,4 @@
-//! GPU times for a dump, from the statistics that `splatgraph render --json` writes.
+//! Reads GPU times for a dump from the statistics of `splatgraph render --json`.
 
 use crate::stats::median;
 use anyhow::{Context, Result, bail};
@@ -6,7 +6,7 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What matters here of [`crate::stats::CameraStats`].
+/// The needed part of [`crate::stats::CameraStats`].
 #[derive(Deserialize)]
 struct Camera {
     pipeline: String,
@@ -22,9 +22,9 @@ struct Pass {
 /// The times of a file.
 #[derive(Debug, PartialEq)]
 pub struct Times {
-    /// The graph that was drawn.
+    /// Name of the drawn graph.
     pub pipeline: String,
-    /// The median over the cameras, in milliseconds, by the passes' names.
+    /// The median over the cameras, in milliseconds, by pass name.
     pub passes: Vec<(String, f64)>,
 }
 

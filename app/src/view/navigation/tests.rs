@@ -8,7 +8,7 @@ fn bounds() -> Bounds {
     Bounds { min: [-2.0, -1.0, -3.0], max: [4.0, 2.0, 5.0] }
 }
 
-/// A camera askew, with pixels that are not square.
+/// Makes a tilted camera with pixels that are not square.
 fn start() -> Camera {
     let mut camera = Camera::looking_at([6.0, -4.0, -9.0], [1.0, 0.5, 1.0], 70.0, PIXELS);
     let roll = DMat3::from_axis_angle(DVec3::from(camera.axes()[2]), 0.2);
@@ -18,7 +18,7 @@ fn start() -> Camera {
     camera
 }
 
-/// At rest at [`start`], jumping.
+/// Makes a navigation at rest at [`start`], without animation.
 fn navigation() -> Navigation {
     let mut navigation = Navigation::new(&bounds(), &start(), DEFAULT_UP);
     navigation.set_animated(false);
@@ -38,13 +38,13 @@ fn keys(keys: Keys, seconds: f64) -> Input {
     Input { size: SIZE, keys, seconds, ..Input::default() }
 }
 
-/// The pixel that a point of the world is at, pixel centres at halves.
+/// Projects a point of the world to pixels, with pixel centres at halves.
 fn pixel(camera: &Camera, point: DVec3) -> [f64; 2] {
     let [x, y, z] = camera.to_view(point.into());
     [0.5 * f64::from(camera.width) + camera.fx * x / z, 0.5 * f64::from(camera.height) + camera.fy * y / z]
 }
 
-/// The point of the world that is at a pixel, at this depth.
+/// Unprojects a pixel at a depth to the world.
 fn point(camera: &Camera, pixel: [f64; 2], z: f64) -> DVec3 {
     let [right, down, forward] = camera.axes().map(DVec3::from);
     let x = (pixel[0] - 0.5 * f64::from(camera.width)) / camera.fx * z;
@@ -64,7 +64,7 @@ fn position(navigation: &Navigation) -> DVec3 {
     DVec3::from(now(navigation).position)
 }
 
-/// The largest difference between the numbers of two cameras.
+/// Computes the largest difference between the numbers of two cameras.
 fn apart(a: &Camera, b: &Camera) -> f64 {
     let numbers = |c: &Camera| {
         let flat: Vec<f64> = c.rotation.as_flattened().to_vec();
@@ -274,7 +274,7 @@ fn the_arrow_keys_orbit_and_the_camera_goes_where_they_point() {
     }
 }
 
-/// How much of the view the box takes, where 1 is up to its nearest border; `None` if a corner is too near.
+/// Computes the share of the view that the box takes, 1 up to its nearest border; `None` if a corner is too near.
 fn filled(camera: &Camera, bounds: &Bounds) -> Option<f64> {
     let mut most = 0.0f64;
     for corner in bounds.corners() {
@@ -447,7 +447,7 @@ fn assert_sound(navigation: &Navigation) {
     assert!(navigation.fly_speed() > 0.0 && navigation.fly_speed().is_finite());
 }
 
-/// Numbers that break things, among usual ones.
+/// Draws numbers that break things among usual ones.
 fn wild() -> impl Strategy<Value = f64> {
     let extremes =
         [0.0, -0.0, 1e-300, 1e9, -1e9, 1e300, f64::MAX, f64::MIN, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];

@@ -1,4 +1,4 @@
-//! What lies under the user interface: which pictures, where, and how they are compared.
+//! Defines the pictures below the user interface: their place and their comparison.
 
 use super::PICTURES;
 use bytemuck::{Pod, Zeroable};
@@ -6,22 +6,22 @@ use splatgraph_api::{FrameInputs, Given, Picture};
 use splatgraph_framework::ir::Format;
 use std::sync::Arc;
 
-/// The name of the uniform block.
+/// Name of the uniform block.
 pub const WINDOW: &str = "frame.window";
 
-/// Its bytes.
+/// Size of the uniform block, in bytes.
 pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
 
-/// A picture that is shown: as a plan drew it, or packed by the host (then as [`Given::Bytes`]).
+/// A picture to show, drawn by a plan or packed by the host (as [`Given::Bytes`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shown {
-    /// [`Format::R32Float`] is shown as grey; [`Format::R32Uint`] holds no colours and is not shown.
+    /// Format of the pixels. [`Format::R32Float`] is shown as grey; [`Format::R32Uint`] holds no colours and is not shown.
     pub format: Format,
-    /// In pixels.
+    /// Width, in pixels.
     pub width: u32,
-    /// In pixels.
+    /// Height, in pixels.
     pub height: u32,
-    /// The pixels, row 0 at the top, rows tightly packed, each as the format has it.
+    /// Pixels in the given format, row 0 at the top, rows tightly packed.
     pub pixels: Given,
 }
 
@@ -32,42 +32,42 @@ impl From<Picture> for Shown {
     }
 }
 
-/// How two pictures are shown.
+/// The comparison of two pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
-    /// A alone.
+    /// A without B.
     #[default]
     A,
     /// A to the left of a line, B to the right.
     Split,
-    /// `amplification * |A - B|`, channel by channel, of the values as they are displayed (clamped to 0..1).
+    /// `amplification * |A - B|` per channel, of the displayed values (clamped to 0..1).
     Difference,
 }
 
-/// What the window shows of the scene.
+/// The scene's part of the window.
 ///
-/// A picture of the view's size is shown pixel by pixel. One of another size was drawn before the view was resized: it is scaled
-/// to the view's height about the view's middle, as [`splatgraph_assets::Camera::resized`] will have the next one.
+/// A picture of the view's size is shown pixel by pixel. One of another size was drawn before the view was resized; it is scaled
+/// to the view's height about the view's centre, as [`splatgraph_assets::Camera::resized`] scales the next one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Composition {
-    /// The window's width and height in pixels.
+    /// Width and height of the window, in pixels.
     pub window: [u32; 2],
-    /// Where in the window the scene is shown: left, top, width, height in pixels.
+    /// Place of the view in the window: left, top, width, height in pixels.
     pub view: [u32; 4],
     /// Picture A.
     pub a: Option<Shown>,
     /// Picture B.
     pub b: Option<Shown>,
     pub mode: Mode,
-    /// Where the line is, from 0 at the view's left border to 1 at its right one.
+    /// Position of the split line, from 0 at the view's left border to 1 at its right one.
     pub split: f32,
-    /// Factor of the difference.
+    /// Amplification of the difference.
     pub amplification: f32,
-    /// Colour outside of the view, and in it where there is no picture; display-encoded.
+    /// Colour outside of the pictures, display-encoded.
     pub background: [f32; 3],
 }
 
-/// `shaders/window/window.glsl`, in the layout std140.
+/// The block of `shaders/window/window.glsl`, in the layout std140.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Block {
@@ -85,7 +85,7 @@ struct Block {
 const _: () = assert!(size_of::<Block>() == 96);
 
 impl Composition {
-    /// The bytes of the uniform block.
+    /// Packs the uniform block.
     pub fn bytes(&self) -> Vec<u8> {
         let [r, g, b] = self.background;
         let block = Block {
@@ -121,7 +121,7 @@ impl Composition {
     }
 }
 
-/// Width, height and format, as the shader reads them. An empty picture is none.
+/// Packs width, height and format for the shader. An empty picture has format 0, none.
 fn shape(picture: &Option<Shown>) -> [u32; 4] {
     let Some(Shown { format, width, height, .. }) = picture else { return [0; 4] };
     let format = match format {

@@ -19,7 +19,7 @@ fn changes(list: Vec<(TextureId, ImageDelta)>, free: &[TextureId]) -> TexturesDe
     changes
 }
 
-/// A texture whose texels say which one they are.
+/// Makes a texture whose texels encode their index.
 fn image([width, height]: [usize; 2], tag: u8) -> ColorImage {
     let pixels = (0..width * height).map(|i| Color32::from_rgba_premultiplied(i as u8, tag, 0, 255));
     ColorImage::new([width, height], pixels.collect())
@@ -29,7 +29,7 @@ fn whole(size: [usize; 2], tag: u8) -> ImageDelta {
     ImageDelta::full(image(size, tag), TextureOptions::LINEAR)
 }
 
-/// A painter that has the font texture: 2 x 2 of it.
+/// Makes a painter with a font texture of 2 x 2 texels.
 fn painter() -> Painter {
     let mut painter = Painter::default();
     painter.paint(changes(vec![(FONT, whole([2, 2], 0))], &[]), &[], 1.0);
@@ -51,7 +51,7 @@ fn read<T: Pod>(bytes: &[u8]) -> Vec<T> {
     bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect()
 }
 
-/// The texels of a texture, row by row.
+/// Returns the texels of a texture, row by row.
 fn texels(painter: &Painter, id: TextureId) -> Vec<[u8; 4]> {
     let Texture { texels: at, width, height, .. } = painter.textures.get(id).expect("there");
     let all: Vec<[u8; 4]> = read(&painter.textures.texels());

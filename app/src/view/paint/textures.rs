@@ -1,7 +1,7 @@
-//! The texels of all of egui's textures, in one buffer.
+//! Packs the texels of all of egui's textures into one buffer.
 //!
-//! A texture takes a run of texels, rows from top to bottom, in the first gap that holds it. The bytes are behind an [`Arc`] that
-//! is replaced when a texel changes and only then: who was given the same one before need not copy it again.
+//! A texture takes a run of texels, rows from top to bottom, in the first gap that is large enough. The bytes are in an [`Arc`]
+//! that is replaced only when a texel changes, so that a caller with the same one need not copy it again.
 
 use bytemuck::{Pod, Zeroable};
 use egui::epaint::textures::TextureFilter;
@@ -9,23 +9,23 @@ use egui::epaint::{ImageData, ImageDelta, TextureId};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Bytes of a texel.
+/// Size of a texel, in bytes.
 const TEXEL: usize = 4;
 
-/// Smooth where a texel is larger than a pixel.
+/// Flag for linear filtering of magnified textures.
 pub const SMOOTH_MAGNIFIED: u32 = 1;
-/// Smooth where it is smaller.
+/// Flag for linear filtering of minified textures.
 pub const SMOOTH_MINIFIED: u32 = 2;
 
-/// Where a texture is among the texels, as the shader reads it.
+/// The place of a texture among the texels, in the shader's layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Texture {
-    /// Its first texel.
+    /// Index of the first texel.
     pub texels: u32,
     pub width: u32,
     pub height: u32,
-    /// [`SMOOTH_MAGNIFIED`] and [`SMOOTH_MINIFIED`].
+    /// Flags [`SMOOTH_MAGNIFIED`] and [`SMOOTH_MINIFIED`].
     pub smoothing: u32,
 }
 
@@ -39,7 +39,7 @@ impl Texture {
     }
 }
 
-/// See the module's documentation.
+/// The texels of all textures and their places.
 #[derive(Debug)]
 pub struct Textures {
     texels: Arc<Vec<u8>>,
@@ -54,17 +54,17 @@ impl Default for Textures {
 }
 
 impl Textures {
-    /// Where a texture is; `None` if it has no texels.
+    /// Returns the place of a texture; `None` if it has no texels.
     pub fn get(&self, id: TextureId) -> Option<Texture> {
         self.known.get(&id).copied().filter(|texture| texture.count() > 0)
     }
 
-    /// All texels.
+    /// Returns all texels.
     pub fn texels(&self) -> Arc<Vec<u8>> {
         self.texels.clone()
     }
 
-    /// Makes new textures and changes others, each by its list in order.
+    /// Creates and changes textures, each by its list in order.
     pub fn set<L: IntoIterator<Item = ImageDelta>>(
         &mut self,
         changes: impl IntoIterator<Item = (TextureId, L)>,
@@ -84,7 +84,7 @@ impl Textures {
         self.texels = Arc::new(texels);
     }
 
-    /// Forgets textures. Their room is taken by others later.
+    /// Frees textures. Later ones reuse their space.
     pub fn free(&mut self, ids: impl IntoIterator<Item = TextureId>) {
         for id in ids {
             self.known.remove(&id);
@@ -130,7 +130,7 @@ impl Textures {
         }
     }
 
-    /// The first gap between textures that holds so many texels, or the end of them.
+    /// Finds the first gap of `count` texels between textures, or their end.
     fn room(&self, count: usize) -> usize {
         let mut taken: Vec<&Texture> = self.known.values().collect();
         taken.sort_by_key(|texture| texture.texels);

@@ -1,9 +1,9 @@
-//! What is wrong with a graph or a shader, as the terminal shows it, over the last good picture.
+//! Lays out errors with the terminal's colours, over the last good picture.
 
 use egui::text::{LayoutJob, TextFormat};
 use egui::{Color32, FontId};
 
-/// The colours of a terminal, on a dark ground.
+/// Colours of a terminal with a dark background.
 const PALETTE: [Color32; 8] = [
     Color32::from_rgb(110, 110, 110),
     Color32::from_rgb(255, 110, 103),
@@ -17,7 +17,7 @@ const PALETTE: [Color32; 8] = [
 
 const PLAIN: Color32 = Color32::from_rgb(225, 225, 225);
 
-/// A text with ANSI colours (SGR sequences; others are left out) as one that egui draws, in a monospace font.
+/// Converts text with ANSI colours (SGR sequences; others are dropped) to egui's layout, in a monospace font.
 pub fn layout(ansi: &str, size: f32) -> LayoutJob {
     let mut job = LayoutJob::default();
     let mut colour = PLAIN;
@@ -43,7 +43,7 @@ pub fn layout(ansi: &str, size: f32) -> LayoutJob {
     job
 }
 
-/// The colour after the parameters of an SGR sequence.
+/// Applies the parameters of an SGR sequence to a colour.
 fn sgr(parameters: &str, before: Color32) -> Color32 {
     let mut colour = before;
     let mut numbers = parameters.split(';').map(|n| n.parse::<usize>().unwrap_or(0));

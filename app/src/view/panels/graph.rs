@@ -1,4 +1,4 @@
-//! The plan, as `splatgraph dump` tells it: passes in order, the barriers between them, what each touches.
+//! Shows the plan as in `splatgraph dump`: passes in order, the barriers between them, and the accesses of each.
 
 use super::Controls;
 use crate::view::viewport::Viewport;
@@ -8,28 +8,28 @@ use splatgraph_framework::dump::{self, Dump, DumpBarrier, DumpPass, DumpTouch};
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 
-/// Points of the details' letters.
+/// Font size of the details, in points.
 const SMALL: f32 = 11.0;
 
 const BARRIER: Color32 = Color32::from_rgb(230, 159, 0);
 const READ: Color32 = Color32::from_rgb(120, 190, 255);
 const WRITE: Color32 = Color32::from_rgb(255, 150, 120);
 
-/// What is opened, and the dump of the plan that is shown.
+/// The open item, and the dump of the shown plan.
 #[derive(Default)]
 pub struct State {
     dumped: Option<(Arc<Plan>, Dump)>,
     open: Option<Open>,
 }
 
-/// The pass or the barrier whose details are shown.
+/// The pass or barrier with open details.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Open {
     Pass(String),
     Barrier(u32),
 }
 
-/// What was clicked.
+/// The clicked items.
 #[derive(Default)]
 struct Clicked {
     open: Option<Open>,

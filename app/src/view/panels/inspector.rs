@@ -1,4 +1,4 @@
-//! What a resource holds after a pass: as numbers, as a histogram, as a picture; and of sorted keys, whether they ascend.
+//! Shows the contents of a resource after a pass: numbers, a histogram, a picture, and the order of sorted keys.
 
 use super::Controls;
 use crate::inspect::{Finding, ReadAs};
@@ -9,23 +9,23 @@ use splatgraph_api::Device;
 use splatgraph_framework::ir::Work;
 use splatgraph_framework::plan::Plan;
 
-/// Lines of numbers that are shown at a time.
+/// Number of lines with numbers.
 const LINES: usize = 16;
 
-/// Bars of the histogram.
+/// Number of bars in the histogram.
 const BINS: usize = 64;
 
-/// Pictures larger than this across are shown smaller: they go through the memory of the user interface.
+/// Largest width of a picture, in pixels; larger ones are reduced, because they use the memory of the user interface.
 const LARGEST: usize = 512;
 
-/// What the person set.
+/// The panel's settings.
 #[derive(Default)]
 pub struct State {
     first: usize,
     read: ReadAs,
     channel: usize,
     picture: Option<TextureHandle>,
-    /// Which finding the picture is of.
+    /// Number of the finding in the picture.
     shown: Option<u64>,
 }
 
@@ -192,7 +192,7 @@ impl State {
     }
 }
 
-/// Resource and pass, changeable.
+/// Draws the choice of resource and pass.
 fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
     ui.horizontal_wrapped(|ui| {
         let mut changed = false;
@@ -218,7 +218,7 @@ fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
     });
 }
 
-/// The sorted keys: what is called `keys` and the pass that writes it last.
+/// Finds the sorted keys: the resource whose name begins with `keys`, and the last pass that writes it.
 pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
     plan.frame.iter().rev().find_map(|step| {
         let pass = plan.pass(step.pass);

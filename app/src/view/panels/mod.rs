@@ -1,7 +1,7 @@
-//! What stands around the picture: parameters and presets at the left, times and memory at the right, the graph and what its
-//! resources hold below, mistakes over the picture.
+//! Draws the panels around the picture.
 //!
-//! Panels read and change a [`Viewer`]; they know no window, so that tests click through them without one.
+//! Parameters and presets are at the left, times and memory at the right, the graph and its resources below, and errors over the
+//! picture. Panels read and change a [`Viewer`]; they do not depend on a window, so tests can click through them.
 
 mod failures;
 mod graph;
@@ -25,89 +25,89 @@ use std::time::Instant;
 
 pub use params::set_line;
 
-/// Height of the status line, with something in it or without, in points.
+/// Height of the status line, also when it is empty, in points.
 const STATUS: f32 = 20.0;
 
-/// Lines of the log that are kept.
+/// Number of lines in the log.
 const LOG: usize = 200;
 
-/// What the person asks of the window.
+/// A request to the window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// Save what the window shows.
+    /// Save the window's picture.
     Screenshot,
     /// Save the picture of A alone, in its own size.
     SavePicture,
-    /// Wait for the display's refresh, or do not.
+    /// Turn waiting for the display's refresh on or off.
     Vsync(bool),
     /// Capture the next frame with RenderDoc.
     Capture,
-    /// The whole display, or a part.
+    /// Switch full screen on or off.
     Fullscreen,
 }
 
-/// Where the controls stood in the last frame, by name, in points: for programs that move them.
+/// Places of the controls in the last frame, by name, in points, for scripted input.
 #[derive(Clone, Debug, Default)]
 pub struct Controls {
     now: BTreeMap<String, Rect>,
 }
 
 impl Controls {
-    /// Remembers where a control stands.
+    /// Records the place of a control.
     pub(super) fn see(&mut self, name: &str, rect: Rect) {
         self.now.insert(name.to_owned(), rect);
     }
 
-    /// Where a control of that name stood in the last frame.
+    /// Returns the place of a control in the last frame.
     pub fn find(&self, name: &str) -> Option<Rect> {
         self.now.get(name).copied()
     }
 
-    /// All of them.
+    /// Iterates over all controls.
     pub fn iter(&self) -> impl Iterator<Item = (&str, Rect)> {
         self.now.iter().map(|(name, rect)| (name.as_str(), *rect))
     }
 }
 
-/// What a frame of the panels came to.
+/// The results of a frame of the panels.
 #[derive(Clone, Debug)]
 pub struct Shown {
-    /// Where the picture is to be, in points.
+    /// Place of the picture, in points.
     pub view: Rect,
-    /// What is asked of the window.
+    /// Requests to the window.
     pub commands: Vec<Command>,
 }
 
-/// See the module's documentation.
+/// The state of the panels.
 pub struct Panels {
-    /// Nothing but the picture.
+    /// True to show the picture alone.
     pub hidden: bool,
-    /// The panel at the left.
+    /// True to show the left panel.
     pub settings: bool,
-    /// The panel at the right.
+    /// True to show the right panel.
     pub performance: bool,
-    /// The panel below.
+    /// True to show the bottom panel.
     pub graph: bool,
-    /// Whether frames wait for the display.
+    /// True if frames wait for the display.
     pub vsync: bool,
-    /// Whose parameters and times are shown.
+    /// Renderer of the shown parameters and times.
     pub selected: RendererId,
-    /// Where controls stand.
+    /// Places of the controls.
     pub controls: Controls,
-    /// The list of keys.
+    /// True to show the list of keys.
     pub help: bool,
     presets: Presets,
     log: VecDeque<String>,
     graph_state: graph::State,
     inspector: inspector::State,
     drag: pointer::Drag,
-    /// Milliseconds between the last frames.
+    /// Milliseconds between recent frames.
     frame_ms: VecDeque<f64>,
-    /// The phase whose passes are plotted.
+    /// Phase with plotted passes.
     plotted: Option<String>,
-    /// When the last frame began.
+    /// Start of the last frame.
     before: Option<Instant>,
-    /// Frames of A by then.
+    /// Number of frames of A at that time.
     drawn: u64,
 }
 
@@ -136,7 +136,7 @@ impl Default for Panels {
 }
 
 impl Panels {
-    /// Remembers what happened, for the log.
+    /// Adds an event to the log.
     pub fn tell(&mut self, event: &Event) {
         if event.is_for_people() {
             if self.log.len() == LOG {
@@ -146,7 +146,7 @@ impl Panels {
         }
     }
 
-    /// Draws the panels, and lets the person's input act on the viewer.
+    /// Draws the panels and applies the user's input to the viewer.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -208,7 +208,7 @@ impl Panels {
         Ok(Shown { view, commands })
     }
 
-    /// Notes the time since the frame before.
+    /// Records the time since the last frame.
     fn time(&mut self, drawn: u64) {
         let now = Instant::now();
         // Frames without a picture of the scene are none.
@@ -399,7 +399,7 @@ impl Panels {
         self.graph_state.show(ui, viewport, &mut self.controls);
     }
 
-    /// The part of the window where the picture is; the person moves the camera there.
+    /// Draws the view and applies camera input to it; returns its place.
     fn view<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) -> Rect {
         let rect = ui.max_rect();
         self.controls.see("view", rect);
@@ -420,7 +420,7 @@ impl Panels {
         rect
     }
 
-    /// What is wrong, over the last good picture, until it is mended.
+    /// Shows errors over the last good picture until they are corrected.
     fn mistakes<D: Device>(
         &mut self,
         ctx: &Context,

@@ -1,6 +1,6 @@
-//! The parameters that the graph declares, each as the control that fits it.
+//! Draws a control for each parameter of the graph.
 //!
-//! Nothing here knows any parameter by name: label, help, range, step and choices come from the file.
+//! No parameter is known by name: label, help, range, step and choices come from the graph's file.
 
 use super::Controls;
 use crate::view::renderer::Renderer;
@@ -9,10 +9,10 @@ use splatgraph_api::Device;
 use splatgraph_framework::ir::{Domain, ParamBinding, Value};
 use splatgraph_framework::plan::Param;
 
-/// Ranges over more than this many powers of ten have logarithmic sliders.
+/// Range in powers of ten above which sliders are logarithmic.
 const DECADES: f64 = 2.0;
 
-/// Draws the controls, and changes what the person changes.
+/// Draws the controls and applies changes.
 pub fn show<D: Device>(ui: &mut Ui, renderer: &mut Renderer<D>, command: &str, controls: &mut Controls) {
     ui.horizontal_wrapped(|ui| {
         let modified = renderer.set().len();
@@ -61,7 +61,7 @@ pub fn show<D: Device>(ui: &mut Ui, renderer: &mut Renderer<D>, command: &str, c
     }
 }
 
-/// ` --set a=1 --set b=2`, for the changed ones.
+/// Formats the changed parameters as options: ` --set a=1 --set b=2`.
 pub fn set_line<D: Device>(renderer: &Renderer<D>) -> String {
     renderer.set().iter().map(|(name, value)| format!(" --set {name}={value}")).collect()
 }
@@ -84,7 +84,7 @@ fn heading(ui: &mut Ui, param: &Param, modified: bool) {
     ui.label(label).on_hover_text(help);
 }
 
-/// The control; a value if the person changed it.
+/// Draws the control; returns the value if the user changed it.
 fn control(ui: &mut Ui, param: &Param, controls: &mut Controls) -> Option<Value> {
     let name = format!("param:{}", param.name);
     match (&param.domain, &param.value) {
@@ -141,7 +141,7 @@ fn wide(min: f64, max: f64) -> bool {
     min > 0.0 && (max / min).log10() > DECADES
 }
 
-/// Where a slider can be dragged: its number stands right of it.
+/// Computes the draggable part of a slider, without the number at its right.
 fn rail(ui: &Ui, whole: egui::Rect) -> egui::Rect {
     egui::Rect::from_min_size(whole.min, egui::vec2(ui.spacing().slider_width, whole.height()))
 }

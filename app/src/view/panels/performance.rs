@@ -1,4 +1,4 @@
-//! The HUD: what the frames take on the GPU, per phase and per pass, what the host takes, and where the memory goes.
+//! Shows the times of frames on GPU and host, per phase and per pass, and the memory.
 
 use crate::stats::median;
 use crate::view::history::{History, Quantiles, Row, Series};
@@ -9,7 +9,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use splatgraph_framework::plan::Plan;
 
-/// One colour per phase, in the order in which the phases run; they repeat after that.
+/// Colours of the phases, in order of execution; they repeat.
 const COLOURS: [Color32; 8] = [
     Color32::from_rgb(86, 180, 233),
     Color32::from_rgb(230, 159, 0),
@@ -21,7 +21,7 @@ const COLOURS: [Color32; 8] = [
     Color32::from_rgb(180, 180, 180),
 ];
 
-/// The panel of one side. `window` is the history of the window's own graph, `plotted` the phase whose passes are plotted.
+/// Draws the panel of one viewport. `window` is the history of the window's graph, `plotted` the phase with plotted passes.
 pub fn show<D: Device>(
     ui: &mut Ui,
     viewport: &Viewport<D>,
@@ -80,7 +80,7 @@ fn colour(index: usize) -> Color32 {
     COLOURS[index % COLOURS.len()]
 }
 
-/// A line with something at its left and something at its right.
+/// Draws a line with one part at its left and one at its right.
 fn line(ui: &mut Ui, left: impl FnOnce(&mut Ui) -> Response, right: impl FnOnce(&mut Ui)) {
     ui.horizontal(|ui| {
         left(ui);
@@ -88,7 +88,7 @@ fn line(ui: &mut Ui, left: impl FnOnce(&mut Ui) -> Response, right: impl FnOnce(
     });
 }
 
-/// Median and 99th percentile, from the right.
+/// Draws median and 99th percentile, aligned to the right.
 fn numbers(ui: &mut Ui, ms: Option<Quantiles>) {
     match ms {
         Some(Quantiles { median, p99 }) => {
@@ -101,7 +101,7 @@ fn numbers(ui: &mut Ui, ms: Option<Quantiles>) {
     }
 }
 
-/// What is plotted: all phases, or the passes of one.
+/// Draws the choice of the plot: all phases, or the passes of one.
 fn choose(ui: &mut Ui, phases: &[String], plotted: &mut Option<String>) {
     if plotted.as_ref().is_some_and(|phase| !phases.contains(phase)) {
         *plotted = None;
@@ -135,7 +135,7 @@ fn plot(ui: &mut Ui, series: Vec<Series>, changes: &[f64]) {
         });
 }
 
-/// `phases` are in the order in which the plot coloured them.
+/// Draws the table; `phases` are in the order of the plot's colours.
 fn table(ui: &mut Ui, rows: &[Row], phases: &[String], frames: usize) {
     let heading = RichText::new(format!("GPU milliseconds, over {frames} frames")).small().weak();
     line(

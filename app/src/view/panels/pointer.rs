@@ -1,4 +1,4 @@
-//! Pointer and keys over the picture, as the camera and the split line take them.
+//! Converts pointer and keys over the picture to input of the camera and the split line.
 
 use crate::view::navigation::{self, Buttons, Input, Keys, Modifiers};
 use crate::view::paint::Mode;
@@ -6,10 +6,10 @@ use crate::view::viewer::Viewer;
 use egui::{Color32, CursorIcon, Key, PointerButton, Rect, Sense, Ui};
 use splatgraph_api::Device;
 
-/// How near to the split line a drag must begin to move it, in points.
+/// Largest distance to the split line at which a drag moves it, in points.
 const GRIP: f32 = 6.0;
 
-/// What a drag that began over the picture moves.
+/// The object of a drag that began over the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drag {
     /// The camera.
@@ -20,7 +20,7 @@ pub enum Drag {
 }
 
 impl Drag {
-    /// Lets what the person did in the last frame act.
+    /// Applies the input of the last frame.
     pub fn act<D: Device>(&mut self, ui: &mut Ui, view: Rect, viewer: &mut Viewer<D>) {
         // The keyboard is the camera's wherever no control has it: the view takes no focus of its own.
         let response = ui.interact(view, ui.scope_id().with("view"), Sense::CLICK | Sense::DRAG);
@@ -96,7 +96,7 @@ impl Drag {
     }
 }
 
-/// The name of a side beside the split line, `towards` its half.
+/// Draws the name of a viewport next to the split line, on the half `towards`.
 fn label(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     let at = egui::pos2(line + towards * 16.0, view.top() + 16.0);
     if view.contains(at) {

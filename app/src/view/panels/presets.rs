@@ -1,4 +1,4 @@
-//! The graphs to choose from: the built-in ones, and files that were in use in this window.
+//! Lists the selectable graphs: the built-in ones, and files that were used in this window.
 
 use super::Controls;
 use crate::builtin;
@@ -11,12 +11,12 @@ use std::path::Path;
 /// A graph of the list.
 #[derive(Clone, Debug)]
 struct Entry {
-    /// What it is asked for by: a built-in one's name, or a path.
+    /// A built-in graph's name, or a path.
     graph: String,
     summary: String,
 }
 
-/// The list. The summaries of the built-in ones are read once, those of files are of their newest plans.
+/// The list. Summaries of built-in graphs are read once, those of files come from their newest plans.
 pub struct Presets {
     entries: Vec<Entry>,
 }
@@ -28,7 +28,7 @@ impl Presets {
         Presets { entries: builtin::presets().into_iter().map(entry).collect() }
     }
 
-    /// Draws the list, each with its summary, and changes to the graph that is clicked.
+    /// Draws the list, and changes to the clicked graph.
     pub fn show<D: Device>(&mut self, ui: &mut Ui, renderer: &mut Renderer<D>, controls: &mut Controls) {
         self.remember(renderer);
         let mut chosen = None;
@@ -48,7 +48,7 @@ impl Presets {
         }
     }
 
-    /// Takes the graph in use into the list, so that there is a way back to it.
+    /// Adds the current graph to the list, so that it can be selected again.
     fn remember<D: Device>(&mut self, renderer: &Renderer<D>) {
         let graph = renderer.graph();
         // While another graph is being built, the plan is still that of the one before.
@@ -67,7 +67,7 @@ impl Presets {
     }
 }
 
-/// The last part of a path, without `.ron`.
+/// Returns the last part of a path, without `.ron`.
 pub fn file_name(graph: &str) -> String {
     Path::new(graph).file_stem().map_or_else(|| graph.to_owned(), |stem| stem.to_string_lossy().into_owned())
 }

@@ -1,28 +1,28 @@
-//! Why a plan is built, and what came of it.
+//! Defines the causes and results of building a plan.
 
 use crate::planner::GraphErrors;
 use splatgraph_api::BackendError;
 use std::fmt;
 use std::path::PathBuf;
 
-/// Why a plan is built.
+/// The cause of a build.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// There was none.
+    /// There was no plan.
     Start,
     /// These files changed.
     Files(Vec<PathBuf>),
-    /// This constant parameter changed, or several.
+    /// Constant parameters changed.
     Parameters(Vec<String>),
-    /// Another graph was chosen.
+    /// Another graph was selected.
     Graph,
-    /// The picture has another size.
+    /// The picture's size changed.
     Size,
     /// Another scene was opened.
     Scene,
-    /// Resources shall share memory, or shall not.
+    /// Memory sharing between resources was turned on or off.
     Memory,
-    /// The prologue shall run again, so that what it leaves can be looked at.
+    /// The prologue must run again, for an inspection of its results.
     Prologue,
 }
 
@@ -45,19 +45,19 @@ impl fmt::Display for Cause {
     }
 }
 
-/// Why there is no new plan.
+/// The failure of a build.
 #[derive(Debug)]
 pub enum Failure {
     /// The graph or its shaders have errors.
     Graph(GraphErrors),
     /// The device refused the plan.
     Backend(BackendError),
-    /// A mistake of this program's own.
+    /// The build panicked, which is a bug of this program.
     Panicked(String),
 }
 
 impl Failure {
-    /// As a terminal shows it, with ANSI colours where asked.
+    /// Formats the failure as for a terminal, with ANSI colours if requested.
     pub fn text(&self, colour: bool) -> String {
         match self {
             Failure::Graph(errors) => errors.text(colour).trim_end().to_owned(),
@@ -69,38 +69,38 @@ impl Failure {
     }
 }
 
-/// A plan that took the place of another, and how long that took.
+/// A plan that replaced another, with the times of its build.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Swap {
-    /// Of the new plan.
+    /// Name of the graph.
     pub graph: String,
-    /// Why it was built.
+    /// Cause of the build.
     pub cause: Cause,
-    /// Passes of its frame.
+    /// Number of passes in its frame.
     pub passes: usize,
-    /// From the files to the plan: reading, compiling, solving.
+    /// Milliseconds of reading, compiling and solving.
     pub plan_ms: f64,
-    /// Making it ready on the device: memory, pipelines, uploads.
+    /// Milliseconds of preparing the device: memory, pipelines, uploads.
     pub prepare_ms: f64,
-    /// From the change (of a file: as the system told of it) until the device had finished the first frame of the new plan.
+    /// Milliseconds from the change, or the system's notice of it, to the end of the first frame on the device.
     pub latency_ms: f64,
 }
 
-/// Names the renderer of an event.
+/// An event of a renderer.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RendererEvent {
-    /// Frames are drawn by a new plan now.
+    /// A new plan draws the frames.
     Swapped(Swap),
-    /// There is no new plan; the one before goes on. The text is without colours.
+    /// The build failed; the former plan stays. The text is without colours.
     Failed(String),
-    /// What had failed does no longer.
+    /// A plan builds again after a failure.
     Mended,
-    /// The settings of these names are not for this graph, and were dropped.
+    /// Settings were dropped because the graph does not have these parameters.
     Dropped(Vec<String>),
 }
 
 impl Cause {
-    /// Of two changes that are built together.
+    /// Combines the causes of two changes that are built together.
     pub(super) fn and(self, other: Cause) -> Cause {
         match (self, other) {
             (Cause::Parameters(a), Cause::Parameters(b)) => Cause::Parameters(joined(a, b)),
@@ -114,7 +114,7 @@ impl Cause {
     }
 }
 
-/// Both lists, without what is in the first already.
+/// Concatenates two lists without duplicates of the first.
 fn joined<T: PartialEq>(mut a: Vec<T>, b: Vec<T>) -> Vec<T> {
     for item in b {
         if !a.contains(&item) {

@@ -1,4 +1,4 @@
-//! What the building thread does: from the files to a plan that the device can swap to.
+//! Builds a plan and prepares it on the device, on the building thread.
 
 use super::events::{Cause, Failure};
 use super::{PlanInputs, Wanted};
@@ -12,11 +12,11 @@ use splatgraph_framework::plan::Plan;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// What the building thread gets.
+/// The input of a build.
 pub(super) struct Job<L> {
     pub graph: String,
     pub set: Vec<(String, String)>,
-    /// A setting that the graph does not know is an error; otherwise it is dropped.
+    /// True to report unknown settings as errors; otherwise they are dropped.
     pub strict: bool,
     pub inputs: PlanInputs,
     pub device: DeviceFacts,
@@ -26,7 +26,7 @@ pub(super) struct Job<L> {
     pub progress: Arc<Mutex<String>>,
 }
 
-/// What it gives.
+/// The result of a build.
 pub(super) struct Built<R> {
     pub outcome: Result<(Plan, R), Failure>,
     pub wanted: Vec<Wanted>,
@@ -38,7 +38,7 @@ pub(super) struct Built<R> {
     pub prepare_ms: f64,
 }
 
-/// What runs on the building thread: the compiled shaders are remembered there.
+/// Makes the function of the building thread, with its cache of compiled shaders.
 pub(super) fn builder<L: Loader>() -> impl FnMut(Job<L>) -> Built<L::Ready> {
     let mut planner = Planner::default();
     move |job| build(&mut planner, job)
