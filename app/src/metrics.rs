@@ -51,10 +51,10 @@ pub struct WorstPixel {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MetricError {
     /// The sizes differ.
-    #[error("the sizes differ: {a_width} x {a_height} and {b_width} x {b_height}")]
+    #[error("expected pictures of one size, found {a_width} x {a_height} and {b_width} x {b_height}")]
     Sizes { a_width: usize, a_height: usize, b_width: usize, b_height: usize },
     /// A picture has NaN or infinite values, for instance from a shader that divides by zero.
-    #[error("{which} holds {count} values that are not finite, the first at ({x}, {y})")]
+    #[error("expected finite values, found {count} others in {which}, the first at ({x}, {y})")]
     NotFinite { which: &'static str, count: usize, x: usize, y: usize },
 }
 
@@ -273,12 +273,15 @@ mod tests {
     #[test]
     fn pictures_of_other_sizes_or_with_nan_cannot_be_compared() {
         let message = compare(&grey(2, 3, 0.0), &grey(3, 2, 0.0)).unwrap_err().to_string();
-        assert_eq!(message, "the sizes differ: 2 x 3 and 3 x 2");
+        assert_eq!(message, "expected pictures of one size, found 2 x 3 and 3 x 2");
         let mut bad = grey(3, 2, 0.0);
         bad.rgb[4][1] = f32::NAN;
         bad.rgb[5][2] = f32::INFINITY;
         let message = compare(&grey(3, 2, 0.0), &bad).unwrap_err().to_string();
-        assert_eq!(message, "the second picture holds 2 values that are not finite, the first at (1, 1)");
+        assert_eq!(
+            message,
+            "expected finite values, found 2 others in the second picture, the first at (1, 1)"
+        );
     }
 
     #[test]

@@ -93,3 +93,27 @@ impl fmt::Display for GraphErrors {
 }
 
 impl std::error::Error for GraphErrors {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::facts::{self, SceneFacts};
+    use splatgraph_framework::ir::DescriptorKind;
+
+    #[test]
+    fn the_built_in_graphs_bind_as_many_storage_buffers_as_the_portable_device_promises() {
+        let catalog = facts::nominal_catalog();
+        let mut planner = Planner::default();
+        let mut most = 0;
+        for lanes in [4, facts::USUAL_SUBGROUP_SIZE] {
+            let device = facts::portable_device(lanes);
+            let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+            let plan = planner.plan("splat", &[], &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
+            for pass in &plan.passes {
+                let buffers = pass.bindings.iter().filter(|b| b.kind == DescriptorKind::StorageBuffer);
+                most = most.max(buffers.count());
+            }
+        }
+        assert_eq!(most, facts::MAX_STORAGE_BUFFERS);
+    }
+}

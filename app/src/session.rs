@@ -26,7 +26,7 @@ pub enum SessionError {
     #[error(transparent)]
     Backend(#[from] BackendError),
     /// A frame was submitted before [`Session::prepare`].
-    #[error("there is no plan yet")]
+    #[error("no plan: `prepare` must be called before `submit`")]
     NotPrepared,
 }
 

@@ -48,7 +48,7 @@ pub struct Args {
 fn positive(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
-        _ => Err("a number above 0".into()),
+        _ => Err("expected a number above 0".into()),
     }
 }
 
@@ -75,7 +75,7 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
         (Pictures::One(a), Pictures::One(b)) => (vec![Pair { name: a.display().to_string(), a, b }], false),
         (Pictures::Many(a), Pictures::Many(b)) => (pairs(args, a, b)?, true),
         _ => {
-            let message = "a picture and a folder cannot be compared: give two pictures or two folders";
+            let message = "expected two pictures or two folders, found one of each";
             return Err(Usage(message.into()).into());
         }
     };
@@ -93,7 +93,7 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
     }
 
     let worst = (0..found.len()).min_by(|&i, &j| found[i].psnr().total_cmp(&found[j].psnr()));
-    let Some(worst) = worst else { bail!("there are no pictures to compare") };
+    let Some(worst) = worst else { bail!("expected at least one picture, found none") };
     let text = if args.json {
         format!("{:#}", report(&pairs, &found, worst, folders))
     } else if folders {
@@ -138,7 +138,7 @@ impl Pictures {
                 continue;
             }
             if let Some(other) = pictures.insert(stem.to_owned(), file.clone()) {
-                bail!("{} and {} have one name: which of them is meant?", other.display(), file.display());
+                bail!("{} and {} have the same name without extension", other.display(), file.display());
             }
         }
         Ok(Pictures::Many(pictures))
@@ -162,7 +162,7 @@ fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>
     }
     let list: Vec<String> = alone.iter().map(|p| format!("\n  {}", p.display())).collect();
     let hint = if pairs.is_empty() && !args.by_number {
-        "\nno two names are equal; --by-number matches by the number at their ends"
+        "\nno two names are equal; --by-number matches by the number at the end"
     } else {
         ""
     };
@@ -183,10 +183,10 @@ fn numbered(pictures: BTreeMap<String, PathBuf>) -> Result<Keyed> {
         match stem[digits..].parse::<u64>() {
             Ok(number) => {
                 if let Some((_, other)) = keyed.insert((number, String::new()), (stem, path.clone())) {
-                    bail!("{} and {} end in one number", other.display(), path.display());
+                    bail!("{} and {} end in the same number", other.display(), path.display());
                 }
             }
-            Err(_) => eprintln!("left out: {} (its name does not end in a number)", path.display()),
+            Err(_) => eprintln!("skipped: {} (its name does not end in a number)", path.display()),
         }
     }
     Ok(keyed)
@@ -322,7 +322,7 @@ mod tests {
     #[test]
     fn two_pictures_of_one_name_in_a_folder_are_an_error() {
         let (_root, a, b) = folders(&[("x.npy", 0.5), ("x.png", 0.5)], &[("x.npy", 0.5)]);
-        assert!(compared(&a, &b, &[]).unwrap_err().to_string().contains("have one name"));
+        assert!(compared(&a, &b, &[]).unwrap_err().to_string().contains("have the same name"));
     }
 
     #[test]

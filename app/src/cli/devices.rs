@@ -26,7 +26,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         return Ok(Outcome::Done);
     }
     if devices.is_empty() {
-        bail!("the Vulkan loader knows no device");
+        bail!("the Vulkan loader found no device");
     }
     for device in &devices {
         options::print(&format!("{}: {} ({}; {})", device.index, device.name, device.kind, device.driver))?;

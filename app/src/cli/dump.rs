@@ -83,9 +83,7 @@ enum Form {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     if args.diff.is_some() && matches!(args.format, Form::Dot | Form::Html) {
-        return Err(
-            Usage("a comparison is written as text or json; leave out --format, or --diff".into()).into()
-        );
+        return Err(Usage("expected --format text or json with --diff; leave out one of them".into()).into());
     }
     // Before the plan is made, which takes longer to fail.
     let times = args.times.as_deref().map(times::load).transpose()?;
@@ -130,14 +128,14 @@ fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
     let (timed, found) = dump.with_times(&times.passes);
     let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();
     if found == 0 {
-        anyhow::bail!("the times are of other passes: {} has none of them", timed.graph);
+        anyhow::bail!("the times are of other passes: none of them is in {}", timed.graph);
     }
     if times.pipeline != timed.graph {
         eprintln!("the times are of {}, the plan is of {}", times.pipeline, timed.graph);
     }
     if missing > 0 || found < times.passes.len() {
         eprintln!(
-            "{missing} passes have no time, and {} times no pass: was another device or were other parameters drawn with?",
+            "{missing} passes have no time, and {} times have no pass: the file may be of another device or of other parameters",
             times.passes.len() - found
         );
     }
@@ -150,7 +148,7 @@ pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
         return Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
     };
     let options = splatgraph_vulkan::Options { device: Some(wanted.to_owned()), ..Default::default() };
-    let device = Vulkan::open(&options).context("the device's limits are not known")?;
+    let device = Vulkan::open(&options).context("the device's limits are not available")?;
     Ok(splatgraph_api::Device::info(&device).facts)
 }
 

@@ -79,7 +79,7 @@ fn inspect_request(text: &str) -> Result<InspectRequest, String> {
         Some((target, file)) if Format::of(Path::new(file)) == Some(Format::Npy) => {
             (target, Some(file.into()))
         }
-        Some(_) => return Err("the file's name must end with .npy".into()),
+        Some(_) => return Err("expected a file name with the extension .npy".into()),
         None => (text, None),
     };
     match target.split_once('@') {
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let given = args.drawing.cameras()?;
     if let (Some(Destination::Picture(path)), Some(cameras @ [_, _, ..])) = (&destination, given.as_deref()) {
         let message = format!(
-            "{} is one picture, and there are {} cameras: name a folder, or one camera with --cameras FILE#INDEX",
+            "expected one camera for the picture {}, found {}: name a folder, or one camera with --cameras FILE#INDEX",
             path.display(),
             cameras.len()
         );
@@ -194,14 +194,14 @@ impl Destination {
         let Some(output) = &args.output else { return Ok(None) };
         if let Some(format) = Format::of(output) {
             if args.format.is_some_and(|wanted| wanted != format) {
-                return Err(Usage(format!("--format and the ending of {} do not agree", output.display())));
+                return Err(Usage(format!("--format differs from the extension of {}", output.display())));
             }
             return Ok(Some(Destination::Picture(output.clone())));
         }
         // `pictures.jpg` is rather a mistake than a folder.
         if let Some(extension) = output.extension().filter(|_| !output.is_dir() && args.format.is_none()) {
             return Err(Usage(format!(
-                "pictures are written as .png, .exr or .npy, not as .{} (for a folder of that name, say --format)",
+                "expected the extension .png, .exr or .npy, found .{} (for a folder of that name, add --format)",
                 extension.display()
             )));
         }
@@ -242,7 +242,7 @@ struct Drawn {
 /// Draws the frames of one camera.
 fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: bool) -> Result<Drawn> {
     let loaded = prepare(session, camera)?;
-    let plan = session.plan().context("the plan was just made")?.clone();
+    let plan = session.plan().context("no plan after `prepare`")?.clone();
     let targets: Vec<Inspect> = args
         .inspect
         .iter()
@@ -284,7 +284,7 @@ fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: boo
 
     let image = match results.last_mut().and_then(|result| result.output.take()) {
         Some(pixels) => Some(image_of(&pixels).with_context(|| not_colours(&plan))?),
-        None if wanted => bail!("the device gave no picture back"),
+        None if wanted => bail!("the device returned no picture"),
         None => None,
     };
     let scene_count = session.scene().count().into();
@@ -323,7 +323,7 @@ fn visible(result: &FrameResult) -> Option<u64> {
 }
 
 fn not_colours(plan: &Plan) -> String {
-    format!("the graph's output `{}` holds no colours", plan.resource(plan.output).name)
+    format!("the graph's output `{}` has no colours", plan.resource(plan.output).name)
 }
 
 #[cfg(test)]
@@ -352,7 +352,7 @@ mod tests {
             Some(Destination::Folder("out.v2".into(), Format::Exr))
         );
         assert_eq!(destination("render --json -").unwrap(), None);
-        assert!(destination("render -o out.jpg").unwrap_err().to_string().contains("not as .jpg"));
+        assert!(destination("render -o out.jpg").unwrap_err().to_string().contains("found .jpg"));
         assert!(destination("render -o out.png --format exr").is_err());
     }
 

@@ -63,10 +63,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     };
     let Some(output) = &args.output else {
-        return Err(Usage("where to? Give -o OUT.ply".into()).into());
+        return Err(Usage("missing output file: add -o OUT.ply".into()).into());
     };
     if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
-        return Err(Usage(format!("{}: a scene's name ends with .ply", output.display())).into());
+        return Err(Usage(format!(
+            "expected a file name with the extension .ply, found {}",
+            output.display()
+        ))
+        .into());
     }
     demo::write(&scene, output).with_context(|| format!("{} cannot be written", output.display()))?;
     options::print(&format!(

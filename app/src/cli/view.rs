@@ -119,7 +119,7 @@ enum ShowPanel {
 pub fn run(args: &Args) -> Result<Outcome> {
     let cameras = args.drawing.cameras()?;
     if !(0.05..=4.0).contains(&args.scale) {
-        return Err(Usage(format!("--scale is {}, and can be 0.05 to 4", args.scale)).into());
+        return Err(Usage(format!("expected --scale from 0.05 to 4, found {}", args.scale)).into());
     }
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     let events: Option<Box<dyn Write>> = match &args.events {
@@ -194,7 +194,7 @@ impl First {
                 Some((resource, pass)) => Some((resource.to_owned(), pass.to_owned())),
                 None => {
                     return Err(
-                        Usage("--inspect takes RESOURCE@PASS, for instance keys@scatter".into()).into()
+                        Usage("expected --inspect RESOURCE@PASS, for instance keys@scatter".into()).into()
                     );
                 }
             },

@@ -76,16 +76,14 @@ impl Image {
                     ),
                 ))
             }
-            None => {
-                Err(ImageError::new(path, "not the name of a picture (.png, .exr, .npy, or FILE.npz#NAME)"))
-            }
+            None => Err(ImageError::new(path, "expected a picture (.png, .exr, .npy, or FILE.npz#NAME)")),
         }
     }
 
     /// Saves a picture in the format of the path's extension, and creates its folder.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         let Some(format) = Format::of(path) else {
-            return Err(ImageError::new(path, "a picture's name ends with .png, .exr or .npy"));
+            return Err(ImageError::new(path, "expected the extension .png, .exr or .npy"));
         };
         make_folder_of(path)?;
         match format {
@@ -133,7 +131,7 @@ impl FromStr for Format {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Format, String> {
-        Format::of(Path::new(&format!("x.{text}"))).ok_or_else(|| "png, exr or npy".into())
+        Format::of(Path::new(&format!("x.{text}"))).ok_or_else(|| "expected png, exr or npy".into())
     }
 }
 
@@ -170,7 +168,7 @@ fn has_extension(path: &Path, extension: &str) -> bool {
 pub fn make_folder_of(path: &Path) -> Result<(), ImageError> {
     match path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         Some(folder) => std::fs::create_dir_all(folder)
-            .map_err(|e| ImageError::new(folder, format!("this folder cannot be made: {e}"))),
+            .map_err(|e| ImageError::new(folder, format!("the folder cannot be created: {e}"))),
         None => Ok(()),
     }
 }
@@ -179,12 +177,12 @@ pub fn make_folder_of(path: &Path) -> Result<(), ImageError> {
 fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize), ImageError> {
     match width.checked_mul(height) {
         Some(0) => {
-            Err(ImageError::new(path, format!("a picture of {width} x {height} pixels has nothing in it")))
+            Err(ImageError::new(path, format!("expected at least one pixel, found {width} x {height}")))
         }
         Some(pixels) if pixels <= MAX_PIXELS => Ok((width as usize, height as usize)),
         _ => Err(ImageError::new(
             path,
-            format!("{width} x {height} pixels are more than the {MAX_PIXELS} that a picture may have here"),
+            format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}"),
         )),
     }
 }
@@ -260,7 +258,7 @@ mod tests {
     fn a_header_that_claims_too_many_pixels_is_an_error() {
         let path = Path::new("huge.png");
         let message = check_size(path, u64::MAX, 2).unwrap_err().to_string();
-        assert!(message.starts_with("huge.png: 18446744073709551615 x 2 pixels are more than"), "{message}");
+        assert!(message.starts_with("huge.png: expected at most"), "{message}");
         assert!(check_size(path, 0, 4).is_err());
         assert!(check_size(path, 1 << 14, 1 << 14).is_ok());
     }

@@ -23,7 +23,7 @@ pub fn save_words<T: npyz::AutoSerialize + Copy>(
     words: &[T],
 ) -> Result<(), ImageError> {
     if !has_extension(path, "npy") {
-        return Err(ImageError::new(path, "an array's name ends with .npy"));
+        return Err(ImageError::new(path, "expected the extension .npy"));
     }
     make_folder_of(path)?;
     write(path, shape, words.iter().copied())
@@ -56,7 +56,10 @@ pub(super) fn load_member(archive: &Path, array: &str) -> Result<Image, ImageErr
         Ok(member) => member,
         Err(ZipError::FileNotFound) => {
             let names = npz_names(archive)?.join(", ");
-            return Err(ImageError::new(archive, format!("no array is named '{array}' (it holds {names})")));
+            return Err(ImageError::new(
+                archive,
+                format!("expected an array named `{array}`, found {names}"),
+            ));
         }
         Err(error) => return Err(ImageError::because(archive, error)),
     };
@@ -85,7 +88,7 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
         return Err(ImageError::new(
             path,
             format!(
-                "an array of shape {shape:?} ({:?} order) is no picture: [height, width, 3]",
+                "expected an array of shape [height, width, 3], found shape {shape:?} ({:?} order)",
                 npy.order()
             ),
         ));
@@ -94,7 +97,12 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
     debug_assert!((width * height) as u64 <= MAX_PIXELS);
     let kind = match npy.dtype() {
         npyz::DType::Plain(kind) => (kind.type_char(), kind.size_field()),
-        other => return Err(ImageError::new(path, format!("{} are no colours", other.descr()))),
+        other => {
+            return Err(ImageError::new(
+                path,
+                format!("expected values of type float32, float64 or uint8, found {}", other.descr()),
+            ));
+        }
     };
     let values: Vec<f32> = match kind {
         (TypeChar::Float, 4) => npy.into_vec::<f32>().map_err(fail)?,
@@ -105,10 +113,7 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
         _ => {
             return Err(ImageError::new(
                 path,
-                format!(
-                    "values of type {} are not read (float32, float64 or uint8 are)",
-                    npy.dtype().descr()
-                ),
+                format!("expected values of type float32, float64 or uint8, found {}", npy.dtype().descr()),
             ));
         }
     };
@@ -129,7 +134,7 @@ mod tests {
         assert!(message.contains("shape [2, 6]"), "{message}");
         save_words(&path, &[2, 2, 3], &[0u32; 12]).unwrap();
         let message = load(&path).unwrap_err().to_string();
-        assert!(message.contains("'<u4' are not read"), "{message}");
+        assert!(message.ends_with("found '<u4'"), "{message}");
     }
 
     #[test]
@@ -157,6 +162,9 @@ mod tests {
         assert_eq!(npz_names(&path).unwrap(), ["first", "second"]);
         assert_eq!(load_member(&path, "first").unwrap().rgb, [[1.0; 3]]);
         let message = load_member(&path, "third").unwrap_err().to_string();
-        assert!(message.ends_with("a.npz: no array is named 'third' (it holds first, second)"), "{message}");
+        assert!(
+            message.ends_with("a.npz: expected an array named `third`, found first, second"),
+            "{message}"
+        );
     }
 }

@@ -33,8 +33,9 @@ pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
     let header = decoder.read_header_info().map_err(fail)?;
     let (width, height) = check_size(path, header.width.into(), header.height.into())?;
     let mut reader = decoder.read_info().map_err(fail)?;
-    let size =
-        reader.output_buffer_size().ok_or_else(|| ImageError::new(path, "its pixels fill no memory"))?;
+    let size = reader
+        .output_buffer_size()
+        .ok_or_else(|| ImageError::new(path, "the pixels do not fit in memory"))?;
     let mut bytes = vec![0; size];
     let frame = reader.next_frame(&mut bytes).map_err(fail)?;
     bytes.truncate(frame.buffer_size());
@@ -52,7 +53,7 @@ pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
         png::ColorType::Rgb => values.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect(),
         png::ColorType::Rgba => values.chunks_exact(4).map(|v| [v[0], v[1], v[2]]).collect(),
         // EXPAND turns a palette into RGB.
-        png::ColorType::Indexed => return Err(ImageError::new(path, "its palette cannot be read")),
+        png::ColorType::Indexed => return Err(ImageError::new(path, "the palette cannot be read")),
     };
     Ok(Image { width, height, rgb })
 }

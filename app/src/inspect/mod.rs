@@ -58,7 +58,7 @@ fn find_pass(plan: &Plan, name: &str) -> Result<PassId, InspectError> {
         let stems = names.iter().flat_map(|name| [*name, without_index(name), last_part(name)]);
         InspectError(match nearest(name, stems) {
             Some(near) => format!("no pass `{name}` runs; did you mean `{near}`?"),
-            None => format!("no pass `{name}` runs; there are {}", names.join(", ")),
+            None => format!("no pass `{name}` runs; the plan runs {}", names.join(", ")),
         })
     })
 }

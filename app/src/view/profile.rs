@@ -41,7 +41,7 @@ pub fn capture_next_frame() -> Result<(), String> {
     #[cfg(feature = "renderdoc")]
     return capture::next_frame();
     #[cfg(not(feature = "renderdoc"))]
-    Err("this program was built without the feature `renderdoc`".to_owned())
+    Err("the program was built without the feature `renderdoc`".to_owned())
 }
 
 /// The GPU times of one renderer's frames, in Tracy.
@@ -126,8 +126,10 @@ mod capture {
                 api.lock().unwrap_or_else(PoisonError::into_inner).trigger_capture();
                 Ok(())
             }
-            Some(Err(error)) => Err(format!("RenderDoc is not there ({error}): start the program from it")),
-            None => Err("RenderDoc was not looked for when the program started".to_owned()),
+            Some(Err(error)) => {
+                Err(format!("RenderDoc is not available ({error}): start the program from it"))
+            }
+            None => Err("RenderDoc was not loaded when the program started".to_owned()),
         }
     }
 }

@@ -164,7 +164,7 @@ impl<D: Device> Viewer<D> {
             "ply" => self.open_scene(path),
             _ => self.events.push(Event::FileFailed {
                 path: path.to_owned(),
-                error: "neither a scene (.ply), nor a graph (.ron), nor cameras (.json)".into(),
+                error: "expected a scene (.ply), a graph (.ron) or cameras (.json)".into(),
             }),
         }
     }
@@ -191,7 +191,7 @@ impl<D: Device> Viewer<D> {
         match Camera::load(path) {
             Ok(cameras) if cameras.is_empty() => self.events.push(Event::FileFailed {
                 path: path.to_owned(),
-                error: "there are no cameras in it".into(),
+                error: "expected at least one camera, found none".into(),
             }),
             Ok(cameras) => {
                 self.events.push(Event::Cameras { path: path.to_owned(), count: cameras.len() });
@@ -330,7 +330,7 @@ impl<D: Device> Viewer<D> {
         let (done, wake) = (self.finished.0.clone(), self.wake.clone());
         std::thread::spawn(move || {
             let compare = || {
-                let image = |pixels| image_of(pixels).ok_or("it holds no colours");
+                let image = |pixels| image_of(pixels).ok_or("the output has no colours");
                 let (a, b) = (image(&a)?.clamped(), image(&b)?.clamped());
                 let found = metrics::compare(&a, &b).map_err(|error| error.to_string())?;
                 Ok(Event::Compared { psnr: found.psnr(), ssim: found.ssim, worst: found.worst.difference })

@@ -308,7 +308,7 @@ impl Running {
     fn save_picture(&mut self, pixels: &Pixels, path: &Path) -> Result<()> {
         let saved = match image_of(pixels) {
             Some(image) => image.save(path).map_err(Into::into),
-            None => Err(anyhow!("the graph's output holds no colours")),
+            None => Err(anyhow!("the graph's output has no colours")),
         };
         let path = path.to_owned();
         self.shell.tell(match &saved {

@@ -35,13 +35,14 @@ pub fn load(path: &Path) -> Result<Times> {
 }
 
 fn parse(text: &str) -> Result<Times> {
-    let cameras: Vec<Camera> = serde_json::from_str(text).context(
-        "it does not look like what `splatgraph render --json` writes, a list with an entry for each camera",
-    )?;
-    let Some(first) = cameras.first() else { bail!("the list is empty") };
+    let cameras: Vec<Camera> = serde_json::from_str(text)
+        .context("expected the output of `splatgraph render --json`, a list with an entry for each camera")?;
+    let Some(first) = cameras.first() else {
+        bail!("expected an entry for each camera, found an empty list")
+    };
     let pipeline = first.pipeline.clone();
     if let Some(other) = cameras.iter().find(|camera| camera.pipeline != pipeline) {
-        bail!("some are of {pipeline} and some of {}", other.pipeline);
+        bail!("expected one graph, found {pipeline} and {}", other.pipeline);
     }
     let mut found: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for pass in cameras.into_iter().flat_map(|camera| camera.passes) {
@@ -50,7 +51,7 @@ fn parse(text: &str) -> Result<Times> {
     let passes: Vec<(String, f64)> =
         found.into_iter().filter_map(|(name, times)| Some((name, median(times)?))).collect();
     if passes.is_empty() {
-        bail!("the device that drew has no timestamps");
+        bail!("the device has no timestamps");
     }
     Ok(Times { pipeline, passes })
 }

@@ -73,7 +73,7 @@ impl State {
                 }
             }
             for left_out in &dump.left_out {
-                ui.weak(format!("left out: {} ({})", left_out.pass, left_out.why));
+                ui.weak(format!("culled: {} ({})", left_out.pass, left_out.why));
             }
         });
         if let Some(open) = clicked.open {
@@ -173,7 +173,7 @@ fn touch_row(
         ui.monospace(RichText::new(format!("{what:6}")).small().color(colour));
         let link = ui.link(RichText::new(&touch.resource).monospace().size(SMALL));
         controls.see(&format!("look:{}@{}", touch.resource, pass.name), link.rect);
-        if link.on_hover_text("What it holds after this pass").clicked() {
+        if link.on_hover_text("Inspect its contents after this pass").clicked() {
             clicked.look = Some((touch.resource.clone(), pass.name.clone()));
         }
         ui.monospace(

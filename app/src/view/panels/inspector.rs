@@ -36,10 +36,11 @@ impl State {
         ui.horizontal(|ui| {
             let keys = ui.button("Are the keys sorted?");
             controls.see("keys_sorted", keys.rect);
-            if keys.on_hover_text("Reads the sorted keys back, and says whether they ascend").clicked() {
+            if keys.on_hover_text("Read the sorted keys back and check that they ascend").clicked() {
                 match sorted_keys(&plan) {
                     Some((resource, pass)) => viewport.look_at(&resource, &pass),
-                    None => viewport.cannot_look("this plan has no resource whose name begins with `keys` and that a pass of it writes"),
+                    None => viewport
+                        .cannot_look("no pass of this plan writes a resource whose name begins with `keys`"),
                 }
             }
             if viewport.inspection.is_some() && ui.button("Close").clicked() {
@@ -48,7 +49,7 @@ impl State {
         });
         let number = viewport.readings();
         let Some(inspection) = &mut viewport.inspection else {
-            ui.weak("Click a resource of a pass to see what it holds then. While one is looked at, resources do not share memory.");
+            ui.weak("Click a resource of a pass to inspect its contents. During an inspection, resources do not share memory.");
             return;
         };
         choose(ui, &plan, inspection);
@@ -178,7 +179,7 @@ impl State {
                 self.first = last;
             }
             if let Some(counted) = finding.counted
-                && ui.button(format!("last of {counted}")).on_hover_text("The visible ones").clicked()
+                && ui.button(format!("last of {counted}")).on_hover_text("Visible splats").clicked()
             {
                 self.first = (counted as usize).saturating_sub(LINES).min(last);
             }

@@ -283,11 +283,10 @@ impl Panels {
                     .selectable_value(&mut self.selected, RendererId::B, "B")
                     .on_hover_text("Settings and times of B");
                 self.controls.see("viewport:B", b.rect);
-                if ui.button("swap").on_hover_text("A becomes B, and B becomes A").clicked() {
+                if ui.button("swap").on_hover_text("Exchange A and B").clicked() {
                     viewer.exchange();
                 }
-                let measure =
-                    ui.button("measure").on_hover_text("PSNR and SSIM of A against B, as they are now");
+                let measure = ui.button("measure").on_hover_text("Compute PSNR and SSIM of A and B");
                 self.controls.see("measure", measure.rect);
                 if measure.clicked() {
                     viewer.measure();
@@ -295,18 +294,18 @@ impl Panels {
             }
             if compare == Mode::Difference {
                 ui.add(egui::Slider::new(&mut viewer.gain, 1.0..=256.0).logarithmic(true).text("x"))
-                    .on_hover_text("How much the difference is amplified");
+                    .on_hover_text("Amplification of the difference");
             }
             ui.separator();
             let scale = egui::DragValue::new(&mut viewer.scale).range(0.1..=2.0).speed(0.01).prefix("scale ");
             let scale = ui.add(scale.update_while_editing(false));
             self.controls.see("scale", scale.rect);
-            scale.on_hover_text("Pixels that are drawn per pixel of the window, across and down");
+            scale.on_hover_text("Pixels of the picture per pixel of the window, across and down");
             if ui.toggle_value(&mut self.vsync, "vsync").on_hover_text("V").changed() {
                 commands.push(Command::Vsync(self.vsync));
             }
             if cfg!(feature = "renderdoc")
-                && ui.button("Capture").on_hover_text("The next frame, with RenderDoc").clicked()
+                && ui.button("Capture").on_hover_text("Capture the next frame with RenderDoc").clicked()
             {
                 commands.push(Command::Capture);
             }
@@ -429,13 +428,13 @@ impl Panels {
         view: Rect,
     ) {
         let mut texts: Vec<String> = Vec::new();
-        let mut goes_on = "The last good plan goes on";
+        let mut goes_on = "Drawing with the last good plan";
         for id in [RendererId::A, RendererId::B] {
             let Some(renderer) = viewer.viewport(id).map(|viewport| &viewport.renderer) else { continue };
             if let Some(failure) = renderer.failure() {
                 texts.push(failure.text(true));
                 if renderer.plan().is_none() {
-                    goes_on = "There is no plan to draw with yet";
+                    goes_on = "No plan yet";
                 }
             }
         }
@@ -476,17 +475,17 @@ impl Panels {
             ("arrows", "orbit"),
             ("F, double click", "frame the scene"),
             ("Home", "back to the first view"),
-            ("[ ]", "former and next camera"),
+            ("[ ]", "previous and next camera"),
             ("drag the line", "move the split"),
-            ("H", "panels on and off"),
+            ("H", "show or hide the panels"),
             ("V", "vsync on and off"),
-            ("F12", "save what the window shows"),
+            ("F12", "save the window"),
             ("Shift + F12", "save the picture alone"),
             ("F11", "full screen"),
             ("F1", "this list"),
             ("drop a .ply", "open a scene"),
             ("drop a .ron", "open a graph"),
-            ("drop a cameras.json", "cameras to choose from"),
+            ("drop a cameras.json", "load cameras"),
         ];
         let window =
             egui::Window::new("Keys and mouse").open(&mut self.help).resizable(false).collapsible(false);

@@ -51,7 +51,7 @@ pub fn show<D: Device>(ui: &mut Ui, renderer: &mut Renderer<D>, command: &str, c
             if let Some(exact) = param.exact.as_ref().filter(|exact| **exact != param.value) {
                 let text =
                     RichText::new(format!("exact: {exact}")).small().color(Color32::from_rgb(214, 160, 60));
-                ui.label(text).on_hover_text("With this value the picture is as it is meant to be.");
+                ui.label(text).on_hover_text("This value has no error.");
             }
         });
         ui.add_space(4.0);
@@ -77,8 +77,8 @@ fn heading(ui: &mut Ui, param: &Param, modified: bool) {
         help = format!("{}\n\n{help}", param.help);
     }
     help += match param.binding {
-        ParamBinding::Const => "\nA constant: a change builds a new plan.",
-        ParamBinding::Live { .. } => "\nLive: a change is one uniform of the next frame.",
+        ParamBinding::Const => "\nConstant: a change builds a new plan.",
+        ParamBinding::Live { .. } => "\nLive: a change takes effect in the next frame.",
     };
     help += &format!("\nDeclared at {}:{}", param.origin.file, param.origin.line);
     ui.label(label).on_hover_text(help);

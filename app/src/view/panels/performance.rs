@@ -43,10 +43,10 @@ pub fn show<D: Device>(
         "From the first command of a frame to its last: median and 99th percentile, ms.",
         total,
     );
-    row("CPU, recording", "What the host takes to record and submit a frame.", record);
-    row("GPU, window", "Drawing this window: pictures, split line, user interface.", window.total());
+    row("CPU, recording", "Time of the host for recording and submitting a frame.", record);
+    row("GPU, window", "Time for drawing this window: pictures, split line, user interface.", window.total());
     if let Some(ms) = interval {
-        let hint = "Of the whole program, waiting for the display included.";
+        let hint = "Interval between frames, including waits for the display.";
         let right = |ui: &mut Ui| {
             ui.monospace(format!("{:6.1} /s", 1e3 / ms));
             ui.monospace(format!("{ms:8.3}"));
@@ -67,7 +67,7 @@ pub fn show<D: Device>(
         table(ui, &viewport.history.table(plan), &phases, viewport.history.steady_frames());
     }
     if let Some(plan) = window_plan {
-        egui::CollapsingHeader::new("The window itself").show(ui, |ui| {
+        egui::CollapsingHeader::new("Window").show(ui, |ui| {
             let phases: Vec<String> = window.phase_series().into_iter().map(|series| series.name).collect();
             table(ui, &window.table(plan), &phases, window.steady_frames());
         });

@@ -63,7 +63,7 @@ impl Failure {
             Failure::Graph(errors) => errors.text(colour).trim_end().to_owned(),
             Failure::Backend(error) => format!("error: {error}"),
             Failure::Panicked(message) => {
-                format!("error: the program made a mistake of its own while building the plan: {message}")
+                format!("error: internal error while building the plan: {message}")
             }
         }
     }
