@@ -28,7 +28,7 @@ pub fn names() -> Vec<&'static str> {
     let draws = |text: &str| match options.from_str(text) {
         Ok(Document::Graph(graph)) => graph.output.is_some(),
         Ok(Document::Preset(_)) => true,
-        // RendererId asks for it is told what is wrong with it.
+        // It is listed, and its use reports the error.
         Err(_) => true,
     };
     let graph = |(path, text): &(&'static str, &str)| {

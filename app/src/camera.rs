@@ -80,7 +80,7 @@ fn uniform(camera: &Camera, depth: [f64; 2], background: [f32; 3], frame: u32) -
 mod tests {
     use super::*;
 
-    /// Makes a camera at (1, 2, 3) that looks along the world's x; its right is the world's -z, its down is y.
+    /// Makes a camera at (1, 2, 3) that looks along x; its right is -z, its down is y.
     fn sideways() -> Camera {
         Camera {
             id: 0,

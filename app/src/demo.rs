@@ -58,7 +58,7 @@ pub fn write(scene: &Scene, path: &Path) -> io::Result<()> {
     let unfinished = path.with_extension(format!("{}.tmp", std::process::id()));
     let written = scene.write_ply(&unfinished).and_then(|()| fs::rename(&unfinished, path));
     if written.is_err() {
-        // What is left of it is no use; that it cannot be removed would be no news.
+        // The first error is the one to report.
         let _ = fs::remove_file(&unfinished);
     }
     written

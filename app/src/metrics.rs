@@ -238,7 +238,7 @@ mod tests {
 
     #[test]
     fn constant_pictures_have_the_similarity_of_their_luminance_alone() {
-        // Variances vanish, so what is left is (2 a b + C1) / (a^2 + b^2 + C1).
+        // Variances are zero, so the value is (2 a b + C1) / (a^2 + b^2 + C1).
         let (a, b) = (0.25f64, 0.75f64);
         let expected = (2.0 * a * b + 1e-4) / (a * a + b * b + 1e-4);
         let found = ssim(&grey(15, 11, a as f32), &grey(15, 11, b as f32)).unwrap();
@@ -251,8 +251,7 @@ mod tests {
         assert!(ssim(&grey(11, 11, 0.5), &grey(11, 11, 0.5)).is_some());
     }
 
-    /// The expected values are what scikit-image gives for these patterns, by the call in [`ssim`]'s documentation
-    /// (in float64).
+    // The expected values are scikit-image's for these patterns, by the call in [`ssim`]'s documentation, in float64.
     #[test]
     fn similarity_agrees_with_scikit_image() {
         for (width, height, expected) in

@@ -53,9 +53,9 @@ pub struct FrameOptions {
 }
 
 impl<D: Device> Session<D> {
-    /// Creates a session that draws `scene` with the graph `pipeline` (a preset's name or a path) and the parameters in `set`.
+    /// Creates a session that draws `scene` with a graph and the parameters in `set`.
     ///
-    /// No plan is built yet.
+    /// `pipeline` is a preset's name or a path. No plan is built yet.
     pub fn new(device: D, scene: Scene, pipeline: &str, set: &[(String, String)]) -> Session<D> {
         Session {
             device,

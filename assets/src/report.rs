@@ -97,9 +97,9 @@ pub struct DepthRange {
     pub robust_near: f64,
     /// 99th percentile.
     pub robust_far: f64,
-    /// Bits of a key linear in depth that are lost to outliers: log2 of the whole range over the robust range.
+    /// Bits of a key linear in depth that are lost to outliers.
     ///
-    /// A 16-bit key has this many fewer bits for the bulk.
+    /// This is log2 of the whole range over the robust range. A 16-bit key has this many fewer bits for the bulk.
     pub linear_bits_lost: f64,
     /// The same loss for a key linear in the logarithm of depth.
     pub logarithmic_bits_lost: f64,

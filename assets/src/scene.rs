@@ -30,8 +30,9 @@ pub struct Splat {
     pub rotation: [f32; 4],
     /// Opacity at the centre, 0 to 1.
     pub opacity: f32,
-    /// Spherical harmonics in the basis of [`crate::harmonics`]: coefficient `k` of channel `c` is at `3 * k + c`; zero
-    /// beyond the scene's degree.
+    /// Spherical harmonics in the basis of [`crate::harmonics`], zero beyond the scene's degree.
+    ///
+    /// Coefficient `k` of channel `c` is at `3 * k + c`.
     pub sh: [f32; 48],
 }
 

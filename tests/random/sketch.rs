@@ -460,7 +460,7 @@ impl Sketch {
     }
 }
 
-/// RendererId writes what in one world.
+/// The writers of each resource in one world.
 struct Past {
     /// Written before any frame.
     once: BTreeSet<Real>,

@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// The comparisons and the output options.
+/// Compares the pictures; returns the output and the outcome.
 fn compare(args: &Args) -> Result<(String, Outcome)> {
     let (a, b) = (Pictures::of(&args.a)?, Pictures::of(&args.b)?);
     let (pairs, folders) = match (a, b) {
@@ -269,7 +269,7 @@ mod tests {
         Image { width: 12, height: 12, rgb: vec![[value; 3]; 144] }
     }
 
-    /// Two folders of pictures: name and grey value.
+    /// Makes two folders of pictures, each with name and grey value.
     fn folders(a: &[(&str, f32)], b: &[(&str, f32)]) -> (tempfile::TempDir, PathBuf, PathBuf) {
         let root = tempfile::tempdir().unwrap();
         let folder = |name: &str, pictures: &[(&str, f32)]| {

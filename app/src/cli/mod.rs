@@ -113,7 +113,7 @@ pub fn main() -> ExitCode {
 /// Makes the command line, with the lists of graphs and scenes in its long help.
 fn command() -> clap::Command {
     let command = Cli::command();
-    // The lists take some milliseconds to make: only for those who ask.
+    // The lists take some milliseconds to make, so only long help has them.
     let asked = std::env::args_os().skip(1).any(|arg| arg == "--help" || arg == "help");
     if !asked {
         return command;
@@ -160,14 +160,14 @@ fn colour() -> bool {
 
 /// Prints an error with its causes, each once, and returns the exit code.
 fn report(error: &anyhow::Error) -> ExitCode {
-    // RendererId closes our standard output early, like `head`, has seen enough.
+    // A reader that closes standard output early, such as `head`, is no error.
     let broken_pipe = |e: &(dyn std::error::Error + 'static)| {
         e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe)
     };
     if error.chain().any(broken_pipe) {
         return ExitCode::SUCCESS;
     }
-    // Drawn under the text that they are about, these need no introduction.
+    // These are rendered with the source text and need no prefix.
     let graph_errors = |e: &'_ (dyn std::error::Error + 'static)| match e.downcast_ref::<SessionError>() {
         Some(SessionError::Graph(errors)) => Some(errors.text(colour()).to_owned()),
         _ => e.downcast_ref::<GraphErrors>().map(|errors| errors.text(colour()).to_owned()),
@@ -180,7 +180,7 @@ fn report(error: &anyhow::Error) -> ExitCode {
     let mut said = error.to_string();
     for cause in error.chain().skip(1) {
         let cause = cause.to_string();
-        // Some errors tell their cause in their own text.
+        // Some errors repeat their cause in their own text.
         if !said.contains(&cause) {
             eprintln!("  because: {cause}");
         }

@@ -77,7 +77,7 @@ pub fn two_columns(rows: Vec<(String, String)>) -> String {
 pub fn load_scene(path: &Path) -> Result<Scene> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
     let scene = Scene::load(path, &|done, of| {
-        // Called from many threads: one that finds the progress busy has nothing new to tell.
+        // Called from many threads: while one reports, the others need not.
         if let Ok(mut progress) = progress.try_lock() {
             progress.set(done, of, "");
         }

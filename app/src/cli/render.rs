@@ -91,7 +91,7 @@ fn inspect_request(text: &str) -> Result<InspectRequest, String> {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    // What is wrong with the command line, or a device that is not there, is known before a large scene is loaded.
+    // Errors of the command line and of the device are reported before a large scene is loaded.
     let destination = Destination::of(args)?;
     let given = args.drawing.cameras()?;
     if let (Some(Destination::Picture(path)), Some(cameras @ [_, _, ..])) = (&destination, given.as_deref()) {
@@ -116,7 +116,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for (index, camera) in cameras.iter().enumerate() {
         progress.set(index as u64, cameras.len() as u64, &camera.img_name);
         let Drawn { stats, image, requests } = draw(args, &mut session, camera, destination.is_some())?;
-        // Where the JSON goes to standard output, it goes alone.
+        // JSON on standard output must be alone there.
         let say = |line: String| {
             progress.suspend(|| {
                 if json_alone {
@@ -198,7 +198,7 @@ impl Destination {
             }
             return Ok(Some(Destination::Picture(output.clone())));
         }
-        // `pictures.jpg` is rather a mistake than a folder.
+        // `pictures.jpg` is more likely a mistake than a folder.
         if let Some(extension) = output.extension().filter(|_| !output.is_dir() && args.format.is_none()) {
             return Err(Usage(format!(
                 "expected the extension .png, .exr or .npy, found .{} (for a folder of that name, add --format)",
@@ -263,7 +263,7 @@ fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: boo
     };
     for frame in 0..args.repeat {
         let (first, last) = (frame == 0, frame + 1 == args.repeat);
-        // What the prologue leaves can only be read in the frame that runs it.
+        // The results of the prologue can only be read in the frame that runs it.
         let due = |target: &Inspect| if inspect::in_prologue(&plan, target) { first && loaded } else { last };
         let asked: Vec<usize> = (0..targets.len()).filter(|&i| due(&targets[i])).collect();
         let request = FrameOptions {

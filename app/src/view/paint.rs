@@ -150,7 +150,7 @@ impl Painter {
             texels: self.textures.texels(),
             left_out,
         };
-        // This frame may still draw with what goes now.
+        // This frame may still use the freed textures.
         self.textures.free(freed);
         painted
     }

@@ -91,7 +91,7 @@ mod tracy {
             let mut at = (now - nanoseconds(all)).max(self.end);
             for &(id, ms) in &result.pass_ms {
                 let (pass, Some(ms)) = (plan.pass(id), ms) else { continue };
-                // Tracy has room for so many spans at a time: what it has no room for, it does not show.
+                // Tracy limits the spans in flight; further ones are dropped.
                 let Ok(mut span) =
                     context.span_alloc(&pass.name, &pass.phase, &pass.origin.file, pass.origin.line)
                 else {

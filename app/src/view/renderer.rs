@@ -250,7 +250,7 @@ impl<D: Device> Renderer<D> {
     /// Requests a build because of a change at the time `asked`.
     pub fn want(&mut self, cause: Cause, asked: Instant) {
         let now = Instant::now();
-        // What a file is while it is being written is no mistake yet.
+        // A file may be half written, so its errors wait for a moment.
         let attempt = match cause {
             Cause::Files(_) => self.state.changed(now),
             _ => self.state.asked(now),
@@ -278,7 +278,7 @@ impl<D: Device> Renderer<D> {
         if let Some(cause) = self.asked.as_ref().and_then(|former| inputs.differs(former)) {
             self.want(cause, now);
         }
-        // A size of nothing has no pictures: the plan of before will do until there is one.
+        // An empty size has no pictures, so the former plan stays until there is one.
         let drawable = inputs.size.0 > 0 && inputs.size.1 > 0;
         if drawable
             && self.building.is_none()
@@ -373,7 +373,7 @@ impl<D: Device> Renderer<D> {
         let is_first = first.is_some();
         self.in_flight.push_back(FrameInFlight { frame, plan, inspected, first });
         if is_first {
-            // Once per swap, so that what is told of it is what it took.
+            // Waits once per swap, so that its latency is exact.
             self.finish()?;
         }
         Ok(true)

@@ -213,7 +213,7 @@ impl<D: Device> Shell<D> {
     }
 }
 
-/// Returns egui's fonts; signs missing from its label font come from its monospace font first, which has more than the icons.
+/// Returns egui's fonts, with the monospace font as the first fallback for labels, because it has the most signs.
 fn fonts() -> FontDefinitions {
     let mut fonts = FontDefinitions::default();
     let signs = fonts.families.get(&FontFamily::Monospace).and_then(|names| names.first()).cloned();

@@ -176,11 +176,11 @@ impl<D: Device> Viewer<D> {
         std::thread::spawn(move || {
             let begun = Instant::now();
             let scene = Scene::load(&path, &|_, _| {}).map_err(|error| error.to_string()).inspect(|scene| {
-                // It is computed from all of the scene, and remembered.
+                // Computed here, off the frame's thread, and cached.
                 scene.identity();
             });
             let load_ms = begun.elapsed().as_secs_f64() * 1e3;
-            // A viewer that is gone does not mind.
+            // The viewer may be closed by now.
             let _ = done.send(Finished::Scene { path, load_ms, scene: scene.map(Box::new) });
             wake();
         });

@@ -129,7 +129,7 @@ impl<D: Device> Viewport<D> {
             ..FrameInputs::default()
         };
         let drawn = match self.renderer.submit(inputs.clone()) {
-            // What cannot be looked at is no reason not to draw.
+            // A failed inspection must not prevent the frame.
             Err(BackendError::Invalid(why)) if !inputs.inspect.is_empty() => {
                 self.say(Err(why));
                 self.renderer.submit(FrameInputs { inspect: Vec::new(), ..inputs })?
@@ -147,7 +147,7 @@ impl<D: Device> Viewport<D> {
         let inspection = self.inspection.as_mut().filter(|i| i.asked || i.follow)?;
         match inspect::resolve(&plan, &inspection.resource, &inspection.pass) {
             Ok(target) if inspect::in_prologue(&plan, &target) && !first => {
-                // It is left once per load: the plan is loaded again.
+                // The prologue runs once per load, so the plan is loaded again.
                 if inspection.asked && !self.renderer.busy() {
                     self.renderer.want(Cause::Prologue, Instant::now());
                 }

@@ -61,7 +61,7 @@ pub struct WindowOptions {
 pub fn run(options: WindowOptions) -> Result<Vec<String>> {
     super::profile::start();
     let events = EventLoop::new().map_err(|error| {
-        // What stands before is where winit found out.
+        // The text before it is a place in winit's source.
         let error = error.to_string();
         let why = error.rsplit(": ").next().unwrap_or_default().trim_end_matches('.');
         anyhow!("there is no display to open a window on ({why}); `splatgraph render` draws without one")
@@ -113,7 +113,7 @@ impl App {
         let mut canvas = Vulkan::open_in_window(&options.device, window.clone(), (size.width, size.height))?;
         canvas.set_vsync(options.vsync);
         let proxy = self.proxy.clone();
-        // A loop that has ended needs no waking.
+        // An event loop that has ended need not wake up.
         let wake: super::renderer::Wake = Arc::new(move || {
             let _ = proxy.send_event(());
         });
@@ -173,7 +173,7 @@ impl ApplicationHandler<()> for App {
 
     fn window_event(&mut self, target: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         let Some(running) = &mut self.running else { return };
-        // What egui makes of it is looked at in the panels.
+        // The panels read the result from egui.
         let _ = running.input.on_window_event(&running.window, &event);
         match event {
             WindowEvent::CloseRequested => self.end(target, Ok(())),
@@ -235,7 +235,7 @@ impl Running {
         }
         let size = self.window.inner_size();
         let input: RawInput = self.input.take_egui_input(&self.window);
-        // What was asked for is shown: nothing is being built any more.
+        // Everything is built, so the frame shows the requested state.
         let settled = self.frames >= self.closing.frames.unwrap_or(3) && !self.shell.viewer.busy();
         let mut close = settled && (self.closing.screenshot.is_some() || self.closing.frames.is_some());
         if settled && let Some(path) = &self.closing.screenshot {
@@ -264,7 +264,7 @@ impl Running {
             && let Some(pixels) = self.shell.viewer.a.take_picture()
         {
             self.save_a = None;
-            // What went wrong is told in the window.
+            // The window shows the error.
             let _ = self.save_picture(&pixels, &path);
         }
         close &= self.save.is_none();

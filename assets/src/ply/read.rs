@@ -229,7 +229,7 @@ impl File<'_> {
         Ok((columns, gathered, sizes))
     }
 
-    /// Makes the error for the latest row of `lines`, which has too few values; the last row of a truncated file has.
+    /// Makes the error for the latest row of `lines`, which has too few values.
     fn short_row(&self, text: &[u8], lines: &ascii::Lines, vertex: &Element, row: u64) -> SceneError {
         if lines.at == self.bytes.len() && !self.bytes.ends_with(b"\n") {
             return truncated(vertex, row);

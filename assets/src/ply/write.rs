@@ -119,7 +119,9 @@ fn encode(splat: &Splat, degree: u32, out: &mut Vec<u8>) {
     splat.rotation.into_iter().for_each(&mut put);
 }
 
-/// Computes the inverse of the sigmoid, clamped to -104 and 18, where the sigmoid rounds to 0 and 1 in f32.
+/// Computes the inverse of the sigmoid.
+///
+/// It is clamped to -104 and 18, where the sigmoid rounds to 0 and 1 in f32.
 fn logit(opacity: f32) -> f32 {
     let p = f64::from(opacity);
     (p / (1.0 - p)).ln().clamp(-104.0, 18.0) as f32

@@ -274,7 +274,7 @@ fn the_arrow_keys_orbit_and_the_camera_goes_where_they_point() {
     }
 }
 
-/// Computes the share of the view that the box takes, 1 up to its nearest border; `None` if a corner is too near.
+/// Computes the share of the view that the box takes; `None` if a corner is too near.
 fn filled(camera: &Camera, bounds: &Bounds) -> Option<f64> {
     let mut most = 0.0f64;
     for corner in bounds.corners() {

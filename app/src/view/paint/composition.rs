@@ -93,7 +93,7 @@ impl Composition {
             picture_a: shape(&self.a),
             picture_b: shape(&self.b),
             background: [r, g, b, 0.0],
-            // What divides is not 0.
+            // Divisors must not be 0.
             size: self.window.map(|side| side.max(1) as f32),
             split: self.split,
             amplification: self.amplification,
@@ -111,7 +111,7 @@ impl Composition {
     pub fn give(&self, inputs: &mut FrameInputs) {
         inputs.uniforms.insert(WINDOW.to_owned(), self.bytes());
         for (name, picture) in PICTURES.into_iter().zip([&self.a, &self.b]) {
-            // Where there is none, a word that nobody reads.
+            // A missing picture is one word, which the shader does not read.
             let given = match picture {
                 Some(picture) => picture.pixels.clone(),
                 None => Given::Bytes(Arc::new(vec![0; 4])),

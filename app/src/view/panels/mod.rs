@@ -170,7 +170,7 @@ impl Panels {
                     .default_size(280.0)
                     .show(ui, |ui| self.graph_panel(ui, viewer));
             }
-            // However small the window is, some of the picture is to be seen.
+            // Part of the picture must stay visible in small windows.
             let most = 0.45 * ui.available_width();
             if self.settings {
                 Panel::left("settings")
@@ -182,7 +182,7 @@ impl Panels {
             if self.performance {
                 let panel = Panel::right("performance").resizable(true).default_size(310.0);
                 panel.max_size(most).show(ui, |ui| {
-                    // As wide as the panel, which would else become as narrow as what is in it.
+                    // As wide as the panel, which would shrink to its contents otherwise.
                     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
                         // Room for the scroll bar.
                         ui.set_max_width((ui.available_width() - 10.0).max(0.0));
@@ -211,7 +211,7 @@ impl Panels {
     /// Records the time since the last frame.
     fn time(&mut self, drawn: u64) {
         let now = Instant::now();
-        // Frames without a picture of the scene are none.
+        // Frames without a picture of the scene do not count.
         if std::mem::replace(&mut self.drawn, drawn) == drawn {
             return;
         }

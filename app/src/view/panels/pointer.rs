@@ -56,7 +56,7 @@ impl Drag {
             // With Shift, egui scrolls to the side; with Ctrl, it makes a zoom factor of it.
             let scrolled = input.smooth_scroll_delta();
             let scrolled = if input.modifiers.shift { scrolled.x + scrolled.y } else { scrolled.y };
-            // Two fingers on a touchpad tell a factor as well.
+            // Two fingers on a touchpad zoom by a factor, too.
             let zoomed = f64::from(input.zoom_delta()).ln() / navigation::ZOOM_PER_NOTCH;
             let notches = f64::from(scrolled / notch) + zoomed;
             (input.pointer.delta(), input.modifiers, notches, input.unstable_dt)

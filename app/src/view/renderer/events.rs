@@ -107,7 +107,7 @@ impl Cause {
             (Cause::Files(a), Cause::Files(b)) => Cause::Files(joined(a, b)),
             (Cause::Start, _) => Cause::Start,
             (Cause::Graph, _) | (_, Cause::Graph) => Cause::Graph,
-            // Files are what people wait for.
+            // Users wait for edits of files.
             (Cause::Files(files), _) | (_, Cause::Files(files)) => Cause::Files(files),
             (_, other) => other,
         }

@@ -126,7 +126,7 @@ pub(super) fn mist(random: &mut Random, count: usize) -> Vec<Splat> {
                 blend(DVec3::new(0.26, 0.27, 0.42), DVec3::new(0.86, 0.52, 0.42), sunward(direction).powi(2));
             let size = random.range(0.35, 0.75) * (0.45 + 0.09 * distance);
             let scale = DVec3::new(1.9 * size, 0.8 * size, 0.20 * size);
-            // Mist is brightest to who looks through it at the sun.
+            // Mist is brightest in front of the sun.
             let material = Material::new(warm * 0.82).sheen(-*SUN, DVec3::new(0.24, 0.13, 0.08));
             let opacity = random.range(0.04, 0.12) + 0.008 * distance;
             flat(at, direction.cross(UP), UP, scale, opacity, &material)

@@ -4,7 +4,7 @@ use super::materials::Material;
 use crate::scene::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
-/// Evaluates point `index` of a sequence that fills the unit square evenly at every length (Roberts' R2, by the plastic number).
+/// Evaluates point `index` of Roberts' R2 sequence, which fills the unit square evenly at every length.
 pub(super) fn even(index: usize) -> DVec2 {
     let fraction = |step: f64| (0.5 + step * (index as f64 + 1.0)).fract();
     DVec2::new(fraction(0.754_877_666_246_692_8), fraction(0.569_840_290_998_053_2))
@@ -30,9 +30,9 @@ impl Patch {
         Self { at: surface(uv), normal: du.cross(dv).normalize_or(DVec3::Y), du, dv }
     }
 
-    /// Makes a splat that covers its share of the surface, where `count` are spread evenly over the unit square of parameters.
+    /// Makes a splat that covers its share of the surface.
     ///
-    /// `stretch` is its elongation along u relative to an even share, and `cover` its size in shares.
+    /// `count` splats are spread evenly over the unit square of parameters; `stretch` is its elongation along u relative to an even share, and `cover` its size in shares.
     pub(super) fn splat(
         &self,
         count: usize,
