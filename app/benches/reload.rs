@@ -50,7 +50,7 @@ impl Args {
 }
 
 /// A change to measure.
-enum Change {
+enum Modification {
     /// Appends a line to a file of the copy.
     Edit(&'static str, fn(usize) -> String),
     /// Sets a parameter to one of two values in turn.
@@ -88,11 +88,11 @@ fn main() -> Result<()> {
 
     let comment = |run: usize| format!("\n// {run}\n");
     let changes = [
-        ("a compute shader's text (project.comp)", Change::Edit("shaders/project.comp", comment)),
-        ("a fragment shader's text (splat.frag)", Change::Edit("shaders/splat.frag", comment)),
-        ("an include of both (splat.glsl)", Change::Edit("shaders/splat.glsl", comment)),
-        ("the graph's text (splat.ron)", Change::Edit("pipelines/splat.ron", comment)),
-        ("a constant (digit_bits)", Change::Set("digit_bits", [Value::Int(4), Value::Int(8)])),
+        ("a compute shader's text (project.comp)", Modification::Edit("shaders/project.comp", comment)),
+        ("a fragment shader's text (splat.frag)", Modification::Edit("shaders/splat.frag", comment)),
+        ("an include of both (splat.glsl)", Modification::Edit("shaders/splat.glsl", comment)),
+        ("the graph's text (splat.ron)", Modification::Edit("pipelines/splat.ron", comment)),
+        ("a constant (digit_bits)", Modification::Set("digit_bits", [Value::Int(4), Value::Int(8)])),
     ];
     println!(
         "{:40} {:>9} {:>9} {:>9}   {:>7} {:>7}",
@@ -103,8 +103,8 @@ fn main() -> Result<()> {
         for run in 0..args.runs {
             let before = viewer.a.history.frames();
             match &change {
-                Change::Edit(file, line) => append(&folder.path().join(file), &line(run))?,
-                Change::Set(param, values) => {
+                Modification::Edit(file, line) => append(&folder.path().join(file), &line(run))?,
+                Modification::Set(param, values) => {
                     viewer.a.renderer.set_param(param, Some(values[run % 2].clone()))
                 }
             }

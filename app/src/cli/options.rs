@@ -1,6 +1,7 @@
 //! Defines options and helpers of several commands.
 
 use crate::builtin;
+use crate::demo;
 use crate::facts;
 use crate::image::make_folder_of;
 use crate::progress::Progress;
@@ -8,7 +9,7 @@ use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, Domain};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 /// Default of `--pipeline`.
@@ -86,6 +87,30 @@ pub fn load_scene(path: &Path) -> Result<Scene> {
         eprintln!("{}: {} splats dropped ({})", path.display(), scene.dropped().total(), scene.dropped());
     }
     Ok(scene)
+}
+
+/// Loads the scene at `path`, or the demo scene with its camera; returns the scene's path with it.
+pub fn scene_or_demo(path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Camera>)> {
+    let Some(path) = path else {
+        let path = demo::path();
+        let made = demo::ensure(&path)
+            .with_context(|| format!("the demo scene cannot be written to {}", path.display()))?;
+        if made {
+            eprintln!("the demo scene was generated into {}", path.display());
+        }
+        return Ok((load_scene(&path)?, path, demo::camera()));
+    };
+    Ok((load_scene(path)?, path.to_owned(), None))
+}
+
+/// Parses `RESOURCE@PASS`.
+pub fn inspect_target(text: &str) -> Result<(String, String), String> {
+    match text.split_once('@') {
+        Some((resource, pass)) if !resource.is_empty() && !pass.is_empty() => {
+            Ok((resource.to_owned(), pass.to_owned()))
+        }
+        _ => Err("expected RESOURCE@PASS, for instance keys@scatter".into()),
+    }
 }
 
 /// Loads the cameras of `FILE` or `FILE#INDEX`.

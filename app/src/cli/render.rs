@@ -2,7 +2,6 @@
 
 use super::options::{self, Drawing};
 use super::{Outcome, Usage};
-use crate::demo;
 use crate::image::{Format, Image};
 use crate::inspect::{self, Finding};
 use crate::progress::Progress;
@@ -82,12 +81,8 @@ fn inspect_request(text: &str) -> Result<InspectRequest, String> {
         Some(_) => return Err("expected a file name with the extension .npy".into()),
         None => (text, None),
     };
-    match target.split_once('@') {
-        Some((resource, pass)) if !resource.is_empty() && !pass.is_empty() => {
-            Ok(InspectRequest { resource: resource.into(), pass: pass.into(), file })
-        }
-        _ => Err("expected RESOURCE@PASS, for instance keys@scatter".into()),
-    }
+    let (resource, pass) = options::inspect_target(target)?;
+    Ok(InspectRequest { resource, pass, file })
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -151,18 +146,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Loads the scene and its cameras, in the requested size, each with a unique name.
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<(Scene, Vec<Camera>)> {
-    let (scene, own) = match &args.scene {
-        Some(path) => (options::load_scene(path)?, None),
-        None => {
-            let path = demo::path();
-            let made = demo::ensure(&path)
-                .with_context(|| format!("the demo scene cannot be written to {}", path.display()))?;
-            if made {
-                eprintln!("the demo scene was generated into {}", path.display());
-            }
-            (options::load_scene(&path)?, demo::camera())
-        }
-    };
+    let (scene, _, own) = options::scene_or_demo(args.scene.as_deref())?;
     let mut cameras = given.or(own.map(|own| vec![own])).unwrap_or_else(|| vec![options::framing(&scene)]);
     let mut taken = BTreeSet::new();
     for (index, camera) in cameras.iter_mut().enumerate() {

@@ -2,7 +2,6 @@
 
 use super::options::{self, Drawing};
 use super::{Outcome, Usage};
-use crate::demo;
 use crate::view::events::RendererId;
 use crate::view::paint::Mode;
 use crate::view::shell::Shell;
@@ -50,7 +49,7 @@ pub struct Args {
     compare_set: Vec<(String, String)>,
     /// Display of the comparison [default: split]
     #[arg(long = "as", value_name = "HOW")]
-    compare_as: Option<How>,
+    compare_as: Option<CompareMode>,
     /// Position of the split line, as a share of the width
     #[arg(long, value_name = "0..1", default_value_t = 0.5)]
     split: f32,
@@ -64,8 +63,8 @@ pub struct Args {
     #[arg(long, value_name = "PANELS", value_enum, value_delimiter = ',')]
     show: Vec<ShowPanel>,
     /// Inspect a resource after a pass (names as in `dump`), in the graph panel
-    #[arg(long, value_name = "RESOURCE@PASS")]
-    inspect: Option<String>,
+    #[arg(long, value_name = "RESOURCE@PASS", value_parser = options::inspect_target)]
+    inspect: Option<(String, String)>,
     /// Draw as fast as the device can, without waiting for the display
     #[arg(long)]
     no_vsync: bool,
@@ -97,7 +96,7 @@ impl Args {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum How {
+enum CompareMode {
     /// A to the left of a line, B to the right
     Split,
     /// The amplified absolute difference
@@ -131,7 +130,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let validation = if args.validate { Validation::Synchronization } else { Validation::Off };
     let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
-    let first = First::of(args)?;
+    let initial = InitialState::of(args);
     let messages = window::run(WindowOptions {
         scene,
         pipeline,
@@ -140,7 +139,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         size: args.size(),
         device: Options { device: args.device.clone(), validation },
         vsync: !args.no_vsync,
-        setup: Box::new(move |shell| first.set(shell)),
+        setup: Box::new(move |shell| initial.apply(shell)),
         events,
         screenshot: args.screenshot.clone(),
         frames: args.frames,
@@ -150,16 +149,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Loads the scene and its cameras; returns the scene with its path.
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
-    let (path, own) = match &args.scene {
-        Some(path) => (path.clone(), None),
-        None => {
-            let path = demo::path();
-            demo::ensure(&path)
-                .with_context(|| format!("the demo scene cannot be written to {}", path.display()))?;
-            (path, demo::camera())
-        }
-    };
-    let scene = options::load_scene(&path)?;
+    let (scene, path, own) = options::scene_or_demo(args.scene.as_deref())?;
     let cameras = match (given, own, viewer::cameras_of(&path)) {
         (Some(cameras), ..) => cameras,
         (None, Some(own), _) => vec![own],
@@ -170,7 +160,7 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene,
 }
 
 /// The viewer's initial state.
-struct First {
+struct InitialState {
     background: [f32; 3],
     compare: Option<(Mode, Option<String>, IndexMap<String, String>)>,
     split: f32,
@@ -180,26 +170,15 @@ struct First {
     inspect: Option<(String, String)>,
 }
 
-impl First {
-    fn of(args: &Args) -> Result<First> {
+impl InitialState {
+    fn of(args: &Args) -> InitialState {
         let wanted = args.compare.is_some() || !args.compare_set.is_empty() || args.compare_as.is_some();
-        let how = match args.compare_as {
-            Some(How::Difference) => Mode::Difference,
+        let mode = match args.compare_as {
+            Some(CompareMode::Difference) => Mode::Difference,
             _ => Mode::Split,
         };
-        let compare = wanted.then(|| (how, args.compare.clone(), args.compare_set.iter().cloned().collect()));
-        let inspect = match &args.inspect {
-            None => None,
-            Some(target) => match target.split_once('@') {
-                Some((resource, pass)) => Some((resource.to_owned(), pass.to_owned())),
-                None => {
-                    return Err(
-                        Usage("expected --inspect RESOURCE@PASS, for instance keys@scatter".into()).into()
-                    );
-                }
-            },
-        };
-        Ok(First {
+        let compare = wanted.then(|| (mode, args.compare.clone(), args.compare_set.iter().cloned().collect()));
+        InitialState {
             background: args.background,
             compare,
             split: args.split.clamp(0.0, 1.0),
@@ -210,11 +189,11 @@ impl First {
                 [] => vec![ShowPanel::Settings, ShowPanel::Performance],
                 show => show.to_vec(),
             },
-            inspect,
-        })
+            inspect: args.inspect.clone(),
+        }
     }
 
-    fn set(self, shell: &mut Shell<Vulkan>) -> Result<()> {
+    fn apply(self, shell: &mut Shell<Vulkan>) -> Result<()> {
         let has = |panel| self.show.contains(&panel);
         shell.panels.settings = has(ShowPanel::Settings);
         shell.panels.performance = has(ShowPanel::Performance);
@@ -223,8 +202,8 @@ impl First {
         let viewer = &mut shell.viewer;
         viewer.background = self.background;
         (viewer.split, viewer.gain, viewer.scale) = (self.split, self.gain, self.scale);
-        if let Some((how, graph, set)) = self.compare {
-            viewer.set_compare(how)?;
+        if let Some((mode, graph, set)) = self.compare {
+            viewer.set_compare(mode)?;
             if let Some(b) = viewer.viewport(RendererId::B) {
                 let graph = graph.unwrap_or_else(|| b.renderer.graph().to_owned());
                 b.renderer.choose(&graph, set);

@@ -14,6 +14,7 @@ use splatgraph_api::Inspect;
 use splatgraph_framework::ir::{Format, Pass, PassId, ResourceId, Run, Shape};
 use splatgraph_framework::plan::{Plan, Resource};
 use splatgraph_framework::source::nearest;
+use std::fmt;
 use std::path::Path;
 
 pub use contents::{Histogram, ReadAs, Words};
@@ -163,17 +164,10 @@ impl Finding {
         let shape: Vec<String> = self.shape.iter().map(u64::to_string).collect();
         let mut text = format!("{} after {}: {} words", self.resource, self.pass, shape.join(" x "));
         if let (Some(order), Words::Uint(keys)) = (&self.order, &self.words) {
-            text += &match order.first_descent {
-                None => format!("\n  monotonic: the first {} keys ascend", order.keys),
-                Some(at) => format!(
-                    "\n  not monotonic: {} of the first {} keys are smaller than the one before, the first at {at}: {} \
-                     after {}",
-                    order.descents,
-                    order.keys,
-                    keys[at as usize],
-                    keys[at as usize - 1]
-                ),
-            };
+            text += &format!("\n  {order}");
+            if let Some(at) = order.first_descent {
+                text += &format!(": {} after {}", keys[at as usize], keys[at as usize - 1]);
+            }
         }
         match &self.words {
             Words::Uint(words) => text + &ends(words),
@@ -187,6 +181,19 @@ fn ends<T: std::fmt::Display>(words: &[T]) -> String {
     match words.len() {
         n if n <= 2 * SHOWN => format!("\n  all: {}", join(words)),
         n => format!("\n  first: {}\n  last: {}", join(&words[..SHOWN]), join(&words[n - SHOWN..])),
+    }
+}
+
+impl fmt::Display for KeyOrder {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let KeyOrder { keys, descents, .. } = self;
+        match self.first_descent {
+            None => write!(f, "monotonic: the first {keys} keys ascend"),
+            Some(at) => write!(
+                f,
+                "not monotonic: {descents} of the first {keys} keys are smaller than the one before, the first at {at}"
+            ),
+        }
     }
 }
 

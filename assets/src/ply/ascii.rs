@@ -1,6 +1,6 @@
 //! Parses the rows of ASCII PLY files: one row per line, values separated by blanks.
 
-use super::header::{Element, Kind};
+use super::header::{Element, PropertyType};
 use super::layout::Layout;
 use crate::error::SceneError;
 
@@ -102,7 +102,7 @@ pub(crate) fn skip(lines: &mut Lines, element: &Element) -> Result<Vec<u64>, Sce
         for (property, size) in element.properties.iter().zip(&mut sizes) {
             let word = values.next().ok_or_else(|| missing(&property.name))?;
             *size += word.len() as u64;
-            if let Kind::List { .. } = property.kind {
+            if let PropertyType::List { .. } = property.kind {
                 let length: u64 =
                     std::str::from_utf8(word).ok().and_then(|text| text.parse().ok()).ok_or_else(|| {
                         error(

@@ -1,6 +1,6 @@
 //! Parses the rows of binary PLY files.
 
-use super::header::{Element, Kind, Scalar};
+use super::header::{Element, PropertyType, Scalar};
 
 /// Reads the scalar at the start of `bytes` as f32; doubles are rounded, integers converted.
 ///
@@ -57,7 +57,7 @@ pub(crate) fn measure(bytes: &[u8], element: &Element, big: bool) -> Result<Vec<
         if whole < element.count {
             return Err(whole);
         }
-        let size = |kind| if let Kind::Scalar(s) = kind { s.size() as u64 } else { 0 };
+        let size = |kind| if let PropertyType::Scalar(s) = kind { s.size() as u64 } else { 0 };
         return Ok(element.properties.iter().map(|p| size(p.kind) * element.count).collect());
     }
     let mut sizes = vec![0u64; element.properties.len()];
@@ -65,8 +65,8 @@ pub(crate) fn measure(bytes: &[u8], element: &Element, big: bool) -> Result<Vec<
     for row in 0..element.count {
         for (property, total) in element.properties.iter().zip(&mut sizes) {
             let size = match property.kind {
-                Kind::Scalar(scalar) => Some(scalar.size() as u64),
-                Kind::List { count, item } => bytes
+                PropertyType::Scalar(scalar) => Some(scalar.size() as u64),
+                PropertyType::List { count, item } => bytes
                     .get(at..)
                     .and_then(|rest| length(rest, count, big))
                     .and_then(|n| n.checked_mul(item.size() as u64)?.checked_add(count.size() as u64)),

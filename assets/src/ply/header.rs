@@ -79,12 +79,12 @@ impl Scalar {
 
 /// The type of a property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum PropertyType {
     Scalar(Scalar),
     List { count: Scalar, item: Scalar },
 }
 
-impl Kind {
+impl PropertyType {
     pub(crate) fn name(self) -> String {
         match self {
             Self::Scalar(s) => s.name().to_owned(),
@@ -97,7 +97,7 @@ impl Kind {
 #[derive(Clone, Debug)]
 pub(crate) struct Property {
     pub name: String,
-    pub kind: Kind,
+    pub kind: PropertyType,
 }
 
 /// An element, a table of rows.
@@ -114,8 +114,8 @@ impl Element {
     /// Computes the bytes of a binary row; `None` if a list makes rows differ.
     pub(crate) fn stride(&self) -> Option<usize> {
         self.properties.iter().try_fold(0, |sum, p| match p.kind {
-            Kind::Scalar(s) => Some(sum + s.size()),
-            Kind::List { .. } => None,
+            PropertyType::Scalar(s) => Some(sum + s.size()),
+            PropertyType::List { .. } => None,
         })
     }
 }
@@ -232,9 +232,9 @@ fn property(words: &[&str]) -> Result<Property, String> {
                     count.name()
                 ));
             }
-            Ok(Property { name: (*name).into(), kind: Kind::List { count, item: scalar(item)? } })
+            Ok(Property { name: (*name).into(), kind: PropertyType::List { count, item: scalar(item)? } })
         }
-        [kind, name] => Ok(Property { name: (*name).into(), kind: Kind::Scalar(scalar(kind)?) }),
+        [kind, name] => Ok(Property { name: (*name).into(), kind: PropertyType::Scalar(scalar(kind)?) }),
         _ => Err("expected `property TYPE NAME` or `property list TYPE TYPE NAME`".into()),
     }
 }

@@ -1,6 +1,6 @@
 //! Finds a splat's properties among those of `element vertex`.
 
-use super::header::{Element, Kind, Scalar};
+use super::header::{Element, PropertyType, Scalar};
 use crate::error::{SceneError, nearest};
 use crate::recognise;
 use crate::scene::Splat;
@@ -54,7 +54,7 @@ impl Layout {
             if property.name == "packed_position" {
                 return Err(recognise::compressed_ply());
             }
-            let Kind::Scalar(scalar) = property.kind else {
+            let PropertyType::Scalar(scalar) = property.kind else {
                 return Err(SceneError::Header {
                     line,
                     message: format!("`{}` is a list: splats have only single values", property.name),

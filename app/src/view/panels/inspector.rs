@@ -66,20 +66,11 @@ impl State {
 
     fn finding(&mut self, ui: &mut Ui, finding: &Finding, number: u64, controls: &mut Controls) {
         if let Some(order) = &finding.order {
-            let (text, colour) = match order.first_descent {
-                None => (
-                    format!("monotonic: the first {} keys ascend", order.keys),
-                    Color32::from_rgb(120, 220, 120),
-                ),
-                Some(at) => (
-                    format!(
-                        "not monotonic: {} of the first {} keys are smaller than the one before, the first at {at}",
-                        order.descents, order.keys
-                    ),
-                    Color32::from_rgb(255, 120, 110),
-                ),
+            let colour = match order.ascending {
+                true => Color32::from_rgb(120, 220, 120),
+                false => Color32::from_rgb(255, 120, 110),
             };
-            ui.label(RichText::new(text).strong().color(colour));
+            ui.label(RichText::new(order.to_string()).strong().color(colour));
             if let Some(at) = order.first_descent
                 && ui.button("Show where").clicked()
             {
