@@ -177,7 +177,8 @@ impl InitialState {
             Some(CompareMode::Difference) => Mode::Difference,
             _ => Mode::Split,
         };
-        let compare = wanted.then(|| (mode, args.compare.clone(), args.compare_set.iter().cloned().collect()));
+        let compare =
+            wanted.then(|| (mode, args.compare.clone(), args.compare_set.iter().cloned().collect()));
         InitialState {
             background: args.background,
             compare,
