@@ -52,10 +52,28 @@ pub struct WorstPixel {
 pub enum MetricError {
     /// The sizes differ.
     #[error("expected pictures of one size, found {a_width} x {a_height} and {b_width} x {b_height}")]
-    Sizes { a_width: usize, a_height: usize, b_width: usize, b_height: usize },
+    Sizes {
+        /// Width of the first, in pixels.
+        a_width: usize,
+        /// Height of the first, in pixels.
+        a_height: usize,
+        /// Width of the second, in pixels.
+        b_width: usize,
+        /// Height of the second, in pixels.
+        b_height: usize,
+    },
     /// A picture has NaN or infinite values, for instance from a shader that divides by zero.
     #[error("expected finite values, found {count} others in {which}, the first at ({x}, {y})")]
-    NotFinite { which: &'static str, count: usize, x: usize, y: usize },
+    NotFinite {
+        /// `the first picture` or `the second picture`.
+        which: &'static str,
+        /// Number of such values.
+        count: usize,
+        /// Column of the first, from 0.
+        x: usize,
+        /// Row of the first, from 0.
+        y: usize,
+    },
 }
 
 /// Computes all metrics of two pictures of one size with finite values.

@@ -33,42 +33,118 @@ impl fmt::Display for RendererId {
 pub enum Event {
     /// A new plan replaced the former; see [`Swap`].
     Swapped {
+        /// Renderer of the plan.
         renderer: RendererId,
+        /// Name of the graph.
         graph: String,
+        /// Cause of the build, in words.
         cause: String,
+        /// Number of passes in the frame.
         passes: usize,
+        /// Milliseconds of reading, compiling and solving.
         plan_ms: f64,
+        /// Milliseconds of preparing the device.
         prepare_ms: f64,
+        /// Milliseconds from the change to the end of the first frame.
         latency_ms: f64,
     },
     /// The plan could not be built; the former stays.
-    Failed { renderer: RendererId, text: String },
+    Failed {
+        /// Renderer of the plan.
+        renderer: RendererId,
+        /// The errors, without colours.
+        text: String,
+    },
     /// A plan builds again after a failure.
-    Mended { renderer: RendererId },
+    Mended {
+        /// Renderer of the plan.
+        renderer: RendererId,
+    },
     /// Parameters were dropped because the new graph does not have them.
-    Dropped { renderer: RendererId, parameters: Vec<String> },
+    Dropped {
+        /// Renderer of the graph.
+        renderer: RendererId,
+        /// Names of the parameters.
+        parameters: Vec<String>,
+    },
     /// A scene was loaded.
-    Scene { path: PathBuf, splats: u32, load_ms: f64 },
+    Scene {
+        /// The file.
+        path: PathBuf,
+        /// Number of splats.
+        splats: u32,
+        /// Milliseconds of loading.
+        load_ms: f64,
+    },
     /// A scene could not be loaded; the former stays.
-    SceneFailed { path: PathBuf, error: String },
+    SceneFailed {
+        /// The file.
+        path: PathBuf,
+        /// The problem.
+        error: String,
+    },
     /// Cameras were loaded.
-    Cameras { path: PathBuf, count: usize },
+    Cameras {
+        /// The file.
+        path: PathBuf,
+        /// Number of cameras.
+        count: usize,
+    },
     /// A file could not be read or written, or is of no known kind.
-    FileFailed { path: PathBuf, error: String },
+    FileFailed {
+        /// The file.
+        path: PathBuf,
+        /// The problem.
+        error: String,
+    },
     /// A picture was written.
-    Screenshot { path: PathBuf },
+    Screenshot {
+        /// The file.
+        path: PathBuf,
+    },
     /// A and B were compared.
-    Compared { psnr: f64, ssim: Option<f64>, worst: f64 },
-    /// The window's content has a new size, in pixels, or another number of pixels per point.
-    Window { width: u32, height: u32, pixels_per_point: f32 },
+    Compared {
+        /// PSNR in decibels.
+        psnr: f64,
+        /// SSIM; `None` for pictures smaller than its window.
+        ssim: Option<f64>,
+        /// Largest difference of a channel.
+        worst: f64,
+    },
+    /// The window's content has a new size or scale.
+    Window {
+        /// Width in pixels.
+        width: u32,
+        /// Height in pixels.
+        height: u32,
+        /// Pixels per point of the user interface.
+        pixels_per_point: f32,
+    },
     /// A control has a new place in the window, in pixels.
-    Control { name: String, left: f32, top: f32, right: f32, bottom: f32 },
+    Control {
+        /// Name of the control.
+        name: String,
+        /// Left border.
+        left: f32,
+        /// Top border.
+        top: f32,
+        /// Right border.
+        right: f32,
+        /// Bottom border.
+        bottom: f32,
+    },
     /// A control vanished.
-    ControlGone { name: String },
+    ControlGone {
+        /// Name of the control.
+        name: String,
+    },
     /// The window shows a frame.
-    ///
-    /// While it is busy, something is being built, loaded or compared, and the frame shows the former state.
-    Frame { number: u64, busy: bool },
+    Frame {
+        /// Number of the frame, from 1.
+        number: u64,
+        /// True while something is being built, loaded or compared; the frame then shows the former state.
+        busy: bool,
+    },
 }
 
 impl Event {

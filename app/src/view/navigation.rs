@@ -81,15 +81,20 @@ pub struct Input {
 /// Buttons of the pointer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Buttons {
+    /// The left, primary button.
     pub left: bool,
+    /// The middle button or the wheel.
     pub middle: bool,
+    /// The right, secondary button.
     pub right: bool,
 }
 
 /// Modifiers of the controls.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Modifiers {
+    /// Shift.
     pub shift: bool,
+    /// Ctrl.
     pub ctrl: bool,
 }
 

@@ -7,7 +7,7 @@
 use super::events::{Event, RendererId};
 use super::history::History;
 use super::paint::{self, Composition, Painted, Painter};
-use super::panels::{Command, Panels, Shown};
+use super::panels::{Command, PanelOutput, Panels};
 use super::profile::{self, zone};
 use super::renderer::{Failure, PlanInputs, Renderer, Wake};
 use super::viewer::{Viewer, ViewerError};
@@ -117,7 +117,7 @@ impl<D: Device> Shell<D> {
             self.viewer.open(file.path());
         }
         let failure = self.canvas.failure().map(|failure| failure.text(true));
-        let mut shown: Option<Result<Shown, ViewerError>> = None;
+        let mut shown: Option<Result<PanelOutput, ViewerError>> = None;
         let output = self.ctx.run_ui(input, |ui| {
             let (panels, viewer) = (&mut self.panels, &mut self.viewer);
             let window = (&self.history, self.canvas.plan().map(|plan| plan.as_ref()));

@@ -36,13 +36,19 @@ pub type Setup = Box<dyn FnOnce(&mut Shell<Vulkan>) -> Result<()>>;
 
 /// The options of the window.
 pub struct WindowOptions {
+    /// The scene and its file.
     pub scene: (Scene, PathBuf),
+    /// Name or path of the graph.
     pub pipeline: String,
+    /// Parameters to change.
     pub set: Vec<(String, String)>,
+    /// Selectable cameras.
     pub cameras: Vec<Camera>,
     /// Size of the window's content, in pixels.
     pub size: (u32, u32),
+    /// The device, and its validation.
     pub device: Options,
+    /// True to wait for the display's refresh.
     pub vsync: bool,
     /// Sets the initial state of the shell.
     pub setup: Setup,

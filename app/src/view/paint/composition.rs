@@ -58,6 +58,7 @@ pub struct Composition {
     pub a: Option<Shown>,
     /// Picture B.
     pub b: Option<Shown>,
+    /// The comparison of A and B.
     pub mode: Mode,
     /// Position of the split line, from 0 at the view's left border to 1 at its right one.
     pub split: f32,

@@ -23,7 +23,9 @@ pub const SMOOTH_MINIFIED: u32 = 2;
 pub struct Texture {
     /// Index of the first texel.
     pub texels: u32,
+    /// Width in texels.
     pub width: u32,
+    /// Height in texels.
     pub height: u32,
     /// Flags [`SMOOTH_MAGNIFIED`] and [`SMOOTH_MINIFIED`].
     pub smoothing: u32,

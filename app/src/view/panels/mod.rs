@@ -71,7 +71,7 @@ impl Controls {
 
 /// The results of a frame of the panels.
 #[derive(Clone, Debug)]
-pub struct Shown {
+pub struct PanelOutput {
     /// Place of the picture, in points.
     pub view: Rect,
     /// Requests to the window.
@@ -153,7 +153,7 @@ impl Panels {
         viewer: &mut Viewer<D>,
         (window, window_plan): (&History, Option<&Plan>),
         window_failure: Option<&str>,
-    ) -> Result<Shown, ViewerError> {
+    ) -> Result<PanelOutput, ViewerError> {
         self.controls.now.clear();
         let mut commands = Vec::new();
         self.time(viewer.a.history.frames());
@@ -205,7 +205,7 @@ impl Panels {
         let view = CentralPanel::no_frame().show(ui, |ui| self.view(ui, viewer)).inner;
         self.mistakes(ui.ctx(), viewer, window_failure, view);
         self.help_window(ui.ctx());
-        Ok(Shown { view, commands })
+        Ok(PanelOutput { view, commands })
     }
 
     /// Records the time since the last frame.
