@@ -342,7 +342,7 @@ mod tests {
 
     #[test]
     fn pictures_in_a_folder_are_named_after_their_photographs() {
-        let camera = Camera { img_name: "day 1/0007.jpg".into(), ..demo::camera().unwrap() };
+        let camera = Camera { img_name: "day 1/0007.jpg".into(), ..crate::demo::camera().unwrap() };
         let folder = Destination::Folder("out".into(), Format::Exr);
         assert_eq!(folder.path(&camera), Path::new("out/day 1_0007.jpg.exr"));
         assert_eq!(per_camera(Path::new("a/keys.npy"), &camera, 2), Path::new("a/keys-day 1_0007.jpg.npy"));
