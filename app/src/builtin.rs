@@ -6,8 +6,7 @@
 use crate::facts::{self, SceneFacts};
 use ron::extensions::Extensions;
 use splatgraph_framework::ir::Request;
-use splatgraph_framework::lower;
-use splatgraph_framework::plan::Param;
+use splatgraph_framework::lower::{self, Control};
 use splatgraph_framework::schema::Document;
 use splatgraph_framework::source::{Library, SourceMap};
 
@@ -46,7 +45,7 @@ pub struct Preset {
     /// A description in one line.
     pub summary: String,
     /// The parameters, with their values for a nominal scene.
-    pub params: Vec<Param>,
+    pub params: Vec<Control>,
 }
 
 /// Lists the built-in graphs that draw a scene, sorted by name.
@@ -57,7 +56,7 @@ pub fn presets() -> Vec<Preset> {
     let mut files = source_map();
     let mut preset = |name: &'static str| {
         let request = Request { graph: name, set: &[], facts: &facts, catalog: &catalog, share_memory: true };
-        let (summary, params) = lower::params(&request, &mut files)
+        let (summary, params) = lower::controls(&request, &mut files)
             .unwrap_or_else(|_| (format!("has errors, see `splatgraph check {name}`"), Vec::new()));
         Preset { name, summary, params }
     };

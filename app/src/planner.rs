@@ -3,8 +3,8 @@
 use crate::builtin;
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Facts, Request};
-use splatgraph_framework::lower;
-use splatgraph_framework::plan::{Param, Plan};
+use splatgraph_framework::lower::{self, Control};
+use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Diagnostic, SourceMap, render};
@@ -38,16 +38,17 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Lists the parameters of `graph` with their defaults.
-    pub fn params(
+    /// Lists the parameters of `graph` with the values that `set` gives them.
+    pub fn controls(
         &mut self,
         graph: &str,
+        set: &[(String, String)],
         facts: &Facts,
         catalog: &Catalog,
-    ) -> Result<Vec<Param>, GraphErrors> {
-        let request = Request { graph, set: &[], facts, catalog, share_memory: self.share_memory };
-        lower::params(&request, &mut self.files)
-            .map(|(_, params)| params)
+    ) -> Result<Vec<Control>, GraphErrors> {
+        let request = Request { graph, set, facts, catalog, share_memory: self.share_memory };
+        lower::controls(&request, &mut self.files)
+            .map(|(_, controls)| controls)
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 

@@ -54,7 +54,7 @@ pub fn build(
     files: &mut SourceMap,
     compiler: &mut dyn ShaderCompiler,
 ) -> Result<Plan, Vec<Diagnostic>> {
-    let flat = lower::lower(request, files)?;
-    let linked = link::link(flat, request, files, compiler)?;
+    let lowered = lower::lower(request, files)?;
+    let linked = link::link(lowered, request, files, compiler)?;
     solve::solve(linked, request.share_memory, files)
 }

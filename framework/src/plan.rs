@@ -9,20 +9,15 @@
 //! is the finer of the two models, and a Metal backend maps them down.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use crate::ir::{
-    Accesses, BlockId, Domain, Hazard, Layout, Origin, ParamBinding, Pass, PassId, Reflection, ResourceId,
-    ShaderId, Shape, Source, Stages, Usage, Value,
+    Accesses, BlockId, Domain, Hazard, Layout, LeftOut, Origin, Param, ParamBinding, Pass, PassId,
+    ResourceId, Shader, ShaderId, Shape, Source, Stages, Stat, Usage, Value,
 };
-
-/// Version of the plan's serialised form. Raised when a field changes its meaning.
-pub const PLAN_VERSION: u32 = 2;
 
 /// What a backend executes. See the module's documentation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    pub version: u32,
     /// The name that the graph was asked for by: a preset's name or a path.
     pub name: String,
     pub summary: String,
@@ -78,7 +73,7 @@ impl Plan {
     }
 
     /// The same with other values: `params` are the plan's own, some of the live ones changed.
-    pub fn live_bytes_of(&self, params: &[Param]) -> Vec<u8> {
+    pub fn live_bytes_of<'a>(&self, params: impl IntoIterator<Item = &'a Param>) -> Vec<u8> {
         let size = self.resources.iter().find(|r| r.source == Source::Live).map_or(0, Resource::bytes);
         let mut bytes = vec![0; size as usize];
         for param in params {
@@ -117,22 +112,6 @@ impl Plan {
     }
 }
 
-/// A parameter that the graph declared, with the value that this plan was built with.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Param {
-    pub name: String,
-    pub label: String,
-    pub help: String,
-    pub value: Value,
-    pub default: Value,
-    /// The value that costs no accuracy, where the graph names one.
-    pub exact: Option<Value>,
-    pub domain: Domain,
-    /// A constant is baked into the plan and the shaders; a live parameter is a member of the live uniform block.
-    pub binding: ParamBinding,
-    pub origin: Origin,
-}
-
 /// A buffer or an image. Ping-pong resources appear as two, named `keys#0` and `keys#1`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resource {
@@ -161,17 +140,6 @@ impl Resource {
     pub fn bytes(&self) -> u64 {
         self.shape.bytes()
     }
-}
-
-/// A compiled shader module with the defines it was compiled with.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Shader {
-    /// Path as the graph names it, for instance `sort/scatter.comp`.
-    pub name: String,
-    pub defines: Vec<(String, String)>,
-    /// SPIR-V words. Left out of dumps.
-    pub spirv: Arc<Vec<u32>>,
-    pub reflection: Reflection,
 }
 
 /// Barriers, recorded together as one call, and then a pass.
@@ -232,20 +200,4 @@ pub struct Dependency {
     pub source_accesses: Accesses,
     pub target_stages: Stages,
     pub target_accesses: Accesses,
-}
-
-#[derive(Clone, Debug, PartialEq)]
-pub struct LeftOut {
-    pub pass: String,
-    pub why: String,
-    pub origin: Origin,
-}
-
-/// A 32-bit word of a buffer.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Stat {
-    pub name: String,
-    pub buffer: ResourceId,
-    /// Byte offset.
-    pub offset: u64,
 }

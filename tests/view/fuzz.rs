@@ -349,8 +349,8 @@ impl Building {
     /// Whether the files that the last plan was built from have the parameters that are set; also where they are no graph.
     fn declares_what_is_set(&mut self) -> bool {
         let Building { planner, graph, set, facts, catalog, .. } = self;
-        planner.params(graph, facts, catalog).map_or(true, |declared| {
-            set.iter().all(|(name, _)| declared.iter().any(|param| param.name == *name))
+        planner.controls(graph, &[], facts, catalog).map_or(true, |declared| {
+            set.iter().all(|(name, _)| declared.iter().any(|control| control.param.name == *name))
         })
     }
 
@@ -363,10 +363,6 @@ impl Building {
         let nowhere = || Origin { file: String::new(), line: 0, column: 0 };
         plan.summary.clear();
         plan.left_out.clear();
-        for param in &mut plan.params {
-            param.label.clear();
-            param.help.clear();
-        }
         let params = plan.params.iter_mut().map(|param| &mut param.origin);
         let resources = plan.resources.iter_mut().map(|resource| &mut resource.origin);
         let passes = plan.passes.iter_mut().map(|pass| &mut pass.origin);

@@ -528,7 +528,12 @@ impl Soak {
         let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
         let is_const = |binding| binding == ParamBinding::Const;
         let wanted = kind == ParamBindingKind::Const;
-        let params = viewport.renderer.params().iter().filter(|param| is_const(param.binding) == wanted);
+        let params = viewport
+            .renderer
+            .controls()
+            .iter()
+            .map(|c| &c.param)
+            .filter(|param| is_const(param.binding) == wanted);
         let params: Vec<_> = params.cloned().collect();
         if params.is_empty() {
             return;

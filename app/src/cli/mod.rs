@@ -18,7 +18,7 @@ use crate::builtin;
 use crate::planner::GraphErrors;
 use crate::session::SessionError;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use splatgraph_framework::plan::Param;
+use splatgraph_framework::lower::Control;
 use std::io::{ErrorKind, IsTerminal};
 use std::process::ExitCode;
 
@@ -139,8 +139,8 @@ fn preset_list() -> String {
     let rows = presets.iter().map(|p| (p.name.to_owned(), p.summary.clone()));
     let mut text = format!("Built-in graphs:\n{}", options::two_columns(rows.collect()));
     if let Some(default) = presets.iter().find(|p| p.name == options::DEFAULT_PIPELINE) {
-        let row = |param: &Param| {
-            let about = if param.help.is_empty() { &param.label } else { &param.help };
+        let row = |Control { param, label, help }: &Control| {
+            let about = if help.is_empty() { label } else { help };
             let domain = options::domain(&param.domain);
             (param.name.clone(), format!("{domain} [{}]  {about}", param.value))
         };

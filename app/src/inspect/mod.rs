@@ -284,7 +284,6 @@ mod tests {
             pass("both", 0, 1),
         ];
         Plan {
-            version: 1,
             name: "test".into(),
             summary: String::new(),
             facts: Default::default(),

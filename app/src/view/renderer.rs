@@ -18,7 +18,8 @@ use splatgraph_api::{
 };
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::{Catalog, ParamBinding, Value};
-use splatgraph_framework::plan::{Param, Plan};
+use splatgraph_framework::lower::{Control, parse_value};
+use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::{
     Attempt, Change, LastGood, Rebuilder, Wanted, WatchError, WatchKind, Watcher,
 };
@@ -108,7 +109,7 @@ pub struct Renderer<D: Device> {
     state: LastGood<Arc<Plan>, Failure>,
     /// Time of the last poll.
     now: Instant,
-    params: Vec<Param>,
+    controls: Vec<Control>,
     size: (u32, u32),
     pending_swap: Option<PendingSwap>,
     in_flight: VecDeque<FrameInFlight>,
@@ -147,7 +148,7 @@ impl<D: Device> Renderer<D> {
             asked: None,
             state,
             now,
-            params: Vec::new(),
+            controls: Vec::new(),
             size: (0, 0),
             pending_swap: None,
             in_flight: VecDeque::new(),
@@ -185,8 +186,8 @@ impl<D: Device> Renderer<D> {
     }
 
     /// Returns the parameters with the requested values; constants may still wait for a new plan.
-    pub fn params(&self) -> &[Param] {
-        &self.params
+    pub fn controls(&self) -> &[Control] {
+        &self.controls
     }
 
     /// Returns the changed parameters with their values as text, in the order of the first change.
@@ -223,7 +224,9 @@ impl<D: Device> Renderer<D> {
 
     /// Sets a parameter; `None` restores its default. An unknown name, or a value of another type, changes nothing.
     pub fn set_param(&mut self, name: &str, value: Option<Value>) {
-        let Some(param) = self.params.iter_mut().find(|param| param.name == name) else { return };
+        let Some(param) = self.controls.iter_mut().map(|c| &mut c.param).find(|p| p.name == name) else {
+            return;
+        };
         let value = value.filter(|value| *value != param.default);
         match &value {
             Some(value) => {
@@ -323,7 +326,7 @@ impl<D: Device> Renderer<D> {
             }
             self.events.push(RendererEvent::Dropped(built.dropped));
         }
-        let (plan, ready) = match built.outcome {
+        let (plan, controls, ready) = match built.outcome {
             Ok(made) => made,
             Err(failure) => {
                 self.fail(failure);
@@ -333,7 +336,7 @@ impl<D: Device> Renderer<D> {
         self.device.swap(ready)?;
         self.strict = false;
         self.size = built.inputs.size;
-        self.params = plan.params.clone();
+        self.controls = controls;
         let swap = Swap {
             graph: plan.name.clone(),
             cause: built.cause,
@@ -352,8 +355,9 @@ impl<D: Device> Renderer<D> {
 
     /// Applies settings that changed since the plan was requested.
     fn apply_set(&mut self) {
-        for param in &mut self.params {
-            if let Some(value) = self.set.get(&param.name).and_then(|text| value_of(param, text)) {
+        for Control { param, .. } in &mut self.controls {
+            let text = self.set.get(&param.name);
+            if let Some(value) = text.and_then(|text| parse_value(text, &param.domain).ok()) {
                 param.value = value;
             }
         }
@@ -367,7 +371,10 @@ impl<D: Device> Renderer<D> {
         }
         zone!("submit");
         let inspected = inputs.inspect.clone();
-        let inputs = FrameInputs { live: plan.live_bytes_of(&self.params), ..inputs };
+        let inputs = FrameInputs {
+            live: plan.live_bytes_of(self.controls.iter().map(|control| &control.param)),
+            ..inputs
+        };
         let frame = self.device.submit(&inputs)?;
         let first = self.pending_swap.take();
         let is_first = first.is_some();
@@ -417,39 +424,5 @@ impl<D: Device> Renderer<D> {
     /// Takes the events since the last call.
     pub fn take_events(&mut self) -> Vec<RendererEvent> {
         std::mem::take(&mut self.events)
-    }
-}
-
-/// Parses a setting as a value of the parameter's type.
-fn value_of(param: &Param, text: &str) -> Option<Value> {
-    match param.value {
-        Value::Bool(_) => text.parse().ok().map(Value::Bool),
-        Value::Int(_) => text.parse().ok().map(Value::Int),
-        Value::Float(_) => text.parse().ok().map(Value::Float),
-        Value::Text(_) => Some(Value::Text(text.to_owned())),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_settings_text_is_read_as_the_parameters_kind() {
-        let param = |value: Value| Param {
-            name: "p".into(),
-            label: String::new(),
-            help: String::new(),
-            default: value.clone(),
-            value,
-            exact: None,
-            domain: splatgraph_framework::ir::Domain::Bool,
-            binding: ParamBinding::Const,
-            origin: splatgraph_framework::ir::Origin { file: "g.ron".into(), line: 1, column: 1 },
-        };
-        assert_eq!(value_of(&param(Value::Int(1)), "4"), Some(Value::Int(4)));
-        assert_eq!(value_of(&param(Value::Float(1.0)), "4"), Some(Value::Float(4.0)));
-        assert_eq!(value_of(&param(Value::Bool(true)), "4"), None);
-        assert_eq!(value_of(&param(Value::Text("a".into())), "4"), Some(Value::Text("4".into())));
     }
 }

@@ -16,7 +16,6 @@ pub fn plan(passes: &[(&str, &str)]) -> Plan {
         origin: Origin { file: "test.ron".into(), line: 1, column: 1 },
     };
     Plan {
-        version: 1,
         name: "test".into(),
         summary: String::new(),
         facts: Default::default(),

@@ -49,7 +49,6 @@ pub(crate) fn plan() -> Plan {
         binding(0, 0, SPLATS, DescriptorKind::StorageBuffer),
     ];
     Plan {
-        version: PLAN_VERSION,
         name: "test".to_string(),
         summary: String::new(),
         facts: BTreeMap::new(),

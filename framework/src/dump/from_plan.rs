@@ -69,10 +69,9 @@ pub fn json(dump: &Dump) -> serde_json::Value {
     serde_json::to_value(dump).expect("a dump is plain data with string keys")
 }
 
-fn parameter_of(param: &crate::plan::Param) -> DumpParameter {
+fn parameter_of(param: &crate::ir::Param) -> DumpParameter {
     DumpParameter {
         name: param.name.clone(),
-        label: param.label.clone(),
         value: param.value.clone(),
         default: param.default.clone(),
         exact: param.exact.clone(),

@@ -34,7 +34,7 @@ pub use html::html;
 pub use text::{barrier_line, bytes, dependency_line, text};
 
 /// The version of the JSON form. Raised when a field changes its meaning or goes.
-pub const DUMP_VERSION: u32 = 2;
+pub const DUMP_VERSION: u32 = 3;
 
 /// The plan with names in place of numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,7 +70,6 @@ pub struct Dump {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpParameter {
     pub name: String,
-    pub label: String,
     pub value: Value,
     pub default: Value,
     /// The value that costs no accuracy, where the graph names one.

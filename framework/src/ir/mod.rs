@@ -11,9 +11,9 @@ mod id;
 mod location;
 mod names;
 mod pass;
-mod reflection;
 mod request;
 mod resource;
+mod shader;
 mod value;
 
 pub use access::{Accesses, Hazard, Layout, Stages};
@@ -22,10 +22,10 @@ pub use format::{Blend, Format, Load, Topology};
 pub use id::{BlockId, PassId, ResourceId, ShaderId};
 pub use location::{FileId, Origin, Span};
 pub use names::{EXPORT, HOST, LIVE_BINDING, LIVE_BLOCK};
-pub use pass::{Binding, DescriptorKind, DrawCall, Groups, Pass, Run, Target, Touch, Work};
-pub use reflection::{
-    Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderStage, Varying,
-};
+pub use pass::{Binding, DescriptorKind, DrawCall, Groups, LeftOut, Pass, Run, Stat, Target, Touch, Work};
 pub use request::{Attribute, Catalog, Facts, GivenBuffer, Request};
 pub use resource::{Shape, Source, Usage};
-pub use value::{Domain, ParamBinding, Value};
+pub use shader::{
+    Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Shader, ShaderStage, Varying,
+};
+pub use value::{Domain, Param, ParamBinding, Value};

@@ -1,4 +1,7 @@
 //! Passes: one dispatch, draw, fill or export each.
+//!
+//! The types are generic over the ids of resources (`R`) and shaders (`S`): linked passes hold handles of the lowered graph, passes of
+//! a plan hold the plan's ids, which are the default.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +18,7 @@ pub enum Run {
 
 /// Describes one dispatch, draw, fill or export.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Pass {
+pub struct Pass<R = ResourceId, S = ShaderId> {
     /// Unique in the plan, for instance `sort.histogram[2]`.
     pub name: String,
     /// The group that its time is summed under: `key`, `sort`, `draw`, ...
@@ -23,44 +26,44 @@ pub struct Pass {
     /// Prologue or frame.
     pub run: Run,
     /// The command.
-    pub work: Work,
+    pub work: Work<R, S>,
     /// The descriptors of set 0.
-    pub bindings: Vec<Binding>,
+    pub bindings: Vec<Binding<R>>,
     /// Push constant bytes, complete, little-endian; empty if the shaders take none.
     pub push: Vec<u8>,
     /// The accesses, one entry per resource and stage.
-    pub touches: Vec<Touch>,
+    pub touches: Vec<Touch<R>>,
     /// The declaration.
     pub origin: Origin,
 }
 
 /// Describes the command of a pass.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Work {
+pub enum Work<R = ResourceId, S = ShaderId> {
     /// Runs a compute shader.
     Dispatch {
         /// The compute shader.
-        shader: ShaderId,
+        shader: S,
         /// The number of workgroups.
-        groups: Groups,
+        groups: Groups<R>,
     },
     /// Draws into `targets`: all of the same size, full-size viewport and scissor, no depth, no culling of faces.
     Draw {
         /// The vertex shader.
-        vertex: ShaderId,
+        vertex: S,
         /// The fragment shader.
-        fragment: ShaderId,
+        fragment: S,
         /// The primitives.
         topology: Topology,
         /// The number of vertices and instances.
-        call: DrawCall,
+        call: DrawCall<R>,
         /// The colour attachments, in the order of the fragment shader's output locations.
-        targets: Vec<Target>,
+        targets: Vec<Target<R>>,
     },
     /// Writes `value` to every 32-bit word of a buffer.
     Fill {
         /// The buffer.
-        buffer: ResourceId,
+        buffer: R,
         /// The word.
         value: u32,
     },
@@ -69,7 +72,7 @@ pub enum Work {
     /// image into the layout that the pass would have left it in.
     Start {
         /// The resource.
-        resource: ResourceId,
+        resource: R,
     },
     /// Makes the output and the statistics readable by copies, and copies the statistics.
     Export,
@@ -79,14 +82,14 @@ pub enum Work {
 
 /// Counts the workgroups of a dispatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Groups {
+pub enum Groups<R = ResourceId> {
     /// Workgroups in x, y, z, within the device's limits. More than fit in x are folded into y: shaders compute
     /// their index as `gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x` and ignore indices beyond the end.
     Direct([u32; 3]),
     /// Three words of a buffer.
     Indirect {
         /// The buffer.
-        buffer: ResourceId,
+        buffer: R,
         /// Byte offset of the first word.
         offset: u64,
     },
@@ -94,7 +97,7 @@ pub enum Groups {
 
 /// Counts the vertices and instances of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DrawCall {
+pub enum DrawCall<R = ResourceId> {
     /// Numbers known when the plan is built.
     Direct {
         /// Vertices of an instance.
@@ -105,7 +108,7 @@ pub enum DrawCall {
     /// Four words of a buffer: vertices, instances, first vertex, first instance.
     Indirect {
         /// The buffer.
-        buffer: ResourceId,
+        buffer: R,
         /// Byte offset of the first word.
         offset: u64,
     },
@@ -113,9 +116,9 @@ pub enum DrawCall {
 
 /// Describes a colour attachment.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Target {
+pub struct Target<R = ResourceId> {
     /// The image.
-    pub image: ResourceId,
+    pub image: R,
     /// The treatment of its former contents.
     pub load: Load,
     /// The blending.
@@ -124,7 +127,7 @@ pub struct Target {
 
 /// Binds a resource to a shader's block or image.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Binding {
+pub struct Binding<R = ResourceId> {
     /// The name of the GLSL block or image.
     pub name: String,
     /// The binding number in set 0.
@@ -134,7 +137,7 @@ pub struct Binding {
     /// The type of the descriptor.
     pub kind: DescriptorKind,
     /// The resource.
-    pub resource: ResourceId,
+    pub resource: R,
 }
 
 /// Names the type of a descriptor.
@@ -150,9 +153,9 @@ pub enum DescriptorKind {
 
 /// Describes a pass's accesses to a resource in one set of stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Touch {
+pub struct Touch<R = ResourceId> {
     /// The resource.
-    pub resource: ResourceId,
+    pub resource: R,
     /// The pipeline stages that access it.
     pub stages: Stages,
     /// The kinds of access.
@@ -161,4 +164,26 @@ pub struct Touch {
     pub layout: Option<Layout>,
     /// The former contents are not needed (an attachment that is cleared).
     pub discards: bool,
+}
+
+/// Names a pass of the file that is not in the plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeftOut {
+    /// The pass's name.
+    pub pass: String,
+    /// The reason: its `when` is false, or nothing reads its results.
+    pub why: String,
+    /// The declaration.
+    pub origin: Origin,
+}
+
+/// Names a 32-bit word of a buffer that is read back after each frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stat<R = ResourceId> {
+    /// The name for people.
+    pub name: String,
+    /// The buffer.
+    pub buffer: R,
+    /// Byte offset of the word.
+    pub offset: u64,
 }

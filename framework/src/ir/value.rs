@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::Origin;
+
 /// Holds the value of a parameter, a fact or an expression.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
@@ -27,6 +29,25 @@ impl fmt::Display for Value {
             Value::Text(v) => write!(f, "{v}"),
         }
     }
+}
+
+/// Describes a parameter that the graph declares, with its value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Param {
+    /// The name.
+    pub name: String,
+    /// The value that the plan is built with.
+    pub value: Value,
+    /// The value where nothing sets it.
+    pub default: Value,
+    /// The value that costs no accuracy, where the graph names one.
+    pub exact: Option<Value>,
+    /// The values that it may take.
+    pub domain: Domain,
+    /// The way to the shaders.
+    pub binding: ParamBinding,
+    /// The declaration.
+    pub origin: Origin,
 }
 
 /// Lists the values that a parameter may take. Ranges are inclusive.

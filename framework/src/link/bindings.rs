@@ -1,28 +1,28 @@
 //! Blocks, images and push constants against what the graph binds.
 
-use super::{Linker, describe, touch};
+use super::{Linker, ShaderHandle, describe, touch};
 use crate::ir::{
     Accesses, Binding, DescriptorKind, FileId, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding,
-    ReflectedKind, ResourceId, Run, ShaderId, Shape, Source, Span, Stages, Touch, Value,
+    ReflectedKind, Run, Shape, Source, Span, Stages, Touch, Value,
 };
-use crate::lower::{FlatBind, FlatPass, FlatWork};
+use crate::lower::{LoweredBind, LoweredPass, LoweredWork, ResourceHandle};
 use crate::source::{Diagnostic, Kind, nearest};
 
 impl Linker<'_> {
     /// The descriptors of a pass, over all its stages; adds what the shaders do to `touches`.
     pub(super) fn bindings(
         &mut self,
-        pass: &FlatPass,
-        stages: &[(ShaderId, Stages)],
-        touches: &mut Vec<Touch>,
-    ) -> Vec<Binding> {
-        let mut bindings: Vec<Binding> = Vec::new();
+        pass: &LoweredPass,
+        stages: &[(ShaderHandle, Stages)],
+        touches: &mut Vec<Touch<ResourceHandle>>,
+    ) -> Vec<Binding<ResourceHandle>> {
+        let mut bindings: Vec<Binding<ResourceHandle>> = Vec::new();
         let mut used = vec![false; pass.bind.len()];
         for (shader, stage) in stages {
             let reflection = self.shaders[shader.index()].reflection.clone();
             for block in &reflection.bindings {
                 let (resources, span) = if block.name == LIVE_BLOCK {
-                    (vec![self.flat.live], pass.span)
+                    (vec![self.lowered.live], pass.span)
                 } else if let Some(i) = pass.bind.iter().position(|b| b.block == block.name) {
                     used[i] = true;
                     (pass.bind[i].resources.clone(), pass.bind[i].resource_span)
@@ -80,7 +80,7 @@ impl Linker<'_> {
     }
 
     /// A block that the shader touches and the graph does not bind.
-    fn unbound(&mut self, pass: &FlatPass, shader: ShaderId, block: &ReflectedBinding) {
+    fn unbound(&mut self, pass: &LoweredPass, shader: ShaderHandle, block: &ReflectedBinding) {
         let shader = &self.shaders[shader.index()].name;
         let what = match block.kind {
             ReflectedKind::StorageImage { .. } => "image",
@@ -102,7 +102,7 @@ impl Linker<'_> {
 
     /// An entry of `bind` that no shader of the pass touches. It is a mistake unless a shader declares the block and its
     /// code, with the constants of now, does without: then nothing is bound and nothing need be.
-    fn unknown(&mut self, pass: &FlatPass, stages: &[(ShaderId, Stages)], bind: &FlatBind) {
+    fn unknown(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)], bind: &LoweredBind) {
         let declared = shader_files(pass).iter().any(|name| {
             match self.files.find(Some(pass.file), name, Kind::Shader) {
                 Ok(file) => self.mentions(file, &bind.block, 0),
@@ -150,9 +150,9 @@ impl Linker<'_> {
     /// The kind of descriptor for a block, or `None` after an error.
     fn fits(
         &mut self,
-        shader: ShaderId,
+        shader: ShaderHandle,
         block: &ReflectedBinding,
-        resources: &[ResourceId],
+        resources: &[ResourceHandle],
         span: Span,
     ) -> Option<DescriptorKind> {
         let shader = self.shaders[shader.index()].name.clone();
@@ -171,7 +171,7 @@ impl Linker<'_> {
                 format!("`{}` has {} planes", first.name, resources.len()),
             );
         }
-        if block.writes && self.flat.last(resources[0]).is_some() {
+        if block.writes && first.previous_frame_of.is_some() {
             wrong = wrong.or(error(
                 format!("`{shader}` writes to `{name}`"),
                 format!("`{}` is of the frame before and can only be read", first.name),
@@ -196,7 +196,7 @@ impl Linker<'_> {
                     ));
                 }
                 for id in resources {
-                    let bytes = self.resource(*id).bytes();
+                    let bytes = self.resource(*id).shape.bytes();
                     if bytes > self.device.max_storage_bytes {
                         let mib = |b: u64| b.div_ceil(1 << 20);
                         let limit = self.device.max_storage_bytes;
@@ -207,7 +207,7 @@ impl Linker<'_> {
                                 mib(bytes),
                                 mib(limit)
                             ),
-                            self.flat.resource_spans[id.index()],
+                            self.resource(*id).span,
                             describe(self.resource(*id)),
                         );
                         self.errors.push(
@@ -267,7 +267,7 @@ impl Linker<'_> {
         match wrong {
             None => Some(kind),
             Some(diagnostic) => {
-                let declared = self.flat.resource_spans[resources[0].index()];
+                let declared = first.span;
                 self.errors.push(diagnostic.with_label(declared, "declared here"));
                 None
             }
@@ -278,9 +278,9 @@ impl Linker<'_> {
         &self,
         block: &ReflectedBinding,
         kind: DescriptorKind,
-        resources: &[ResourceId],
+        resources: &[ResourceHandle],
         stage: Stages,
-        touches: &mut Vec<Touch>,
+        touches: &mut Vec<Touch<ResourceHandle>>,
     ) {
         let mut accesses = Accesses::empty();
         accesses.set(Accesses::STORAGE_READ, block.reads);
@@ -299,7 +299,7 @@ impl Linker<'_> {
     }
 
     /// The bytes of the push constants.
-    pub(super) fn push(&mut self, pass: &FlatPass, stages: &[(ShaderId, Stages)]) -> Vec<u8> {
+    pub(super) fn push(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut known = Vec::new();
         for (shader, _) in stages {
@@ -362,9 +362,9 @@ impl Linker<'_> {
     }
 
     /// A resource must not be bound twice to a pass that writes it: its invocations run in any order.
-    pub(super) fn conflicts(&mut self, pass: &FlatPass, touches: &[Touch]) {
+    pub(super) fn conflicts(&mut self, pass: &LoweredPass, touches: &[Touch<ResourceHandle>]) {
         // What the frame before left in a resource stands in the resource itself.
-        let real = |id: &ResourceId| self.flat.last(*id).unwrap_or(*id);
+        let real = |id: &ResourceHandle| self.lowered.real(*id);
         for (i, bind) in pass.bind.iter().enumerate() {
             for id in &bind.resources {
                 let written = touches.iter().any(|t| real(&t.resource) == real(id) && t.accesses.writes());
@@ -380,7 +380,7 @@ impl Linker<'_> {
                     .with_label(other.resource_span, "and here");
                     let mut bound =
                         other.resources.iter().chain([id]).filter(|other| real(other) == real(id));
-                    let last = bound.find(|id| self.flat.last(**id).is_some());
+                    let last = bound.find(|id| self.resource(**id).previous_frame_of.is_some());
                     self.errors.push(match last.map(|id| &self.resource(*id).name) {
                         // Halves of a ping-pong buffer are numbered.
                         Some(last) if name.contains('#') => diagnostic.with_help(format!(
@@ -396,7 +396,7 @@ impl Linker<'_> {
                 }
             }
         }
-        if let FlatWork::Draw { targets, .. } = &pass.work {
+        if let LoweredWork::Draw { targets, .. } = &pass.work {
             for (target, span) in targets {
                 if let Some(bind) =
                     pass.bind.iter().find(|b| b.resources.iter().any(|id| real(id) == target.image))
@@ -417,11 +417,11 @@ impl Linker<'_> {
 }
 
 /// The shader files of a pass, as named.
-fn shader_files(pass: &FlatPass) -> Vec<String> {
+fn shader_files(pass: &LoweredPass) -> Vec<String> {
     match &pass.work {
-        FlatWork::Dispatch { shader, .. } => vec![shader.name.clone()],
-        FlatWork::Draw { vertex, fragment, .. } => vec![vertex.name.clone(), fragment.name.clone()],
-        FlatWork::Fill { .. } => Vec::new(),
+        LoweredWork::Dispatch { shader, .. } => vec![shader.name.clone()],
+        LoweredWork::Draw { vertex, fragment, .. } => vec![vertex.name.clone(), fragment.name.clone()],
+        LoweredWork::Fill { .. } => Vec::new(),
     }
 }
 

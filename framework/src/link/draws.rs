@@ -1,13 +1,14 @@
 //! What draws have beyond bindings: the interface between their two stages, and their targets.
 
-use super::{Linker, describe, touch};
-use crate::ir::{Accesses, Layout, Load, ShaderId, Shape, Source, Span, Stages, Target, Touch};
+use super::{Linker, ShaderHandle, describe, touch};
+use crate::ir::{Accesses, Layout, Load, Shape, Source, Span, Stages, Target, Touch};
+use crate::lower::ResourceHandle;
 use crate::source::Diagnostic;
 
 impl Linker<'_> {
     /// Every input of the fragment shader is an output of the vertex shader, of the same type. The two are compiled apart,
     /// so that nobody else would notice.
-    pub(super) fn interface(&mut self, vertex: ShaderId, fragment: ShaderId, span: Span) {
+    pub(super) fn interface(&mut self, vertex: ShaderHandle, fragment: ShaderHandle, span: Span) {
         let (from, to) = (&self.shaders[vertex.index()], &self.shaders[fragment.index()]);
         for input in &to.reflection.inputs {
             let output = from.reflection.outputs.iter().find(|o| o.location == input.location);
@@ -26,10 +27,10 @@ impl Linker<'_> {
 
     pub(super) fn targets(
         &mut self,
-        fragment: ShaderId,
-        targets: &[(Target, Span)],
+        fragment: ShaderHandle,
+        targets: &[(Target<ResourceHandle>, Span)],
         pass: Span,
-        touches: &mut Vec<Touch>,
+        touches: &mut Vec<Touch<ResourceHandle>>,
     ) {
         let shader = self.shaders[fragment.index()].clone();
         let outputs = shader.reflection.outputs.len();
@@ -52,7 +53,7 @@ impl Linker<'_> {
                 ));
                 continue;
             };
-            if image.source != Source::Transient || self.flat.last(target.image).is_some() {
+            if image.source != Source::Transient || image.previous_frame_of.is_some() {
                 self.errors.push(Diagnostic::new(
                     format!("`{}` cannot be drawn to", image.name),
                     *span,

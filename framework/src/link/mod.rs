@@ -9,47 +9,67 @@ mod bindings;
 mod draws;
 
 use crate::ir::{
-    Accesses, DeviceFacts, DrawCall, FileId, Groups, Layout, Pass, Request, ResourceId, ShaderId,
-    ShaderStage, Shape, Span, Stages, Touch, Work,
+    Accesses, DeviceFacts, DrawCall, FileId, Groups, Layout, Pass, Request, Shader, ShaderStage, Shape, Span,
+    Stages, Touch, Work,
 };
-use crate::lower::{Flat, FlatPass, FlatSize, FlatWork, ShaderName};
-use crate::plan::{LeftOut, Resource, Shader};
+use crate::lower::{
+    Lowered, LoweredPass, LoweredResource, LoweredSize, LoweredWork, ResourceHandle, ShaderName,
+};
 use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
 use crate::source::{Diagnostic, Kind, SourceMap};
 use std::collections::HashMap;
 use std::rc::Rc;
 
-/// A graph whose passes fit their shaders.
+/// Holds a graph whose passes fit their shaders.
 #[derive(Clone, Debug)]
 pub struct Linked {
-    pub flat: Flat,
+    /// Resources, parameters and names of the graph.
+    pub lowered: Lowered,
+    /// Compiled shaders, each with its defines once.
     pub shaders: Vec<Shader>,
-    /// In the order of the file; those of `Once` and of every frame are still mixed.
-    pub passes: Vec<Pass>,
-    /// Of each pass, its name in the file.
-    pub spans: Vec<Span>,
-    pub left_out: Vec<LeftOut>,
+    /// Passes in the order of the file; those of `Once` and of every frame are mixed.
+    pub passes: Vec<LinkedPass>,
+}
+
+/// Holds a pass with its accesses, over handles of the lowered graph.
+#[derive(Clone, Debug)]
+pub struct LinkedPass {
+    /// The pass.
+    pub pass: Pass<ResourceHandle, ShaderHandle>,
+    /// Its name in the file.
+    pub span: Span,
+}
+
+/// Indexes [`Linked::shaders`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShaderHandle(pub u32);
+
+impl ShaderHandle {
+    /// Returns the position in the list.
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
 }
 
 /// Compiles the shaders of every pass and validates the pass against them.
 pub fn link(
-    flat: Flat,
+    lowered: Lowered,
     request: &Request,
     files: &mut SourceMap,
     compiler: &mut dyn ShaderCompiler,
 ) -> Result<Linked, Vec<Diagnostic>> {
     let mut linker = Linker {
         device: request.facts.device,
-        generated: vec![("live.glsl".to_string(), flat.live_glsl.clone())],
+        generated: vec![("live.glsl".to_string(), lowered.live_glsl.clone())],
         shaders: Vec::new(),
         compiled: HashMap::new(),
         errors: Vec::new(),
         files,
         compiler,
-        flat: &flat,
+        lowered: &lowered,
     };
-    let mut passes = Vec::with_capacity(flat.passes.len());
-    for pass in &flat.passes {
+    let mut passes = Vec::with_capacity(lowered.passes.len());
+    for pass in &lowered.passes {
         if let Some(pass) = linker.pass(pass) {
             passes.push(pass);
         }
@@ -70,40 +90,38 @@ pub fn link(
         });
         return Err(errors);
     }
-    let spans = flat.passes.iter().map(|p| p.span).collect();
-    let left_out = flat.left_out.clone();
-    Ok(Linked { flat, shaders, passes, spans, left_out })
+    Ok(Linked { lowered, shaders, passes })
 }
 
 type Defines = Vec<(String, String)>;
 
 struct Linker<'a> {
-    flat: &'a Flat,
+    lowered: &'a Lowered,
     device: DeviceFacts,
     files: &'a mut SourceMap,
     compiler: &'a mut dyn ShaderCompiler,
     generated: Vec<(String, String)>,
     shaders: Vec<Shader>,
     /// What was compiled for other passes, by file and list of defines: repeats share theirs, and need not ask the compiler.
-    compiled: HashMap<(FileId, *const Defines), ShaderId>,
+    compiled: HashMap<(FileId, *const Defines), ShaderHandle>,
     errors: Vec<Diagnostic>,
 }
 
 impl Linker<'_> {
-    fn resource(&self, id: ResourceId) -> &Resource {
-        &self.flat.resources[id.index()]
+    fn resource(&self, handle: ResourceHandle) -> &LoweredResource {
+        self.lowered.resource(handle)
     }
 
-    /// The plan's pass, or `None` after at least one error.
-    fn pass(&mut self, pass: &FlatPass) -> Option<Pass> {
+    /// Links a pass; returns `None` after at least one error.
+    fn pass(&mut self, pass: &LoweredPass) -> Option<LinkedPass> {
         let before = self.errors.len();
         let mut touches = Vec::new();
-        let (work, stages): (Work, Vec<(ShaderId, Stages)>) = match &pass.work {
-            FlatWork::Fill { buffer, value } => {
+        let (work, stages): (Work<_, _>, Vec<(ShaderHandle, Stages)>) = match &pass.work {
+            LoweredWork::Fill { buffer, value } => {
                 touch(&mut touches, *buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE, None, false);
                 (Work::Fill { buffer: *buffer, value: *value }, Vec::new())
             }
-            FlatWork::Dispatch { shader, size, size_span } => {
+            LoweredWork::Dispatch { shader, size, size_span } => {
                 let id = self.shader(pass, shader, ShaderStage::Compute)?;
                 self.workgroup(id, shader.span);
                 let groups = self.groups(id, *size, *size_span)?;
@@ -112,7 +130,7 @@ impl Linker<'_> {
                 }
                 (Work::Dispatch { shader: id, groups }, vec![(id, Stages::COMPUTE)])
             }
-            FlatWork::Draw { vertex, fragment, topology, call, targets, .. } => {
+            LoweredWork::Draw { vertex, fragment, topology, call, targets, .. } => {
                 let vertex_id = self.shader(pass, vertex, ShaderStage::Vertex);
                 let fragment_id = self.shader(pass, fragment, ShaderStage::Fragment);
                 let (vertex_id, fragment_id) = (vertex_id?, fragment_id?);
@@ -134,7 +152,7 @@ impl Linker<'_> {
         let bindings = self.bindings(pass, &stages, &mut touches);
         let push = self.push(pass, &stages);
         self.conflicts(pass, &touches);
-        (self.errors.len() == before).then(|| Pass {
+        let linked = Pass {
             name: pass.name.clone(),
             phase: pass.phase.clone(),
             run: pass.run,
@@ -143,11 +161,12 @@ impl Linker<'_> {
             push,
             touches,
             origin: self.files.origin(pass.span),
-        })
+        };
+        (self.errors.len() == before).then_some(LinkedPass { pass: linked, span: pass.span })
     }
 
     /// Compiles a shader, or finds it among those compiled for other passes.
-    fn shader(&mut self, pass: &FlatPass, name: &ShaderName, stage: ShaderStage) -> Option<ShaderId> {
+    fn shader(&mut self, pass: &LoweredPass, name: &ShaderName, stage: ShaderStage) -> Option<ShaderHandle> {
         if ShaderStage::of_file(&name.name) != Some(stage) {
             let ending = match stage {
                 ShaderStage::Compute => ".comp",
@@ -180,7 +199,7 @@ impl Linker<'_> {
                     self.shaders.push(shader);
                     self.shaders.len() - 1
                 });
-                let id = ShaderId(at as u32);
+                let id = ShaderHandle(at as u32);
                 self.compiled.insert(key, id);
                 Some(id)
             }
@@ -192,7 +211,7 @@ impl Linker<'_> {
     }
 
     /// Checks a compute shader's workgroup against the device.
-    fn workgroup(&mut self, id: ShaderId, span: Span) {
+    fn workgroup(&mut self, id: ShaderHandle, span: Span) {
         let reflection = &self.shaders[id.index()].reflection;
         let invocations: u64 = reflection.local_size.iter().map(|s| *s as u64).product();
         if invocations > self.device.max_invocations.into() {
@@ -211,12 +230,12 @@ impl Linker<'_> {
         }
     }
 
-    fn groups(&mut self, id: ShaderId, size: FlatSize, span: Span) -> Option<Groups> {
+    fn groups(&mut self, id: ShaderHandle, size: LoweredSize, span: Span) -> Option<Groups<ResourceHandle>> {
         let local = self.shaders[id.index()].reflection.local_size;
         let groups = match size {
-            FlatSize::Indirect { buffer, offset } => return Some(Groups::Indirect { buffer, offset }),
-            FlatSize::Groups(groups) => groups,
-            FlatSize::Threads(threads) => threads.div_ceil(local[0].max(1) as u64),
+            LoweredSize::Indirect { buffer, offset } => return Some(Groups::Indirect { buffer, offset }),
+            LoweredSize::Groups(groups) => groups,
+            LoweredSize::Threads(threads) => threads.div_ceil(local[0].max(1) as u64),
         };
         let limit = u64::from(self.device.max_groups_x.max(1));
         if groups <= limit {
@@ -238,8 +257,8 @@ impl Linker<'_> {
 
 /// Adds to a pass's touches: one entry per resource and stage.
 fn touch(
-    touches: &mut Vec<Touch>,
-    resource: ResourceId,
+    touches: &mut Vec<Touch<ResourceHandle>>,
+    resource: ResourceHandle,
     stages: Stages,
     accesses: Accesses,
     layout: Option<Layout>,
@@ -252,7 +271,7 @@ fn touch(
 }
 
 /// "12 x 4 bytes" or "960 x 540 Rgba16Float".
-fn describe(resource: &Resource) -> String {
+fn describe(resource: &LoweredResource) -> String {
     match resource.shape {
         Shape::Buffer { stride, count } => format!("{count} elements of {stride} bytes"),
         Shape::Image { format, width, height } => format!("an image of {width} x {height}, {format:?}"),

@@ -1,8 +1,7 @@
 //! What shaders are told of a graph's constants.
 
 use super::scope::Names;
-use crate::ir::{Domain, Value};
-use crate::plan::Param;
+use crate::ir::{Domain, Param, Value};
 
 /// What shaders can be compiled with: every value that fits a 32-bit literal, by its name in capitals. The names of a choice
 /// become constants too, so that a shader can write `#if BLEND == BLEND_BACK_TO_FRONT`.

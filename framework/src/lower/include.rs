@@ -6,8 +6,7 @@ use super::document::{self, MAX_DEPTH, Opened};
 use super::params;
 use super::passes::{Head, Level, Lowering};
 use super::scope::{Names, Place};
-use crate::ir::Run;
-use crate::plan::Param;
+use crate::ir::{Param, Run};
 use crate::schema::{Number, ParamDecl};
 use crate::source::{Diagnostic, Kind, Path};
 

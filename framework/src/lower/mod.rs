@@ -1,9 +1,9 @@
 //! From the tree to a flat list of passes.
 //!
 //! A graph may be a preset of another, include sub-graphs, repeat passes, leave some out and swap ping-pong resources.
-//! Lowering walks the tree once, in the order of the file, and resolves all of that: what comes out ([`Flat`]) has
+//! Lowering walks the tree once, in the order of the file, and resolves all of that: the result ([`Lowered`]) has
 //! only dispatches, draws and fills over numbered resources, every expression is a value, and `front(keys)` is one
-//! definite buffer. It knows nothing of shaders yet: whether the names under `bind` exist is for [`crate::link`].
+//! definite buffer. It knows nothing of shaders yet: whether the names under `bind` exist is for linking.
 //!
 //! The files of this folder: `document` loads files and follows presets; `params` gives parameters their values, and `defines` makes of
 //! them what shaders see; `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes, and
@@ -20,131 +20,233 @@ mod scope;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use crate::ir::{DrawCall, FileId, Request, ResourceId, Run, Span, Target, Topology, Value};
-use crate::plan::{LeftOut, Param, Resource, Stat};
+pub use params::parse_value;
+
+use crate::ir::{
+    DrawCall, FileId, LeftOut, Param, Request, Run, Shape, Source, Span, Stat, Target, Topology, Value,
+};
 use crate::source::{Diagnostic, SourceMap};
 
-/// The graph without its constructs. Passes are in the order of the file.
+/// Holds a graph without its constructs. Passes are in the order of the file.
 #[derive(Clone, Debug)]
-pub struct Flat {
+pub struct Lowered {
+    /// The name that the graph was asked for by.
     pub name: String,
+    /// One line about it, of the outermost preset or the graph.
     pub summary: String,
+    /// Known values of scene, device and viewport.
     pub facts: BTreeMap<String, Value>,
+    /// The parameters of the graph that was asked for.
     pub params: Vec<Param>,
-    pub resources: Vec<Resource>,
-    /// Where each resource was declared.
-    pub resource_spans: Vec<Span>,
-    pub passes: Vec<FlatPass>,
+    /// Buffers and images, those that stand for the previous frame's contents among them.
+    pub resources: Vec<LoweredResource>,
+    /// Dispatches, draws and fills.
+    pub passes: Vec<LoweredPass>,
+    /// Passes that a `when` removed.
     pub left_out: Vec<LeftOut>,
-    /// What `last(name)` stands for.
-    pub lasts: Vec<Last>,
-    /// Transient resources whose writers were removed by a `when`: the resource, the pass and where its `when` is.
-    pub unwritten: Vec<(ResourceId, String, Span)>,
-    pub output: ResourceId,
+    /// Uses that a `when` removed together with their pass.
+    pub unwritten: Vec<RemovedUse>,
+    /// The image that is shown.
+    pub output: ResourceHandle,
+    /// The output's name in the file.
     pub output_span: Span,
-    pub stats: Vec<Stat>,
-    pub stat_spans: Vec<Span>,
+    /// The words that are read back.
+    pub stats: Vec<Stat<ResourceHandle>>,
     /// The text of the generated include `live.glsl`.
     pub live_glsl: String,
     /// The uniform block of the live parameters.
-    pub live: ResourceId,
+    pub live: ResourceHandle,
 }
 
-/// A resource with a history. Passes that read what the frame before left name a stand-in, so that order can tell them from
-/// those that read what this frame writes.
-#[derive(Clone, Copy, Debug)]
-pub struct Last {
-    pub stand_in: ResourceId,
-    /// The resource itself; of a ping-pong resource, the half that is the front when the frame ends.
-    pub real: ResourceId,
-}
+impl Lowered {
+    /// Returns the resource behind a handle.
+    pub fn resource(&self, handle: ResourceHandle) -> &LoweredResource {
+        &self.resources[handle.index()]
+    }
 
-impl Flat {
-    /// The resource whose former contents `id` stands for, if it is a stand-in.
-    pub fn last(&self, id: ResourceId) -> Option<ResourceId> {
-        self.lasts.iter().find(|last| last.stand_in == id).map(|last| last.real)
+    /// Returns the handle whose memory `handle` names: another one for the previous frame's contents.
+    pub fn real(&self, handle: ResourceHandle) -> ResourceHandle {
+        self.resource(handle).previous_frame_of.unwrap_or(handle)
     }
 }
 
+/// Indexes [`Lowered::resources`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ResourceHandle(pub u32);
+
+impl ResourceHandle {
+    /// Returns the position in the list.
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// Describes a buffer or an image. Each half of a ping-pong resource is one, named `keys#0` and `keys#1`.
 #[derive(Clone, Debug)]
-pub struct FlatPass {
+pub struct LoweredResource {
+    /// Unique in the graph.
     pub name: String,
+    /// The size.
+    pub shape: Shape,
+    /// The owner and writer.
+    pub source: Source,
+    /// The name under which its contents are kept from frame to frame.
+    pub history: Option<String>,
+    /// Set for `last(name)`, whose readers run before the writers of this frame: the resource itself; of a ping-pong resource,
+    /// the half that is the front when the frame ends.
+    pub previous_frame_of: Option<ResourceHandle>,
+    /// The declaration.
+    pub span: Span,
+}
+
+/// Names a use that went with its pass.
+#[derive(Clone, Debug)]
+pub struct RemovedUse {
+    /// The resource.
+    pub resource: ResourceHandle,
+    /// The removed pass.
+    pub pass: String,
+    /// Its `when`.
+    pub when: Span,
+}
+
+/// Describes one dispatch, draw or fill; its shaders are names.
+#[derive(Clone, Debug)]
+pub struct LoweredPass {
+    /// Unique in the graph.
+    pub name: String,
+    /// The group that its time is summed under.
     pub phase: String,
+    /// Prologue or frame.
     pub run: Run,
     /// The graph file that declares it: shaders are looked for beside it.
     pub file: FileId,
     /// Its `name` in the file.
     pub span: Span,
-    pub work: FlatWork,
-    pub bind: Vec<FlatBind>,
-    pub push: Vec<FlatPush>,
-    /// What the shaders may be compiled with: the constants of the scope and the pass's own.
+    /// The command.
+    pub work: LoweredWork,
+    /// The entries of `bind`.
+    pub bind: Vec<LoweredBind>,
+    /// The entries of `push`.
+    pub push: Vec<LoweredPush>,
+    /// Names and values of the defines: the constants of the scope and the pass's own.
     pub defines: Rc<Vec<(String, String)>>,
 }
 
-/// A shader's name as written, and where.
+/// Holds a shader's name as written.
 #[derive(Clone, Debug)]
 pub struct ShaderName {
+    /// The name.
     pub name: String,
+    /// The name in the file.
     pub span: Span,
 }
 
+/// Describes the command of a pass.
 #[derive(Clone, Debug)]
-pub enum FlatWork {
+pub enum LoweredWork {
+    /// Runs a compute shader.
     Dispatch {
+        /// The shader.
         shader: ShaderName,
-        size: FlatSize,
+        /// The number of invocations or workgroups.
+        size: LoweredSize,
+        /// The `size` in the file.
         size_span: Span,
     },
+    /// Draws into images.
     Draw {
+        /// The vertex shader.
         vertex: ShaderName,
+        /// The fragment shader.
         fragment: ShaderName,
+        /// The primitives.
         topology: Topology,
-        call: DrawCall,
-        call_span: Span,
-        targets: Vec<(Target, Span)>,
+        /// The number of vertices and instances.
+        call: DrawCall<ResourceHandle>,
+        /// The colour attachments, with their names in the file.
+        targets: Vec<(Target<ResourceHandle>, Span)>,
     },
+    /// Writes `value` to every 32-bit word of a buffer.
     Fill {
-        buffer: ResourceId,
+        /// The buffer.
+        buffer: ResourceHandle,
+        /// The word.
         value: u32,
     },
 }
 
+/// Sizes a dispatch.
 #[derive(Clone, Copy, Debug)]
-pub enum FlatSize {
+pub enum LoweredSize {
+    /// Invocations.
     Threads(u64),
+    /// Workgroups.
     Groups(u64),
-    Indirect { buffer: ResourceId, offset: u64 },
+    /// Three words of a buffer.
+    Indirect {
+        /// The buffer.
+        buffer: ResourceHandle,
+        /// Byte offset of the first word.
+        offset: u64,
+    },
 }
 
-/// An entry of `bind`: the block's name, and one resource for each element of its array (one where it is none).
+/// Binds resources to a block: one for each element of its array, or a single one.
 #[derive(Clone, Debug)]
-pub struct FlatBind {
+pub struct LoweredBind {
+    /// The block's name.
     pub block: String,
+    /// The block's name in the file.
     pub block_span: Span,
-    pub resources: Vec<ResourceId>,
+    /// The resources.
+    pub resources: Vec<ResourceHandle>,
+    /// The resource's name in the file.
     pub resource_span: Span,
 }
 
+/// Gives a push constant its value.
 #[derive(Clone, Debug)]
-pub struct FlatPush {
+pub struct LoweredPush {
+    /// The member's name.
     pub name: String,
+    /// The value.
     pub value: Value,
+    /// The name in the file.
     pub name_span: Span,
+    /// The value in the file.
     pub value_span: Span,
 }
 
+/// Describes a parameter together with its texts for people.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Control {
+    /// The parameter.
+    pub param: Param,
+    /// A short name.
+    pub label: String,
+    /// A sentence, or nothing.
+    pub help: String,
+}
+
 /// Lowers the graph that `request` names.
-pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Flat, Vec<Diagnostic>> {
+pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Diagnostic>> {
     passes::Lowering::new(request, files).run()
 }
 
-/// The parameters of a graph with their values, without lowering its passes: for lists and help.
-pub fn params(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Param>), Vec<Diagnostic>> {
+/// Reads a graph's summary and parameters, without lowering its passes: for lists, help and controls.
+pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
     let root = document::open(files, request.graph)?;
     let mut errors = Vec::new();
     let resolved = params::resolve(&root, request, files, &mut errors);
-    if errors.is_empty() { Ok((root.summary.clone(), resolved.params)) } else { Err(errors) }
+    let control = |param: Param| {
+        let declaration = &root.graph.params[&param.name];
+        let (label, help) = params::texts(declaration);
+        let label = if label.is_empty() { param.name.replace('_', " ") } else { label.to_string() };
+        Control { label, help: help.to_string(), param }
+    };
+    let controls = resolved.params.into_iter().map(control).collect();
+    if errors.is_empty() { Ok((root.summary.clone(), controls)) } else { Err(errors) }
 }
 
 /// Values by name.

@@ -2,8 +2,7 @@
 
 use super::document::{Opened, Setting};
 use super::scope::{Names, Place, describe};
-use crate::ir::{Domain, LIVE_BINDING, LIVE_BLOCK, ParamBinding, Request, Span, Value};
-use crate::plan::Param;
+use crate::ir::{Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, Request, Span, Value};
 use crate::schema::{Graph, Number, ParamDecl, ParamKind};
 use crate::source::{Diagnostic, Path, SourceMap, nearest};
 
@@ -103,10 +102,9 @@ fn one(
         ));
     }
     let kind_place = place.index(0);
-    let (domain, default, exact, label, help) = domain(kind, &kind_place, names)?;
+    let (domain, default, exact) = domain(kind, &kind_place, names)?;
     let value = match (text, setting) {
-        (Some(text), _) => parse(text.value, &domain)
-            .and_then(|v| within(v, &domain))
+        (Some(text), _) => parse_value(text.value, &domain)
             .map_err(|m| Diagnostic::new(format!("`{name}` cannot be set to this"), text.span, m))?,
         (None, Some(setting)) => {
             let at = Place { outline: setting.outline.clone(), path: setting.path.clone() };
@@ -114,17 +112,27 @@ fn one(
         }
         (None, None) => default.clone(),
     };
-    let label = if label.is_empty() { name.replace('_', " ") } else { label.clone() };
     let origin = files.origin(place.key());
-    Ok(Param { name: name.into(), label, help: help.clone(), value, default, exact, domain, binding, origin })
+    Ok(Param { name: name.into(), value, default, exact, domain, binding, origin })
 }
 
-/// The domain, default, exact value, label and help of a declaration.
-fn domain<'a>(
-    kind: &'a ParamKind,
+/// Returns the label and the help of a declaration, which may be empty.
+pub(super) fn texts(declaration: &ParamDecl) -> (&str, &str) {
+    let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
+    match kind {
+        ParamKind::Bool { label, help, .. }
+        | ParamKind::Int { label, help, .. }
+        | ParamKind::Float { label, help, .. }
+        | ParamKind::Choice { label, help, .. } => (label, help),
+    }
+}
+
+/// Evaluates the domain, the default and the exact value of a declaration.
+fn domain(
+    kind: &ParamKind,
     place: &Place,
     names: &Names,
-) -> Result<(Domain, Value, Option<Value>, &'a String, &'a String), Diagnostic> {
+) -> Result<(Domain, Value, Option<Value>), Diagnostic> {
     let value =
         |number: &Number, field: &str, domain: &Domain| given(number, domain, names, &place.field(field));
     let bound = |number: &Number, index: usize| -> Result<f64, Diagnostic> {
@@ -136,18 +144,18 @@ fn domain<'a>(
         }
     };
     let empty = |at: Place| Err(at.error("this range is empty", "its end is below its start"));
-    let (domain, default, exact, label, help) = match kind {
-        ParamKind::Bool { default, exact, label, help } => (Domain::Bool, default, exact, label, help),
-        ParamKind::Int { default, range, exact, label, help } => {
+    let (domain, default, exact) = match kind {
+        ParamKind::Bool { default, exact, .. } => (Domain::Bool, default, exact),
+        ParamKind::Int { default, range, exact, .. } => {
             let at = place.field("range");
             let min = names.integer(&range.0, &at.index(0))?;
             let max = names.integer(&range.1, &at.index(1))?;
             if max < min {
                 return empty(at);
             }
-            (Domain::Int { min, max }, default, exact, label, help)
+            (Domain::Int { min, max }, default, exact)
         }
-        ParamKind::Float { default, range, step, exact, label, help } => {
+        ParamKind::Float { default, range, step, exact, .. } => {
             let (min, max) = (bound(&range.0, 0)?, bound(&range.1, 1)?);
             if max < min {
                 return empty(place.field("range"));
@@ -160,20 +168,20 @@ fn domain<'a>(
                     other => return Err(place.field("step").error("a step is a number", describe(&other))),
                 },
             };
-            (Domain::Float { min, max, step }, default, exact, label, help)
+            (Domain::Float { min, max, step }, default, exact)
         }
-        ParamKind::Choice { default, of, exact, label, help } => {
+        ParamKind::Choice { default, of, exact, .. } => {
             let domain = Domain::Choice(of.clone());
             // A name of the list, or an expression that comes to one.
             let pick = |text: &String, field| value(&Number::Expression(text.clone()), field, &domain);
             let default = pick(default, "default")?;
             let exact = exact.as_ref().map(|e| pick(e, "exact")).transpose()?;
-            return Ok((domain, default, exact, label, help));
+            return Ok((domain, default, exact));
         }
     };
     let default = value(default, "default", &domain)?;
     let exact = exact.as_ref().map(|e| value(e, "exact", &domain)).transpose()?;
-    Ok((domain, default, exact, label, help))
+    Ok((domain, default, exact))
 }
 
 /// A value that a file gives to a parameter. For a choice, a string that is one of its names stands for itself.
@@ -240,22 +248,17 @@ fn wanted(domain: &Domain) -> String {
     }
 }
 
-/// A value as typed on a command line.
-fn parse(text: &str, domain: &Domain) -> Result<Value, String> {
-    let wrong = || format!("is not {}", wanted(domain));
-    match domain {
-        Domain::Bool => match text {
-            "true" | "1" | "on" | "yes" => Ok(Value::Bool(true)),
-            "false" | "0" | "off" | "no" => Ok(Value::Bool(false)),
-            _ => Err(wrong()),
-        },
-        Domain::Int { .. } => text.parse().map(Value::Int).map_err(|_| wrong()),
-        Domain::Float { .. } => match text.parse::<f64>() {
-            Ok(v) if v.is_finite() => Ok(Value::Float(v)),
-            _ => Err(wrong()),
-        },
-        Domain::Choice(_) => Ok(Value::Text(text.into())),
-    }
+/// Reads a value as typed on a command line or kept by the viewer: `true` or `false`, an integer, a number, or one of the names.
+///
+/// An error says what was expected, and what was found.
+pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
+    let parsed = match domain {
+        Domain::Bool => text.parse().ok().map(Value::Bool),
+        Domain::Int { .. } => text.parse().ok().map(Value::Int),
+        Domain::Float { .. } => text.parse().ok().filter(|v: &f64| v.is_finite()).map(Value::Float),
+        Domain::Choice(_) => Some(Value::Text(text.into())),
+    };
+    within(parsed.ok_or_else(|| format!("is not {}", wanted(domain)))?, domain)
 }
 
 /// A parameter of an included graph. `given` is what the includer sets, the names that this is over, and where it stands.

@@ -9,11 +9,14 @@ use super::document::{self, Opened};
 use super::params;
 use super::resources::{Handle, History, PingPong};
 use super::scope::{Names, Place};
-use super::{Flat, FlatBind, FlatPass, FlatPush, FlatSize, FlatWork, ShaderName};
-use crate::ir::{
-    DrawCall, EXPORT, FileId, HOST, LIVE_BLOCK, Request, ResourceId, Run, Shape, Source, Span, Target, Value,
+use super::{
+    Lowered, LoweredBind, LoweredPass, LoweredPush, LoweredResource, LoweredSize, LoweredWork, RemovedUse,
+    ResourceHandle, ShaderName,
 };
-use crate::plan::{LeftOut, Param, Resource, Stat};
+use crate::ir::{
+    DrawCall, EXPORT, FileId, HOST, LIVE_BLOCK, LeftOut, Param, Request, Run, Shape, Source, Span, Stat,
+    Target, Value,
+};
 use crate::schema::{Call, Graph, Number, PassDecl, Size};
 use crate::source::{Diagnostic, Outline, Path, SourceMap};
 
@@ -28,19 +31,18 @@ pub(super) struct Lowering<'a> {
     pub request: &'a Request<'a>,
     pub files: &'a mut SourceMap,
     pub errors: Vec<Diagnostic>,
-    pub resources: Vec<Resource>,
-    pub resource_spans: Vec<Span>,
+    pub resources: Vec<LoweredResource>,
     /// Name and place of every resource, to refuse one used twice.
     pub resource_names: BTreeMap<String, Span>,
     pub ping_pongs: Vec<PingPong>,
-    passes: Vec<FlatPass>,
+    passes: Vec<LoweredPass>,
     /// Declarations met so far.
     steps: usize,
     /// Name and place of every pass, to refuse one used twice.
     pass_names: BTreeMap<String, Option<Span>>,
     left_out: Vec<LeftOut>,
     pub histories: Vec<History>,
-    unwritten: Vec<(ResourceId, String, Span)>,
+    unwritten: Vec<RemovedUse>,
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
 }
@@ -75,7 +77,6 @@ impl<'a> Lowering<'a> {
             files,
             errors: Vec::new(),
             resources: Vec::new(),
-            resource_spans: Vec::new(),
             resource_names: BTreeMap::new(),
             ping_pongs: Vec::new(),
             passes: Vec::new(),
@@ -89,7 +90,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    pub fn run(mut self) -> Result<Flat, Vec<Diagnostic>> {
+    pub fn run(mut self) -> Result<Lowered, Vec<Diagnostic>> {
         let root = document::open(self.files, self.request.graph)?;
         let resolved = params::resolve(&root, self.request, self.files, &mut self.errors);
         if !self.errors.is_empty() {
@@ -109,29 +110,26 @@ impl<'a> Lowering<'a> {
         let passes = Place::new(&root.outline, Path::root().field("passes"));
         self.walk(&mut level, &root.graph.passes, &passes);
         let output = self.output(&level);
-        let (stats, stat_spans) = self.stats(&level);
+        let stats = self.stats(&level);
         let live_bytes = resolved.live_bytes.next_multiple_of(16).max(16);
         let live_span = root.outline.key(&Path::root().field("params"));
         let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
         let live = self.add(LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
-        let lasts = self.lasts();
+        self.end_histories();
         match output {
-            Some((output, output_span)) if self.errors.is_empty() => Ok(Flat {
+            Some((output, output_span)) if self.errors.is_empty() => Ok(Lowered {
                 name: self.request.graph.into(),
                 summary: root.summary.clone(),
                 facts: self.request.facts.named(),
                 live_glsl: params::live_glsl(&resolved.params),
                 params: resolved.params,
                 resources: self.resources,
-                resource_spans: self.resource_spans,
                 passes: self.passes,
                 left_out: self.left_out,
-                lasts,
                 unwritten: self.unwritten,
                 output,
                 output_span,
                 stats,
-                stat_spans,
                 live,
             }),
             _ => Err(self.errors),
@@ -211,17 +209,17 @@ impl<'a> Lowering<'a> {
                 }
                 let size_place = place.field("size");
                 let size = match size {
-                    Size::Threads(n) => FlatSize::Threads(level.names.natural(n, &size_place.index(0))?),
-                    Size::Groups(n) => FlatSize::Groups(level.names.natural(n, &size_place.index(0))?),
+                    Size::Threads(n) => LoweredSize::Threads(level.names.natural(n, &size_place.index(0))?),
+                    Size::Groups(n) => LoweredSize::Groups(level.names.natural(n, &size_place.index(0))?),
                     Size::Indirect(buffer, offset) => {
                         match self.indirect(level, buffer, offset, 12, &size_place)? {
-                            Some((buffer, offset)) => FlatSize::Indirect { buffer, offset },
+                            Some((buffer, offset)) => LoweredSize::Indirect { buffer, offset },
                             None => return Ok(()),
                         }
                     }
                 };
                 let shader = ShaderName { name: shader.clone(), span: place.field("shader").span() };
-                let work = FlatWork::Dispatch { shader, size, size_span: size_place.span() };
+                let work = LoweredWork::Dispatch { shader, size, size_span: size_place.span() };
                 self.emit(level, &head, work, bind, push, define)
             }
             PassDecl::Draw {
@@ -275,12 +273,11 @@ impl<'a> Lowering<'a> {
                 }
                 let shader =
                     |name: &String, field| ShaderName { name: name.clone(), span: place.field(field).span() };
-                let work = FlatWork::Draw {
+                let work = LoweredWork::Draw {
                     vertex: shader(vertex, "vertex"),
                     fragment: shader(fragment, "fragment"),
                     topology: *topology,
                     call,
-                    call_span: call_place.span(),
                     targets: resolved,
                 };
                 self.emit(level, &head, work, bind, push, define)
@@ -297,7 +294,7 @@ impl<'a> Lowering<'a> {
                 let at = place.field("buffer");
                 let Some(id) = self.look_up_one(level, buffer, &at)? else { return Ok(()) };
                 let target = &self.resources[id.index()];
-                let last = self.histories.iter().any(|history| history.stand_in == id);
+                let last = self.histories.iter().any(|history| history.previous_frame == id);
                 if !matches!(target.shape, Shape::Buffer { .. }) || target.source != Source::Transient || last
                 {
                     return Err(
@@ -305,7 +302,7 @@ impl<'a> Lowering<'a> {
                     );
                 }
                 let none = (IndexMap::new(), IndexMap::new(), IndexMap::new());
-                self.emit(level, &head, FlatWork::Fill { buffer: id, value }, &none.0, &none.1, &none.2)
+                self.emit(level, &head, LoweredWork::Fill { buffer: id, value }, &none.0, &none.1, &none.2)
             }
             PassDecl::Repeat { var, count, body } => self.repeat(level, var, count, body, place),
             PassDecl::Swap(name) => {
@@ -350,7 +347,7 @@ impl<'a> Lowering<'a> {
         };
         for user in users {
             for id in self.look_up(level, user, &at).ok().flatten().unwrap_or_default() {
-                self.unwritten.push((id, name.clone(), at.span()));
+                self.unwritten.push(RemovedUse { resource: id, pass: name.clone(), when: at.span() });
             }
         }
         let origin = self.files.origin(head.place.span());
@@ -369,7 +366,7 @@ impl<'a> Lowering<'a> {
         offset: &Number,
         bytes: u64,
         at: &Place,
-    ) -> Result<Option<(ResourceId, u64)>, Diagnostic> {
+    ) -> Result<Option<(ResourceHandle, u64)>, Diagnostic> {
         let Some(id) = self.look_up_one(level, buffer, &at.index(0))? else { return Ok(None) };
         let offset_place = at.index(1);
         let offset = level.names.natural(offset, &offset_place)?;
@@ -379,10 +376,10 @@ impl<'a> Lowering<'a> {
                 .index(0)
                 .error(format!("`{buffer}` is an image"), "the arguments are in a buffer"));
         }
-        if offset % 4 != 0 || offset + bytes > resource.bytes() {
+        if offset % 4 != 0 || offset + bytes > resource.shape.bytes() {
             return Err(offset_place.error(
                 format!("{bytes} bytes of arguments do not stand at offset {offset} of `{buffer}`"),
-                format!("it has {} bytes, and offsets are multiples of 4", resource.bytes()),
+                format!("it has {} bytes, and offsets are multiples of 4", resource.shape.bytes()),
             ));
         }
         Ok(Some((id, offset)))
@@ -392,7 +389,7 @@ impl<'a> Lowering<'a> {
         &mut self,
         level: &Level,
         head: &Head,
-        work: FlatWork,
+        work: LoweredWork,
         bind: &IndexMap<String, String>,
         push: &IndexMap<String, Number>,
         define: &IndexMap<String, Number>,
@@ -411,7 +408,7 @@ impl<'a> Lowering<'a> {
             let at = head.place.field("bind").field(block);
             match self.look_up(level, text, &at) {
                 Ok(None) => {}
-                Ok(Some(resources)) => binds.push(FlatBind {
+                Ok(Some(resources)) => binds.push(LoweredBind {
                     block: block.clone(),
                     block_span: at.key(),
                     resources,
@@ -424,7 +421,7 @@ impl<'a> Lowering<'a> {
         for (member, number) in push {
             let at = head.place.field("push").field(member);
             match level.names.evaluate(number, &at) {
-                Ok(value) => pushes.push(FlatPush {
+                Ok(value) => pushes.push(LoweredPush {
                     name: member.clone(),
                     value,
                     name_span: at.key(),
@@ -453,7 +450,7 @@ impl<'a> Lowering<'a> {
                 (_, None) => return Err(at.error("a define is a number or a bool of 32 bits", "this is not")),
             }
         }
-        self.passes.push(FlatPass {
+        self.passes.push(LoweredPass {
             name,
             phase: head.phase.clone().unwrap_or_else(|| head.name.into()),
             run: head.run,
@@ -511,7 +508,7 @@ impl<'a> Lowering<'a> {
         Ok(())
     }
 
-    fn output(&mut self, level: &Level) -> Option<(ResourceId, Span)> {
+    fn output(&mut self, level: &Level) -> Option<(ResourceHandle, Span)> {
         let root = Place::new(&level.outline, Path::root());
         let Some(name) = &level.graph.output else {
             self.errors.push(Diagnostic::new(
@@ -538,19 +535,16 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    fn stats(&mut self, level: &Level) -> (Vec<Stat>, Vec<Span>) {
-        let (mut stats, mut spans) = (Vec::new(), Vec::new());
+    fn stats(&mut self, level: &Level) -> Vec<Stat<ResourceHandle>> {
+        let mut stats = Vec::new();
         for (name, (buffer, offset)) in &level.graph.stats {
             let at = Place::new(&level.outline, Path::root().field("stats").key(name));
             match self.indirect(level, buffer, offset, 4, &at) {
-                Ok(Some((buffer, offset))) => {
-                    stats.push(Stat { name: name.clone(), buffer, offset });
-                    spans.push(at.span());
-                }
+                Ok(Some((buffer, offset))) => stats.push(Stat { name: name.clone(), buffer, offset }),
                 Ok(None) => {}
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
-        (stats, spans)
+        stats
     }
 }

@@ -1,11 +1,10 @@
 //! Resources: from declarations, imports and ports to numbered buffers and images.
 
-use super::Last;
 use super::params::is_identifier;
 use super::passes::{Level, Lowering};
 use super::scope::{Names, Place, describe};
-use crate::ir::{Format, GivenBuffer, ResourceId, Shape, Source, Span, Usage, Value};
-use crate::plan::Resource;
+use super::{LoweredResource, ResourceHandle};
+use crate::ir::{Format, GivenBuffer, Shape, Source, Span, Value};
 use crate::schema::{Import, Number, Port, ResourceDecl};
 use crate::source::{Diagnostic, Path};
 
@@ -13,7 +12,7 @@ use crate::source::{Diagnostic, Path};
 #[derive(Clone, Debug)]
 pub(super) enum Handle {
     /// One resource, or the planes of an attribute.
-    Plain(Vec<ResourceId>),
+    Plain(Vec<ResourceHandle>),
     /// Index into [`Lowering::ping_pongs`].
     PingPong(usize),
 }
@@ -21,7 +20,7 @@ pub(super) enum Handle {
 /// Two buffers; which one is the front changes as `Swap`s are met.
 #[derive(Clone, Debug)]
 pub(super) struct PingPong {
-    pub halves: [ResourceId; 2],
+    pub halves: [ResourceHandle; 2],
     pub front: usize,
 }
 
@@ -37,7 +36,7 @@ enum Half {
 #[derive(Clone, Debug)]
 pub(super) struct History {
     name: String,
-    pub stand_in: ResourceId,
+    pub previous_frame: ResourceHandle,
     of: Handle,
 }
 
@@ -192,25 +191,23 @@ impl Lowering<'_> {
     }
 
     fn add_history(&mut self, name: String, shape: Shape, of: &Handle, span: Span) {
-        let stand_in = self.add(format!("last({name})"), shape, Source::Transient, span);
-        self.histories.push(History { name, stand_in, of: of.clone() });
+        let previous_frame = self.add(format!("last({name})"), shape, Source::Transient, span);
+        self.histories.push(History { name, previous_frame, of: of.clone() });
     }
 
-    /// What the stand-ins stand for, once every swap of the frame is known.
-    pub(super) fn lasts(&mut self) -> Vec<Last> {
-        let mut lasts = Vec::new();
-        for History { name, stand_in, of } in &self.histories {
+    /// Connects the names of the previous frame's contents to their resources, once every swap of the frame is known.
+    pub(super) fn end_histories(&mut self) {
+        for History { name, previous_frame, of } in std::mem::take(&mut self.histories) {
             let real = match of {
                 Handle::Plain(ids) => ids[0],
                 Handle::PingPong(index) => {
-                    let pair = &self.ping_pongs[*index];
+                    let pair = &self.ping_pongs[index];
                     pair.halves[pair.front]
                 }
             };
-            self.resources[real.index()].history = Some(name.clone());
-            lasts.push(Last { stand_in: *stand_in, real });
+            self.resources[real.index()].history = Some(name);
+            self.resources[previous_frame.index()].previous_frame_of = Some(real);
         }
-        lasts
     }
 
     fn format(&self, level: &Level, text: &str, place: &Place) -> Result<Format, Diagnostic> {
@@ -233,8 +230,8 @@ impl Lowering<'_> {
         }
     }
 
-    pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceId {
-        let id = ResourceId(self.resources.len() as u32);
+    pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceHandle {
+        let id = ResourceHandle(self.resources.len() as u32);
         // Names of includes could meet those of the includer: `sort.table` here, `table` in `sort` there.
         if let Some(first) = self.resource_names.insert(name.clone(), span) {
             self.errors.push(
@@ -242,10 +239,8 @@ impl Lowering<'_> {
                     .with_label(first, "the first"),
             );
         }
-        let origin = self.files.origin(span);
-        let (usage, block, history) = (Usage::empty(), None, None);
-        self.resources.push(Resource { name, shape, usage, source, block, history, origin });
-        self.resource_spans.push(span);
+        let (history, previous_frame_of) = (None, None);
+        self.resources.push(LoweredResource { name, shape, source, history, previous_frame_of, span });
         id
     }
 
@@ -257,7 +252,7 @@ impl Lowering<'_> {
         level: &Level,
         text: &str,
         place: &Place,
-    ) -> Result<Option<Vec<ResourceId>>, Diagnostic> {
+    ) -> Result<Option<Vec<ResourceHandle>>, Diagnostic> {
         // An expression chooses between names, which are texts in it.
         let named = level.names.values.get(text).filter(|_| !level.handles.contains_key(text));
         if text.contains(['?', '\'']) || matches!(named, Some(Value::Text(_))) {
@@ -284,7 +279,7 @@ impl Lowering<'_> {
         text: &str,
         place: &Place,
         span: impl Fn() -> Span,
-    ) -> Result<Option<Vec<ResourceId>>, Diagnostic> {
+    ) -> Result<Option<Vec<ResourceHandle>>, Diagnostic> {
         let (name, half) = match text.strip_suffix(')').map(|inner| inner.split_once('(')) {
             None => (text, None),
             Some(Some(("front", name))) => (name, Some(Half::Front)),
@@ -311,7 +306,7 @@ impl Lowering<'_> {
                     _ => false,
                 });
                 match history {
-                    Some(history) => Ok(Some(vec![history.stand_in])),
+                    Some(history) => Ok(Some(vec![history.previous_frame])),
                     None => Err(Diagnostic::new(
                         format!("`{name}` does not live on from frame to frame"),
                         span,
@@ -339,7 +334,7 @@ impl Lowering<'_> {
         level: &Level,
         text: &str,
         place: &Place,
-    ) -> Result<Option<ResourceId>, Diagnostic> {
+    ) -> Result<Option<ResourceHandle>, Diagnostic> {
         match self.look_up(level, text, place)?.as_deref() {
             None => Ok(None),
             Some([id]) => Ok(Some(*id)),

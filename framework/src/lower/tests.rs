@@ -297,3 +297,22 @@ fn names_that_would_meet_are_refused() {
     let text = error(&twice, &[]);
     assert!(text.contains("two resources are called `keys#1`"), "{text}");
 }
+
+#[test]
+fn a_settings_text_is_read_as_the_parameters_domain() {
+    use crate::ir::Domain;
+    use crate::lower::parse_value;
+    let int = Domain::Int { min: 1, max: 4 };
+    let float = Domain::Float { min: 0.0, max: 4.0, step: 0.1 };
+    assert_eq!(parse_value("4", &int), Ok(Value::Int(4)));
+    assert_eq!(parse_value("4", &float), Ok(Value::Float(4.0)));
+    assert_eq!(parse_value("true", &Domain::Bool), Ok(Value::Bool(true)));
+    assert_eq!(parse_value("a", &Domain::Choice(vec!["a".into()])), Ok(Value::Text("a".into())));
+    for text in ["on", "1", "yes", "True"] {
+        assert_eq!(parse_value(text, &Domain::Bool), Err("is not true or false".into()));
+    }
+    assert!(parse_value("5", &int).is_err() && parse_value("1.5", &int).is_err());
+    assert!(
+        parse_value("inf", &float).is_err() && parse_value("b", &Domain::Choice(vec!["a".into()])).is_err()
+    );
+}

@@ -4,68 +4,49 @@
 //! write-after-read and write-after-write), drops what nobody needs, and sorts the rest; ties go by the order of the
 //! file, so that the same file always gives the same plan. `memory` lets resources whose lives do not meet share theirs.
 //! `barriers` then walks the sorted passes with a model of what each piece of memory has been through, and places a barrier
-//! exactly where a hazard would be without. `usage` finally drops the resources that no pass kept, and notes what the others
-//! are used for.
+//! exactly where a hazard would be without. Between the two, `compact` drops the resources that no pass kept and gives the others
+//! the plan's ids, and `usage` notes the uses of each.
 
 mod barriers;
+mod compact;
 mod memory;
 mod order;
 mod usage;
 
 use crate::ir::{
-    Accesses, DrawCall, EXPORT, Groups, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages,
-    Touch, Usage, Work,
+    Accesses, EXPORT, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages, Touch, Work,
 };
-use crate::link::Linked;
-use crate::lower::{Flat, Last};
-use crate::plan::{PLAN_VERSION, Plan, Resource, Step};
+use crate::link::{Linked, LinkedPass};
+use crate::lower::{Lowered, LoweredResource, ResourceHandle};
+use crate::plan::{Plan, Resource, Step};
 use crate::source::{Diagnostic, SourceMap};
 
-/// Orders the passes, culls, places memory (shared where `share_memory`) and barriers.
+/// Orders and culls the passes, and places memory (shared where `share_memory`) and barriers.
 pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
-    let Linked { mut flat, shaders, mut passes, mut spans, mut left_out } = linked;
-    for pass in end(&mut flat, files) {
-        passes.push(pass);
-        spans.push(flat.output_span);
-    }
+    let Linked { mut lowered, shaders, mut passes } = linked;
+    passes.extend(end(&mut lowered, files));
+    let output_span = lowered.output_span;
 
-    forget_unread(&passes, &mut flat);
-    let order = order::order(&passes, &spans, &flat, files)?;
-    left_out.extend(order.left_out);
+    forget_unread(&passes.iter().collect::<Vec<_>>(), &mut lowered);
+    let order = order::order(&passes, &lowered, files)?;
+    lowered.left_out.extend(order.left_out);
     // The plan holds the passes as they run: the prologue's first.
-    let mut sorted: Vec<Pass> = order.once.iter().chain(&order.frame).map(|i| passes[*i].clone()).collect();
-    forget_unread(&sorted, &mut flat);
-    sorted.iter_mut().for_each(|pass| read_the_last_frame(pass, &flat));
-    let starts = starts(&sorted, &flat.resources);
+    let sorted: Vec<&LinkedPass> = order.once.iter().chain(&order.frame).map(|i| &passes[*i]).collect();
+    forget_unread(&sorted, &mut lowered);
+    let mut plan = compact::compact(lowered, shaders, &sorted, files);
+    let starts = starts(&plan.passes, &plan.resources);
     let split = starts.len() + order.once.len();
-    sorted.splice(..0, starts);
-    let ids: Vec<PassId> = (0..sorted.len() as u32).map(PassId).collect();
-    let (prologue, frame) = ids.split_at(split);
+    plan.passes.splice(..0, starts);
+    usage::note(&mut plan);
 
-    let mut plan = Plan {
-        version: PLAN_VERSION,
-        name: flat.name,
-        summary: flat.summary,
-        facts: flat.facts,
-        params: flat.params,
-        resources: flat.resources,
-        shaders,
-        passes: sorted,
-        blocks: Vec::new(),
-        prologue: Vec::new(),
-        handover: Vec::new(),
-        frame: Vec::new(),
-        left_out,
-        output: flat.output,
-        stats: flat.stats,
-    };
+    let ids: Vec<PassId> = (0..plan.passes.len() as u32).map(PassId).collect();
+    let (prologue, frame) = ids.split_at(split);
     if !place(&mut plan, prologue, frame, share_memory) {
         let message = "no list of barriers was found that suits every frame";
-        return Err(vec![Diagnostic::new(message, flat.output_span, "for this output").with_help(
+        return Err(vec![Diagnostic::new(message, output_span, "for this output").with_help(
             "this is a mistake of the solver, not of the graph: please report it with the graph",
         )]);
     }
-    usage::prune(&mut plan);
     Ok(plan)
 }
 
@@ -96,75 +77,58 @@ fn place(plan: &mut Plan, prologue: &[PassId], frame: &[PassId], share_memory: b
     true
 }
 
-/// The last passes of a frame: whoever waits for the frame can copy the output, and finds the statistics in host memory.
-fn end(flat: &mut Flat, files: &SourceMap) -> Vec<Pass> {
-    let origin = files.origin(flat.output_span);
-    let copy = |resource, accesses, layout| {
-        let (stages, discards) = (Stages::COPY, false);
-        Touch { resource, stages, accesses, layout, discards }
+/// Makes the last passes of a frame: the output and the statistics become readable by copies, and the host reads the statistics.
+fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
+    let span = lowered.output_span;
+    let touch =
+        |resource, stages, accesses, layout| Touch { resource, stages, accesses, layout, discards: false };
+    let pass = |name: &str, work, touches| LinkedPass {
+        pass: Pass {
+            name: name.into(),
+            phase: EXPORT.into(),
+            run: Run::Frame,
+            work,
+            bindings: Vec::new(),
+            push: Vec::new(),
+            touches,
+            origin: files.origin(span),
+        },
+        span,
     };
-    let pass = |name: &str, work, touches| Pass {
-        name: name.into(),
-        phase: EXPORT.into(),
-        run: Run::Frame,
-        work,
-        bindings: Vec::new(),
-        push: Vec::new(),
-        touches,
-        origin: origin.clone(),
-    };
-    let mut touches = vec![copy(flat.output, Accesses::TRANSFER_READ, Some(Layout::TransferSource))];
-    if flat.stats.is_empty() {
+    let output = Some(Layout::TransferSource);
+    let mut touches = vec![touch(lowered.output, Stages::COPY, Accesses::TRANSFER_READ, output)];
+    if lowered.stats.is_empty() {
         return vec![pass(EXPORT, Work::Export, touches)];
     }
-    for stat in &flat.stats {
+    for stat in &lowered.stats {
         if touches.iter().all(|t| t.resource != stat.buffer) {
-            touches.push(copy(stat.buffer, Accesses::TRANSFER_READ, None));
+            touches.push(touch(stat.buffer, Stages::COPY, Accesses::TRANSFER_READ, None));
         }
     }
-    let readback = ResourceId(flat.resources.len() as u32);
-    touches.push(copy(readback, Accesses::TRANSFER_WRITE, None));
-    flat.resources.push(Resource {
+    let readback = ResourceHandle(lowered.resources.len() as u32);
+    lowered.resources.push(LoweredResource {
         name: "host(stats)".into(),
-        shape: Shape::Buffer { stride: 4, count: flat.stats.len() as u64 },
-        usage: Usage::empty(),
+        shape: Shape::Buffer { stride: 4, count: lowered.stats.len() as u64 },
         source: Source::Readback,
-        block: None,
         history: None,
-        origin: origin.clone(),
+        previous_frame_of: None,
+        span,
     });
-    flat.resource_spans.push(flat.output_span);
-    let read = Touch {
-        resource: readback,
-        stages: Stages::HOST,
-        accesses: Accesses::HOST_READ,
-        layout: None,
-        discards: false,
-    };
+    touches.push(touch(readback, Stages::COPY, Accesses::TRANSFER_WRITE, None));
+    let read = touch(readback, Stages::HOST, Accesses::HOST_READ, None);
     vec![pass(EXPORT, Work::Export, touches), pass(HOST, Work::Host, vec![read])]
 }
 
-/// Only what somebody reads in a later frame lives on: with `last(name)`, or by reading it before it is written.
-fn forget_unread(passes: &[Pass], flat: &mut Flat) {
-    for Last { stand_in, real } in flat.lasts.clone() {
-        let touch = |p: &&Pass, id| p.touches.iter().any(|t: &Touch| t.resource == id);
-        let first = passes.iter().filter(|p| p.run == Run::Frame).find(|p| touch(p, real));
-        let reads = |p: &Pass| p.touches.iter().any(|t| t.resource == real && t.accesses.reads());
-        if !passes.iter().any(|p| touch(&p, stand_in)) && !first.is_some_and(reads) {
-            flat.resources[real.index()].history = None;
+/// Drops the histories that no later frame reads: with `last(name)`, or by reading a resource before it is written.
+fn forget_unread(passes: &[&LinkedPass], lowered: &mut Lowered) {
+    let touches = |p: &LinkedPass, handle| p.pass.touches.iter().any(|t| t.resource == handle);
+    for previous in (0..lowered.resources.len() as u32).map(ResourceHandle) {
+        let Some(real) = lowered.resource(previous).previous_frame_of else { continue };
+        let first = passes.iter().filter(|p| p.pass.run == Run::Frame).find(|p| touches(p, real));
+        let reads = |p: &&LinkedPass| p.pass.touches.iter().any(|t| t.resource == real && t.accesses.reads());
+        if !passes.iter().any(|p| touches(p, previous)) && !first.is_some_and(reads) {
+            lowered.resources[real.index()].history = None;
         }
-    }
-}
-
-/// Puts the resources themselves where a pass names what the frame before left in them. Order has been made of it by now.
-fn read_the_last_frame(pass: &mut Pass, flat: &Flat) {
-    let real = |id: &mut ResourceId| *id = flat.last(*id).unwrap_or(*id);
-    pass.bindings.iter_mut().for_each(|b| real(&mut b.resource));
-    pass.touches.iter_mut().for_each(|t| real(&mut t.resource));
-    match &mut pass.work {
-        Work::Dispatch { groups: Groups::Indirect { buffer, .. }, .. }
-        | Work::Draw { call: DrawCall::Indirect { buffer, .. }, .. } => real(buffer),
-        _ => {}
     }
 }
 
@@ -176,9 +140,8 @@ fn starts(passes: &[Pass], resources: &[Resource]) -> Vec<Pass> {
         let written_once = |p: &Pass| {
             p.run == Run::Once && p.touches.iter().any(|t| t.resource == id && t.accesses.writes())
         };
-        let touching = || passes.iter().filter(|p| p.touches.iter().any(|t| t.resource == id));
         let Some(name) = &resource.history else { continue };
-        if touching().next().is_none() || touching().any(written_once) {
+        if passes.iter().any(written_once) {
             continue;
         }
         let layout = match resource.shape {

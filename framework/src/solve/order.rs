@@ -11,9 +11,9 @@ use petgraph::visit::EdgeRef;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use crate::ir::{Accesses, Pass, ResourceId, Run, Source, Span, Work};
-use crate::lower::{Flat, Last};
-use crate::plan::LeftOut;
+use crate::ir::{Accesses, LeftOut, Run, Source, Work};
+use crate::link::LinkedPass;
+use crate::lower::{Lowered, ResourceHandle};
 use crate::source::{Diagnostic, SourceMap};
 
 /// Indices into the passes, as they run.
@@ -24,38 +24,37 @@ pub(super) struct Order {
 }
 
 /// Passes, and between two of them the resource for which one follows the other.
-type Needs = DiGraph<usize, ResourceId>;
+type Needs = DiGraph<usize, ResourceHandle>;
 
 /// Orders the passes; the last of them are the frame's end (the export and the host), which everything else is there for.
 pub(super) fn order(
-    passes: &[Pass],
-    spans: &[Span],
-    flat: &Flat,
+    passes: &[LinkedPass],
+    lowered: &Lowered,
     files: &SourceMap,
 ) -> Result<Order, Vec<Diagnostic>> {
     let mut errors = Vec::new();
-    let users = users(passes, flat.resources.len());
-    let needs = needs(passes, spans, flat, &users, &mut errors);
+    let users = users(passes, lowered.resources.len());
+    let needs = needs(passes, lowered, &users, &mut errors);
     if !errors.is_empty() {
         return Err(errors);
     }
     if let Some(cycle) = cycle(&needs) {
-        return Err(vec![describe_cycle(&cycle, &needs, passes, spans, flat)]);
+        return Err(vec![describe_cycle(&cycle, &needs, passes, lowered)]);
     }
 
-    let live = live(passes, &users, flat);
+    let live = live(passes, &users, lowered);
     let left_out = (0..passes.len())
         .filter(|i| !live[*i])
         .map(|i| LeftOut {
-            pass: passes[i].name.clone(),
+            pass: passes[i].pass.name.clone(),
             why: "nothing reads what it writes".into(),
-            origin: files.origin(spans[i]),
+            origin: files.origin(passes[i].span),
         })
         .collect();
 
     // Sorted with the dead ones still in, which keep apart what is on their two sides.
     let sorted = sort(&needs, passes).into_iter().filter(|i| live[*i]);
-    let (once, frame) = sorted.partition(|i| passes[*i].run == Run::Once);
+    let (once, frame) = sorted.partition(|i| passes[*i].pass.run == Run::Once);
     Ok(Order { once, frame, left_out })
 }
 
@@ -67,11 +66,11 @@ struct User {
 }
 
 /// Of each resource, who touches it: `Once` passes first, then the frame's, each in the order of the file.
-fn users(passes: &[Pass], resources: usize) -> Vec<Vec<User>> {
+fn users(passes: &[LinkedPass], resources: usize) -> Vec<Vec<User>> {
     let mut users: Vec<Vec<User>> = vec![Vec::new(); resources];
-    let of_run = |run| (0..passes.len()).filter(move |i| passes[*i].run == run);
+    let of_run = |run| (0..passes.len()).filter(move |i| passes[*i].pass.run == run);
     for pass in of_run(Run::Once).chain(of_run(Run::Frame)) {
-        for touch in &passes[pass].touches {
+        for touch in &passes[pass].pass.touches {
             let users = &mut users[touch.resource.index()];
             match users.last_mut().filter(|user| user.pass == pass) {
                 Some(user) => user.accesses |= touch.accesses,
@@ -84,9 +83,8 @@ fn users(passes: &[Pass], resources: usize) -> Vec<Vec<User>> {
 
 /// The edges, from the pass that comes first to the one that follows. Also finds what is read and never written.
 fn needs(
-    passes: &[Pass],
-    spans: &[Span],
-    flat: &Flat,
+    passes: &[LinkedPass],
+    lowered: &Lowered,
     users: &[Vec<User>],
     errors: &mut Vec<Diagnostic>,
 ) -> Needs {
@@ -95,35 +93,35 @@ fn needs(
         graph.add_node(i);
     }
     for (resource, users) in users.iter().enumerate() {
-        let id = ResourceId(resource as u32);
-        let written = matches!(flat.resources[resource].source, Source::Transient | Source::Readback);
-        if !written || flat.last(id).is_some() {
+        let id = ResourceHandle(resource as u32);
+        let written = matches!(lowered.resources[resource].source, Source::Transient | Source::Readback);
+        if !written || lowered.resource(id).previous_frame_of.is_some() {
             continue;
         }
         let writers: Vec<usize> = users.iter().filter(|u| u.accesses.writes()).map(|u| u.pass).collect();
         let mut edge = |from: usize, to: usize| {
             graph.add_edge(NodeIndex::new(from), NodeIndex::new(to), id);
         };
-        if let Some(writer) = writers.iter().find(|w| passes[**w].run == Run::Frame) {
-            let written_before = writers.iter().any(|w| passes[*w].run == Run::Once);
-            for early in users.iter().filter(|u| !written_before && passes[u.pass].run == Run::Once) {
+        if let Some(writer) = writers.iter().find(|w| passes[**w].pass.run == Run::Frame) {
+            let written_before = writers.iter().any(|w| passes[*w].pass.run == Run::Once);
+            for early in users.iter().filter(|u| !written_before && passes[u.pass].pass.run == Run::Once) {
                 errors.push(
                     Diagnostic::new(
-                        format!("`{}` runs once, before any frame", passes[early.pass].name),
-                        spans[early.pass],
-                        format!("reads `{}`", flat.resources[resource].name),
+                        format!("`{}` runs once, before any frame", passes[early.pass].pass.name),
+                        passes[early.pass].span,
+                        format!("reads `{}`", lowered.resources[resource].name),
                     )
-                    .with_label(spans[*writer], "which is written here, in every frame"),
+                    .with_label(passes[*writer].span, "which is written here, in every frame"),
                 );
             }
         }
-        let history = flat.resources[resource].history.is_some();
+        let history = lowered.resources[resource].history.is_some();
         if let [writer] = writers[..] {
             for user in users {
                 if user.pass != writer {
                     edge(writer, user.pass);
                 } else if user.accesses.contains(Accesses::COLOR_READ) && !history {
-                    errors.push(never_written(writer, id, &[], passes, spans, flat));
+                    errors.push(never_written(writer, id, &[], passes, lowered));
                 }
             }
             continue;
@@ -135,8 +133,8 @@ fn needs(
             if accesses.reads() {
                 // Shaders may read what they wrote themselves; a target that is kept is read before.
                 let needs_contents = !accesses.writes() || accesses.contains(Accesses::COLOR_READ);
-                if written.is_none() && needs_contents && passes[*pass].run == Run::Frame && !history {
-                    errors.push(never_written(*pass, id, &writers, passes, spans, flat));
+                if written.is_none() && needs_contents && passes[*pass].pass.run == Run::Frame && !history {
+                    errors.push(never_written(*pass, id, &writers, passes, lowered));
                 }
                 written.iter().for_each(|w| edge(*w, *pass));
             }
@@ -152,11 +150,12 @@ fn needs(
         }
     }
     // What the frame before left is read before this frame writes over it.
-    for Last { stand_in, real } in &flat.lasts {
-        let writes = |u: &&User| u.accesses.writes() && passes[u.pass].run == Run::Frame;
-        for reader in &users[stand_in.index()] {
+    for (readers, resource) in users.iter().zip(&lowered.resources) {
+        let Some(real) = resource.previous_frame_of else { continue };
+        let writes = |u: &&User| u.accesses.writes() && passes[u.pass].pass.run == Run::Frame;
+        for reader in readers {
             for writer in users[real.index()].iter().filter(writes).filter(|w| w.pass != reader.pass) {
-                graph.add_edge(NodeIndex::new(reader.pass), NodeIndex::new(writer.pass), *real);
+                graph.add_edge(NodeIndex::new(reader.pass), NodeIndex::new(writer.pass), real);
             }
         }
     }
@@ -165,53 +164,54 @@ fn needs(
 
 fn never_written(
     reader: usize,
-    resource: ResourceId,
+    resource: ResourceHandle,
     writers: &[usize],
-    passes: &[Pass],
-    spans: &[Span],
-    flat: &Flat,
+    passes: &[LinkedPass],
+    lowered: &Lowered,
 ) -> Diagnostic {
-    let name = &flat.resources[resource.index()].name;
+    let name = &lowered.resources[resource.index()].name;
     let diagnostic = match writers.first() {
         None => Diagnostic::new(
-            format!("`{}` reads `{name}`, which no pass writes", passes[reader].name),
-            spans[reader],
+            format!("`{}` reads `{name}`, which no pass writes", passes[reader].pass.name),
+            passes[reader].span,
             "reads what nobody wrote",
         ),
         Some(first) => Diagnostic::new(
-            format!("`{}` reads `{name}` before any pass has written it", passes[reader].name),
-            spans[reader],
+            format!("`{}` reads `{name}` before any pass has written it", passes[reader].pass.name),
+            passes[reader].span,
             "reads what nobody wrote yet",
         )
-        .with_label(spans[*first], "the first to write it")
+        .with_label(passes[*first].span, "the first to write it")
         .with_help(
             "where several passes write a resource, the order of the file holds: move the reader down",
         ),
     };
-    let mut diagnostic = diagnostic.with_label(flat.resource_spans[resource.index()], "declared here");
-    for (_, pass, when) in flat.unwritten.iter().filter(|(id, ..)| *id == resource) {
-        diagnostic =
-            diagnostic.with_label(*when, format!("`{pass}` uses it, but is left out because this is false"));
+    let mut diagnostic = diagnostic.with_label(lowered.resource(resource).span, "declared here");
+    for removed in lowered.unwritten.iter().filter(|removed| removed.resource == resource) {
+        diagnostic = diagnostic.with_label(
+            removed.when,
+            format!("`{}` uses it, but is left out because this is false", removed.pass),
+        );
     }
     diagnostic
 }
 
 /// Which passes the frame's end needs, through what they read.
-fn live(passes: &[Pass], users: &[Vec<User>], flat: &Flat) -> Vec<bool> {
+fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bool> {
     // Of each resource, who wrote what a reader may find there.
     let mut sources: Vec<Sources> = users.iter().map(|users| Sources::of(users, passes)).collect();
-    for Last { real, .. } in &flat.lasts {
-        sources[real.index()].carried |= flat.resources[real.index()].history.is_some();
+    for (sources, resource) in sources.iter_mut().zip(&lowered.resources) {
+        sources.carried |= resource.history.is_some();
     }
     let mut live = vec![false; passes.len()];
     let mut open: Vec<usize> =
-        (0..passes.len()).filter(|i| matches!(passes[*i].work, Work::Export | Work::Host)).collect();
+        (0..passes.len()).filter(|i| matches!(passes[*i].pass.work, Work::Export | Work::Host)).collect();
     while let Some(pass) = open.pop() {
         if std::mem::replace(&mut live[pass], true) {
             continue;
         }
-        for touch in passes[pass].touches.iter().filter(|t| t.accesses.reads()) {
-            let (resource, last) = match flat.last(touch.resource) {
+        for touch in passes[pass].pass.touches.iter().filter(|t| t.accesses.reads()) {
+            let (resource, last) = match lowered.resource(touch.resource).previous_frame_of {
                 Some(real) => (real.index(), true),
                 None => (touch.resource.index(), false),
             };
@@ -232,16 +232,23 @@ struct Sources {
 }
 
 impl Sources {
-    fn of(users: &[User], passes: &[Pass]) -> Sources {
+    fn of(users: &[User], passes: &[LinkedPass]) -> Sources {
         let writers: Vec<usize> = (0..users.len()).filter(|i| users[*i].accesses.writes()).collect();
-        let carried = writers.iter().any(|w| passes[users[*w].pass].run == Run::Once);
+        let carried = writers.iter().any(|w| passes[users[*w].pass].pass.run == Run::Once);
         let followed = vec![false; writers.len()];
         Sources { writers, carried, followed }
     }
 
     /// Adds to `open` the passes that wrote what `pass` reads, in this frame or, where `last`, in the one before.
-    fn found_by(&mut self, pass: usize, last: bool, users: &[User], passes: &[Pass], open: &mut Vec<usize>) {
-        let place = |pass: usize| (passes[pass].run == Run::Frame, pass);
+    fn found_by(
+        &mut self,
+        pass: usize,
+        last: bool,
+        users: &[User],
+        passes: &[LinkedPass],
+        open: &mut Vec<usize>,
+    ) {
+        let place = |pass: usize| (passes[pass].pass.run == Run::Frame, pass);
         let at = users.binary_search_by_key(&place(pass), |u| place(u.pass)).ok();
         let at = at.filter(|_| self.writers.len() > 1 && !last);
         let mut before = match at {
@@ -259,18 +266,18 @@ impl Sources {
                 break;
             }
         }
-        if self.carried && (last || passes[pass].run == Run::Frame) {
+        if self.carried && (last || passes[pass].pass.run == Run::Frame) {
             // What the last frame's passes left, wherever in the file they stand.
             let writers = self.writers.iter().map(|w| users[*w].pass);
-            open.extend(writers.filter(|w| passes[*w].run == Run::Frame));
+            open.extend(writers.filter(|w| passes[*w].pass.run == Run::Frame));
             self.carried = false;
         }
     }
 }
 
 /// Kahn's algorithm; of those that could run next, the first in the file does, those of `Once` before all others.
-fn sort(needs: &Needs, passes: &[Pass]) -> Vec<usize> {
-    let place = |i: usize| Reverse((passes[i].run == Run::Frame, i));
+fn sort(needs: &Needs, passes: &[LinkedPass]) -> Vec<usize> {
+    let place = |i: usize| Reverse((passes[i].pass.run == Run::Frame, i));
     let mut waiting: Vec<usize> =
         needs.node_indices().map(|n| needs.edges_directed(n, Direction::Incoming).count()).collect();
     let mut ready: BinaryHeap<Reverse<(bool, usize)>> =
@@ -320,23 +327,22 @@ fn cycle(needs: &Needs) -> Option<Vec<NodeIndex>> {
 fn describe_cycle(
     cycle: &[NodeIndex],
     needs: &Needs,
-    passes: &[Pass],
-    spans: &[Span],
-    flat: &Flat,
+    passes: &[LinkedPass],
+    lowered: &Lowered,
 ) -> Diagnostic {
-    let name = |node: NodeIndex| format!("`{}`", passes[node.index()].name);
+    let name = |node: NodeIndex| format!("`{}`", passes[node.index()].pass.name);
     let all: Vec<String> = cycle.iter().map(|n| name(*n)).collect();
     let reason = |i: usize| {
         let (from, to) = (cycle[(i + cycle.len() - 1) % cycle.len()], cycle[i]);
         let resource = needs
             .find_edge(from, to)
-            .map_or("?".to_string(), |edge| flat.resources[needs[edge].index()].name.clone());
+            .map_or("?".to_string(), |edge| lowered.resources[needs[edge].index()].name.clone());
         format!("{} needs {} first, for `{resource}`", name(to), name(from))
     };
     let message = format!("these passes wait for each other: {}", all.join(", "));
-    let mut diagnostic = Diagnostic::new(message, spans[cycle[0].index()], reason(0));
+    let mut diagnostic = Diagnostic::new(message, passes[cycle[0].index()].span, reason(0));
     for i in 1..cycle.len() {
-        diagnostic = diagnostic.with_label(spans[cycle[i].index()], reason(i));
+        diagnostic = diagnostic.with_label(passes[cycle[i].index()].span, reason(i));
     }
     diagnostic.with_help(
         "a resource with one writer is written before it is read; use a second resource to break the cycle",

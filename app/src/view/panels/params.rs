@@ -6,8 +6,8 @@ use super::Controls;
 use crate::view::renderer::Renderer;
 use egui::{Color32, ComboBox, RichText, Slider, Ui};
 use splatgraph_api::Device;
-use splatgraph_framework::ir::{Domain, ParamBinding, Value};
-use splatgraph_framework::plan::Param;
+use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
+use splatgraph_framework::lower::Control;
 
 /// Range in powers of ten above which sliders are logarithmic.
 const DECADES: f64 = 2.0;
@@ -35,10 +35,11 @@ pub fn show<D: Device>(ui: &mut Ui, renderer: &mut Renderer<D>, command: &str, c
     });
     ui.separator();
     let mut changes: Vec<(String, Option<Value>)> = Vec::new();
-    for param in renderer.params() {
+    for described in renderer.controls() {
+        let param = &described.param;
         let modified = renderer.set().contains_key(&param.name);
         ui.horizontal(|ui| {
-            heading(ui, param, modified);
+            heading(ui, described, modified);
             if modified && ui.small_button("⟲").on_hover_text(format!("back to {}", param.default)).clicked()
             {
                 changes.push((param.name.clone(), None));
@@ -66,15 +67,15 @@ pub fn set_line<D: Device>(renderer: &Renderer<D>) -> String {
     renderer.set().iter().map(|(name, value)| format!(" --set {name}={value}")).collect()
 }
 
-fn heading(ui: &mut Ui, param: &Param, modified: bool) {
-    let name = if param.label.is_empty() { &param.name } else { &param.label };
+fn heading(ui: &mut Ui, described: &Control, modified: bool) {
+    let Control { param, label: name, help: about } = described;
     let label = match modified {
         true => RichText::new(format!("● {name}")).strong(),
         false => RichText::new(name),
     };
     let mut help = format!("{} = {}", param.name, param.value);
-    if !param.help.is_empty() {
-        help = format!("{}\n\n{help}", param.help);
+    if !about.is_empty() {
+        help = format!("{about}\n\n{help}");
     }
     help += match param.binding {
         ParamBinding::Const => "\nConstant: a change builds a new plan.",

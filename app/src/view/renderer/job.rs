@@ -8,6 +8,7 @@ use crate::session::Upload;
 use crate::view::profile::zone;
 use splatgraph_api::{Loader, Progress};
 use splatgraph_framework::ir::DeviceFacts;
+use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -28,7 +29,7 @@ pub(super) struct Job<L> {
 
 /// The result of a build.
 pub(super) struct Built<R> {
-    pub outcome: Result<(Plan, R), Failure>,
+    pub outcome: Result<(Plan, Vec<Control>, R), Failure>,
     pub wanted: Vec<Wanted>,
     pub dropped: Vec<String>,
     pub inputs: PlanInputs,
@@ -57,19 +58,20 @@ fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
         None => facts::without_scene(&device, inputs.size),
     };
     let mut dropped = Vec::new();
-    if !strict && let Ok(declared) = planner.params(&graph, &facts, &inputs.catalog) {
-        let known = |name: &str| declared.iter().any(|param| param.name == name);
+    if !strict && let Ok(declared) = planner.controls(&graph, &[], &facts, &inputs.catalog) {
+        let known = |name: &str| declared.iter().any(|control| control.param.name == name);
         dropped.extend(set.iter().filter(|(name, _)| !known(name)).map(|(name, _)| name.clone()));
         set.retain(|(name, _)| known(name));
     }
     let plan = planner.plan(&graph, &set, &facts, &inputs.catalog);
+    let plan = plan.and_then(|plan| Ok((plan, planner.controls(&graph, &set, &facts, &inputs.catalog)?)));
     let plan_ms = milliseconds(begun);
     let wanted = planner.wanted();
     let begun = Instant::now();
-    let outcome = plan.map_err(Failure::Graph).and_then(|plan| {
+    let outcome = plan.map_err(Failure::Graph).and_then(|(plan, controls)| {
         let ready = loader.prepare(plan.clone(), &Upload(scene), &mut |step| tell(&progress, said(&step)));
         tell(&progress, String::new());
-        Ok((plan, ready.map_err(Failure::Backend)?))
+        Ok((plan, controls, ready.map_err(Failure::Backend)?))
     });
     let prepare_ms = milliseconds(begun);
     Built { outcome, wanted, dropped, inputs, cause, asked, plan_ms, prepare_ms }

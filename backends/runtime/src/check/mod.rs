@@ -17,12 +17,6 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 /// Refuses a plan that contradicts itself ([`BackendError::Invalid`]) or asks for too much ([`BackendError::Limit`]).
 /// What it accepts is whole: every id is within range and fits its use.
 pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
-    if plan.version != PLAN_VERSION {
-        return invalid(format!(
-            "the plan is of version {}, and this program executes {PLAN_VERSION}",
-            plan.version
-        ));
-    }
     let checker = Checker { plan, limits };
     let mut histories = HashSet::new();
     for resource in &plan.resources {

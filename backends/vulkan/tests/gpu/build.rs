@@ -126,7 +126,6 @@ impl Build {
     pub fn new() -> Build {
         Build {
             plan: Plan {
-                version: PLAN_VERSION,
                 name: "hand-made".to_string(),
                 summary: String::new(),
                 facts: BTreeMap::new(),

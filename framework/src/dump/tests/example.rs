@@ -223,8 +223,6 @@ impl Maker {
     fn finish(self, output: ResourceId, args: ResourceId, digits: u32) -> Plan {
         let param = |name: &str, value: Value, binding| Param {
             name: name.into(),
-            label: name.replace('_', " "),
-            help: String::new(),
             default: value.clone(),
             exact: Some(value.clone()),
             value,
@@ -233,7 +231,6 @@ impl Maker {
             origin: origin(6),
         };
         let mut plan = Plan {
-            version: PLAN_VERSION,
             name: "example".into(),
             summary: "Depth-sorted quads, made by hand".into(),
             facts: BTreeMap::from([("scene.count".into(), Value::Int(1000))]),

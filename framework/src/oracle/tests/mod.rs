@@ -27,7 +27,6 @@ fn origin() -> Origin {
 impl Sketch {
     fn new() -> Sketch {
         let plan = Plan {
-            version: PLAN_VERSION,
             name: "sketch".into(),
             summary: String::new(),
             facts: BTreeMap::new(),

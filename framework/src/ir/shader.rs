@@ -1,6 +1,21 @@
-//! Declarations and accesses of a compiled shader.
+//! Compiled shaders, with their declarations and accesses.
+
+use std::sync::Arc;
 
 use super::Format;
+
+/// Holds a compiled shader module and the defines that it was compiled with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shader {
+    /// Path as the graph names it, for instance `sort/scatter.comp`.
+    pub name: String,
+    /// Names and values of the defines that occur in its text.
+    pub defines: Vec<(String, String)>,
+    /// SPIR-V words.
+    pub spirv: Arc<Vec<u32>>,
+    /// Declarations and accesses.
+    pub reflection: Reflection,
+}
 
 /// Names the pipeline stage of a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

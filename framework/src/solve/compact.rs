@@ -1,0 +1,159 @@
+//! The step from handles of the lowered graph to ids of the plan.
+//!
+//! Resources and shaders that no pass of the plan uses are dropped, and the others are numbered in their former order. A name for the
+//! previous frame's contents becomes the resource itself here: order has been made of the difference by now.
+
+use crate::ir::{Binding, DrawCall, Groups, Pass, ResourceId, ShaderId, Stat, Target, Touch, Usage, Work};
+use crate::link::{LinkedPass, ShaderHandle};
+use crate::lower::{Lowered, ResourceHandle};
+use crate::plan::{Plan, Resource};
+use crate::source::SourceMap;
+
+/// Numbers the used resources and shaders of a graph.
+struct Ids<'a> {
+    lowered: &'a Lowered,
+    /// Ids by handle; `None` for unused ones.
+    resources: Vec<Option<ResourceId>>,
+    shaders: Vec<Option<ShaderId>>,
+}
+
+impl Ids<'_> {
+    fn resource(&self, handle: ResourceHandle) -> ResourceId {
+        self.resources[self.lowered.real(handle).index()].expect("passes of the plan use it")
+    }
+
+    fn shader(&self, handle: ShaderHandle) -> ShaderId {
+        self.shaders[handle.index()].expect("passes of the plan use it")
+    }
+
+    fn pass(&self, pass: &Pass<ResourceHandle, ShaderHandle>) -> Pass {
+        let binding = |b: &Binding<_>| Binding {
+            name: b.name.clone(),
+            binding: b.binding,
+            element: b.element,
+            kind: b.kind,
+            resource: self.resource(b.resource),
+        };
+        let touch = |t: &Touch<_>| Touch {
+            resource: self.resource(t.resource),
+            stages: t.stages,
+            accesses: t.accesses,
+            layout: t.layout,
+            discards: t.discards,
+        };
+        Pass {
+            name: pass.name.clone(),
+            phase: pass.phase.clone(),
+            run: pass.run,
+            work: self.work(&pass.work),
+            bindings: pass.bindings.iter().map(binding).collect(),
+            push: pass.push.clone(),
+            touches: pass.touches.iter().map(touch).collect(),
+            origin: pass.origin.clone(),
+        }
+    }
+
+    fn work(&self, work: &Work<ResourceHandle, ShaderHandle>) -> Work {
+        match work {
+            Work::Dispatch { shader, groups } => {
+                let groups = match *groups {
+                    Groups::Direct(groups) => Groups::Direct(groups),
+                    Groups::Indirect { buffer, offset } => {
+                        Groups::Indirect { buffer: self.resource(buffer), offset }
+                    }
+                };
+                Work::Dispatch { shader: self.shader(*shader), groups }
+            }
+            Work::Draw { vertex, fragment, topology, call, targets } => {
+                let call = match *call {
+                    DrawCall::Direct { vertices, instances } => DrawCall::Direct { vertices, instances },
+                    DrawCall::Indirect { buffer, offset } => {
+                        DrawCall::Indirect { buffer: self.resource(buffer), offset }
+                    }
+                };
+                let target =
+                    |t: &Target<_>| Target { image: self.resource(t.image), load: t.load, blend: t.blend };
+                Work::Draw {
+                    vertex: self.shader(*vertex),
+                    fragment: self.shader(*fragment),
+                    topology: *topology,
+                    call,
+                    targets: targets.iter().map(target).collect(),
+                }
+            }
+            Work::Fill { buffer, value } => Work::Fill { buffer: self.resource(*buffer), value: *value },
+            Work::Start { resource } => Work::Start { resource: self.resource(*resource) },
+            Work::Export => Work::Export,
+            Work::Host => Work::Host,
+        }
+    }
+}
+
+/// Makes a plan of these passes, in this order, that has no memory, no steps and no usage yet.
+pub(super) fn compact(
+    lowered: Lowered,
+    shaders: Vec<crate::ir::Shader>,
+    passes: &[&LinkedPass],
+    files: &SourceMap,
+) -> Plan {
+    let mut used = (vec![false; lowered.resources.len()], vec![false; shaders.len()]);
+    for LinkedPass { pass, .. } in passes {
+        pass.touches.iter().for_each(|touch| used.0[lowered.real(touch.resource).index()] = true);
+        match &pass.work {
+            Work::Dispatch { shader, .. } => used.1[shader.index()] = true,
+            Work::Draw { vertex, fragment, .. } => {
+                [vertex, fragment].into_iter().for_each(|shader| used.1[shader.index()] = true);
+            }
+            _ => {}
+        }
+    }
+    let ids = Ids {
+        lowered: &lowered,
+        resources: number(&used.0).map(|id| id.map(ResourceId)).collect(),
+        shaders: number(&used.1).map(|id| id.map(ShaderId)).collect(),
+    };
+    let kept = lowered.resources.iter().zip(&used.0).filter(|(_, used)| **used);
+    let resource = |resource: &crate::lower::LoweredResource| Resource {
+        name: resource.name.clone(),
+        shape: resource.shape,
+        usage: Usage::empty(),
+        source: resource.source.clone(),
+        block: None,
+        history: resource.history.clone(),
+        origin: files.origin(resource.span),
+    };
+    let stat = |stat: &Stat<ResourceHandle>| Stat {
+        name: stat.name.clone(),
+        buffer: ids.resource(stat.buffer),
+        offset: stat.offset,
+    };
+    let (resources, stats) =
+        (kept.map(|(r, _)| resource(r)).collect(), lowered.stats.iter().map(stat).collect());
+    let (passes, output) = (passes.iter().map(|p| ids.pass(&p.pass)).collect(), ids.resource(lowered.output));
+    Plan {
+        resources,
+        stats,
+        passes,
+        output,
+        shaders: shaders.into_iter().zip(&used.1).filter(|(_, used)| **used).map(|(s, _)| s).collect(),
+        name: lowered.name,
+        summary: lowered.summary,
+        facts: lowered.facts,
+        params: lowered.params,
+        blocks: Vec::new(),
+        prologue: Vec::new(),
+        handover: Vec::new(),
+        frame: Vec::new(),
+        left_out: lowered.left_out,
+    }
+}
+
+/// Counts up over the used ones.
+fn number(used: &[bool]) -> impl Iterator<Item = Option<u32>> {
+    let mut next = 0;
+    used.iter().map(move |used| {
+        let id = used.then_some(next);
+        next += u32::from(*used);
+        id
+    })
+}
