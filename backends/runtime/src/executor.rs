@@ -157,14 +157,9 @@ impl<G: Gpu> Executor<G> {
         self.former.retain(|compiled| pending.contains(&compiled.number));
     }
 
-    /// Passes an error on. If it is the device's loss, adds where that was, and records it, unless another executor was first.
+    /// Passes an error on, and records the device's loss with its place.
     fn losing(&self, error: BackendError) -> BackendError {
-        let BackendError::DeviceLost(answer) = error else { return error };
-        let text = match self.where_lost() {
-            Some(place) => format!("{answer}, {place}"),
-            None => answer,
-        };
-        BackendError::DeviceLost(self.shared.lost.get_or_init(|| text).clone())
+        self.shared.losing(error, || self.where_lost())
     }
 
     /// Names the first frame in flight that is not known to be complete.

@@ -3,7 +3,6 @@
 //! Each frame in flight has a slot: an encoder that is used again, and (with the plan, in [`crate::compiled`]) timestamps, readback
 //! memory and host buffers. Frame `n` uses slot `n % FRAMES_IN_FLIGHT`.
 
-use crate::check::invalid;
 use crate::compiled::{CompiledPlan, PlanSlot};
 use crate::gpu::{Buffer, Gpu};
 use crate::outputs::SharedOutput;
@@ -11,9 +10,9 @@ use crate::record::Recorder;
 use crate::shared::Shared;
 use crate::timing::Times;
 use crate::window::Swapchain;
-use crate::{host_buffers, inspect};
+use crate::{inputs, inspect};
 use splatgraph_api::{BackendError, FrameId, FrameInputs, FrameResult, Pixels};
-use splatgraph_framework::ir::{PassId, ResourceId, Shape, Source};
+use splatgraph_framework::ir::{PassId, Shape};
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::Instant;
@@ -65,8 +64,8 @@ impl<G: Gpu> Slot<G> {
         let Frame { id, slot, inputs, output, mut swapchain } = frame;
         let gpu = &shared.gpu;
         let start = Instant::now();
-        write_uniforms(compiled, slot, inputs)?;
-        host_buffers::take(shared, compiled, slot, inputs)?;
+        inputs::write_uniforms(compiled, slot, inputs)?;
+        inputs::take_host_buffers(shared, compiled, slot, inputs)?;
         if inputs.read_output && compiled.slots[slot].output.is_none() {
             let bytes = compiled.resources.image(compiled.plan.output).map_or(0, |image| image.bytes());
             compiled.slots[slot].output = Some(Buffer::to_host(gpu, "output readback", bytes)?);
@@ -138,37 +137,6 @@ impl<G: Gpu> Slot<G> {
         let passes = self.pending.as_ref()?.passes.len();
         Times::read(gpu, own.timestamps.as_ref(), passes).ok()?.finished(passes)
     }
-}
-
-/// Copies the frame's uniform blocks to the buffers that its bindings point to.
-fn write_uniforms<G: Gpu>(
-    compiled: &mut CompiledPlan<G>,
-    slot: usize,
-    inputs: &FrameInputs,
-) -> Result<(), BackendError> {
-    for (index, resource) in compiled.plan.resources.iter().enumerate() {
-        let bytes = match &resource.source {
-            Source::Frame { uniform } => match inputs.uniforms.get(uniform) {
-                Some(bytes) => bytes,
-                None => return invalid(format!("the frame has no contents for uniform block `{uniform}`")),
-            },
-            Source::Live => &inputs.live,
-            Source::Transient | Source::Scene { .. } | Source::Given { .. } | Source::Readback => continue,
-        };
-        let Some(target) = compiled.resources.mapped_mut(ResourceId(index as u32), slot) else { continue };
-        if bytes.len() > target.len() {
-            return invalid(format!(
-                "uniform block `{}`: expected at most {} bytes, found {}",
-                resource.name,
-                target.len(),
-                bytes.len()
-            ));
-        }
-        let (contents, rest) = target.split_at_mut(bytes.len());
-        contents.copy_from_slice(bytes);
-        rest.fill(0);
-    }
-    Ok(())
 }
 
 fn pixels<G: Gpu>(plan: &Plan, own: &PlanSlot<G>) -> Option<Pixels> {

@@ -11,7 +11,7 @@
 
 use crate::aliasing::Transient;
 use crate::gpu::Gpu;
-use crate::resources::usage;
+use crate::usage::usage;
 use splatgraph_framework::{ir::*, plan::*};
 
 /// A resource that a later plan may go on from.

@@ -1,4 +1,4 @@
-//! Host buffers: buffers whose contents come with each frame ([`Source::Given`]).
+//! Host buffers: buffers whose contents come with each frame ([`Source::Given`](splatgraph_framework::ir::Source::Given)).
 //!
 //! A plan holds each once per frame in flight. Bytes of the host are copied to a mapped buffer that grows when it must (to a power of
 //! two, so that a length that creeps up does not make a buffer per frame), and are not copied where they are there already. A shared
@@ -8,13 +8,12 @@
 //! rewritten when the frame is submitted; nothing of that slot is in flight then.
 
 use crate::check::{invalid, within_bytes};
-use crate::compiled::CompiledPlan;
 use crate::gpu::{Buffer, BufferDesc, Gpu, Location};
 use crate::outputs::SharedOutput;
-use crate::resources::usage;
 use crate::shared::Shared;
-use splatgraph_api::{BackendError, FrameInputs, Given};
-use splatgraph_framework::ir::{ResourceId, Shape, Source};
+use crate::usage::usage;
+use splatgraph_api::{BackendError, Given};
+use splatgraph_framework::ir::Shape;
 use splatgraph_framework::plan::Resource;
 use std::sync::Arc;
 
@@ -56,7 +55,11 @@ impl<G: Gpu> Default for HostBuffer<G> {
 
 impl<G: Gpu> HostBuffer<G> {
     /// Takes the contents of a frame. The slot must have nothing in flight.
-    fn take(
+    ///
+    /// # Errors
+    /// [`BackendError::Invalid`] for contents that are too short or not whole elements, and for a shared output that does not exist;
+    /// [`BackendError::Limit`] for contents longer than a storage binding may be.
+    pub fn take(
         &mut self,
         shared: &Shared<G>,
         resource: &Resource,
@@ -119,6 +122,16 @@ impl<G: Gpu> HostBuffer<G> {
         }
     }
 
+    /// Says whether the slot's bindings point elsewhere, or to another length.
+    pub fn is_changed(&self) -> bool {
+        self.holds != self.written
+    }
+
+    /// Notes that the slot's bindings were written.
+    pub fn set_written(&mut self) {
+        self.written = self.holds;
+    }
+
     /// Takes the shared output, to be kept until the frame is done.
     pub fn take_output(&mut self) -> Option<Arc<SharedOutput<G>>> {
         self.output.take()
@@ -128,39 +141,6 @@ impl<G: Gpu> HostBuffer<G> {
     pub fn memory(&self) -> Option<&Arc<G::Memory>> {
         self.own.as_ref().map(|own| &own.memory)
     }
-}
-
-/// Takes the contents of all host buffers for a frame in `slot`, and points the slot's bindings to them.
-///
-/// # Errors
-/// [`BackendError::Invalid`] for contents that are missing, too short or not whole elements, and for a shared output that does not
-/// exist; [`BackendError::Limit`] for contents longer than a storage binding may be.
-pub(crate) fn take<G: Gpu>(
-    shared: &Shared<G>,
-    compiled: &mut CompiledPlan<G>,
-    slot: usize,
-    inputs: &FrameInputs,
-) -> Result<(), BackendError> {
-    let CompiledPlan { plan, resources, bindings, .. } = compiled;
-    let mut changed = Vec::new();
-    for (index, resource) in plan.resources.iter().enumerate() {
-        let (id, Source::Given { buffer }) = (ResourceId(index as u32), &resource.source) else { continue };
-        let Some(contents) = inputs.buffers.get(buffer) else {
-            return invalid(format!("the frame has no contents for host buffer `{buffer}`"));
-        };
-        let Some(held) = resources.host_buffer_mut(id, slot) else { continue };
-        held.take(shared, resource, contents)?;
-        if held.holds != held.written {
-            changed.push(id);
-        }
-    }
-    bindings.rewrite(&shared.gpu, plan, resources, slot, &changed);
-    for id in changed {
-        if let Some(held) = resources.host_buffer_mut(id, slot) {
-            held.written = held.holds;
-        }
-    }
-    Ok(())
 }
 
 /// Refuses contents that are not whole elements, fewer than the plan counts on, or more than a binding may have.

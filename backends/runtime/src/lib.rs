@@ -26,6 +26,7 @@ mod frame;
 mod gpu;
 mod history;
 mod host_buffers;
+mod inputs;
 mod inspect;
 mod limits;
 mod loader;
@@ -38,6 +39,7 @@ mod shared;
 mod testing;
 mod timing;
 mod upload;
+mod usage;
 mod window;
 
 pub use executor::Executor;

@@ -36,7 +36,8 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Ready<G>, BackendError> {
         self.shared.check_lost()?;
-        let compiled = CompiledPlan::new(&self.shared, plan, scene, progress)?;
+        let compiled = CompiledPlan::new(&self.shared, plan, scene, progress)
+            .map_err(|error| self.shared.losing(error, || None))?;
         Ok(Ready { compiled, executor: self.executor })
     }
 }

@@ -10,6 +10,7 @@ use crate::attributes::{PlaneKey, Planes};
 use crate::gpu::{BindingTarget, Buffer, BufferDesc, Gpu, Image, ImageDesc, Location};
 use crate::host_buffers::HostBuffer;
 use crate::outputs::SharedOutput;
+use crate::usage::usage;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashMap;
@@ -24,24 +25,6 @@ enum Held<G: Gpu> {
 
 pub(crate) struct Resources<G: Gpu> {
     held: Vec<Held<G>>,
-}
-
-/// Returns every use that the buffer or image of a resource is made for. Copies out are always among them, so that any resource
-/// can be inspected.
-pub(crate) fn usage(resource: &Resource) -> Usage {
-    const BUFFER: Usage = Usage::COLOR_TARGET.complement();
-    if matches!(resource.shape, Shape::Image { .. }) {
-        return resource.usage | Usage::COPY_SOURCE;
-    }
-    let base = match resource.source {
-        // The same for every plan, since plans share them.
-        Source::Scene { .. } | Source::Given { .. } => return BUFFER,
-        Source::Transient if resource.history.is_some() => return BUFFER,
-        Source::Transient => Usage::COPY_SOURCE,
-        Source::Frame { .. } | Source::Live => Usage::UNIFORM | Usage::COPY_SOURCE,
-        Source::Readback => Usage::COPY_TARGET | Usage::COPY_SOURCE,
-    };
-    base | resource.usage & BUFFER
 }
 
 impl<G: Gpu> Resources<G> {
@@ -103,7 +86,7 @@ impl<G: Gpu> Resources<G> {
     ///
     /// # Panics
     /// On an image, and on a host buffer before its contents have come. [`crate::check::check`] made sure that resources used as
-    /// buffers are buffers, and [`crate::host_buffers::take`] that a frame has all its host buffers.
+    /// buffers are buffers, and [`crate::inputs::take_host_buffers`] that a frame has all its host buffers.
     pub fn part(&self, id: ResourceId, slot: usize) -> (&Buffer<G>, u64) {
         let buffer = match &self.held[id.index()] {
             Held::Transient(Transient::Buffer(buffer)) | Held::Plane(buffer) => buffer,
@@ -272,24 +255,4 @@ fn is_blended(plan: &Plan, image: ResourceId) -> bool {
         Work::Draw { targets, .. } => targets.iter().any(|t| t.image == image && t.blend != Blend::Replace),
         _ => false,
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing::{ARGS, SPLATS, plan};
-
-    #[test]
-    fn every_resource_can_be_copied_from_and_shared_ones_have_one_usage() {
-        for resource in &plan().resources {
-            assert!(usage(resource).contains(Usage::COPY_SOURCE));
-        }
-        let mut history = plan().resources[ARGS.index()].clone();
-        history.history = Some("args".to_string());
-        for mut shared in [plan().resources[SPLATS.index()].clone(), history] {
-            let before = usage(&shared);
-            shared.usage = Usage::UNIFORM;
-            assert_eq!(usage(&shared), before);
-        }
-    }
 }

@@ -10,8 +10,8 @@ use std::sync::{Arc, OnceLock};
 pub(crate) struct Shared<G: Gpu> {
     pub attributes: AttributeCache<Buffer<G>>,
     pub outputs: SharedOutputs<G>,
-    /// The report of the executor that found the device lost first; nothing works after that.
-    pub lost: OnceLock<String>,
+    /// The first report of the device's loss; nothing works after that.
+    lost: OnceLock<String>,
     pub gpu: Arc<G>,
 }
 
@@ -31,5 +31,15 @@ impl<G: Gpu> Shared<G> {
             Some(text) => Err(BackendError::DeviceLost(text.clone())),
             None => Ok(()),
         }
+    }
+
+    /// Passes an error on. If it is the device's loss, adds the `place` where it was, and records it, unless another was first.
+    pub fn losing(&self, error: BackendError, place: impl FnOnce() -> Option<String>) -> BackendError {
+        let BackendError::DeviceLost(answer) = error else { return error };
+        let text = || match place() {
+            Some(place) => format!("{answer}, {place}"),
+            None => answer,
+        };
+        BackendError::DeviceLost(self.lost.get_or_init(text).clone())
     }
 }

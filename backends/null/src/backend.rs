@@ -1,0 +1,250 @@
+//! The null device as the runtime's graphics API.
+
+use crate::encoder::Encoder;
+use crate::fault::Point;
+use crate::gpu::{Bindings, Config, Memory, NullGpu, Swapchain, Timestamps};
+use crate::journal::{Call, Object, Owned, Used};
+use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Progress};
+use splatgraph_framework::ir::{Binding, Format, PassId};
+use splatgraph_framework::plan::Plan;
+use splatgraph_runtime::{
+    Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, MemoryKind,
+    Messages, Presented, Requirements, Show, Window, binding_copies,
+};
+use std::collections::HashMap;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+
+fn gone(call: &str) -> BackendError {
+    BackendError::Unavailable(format!("{call} answered that the window's surface is lost"))
+}
+
+impl Gpu for NullGpu {
+    type Memory = Memory;
+    type Dedicated = ();
+    type UnboundBuffer = Owned;
+    type UnboundImage = Owned;
+    type Buffer = Owned;
+    type Image = Owned;
+    type Pipelines = Owned;
+    type Bindings = Bindings;
+    type Timestamps = Timestamps;
+    type Encoder = Encoder;
+    type Swapchain = Swapchain;
+
+    fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
+        Ok(vec![NullGpu::new(&Config::default()).0])
+    }
+
+    fn open(_: &Options, _: Option<Arc<dyn Window>>) -> Result<(DeviceInfo, Arc<Self>), BackendError> {
+        Ok(NullGpu::new(&Config::default()))
+    }
+
+    fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    fn messages(&self) -> &Arc<Messages> {
+        self.journal.messages()
+    }
+
+    fn memory(&self) -> DeviceMemory {
+        let used = self.used.load(Ordering::Relaxed);
+        DeviceMemory { used, reserved: used }
+    }
+
+    fn format_support(&self, _: Format) -> FormatSupport {
+        FormatSupport { storage: true, target: true, blend: true, blit: true }
+    }
+
+    fn wait_idle(&self) {
+        self.journal.call(Call::WaitIdle);
+        self.journal.complete(None);
+    }
+
+    fn create_buffer(self: &Arc<Self>, desc: &BufferDesc) -> Result<(Owned, Requirements<()>), BackendError> {
+        let buffer = self.create(Object::Buffer, desc.name)?;
+        let kind = MemoryKind::Linear;
+        Ok((buffer, Requirements { size: desc.bytes, alignment: 16, types: 1, kind }))
+    }
+
+    fn create_image(self: &Arc<Self>, desc: &ImageDesc) -> Result<(Owned, Requirements<()>), BackendError> {
+        let image = self.create(Object::Image, desc.name)?;
+        let pixels = desc.size.0 as u64 * desc.size.1 as u64;
+        let size = pixels * desc.format.bytes_per_pixel() as u64;
+        Ok((image, Requirements { size, alignment: 64, types: 1, kind: MemoryKind::Optimal }))
+    }
+
+    fn allocate(
+        self: &Arc<Self>,
+        name: &str,
+        requirements: &Requirements<()>,
+        location: Location,
+    ) -> Result<Memory, BackendError> {
+        let (name, bytes) = (name.to_string(), requirements.size);
+        if self.journal.fails(Point::Allocate) {
+            let reason = "a fault prevents the allocation".to_string();
+            return Err(BackendError::OutOfMemory { name, bytes, reason });
+        }
+        let owned = self.journal.create(Object::Memory, &name);
+        self.journal.call(Call::Allocate { name, bytes, location });
+        self.used.fetch_add(bytes, Ordering::Relaxed);
+        let mapped = if location == Location::Device { Vec::new() } else { vec![0; bytes as usize] };
+        Ok(Memory { bytes, mapped, used: self.used.clone(), owned })
+    }
+
+    fn bind_buffer(self: &Arc<Self>, buffer: Owned, memory: &Memory) -> Result<Owned, BackendError> {
+        let (name, memory) = (buffer.name.clone(), memory.owned.name.clone());
+        self.journal.call(Call::Bind { object: Object::Buffer, name, memory });
+        Ok(buffer)
+    }
+
+    fn bind_image(self: &Arc<Self>, image: Owned, memory: &Memory) -> Result<Owned, BackendError> {
+        let (name, memory) = (image.name.clone(), memory.owned.name.clone());
+        self.journal.call(Call::Bind { object: Object::Image, name, memory });
+        Ok(image)
+    }
+
+    fn create_pipelines(
+        self: &Arc<Self>,
+        plan: &Plan,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Owned, BackendError> {
+        for (done, shader) in plan.shaders.iter().enumerate() {
+            progress(Progress::Pipeline { done, of: plan.shaders.len(), shader: &shader.name });
+        }
+        self.create(Object::Pipelines, &plan.name)
+    }
+
+    fn create_bindings(self: &Arc<Self>, plan: &Plan, _: &Owned) -> Result<Bindings, BackendError> {
+        let steps = plan.prologue.iter().chain(&plan.frame);
+        let copies = |id| vec![HashMap::new(); binding_copies(plan, plan.pass(id))];
+        Ok(Bindings {
+            owned: self.create(Object::Bindings, &plan.name)?,
+            passes: steps.map(|step| (step.pass, copies(step.pass))).collect(),
+            names: plan.passes.iter().map(|pass| pass.name.clone()).collect(),
+        })
+    }
+
+    fn write_binding(
+        &self,
+        bindings: &mut Bindings,
+        pass: PassId,
+        copy: usize,
+        binding: &Binding,
+        target: BindingTarget<Self>,
+    ) {
+        let name = &bindings.names[pass.index()];
+        let used = Used::Bindings(bindings.owned.number, pass.0, copy);
+        self.journal.check_unused(used, || format!("a binding of pass `{name}` is written"));
+        let (object, bytes) = match target {
+            BindingTarget::Buffer(buffer, bytes) => (&buffer.raw, Some(bytes)),
+            BindingTarget::Image(image) => (&image.raw, None),
+        };
+        self.journal.call(Call::WriteBinding {
+            pass: name.clone(),
+            copy,
+            block: binding.name.clone(),
+            kind: binding.kind,
+            target: object.name.clone(),
+            bytes,
+        });
+        if let Some(copies) = bindings.passes.get_mut(&pass) {
+            copies[copy].insert((binding.binding, binding.element), object.number);
+        }
+    }
+
+    fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Timestamps>, BackendError> {
+        if self.limits.timestamp_bits == 0 {
+            return Ok(None);
+        }
+        let ticks = Arc::new(Mutex::new(vec![None; count as usize]));
+        Ok(Some(Timestamps { _owned: self.create(Object::Timestamps, "timestamps")?, ticks }))
+    }
+
+    fn read_timestamps(&self, timestamps: &Timestamps, count: u32) -> Result<Vec<Option<u64>>, BackendError> {
+        let ticks = timestamps.ticks.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(ticks[..count as usize].to_vec())
+    }
+
+    fn create_encoder(self: &Arc<Self>, name: &str) -> Result<Encoder, BackendError> {
+        Ok(Encoder::new(self.create(Object::Encoder, name)?))
+    }
+
+    fn submit(&self, encoder: &mut Encoder, show: Option<Show<Self>>) -> Result<(), BackendError> {
+        self.check_lost("submit")?;
+        let show = show.map(|show| show.image);
+        self.journal.call(Call::Submit { encoder: encoder.owned.name.clone(), show });
+        if self.journal.fails(Point::Submit) {
+            self.journal.lose();
+            return self.check_lost("submit");
+        }
+        let lost = self.journal.fails(Point::Execute);
+        let written = encoder.timestamps.len() / if lost { 2 } else { 1 };
+        for (ticks, index) in &encoder.timestamps[..written] {
+            let tick = self.tick.fetch_add(1, Ordering::Relaxed);
+            ticks.lock().unwrap_or_else(PoisonError::into_inner)[*index as usize] = Some(tick);
+        }
+        if lost {
+            self.journal.lose();
+        } else {
+            self.journal.submit(&encoder.owned, std::mem::take(&mut encoder.used));
+        }
+        Ok(())
+    }
+
+    fn wait(&self, encoder: &mut Encoder) -> Result<(), BackendError> {
+        self.journal.call(Call::Wait { encoder: encoder.owned.name.clone() });
+        self.check_lost("wait")?;
+        self.journal.complete(Some(&encoder.owned));
+        Ok(())
+    }
+
+    fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
+        Ok((told.0 > 0 && told.1 > 0).then_some(told))
+    }
+
+    fn create_swapchain(
+        self: &Arc<Self>,
+        size: (u32, u32),
+        vsync: bool,
+        _: Option<&Swapchain>,
+    ) -> Result<Swapchain, BackendError> {
+        self.journal.call(Call::CreateSwapchain { size, vsync });
+        Ok(Swapchain { _owned: self.create(Object::Swapchain, "swapchain")?, next: 0 })
+    }
+
+    fn acquire(&self, swapchain: &mut Swapchain, slot: usize) -> Result<Acquired, BackendError> {
+        self.check_lost("acquire")?;
+        self.journal.call(Call::Acquire { slot });
+        if self.journal.fails(Point::AcquireGone) {
+            return Err(gone("acquire"));
+        }
+        if self.journal.fails(Point::AcquireOutOfDate) {
+            return Ok(Acquired::OutOfDate);
+        }
+        if self.journal.fails(Point::AcquireTimeout) {
+            return Ok(Acquired::NotReady);
+        }
+        swapchain.next = (swapchain.next + 1) % 3;
+        Ok(Acquired::Image { index: swapchain.next, suboptimal: false })
+    }
+
+    fn record_blit(
+        &self,
+        show: Show<Self>,
+        output: &splatgraph_runtime::Image<Self>,
+    ) -> Result<(), BackendError> {
+        self.journal.call(Call::RecordBlit { output: output.raw.name.clone(), image: show.image });
+        Ok(())
+    }
+
+    fn present(&self, show: Show<Self>) -> Result<Presented, BackendError> {
+        self.check_lost("present")?;
+        self.journal.call(Call::Present { image: show.image });
+        if self.journal.fails(Point::PresentGone) {
+            return Err(gone("present"));
+        }
+        Ok(if self.journal.fails(Point::PresentOutOfDate) { Presented::OutOfDate } else { Presented::Shown })
+    }
+}

@@ -1,0 +1,174 @@
+//! The recording of commands into the journal.
+
+use crate::gpu::{Bindings, NullGpu, Ticks, Timestamps};
+use crate::journal::{Call, Owned, Used};
+use splatgraph_api::BackendError;
+use splatgraph_framework::ir::*;
+use splatgraph_runtime::{Buffer, Draw, Image, LayoutChange, PlanBarrier};
+use std::collections::HashSet;
+use std::fmt::Arguments;
+use std::ops::Range;
+use std::sync::PoisonError;
+
+/// A recorder of calls.
+pub struct Encoder {
+    pub(crate) owned: Owned,
+    /// The objects and bindings that the recorded commands use.
+    pub(crate) used: HashSet<Used>,
+    /// The timestamps that the recorded commands write.
+    pub(crate) timestamps: Vec<(Ticks, u32)>,
+}
+
+impl Encoder {
+    pub(crate) fn new(owned: Owned) -> Encoder {
+        Encoder { owned, used: HashSet::new(), timestamps: Vec::new() }
+    }
+
+    fn call(&self, call: Call) {
+        self.owned.journal.call(call);
+    }
+
+    fn buffer(&mut self, buffer: &Buffer<NullGpu>) -> String {
+        self.used.insert(Used::Object(buffer.raw.number));
+        buffer.raw.name.clone()
+    }
+
+    fn image(&mut self, image: &Image<NullGpu>) -> String {
+        self.used.insert(Used::Object(image.raw.number));
+        image.raw.name.clone()
+    }
+}
+
+impl splatgraph_runtime::Encoder<NullGpu> for Encoder {
+    fn begin(&mut self) -> Result<(), BackendError> {
+        self.owned.journal.check_idle(&self.owned, "begun");
+        self.used.clear();
+        self.timestamps.clear();
+        self.call(Call::Begin { encoder: self.owned.name.clone() });
+        Ok(())
+    }
+
+    fn end(&mut self) -> Result<(), BackendError> {
+        self.call(Call::End);
+        Ok(())
+    }
+
+    fn push_label(&mut self, name: Arguments) {
+        self.call(Call::PushLabel(name.to_string()));
+    }
+
+    fn pop_label(&mut self) {
+        self.call(Call::PopLabel);
+    }
+
+    fn barriers<'a>(&mut self, barriers: impl Iterator<Item = PlanBarrier<'a, NullGpu>>) {
+        let (mut memory, mut images) = (0, Vec::new());
+        for PlanBarrier { barrier, image } in barriers {
+            match (barrier.image, image) {
+                (Some(change), Some(image)) => images.push((self.image(image), change.old, change.new)),
+                _ => memory += 1,
+            }
+        }
+        self.call(Call::Barriers { memory, images });
+    }
+
+    fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = LayoutChange<'a, NullGpu>>) {
+        let images = changes.map(|change| (self.image(change.image), change.old, change.new)).collect();
+        self.call(Call::FullBarrier { images });
+    }
+
+    fn before_copy(&mut self, target: &Buffer<NullGpu>) {
+        let target = self.buffer(target);
+        self.call(Call::BeforeCopy { target });
+    }
+
+    fn after_copy(&mut self, target: &Buffer<NullGpu>, range: Range<u64>) {
+        let target = self.buffer(target);
+        self.call(Call::AfterCopy { target, range });
+    }
+
+    fn copies_to_host(&mut self) {
+        self.call(Call::CopiesToHost);
+    }
+
+    fn bind(&mut self, pipelines: &Owned, bindings: &Bindings, id: PassId, pass: &Pass, slot: usize) {
+        self.used.insert(Used::Object(pipelines.number));
+        self.used.insert(Used::Object(bindings.owned.number));
+        if let Some(copies) = bindings.passes.get(&id) {
+            let copy = slot % copies.len();
+            self.used.insert(Used::Bindings(bindings.owned.number, id.0, copy));
+            self.used.extend(copies[copy].values().map(|&number| Used::Object(number)));
+            // The runtime has written every binding by now.
+            if copies[copy].len() < pass.bindings.len() {
+                let message = format!("pass `{}` runs before all its bindings are written", pass.name);
+                self.owned.journal.messages().add(message);
+            }
+        }
+        self.call(Call::BindPass { pass: pass.name.clone(), slot });
+    }
+
+    fn dispatch(&mut self, groups: [u32; 3]) {
+        self.call(Call::Dispatch(groups));
+    }
+
+    fn dispatch_indirect(&mut self, arguments: &Buffer<NullGpu>, offset: u64) {
+        let arguments = self.buffer(arguments);
+        self.call(Call::DispatchIndirect { arguments, offset });
+    }
+
+    fn draw<'a>(
+        &mut self,
+        targets: impl Iterator<Item = (&'a Target, &'a Image<NullGpu>)>,
+        draw: Draw<NullGpu>,
+    ) {
+        let targets = targets.map(|(_, image)| self.image(image)).collect();
+        let call = match draw {
+            Draw::Direct { vertices, instances } => Call::Draw { targets, vertices, instances },
+            Draw::Indirect(buffer, offset) => {
+                Call::DrawIndirect { targets, arguments: self.buffer(buffer), offset }
+            }
+        };
+        self.call(call);
+    }
+
+    fn fill(&mut self, buffer: &Buffer<NullGpu>, value: u32) {
+        let buffer = self.buffer(buffer);
+        self.call(Call::Fill { buffer, value });
+    }
+
+    fn clear(&mut self, image: &Image<NullGpu>) {
+        let image = self.image(image);
+        self.call(Call::Clear { image });
+    }
+
+    fn copy_buffer(&mut self, source: (&Buffer<NullGpu>, u64), target: (&Buffer<NullGpu>, u64), bytes: u64) {
+        for (buffer, offset) in [source, target] {
+            if offset + bytes > buffer.bytes {
+                let message = format!("a copy goes beyond the end of `{}`", buffer.raw.name);
+                self.owned.journal.messages().add(message);
+            }
+        }
+        let (source, target) = ((self.buffer(source.0), source.1), (self.buffer(target.0), target.1));
+        self.call(Call::CopyBuffer { source, target, bytes });
+    }
+
+    fn copy_image(&mut self, image: &Image<NullGpu>, target: &Buffer<NullGpu>) {
+        if image.bytes() > target.bytes {
+            let message = format!("a copy goes beyond the end of `{}`", target.raw.name);
+            self.owned.journal.messages().add(message);
+        }
+        let (image, target) = (self.image(image), self.buffer(target));
+        self.call(Call::CopyImage { image, target });
+    }
+
+    fn reset_timestamps(&mut self, timestamps: &Timestamps, count: u32) {
+        let mut ticks = timestamps.ticks.lock().unwrap_or_else(PoisonError::into_inner);
+        ticks[..count as usize].fill(None);
+        self.call(Call::ResetTimestamps { count });
+    }
+
+    fn timestamp(&mut self, timestamps: &Timestamps, index: u32) {
+        self.timestamps.push((timestamps.ticks.clone(), index));
+        self.call(Call::Timestamp { index });
+    }
+}

@@ -1,0 +1,48 @@
+//! Faults: calls that are made to fail.
+
+/// A call that fails, once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fault {
+    /// The kind of call.
+    pub point: Point,
+    /// The calls of this kind that succeed before it.
+    pub after: u64,
+}
+
+/// A kind of call that can fail, and how.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Point {
+    /// Memory cannot be allocated.
+    Allocate,
+    /// An object other than memory cannot be created.
+    Create,
+    /// The device is lost when commands are submitted.
+    Submit,
+    /// The device is lost while it executes a submission, half of whose timestamps are written.
+    Execute,
+    /// The swapchain is out of date when an image is acquired.
+    AcquireOutOfDate,
+    /// The window gives no image in time.
+    AcquireTimeout,
+    /// The window is gone when an image is acquired.
+    AcquireGone,
+    /// The swapchain is out of date when an image is presented.
+    PresentOutOfDate,
+    /// The window is gone when an image is presented.
+    PresentGone,
+}
+
+impl Point {
+    /// Every kind.
+    pub const ALL: [Point; 9] = [
+        Point::Allocate,
+        Point::Create,
+        Point::Submit,
+        Point::Execute,
+        Point::AcquireOutOfDate,
+        Point::AcquireTimeout,
+        Point::AcquireGone,
+        Point::PresentOutOfDate,
+        Point::PresentGone,
+    ];
+}

@@ -1,0 +1,159 @@
+//! A device that executes nothing, and its objects.
+
+use crate::fault::{Fault, Point};
+use crate::journal::{Journal, Object, Owned};
+use splatgraph_api::{BackendError, DeviceInfo};
+use splatgraph_framework::ir::PassId;
+use splatgraph_runtime::{Limits, SubgroupLimits};
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// A device to open.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// The device's limits.
+    pub limits: Limits,
+    /// The size in pixels of the window that frames are shown in, if there is one.
+    pub window: Option<(u32, u32)>,
+    /// The calls that fail.
+    pub faults: Vec<Fault>,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        Config { limits: limits(), window: None, faults: Vec::new() }
+    }
+}
+
+/// An opened device that executes nothing; see [`crate::Null`].
+pub struct NullGpu {
+    pub(crate) limits: Limits,
+    pub(crate) journal: Journal,
+    /// Bytes of memory that are allocated.
+    pub(crate) used: Arc<AtomicU64>,
+    /// The next tick of the timer.
+    pub(crate) tick: AtomicU64,
+    _owned: Owned,
+}
+
+/// Returns the limits of the device that [`Config::default`] opens: about those of a desktop GPU.
+pub fn limits() -> Limits {
+    Limits {
+        max_storage_bytes: 1 << 30,
+        max_uniform_bytes: 65536,
+        max_buffer_bytes: 2 << 30,
+        max_push_bytes: 128,
+        max_groups: [65535; 3],
+        max_local_size: [1024; 3],
+        max_invocations: 1024,
+        shared_bytes: 32768,
+        max_image_size: 16384,
+        max_targets: 8,
+        max_storage_buffers: 32,
+        max_uniform_buffers: 16,
+        max_storage_images: 16,
+        heap_bytes: 16 << 30,
+        device_memory_types: 1,
+        buffer_image_granularity: 64,
+        independent_blend: true,
+        subgroup: SubgroupLimits { size: 32, max_size: 32, selectable: true, max_per_group: 32 },
+        rounds_half: true,
+        timestamp_bits: 64,
+        timestamp_period: 1.0,
+    }
+}
+
+impl NullGpu {
+    /// Opens a device.
+    pub(crate) fn new(config: &Config) -> (DeviceInfo, Arc<NullGpu>) {
+        let journal = Journal::new(&config.faults);
+        let info = DeviceInfo {
+            index: 0,
+            name: "null".to_string(),
+            kind: "other".to_string(),
+            driver: String::new(),
+            facts: config.limits.facts(),
+            unfit: None,
+        };
+        let gpu = NullGpu {
+            limits: config.limits.clone(),
+            used: Arc::default(),
+            tick: AtomicU64::new(1),
+            _owned: journal.create(Object::Device, "null"),
+            journal,
+        };
+        (info, Arc::new(gpu))
+    }
+
+    /// Creates an object, unless a fault prevents it.
+    pub(crate) fn create(&self, object: Object, name: &str) -> Result<Owned, BackendError> {
+        if self.journal.fails(Point::Create) {
+            let reason = format!("a fault prevents the creation of {object:?}");
+            return Err(BackendError::OutOfMemory { name: name.to_string(), bytes: 0, reason });
+        }
+        Ok(self.journal.create(object, name))
+    }
+
+    /// Refuses once the device is lost.
+    pub(crate) fn check_lost(&self, call: &str) -> Result<(), BackendError> {
+        if self.journal.is_lost() {
+            return Err(BackendError::DeviceLost(format!("{call} found the device lost")));
+        }
+        Ok(())
+    }
+}
+
+/// Memory, which is mapped unless it is the device's alone.
+pub struct Memory {
+    pub(crate) bytes: u64,
+    pub(crate) mapped: Vec<u8>,
+    pub(crate) used: Arc<AtomicU64>,
+    pub(crate) owned: Owned,
+}
+
+impl splatgraph_runtime::Memory for Memory {
+    fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    fn mapped(&self) -> &[u8] {
+        &self.mapped
+    }
+
+    fn mapped_mut(&mut self) -> &mut [u8] {
+        &mut self.mapped
+    }
+}
+
+impl Drop for Memory {
+    fn drop(&mut self) {
+        self.used.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
+}
+
+/// The number of the object that each binding and element points to.
+pub(crate) type Targets = HashMap<(u32, u32), u64>;
+
+/// The bindings of one plan.
+pub struct Bindings {
+    pub(crate) owned: Owned,
+    /// By pass, then by copy.
+    pub(crate) passes: HashMap<PassId, Vec<Targets>>,
+    pub(crate) names: Vec<String>,
+}
+
+/// A swapchain of three images.
+pub struct Swapchain {
+    pub(crate) _owned: Owned,
+    pub(crate) next: u32,
+}
+
+/// Timestamps in ticks.
+pub(crate) type Ticks = Arc<Mutex<Vec<Option<u64>>>>;
+
+/// A set of timestamps.
+pub struct Timestamps {
+    pub(crate) _owned: Owned,
+    pub(crate) ticks: Ticks,
+}

@@ -1,0 +1,286 @@
+//! The journal: every call, the objects that are alive, and the submissions that have not completed.
+
+use crate::fault::{Fault, Point};
+use splatgraph_framework::ir::{DescriptorKind, Layout};
+use splatgraph_runtime::{Location, Messages};
+use std::collections::{BTreeMap, HashSet};
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// A kind of object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Object {
+    /// A piece of memory.
+    Memory,
+    /// A buffer, bound or not.
+    Buffer,
+    /// An image, bound or not.
+    Image,
+    /// The pipelines of a plan.
+    Pipelines,
+    /// The bindings of a plan.
+    Bindings,
+    /// A set of timestamps.
+    Timestamps,
+    /// An encoder.
+    Encoder,
+    /// A swapchain.
+    Swapchain,
+    /// The device itself.
+    Device,
+}
+
+/// One call of the runtime. Objects appear by their names, offsets and sizes in bytes.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the calls and their arguments are those of `Gpu` and `Encoder`")]
+pub enum Call {
+    Create {
+        object: Object,
+        name: String,
+    },
+    Destroy {
+        object: Object,
+        name: String,
+    },
+    Allocate {
+        name: String,
+        bytes: u64,
+        location: Location,
+    },
+    Bind {
+        object: Object,
+        name: String,
+        memory: String,
+    },
+    WriteBinding {
+        pass: String,
+        copy: usize,
+        block: String,
+        kind: DescriptorKind,
+        target: String,
+        bytes: Option<u64>,
+    },
+    Begin {
+        encoder: String,
+    },
+    End,
+    PushLabel(String),
+    PopLabel,
+    /// Barriers of the plan: how many are on all memory (or order alone), and the changes of layouts.
+    Barriers {
+        memory: usize,
+        images: Vec<(String, Layout, Layout)>,
+    },
+    FullBarrier {
+        images: Vec<(String, Layout, Layout)>,
+    },
+    BeforeCopy {
+        target: String,
+    },
+    AfterCopy {
+        target: String,
+        range: Range<u64>,
+    },
+    CopiesToHost,
+    BindPass {
+        pass: String,
+        slot: usize,
+    },
+    Dispatch([u32; 3]),
+    DispatchIndirect {
+        arguments: String,
+        offset: u64,
+    },
+    Draw {
+        targets: Vec<String>,
+        vertices: u32,
+        instances: u32,
+    },
+    DrawIndirect {
+        targets: Vec<String>,
+        arguments: String,
+        offset: u64,
+    },
+    Fill {
+        buffer: String,
+        value: u32,
+    },
+    Clear {
+        image: String,
+    },
+    CopyBuffer {
+        source: (String, u64),
+        target: (String, u64),
+        bytes: u64,
+    },
+    CopyImage {
+        image: String,
+        target: String,
+    },
+    ResetTimestamps {
+        count: u32,
+    },
+    Timestamp {
+        index: u32,
+    },
+    Submit {
+        encoder: String,
+        show: Option<u32>,
+    },
+    Wait {
+        encoder: String,
+    },
+    WaitIdle,
+    CreateSwapchain {
+        size: (u32, u32),
+        vsync: bool,
+    },
+    Acquire {
+        slot: usize,
+    },
+    RecordBlit {
+        output: String,
+        image: u32,
+    },
+    Present {
+        image: u32,
+    },
+}
+
+/// Something that a submission uses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Used {
+    /// An object, by its number.
+    Object(u64),
+    /// One copy of a pass's bindings: bindings, pass, copy.
+    Bindings(u64, u32, usize),
+}
+
+#[derive(Default)]
+struct State {
+    calls: Vec<Call>,
+    alive: BTreeMap<Object, i64>,
+    objects: u64,
+    reached: BTreeMap<Point, u64>,
+    faults: Vec<Fault>,
+    /// Submissions that have not completed: the encoder's number, and what its commands use.
+    in_flight: Vec<(u64, HashSet<Used>)>,
+    lost: bool,
+}
+
+/// The record of a device, shared by all that was made from it.
+#[derive(Clone, Default)]
+pub struct Journal {
+    state: Arc<Mutex<State>>,
+    messages: Arc<Messages>,
+}
+
+impl Journal {
+    pub(crate) fn new(faults: &[Fault]) -> Journal {
+        let state = State { faults: faults.to_vec(), ..State::default() };
+        Journal { state: Arc::new(Mutex::new(state)), messages: Arc::default() }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the calls since the last time.
+    pub fn take(&self) -> Vec<Call> {
+        std::mem::take(&mut self.state().calls)
+    }
+
+    /// Counts the objects that are alive, by kind.
+    pub fn alive(&self) -> BTreeMap<Object, i64> {
+        self.state().alive.iter().filter(|(_, count)| **count != 0).map(|(&k, &v)| (k, v)).collect()
+    }
+
+    /// Counts the calls of a kind so far.
+    pub fn reached(&self, point: Point) -> u64 {
+        self.state().reached.get(&point).copied().unwrap_or(0)
+    }
+
+    pub(crate) fn messages(&self) -> &Arc<Messages> {
+        &self.messages
+    }
+
+    pub(crate) fn call(&self, call: Call) {
+        self.state().calls.push(call);
+    }
+
+    /// Counts a call of a kind, and says whether it is to fail.
+    pub(crate) fn fails(&self, point: Point) -> bool {
+        let mut state = self.state();
+        let reached = state.reached.entry(point).or_default();
+        let now = Fault { point, after: *reached };
+        *reached += 1;
+        state.faults.contains(&now)
+    }
+
+    pub(crate) fn lose(&self) {
+        let mut state = self.state();
+        state.lost = true;
+        state.in_flight.clear();
+    }
+
+    pub(crate) fn is_lost(&self) -> bool {
+        self.state().lost
+    }
+
+    /// Creates an object.
+    pub(crate) fn create(&self, object: Object, name: &str) -> Owned {
+        let mut state = self.state();
+        *state.alive.entry(object).or_default() += 1;
+        state.objects += 1;
+        state.calls.push(Call::Create { object, name: name.to_string() });
+        Owned { object, number: state.objects, name: name.to_string(), journal: self.clone() }
+    }
+
+    pub(crate) fn submit(&self, encoder: &Owned, used: HashSet<Used>) {
+        self.check_idle(encoder, "submitted");
+        self.state().in_flight.push((encoder.number, used));
+    }
+
+    /// Objects to an encoder that is used before its last submission was waited for.
+    pub(crate) fn check_idle(&self, encoder: &Owned, action: &str) {
+        if self.state().in_flight.iter().any(|(number, _)| *number == encoder.number) {
+            self.messages.add(format!("encoder `{}` is {action} while it is in flight", encoder.name));
+        }
+    }
+
+    /// Objects to a change of something that a submission in flight uses.
+    pub(crate) fn check_unused(&self, used: Used, what: impl FnOnce() -> String) {
+        if self.state().in_flight.iter().any(|(_, all)| all.contains(&used)) {
+            self.messages.add(format!("{} while it is in flight", what()));
+        }
+    }
+
+    pub(crate) fn complete(&self, encoder: Option<&Owned>) {
+        self.state().in_flight.retain(|(number, _)| encoder.is_some_and(|encoder| encoder.number != *number));
+    }
+
+    pub(crate) fn is_idle(&self) -> bool {
+        self.state().in_flight.is_empty()
+    }
+}
+
+/// An object, counted as alive until it is dropped.
+pub struct Owned {
+    pub(crate) object: Object,
+    pub(crate) number: u64,
+    pub(crate) name: String,
+    pub(crate) journal: Journal,
+}
+
+impl Drop for Owned {
+    fn drop(&mut self) {
+        let Owned { object, number, name, journal } = self;
+        journal.check_unused(Used::Object(*number), || format!("{object:?} `{name}` is destroyed"));
+        if *object == Object::Swapchain && !journal.is_idle() {
+            journal.messages.add(format!("swapchain `{name}` is destroyed while the device is not idle"));
+        }
+        let mut state = journal.state();
+        *state.alive.entry(*object).or_default() -= 1;
+        state.calls.push(Call::Destroy { object: *object, name: std::mem::take(name) });
+    }
+}

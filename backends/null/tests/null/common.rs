@@ -1,0 +1,130 @@
+//! Devices, plans and scenes of the tests.
+
+use crate::testing::{COLOR, WORDS, plan};
+use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, FrameResult, SceneData};
+use splatgraph_framework::{ir::*, plan::*};
+use splatgraph_null::{Call, Config, Journal, Null, Object, open};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+pub fn device() -> (Null, Journal) {
+    let (null, journal) = open(&Config::default());
+    (null.expect("it opens"), journal)
+}
+
+/// Closes the device: no promise was broken, and nothing is left.
+pub fn finish(null: Null, journal: &Journal) {
+    assert_eq!(null.close(), Vec::<String>::new());
+    assert_eq!(journal.alive(), Default::default(), "objects are left");
+}
+
+/// A scene of zeros, that counts how often it was asked.
+#[derive(Default)]
+pub struct Zeros {
+    pub identity: u64,
+    pub asked: AtomicUsize,
+}
+
+impl Zeros {
+    pub fn asked(&self) -> usize {
+        self.asked.load(Ordering::Relaxed)
+    }
+}
+
+impl SceneData for Zeros {
+    fn write(&self, _: &str, _: u32, target: &mut [u8]) -> Result<(), String> {
+        self.asked.fetch_add(1, Ordering::Relaxed);
+        target.fill(0);
+        Ok(())
+    }
+
+    fn identity(&self) -> u64 {
+        self.identity
+    }
+}
+
+/// The plan of the unit tests, whose buffer `words` and image `color` have histories: its prologue zeroes both.
+pub fn histories() -> Plan {
+    let mut plan = plan();
+    for id in [WORDS, COLOR] {
+        let resource = &mut plan.resources[id.index()];
+        resource.history = Some(resource.name.clone());
+        resource.usage |= Usage::COPY_TARGET;
+    }
+    plan.passes[0].name = "start words".to_string();
+    plan.passes[0].work = Work::Start { resource: WORDS };
+    let start = Pass {
+        name: "start color".to_string(),
+        work: Work::Start { resource: COLOR },
+        ..plan.passes[0].clone()
+    };
+    plan.passes.push(start);
+    let change = |old, new| crate::testing::on_image(Transition { image: COLOR, old, new }, NOTHING, NOTHING);
+    let pass = PassId(plan.passes.len() as u32 - 1);
+    plan.prologue.push(Step { barriers: vec![change(Layout::Undefined, Layout::TransferTarget)], pass });
+    plan.handover = vec![change(Layout::TransferTarget, Layout::TransferSource)];
+    // The draw keeps what is there, and the export leaves it as a source.
+    plan.frame[2].barriers = vec![change(Layout::TransferSource, Layout::ColorTarget)];
+    plan.frame[3].barriers = vec![change(Layout::ColorTarget, Layout::TransferSource)];
+    plan
+}
+
+const NOTHING: (Stages, Accesses) = (Stages::empty(), Accesses::empty());
+
+/// The same plan with a host buffer in place of the scene's attribute.
+pub fn with_host_buffer() -> Plan {
+    let mut plan = plan();
+    let splats = &mut plan.resources[crate::testing::SPLATS.index()];
+    splats.source = Source::Given { buffer: "frame.words".to_string() };
+    splats.shape = Shape::Buffer { stride: 4, count: 1 };
+    plan
+}
+
+pub fn inputs() -> FrameInputs {
+    FrameInputs { uniforms: [("frame.camera".to_string(), vec![1; 8])].into(), ..Default::default() }
+}
+
+pub fn load(null: &mut Null, plan: Plan) {
+    null.load(plan, &Zeros::default(), &mut |_| {}).expect("the plan loads");
+}
+
+pub fn submit(null: &mut Null) -> FrameId {
+    null.submit(&inputs()).expect("the frame is submitted")
+}
+
+pub fn frame(null: &mut Null, inputs: &FrameInputs) -> FrameResult {
+    let frame = null.submit(inputs).expect("the frame is submitted");
+    null.wait(frame).expect("the frame is done")
+}
+
+/// The commands of the last submission of a frame, from its beginning on.
+pub fn last_frame(calls: &[Call]) -> &[Call] {
+    let begins = |call: &Call| matches!(call, Call::Begin { encoder } if encoder == "frame");
+    let begin = calls.iter().rposition(begins).expect("a frame");
+    let submit =
+        calls[begin..].iter().position(|call| matches!(call, Call::Submit { .. })).expect("submitted");
+    &calls[begin..=begin + submit]
+}
+
+/// Counts the times that the host waited.
+pub fn waits(calls: &[Call]) -> usize {
+    calls.iter().filter(|call| matches!(call, Call::Wait { .. } | Call::WaitIdle)).count()
+}
+
+pub fn destroyed(calls: &[Call], object: Object) -> Vec<&str> {
+    let destroyed = |call: &&Call| matches!(call, Call::Destroy { object: kind, .. } if *kind == object);
+    calls
+        .iter()
+        .filter(destroyed)
+        .map(|call| match call {
+            Call::Destroy { name, .. } => name.as_str(),
+            _ => "",
+        })
+        .collect()
+}
+
+pub fn error_of<T>(result: Result<T, BackendError>) -> BackendError {
+    match result {
+        Ok(_) => panic!("this should have been refused"),
+        Err(error) => error,
+    }
+}

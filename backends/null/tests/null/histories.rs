@@ -1,0 +1,146 @@
+//! From one plan to the next: no wait, histories that go on, and objects that live as long as the frames that use them.
+
+use crate::common::*;
+use crate::testing::{WORDS, plan};
+use splatgraph_api::{Device, Loader as _};
+use splatgraph_framework::ir::*;
+use splatgraph_null::{Call, Null, Object};
+
+/// The buffers and images that a frame's passes start from zeros.
+fn started(calls: &[Call]) -> Vec<&str> {
+    fn name(call: &Call) -> Option<&str> {
+        match call {
+            Call::Fill { buffer: name, value: 0 } | Call::Clear { image: name } => Some(name),
+            _ => None,
+        }
+    }
+    last_frame(calls).iter().filter_map(name).collect()
+}
+
+#[test]
+fn a_swap_waits_for_nothing_and_the_former_plan_goes_with_its_last_frame() {
+    let (mut null, journal) = device();
+    load(&mut null, histories());
+    let frames = [submit(&mut null), submit(&mut null)];
+    journal.take();
+    load(&mut null, histories());
+    let calls = journal.take();
+    // Its planes are on the device: nothing is uploaded, and nothing waits.
+    assert_eq!(waits(&calls), 0);
+    assert_eq!(destroyed(&calls, Object::Pipelines), Vec::<&str>::new());
+    null.wait(frames[1]).expect("the frame is done");
+    assert_eq!(destroyed(&journal.take(), Object::Pipelines), Vec::<&str>::new());
+    null.wait(frames[0]).expect("the frame is done");
+    assert_eq!(destroyed(&journal.take(), Object::Pipelines), ["test"]);
+    finish(null, &journal);
+}
+
+#[test]
+fn histories_go_on_where_nothing_but_the_plan_changed() {
+    let (mut null, journal) = device();
+    load(&mut null, histories());
+    frame(&mut null, &inputs());
+    assert_eq!(started(&journal.take()), ["words", "color"]);
+    load(&mut null, histories());
+    frame(&mut null, &inputs());
+    let calls = journal.take();
+    assert_eq!(started(&calls), Vec::<&str>::new());
+    // The former frames come before, and the image goes from where they left it to where its start would have.
+    let images = vec![("color".to_string(), Layout::TransferSource, Layout::TransferTarget)];
+    assert!(last_frame(&calls).contains(&Call::FullBarrier { images }));
+    // Of the start's barrier, the order remains.
+    assert!(last_frame(&calls).contains(&Call::Barriers { memory: 1, images: Vec::new() }));
+    // Its own buffer and image went unused.
+    assert_eq!(destroyed(&calls, Object::Image), ["color"]);
+    finish(null, &journal);
+}
+
+#[test]
+fn a_history_starts_from_zeros_where_its_name_shape_scene_or_neighbours_differ() {
+    type Alteration = fn(&mut splatgraph_framework::plan::Plan);
+    let cases: [(&str, Alteration); 4] = [
+        ("name", |plan| plan.resources[WORDS.index()].history = Some("other".to_string())),
+        ("shape", |plan| plan.resources[WORDS.index()].shape = Shape::Buffer { stride: 4, count: 1025 }),
+        ("neighbours", |plan| {
+            // `args` moves into its block.
+            plan.blocks[0].tenants.push(crate::testing::ARGS);
+            plan.blocks[1].tenants.clear();
+            plan.resources[crate::testing::ARGS.index()].block = Some(BlockId(0));
+        }),
+        ("history", |plan| {
+            plan.resources[WORDS.index()].history = None;
+            plan.passes[0].work = Work::Fill { buffer: WORDS, value: 0 };
+        }),
+    ];
+    for (what, alter) in cases {
+        let (mut null, journal) = device();
+        load(&mut null, histories());
+        frame(&mut null, &inputs());
+        let mut altered = histories();
+        alter(&mut altered);
+        load(&mut null, altered);
+        frame(&mut null, &inputs());
+        assert_eq!(started(&journal.take()), ["words"], "another {what}");
+        finish(null, &journal);
+    }
+    let (mut null, journal) = device();
+    load(&mut null, histories());
+    frame(&mut null, &inputs());
+    let scene = Zeros { identity: 1, ..Zeros::default() };
+    null.load(histories(), &scene, &mut |_| {}).expect("the plan loads");
+    frame(&mut null, &inputs());
+    assert_eq!(started(&journal.take()), ["words", "color"], "another scene");
+    finish(null, &journal);
+}
+
+#[test]
+fn a_plan_that_never_ran_hands_on_the_histories_that_it_took_over() {
+    let (mut null, journal) = device();
+    load(&mut null, histories());
+    load(&mut null, histories());
+    frame(&mut null, &inputs());
+    assert_eq!(started(&journal.take()), ["words", "color"]);
+    load(&mut null, histories());
+    load(&mut null, histories());
+    frame(&mut null, &inputs());
+    assert_eq!(started(&journal.take()), Vec::<&str>::new());
+    finish(null, &journal);
+}
+
+#[test]
+fn a_plan_made_ready_on_another_thread_goes_on_from_the_one_that_is_current_when_it_is_swapped_in() {
+    let (mut null, journal) = device();
+    load(&mut null, plan());
+    let loader = null.loader();
+    let thread = std::thread::spawn(move || loader.prepare(histories(), &Zeros::default(), &mut |_| {}));
+    let ready = thread.join().expect("it ends well").expect("it is made ready");
+    load(&mut null, histories());
+    submit(&mut null);
+    journal.take();
+    null.swap(ready).expect("it becomes the current plan");
+    frame(&mut null, &inputs());
+    assert_eq!(started(&journal.take()), Vec::<&str>::new());
+    // A plan belongs to the executor whose loader made it.
+    let ready = null.loader().prepare(plan(), &Zeros::default(), &mut |_| {}).expect("it is made ready");
+    let mut other: Null = null.beside().expect("there can be another");
+    assert!(error_of(other.swap(ready)).to_string().contains("another executor"));
+    drop(other);
+    finish(null, &journal);
+}
+
+#[test]
+fn many_swaps_leave_nothing_behind() {
+    let (mut null, journal) = device();
+    load(&mut null, histories());
+    frame(&mut null, &inputs());
+    let (objects, bytes) = (journal.alive(), null.device_memory().used);
+    for _ in 0..100 {
+        load(&mut null, histories());
+        submit(&mut null);
+        submit(&mut null);
+    }
+    frame(&mut null, &inputs());
+    frame(&mut null, &inputs());
+    assert_eq!((journal.alive(), null.device_memory().used), (objects, bytes));
+    finish(null, &journal);
+}

@@ -1,0 +1,21 @@
+//! The runtime on a device that executes nothing: frames, histories, swaps, uploads, windows and faults, call by call.
+
+mod common;
+mod faults;
+mod frames;
+mod histories;
+#[path = "../../../../tests/module_order.rs"]
+mod module_order;
+#[path = "../../../runtime/src/testing.rs"]
+mod testing;
+mod uploads;
+mod window;
+
+/// The modules of the crate, from the ground up.
+const ORDER: [&str; 5] = ["fault", "journal", "gpu", "encoder", "backend"];
+
+#[test]
+fn every_module_imports_only_those_before_it() {
+    let source = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    module_order::assert_imports_run_one_way(&source, "crate", &ORDER);
+}

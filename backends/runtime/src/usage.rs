@@ -1,0 +1,42 @@
+//! The uses that buffers and images are made for.
+
+use splatgraph_framework::ir::{Shape, Source, Usage};
+use splatgraph_framework::plan::Resource;
+
+/// Returns every use that the buffer or image of a resource is made for. Copies out are always among them, so that any resource
+/// can be inspected.
+pub(crate) fn usage(resource: &Resource) -> Usage {
+    const BUFFER: Usage = Usage::COLOR_TARGET.complement();
+    if matches!(resource.shape, Shape::Image { .. }) {
+        return resource.usage | Usage::COPY_SOURCE;
+    }
+    let base = match resource.source {
+        // The same for every plan, since plans share them.
+        Source::Scene { .. } | Source::Given { .. } => return BUFFER,
+        Source::Transient if resource.history.is_some() => return BUFFER,
+        Source::Transient => Usage::COPY_SOURCE,
+        Source::Frame { .. } | Source::Live => Usage::UNIFORM | Usage::COPY_SOURCE,
+        Source::Readback => Usage::COPY_TARGET | Usage::COPY_SOURCE,
+    };
+    base | resource.usage & BUFFER
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{ARGS, SPLATS, plan};
+
+    #[test]
+    fn every_resource_can_be_copied_from_and_shared_ones_have_one_usage() {
+        for resource in &plan().resources {
+            assert!(usage(resource).contains(Usage::COPY_SOURCE));
+        }
+        let mut history = plan().resources[ARGS.index()].clone();
+        history.history = Some("args".to_string());
+        for mut shared in [plan().resources[SPLATS.index()].clone(), history] {
+            let before = usage(&shared);
+            shared.usage = Usage::UNIFORM;
+            assert_eq!(usage(&shared), before);
+        }
+    }
+}

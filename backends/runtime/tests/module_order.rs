@@ -1,0 +1,39 @@
+//! Checks that the imports of the crate run one way.
+
+use std::path::Path;
+
+#[path = "../../../tests/module_order.rs"]
+mod module_order;
+
+/// The modules, from the ground up.
+const ORDER: [&str; 23] = [
+    "limits",
+    "messages",
+    "gpu",
+    "timing",
+    "usage",
+    "check",
+    "aliasing",
+    "attributes",
+    "outputs",
+    "shared",
+    "host_buffers",
+    "resources",
+    "bindings",
+    "history",
+    "upload",
+    "compiled",
+    "inputs",
+    "inspect",
+    "record",
+    "window",
+    "frame",
+    "loader",
+    "executor",
+];
+
+#[test]
+fn every_module_imports_only_those_before_it() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    module_order::assert_imports_run_one_way(&source, "crate", &ORDER);
+}
