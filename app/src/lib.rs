@@ -15,6 +15,8 @@
 //! - [`demo`]: the demo scene;
 //! - [`progress`]: progress on standard error.
 
+#![deny(missing_docs)]
+
 pub mod builtin;
 pub mod camera;
 pub mod cli;

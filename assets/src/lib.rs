@@ -18,6 +18,8 @@
 //! # }
 //! ```
 
+#![deny(missing_docs)]
+
 mod attributes;
 mod bounds;
 mod camera;

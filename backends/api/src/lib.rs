@@ -5,6 +5,8 @@
 //! backend's own constructor), [`Device::load`] a plan with the scene's data, then [`Device::submit`] frames and
 //! [`Device::wait`] for their results, with up to [`FRAMES_IN_FLIGHT`] submitted and not yet waited for.
 
+#![deny(missing_docs)]
+
 mod error;
 
 pub use error::{BackendError, LimitExceeded, Recovery, Unit, display_bytes};
@@ -21,10 +23,13 @@ pub const FRAMES_IN_FLIGHT: usize = 2;
 /// A physical device that a backend could open.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DeviceInfo {
+    /// Position in the backend's list of devices.
     pub index: usize,
+    /// Name that the driver gives, such as `NVIDIA H100 80GB HBM3`.
     pub name: String,
     /// For instance `discrete`, `integrated`, `cpu`.
     pub kind: String,
+    /// Name and version of the driver.
     pub driver: String,
     /// Facts that graphs can use; all 0 where the device lacks the API version.
     pub facts: DeviceFacts,
@@ -121,14 +126,20 @@ pub enum Given {
 pub struct Picture {
     /// Tells pictures of one device apart.
     pub id: u64,
+    /// Format of a pixel.
     pub format: Format,
+    /// Pixels across.
     pub width: u32,
+    /// Pixels down.
     pub height: u32,
 }
 
+/// Asks for the contents of a resource after a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Inspect {
+    /// The resource to read back.
     pub resource: splatgraph_framework::ir::ResourceId,
+    /// The pass after which it is read.
     pub after: splatgraph_framework::ir::PassId,
 }
 
@@ -157,17 +168,35 @@ pub struct FrameResult {
 /// An image as the GPU holds it, row 0 at the top, rows tightly packed.
 #[derive(Clone, Debug)]
 pub struct Pixels {
+    /// Format of a pixel.
     pub format: Format,
+    /// Pixels across.
     pub width: u32,
+    /// Pixels down.
     pub height: u32,
+    /// `width * height` pixels in the format's layout.
     pub bytes: Vec<u8>,
 }
 
 /// What of a load takes time, for a progress bar.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Progress<'a> {
-    Pipeline { done: usize, of: usize, shader: &'a str },
-    Upload { done_bytes: u64, of_bytes: u64 },
+    /// Reports the pipeline that is made next.
+    Pipeline {
+        /// Pipelines that were made.
+        done: usize,
+        /// Pipelines of the plan.
+        of: usize,
+        /// Shader of the next one.
+        shader: &'a str,
+    },
+    /// Reports the upload of the scene.
+    Upload {
+        /// Bytes that were uploaded.
+        done_bytes: u64,
+        /// Bytes to upload in all.
+        of_bytes: u64,
+    },
 }
 
 /// Makes a plan ready to run while frames of another are being drawn, on any thread.
@@ -206,6 +235,7 @@ pub trait Device: Sized {
     /// See [`Device::loader`].
     type Loader: Loader;
 
+    /// Describes the physical device.
     fn info(&self) -> &DeviceInfo;
 
     /// Another on the same device, without a plan.

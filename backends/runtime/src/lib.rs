@@ -16,6 +16,8 @@
 //! Ownership runs one way: an executor holds the state that executors of one device share, that holds the device, and objects hold
 //! the device that they were made from.
 
+#![deny(missing_docs)]
+
 mod aliasing;
 mod attributes;
 mod bindings;

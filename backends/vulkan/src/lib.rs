@@ -10,6 +10,8 @@
 //! - `memory`, `pipelines`, `descriptors`, `queue`, `encoder` and `swapchain`: the objects and the commands;
 //! - `backend`: all of these as the runtime's [`Gpu`](splatgraph_runtime::Gpu).
 
+#![deny(missing_docs)]
+
 mod backend;
 mod barriers;
 mod descriptors;
