@@ -5,12 +5,12 @@
 //! notice of the save to the end of the new plan's first frame on the device. Frames are drawn all the while, and counted.
 
 use anyhow::{Context, Result, bail};
+use splatgraph::backend::{Backend, Options};
 use splatgraph::view::events::Event;
 use splatgraph::view::viewer::Viewer;
 use splatgraph_api::Device;
 use splatgraph_assets::{Scene, synth};
 use splatgraph_framework::ir::Value;
-use splatgraph_vulkan::{Options, Vulkan};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -70,7 +70,7 @@ fn main() -> Result<()> {
         None => (synth::generate("demo", 200_000, 0)?, folder.path().join("demo.ply")),
     };
     let splats = scene.count();
-    let device = Vulkan::open(&Options { device: args.device.clone(), ..Options::default() })?;
+    let device = Backend::open(&Options { device: args.device.clone(), ..Options::default() })?;
     println!("{}, {splats} splats, {} x {}", device.info().name, args.size.0, args.size.1);
     let graph = folder.path().join("pipelines/splat.ron");
     let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], Arc::new(|| {}))?;
@@ -132,7 +132,7 @@ fn main() -> Result<()> {
 }
 
 /// Draws until a plan is swapped: [latency, plan, device] in milliseconds, and the number of frames.
-fn until_swapped(viewer: &mut Viewer<Vulkan>, size: (u32, u32)) -> Result<([f64; 3], u64)> {
+fn until_swapped(viewer: &mut Viewer<Backend>, size: (u32, u32)) -> Result<([f64; 3], u64)> {
     let begun = Instant::now();
     let mut frames = 0;
     while begun.elapsed() < PATIENCE {
@@ -140,8 +140,8 @@ fn until_swapped(viewer: &mut Viewer<Vulkan>, size: (u32, u32)) -> Result<([f64;
         frames += u64::from(viewer.a.renderer.plan().is_some());
         for event in viewer.take_events() {
             match event {
-                Event::Swapped { plan_ms, prepare_ms, latency_ms, .. } => {
-                    return Ok(([latency_ms, plan_ms, prepare_ms], frames));
+                Event::Swapped { swap, .. } => {
+                    return Ok(([swap.latency_ms, swap.plan_ms, swap.prepare_ms], frames));
                 }
                 Event::Failed { text, .. } => bail!("{text}"),
                 _ => {}

@@ -3,6 +3,7 @@
 //! This library joins the parts: a scene from `splatgraph-assets`, a plan that `splatgraph-framework` built from a graph
 //! file, and a device that executes it. The program `splatgraph` ([`cli`]) is a thin layer over it:
 //!
+//! - [`backend`]: the choice of the graphics backend;
 //! - [`builtin`]: the built-in graphs and shaders;
 //! - [`facts`]: the facts and imports of graphs;
 //! - [`planner`]: builds plans from graphs;
@@ -17,6 +18,7 @@
 
 #![deny(missing_docs)]
 
+pub mod backend;
 pub mod builtin;
 pub mod camera;
 pub mod cli;

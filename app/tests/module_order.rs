@@ -6,8 +6,8 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 13] = [
-    "image", "progress", "camera", "demo", "metrics", "inspect", "stats", "facts", "builtin", "planner",
+const CRATE: [&str; 14] = [
+    "backend", "image", "progress", "camera", "demo", "metrics", "inspect", "stats", "facts", "builtin", "planner",
     "session", "view", "cli",
 ];
 

@@ -4,6 +4,7 @@ use super::whole::TestShell;
 use crate::common;
 use egui::{Event as Input, Key, Modifiers};
 use splatgraph::view::events::{Event, RendererId};
+use splatgraph::view::renderer::Cause;
 use splatgraph_assets::synth;
 use splatgraph_vulkan::Validation;
 use std::sync::Arc;
@@ -67,7 +68,7 @@ fn an_opened_scene_is_drawn_without_a_new_plan_for_the_window() {
     viewer.events.clear();
     viewer.shell.viewer.open(&path);
     viewer.until("the other scene", |viewer| {
-        let a = |event: &Event| matches!(event, Event::Swapped { renderer: RendererId::A, cause, .. } if cause == "another scene");
+        let a = |event: &Event| matches!(event, Event::Swapped { renderer: RendererId::A, swap, .. } if swap.cause == Cause::Scene);
         viewer.events.iter().any(a)
     });
     viewer.settle();

@@ -37,8 +37,8 @@ fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
         "shaders/splat.frag",
         frag.replace(&output, &format!("{output}\n    blended.rg = vec2(0.0);")),
     );
-    let Event::Swapped { cause, .. } = twin.next_plan() else { unreachable!() };
-    assert_eq!(cause, "splat.frag");
+    let Event::Swapped { swap, .. } = twin.next_plan() else { unreachable!() };
+    assert_eq!(swap.cause.to_string(), "splat.frag");
     let blue = twin.picture(RendererId::A);
     assert!(blue.rgb.iter().all(|[r, g, _]| *r == 0.0 && *g == 0.0) && shows_something(&blue));
     twin.close();
@@ -170,7 +170,7 @@ fn another_graph_and_a_second_one_beside_it_share_the_camera() {
         .choose(&other.to_string_lossy(), Default::default());
     twin.until(
         "the plan of B",
-        |event| matches!(event, Event::Swapped { renderer: RendererId::B, graph, .. } if graph.contains("digit4")),
+        |event| matches!(event, Event::Swapped { renderer: RendererId::B, swap, .. } if swap.graph.contains("digit4")),
     );
     assert_eq!(twin.picture(RendererId::A).rgb, twin.picture(RendererId::B).rgb, "two widths of the digits");
     twin.viewer.measure();
@@ -188,7 +188,7 @@ fn another_graph_and_a_second_one_beside_it_share_the_camera() {
         .choose(&unsorted.to_string_lossy(), Default::default());
     twin.until(
         "the plan of B",
-        |event| matches!(event, Event::Swapped { renderer: RendererId::B, graph, .. } if graph.contains("unsorted")),
+        |event| matches!(event, Event::Swapped { renderer: RendererId::B, swap, .. } if swap.graph.contains("unsorted")),
     );
     twin.viewer.measure();
     let compared = twin.until("the comparison", |event| matches!(event, Event::Compared { .. }));
@@ -241,7 +241,7 @@ fn files_that_are_dropped_are_opened_and_bad_ones_lose_nothing() {
     twin.viewer.open(&graph);
     twin.until(
         "the graph",
-        |event| matches!(event, Event::Swapped { graph, .. } if graph.contains("unsorted")),
+        |event| matches!(event, Event::Swapped { swap, .. } if swap.graph.contains("unsorted")),
     );
     twin.close();
 }

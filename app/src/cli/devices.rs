@@ -1,8 +1,8 @@
 //! Runs `splatgraph devices`: lists the devices of this machine.
 
 use super::{Outcome, options};
+use crate::backend::Backend;
 use anyhow::{Result, bail};
-use splatgraph_vulkan::Vulkan;
 
 /// List this machine's Vulkan devices
 ///
@@ -20,13 +20,13 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let devices = Vulkan::devices()?;
+    let devices = Backend::devices()?;
     if args.json {
         options::write_text(None, &format!("{:#}\n", serde_json::to_value(&devices)?))?;
         return Ok(Outcome::Done);
     }
     if devices.is_empty() {
-        bail!("the Vulkan loader found no device");
+        bail!("no device was found");
     }
     for device in &devices {
         options::print(&format!("{}: {} ({}; {})", device.index, device.name, device.kind, device.driver))?;

@@ -2,13 +2,13 @@
 
 use super::options;
 use super::{Outcome, Usage};
+use crate::backend::{Backend, Options};
 use crate::facts::{self, SceneFacts};
 use crate::planner::Planner;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use splatgraph_framework::dump::{self, Dump};
 use splatgraph_framework::ir::DeviceFacts;
-use splatgraph_vulkan::Vulkan;
 use std::path::PathBuf;
 
 mod times;
@@ -147,8 +147,8 @@ pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     let Some(wanted) = wanted else {
         return Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
     };
-    let options = splatgraph_vulkan::Options { device: Some(wanted.to_owned()), ..Default::default() };
-    let device = Vulkan::open(&options).context("the device's limits are not available")?;
+    let options = Options { device: Some(wanted.to_owned()), ..Default::default() };
+    let device = Backend::open(&options).context("the device's limits are not available")?;
     Ok(splatgraph_api::Device::info(&device).facts)
 }
 

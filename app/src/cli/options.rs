@@ -1,5 +1,6 @@
 //! Defines options and helpers of several commands.
 
+use crate::backend::{Options, Validation};
 use crate::builtin;
 use crate::demo;
 use crate::facts;
@@ -145,6 +146,25 @@ pub fn built_in_graphs() -> Vec<&'static str> {
 pub fn framing(scene: &Scene) -> Camera {
     let (width, height) = facts::DEFAULT_SIZE;
     Camera { img_name: "framing".into(), ..Camera::framing(scene, width, height) }
+}
+
+/// Options of the device.
+#[derive(Debug, clap::Args)]
+pub struct DeviceArgs {
+    /// Device: a part of its name, or its index in `splatgraph devices`
+    #[arg(long, value_name = "NAME|INDEX")]
+    pub device: Option<String>,
+    /// Use Vulkan's validation layer with synchronization validation; exit with code 1 if it reports anything
+    #[arg(long)]
+    pub validate: bool,
+}
+
+impl DeviceArgs {
+    /// Converts the arguments to the backend's options.
+    pub fn options(&self) -> Options {
+        let validation = if self.validate { Validation::Synchronization } else { Validation::Off };
+        Options { device: self.device.clone(), validation }
+    }
 }
 
 /// Options of a plan: graph, parameters, cameras and picture size.

@@ -1,7 +1,8 @@
 //! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
-use super::options::{self, Drawing};
+use super::options::{self, DeviceArgs, Drawing};
 use super::{Outcome, Usage};
+use crate::backend::Backend;
 use crate::image::{Format, Image};
 use crate::inspect::{self, Finding};
 use crate::progress::Progress;
@@ -11,7 +12,6 @@ use anyhow::{Context, Result, bail};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::plan::Plan;
-use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::collections::{BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 
@@ -57,12 +57,8 @@ pub struct Args {
     /// `sort.scatter[1]`, ... For a resource whose name begins with `keys`, the output says whether its keys ascend.
     #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = inspect_request)]
     inspect: Vec<InspectRequest>,
-    /// Device: a part of its name, or its index in `splatgraph devices`
-    #[arg(long, value_name = "NAME|INDEX")]
-    device: Option<String>,
-    /// Draw under Vulkan's validation layer with synchronization validation; exit with code 1 if it reports anything
-    #[arg(long)]
-    validate: bool,
+    #[command(flatten)]
+    device: DeviceArgs,
 }
 
 /// A parsed `RESOURCE@PASS[=FILE.npy]`.
@@ -97,8 +93,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         );
         return Err(Usage(message).into());
     }
-    let validation = if args.validate { Validation::Synchronization } else { Validation::Off };
-    let device = Vulkan::open(&Options { device: args.device.clone(), validation })?;
+    let device = Backend::open(&args.device.options())?;
     let (scene, cameras) = scene_and_cameras(args, given)?;
 
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
@@ -141,7 +136,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(path) = &args.json {
         options::write_json(path, &serde_json::to_value(&all)?)?;
     }
-    Ok(super::validated(args.validate, &session.into_device().close()))
+    Ok(super::validated(args.device.validate, &session.into_device().close()))
 }
 
 /// Loads the scene and its cameras, in the requested size, each with a unique name.
@@ -224,7 +219,7 @@ struct Drawn {
 }
 
 /// Draws the frames of one camera.
-fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: bool) -> Result<Drawn> {
+fn draw(args: &Args, session: &mut Session<Backend>, camera: &Camera, wanted: bool) -> Result<Drawn> {
     let loaded = prepare(session, camera)?;
     let plan = session.plan().context("no plan after `prepare`")?.clone();
     let targets: Vec<Inspect> = args
@@ -236,7 +231,7 @@ fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: boo
     let mut results = Vec::with_capacity(args.repeat as usize);
     let mut findings: Vec<Option<Finding>> = vec![None; targets.len()];
     let mut flying: VecDeque<(_, Vec<usize>)> = VecDeque::new();
-    let mut land = |session: &mut Session<Vulkan>, (id, asked): (_, Vec<usize>)| -> Result<()> {
+    let mut land = |session: &mut Session<Backend>, (id, asked): (_, Vec<usize>)| -> Result<()> {
         let result = session.wait(id)?;
         for (bytes, &target) in result.inspected.iter().zip(&asked) {
             let visible = visible(&result);
@@ -286,7 +281,7 @@ fn draw(args: &Args, session: &mut Session<Vulkan>, camera: &Camera, wanted: boo
 }
 
 /// Builds and loads the plan, with progress.
-fn prepare(session: &mut Session<Vulkan>, camera: &Camera) -> Result<bool> {
+fn prepare(session: &mut Session<Backend>, camera: &Camera) -> Result<bool> {
     let mut compiling = Progress::new("making pipelines");
     let mut uploading = None;
     let loaded = session.prepare((camera.width, camera.height), &mut |step| match step {

@@ -1,7 +1,8 @@
 //! Runs `splatgraph view`: opens a window on a scene.
 
-use super::options::{self, Drawing};
+use super::options::{self, DeviceArgs, Drawing};
 use super::{Outcome, Usage};
+use crate::backend::Backend;
 use crate::view::events::RendererId;
 use crate::view::paint::Mode;
 use crate::view::shell::Shell;
@@ -11,7 +12,6 @@ use anyhow::{Context, Result};
 use clap::ValueEnum;
 use indexmap::IndexMap;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -68,12 +68,8 @@ pub struct Args {
     /// Draw as fast as the device can, without waiting for the display
     #[arg(long)]
     no_vsync: bool,
-    /// Device: a part of its name, or its index in `splatgraph devices`
-    #[arg(long, value_name = "NAME|INDEX")]
-    device: Option<String>,
-    /// Run under Vulkan's validation layer with synchronization validation; exit with code 1 if it reports anything
-    #[arg(long)]
-    validate: bool,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Write events as JSON, one object per line; `-` is standard output
     #[arg(long, value_name = "FILE")]
     events: Option<PathBuf>,
@@ -128,7 +124,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
             std::fs::File::create(path).with_context(|| format!("{} cannot be written", path.display()))?,
         )),
     };
-    let validation = if args.validate { Validation::Synchronization } else { Validation::Off };
     let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
     let initial = InitialState::of(args);
     let messages = window::run(WindowOptions {
@@ -137,14 +132,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
         set,
         cameras,
         size: args.size(),
-        device: Options { device: args.device.clone(), validation },
+        device: args.device.options(),
         vsync: !args.no_vsync,
         setup: Box::new(move |shell| initial.apply(shell)),
         events,
         screenshot: args.screenshot.clone(),
         frames: args.frames,
     })?;
-    Ok(super::validated(args.validate, &messages))
+    Ok(super::validated(args.device.validate, &messages))
 }
 
 /// Loads the scene and its cameras; returns the scene with its path.
@@ -194,7 +189,7 @@ impl InitialState {
         }
     }
 
-    fn apply(self, shell: &mut Shell<Vulkan>) -> Result<()> {
+    fn apply(self, shell: &mut Shell<Backend>) -> Result<()> {
         let has = |panel| self.show.contains(&panel);
         shell.panels.settings = has(ShowPanel::Settings);
         shell.panels.performance = has(ShowPanel::Performance);

@@ -35,18 +35,9 @@ pub enum Event {
     Swapped {
         /// Renderer of the plan.
         renderer: RendererId,
-        /// Name of the graph.
-        graph: String,
-        /// Cause of the build, in words.
-        cause: String,
-        /// Number of passes in the frame.
-        passes: usize,
-        /// Milliseconds of reading, compiling and solving.
-        plan_ms: f64,
-        /// Milliseconds of preparing the device.
-        prepare_ms: f64,
-        /// Milliseconds from the change to the end of the first frame.
-        latency_ms: f64,
+        /// The plan and the times of its build.
+        #[serde(flatten)]
+        swap: Swap,
     },
     /// The plan could not be built; the former stays.
     Failed {
@@ -151,17 +142,7 @@ impl Event {
     /// Names the renderer of an event.
     pub fn of(renderer: RendererId, event: RendererEvent) -> Event {
         match event {
-            RendererEvent::Swapped(Swap { graph, cause, passes, plan_ms, prepare_ms, latency_ms }) => {
-                Event::Swapped {
-                    renderer,
-                    graph,
-                    cause: cause.to_string(),
-                    passes,
-                    plan_ms,
-                    prepare_ms,
-                    latency_ms,
-                }
-            }
+            RendererEvent::Swapped(swap) => Event::Swapped { renderer, swap },
             RendererEvent::Failed(text) => Event::Failed { renderer, text },
             RendererEvent::Mended => Event::Mended { renderer },
             RendererEvent::Dropped(parameters) => Event::Dropped { renderer, parameters },
@@ -178,11 +159,14 @@ impl Event {
 impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
-            Event::Swapped { renderer, graph, cause, passes, plan_ms, prepare_ms, latency_ms } => write!(
-                f,
-                "{renderer}: {graph} after {cause}: {latency_ms:.0} ms to its first frame ({passes} passes; plan {plan_ms:.0} ms, \
-                 device {prepare_ms:.0} ms)"
-            ),
+            Event::Swapped { renderer, swap } => {
+                let Swap { graph, cause, passes, plan_ms, prepare_ms, latency_ms } = swap;
+                write!(
+                    f,
+                    "{renderer}: {graph} after {cause}: {latency_ms:.0} ms to its first frame ({passes} passes; plan \
+                     {plan_ms:.0} ms, device {prepare_ms:.0} ms)"
+                )
+            }
             Event::Failed { renderer, text } => {
                 write!(f, "{renderer}: {}", text.lines().next().unwrap_or_default())
             }

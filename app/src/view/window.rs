@@ -7,13 +7,13 @@ use super::events::Event;
 use super::panels::{Command, Controls};
 use super::shell::{FrameRequest, Shell};
 use super::viewer::Viewer;
+use crate::backend::{Backend, Options};
 use crate::session::image_of;
 use anyhow::{Context as _, Result, anyhow, bail};
 use egui::RawInput;
 use serde::Serialize;
 use splatgraph_api::{Pixels, Windowed};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_vulkan::{Options, Vulkan};
 use std::collections::BTreeMap;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ const IDLE: Duration = Duration::from_millis(100);
 const BUILDING: Duration = Duration::from_millis(10);
 
 /// A function that sets the initial state of the shell.
-pub type Setup = Box<dyn FnOnce(&mut Shell<Vulkan>) -> Result<()>>;
+pub type Setup = Box<dyn FnOnce(&mut Shell<Backend>) -> Result<()>>;
 
 /// The options of the window.
 pub struct WindowOptions {
@@ -86,7 +86,7 @@ struct App {
 }
 
 struct Running {
-    shell: Shell<Vulkan>,
+    shell: Shell<Backend>,
     input: egui_winit::State,
     window: Arc<Window>,
     covered: bool,
@@ -116,7 +116,7 @@ impl App {
             .with_inner_size(PhysicalSize::new(options.size.0, options.size.1));
         let window = Arc::new(target.create_window(attributes).context("the window cannot be opened")?);
         let size = window.inner_size();
-        let mut canvas = Vulkan::open_in_window(&options.device, window.clone(), (size.width, size.height))?;
+        let mut canvas = Backend::open_in_window(&options.device, window.clone(), (size.width, size.height))?;
         canvas.set_vsync(options.vsync);
         let proxy = self.proxy.clone();
         // An event loop that has ended need not wake up.

@@ -1,6 +1,7 @@
 //! Defines the causes and results of building a plan.
 
 use crate::planner::GraphErrors;
+use serde::{Serialize, Serializer};
 use splatgraph_api::BackendError;
 use std::fmt;
 use std::path::PathBuf;
@@ -45,6 +46,12 @@ impl fmt::Display for Cause {
     }
 }
 
+impl Serialize for Cause {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
 /// The failure of a build.
 #[derive(Debug)]
 pub enum Failure {
@@ -70,7 +77,7 @@ impl Failure {
 }
 
 /// A plan that replaced another, with the times of its build.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Swap {
     /// Name of the graph.
     pub graph: String,

@@ -1,0 +1,3 @@
+//! Chooses the graphics backend. No other module of the application names one.
+
+pub use splatgraph_vulkan::{Options, Validation, Vulkan as Backend};
