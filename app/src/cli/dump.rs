@@ -2,13 +2,11 @@
 
 use super::options;
 use super::{Outcome, Usage};
-use crate::backend::{Backend, Options};
 use crate::facts::{self, SceneFacts};
 use crate::planner::Planner;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::ValueEnum;
 use splatgraph_framework::dump::{self, Dump};
-use splatgraph_framework::ir::DeviceFacts;
 use std::path::PathBuf;
 
 mod times;
@@ -94,7 +92,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
         None => (SceneFacts::NOMINAL, options::nominal_catalog()),
     };
-    let device = device_facts(args.device.as_deref())?;
+    let device = options::device_facts(args.device.as_deref())?;
     let facts = facts::facts(&scene, &device, args.size);
     let mut planner = Planner::default();
     let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
@@ -140,16 +138,6 @@ fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
         );
     }
     Ok(timed)
-}
-
-/// Returns the facts of the named device, or of the smallest supported one.
-pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
-    let Some(wanted) = wanted else {
-        return Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
-    };
-    let options = Options { device: Some(wanted.to_owned()), ..Default::default() };
-    let device = Backend::open(&options).context("the device's limits are not available")?;
-    Ok(splatgraph_api::Device::info(&device).facts)
 }
 
 #[cfg(test)]

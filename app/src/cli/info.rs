@@ -1,7 +1,6 @@
 //! Runs `splatgraph info`: reports a scene's contents, flaws and memory.
 
 use super::Outcome;
-use super::dump::device_facts;
 use super::options::{self, Drawing};
 use crate::facts::{self, SceneFacts};
 use crate::planner::Planner;
@@ -43,7 +42,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let own_size = cameras.first().map_or(facts::DEFAULT_SIZE, |c| (c.width, c.height));
     let size = args.drawing.size.unwrap_or(own_size);
-    let facts = facts::facts(&SceneFacts::of(&scene), &device_facts(args.device.as_deref())?, size);
+    let facts = facts::facts(&SceneFacts::of(&scene), &options::device_facts(args.device.as_deref())?, size);
     let plan = Planner::default().plan(
         &args.drawing.pipeline,
         &args.drawing.set,

@@ -1,6 +1,6 @@
 //! Defines options and helpers of several commands.
 
-use crate::backend::{Options, Validation};
+use crate::backend::{Backend, Options, Validation};
 use crate::builtin;
 use crate::demo;
 use crate::facts;
@@ -8,7 +8,7 @@ use crate::image::make_folder_of;
 use crate::progress::Progress;
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
-use splatgraph_framework::ir::{Catalog, Domain};
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -146,6 +146,16 @@ pub fn built_in_graphs() -> Vec<&'static str> {
 pub fn framing(scene: &Scene) -> Camera {
     let (width, height) = facts::DEFAULT_SIZE;
     Camera { img_name: "framing".into(), ..Camera::framing(scene, width, height) }
+}
+
+/// Returns the facts of the named device, or of the smallest supported one.
+pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
+    let Some(wanted) = wanted else {
+        return Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
+    };
+    let options = Options { device: Some(wanted.to_owned()), ..Default::default() };
+    let device = Backend::open(&options).context("the device's limits are not available")?;
+    Ok(splatgraph_api::Device::info(&device).facts)
 }
 
 /// Options of the device.
