@@ -135,7 +135,7 @@ impl<D: Device> Shell<D> {
         let size = (view[2], view[3]);
         self.viewer.frame(size)?;
         for event in self.viewer.take_events() {
-            self.panels.tell(&event);
+            self.panels.log_event(&event);
             self.events.push(event);
         }
         let (drawn, picture) = self.paint(request, view, &painted)?;
@@ -182,7 +182,7 @@ impl<D: Device> Shell<D> {
         }
         for event in self.canvas.take_events() {
             let event = Event::of(RendererId::Window, event);
-            self.panels.tell(&event);
+            self.panels.log_event(&event);
             self.events.push(event);
         }
         Ok((drawn, picture))
@@ -194,8 +194,8 @@ impl<D: Device> Shell<D> {
     }
 
     /// Reports an event from outside of the shell.
-    pub fn tell(&mut self, event: Event) {
-        self.panels.tell(&event);
+    pub fn report(&mut self, event: Event) {
+        self.panels.log_event(&event);
         self.events.push(event);
     }
 

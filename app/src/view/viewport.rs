@@ -131,7 +131,7 @@ impl<D: Device> Viewport<D> {
         let drawn = match self.renderer.submit(inputs.clone()) {
             // A failed inspection must not prevent the frame.
             Err(BackendError::Invalid(why)) if !inputs.inspect.is_empty() => {
-                self.say(Err(why));
+                self.set_found(Err(why));
                 self.renderer.submit(FrameInputs { inspect: Vec::new(), ..inputs })?
             }
             other => other?,
@@ -159,13 +159,13 @@ impl<D: Device> Viewport<D> {
             }
             Err(error) => {
                 inspection.asked = false;
-                self.say(Err(error.to_string()));
+                self.set_found(Err(error.to_string()));
                 None
             }
         }
     }
 
-    fn say(&mut self, found: Result<Finding, String>) {
+    fn set_found(&mut self, found: Result<Finding, String>) {
         if let Some(inspection) = &mut self.inspection {
             inspection.found = Some(found);
         }
@@ -186,7 +186,7 @@ impl<D: Device> Viewport<D> {
             let visible = self.stat("visible").map(u64::from);
             for (target, bytes) in done.inspected.iter().zip(&done.result.inspected) {
                 self.readings += 1;
-                self.say(Ok(Finding::new(&done.plan, target, bytes, visible)));
+                self.set_found(Ok(Finding::new(&done.plan, target, bytes, visible)));
             }
         }
     }

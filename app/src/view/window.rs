@@ -304,7 +304,7 @@ impl Running {
             }
             Command::Capture => {
                 if let Err(error) = super::profile::capture_next_frame() {
-                    self.shell.tell(Event::FileFailed { path: "RenderDoc".into(), error });
+                    self.shell.report(Event::FileFailed { path: "RenderDoc".into(), error });
                 }
             }
         }
@@ -317,7 +317,7 @@ impl Running {
             None => Err(anyhow!("the graph's output has no colours")),
         };
         let path = path.to_owned();
-        self.shell.tell(match &saved {
+        self.shell.report(match &saved {
             Ok(()) => Event::Screenshot { path },
             Err(error) => Event::FileFailed { path, error: format!("{error:#}") },
         });

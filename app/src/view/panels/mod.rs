@@ -137,7 +137,7 @@ impl Default for Panels {
 
 impl Panels {
     /// Adds an event to the log.
-    pub fn tell(&mut self, event: &Event) {
+    pub fn log_event(&mut self, event: &Event) {
         if event.is_for_people() {
             if self.log.len() == LOG {
                 self.log.pop_front();

@@ -69,19 +69,19 @@ fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
     let wanted = planner.wanted();
     let begun = Instant::now();
     let outcome = plan.map_err(Failure::Graph).and_then(|(plan, controls)| {
-        let ready = loader.prepare(plan.clone(), &Upload(scene), &mut |step| tell(&progress, said(&step)));
-        tell(&progress, String::new());
+        let ready = loader.prepare(plan.clone(), &Upload(scene), &mut |step| set_progress(&progress, describe(&step)));
+        set_progress(&progress, String::new());
         Ok((plan, controls, ready.map_err(Failure::Backend)?))
     });
     let prepare_ms = milliseconds(begun);
     Built { outcome, wanted, dropped, inputs, cause, asked, plan_ms, prepare_ms }
 }
 
-fn tell(progress: &Mutex<String>, text: String) {
+fn set_progress(progress: &Mutex<String>, text: String) {
     *progress.lock().unwrap_or_else(PoisonError::into_inner) = text;
 }
 
-fn said(progress: &Progress) -> String {
+fn describe(progress: &Progress) -> String {
     match progress {
         Progress::Pipeline { done, of, shader } => format!("pipeline {} of {of}: {shader}", done + 1),
         Progress::Upload { done_bytes, of_bytes } => {
