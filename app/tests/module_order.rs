@@ -7,8 +7,8 @@ mod module_order;
 
 /// The modules of the crate, from the ground up.
 const CRATE: [&str; 14] = [
-    "backend", "image", "progress", "camera", "demo", "metrics", "inspect", "stats", "facts", "builtin", "planner",
-    "session", "view", "cli",
+    "backend", "image", "progress", "camera", "demo", "metrics", "inspect", "stats", "facts", "builtin",
+    "planner", "session", "view", "cli",
 ];
 
 /// The modules of the viewer, from the ground up.

@@ -69,7 +69,8 @@ fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
     let wanted = planner.wanted();
     let begun = Instant::now();
     let outcome = plan.map_err(Failure::Graph).and_then(|(plan, controls)| {
-        let ready = loader.prepare(plan.clone(), &Upload(scene), &mut |step| set_progress(&progress, describe(&step)));
+        let ready = loader
+            .prepare(plan.clone(), &Upload(scene), &mut |step| set_progress(&progress, describe(&step)));
         set_progress(&progress, String::new());
         Ok((plan, controls, ready.map_err(Failure::Backend)?))
     });
