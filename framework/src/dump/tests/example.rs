@@ -309,12 +309,12 @@ fn step(plan: &Plan, past: &mut BTreeMap<String, Past>, id: PassId, frame: u32) 
         let past = past.entry(place).or_default();
         let write = touch.accesses.writes();
         let others = |p: &&(PassId, u32, Touch)| p.0 != id && (write || p.2.accesses.writes());
-        let mut found: Vec<_> = past.touches.iter().filter(others).cloned().collect();
+        let mut found: Vec<_> = past.touches.iter().filter(others).copied().collect();
         let changes = touch.layout.is_some() && touch.layout != past.layout;
         if changes && found.is_empty() {
             found = past.touches.clone();
         }
-        if let Some(latest) = found.last().cloned() {
+        if let Some(latest) = found.last().copied() {
             let hazard = match (latest.2.accesses.writes(), write) {
                 (true, true) => Hazard::WriteAfterWrite,
                 (true, false) => Hazard::ReadAfterWrite,
