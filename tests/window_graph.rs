@@ -5,7 +5,7 @@ use half::f16;
 use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::Planner;
 use splatgraph::view::paint::{self, Composition, Mode, Painted, Painter, Shown};
-use splatgraph_api::{Device, FrameInputs, Given, NoScene};
+use splatgraph_api::{BufferContents, Device, FrameInputs, NoScene};
 use splatgraph_framework::ir::{Catalog, Format};
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
@@ -99,7 +99,7 @@ fn picture(format: Format, [width, height]: [u32; 2], pixel: impl Fn(u32, u32) -
             Format::R32Uint => bytes.extend([0; 4]),
         }
     }
-    Some(Shown { format, width, height, pixels: Given::Bytes(Arc::new(bytes)) })
+    Some(Shown { format, width, height, pixels: BufferContents::Bytes(Arc::new(bytes)) })
 }
 
 fn flat(format: Format, size: [u32; 2], colour: [u8; 3]) -> Option<Shown> {

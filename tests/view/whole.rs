@@ -64,7 +64,7 @@ impl TestShell {
         let graph = folder.path().join(graph);
         let window = folder.path().join("pipelines/view/window.ron");
         let canvas = Vulkan::open(options).unwrap_or_else(|error| panic!("the tests need lavapipe: {error}"));
-        let device = canvas.beside().expect("a second executor");
+        let device = canvas.new_context().expect("a second executor");
         let (sender, woken) = channel();
         let wake = || {
             let sender = sender.clone();

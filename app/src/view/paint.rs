@@ -10,7 +10,7 @@
 use bytemuck::{Pod, Zeroable};
 use egui::epaint::textures::TexturesDelta;
 use egui::epaint::{ClippedPrimitive, Mesh, Primitive};
-use splatgraph_api::Given;
+use splatgraph_api::BufferContents;
 use splatgraph_framework::ir::{Catalog, GivenBuffer};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -100,7 +100,7 @@ pub struct Painted {
 
 impl Painted {
     /// Adds the buffers to a frame's inputs.
-    pub fn give(&self, buffers: &mut BTreeMap<String, Given>) {
+    pub fn give(&self, buffers: &mut BTreeMap<String, BufferContents>) {
         let all = [
             (VERTICES, &self.vertices),
             (INDICES, &self.indices),
@@ -108,7 +108,7 @@ impl Painted {
             (TEXELS, &self.texels),
             (DRAW, &self.draw),
         ];
-        buffers.extend(all.map(|(name, bytes)| (name.to_owned(), Given::Bytes(bytes.clone()))));
+        buffers.extend(all.map(|(name, bytes)| (name.to_owned(), BufferContents::Bytes(bytes.clone()))));
     }
 }
 

@@ -142,7 +142,7 @@ impl<D: Device> Viewer<D> {
         if compare != Mode::A && self.b.is_none() {
             let a = &self.a.renderer;
             let set: Vec<_> = a.set().iter().map(|(name, value)| (name.clone(), value.clone())).collect();
-            let device = a.device().beside()?;
+            let device = a.device().new_context()?;
             self.b = Some(Viewport::new(Renderer::new(device, a.graph(), &set, self.wake.clone())?));
         }
         Ok(())

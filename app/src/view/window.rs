@@ -123,7 +123,7 @@ impl App {
         let wake: super::renderer::Wake = Arc::new(move || {
             let _ = proxy.send_event(());
         });
-        let device = splatgraph_api::Device::beside(&canvas)?;
+        let device = splatgraph_api::Device::new_context(&canvas)?;
         let mut viewer = Viewer::new(device, options.scene, &options.pipeline, &options.set, wake.clone())?;
         viewer.set_cameras(options.cameras);
         let mut shell = Shell::new(viewer, canvas, wake)?;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// Why a backend could not do what it was asked to. [`BackendError::recovery`] says what can be done about it.
+/// The error of a backend's call. [`BackendError::recovery`] classifies it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BackendError {
     /// There is no driver, no such device or no validation layer, or the window cannot be drawn in.
@@ -58,7 +58,7 @@ pub enum BackendError {
     },
 }
 
-/// What can be done about a [`BackendError`].
+/// The class of a [`BackendError`], by the action that can mend it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recovery {
     /// The same call may succeed if it is made again.
@@ -72,7 +72,7 @@ pub enum Recovery {
 }
 
 impl BackendError {
-    /// Says what can be done about the error.
+    /// Returns the class of the error.
     pub fn recovery(&self) -> Recovery {
         match self {
             BackendError::Busy { .. } => Recovery::Retry,

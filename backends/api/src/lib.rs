@@ -1,4 +1,4 @@
-//! What the application sees of a backend: a device that loads a plan and renders frames of it.
+//! The interface between applications and backends: a device that loads a plan and renders frames of it.
 //!
 //! A backend executes [`splatgraph_framework::plan::Plan`]s. It owns the device, the plan's memory and pipelines, and the
 //! uploads of the scene; it decides nothing about order or barriers. The order of calls is: open the device (each
@@ -12,7 +12,7 @@ mod error;
 pub use error::{BackendError, LimitExceeded, Recovery, Unit, display_bytes};
 
 use serde::Serialize;
-use splatgraph_framework::ir::{DeviceFacts, Format};
+use splatgraph_framework::ir::{DeviceFacts, Format, PassId, ResourceId};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -31,23 +31,23 @@ pub struct DeviceInfo {
     pub kind: String,
     /// Name and version of the driver.
     pub driver: String,
-    /// Facts that graphs can use; all 0 where the device lacks the API version.
+    /// The facts that graphs can use; all 0 where the device lacks the API version.
     pub facts: DeviceFacts,
-    /// Why it cannot run plans, if it cannot.
+    /// The reason why it cannot run plans, if it cannot.
     pub unfit: Option<String>,
 }
 
-/// How to open a device.
+/// The choice of a device to open.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// A part of the device's name in any case, or its index in the list of devices. Without it the first discrete GPU is
     /// taken, else the first integrated one, else another, a CPU last.
     pub device: Option<String>,
-    /// The checks that the API's validation makes.
+    /// The checks of the API's validation.
     pub validation: Validation,
 }
 
-/// How much of the API's validation is switched on.
+/// The checks that the API's validation makes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Validation {
     /// None of it.
@@ -68,17 +68,20 @@ pub struct DeviceMemory {
     pub reserved: u64,
 }
 
-/// Gives the bytes of the scene's attributes, as a plan asks for them.
+/// Reads the bytes of the scene's attributes, as a plan asks for them.
 pub trait SceneData: Sync {
-    /// Writes plane `plane` of `attribute`, whole, into `target` (its length is the plan's stride * count). An error
-    /// names what is missing. Called once per plane while loading.
+    /// Writes plane `plane` of `attribute`, whole, into `target`, whose length in bytes is the plan's stride * count. Called once
+    /// per plane while loading.
+    ///
+    /// # Errors
+    /// The reason, in words, why the scene cannot supply it.
     fn write(&self, attribute: &str, plane: u32, target: &mut [u8]) -> Result<(), String>;
 
-    /// A number that differs whenever the data does: what was uploaded under the same identity is kept.
+    /// Returns a number that differs whenever the data does: planes uploaded under the same identity are kept.
     fn identity(&self) -> u64;
 }
 
-/// No scene, for plans that import no attributes.
+/// Stands for no scene, for plans that import no attributes.
 pub struct NoScene;
 
 impl SceneData for NoScene {
@@ -91,16 +94,16 @@ impl SceneData for NoScene {
     }
 }
 
-/// Everything that the host gives to one frame.
+/// The inputs of one frame.
 #[derive(Clone, Debug, Default)]
 pub struct FrameInputs {
     /// Bytes of each uniform block with source `Frame`, by name (`frame.camera`).
     pub uniforms: BTreeMap<String, Vec<u8>>,
     /// Bytes of the live uniform block.
     pub live: Vec<u8>,
-    /// What each buffer with source `Given` holds, by name.
-    pub buffers: BTreeMap<String, Given>,
-    /// Keep the output as a picture that other plans of this device can be given: see [`Device::picture`].
+    /// Contents of each host buffer, by name.
+    pub buffers: BTreeMap<String, BufferContents>,
+    /// Keep the output as a picture that other plans of this device can read: see [`Device::picture`].
     pub show: bool,
     /// Show the output in the device's window, if it has one: see [`Windowed`].
     pub present: bool,
@@ -111,20 +114,21 @@ pub struct FrameInputs {
     pub inspect: Vec<Inspect>,
 }
 
-/// What a buffer that comes with a frame holds.
+/// The contents of a host buffer for one frame.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Given {
-    /// Words of the host. The same [`Arc`] as in the frame before need not be copied again.
+pub enum BufferContents {
+    /// Bytes of the host. The same [`Arc`] as in the frame before is not copied again.
     Bytes(Arc<Vec<u8>>),
-    /// What another plan drew, row 0 at the top, rows tightly packed, pixels as its format has them.
+    /// The output of another plan, row 0 at the top, rows tightly packed, pixels as its format has them.
     Picture(Picture),
 }
 
-/// The output of a frame that was submitted with [`FrameInputs::show`], on the device. It lives as long as the one that drew it
-/// has no other, and as long as a frame that was given it is in flight.
+/// The output of a frame that was submitted with [`FrameInputs::show`], on the device.
+///
+/// It can be read until its executor shows another size or format, or is dropped; frames in flight that read it keep it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Picture {
-    /// Tells pictures of one device apart.
+    /// Number that tells pictures of one device apart.
     pub id: u64,
     /// Format of a pixel.
     pub format: Format,
@@ -134,25 +138,25 @@ pub struct Picture {
     pub height: u32,
 }
 
-/// Asks for the contents of a resource after a pass.
+/// A request for the contents of a resource after a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Inspect {
     /// The resource to read back.
-    pub resource: splatgraph_framework::ir::ResourceId,
+    pub resource: ResourceId,
     /// The pass after which it is read.
-    pub after: splatgraph_framework::ir::PassId,
+    pub after: PassId,
 }
 
 /// A submitted frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FrameId(pub u64);
 
-/// What a frame gave.
+/// The results of a frame.
 #[derive(Clone, Debug, Default)]
 pub struct FrameResult {
     /// GPU milliseconds per pass that ran, in order of execution (prologue included in the frame that ran it; the host's
     /// step, which runs nothing, left out). `None` where the device has no timestamps.
-    pub pass_ms: Vec<(splatgraph_framework::ir::PassId, Option<f64>)>,
+    pub pass_ms: Vec<(PassId, Option<f64>)>,
     /// GPU milliseconds from the first to the last command of the frame.
     pub total_ms: Option<f64>,
     /// Host milliseconds spent recording and submitting.
@@ -161,7 +165,7 @@ pub struct FrameResult {
     pub stats: Vec<(String, u32)>,
     /// The output, if it was asked for.
     pub output: Option<Pixels>,
-    /// The bytes of what was inspected, in the order asked.
+    /// The bytes of the inspected resources, in the order asked.
     pub inspected: Vec<Vec<u8>>,
 }
 
@@ -178,7 +182,7 @@ pub struct Pixels {
     pub bytes: Vec<u8>,
 }
 
-/// What of a load takes time, for a progress bar.
+/// The progress of a load.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Progress<'a> {
     /// Reports the pipeline that is made next.
@@ -204,8 +208,8 @@ pub trait Loader: Send + 'static {
     /// A plan with everything that was created for it.
     type Ready: Send + 'static;
 
-    /// Creates what the plan needs, pipelines among it, and uploads the scene attributes that it reads and that are not on
-    /// the device yet.
+    /// Creates the plan's pipelines and resources, and uploads the scene attributes that it reads and that are not on the device
+    /// yet.
     fn prepare(
         self,
         plan: Plan,
@@ -216,8 +220,8 @@ pub trait Loader: Send + 'static {
 
 /// An opened device, and the plan that it executes.
 ///
-/// Several can be open on one device at a time ([`Device::beside`]): each has a plan and frames of its own, and they take turns
-/// on one queue, in the order of their submission. What they read of a scene is on the device once.
+/// Several contexts can be open on one device at a time ([`Device::new_context`]): each has a plan and frames of its own, and they
+/// take turns on one queue, in the order of their submission. Scene attributes that several read are on the device once.
 ///
 /// ```
 /// use splatgraph_api::{BackendError, Device, FrameInputs, NoScene, Pixels};
@@ -238,8 +242,8 @@ pub trait Device: Sized {
     /// Describes the physical device.
     fn info(&self) -> &DeviceInfo;
 
-    /// Another on the same device, without a plan.
-    fn beside(&self) -> Result<Self, BackendError>;
+    /// Creates another context on the same device, without a plan.
+    fn new_context(&self) -> Result<Self, BackendError>;
 
     /// Makes the plan the current one: creates what it needs, uploads the scene attributes that it reads, and lets the
     /// next frame run its prologue. On an error the former plan stays current.
@@ -256,15 +260,14 @@ pub trait Device: Sized {
         self.swap(ready)
     }
 
-    /// The first half of [`Device::load`], to be done beside the frames, on any thread. It is made for what comes after the
-    /// plan of now: a loader that was taken before a [`Device::swap`] still gives a plan that can be swapped to, whose
-    /// histories may start anew.
+    /// Returns the first half of [`Device::load`], to be run while frames are drawn, on any thread. It can be taken at any time,
+    /// also before a [`Device::swap`] to another plan.
     fn loader(&self) -> Self::Loader;
 
-    /// The second half, at a frame's edge: makes the plan the current one. Takes no time to speak of.
+    /// Makes a prepared plan the current one, between two frames: the second half of [`Device::load`]. It waits for nothing.
     fn swap(&mut self, ready: <Self::Loader as Loader>::Ready) -> Result<(), BackendError>;
 
-    /// The output of the last frame that was submitted with [`FrameInputs::show`].
+    /// Returns the output of the last frame that was submitted with [`FrameInputs::show`].
     fn picture(&self) -> Option<Picture>;
 
     /// Records and submits a frame. Blocks only while [`FRAMES_IN_FLIGHT`] frames are still being executed, and, if the frame is
@@ -274,25 +277,24 @@ pub trait Device: Sized {
     /// Blocks until the frame is done. Each frame's result can be taken once.
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError>;
 
-    /// Bytes of device memory allocated: (name, bytes), the plan's resources first, then scene attributes, then the
-    /// backend's own. Every piece of memory is listed once, so that the sum is what is allocated: resources that share one
-    /// are one entry, under their names joined by ` + `; a resource that exists once per frame in flight is one entry.
+    /// Lists names and bytes of device memory: the plan's resources first, then scene attributes, then the backend's own. Every
+    /// piece of memory is listed once, so that the sum is the allocated memory: resources that share one are one entry, under their
+    /// names joined by ` + `; a resource that exists once per frame in flight is one entry.
     fn memory(&self) -> Vec<(String, u64)>;
 
-    /// Validation messages since the last call (empty when validation is off).
+    /// Returns the validation messages since the last call; none when validation is off.
     fn take_messages(&mut self) -> Vec<String>;
 }
 
-/// A device that shows what it draws in a window. (Each backend has a constructor of its own for it.)
+/// A device that shows its frames in a window. (Each backend has a constructor of its own for it.)
 ///
-/// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks for them until the window has room,
-/// which with vsync is so once per refresh of the display. While the window shows nothing they are drawn as ever, and nobody
-/// sees them.
+/// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks for them until the window has room: with
+/// vsync, once per refresh of the display. While the window shows nothing they are drawn and not shown.
 pub trait Windowed: Device {
-    /// The window's size in pixels is now this; a size of 0 is a window that shows nothing for a while.
+    /// Sets the window's size in pixels; a window of size 0 shows nothing.
     fn resize_window(&mut self, width: u32, height: u32);
 
-    /// Whether frames wait for the display's refresh, which is so at first. Without it they come as fast as they are drawn;
-    /// where that cannot be had, nothing changes.
+    /// Sets whether frames wait for the display's refresh, as they do at first. Without it they are shown as fast as they are
+    /// drawn, where the window system allows it.
     fn set_vsync(&mut self, vsync: bool);
 }

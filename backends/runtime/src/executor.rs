@@ -27,7 +27,7 @@ const IN_FLIGHT: &str = "frames in flight";
 
 /// An opened device, and the plan that it executes.
 ///
-/// Several share one device ([`Device::beside`]): its queue, the planes of the scene, its validation messages, and its loss, which the
+/// Several share one device ([`Device::new_context`]): its queue, the planes of the scene, its validation messages, and its loss, which the
 /// first that meets it tells to all. Each can be used from a thread of its own. An executor has its own plan, frames, results and
 /// shared output.
 ///
@@ -73,7 +73,7 @@ impl<G: Gpu> Executor<G> {
     /// Opens a device that shows its frames in `window`, which has `size` pixels (width, height) now. Only devices that can are fit
     /// for it.
     ///
-    /// The window is kept until the device, with all executors [on it](Device::beside), is closed.
+    /// The window is kept until the device, with all executors [on it](Device::new_context), is closed.
     ///
     /// # Errors
     /// As [`Executor::open`], and [`BackendError::Unavailable`] where images cannot be shown in the window.
@@ -197,7 +197,7 @@ impl<G: Gpu> Device for Executor<G> {
         &self.info
     }
 
-    fn beside(&self) -> Result<Self, BackendError> {
+    fn new_context(&self) -> Result<Self, BackendError> {
         self.shared.check_lost()?;
         Self::on(self.info.clone(), self.shared.clone())
     }

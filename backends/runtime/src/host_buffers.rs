@@ -12,7 +12,7 @@ use crate::gpu::{Buffer, BufferDesc, Gpu, Location};
 use crate::outputs::SharedOutput;
 use crate::shared::Shared;
 use crate::usage::usage;
-use splatgraph_api::{BackendError, Given};
+use splatgraph_api::{BackendError, BufferContents};
 use splatgraph_framework::ir::Shape;
 use splatgraph_framework::plan::Resource;
 use std::sync::Arc;
@@ -63,17 +63,17 @@ impl<G: Gpu> HostBuffer<G> {
         &mut self,
         shared: &Shared<G>,
         resource: &Resource,
-        contents: &Given,
+        contents: &BufferContents,
     ) -> Result<(), BackendError> {
         let most = shared.gpu.limits().max_storage_bytes;
         match contents {
-            Given::Bytes(bytes) => {
+            BufferContents::Bytes(bytes) => {
                 check_length(resource, bytes.len() as u64, most)?;
                 self.copy(&shared.gpu, resource, bytes)?;
                 self.output = None;
                 self.holds = Contents::Bytes(bytes.len() as u64);
             }
-            Given::Picture(picture) => {
+            BufferContents::Picture(picture) => {
                 let Some(found) = shared.outputs.find(picture) else {
                     return invalid(format!(
                         "host buffer `{}` was given the picture {}, which does not exist: its executor has shared another \

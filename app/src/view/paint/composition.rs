@@ -2,7 +2,7 @@
 
 use super::PICTURES;
 use bytemuck::{Pod, Zeroable};
-use splatgraph_api::{FrameInputs, Given, Picture};
+use splatgraph_api::{BufferContents, FrameInputs, Picture};
 use splatgraph_framework::ir::Format;
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ pub const WINDOW: &str = "frame.window";
 /// Size of the uniform block, in bytes.
 pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
 
-/// A picture to show, drawn by a plan or packed by the host (as [`Given::Bytes`]).
+/// A picture to show, drawn by a plan or packed by the host (as [`BufferContents::Bytes`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shown {
     /// Format of the pixels. [`Format::R32Float`] is shown as grey; [`Format::R32Uint`] holds no colours and is not shown.
@@ -22,13 +22,13 @@ pub struct Shown {
     /// Height, in pixels.
     pub height: u32,
     /// Pixels in the given format, row 0 at the top, rows tightly packed.
-    pub pixels: Given,
+    pub pixels: BufferContents,
 }
 
 impl From<Picture> for Shown {
     fn from(picture: Picture) -> Shown {
         let Picture { format, width, height, .. } = picture;
-        Shown { format, width, height, pixels: Given::Picture(picture) }
+        Shown { format, width, height, pixels: BufferContents::Picture(picture) }
     }
 }
 
@@ -115,7 +115,7 @@ impl Composition {
             // A missing picture is one word, which the shader does not read.
             let given = match picture {
                 Some(picture) => picture.pixels.clone(),
-                None => Given::Bytes(Arc::new(vec![0; 4])),
+                None => BufferContents::Bytes(Arc::new(vec![0; 4])),
             };
             inputs.buffers.insert(name.to_owned(), given);
         }

@@ -98,7 +98,7 @@ fn an_empty_interface_draws_nothing_and_its_buffers_are_not_empty() {
     let mut catalog = Catalog::default();
     offer(&mut catalog);
     for (name, buffer) in catalog.buffers.iter().filter(|(name, _)| !PICTURES.contains(&name.as_str())) {
-        let Some(Given::Bytes(bytes)) = given.get(name) else { panic!("no {name}") };
+        let Some(BufferContents::Bytes(bytes)) = given.get(name) else { panic!("no {name}") };
         assert!(bytes.len() as u64 >= buffer.least * buffer.stride, "{name}");
     }
     assert_eq!(given.len(), catalog.buffers.len() - PICTURES.len());
@@ -191,7 +191,7 @@ fn texels_are_handed_over_anew_only_when_they_changed() {
 }
 
 fn composition() -> Composition {
-    let shown = |format| Shown { format, width: 3, height: 2, pixels: Given::Bytes(Arc::default()) };
+    let shown = |format| Shown { format, width: 3, height: 2, pixels: BufferContents::Bytes(Arc::default()) };
     Composition {
         window: [640, 0],
         view: [200, 10, 400, 300],

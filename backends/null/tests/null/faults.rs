@@ -54,7 +54,7 @@ const STEPS: [Action; 14] = [
     Script::wait,
     |s| s.submit(FrameInputs { show: true, present: true, ..inputs() }),
     |s| {
-        let mut other = s.null.beside()?;
+        let mut other = s.null.new_context()?;
         other.load(plan(), &Zeros::default(), &mut |_| {})?;
         let frame = other.submit(&inputs())?;
         other.wait(frame).map(drop)
@@ -187,7 +187,7 @@ fn a_device_that_is_lost_in_a_frame_names_the_pass_that_was_done_last() {
     assert!(text.contains("next one is `splat`"), "{text}");
     // Every executor of the device says the same.
     assert_eq!(error_of(null.wait(first)), error);
-    assert_eq!(error_of(null.beside()), error);
+    assert_eq!(error_of(null.new_context()), error);
     assert_eq!(error_of(null.load(plan(), &Zeros::default(), &mut |_| {})), error);
     finish(null, &journal);
 }

@@ -2,7 +2,7 @@
 
 use crate::common::*;
 use crate::testing::{COLOR, WORDS, plan};
-use splatgraph_api::{BackendError, Device, FrameInputs, Given, Inspect};
+use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Inspect};
 use splatgraph_framework::ir::*;
 use splatgraph_null::{Call, Object};
 use std::sync::Arc;
@@ -98,7 +98,7 @@ fn bindings_of_a_host_buffer_are_written_where_it_moves_or_changes_its_length_an
     let (mut null, journal) = device();
     load(&mut null, with_host_buffer());
     let give = |bytes: &Arc<Vec<u8>>| {
-        let buffers = [("frame.words".to_string(), Given::Bytes(bytes.clone()))].into();
+        let buffers = [("frame.words".to_string(), BufferContents::Bytes(bytes.clone()))].into();
         FrameInputs { buffers, ..inputs() }
     };
     let writes = |calls: &[Call]| -> Vec<(usize, Option<u64>)> {
@@ -130,7 +130,7 @@ fn bindings_of_a_host_buffer_are_written_where_it_moves_or_changes_its_length_an
 #[test]
 fn a_shared_output_is_copied_in_order_and_kept_until_its_readers_are_done() {
     let (mut null, journal) = device();
-    let mut reader = null.beside().expect("there can be another");
+    let mut reader = null.new_context().expect("there can be another");
     load(&mut null, plan());
     load(&mut reader, with_host_buffer());
     let shown = null.submit(&FrameInputs { show: true, ..inputs() }).expect("the frame is submitted");
@@ -143,7 +143,7 @@ fn a_shared_output_is_copied_in_order_and_kept_until_its_readers_are_done() {
     ];
     assert!(calls.windows(3).any(|three| three == copy));
     let picture = null.picture().expect("it was shared");
-    let buffers = [("frame.words".to_string(), Given::Picture(picture))];
+    let buffers = [("frame.words".to_string(), BufferContents::Picture(picture))];
     let reads = FrameInputs { buffers: buffers.into(), ..inputs() };
     let read = reader.submit(&reads).expect("the frame is submitted");
     null.wait(shown).expect("the frame is done");

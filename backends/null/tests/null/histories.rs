@@ -122,7 +122,7 @@ fn a_plan_made_ready_on_another_thread_goes_on_from_the_one_that_is_current_when
     assert_eq!(started(&journal.take()), Vec::<&str>::new());
     // A plan belongs to the executor whose loader made it.
     let ready = null.loader().prepare(plan(), &Zeros::default(), &mut |_| {}).expect("it is made ready");
-    let mut other: Null = null.beside().expect("there can be another");
+    let mut other: Null = null.new_context().expect("there can be another");
     assert!(error_of(other.swap(ready)).to_string().contains("another executor"));
     drop(other);
     finish(null, &journal);

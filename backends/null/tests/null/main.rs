@@ -1,4 +1,4 @@
-//! The runtime on a device that executes nothing: frames, histories, swaps, uploads, windows and faults, call by call.
+//! The runtime on a device that executes nothing: frames, histories, swaps, uploads, windows, faults and every preset, call by call.
 
 mod common;
 mod faults;
@@ -6,6 +6,7 @@ mod frames;
 mod histories;
 #[path = "../../../../tests/module_order.rs"]
 mod module_order;
+mod presets;
 #[path = "../../../runtime/src/testing.rs"]
 mod testing;
 mod uploads;

@@ -48,7 +48,7 @@ fn a_plane_larger_than_a_chunk_goes_in_chunks_and_each_half_is_waited_for_before
 fn a_plane_is_uploaded_once_for_all_executors_as_long_as_some_plan_has_it() {
     let (mut null, journal) = device();
     let scene = Zeros::default();
-    let mut other = null.beside().expect("there can be another");
+    let mut other = null.new_context().expect("there can be another");
     null.load(plan(), &scene, &mut |_| {}).expect("the plan loads");
     other.load(plan(), &scene, &mut |_| {}).expect("the plan loads");
     assert_eq!((scene.asked(), copies(&journal.take()).len()), (1, 1));

@@ -24,8 +24,8 @@ pub fn finish(vulkan: Vulkan) {
 }
 
 /// Another on the same device.
-pub fn beside(vulkan: &Vulkan) -> Vulkan {
-    vulkan.beside().expect("there can be another")
+pub fn new_context(vulkan: &Vulkan) -> Vulkan {
+    vulkan.new_context().expect("there can be another")
 }
 
 /// Loads a plan that reads nothing of a scene.

@@ -1,7 +1,7 @@
 //! Buffers that come with every frame.
 
 use crate::build::*;
-use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Given, Inspect, Picture};
+use splatgraph_api::{BackendError, BufferContents, Device, FrameId, FrameInputs, Inspect, Picture};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
@@ -34,12 +34,12 @@ fn bytes(words: &[u32]) -> Arc<Vec<u8>> {
     Arc::new(words.iter().flat_map(|word| word.to_le_bytes()).collect())
 }
 
-fn giving(given: Given) -> FrameInputs {
+fn giving(given: BufferContents) -> FrameInputs {
     FrameInputs { buffers: [(NAME.to_string(), given)].into(), ..with_output() }
 }
 
 fn given(words: &[u32]) -> FrameInputs {
-    giving(Given::Bytes(bytes(words)))
+    giving(BufferContents::Bytes(bytes(words)))
 }
 
 fn row(vulkan: &mut Vulkan, frame: FrameId) -> Vec<u32> {
@@ -86,7 +86,9 @@ fn the_same_words_may_come_again_and_others_in_between() {
         [&first, &first, &first, &second, &first, &second, &longer, &second, &second, &first, &second];
     let frames: Vec<_> = order
         .iter()
-        .map(|&words| vulkan.submit(&giving(Given::Bytes(words.clone()))).expect("the frame is submitted"))
+        .map(|&words| {
+            vulkan.submit(&giving(BufferContents::Bytes(words.clone()))).expect("the frame is submitted")
+        })
         .collect();
     for (frame, &given) in frames.into_iter().zip(&order) {
         let given = words(given);
@@ -143,12 +145,16 @@ fn a_frame_without_the_buffer_or_with_too_little_of_it_is_refused_and_the_next_r
         &given(&[1]),
         "host buffer `frame.words`: expected 8 bytes or more in elements of 4, found 4 bytes",
     );
-    refused(&mut vulkan, &giving(Given::Bytes(Arc::default())), "found 0 bytes");
-    refused(&mut vulkan, &giving(Given::Bytes(Arc::new(vec![0; 10]))), "in elements of 4, found 10 bytes");
+    refused(&mut vulkan, &giving(BufferContents::Bytes(Arc::default())), "found 0 bytes");
+    refused(
+        &mut vulkan,
+        &giving(BufferContents::Bytes(Arc::new(vec![0; 10]))),
+        "in elements of 4, found 10 bytes",
+    );
     let unknown = Picture { id: 77, format: Format::R32Uint, width: 4, height: 4 };
     refused(
         &mut vulkan,
-        &giving(Given::Picture(unknown)),
+        &giving(BufferContents::Picture(unknown)),
         "host buffer `frame.words` was given the picture 77",
     );
     assert_eq!(shown(&mut vulkan, &given(&[3, 4])), [3, 4, 2]);
@@ -164,7 +170,7 @@ fn a_buffer_that_is_longer_than_a_binding_may_be_is_a_limit() {
     let most = vulkan.info().facts.max_storage_bytes;
     // Zeros that nobody looks at take no memory, however many.
     let long = vec![0; most as usize / 4 * 4 + 4];
-    let error = vulkan.submit(&giving(Given::Bytes(Arc::new(long))));
+    let error = vulkan.submit(&giving(BufferContents::Bytes(Arc::new(long))));
     assert!(matches!(error, Err(BackendError::Limit(_))), "{error:?}");
     assert_eq!(shown(&mut vulkan, &given(&[1])), [1, 1]);
     finish(vulkan);

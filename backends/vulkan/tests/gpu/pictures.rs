@@ -1,7 +1,7 @@
 //! Several executors on one device, and the pictures that they give one another.
 
 use crate::build::*;
-use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Given, Picture};
+use splatgraph_api::{BackendError, BufferContents, Device, FrameId, FrameInputs, Picture};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
@@ -49,7 +49,7 @@ void main() {
 }
 
 fn value(value: u32) -> FrameInputs {
-    let bytes = Given::Bytes(Arc::new(value.to_le_bytes().to_vec()));
+    let bytes = BufferContents::Bytes(Arc::new(value.to_le_bytes().to_vec()));
     FrameInputs { buffers: [("frame.value".to_string(), bytes)].into(), ..Default::default() }
 }
 
@@ -61,7 +61,7 @@ fn draw(vulkan: &mut Vulkan, pixels: u32) -> Picture {
 
 fn pictures(left: Picture, right: Picture) -> FrameInputs {
     let given = [("frame.left", left), ("frame.right", right)];
-    let buffers = given.map(|(name, picture)| (name.to_string(), Given::Picture(picture)));
+    let buffers = given.map(|(name, picture)| (name.to_string(), BufferContents::Picture(picture)));
     FrameInputs { buffers: buffers.into(), ..with_output() }
 }
 
@@ -80,7 +80,7 @@ fn listed(vulkan: &Vulkan, entry: &str) -> Option<u64> {
 #[test]
 fn a_third_executor_reads_what_two_others_drew_frame_after_frame() {
     let mut window = open();
-    let (mut left, mut right) = (beside(&window), beside(&window));
+    let (mut left, mut right) = (new_context(&window), new_context(&window));
     load(&mut window, compare());
     load(&mut right, plain(5));
     let mut width = 0;
@@ -113,7 +113,7 @@ fn a_third_executor_reads_what_two_others_drew_frame_after_frame() {
 #[test]
 fn one_picture_may_be_drawn_often_and_read_seldom_and_read_often_and_drawn_seldom() {
     let mut window = open();
-    let mut scene = beside(&window);
+    let mut scene = new_context(&window);
     load(&mut window, compare());
     load(&mut scene, plain(64));
     let mut frames = Vec::new();
@@ -137,7 +137,7 @@ fn one_picture_may_be_drawn_often_and_read_seldom_and_read_often_and_drawn_seldo
 #[test]
 fn a_picture_stays_until_another_size_is_shown_and_only_frames_that_are_shown_change_it() {
     let mut window = open();
-    let mut scene = beside(&window);
+    let mut scene = new_context(&window);
     load(&mut window, compare());
     load(&mut scene, plain(3));
     frame(&mut scene, &value(1));
@@ -165,7 +165,7 @@ fn a_picture_stays_until_another_size_is_shown_and_only_frames_that_are_shown_ch
 #[test]
 fn a_picture_that_is_gone_cannot_be_given_and_frames_that_were_given_it_read_it_to_the_end() {
     let mut window = open();
-    let mut scene = beside(&window);
+    let mut scene = new_context(&window);
     load(&mut window, compare());
     load(&mut scene, plain(9));
     let refused = |window: &mut Vulkan, picture: Picture| {
@@ -186,7 +186,7 @@ fn a_picture_that_is_gone_cannot_be_given_and_frames_that_were_given_it_read_it_
     assert_eq!(row(&mut window, pending), [1, 9, 9, 1, 9, 9]);
     assert_eq!(row(&mut window, mixed), [2, 2, 2, 2, 2, 2]);
     // One that is told to be of another size is another.
-    let mut scene = beside(&window);
+    let mut scene = new_context(&window);
     load(&mut scene, plain(2));
     let third = draw(&mut scene, 3);
     refused(&mut window, Picture { width: 3, ..third });
@@ -218,11 +218,11 @@ void main() {
         show: true,
         ..with_output()
     };
-    let mut last = Given::Bytes(Arc::new(vec![0; 4]));
+    let mut last = BufferContents::Bytes(Arc::new(vec![0; 4]));
     let mut frames = Vec::new();
     for _ in 0..6 {
         frames.push(vulkan.submit(&given(last)).expect("the frame is submitted"));
-        last = Given::Picture(vulkan.picture().expect("it is shown"));
+        last = BufferContents::Picture(vulkan.picture().expect("it is shown"));
     }
     for (index, frame) in (1..).zip(frames) {
         assert_eq!(row(&mut vulkan, frame), [index, 2 * index]);
@@ -234,7 +234,7 @@ void main() {
 #[test]
 fn executors_have_frames_and_results_of_their_own() {
     let mut first = open();
-    let mut second = beside(&first);
+    let mut second = new_context(&first);
     load(&mut first, plain(1));
     assert!(error_of(second.submit(&value(0))).contains("before a plan was loaded"));
     load(&mut second, plain(2));
@@ -257,9 +257,9 @@ fn a_picture_is_its_executors_memory_until_it_has_another_and_then_of_the_frames
     const PIXELS: u32 = 4096;
     let mut window = open();
     load(&mut window, compare());
-    let mut scene = beside(&window);
+    let mut scene = new_context(&window);
     load(&mut scene, plain(PIXELS));
-    let words_ = Given::Bytes(Arc::new(vec![0; 4]));
+    let words_ = BufferContents::Bytes(Arc::new(vec![0; 4]));
     let buffers = ["frame.left", "frame.right"].map(|name| (name.to_string(), words_.clone()));
     for _ in 0..2 {
         // Both slots have memory for words now.

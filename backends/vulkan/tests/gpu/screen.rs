@@ -267,7 +267,7 @@ fn the_window_is_the_executors_that_was_opened_in_it_and_others_draw_on_without(
     let server = Server::start();
     let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
     let mut vulkan = open_in(&window, SIZE);
-    let mut other = vulkan.beside().expect("another executor");
+    let mut other = vulkan.new_context().expect("another executor");
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     load(&mut other, gradients(Format::Rgba16Float));
     for blue in 20..26 {

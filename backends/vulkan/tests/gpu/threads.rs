@@ -128,7 +128,7 @@ fn a_plan_that_was_made_ready_in_vain_leaves_nothing_behind() {
 #[test]
 fn a_plan_belongs_to_the_executor_whose_loader_made_it() {
     let first = open();
-    let mut second = beside(&first);
+    let mut second = new_context(&first);
     let mut other = open();
     let error = error_of(second.swap(prepare(first.loader(), growing("count", 1))));
     assert!(error.contains("`hand-made` was made ready for another executor"), "{error}");
@@ -142,7 +142,7 @@ fn a_plan_belongs_to_the_executor_whose_loader_made_it() {
 fn what_executors_read_of_a_scene_is_on_the_device_once() {
     let data = scene(&[4, 5, 6]);
     let mut first = open();
-    let mut second = beside(&first);
+    let mut second = new_context(&first);
     first.load(numbers(3), &data, &mut |_| {}).expect("the plan loads");
     let again = &mut |progress: Progress| {
         assert!(!matches!(progress, Progress::Upload { .. }), "nothing is uploaded twice");
@@ -155,7 +155,7 @@ fn what_executors_read_of_a_scene_is_on_the_device_once() {
     first.submit(&with_output()).expect("the frame is submitted");
     drop(first);
     assert_eq!(shown(&mut second), [4, 5, 6]);
-    let mut third = beside(&second);
+    let mut third = new_context(&second);
     third.load(numbers(3), &data, again).expect("the plan loads");
     assert_eq!((data.asked(), shown(&mut third)), (1, vec![4, 5, 6]));
     drop(second);
@@ -188,7 +188,7 @@ void main() { last = numbers[numbers.length() - 1]; }",
     let executors: Vec<Vulkan> = thread::scope(|scope| {
         let threads: Vec<_> = (0..THREADS)
             .map(|_| {
-                let (plan, mut own) = (plan.clone(), beside(&vulkan));
+                let (plan, mut own) = (plan.clone(), new_context(&vulkan));
                 let (data, meeting) = (&data, &meeting);
                 scope.spawn(move || {
                     meeting.wait();
@@ -245,7 +245,7 @@ fn executors_draw_in_threads_of_their_own_while_plans_are_made_ready_in_others()
     let vulkan = open();
     let threads: Vec<_> = (0..2)
         .map(|index| {
-            let mut own = beside(&vulkan);
+            let mut own = new_context(&vulkan);
             thread::spawn(move || {
                 let mut value = 0;
                 load(&mut own, growing("count", 1));
@@ -279,7 +279,7 @@ fn executors_in_several_threads_take_turns_on_the_queue() {
     let executors: Vec<Vulkan> = thread::scope(|scope| {
         let threads: Vec<_> = (0..4)
             .map(|_| {
-                let mut own = beside(&vulkan);
+                let mut own = new_context(&vulkan);
                 load(&mut own, growing("count", 1));
                 let meeting = &meeting;
                 scope.spawn(move || {
@@ -301,7 +301,7 @@ fn executors_in_several_threads_take_turns_on_the_queue() {
 #[test]
 fn messages_are_the_devices_and_closing_one_executor_leaves_the_others_open() {
     let first = open();
-    let mut second = beside(&first);
+    let mut second = new_context(&first);
     assert_eq!(first.close(), Vec::<String>::new());
     load(&mut second, growing("count", 1));
     assert_eq!((grow(&mut second), grow(&mut second)), (1, 2));

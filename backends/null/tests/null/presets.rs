@@ -1,0 +1,140 @@
+//! Every built-in graph: the runtime alone, from the plan to the results.
+
+use crate::common::Zeros;
+use splatgraph_api::{Device, FrameInputs, Inspect};
+use splatgraph_assets::ATTRIBUTES;
+use splatgraph_framework::build;
+use splatgraph_framework::ir::{Attribute, Catalog, Facts, Layout, Request, ResourceId, Value, Work};
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::Glslang;
+use splatgraph_framework::source::{Library, SourceMap, render};
+use splatgraph_null::{Call, Config, Journal, Null, limits, open};
+use std::path::Path;
+use std::time::Instant;
+
+/// Bytes of the camera's uniform block.
+const CAMERA_BYTES: u64 = 256;
+
+/// The plans of all presets for a small scene, with shared memory or without.
+fn plans(share_memory: bool) -> Vec<Plan> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../pipelines");
+    let scene = splatgraph_assets::synth::generate("demo", 2_000, 1).expect("a generator");
+    let numbers = [
+        ("scene.count", 2_000),
+        ("scene.sh_degree", 3),
+        ("scene.stored_sh_degree", 3),
+        ("viewport.width", 64),
+        ("viewport.height", 36),
+    ];
+    let facts = Facts {
+        device: limits().facts(),
+        host: numbers.map(|(name, value)| (name.to_string(), Value::Int(value))).into(),
+    };
+    let attributes = ATTRIBUTES.map(|name| {
+        let info = scene.attribute(name).expect("a scene has it");
+        (name.to_string(), Attribute { stride: info.stride, count: 2_000, planes: info.planes })
+    });
+    let uniforms = [("frame.camera".to_string(), CAMERA_BYTES)].into();
+    let catalog = Catalog { attributes: attributes.into(), uniforms, ..Catalog::default() };
+    let mut graphs: Vec<_> = std::fs::read_dir(folder)
+        .expect("the built-in graphs")
+        .map(|entry| entry.expect("a file").path())
+        .filter(|path| path.extension().is_some_and(|e| e == "ron"))
+        // Graphs made to be included have no output.
+        .filter(|path| {
+            let text = std::fs::read_to_string(path).expect("a text");
+            text.contains("output:") || text.contains("Preset(")
+        })
+        .collect();
+    graphs.sort();
+    assert!(graphs.len() >= 9, "{graphs:?}");
+    let (mut files, mut compiler) = (SourceMap::new(Library::default()), Glslang::default());
+    let mut plan = |path: std::path::PathBuf| {
+        let graph = path.to_str().expect("a plain path");
+        let request = Request { graph, set: &[], facts: &facts, catalog: &catalog, share_memory };
+        build(&request, &mut files, &mut compiler).unwrap_or_else(|e| panic!("{}", render(&files, &e, false)))
+    };
+    graphs.into_iter().map(&mut plan).collect()
+}
+
+fn device() -> (Null, Journal) {
+    let (null, journal) = open(&Config { window: Some((64, 36)), ..Config::default() });
+    (null.expect("it opens"), journal)
+}
+
+fn inputs(plan: &Plan) -> FrameInputs {
+    FrameInputs {
+        uniforms: [("frame.camera".to_string(), vec![0; CAMERA_BYTES as usize])].into(),
+        live: plan.live_bytes(),
+        present: true,
+        read_output: true,
+        ..FrameInputs::default()
+    }
+}
+
+/// How often each of a plan's kinds of work is in these calls.
+fn works(calls: &[Call]) -> [usize; 3] {
+    let count = |is: fn(&Call) -> bool| calls.iter().filter(|call| is(call)).count();
+    [
+        count(|call| matches!(call, Call::Dispatch(_) | Call::DispatchIndirect { .. })),
+        count(|call| matches!(call, Call::Draw { .. } | Call::DrawIndirect { .. })),
+        count(|call| matches!(call, Call::Barriers { .. })),
+    ]
+}
+
+#[test]
+fn every_preset_runs_through_the_runtime_call_by_call_as_its_plan_says() {
+    let (mut device, journal) = device();
+    let plans = plans(true);
+    for plan in &plans {
+        let started = Instant::now();
+        device
+            .load(plan.clone(), &Zeros::default(), &mut |_| {})
+            .unwrap_or_else(|e| panic!("{}: {e}", plan.name));
+        for _ in 0..3 {
+            journal.take();
+            let frame = device.submit(&inputs(plan)).unwrap_or_else(|e| panic!("{}: {e}", plan.name));
+            let result = device.wait(frame).expect("the frame is done");
+            assert_eq!(result.stats.len(), plan.stats.len());
+        }
+        // Of a frame that runs no prologue.
+        let work = |is: fn(&Work) -> bool| plan.frame.iter().filter(|s| is(&plan.pass(s.pass).work)).count();
+        let expected = [
+            work(|work| matches!(work, Work::Dispatch { .. })),
+            work(|work| matches!(work, Work::Draw { .. })),
+            plan.frame.iter().filter(|step| !step.barriers.is_empty()).count(),
+        ];
+        assert_eq!(works(&journal.take()), expected, "{}", plan.name);
+        let took = started.elapsed();
+        assert!(took.as_millis() < 1000, "{} took {took:?}", plan.name);
+    }
+    // From each to the next and back, while frames are in flight.
+    for plan in plans.iter().chain(plans.iter().rev()) {
+        device.load(plan.clone(), &Zeros::default(), &mut |_| {}).expect("the plan loads");
+        device.submit(&inputs(plan)).expect("the frame is submitted");
+    }
+    assert_eq!(device.close(), Vec::<String>::new());
+    assert_eq!(journal.alive(), Default::default());
+}
+
+#[test]
+fn every_resource_of_every_preset_can_be_inspected_after_the_last_pass() {
+    let (mut device, journal) = device();
+    for plan in plans(false) {
+        let after = plan.frame.last().expect("a frame has steps").pass;
+        let ids = (0..plan.resources.len() as u32).map(ResourceId);
+        let inspect: Vec<Inspect> = ids.map(|resource| Inspect { resource, after }).collect();
+        device.load(plan.clone(), &Zeros::default(), &mut |_| {}).expect("the plan loads");
+        device.submit(&inputs(&plan)).expect("the frame is submitted");
+        let frame = device.submit(&FrameInputs { inspect, ..inputs(&plan) });
+        let result = device.wait(frame.unwrap_or_else(|e| panic!("{}: {e}", plan.name))).expect("it is done");
+        let sizes: Vec<u64> = result.inspected.iter().map(|bytes| bytes.len() as u64).collect();
+        assert_eq!(sizes, plan.resources.iter().map(|r| r.bytes()).collect::<Vec<_>>(), "{}", plan.name);
+        // Images are brought back to where the plan counts on them.
+        for call in journal.take() {
+            let Call::FullBarrier { images } = call else { continue };
+            assert!(images.iter().all(|(_, _, new)| *new != Layout::Undefined), "{}: {images:?}", plan.name);
+        }
+    }
+    assert_eq!(device.close(), Vec::<String>::new());
+}
