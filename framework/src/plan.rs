@@ -1,4 +1,4 @@
-//! The plan: what a backend executes, as plain data.
+//! The plan: the input of a backend, as plain data.
 //!
 //! A [`Plan`] names every resource with its size and its memory, every pass with its bindings, and two sequences of steps:
 //! the prologue, which runs once after the plan or the scene changed, and the frame, which runs every time. A step is a
@@ -15,17 +15,22 @@ use crate::ir::{
     ResourceId, Shader, ShaderId, Shape, Source, Stages, Stat, Usage, Value,
 };
 
-/// What a backend executes. See the module's documentation.
+/// Holds everything that a backend executes. See the module's documentation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// The name that the graph was asked for by: a preset's name or a path.
+    /// The requested name: a preset's name or a path.
     pub name: String,
+    /// One line that describes the graph.
     pub summary: String,
     /// The facts of the scene, the device and the viewport that the plan was built from.
     pub facts: BTreeMap<String, Value>,
+    /// Parameters, in the order of the file.
     pub params: Vec<Param>,
+    /// Buffers and images, indexed by [`ResourceId`].
     pub resources: Vec<Resource>,
+    /// Compiled shaders, indexed by [`ShaderId`].
     pub shaders: Vec<Shader>,
+    /// Passes, indexed by [`PassId`].
     pub passes: Vec<Pass>,
     /// The memory of the transient resources. Each stands in one block, alone or with others that are never alive at the
     /// same time.
@@ -49,30 +54,33 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// Returns the resource of an id.
     pub fn resource(&self, id: ResourceId) -> &Resource {
         &self.resources[id.index()]
     }
 
+    /// Returns the pass of an id.
     pub fn pass(&self, id: PassId) -> &Pass {
         &self.passes[id.index()]
     }
 
+    /// Returns the shader of an id.
     pub fn shader(&self, id: ShaderId) -> &Shader {
         &self.shaders[id.index()]
     }
 
-    /// The resource of this name, for instance `"keys#0"`.
+    /// Finds a resource by name, for instance `"keys#0"`.
     pub fn find_resource(&self, name: &str) -> Option<ResourceId> {
         self.resources.iter().position(|r| r.name == name).map(|i| ResourceId(i as u32))
     }
 
-    /// The bytes of the live uniform block, from the parameters' values; empty where no pass reads it. A choice is the index of its
+    /// Encodes the live uniform block from the plan's own values; empty if no pass reads it. A choice is the index of its
     /// name, a bool 0 or 1.
     pub fn live_bytes(&self) -> Vec<u8> {
         self.live_bytes_of(&self.params)
     }
 
-    /// The same with other values: `params` are the plan's own, some of the live ones changed.
+    /// Encodes the live uniform block from `params`: the plan's own, with other values of live ones.
     pub fn live_bytes_of<'a>(&self, params: impl IntoIterator<Item = &'a Param>) -> Vec<u8> {
         let size = self.resources.iter().find(|r| r.source == Source::Live).map_or(0, Resource::bytes);
         let mut bytes = vec![0; size as usize];
@@ -94,43 +102,48 @@ impl Plan {
         bytes
     }
 
-    /// Bytes of the memory blocks: what the plan itself owns, not the scene's. (A device may round images up.)
+    /// Sums the bytes of the memory blocks. A device may round images up.
     pub fn transient_bytes(&self) -> u64 {
         let largest = |block: &Block| block.tenants.iter().map(|id| self.resource(*id).bytes()).max();
         self.blocks.iter().filter_map(largest).sum()
     }
 
-    /// Bytes that the same resources would take if each had memory of its own.
+    /// Sums the bytes of the transient resources as if none shared memory.
     pub fn unshared_bytes(&self) -> u64 {
         self.resources.iter().filter(|r| r.source == Source::Transient).map(Resource::bytes).sum()
     }
 
-    /// The resources that stand in the same memory as this one, itself left out.
+    /// Lists the other resources in the same memory.
     pub fn aliases(&self, id: ResourceId) -> impl Iterator<Item = ResourceId> + '_ {
         let block = self.resource(id).block.map(|block| &self.blocks[block.index()]);
         block.into_iter().flat_map(|block| &block.tenants).copied().filter(move |other| *other != id)
     }
 }
 
-/// A buffer or an image. Ping-pong resources appear as two, named `keys#0` and `keys#1`.
+/// Describes a buffer or an image. Ping-pong resources appear as two, named `keys#0` and `keys#1`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resource {
+    /// Unique in the plan.
     pub name: String,
+    /// Size, and format of an image.
     pub shape: Shape,
+    /// Uses over all passes.
     pub usage: Usage,
+    /// Owner of the memory.
     pub source: Source,
-    /// Where a transient resource stands; `None` for all others.
+    /// The memory of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
-    /// The name under which its contents live on from frame to frame, and from one plan to the next that has a history of the
+    /// The name under which its contents are kept from frame to frame, and from one plan to the next that has a history of the
     /// same name and shape. (Of a ping-pong resource, only the half that the frame ends with as its front has it.)
     pub history: Option<String>,
+    /// The declaration.
     pub origin: Origin,
 }
 
-/// A piece of memory, as large as its largest tenant.
+/// Describes a piece of memory, as large as its largest resource.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Resources that stand at the block's start. Of several, only one is alive at any time: from its first use in a frame,
+    /// Resources at the block's start. Of several, only one is alive at any time: from its first use in a frame,
     /// before which its contents are undefined, to its last.
     pub tenants: Vec<ResourceId>,
 }
@@ -142,18 +155,19 @@ impl Resource {
     }
 }
 
-/// Barriers, recorded together as one call, and then a pass.
+/// Records barriers together as one call, and then a pass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// At most one on all memory, which comes first, and one for each image that changes its layout. Those of one call do not
     /// form chains with each other.
     pub barriers: Vec<Barrier>,
+    /// The pass.
     pub pass: PassId,
 }
 
-/// Order between what came before, at the source, and what comes after, at the target; and with it, memory.
+/// Orders earlier commands, at the source, before later ones, at the target, and their memory accesses with them.
 ///
-/// It means what it means in Vulkan. Everything that the source stages and the stages before them did happens before
+/// The meaning is Vulkan's. Everything that the source stages and the stages before them did happens before
 /// everything that the target stages and the stages after them will do, for all resources, and barriers whose scopes meet
 /// form chains. Of the writes of the source stages themselves, those of the source accesses are made available; what is
 /// available by then (from here, or from earlier in the chain) becomes visible to the target accesses of the target stages
@@ -164,30 +178,38 @@ pub struct Barrier {
     /// The image whose layout changes. The change is a write that happens between source and target, and is visible to the
     /// target.
     pub image: Option<Transition>,
+    /// Stages to wait for.
     pub source_stages: Stages,
+    /// Writes to make available.
     pub source_accesses: Accesses,
+    /// Stages that wait.
     pub target_stages: Stages,
+    /// Accesses that the writes become visible to.
     pub target_accesses: Accesses,
-    /// What it stands against, one entry per resource: never empty.
+    /// The conflicts that it resolves, one entry per resource: never empty.
     pub dependencies: Vec<Dependency>,
 }
 
-/// A change of an image's layout. `old` is [`Layout::Undefined`] where the contents are not needed.
+/// Changes an image's layout. `old` is [`Layout::Undefined`] where the contents are not needed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transition {
+    /// The image.
     pub image: ResourceId,
+    /// The layout before.
     pub old: Layout,
+    /// The layout after.
     pub new: Layout,
 }
 
-/// One reason for a barrier: what `after` did, and what `before` is about to do.
+/// Gives one reason for a barrier: the accesses of `after` conflict with those of `before`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dependency {
+    /// The kind of conflict.
     pub hazard: Hazard,
     /// The pass that needs it: that of the step, or a later one that would otherwise need a call of its own. (It may be one at
     /// the start of the next frame, whose needs the last call of this one meets.)
     pub before: PassId,
-    /// What that pass touches.
+    /// The resource that it accesses.
     pub resource: ResourceId,
     /// The passes that are waited for, the latest of each kind. Empty where an image was never touched.
     pub after: Vec<PassId>,
@@ -195,9 +217,12 @@ pub struct Dependency {
     pub previous_frame: bool,
     /// The resource that they touched, where it is another one in the same memory.
     pub alias: Option<ResourceId>,
-    /// What this reason alone asks of the barrier.
+    /// The stages that this reason alone waits for.
     pub source_stages: Stages,
+    /// Its writes to make available.
     pub source_accesses: Accesses,
+    /// Its stages that wait.
     pub target_stages: Stages,
+    /// Its accesses that the writes become visible to.
     pub target_accesses: Accesses,
 }

@@ -33,21 +33,23 @@ use std::ops::Range;
 
 use crate::ir::Value;
 
-/// An expression, parsed.
+/// Holds a parsed expression.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expr {
     root: Node,
 }
 
-/// What is wrong with an expression, and where: a range of bytes in its text.
+/// Describes a mistake in an expression, and its place: a range of bytes in the text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct ExprError {
     /// One sentence without a full stop.
     pub message: String,
+    /// Offset of the first byte.
     pub start: usize,
+    /// Offset behind the last byte.
     pub end: usize,
-    /// What to do about it, if there is something to say.
+    /// A suggestion, if there is one.
     pub help: Option<String>,
 }
 
@@ -62,11 +64,12 @@ impl ExprError {
     }
 }
 
-/// Where an expression's names get their values.
+/// Gives the names of an expression their values.
 pub trait Scope {
+    /// Returns the value of a name.
     fn get(&self, name: &str) -> Option<Value>;
 
-    /// Every name there is, to offer the nearest one when a name is unknown.
+    /// Lists every name, to suggest the nearest one for an unknown name.
     fn names(&self) -> Vec<String>;
 }
 
@@ -81,19 +84,19 @@ impl Scope for BTreeMap<String, Value> {
 }
 
 impl Expr {
-    /// Reads an expression. Fails on what does not follow the grammar, on integers beyond 64 bits, on unknown
+    /// Parses an expression. Fails on what does not follow the grammar, on integers beyond 64 bits, on unknown
     /// functions and wrong numbers of arguments, and on expressions nested more than 128 levels deep (a sum
     /// of 129 terms is one).
     pub fn parse(text: &str) -> Result<Expr, ExprError> {
         Ok(Expr { root: parse::parse(text)? })
     }
 
-    /// An expression that is a value as it stands.
+    /// Makes an expression of a value.
     pub fn literal(value: Value) -> Expr {
         Expr { root: Node { kind: NodeKind::Literal(value), start: 0, end: 0 } }
     }
 
-    /// Every use of a name from the scope, in the order of the text, with its place in it. Functions are not
+    /// Lists every use of a name from the scope, in the order of the text, with its place in it. Functions are not
     /// among them.
     pub fn names(&self) -> impl Iterator<Item = (&str, Range<usize>)> {
         let mut names = Vec::new();
@@ -101,7 +104,7 @@ impl Expr {
         names.into_iter()
     }
 
-    /// The expression's value in `scope`.
+    /// Evaluates the expression in `scope`.
     ///
     /// Fails, pointing at the operand or the operation, on unknown names, wrong types, overflow, division by
     /// zero, shifts by less than 0 or more than 63, and results that are not finite. What `&&`, `||` and `?:`

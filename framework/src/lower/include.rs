@@ -7,7 +7,7 @@ use super::params;
 use super::passes::{Head, Level, Lowering};
 use super::scope::{Names, Place};
 use crate::ir::{Param, Run};
-use crate::schema::{Number, ParamDecl};
+use crate::schema::{Number, ParamDecl, Reference};
 use crate::source::{Diagnostic, Kind, Path};
 
 impl Lowering<'_> {
@@ -18,12 +18,12 @@ impl Lowering<'_> {
         graph: &str,
         name: &str,
         when: &Option<Number>,
-        with: &IndexMap<String, String>,
+        with: &IndexMap<String, Reference>,
         set: &IndexMap<String, Number>,
         place: &Place,
     ) -> Result<(), Diagnostic> {
         let head = Head { name, phase: &None, run: Run::Frame, place };
-        let users: Vec<&str> = with.values().map(String::as_str).collect();
+        let users: Vec<&Reference> = with.values().collect();
         if !self.wanted(level, when, &head, &users)? {
             return Ok(());
         }
@@ -56,7 +56,7 @@ impl Lowering<'_> {
                 .with_label(span, "the port"));
             };
             let at = place.field("with").field(port_name);
-            let handle = match level.handles.get(given) {
+            let handle = match level.handles.get(&given.text) {
                 Some(handle) => handle.clone(),
                 None => {
                     self.look_up(level, given, &at)?;

@@ -3,7 +3,7 @@
 use super::document::{Opened, Setting};
 use super::scope::{Names, Place, describe};
 use crate::ir::{Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, Request, Span, Value};
-use crate::schema::{Graph, Number, ParamDecl, ParamKind};
+use crate::schema::{Expression, Graph, Number, ParamDecl, ParamKind};
 use crate::source::{Diagnostic, Path, SourceMap, nearest};
 
 /// What a graph's parameters come to.
@@ -173,7 +173,9 @@ fn domain(
         ParamKind::Choice { default, of, exact, .. } => {
             let domain = Domain::Choice(of.clone());
             // A name of the list, or an expression that comes to one.
-            let pick = |text: &String, field| value(&Number::Expression(text.clone()), field, &domain);
+            let pick = |expression: &Expression, field| {
+                value(&Number::Expression(expression.clone()), field, &domain)
+            };
             let default = pick(default, "default")?;
             let exact = exact.as_ref().map(|e| pick(e, "exact")).transpose()?;
             return Ok((domain, default, exact));
@@ -192,7 +194,7 @@ pub(super) fn given(
     at: &Place,
 ) -> Result<Value, Diagnostic> {
     let value = match (number, domain) {
-        (Number::Expression(text), Domain::Choice(of))
+        (Number::Expression(Expression { text, .. }), Domain::Choice(of))
             if of.contains(text) || is_identifier(text) && !names.values.contains_key(text) =>
         {
             Value::Text(text.clone())

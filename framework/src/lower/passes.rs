@@ -17,7 +17,7 @@ use crate::ir::{
     DrawCall, EXPORT, FileId, HOST, LIVE_BLOCK, LeftOut, Param, Request, Run, Shape, Source, Span, Stat,
     Target, Value,
 };
-use crate::schema::{Call, Graph, Number, PassDecl, Size};
+use crate::schema::{Call, Graph, Number, Part, PassDecl, Reference, ResourceName, Size};
 use crate::source::{Diagnostic, Outline, Path, SourceMap};
 
 /// Passes that a graph may have after its repeats: far beyond any use, and short of exhausting memory by a typing error.
@@ -203,7 +203,7 @@ impl<'a> Lowering<'a> {
         match pass {
             PassDecl::Dispatch { name, phase, run, when, shader, size, bind, push, define } => {
                 let head = Head { name, phase, run: *run, place };
-                let users: Vec<&str> = bind.values().map(String::as_str).collect();
+                let users: Vec<&Reference> = bind.values().collect();
                 if !self.wanted(level, when, &head, &users)? {
                     return Ok(());
                 }
@@ -236,11 +236,7 @@ impl<'a> Lowering<'a> {
                 targets,
             } => {
                 let head = Head { name, phase, run: Run::Frame, place };
-                let users: Vec<&str> = bind
-                    .values()
-                    .map(String::as_str)
-                    .chain(targets.iter().map(|t| t.image.as_str()))
-                    .collect();
+                let users: Vec<&Reference> = bind.values().chain(targets.iter().map(|t| &t.image)).collect();
                 if !self.wanted(level, when, &head, &users)? {
                     return Ok(());
                 }
@@ -297,9 +293,10 @@ impl<'a> Lowering<'a> {
                 let last = self.histories.iter().any(|history| history.previous_frame == id);
                 if !matches!(target.shape, Shape::Buffer { .. }) || target.source != Source::Transient || last
                 {
-                    return Err(
-                        at.error(format!("`{buffer}` cannot be filled"), "only the graph's own buffers can")
-                    );
+                    return Err(at.error(
+                        format!("`{}` cannot be filled", buffer.text),
+                        "only the graph's own buffers can",
+                    ));
                 }
                 let none = (IndexMap::new(), IndexMap::new(), IndexMap::new());
                 self.emit(level, &head, LoweredWork::Fill { buffer: id, value }, &none.0, &none.1, &none.2)
@@ -315,10 +312,11 @@ impl<'a> Lowering<'a> {
                     }
                     Some(None) => Ok(()),
                     // A plain resource and an unknown one are told apart by the usual look-up.
-                    _ => self.look_up(level, &format!("front({name})"), &at).map(|_| ()).map_err(|mut e| {
-                        e.primary.span = at.span();
-                        e
-                    }),
+                    _ => {
+                        let front =
+                            ResourceName { name: name.clone(), part: Part::Front, range: 0..name.len() };
+                        self.look_up_name(level, Some(&front), &at, at.span()).map(|_| ())
+                    }
                 }
             }
             PassDecl::Include { graph, name, when, with, set } => {
@@ -333,7 +331,7 @@ impl<'a> Lowering<'a> {
         level: &Level,
         when: &Option<Number>,
         head: &Head,
-        users: &[&str],
+        users: &[&Reference],
     ) -> Result<bool, Diagnostic> {
         let Some(number) = when else { return Ok(true) };
         let at = head.place.field("when");
@@ -342,7 +340,7 @@ impl<'a> Lowering<'a> {
         }
         let name = format!("{}{}{}", level.prefix, head.name, level.suffix);
         let condition = match number {
-            Number::Expression(text) => text.clone(),
+            Number::Expression(expression) => expression.text.clone(),
             Number::Literal(value) => value.to_string(),
         };
         for user in users {
@@ -362,7 +360,7 @@ impl<'a> Lowering<'a> {
     fn indirect(
         &self,
         level: &Level,
-        buffer: &str,
+        buffer: &Reference,
         offset: &Number,
         bytes: u64,
         at: &Place,
@@ -374,11 +372,11 @@ impl<'a> Lowering<'a> {
         if !matches!(resource.shape, Shape::Buffer { .. }) {
             return Err(at
                 .index(0)
-                .error(format!("`{buffer}` is an image"), "the arguments are in a buffer"));
+                .error(format!("`{}` is an image", buffer.text), "the arguments are in a buffer"));
         }
         if offset % 4 != 0 || offset + bytes > resource.shape.bytes() {
             return Err(offset_place.error(
-                format!("{bytes} bytes of arguments do not stand at offset {offset} of `{buffer}`"),
+                format!("{bytes} bytes of arguments do not stand at offset {offset} of `{}`", buffer.text),
                 format!("it has {} bytes, and offsets are multiples of 4", resource.shape.bytes()),
             ));
         }
@@ -390,7 +388,7 @@ impl<'a> Lowering<'a> {
         level: &Level,
         head: &Head,
         work: LoweredWork,
-        bind: &IndexMap<String, String>,
+        bind: &IndexMap<String, Reference>,
         push: &IndexMap<String, Number>,
         define: &IndexMap<String, Number>,
     ) -> Result<(), Diagnostic> {
@@ -525,7 +523,7 @@ impl<'a> Lowering<'a> {
             }
             Ok(None) => None,
             Ok(Some(_)) => {
-                self.errors.push(at.error(format!("`{name}` is a buffer"), "the output is an image"));
+                self.errors.push(at.error(format!("`{}` is a buffer", name.text), "the output is an image"));
                 None
             }
             Err(diagnostic) => {

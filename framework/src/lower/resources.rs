@@ -5,7 +5,7 @@ use super::passes::{Level, Lowering};
 use super::scope::{Names, Place, describe};
 use super::{LoweredResource, ResourceHandle};
 use crate::ir::{Format, GivenBuffer, Shape, Source, Span, Value};
-use crate::schema::{Import, Number, Port, ResourceDecl};
+use crate::schema::{Expression, Import, Part, Port, Reference, ResourceDecl, ResourceName, is_choice};
 use crate::source::{Diagnostic, Path};
 
 /// What a name in a graph stands for.
@@ -22,14 +22,6 @@ pub(super) enum Handle {
 pub(super) struct PingPong {
     pub halves: [ResourceHandle; 2],
     pub front: usize,
-}
-
-/// Which half of a ping-pong resource a name asks for, or whether it asks for the contents of the frame before.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Half {
-    Front,
-    Back,
-    Last,
 }
 
 /// A resource that was declared with a history.
@@ -210,7 +202,8 @@ impl Lowering<'_> {
         }
     }
 
-    fn format(&self, level: &Level, text: &str, place: &Place) -> Result<Format, Diagnostic> {
+    fn format(&self, level: &Level, format: &Expression, place: &Place) -> Result<Format, Diagnostic> {
+        let text = format.text.as_str();
         let named = |name: &str| Format::ALL.into_iter().find(|f| f.name() == name);
         if let Some(format) = named(text) {
             return Ok(format);
@@ -224,7 +217,7 @@ impl Lowering<'_> {
         if is_identifier(text) && !level.names.values.contains_key(text) {
             return Err(wrong(text));
         }
-        match level.names.evaluate(&Number::Expression(text.into()), place)? {
+        match level.names.expression(format, place)? {
             Value::Text(name) => named(&name).ok_or_else(|| wrong(&name)),
             other => Err(wrong(&other.to_string())),
         }
@@ -244,62 +237,55 @@ impl Lowering<'_> {
         id
     }
 
-    /// The resources that the name at `place` stands for at this point of the walk: `keys`, `front(keys)`, `back(keys)`,
-    /// `last(keys)`, or an expression that comes to one of these. `Ok(None)` where the name is known but its declaration was
-    /// in error.
+    /// Returns the resources that the reference at `place` stands for at this point of the walk, or `Ok(None)` if the name is
+    /// known but its declaration is in error.
     pub(super) fn look_up(
         &self,
         level: &Level,
-        text: &str,
+        reference: &Reference,
         place: &Place,
     ) -> Result<Option<Vec<ResourceHandle>>, Diagnostic> {
-        // An expression chooses between names, which are texts in it.
-        let named = level.names.values.get(text).filter(|_| !level.handles.contains_key(text));
-        if text.contains(['?', '\'']) || matches!(named, Some(Value::Text(_))) {
-            let name = match level.names.evaluate(&Number::Expression(text.into()), place)? {
-                Value::Text(name) if !name.contains(['?', '\'']) => name,
-                other => {
-                    return Err(
-                        place.error("a resource is needed here", format!("this is {}", describe(&other)))
-                    );
-                }
-            };
-            return self.look_up_named(level, &name, place, || place.span());
-        }
-        self.look_up_named(level, text, place, || {
-            let start = text.find('(').map_or(0, |at| at + 1);
-            place.outline.within_string(&place.path, start..text.trim_end_matches(')').len().max(start))
-        })
-    }
-
-    /// `span` is where the name itself stands.
-    fn look_up_named(
-        &self,
-        level: &Level,
-        text: &str,
-        place: &Place,
-        span: impl Fn() -> Span,
-    ) -> Result<Option<Vec<ResourceHandle>>, Diagnostic> {
-        let (name, half) = match text.strip_suffix(')').map(|inner| inner.split_once('(')) {
-            None => (text, None),
-            Some(Some(("front", name))) => (name, Some(Half::Front)),
-            Some(Some(("back", name))) => (name, Some(Half::Back)),
-            Some(Some(("last", name))) => (name, Some(Half::Last)),
-            Some(_) => {
-                return Err(place
-                    .error("this is not the name of a resource", "cannot be read")
-                    .with_help("write `name`, `front(name)`, `back(name)` or `last(name)`"));
+        let Reference { text, name, choice } = reference;
+        // A constant can hold a name too, where no resource has the constant's name.
+        let constant = level.names.values.get(text).filter(|_| !level.handles.contains_key(text));
+        let chosen = match (choice, constant) {
+            (Some(choice), _) => level.names.expression(choice, place)?,
+            (None, Some(value @ Value::Text(_))) => value.clone(),
+            (None, _) => {
+                let span = |name: &ResourceName| place.outline.within_string(&place.path, name.range.clone());
+                let span = name.as_ref().map_or_else(|| place.span(), span);
+                return self.look_up_name(level, name.as_ref(), place, span);
             }
         };
-        let span = span();
+        match chosen {
+            Value::Text(name) if !is_choice(&name) => {
+                self.look_up_name(level, ResourceName::parse(&name).as_ref(), place, place.span())
+            }
+            other => Err(place.error("a resource is needed here", format!("this is {}", describe(&other)))),
+        }
+    }
+
+    /// Looks a parsed name up; `span` is its place.
+    pub(super) fn look_up_name(
+        &self,
+        level: &Level,
+        name: Option<&ResourceName>,
+        place: &Place,
+        span: Span,
+    ) -> Result<Option<Vec<ResourceHandle>>, Diagnostic> {
+        let Some(ResourceName { name, part, .. }) = name else {
+            return Err(place
+                .error("this is not the name of a resource", "cannot be read")
+                .with_help("write `name`, `front(name)`, `back(name)` or `last(name)`"));
+        };
         let Some(handle) = level.handles.get(name) else {
             let diagnostic = Diagnostic::new(format!("there is no resource `{name}`"), span, "not declared");
             let names = level.handles.keys().map(String::as_str);
             return Err(diagnostic.with_nearest(name, names, ""));
         };
-        match (handle, half) {
+        match (handle, part) {
             (None, _) => Ok(None),
-            (Some(handle), Some(Half::Last)) => {
+            (Some(handle), Part::PreviousFrame) => {
                 let history = self.histories.iter().find(|h| match (&h.of, handle) {
                     (Handle::Plain(a), Handle::Plain(b)) => a == b,
                     (Handle::PingPong(a), Handle::PingPong(b)) => a == b,
@@ -314,15 +300,15 @@ impl Lowering<'_> {
                     )),
                 }
             }
-            (Some(Handle::Plain(ids)), None) => Ok(Some(ids.clone())),
-            (Some(Handle::Plain(_)), Some(_)) => Err(Diagnostic::new(
+            (Some(Handle::Plain(ids)), Part::Whole) => Ok(Some(ids.clone())),
+            (Some(Handle::Plain(_)), _) => Err(Diagnostic::new(
                 format!("`{name}` has no front and back"),
                 span,
                 "declared without `ping_pong: true`",
             )),
-            (Some(Handle::PingPong(index)), half) => {
+            (Some(Handle::PingPong(index)), part) => {
                 let pair = &self.ping_pongs[*index];
-                let side = if half == Some(Half::Back) { 1 - pair.front } else { pair.front };
+                let side = if *part == Part::Back { 1 - pair.front } else { pair.front };
                 Ok(Some(vec![pair.halves[side]]))
             }
         }
@@ -332,13 +318,14 @@ impl Lowering<'_> {
     pub(super) fn look_up_one(
         &self,
         level: &Level,
-        text: &str,
+        reference: &Reference,
         place: &Place,
     ) -> Result<Option<ResourceHandle>, Diagnostic> {
-        match self.look_up(level, text, place)?.as_deref() {
+        match self.look_up(level, reference, place)?.as_deref() {
             None => Ok(None),
             Some([id]) => Ok(Some(*id)),
             Some(ids) => {
+                let text = &reference.text;
                 Err(place.error(format!("`{text}` has {} planes", ids.len()), "one buffer is needed here"))
             }
         }

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::rc::Rc;
 
 use super::Values;
-use crate::expr::{Expr, Scope};
+use crate::expr::{ExprError, Scope};
 use crate::ir::{Span, Value};
-use crate::schema::Number;
+use crate::schema::{Expression, Number};
 use crate::source::{Diagnostic, Outline, Path};
 
 /// What expressions of one graph can see: facts, constant parameters, `let`s and the variables of repeats.
@@ -65,11 +65,15 @@ impl Place {
 impl Names {
     /// The value of `number`, which stands at `place`.
     pub fn evaluate(&self, number: &Number, place: &Place) -> Result<Value, Diagnostic> {
-        let text = match number {
-            Number::Literal(value) => return Ok(value.clone()),
-            Number::Expression(text) => text,
-        };
-        let show = |error: crate::expr::ExprError| {
+        match number {
+            Number::Literal(value) => Ok(value.clone()),
+            Number::Expression(expression) => self.expression(expression, place),
+        }
+    }
+
+    /// Evaluates the expression at `place`.
+    pub fn expression(&self, expression: &Expression, place: &Place) -> Result<Value, Diagnostic> {
+        let show = |error: ExprError| {
             let span = place.outline.within_string(&place.path, error.start..error.end);
             let diagnostic = Diagnostic::new("this expression has no value", span, error.message);
             match error.help {
@@ -77,7 +81,7 @@ impl Names {
                 None => diagnostic,
             }
         };
-        let expr = Expr::parse(text).map_err(show)?;
+        let expr = expression.parsed.as_ref().map_err(|error| show(error.clone()))?;
         for (name, range) in expr.names() {
             if self.live.contains(name) {
                 let span = place.outline.within_string(&place.path, range);

@@ -1,70 +1,86 @@
 //! The graph as written: the typed tree that serde builds from a RON file.
 //!
 //! Nothing is resolved here. Numbers may still be expressions ([`Number`]), names may still be wrong, an included
-//! graph is still a name. What a field means is said here; what it is worth is found in [`crate::lower`].
+//! graph is still a name. Fields are documented here; lowering gives them their values.
+
+mod expression;
 
 use indexmap::IndexMap;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, Visitor};
 use std::fmt;
 
+pub use expression::{Expression, Part, Reference, ResourceName, is_choice};
+
 use crate::ir::{Blend, Load, Run, Topology, Value};
 
 /// The version of the graph language that this framework reads.
 pub const GRAPH_VERSION: u32 = 1;
 
-/// What a `.ron` file of `pipelines/` holds.
+/// Holds a `.ron` file of `pipelines/`.
 // A tree of a few kilobytes that lives for a moment: the size of its variants does not matter.
+/// Holds one graph file.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 pub enum Document {
+    /// A graph.
     Graph(Graph),
+    /// A preset.
     Preset(Preset),
 }
 
-/// A graph under other defaults.
+/// Changes the defaults of a graph.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Preset {
     /// The graph or preset that this one is based on.
     pub graph: String,
+    /// One line that describes the preset.
     pub summary: String,
+    /// Parameters with their values.
     pub set: IndexMap<String, Number>,
 }
 
+/// Describes a graph: the body of `Graph(...)`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Graph {
+    /// The version of the language, [`GRAPH_VERSION`].
     pub version: u32,
     /// One line that says what this renderer does.
     pub summary: String,
+    /// Parameters, in order: each may use those before.
     #[serde(default)]
     pub params: IndexMap<String, ParamDecl>,
     /// Named expressions over parameters, facts and the entries before.
     #[serde(default, rename = "let")]
     pub lets: IndexMap<String, Number>,
-    /// What the scene and the host give.
+    /// Data of the scene and the host.
     #[serde(default)]
     pub imports: IndexMap<String, Import>,
     /// In a graph made to be included: the resources that the includer gives.
     #[serde(default)]
     pub ports: IndexMap<String, Port>,
+    /// Buffers and images.
     #[serde(default)]
     pub resources: IndexMap<String, ResourceDecl>,
+    /// Passes, in order.
     pub passes: Vec<PassDecl>,
     /// 32-bit words to read back after each frame: buffer, byte offset.
     #[serde(default)]
-    pub stats: IndexMap<String, (String, Number)>,
-    /// The image that is shown. Every graph has one, but for those made to be included.
+    pub stats: IndexMap<String, (Reference, Number)>,
+    /// The image that is shown. Graphs made to be included have none.
     #[serde(default)]
-    pub output: Option<String>,
+    pub output: Option<Reference>,
 }
 
-/// A number, a bool or a text; as a string, an expression.
+/// Holds a number or a bool, or an expression in quotes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Number {
+    /// A number or a bool as it stands.
     Literal(Value),
-    Expression(String),
+    /// An expression in quotes.
+    Expression(Expression),
 }
 
 impl<'de> Deserialize<'de> for Number {
@@ -90,13 +106,14 @@ impl<'de> Deserialize<'de> for Number {
                 Ok(Number::Literal(Value::Float(v)))
             }
             fn visit_str<E: Error>(self, v: &str) -> Result<Number, E> {
-                Ok(Number::Expression(v.into()))
+                Ok(Number::Expression(v.to_string().into()))
             }
         }
         deserializer.deserialize_any(Any)
     }
 }
 
+/// Declares a parameter.
 #[derive(Clone, Debug, Deserialize)]
 pub enum ParamDecl {
     /// A change rebuilds the plan.
@@ -105,6 +122,7 @@ pub enum ParamDecl {
     Live(ParamKind),
 }
 
+/// Declares the type, range and texts of a parameter.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum ParamKind {
@@ -144,10 +162,10 @@ pub enum ParamKind {
     },
     Choice {
         /// One of the names, or an expression that comes to one.
-        default: String,
+        default: Expression,
         of: Vec<String>,
         #[serde(default)]
-        exact: Option<String>,
+        exact: Option<Expression>,
         #[serde(default)]
         label: String,
         #[serde(default)]
@@ -155,6 +173,7 @@ pub enum ParamKind {
     },
 }
 
+/// Imports data of the scene or the host.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Import {
@@ -165,6 +184,7 @@ pub struct Import {
     pub planes: Option<Number>,
 }
 
+/// Declares a resource that the includer supplies.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Port {
@@ -175,6 +195,7 @@ pub enum Port {
     },
 }
 
+/// Declares a resource.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum ResourceDecl {
@@ -191,7 +212,7 @@ pub enum ResourceDecl {
     },
     Image {
         /// GLSL's name of a format (`rgba16f`), or an expression that comes to one.
-        format: String,
+        format: Expression,
         /// Width and height in pixels.
         size: (Number, Number),
         /// As for buffers. An image of another size starts from zeros again.
@@ -201,6 +222,7 @@ pub enum ResourceDecl {
 }
 
 // See `Document` for why.
+/// Declares a pass, or a construct that makes passes.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -218,7 +240,7 @@ pub enum PassDecl {
         shader: String,
         size: Size,
         #[serde(default)]
-        bind: IndexMap<String, String>,
+        bind: IndexMap<String, Reference>,
         #[serde(default)]
         push: IndexMap<String, Number>,
         #[serde(default)]
@@ -235,7 +257,7 @@ pub enum PassDecl {
         topology: Topology,
         call: Call,
         #[serde(default)]
-        bind: IndexMap<String, String>,
+        bind: IndexMap<String, Reference>,
         #[serde(default)]
         push: IndexMap<String, Number>,
         #[serde(default)]
@@ -249,7 +271,7 @@ pub enum PassDecl {
         phase: Option<String>,
         #[serde(default)]
         when: Option<Number>,
-        buffer: String,
+        buffer: Reference,
         value: Number,
     },
     /// The body, `count` times, with `var` counting from 0.
@@ -263,7 +285,7 @@ pub enum PassDecl {
         name: String,
         #[serde(default)]
         when: Option<Number>,
-        with: IndexMap<String, String>,
+        with: IndexMap<String, Reference>,
         #[serde(default)]
         set: IndexMap<String, Number>,
     },
@@ -273,7 +295,7 @@ fn every_frame() -> Run {
     Run::Frame
 }
 
-/// How many workgroups a dispatch has.
+/// Counts the workgroups of a dispatch.
 #[derive(Clone, Debug, Deserialize)]
 pub enum Size {
     /// Enough workgroups for this many invocations; those that do not fit in x are folded into y.
@@ -281,9 +303,10 @@ pub enum Size {
     /// Workgroups in x.
     Groups(Number),
     /// Three words of a buffer, at a byte offset.
-    Indirect(String, Number),
+    Indirect(Reference, Number),
 }
 
+/// Counts the vertices and instances of a draw.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Call {
@@ -292,13 +315,17 @@ pub enum Call {
         instances: Number,
     },
     /// Four words of a buffer, at a byte offset: vertices, instances, first vertex, first instance.
-    Indirect(String, Number),
+    Indirect(Reference, Number),
 }
 
+/// Declares a colour attachment.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename = "Target")]
 pub struct TargetDecl {
-    pub image: String,
+    /// The image.
+    pub image: Reference,
+    /// The treatment of its former contents.
     pub load: Load,
+    /// The blending.
     pub blend: Blend,
 }

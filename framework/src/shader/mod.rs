@@ -18,11 +18,12 @@ pub use compile::Glslang;
 #[cfg(feature = "glslang")]
 pub use reflect::reflect;
 
-/// What to compile.
+/// Asks for a shader to be compiled.
 #[derive(Clone, Debug)]
 pub struct ShaderRequest<'a> {
     /// The shader's own file, already in the source map.
     pub file: FileId,
+    /// The stage of the shader.
     pub stage: ShaderStage,
     /// Every define that the graph offers, name and value. Only those whose name occurs as an identifier in the
     /// shader or its includes are used, and only these are in [`Compiled::defines`].
@@ -31,16 +32,21 @@ pub struct ShaderRequest<'a> {
     pub generated: &'a [(String, String)],
 }
 
+/// Holds a compiled shader.
 #[derive(Clone, Debug)]
 pub struct Compiled {
+    /// SPIR-V words.
     pub spirv: Arc<Vec<u32>>,
+    /// The defines that occur in the text, name and value.
     pub defines: Vec<(String, String)>,
+    /// Declarations and accesses.
     pub reflection: Reflection,
 }
 
 /// Compiles shaders, and remembers what it compiled. The one implementation is `Glslang` (feature `glslang`); tests
 /// of the rest of the framework can stand in with reflections made by hand.
 pub trait ShaderCompiler {
+    /// Compiles a shader, or returns it if it was compiled before.
     fn compile(
         &mut self,
         files: &mut SourceMap,

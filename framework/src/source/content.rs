@@ -1,4 +1,4 @@
-//! What a path holds, small enough to remember: for telling later whether a build would read the same again.
+//! The contents of paths, as hashes: they tell later whether a build would read the same again.
 
 use std::fs::{self, Metadata};
 use std::hash::{DefaultHasher, Hasher};
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Larger files are not graphs or shaders; reading one by mistake must not fill the memory.
 pub(super) const LARGEST_FILE: u64 = 16 << 20;
 
-/// What stands at a path, as far as a build can tell.
+/// Identifies the contents of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Content {
     /// No file. A folder counts as none: it does not end a search either.
@@ -19,24 +19,24 @@ pub enum Content {
     Bytes { length: u64, hash: u64 },
 }
 
-/// A path on disk that a build looked at, and what it held. While all of these hold the same, the build would come out the
-/// same.
+/// Names a path on disk that a build read, and its contents. A build has the same result while none of them changes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wanted {
     /// As it was opened: relative to the working directory, unless it is absolute.
     pub path: PathBuf,
+    /// The contents at that time.
     pub content: Content,
 }
 
 impl Content {
-    /// Of a file that holds these bytes.
+    /// Identifies a file of these bytes.
     pub fn of(bytes: &[u8]) -> Content {
         let mut hasher = DefaultHasher::new();
         hasher.write(bytes);
         Content::Bytes { length: bytes.len() as u64, hash: hasher.finish() }
     }
 
-    /// Of what is at `path` now. Links are followed.
+    /// Identifies the contents of `path`. Links are followed.
     pub fn at(path: &Path) -> Content {
         match file_at(path) {
             Ok(Some(metadata)) if metadata.is_file() => {}

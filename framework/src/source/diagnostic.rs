@@ -1,4 +1,4 @@
-//! What is wrong, where, and what to do about it; drawn under the offending text as a compiler would.
+//! Errors with their places and suggestions, drawn under the source text as rustc does.
 
 use std::fmt;
 use std::ops::Range;
@@ -8,28 +8,30 @@ use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet, normali
 use super::SourceMap;
 use crate::ir::{FileId, Span};
 
-/// A place, and what is to be said of it. The text may be empty.
+/// Marks a place with a text, which may be empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
+    /// The place.
     pub span: Span,
+    /// The text drawn under it.
     pub text: String,
 }
 
-/// An error in a file. There are no warnings: a graph either means something or it does not.
+/// Describes an error in a file. There are no warnings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
-    /// What is wrong, as a sentence without a full stop that starts in lower case.
+    /// The error, as a sentence without a full stop that starts in lower case.
     pub message: String,
-    /// Where the mistake is.
+    /// The place of the mistake.
     pub primary: Label,
-    /// Other places that one must look at to understand it, in any file.
+    /// Other places that explain it, in any file.
     pub secondary: Vec<Label>,
-    /// What to do about it, one hint each.
+    /// Suggestions.
     pub help: Vec<String>,
 }
 
 impl Diagnostic {
-    /// `label` is drawn under the span; it may be empty.
+    /// Creates an error at `span`; `label` is drawn under it and may be empty.
     pub fn new(message: impl Into<String>, span: Span, label: impl Into<String>) -> Self {
         let primary = Label { span, text: label.into() };
         Diagnostic { message: message.into(), primary, secondary: Vec::new(), help: Vec::new() }

@@ -14,7 +14,7 @@ use super::content::{self, Content, LARGEST_FILE, Wanted};
 use super::{Diagnostic, nearest};
 use crate::ir::{FileId, Origin, Span};
 
-/// What a file is looked for as.
+/// Names the kind of a file, which says where to look for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// A graph or a preset, kept in `pipelines`. Its name may lack the `.ron`.
@@ -41,7 +41,7 @@ impl fmt::Display for Kind {
     }
 }
 
-/// Where files come from, besides the disk.
+/// Holds the files that are not on disk.
 #[derive(Clone, Debug, Default)]
 pub struct Library {
     /// Path and text of the files built into the binary: `pipelines/splat.ron`, `shaders/sort/scatter.comp`.
@@ -50,7 +50,7 @@ pub struct Library {
     pub memory: BTreeMap<String, String>,
 }
 
-/// The files that were opened so far. See the module's documentation for how they are found.
+/// Finds files by name, and keeps those that were opened. See the module's documentation for the search.
 ///
 /// ```
 /// use splatgraph_framework::source::{Kind, Library, SourceMap};
@@ -92,14 +92,16 @@ enum Identity {
     BuiltIn(usize),
 }
 
-/// There is no such file, or there is one that cannot be used.
+/// Describes a file that was not found, or that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NotFound {
+    /// The name as written.
     pub name: String,
+    /// The kind of file.
     pub kind: Kind,
-    /// Everywhere it was looked for, in order.
+    /// The paths that were tried, in order.
     pub tried: Vec<String>,
-    /// The name that was probably meant.
+    /// The nearest existing name.
     pub nearest: Option<String>,
     /// The last of `tried` exists and cannot be read, and this is why.
     pub why: Option<String>,
@@ -144,6 +146,7 @@ impl fmt::Display for NotFound {
 impl std::error::Error for NotFound {}
 
 impl SourceMap {
+    /// Creates a map over the files of a library and the disk.
     pub fn new(mut library: Library) -> Self {
         let memory = std::mem::take(&mut library.memory);
         library.memory = memory.into_iter().map(|(path, text)| (normalised(&path), text)).collect();
@@ -183,17 +186,17 @@ impl SourceMap {
         Err(NotFound { name: name.to_string(), kind, tried, nearest, why: None })
     }
 
-    /// The path of a file, as it was found.
+    /// Returns the path of a file, as it was found.
     pub fn path(&self, file: FileId) -> &str {
         self.file(file).map_or("<unknown file>", |f| &f.path)
     }
 
-    /// The text of a file, without the byte order mark that it may start with.
+    /// Returns the text of a file, without a byte order mark.
     pub fn text(&self, file: FileId) -> &str {
         self.file(file).map_or("", |f| &f.text)
     }
 
-    /// Line and column at which a span starts. Both count from 1, columns in characters.
+    /// Returns the line and the column at which a span starts. Both count from 1, columns in characters.
     pub fn line_column(&self, span: Span) -> (u32, u32) {
         let Some(file) = self.file(span.file) else { return (1, 1) };
         let start = span.start.min(file.text.len());
@@ -209,7 +212,7 @@ impl SourceMap {
         Origin { file: self.path(span.file).to_string(), line, column }
     }
 
-    /// Every file that was opened, with its path, and whether it is on disk (where it can change).
+    /// Lists every opened file with its path, and whether it is on disk, where it can change.
     pub fn opened(&self) -> impl Iterator<Item = (FileId, &str, bool)> {
         self.files.iter().enumerate().map(|(i, f)| (FileId(i as u32), f.path.as_str(), f.content.is_some()))
     }

@@ -29,6 +29,7 @@ enum Step {
 }
 
 impl Path {
+    /// Returns the path of the whole file.
     pub fn root() -> Self {
         Path(Arc::new([]))
     }

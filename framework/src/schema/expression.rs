@@ -1,0 +1,99 @@
+//! Strings of a graph that are more than names: expressions and references to resources, parsed once when a file is read.
+//!
+//! A string that does not follow its grammar keeps its error, which is reported at the string's place in the file as soon as the
+//! graph needs its value: whether a string is an expression can depend on the parameter that it is for.
+
+use std::ops::Range;
+
+use serde::Deserialize;
+
+use crate::expr::{Expr, ExprError};
+
+/// Holds an expression as written and as parsed.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(from = "String")]
+pub struct Expression {
+    /// The text in the file.
+    pub text: String,
+    /// The tree, or the mistake in the text.
+    pub parsed: Result<Expr, ExprError>,
+}
+
+impl From<String> for Expression {
+    fn from(text: String) -> Expression {
+        Expression { parsed: Expr::parse(&text), text }
+    }
+}
+
+/// Refers to a resource: by name, by a half of it or its previous contents, or by an expression that chooses such a text.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(from = "String")]
+pub struct Reference {
+    /// The text in the file.
+    pub text: String,
+    /// `name`, `front(name)`, `back(name)` or `last(name)`; `None` if the text is neither of these nor a choice.
+    pub name: Option<ResourceName>,
+    /// `condition ? 'a' : 'b'`
+    pub choice: Option<Expression>,
+}
+
+impl From<String> for Reference {
+    fn from(text: String) -> Reference {
+        let chooses = is_choice(&text);
+        Reference {
+            name: if chooses { None } else { ResourceName::parse(&text) },
+            choice: chooses.then(|| text.clone().into()),
+            text,
+        }
+    }
+}
+
+/// Tells whether a text is an expression rather than the name of a resource.
+pub fn is_choice(text: &str) -> bool {
+    text.contains(['?', '\''])
+}
+
+/// Names a resource and the part of it that is meant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResourceName {
+    /// The name alone.
+    pub name: String,
+    /// The part.
+    pub part: Part,
+    /// The bytes of the text that hold the name.
+    pub range: Range<usize>,
+}
+
+/// Selects a part of a resource.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// `name`: the resource, or the front of a ping-pong resource.
+    Whole,
+    /// `front(name)`
+    Front,
+    /// `back(name)`
+    Back,
+    /// `last(name)`: the contents that the previous frame left.
+    PreviousFrame,
+}
+
+impl ResourceName {
+    /// Parses `name`, `front(name)`, `back(name)` or `last(name)`.
+    pub fn parse(text: &str) -> Option<ResourceName> {
+        let (part, range) = match text.strip_suffix(')').map(|inner| inner.split_once('(')) {
+            None => (Part::Whole, 0..text.len()),
+            Some(Some((part, name))) => {
+                let part = match part {
+                    "front" => Part::Front,
+                    "back" => Part::Back,
+                    "last" => Part::PreviousFrame,
+                    _ => return None,
+                };
+                let end = text.len() - 1;
+                (part, end - name.len()..end)
+            }
+            Some(None) => return None,
+        };
+        Some(ResourceName { name: text[range.clone()].into(), part, range })
+    }
+}
