@@ -11,8 +11,8 @@
 use std::collections::BTreeMap;
 
 use crate::ir::{
-    Accesses, BlockId, Domain, Hazard, Layout, LeftOut, Origin, Param, ParamBinding, Pass, PassId,
-    ResourceId, Shader, ShaderId, Shape, Source, Stages, Stat, Usage, Value,
+    Accesses, BlockId, Culled, Domain, Hazard, Layout, Origin, Param, ParamBinding, Pass, PassId, ResourceId,
+    Shader, ShaderId, Shape, Source, Stages, Stat, Usage, Value,
 };
 
 /// Holds everything that a backend executes. See the module's documentation.
@@ -43,7 +43,7 @@ pub struct Plan {
     /// Runs every frame, after the handover or after the frame before.
     pub frame: Vec<Step>,
     /// Passes of the file that are not in the plan because nothing reads what they write, or their `when` is false.
-    pub left_out: Vec<LeftOut>,
+    pub culled: Vec<Culled>,
     /// The image that is shown or saved. A [`Work::Export`] pass at the end of the frame leaves it in
     /// [`Layout::TransferSource`], readable by [`Stages::COPY`].
     pub output: ResourceId,

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use crate::build;
 use crate::ir::{
-    Attribute, Catalog, DeviceFacts, Facts, Format, GivenBuffer, Member, MemberKind, PushBlock,
+    Attribute, Catalog, DeviceFacts, Facts, Format, HostBuffer, Member, MemberKind, PushBlock,
     ReflectedBinding, ReflectedKind, Reflection, Request, Value, Varying,
 };
 use crate::plan::Plan;
@@ -110,7 +110,7 @@ pub fn catalog() -> Catalog {
             ("scene.sh".to_string(), attribute(16, 12)),
         ]),
         uniforms: BTreeMap::from([("frame.camera".to_string(), 256)]),
-        buffers: BTreeMap::from([("frame.words".to_string(), GivenBuffer { stride: 4, least: 4 })]),
+        buffers: BTreeMap::from([("frame.words".to_string(), HostBuffer { stride: 4, least: 4 })]),
     }
 }
 

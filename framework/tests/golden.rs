@@ -18,7 +18,7 @@ use std::sync::LazyLock;
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, GivenBuffer, Request, Value};
+use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, HostBuffer, Request, Value};
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Library, SourceMap, render};
 
@@ -57,7 +57,7 @@ fn catalog() -> Catalog {
             .map(|(name, (stride, planes))| (name.into(), attribute(stride, planes)))
             .into(),
         uniforms: [("frame.camera".into(), 256)].into(),
-        buffers: [("frame.words".into(), GivenBuffer { stride: 4, least: 64 })].into(),
+        buffers: [("frame.words".into(), HostBuffer { stride: 4, least: 64 })].into(),
     }
 }
 

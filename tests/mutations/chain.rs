@@ -8,7 +8,7 @@
 //! - with [`reads_what_was_written`] it holds whatever the order of the passes, and whichever resources share memory;
 //! - with [`conflicts`] it holds for the order and the memory of the plan.
 
-use splatgraph_framework::ir::Touch;
+use splatgraph_framework::ir::Use;
 use splatgraph_framework::plan::Plan;
 
 /// The calls of barriers that a frame of this plan records.
@@ -36,22 +36,22 @@ pub fn longest(plan: &Plan, depends: impl Fn(&Plan, usize, usize) -> bool) -> Ve
     chain
 }
 
-fn touches(plan: &Plan, step: usize) -> &[Touch] {
-    &plan.pass(plan.frame[step].pass).touches
+fn uses(plan: &Plan, step: usize) -> &[Use] {
+    &plan.pass(plan.frame[step].pass).uses
 }
 
 /// The later step reads what the earlier was the last to write.
 pub fn reads_what_was_written(plan: &Plan, earlier: usize, later: usize) -> bool {
-    touches(plan, later).iter().filter(|touch| reads(touch)).any(|touch| {
-        let writes = |other: &Touch| other.resource == touch.resource && other.accesses.writes();
-        (0..later).rfind(|step| touches(plan, *step).iter().any(writes)) == Some(earlier)
+    uses(plan, later).iter().filter(|touch| reads(touch)).any(|touch| {
+        let writes = |other: &Use| other.resource == touch.resource && other.accesses.writes();
+        (0..later).rfind(|step| uses(plan, *step).iter().any(writes)) == Some(earlier)
     })
 }
 
 /// The two steps touch the same memory, and one of them writes it, or they need an image in different layouts.
 pub fn conflicts(plan: &Plan, earlier: usize, later: usize) -> bool {
-    touches(plan, earlier).iter().any(|one| {
-        touches(plan, later).iter().any(|other| {
+    uses(plan, earlier).iter().any(|one| {
+        uses(plan, later).iter().any(|other| {
             let same = one.resource == other.resource;
             let meet = same || plan.aliases(one.resource).any(|alias| alias == other.resource);
             let writes = one.accesses.writes() || other.accesses.writes();
@@ -61,6 +61,6 @@ pub fn conflicts(plan: &Plan, earlier: usize, later: usize) -> bool {
 }
 
 /// An attachment that is cleared is not read, although blending names the access.
-fn reads(touch: &Touch) -> bool {
+fn reads(touch: &Use) -> bool {
     touch.accesses.reads() && !touch.discards
 }

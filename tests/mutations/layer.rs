@@ -224,7 +224,7 @@ impl Layer<'_> {
                 }
             }
             Work::Fill { .. } | Work::Start { .. } | Work::Export => {
-                for touch in pass.touches.iter().filter(|touch| touch.resource == resource) {
+                for touch in pass.uses.iter().filter(|touch| touch.resource == resource) {
                     views.extend(
                         touch
                             .stages
@@ -262,7 +262,7 @@ fn with_fills_as_copies(plan: &Plan) -> Plan {
             stages.insert(Stages::COPY);
         }
     };
-    plan.passes.iter_mut().flat_map(|pass| &mut pass.touches).for_each(|touch| rename(&mut touch.stages));
+    plan.passes.iter_mut().flat_map(|pass| &mut pass.uses).for_each(|touch| rename(&mut touch.stages));
     let steps = plan.prologue.iter_mut().chain(&mut plan.frame).flat_map(|step| &mut step.barriers);
     for barrier in steps.chain(&mut plan.handover) {
         rename(&mut barrier.source_stages);

@@ -126,8 +126,8 @@ fn inspections(plan: &Plan) -> Vec<Inspect> {
     let own = ids.filter(|id| plan.resource(*id).source == Source::Transient);
     own.filter_map(|resource| {
         let writes = |pass: &PassId| {
-            let touches = &plan.pass(*pass).touches;
-            touches.iter().any(|t| t.resource == resource && t.accesses.writes())
+            let uses = &plan.pass(*pass).uses;
+            uses.iter().any(|t| t.resource == resource && t.accesses.writes())
         };
         let after = plan.frame.iter().map(|step| step.pass).rfind(writes)?;
         Some(Inspect { resource, after })

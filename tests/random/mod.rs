@@ -85,7 +85,7 @@ fn nameless(plan: &Plan) -> Plan {
         pass.name.clear();
         pass.phase.clear();
     });
-    plan.left_out.iter_mut().for_each(|left_out| left_out.pass.clear());
+    plan.culled.iter_mut().for_each(|left_out| left_out.pass.clear());
     plan
 }
 
@@ -95,7 +95,7 @@ fn passes_that_nobody_reads_decide_nothing() {
         let files = render(&case.sketch, Style { idle_passes: true, ..Style::default() });
         let with_idle = plan(&files, case.sketch.worlds[0], true)?;
         case.count(&with_idle);
-        let idle = with_idle.left_out.iter().filter(|left_out| left_out.pass.starts_with("idle")).count();
+        let idle = with_idle.culled.iter().filter(|left_out| left_out.pass.starts_with("idle")).count();
         if idle == 0 {
             return Err(format!("no idle pass is left out of\n{}", files.graph));
         }
@@ -106,7 +106,7 @@ fn passes_that_nobody_reads_decide_nothing() {
 /// The plan without lines of files, and without what is not in it.
 fn placeless(plan: &Plan) -> Plan {
     let mut plan = plan.clone();
-    plan.left_out.clear();
+    plan.culled.clear();
     let nowhere = Origin { file: String::new(), line: 0, column: 0 };
     plan.params.iter_mut().for_each(|param| param.origin = nowhere.clone());
     plan.resources.iter_mut().for_each(|resource| resource.origin = nowhere.clone());
@@ -147,12 +147,12 @@ fn tenants_take_turns(plan: &Plan) -> Result<(), String> {
         let mut lives = Vec::new();
         for tenant in &block.tenants {
             let resource = plan.resource(*tenant);
-            let touches = |id| plan.pass(id).touches.iter().any(|touch| touch.resource == *tenant);
+            let uses = |id| plan.pass(id).uses.iter().any(|touch| touch.resource == *tenant);
             let once = plan
                 .passes
                 .iter()
-                .any(|p| p.run == Run::Once && p.touches.iter().any(|t| t.resource == *tenant));
-            let uses: Vec<usize> = (0..plan.frame.len()).filter(|at| touches(plan.frame[*at].pass)).collect();
+                .any(|p| p.run == Run::Once && p.uses.iter().any(|t| t.resource == *tenant));
+            let uses: Vec<usize> = (0..plan.frame.len()).filter(|at| uses(plan.frame[*at].pass)).collect();
             match (uses.first(), uses.last()) {
                 (Some(first), Some(last)) if !once && resource.history.is_none() => {
                     lives.push((*first, *last, &resource.name));

@@ -1,6 +1,6 @@
 //! The orders that a frame's passes can have.
 
-use splatgraph_framework::ir::{PassId, Touch, Work};
+use splatgraph_framework::ir::{PassId, Use, Work};
 use splatgraph_framework::plan::Plan;
 
 /// Orders of the frame in which of two passes that touch the same resource, one of them writing, the first stays the first, and
@@ -11,9 +11,9 @@ pub fn orders(plan: &Plan, most: usize) -> Vec<Vec<PassId>> {
         if matches!(plan.pass(b).work, Work::Export | Work::Host) {
             return true;
         }
-        let (a, b) = (&plan.pass(a).touches, &plan.pass(b).touches);
+        let (a, b) = (&plan.pass(a).uses, &plan.pass(b).uses);
         a.iter().any(|x| {
-            let meets = |y: &&Touch| x.resource == y.resource;
+            let meets = |y: &&Use| x.resource == y.resource;
             b.iter().filter(meets).any(|y| x.accesses.writes() || y.accesses.writes())
         })
     };

@@ -362,7 +362,7 @@ impl Building {
         let mut plan = plan.map_err(|errors| errors.text(false).trim_end().to_owned())?;
         let nowhere = || Origin { file: String::new(), line: 0, column: 0 };
         plan.summary.clear();
-        plan.left_out.clear();
+        plan.culled.clear();
         let params = plan.params.iter_mut().map(|param| &mut param.origin);
         let resources = plan.resources.iter_mut().map(|resource| &mut resource.origin);
         let passes = plan.passes.iter_mut().map(|pass| &mut pass.origin);

@@ -556,10 +556,10 @@ impl Soak {
         let Some(plan) = viewport.renderer.plan().cloned() else { return };
         let steps: Vec<_> = plan.prologue.iter().chain(&plan.frame).collect();
         let pass = plan.pass(self.dice.of(&steps).pass);
-        if pass.touches.is_empty() {
+        if pass.uses.is_empty() {
             return;
         }
-        let resource = &plan.resource(self.dice.of(&pass.touches).resource).name;
+        let resource = &plan.resource(self.dice.of(&pass.uses).resource).name;
         viewport.look_at(resource, &pass.name);
         if let Some(inspection) = &mut viewport.inspection {
             inspection.follow = self.dice.below(2) == 0;

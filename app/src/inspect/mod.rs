@@ -80,10 +80,9 @@ fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, Ins
         }));
     }
     let touched = |writes: bool| -> Vec<ResourceId> {
-        let touches = |id: &ResourceId| {
-            pass.touches.iter().any(|t| t.resource == *id && (t.accesses.writes() || !writes))
-        };
-        halves.iter().copied().filter(touches).collect()
+        let uses =
+            |id: &ResourceId| pass.uses.iter().any(|t| t.resource == *id && (t.accesses.writes() || !writes));
+        halves.iter().copied().filter(uses).collect()
     };
     match (touched(true).as_slice(), touched(false).as_slice(), halves.as_slice()) {
         (&[id], ..) | (_, &[id], _) | (.., &[id]) => Ok(id),
@@ -239,7 +238,7 @@ fn words(resource: &Resource, bytes: &[u8]) -> (Vec<u64>, Words) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatgraph_framework::ir::{Accesses, Origin, Source, Stages, Touch, Usage, Work};
+    use splatgraph_framework::ir::{Accesses, Origin, Source, Stages, Usage, Use, Work};
     use splatgraph_framework::plan::Step;
 
     fn origin() -> Origin {
@@ -247,7 +246,7 @@ mod tests {
     }
 
     fn pass(name: &str, reads: u32, writes: u32) -> Pass {
-        let touch = |resource, accesses| Touch {
+        let touch = |resource, accesses| Use {
             resource: ResourceId(resource),
             stages: Stages::COMPUTE,
             accesses,
@@ -261,7 +260,7 @@ mod tests {
             work: Work::Export,
             bindings: vec![],
             push: vec![],
-            touches: vec![touch(reads, Accesses::STORAGE_READ), touch(writes, Accesses::STORAGE_WRITE)],
+            uses: vec![touch(reads, Accesses::STORAGE_READ), touch(writes, Accesses::STORAGE_WRITE)],
             origin: origin(),
         }
     }
@@ -295,7 +294,7 @@ mod tests {
             prologue: vec![],
             frame: (0..3).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),
             passes,
-            left_out: vec![],
+            culled: vec![],
             output: ResourceId(2),
             stats: vec![],
         }

@@ -11,7 +11,7 @@ use bytemuck::{Pod, Zeroable};
 use egui::epaint::textures::TexturesDelta;
 use egui::epaint::{ClippedPrimitive, Mesh, Primitive};
 use splatgraph_api::BufferContents;
-use splatgraph_framework::ir::{Catalog, GivenBuffer};
+use splatgraph_framework::ir::{Catalog, HostBuffer};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use textures::{Texture, Textures};
@@ -66,13 +66,13 @@ struct Clip {
 
 /// Adds the imports of the window's graph to a catalog.
 pub fn offer(catalog: &mut Catalog) {
-    let words = GivenBuffer { stride: 4, least: 1 };
+    let words = HostBuffer { stride: 4, least: 1 };
     let buffers = [
-        (VERTICES, GivenBuffer { stride: size_of::<Vertex>() as u64, least: 1 }),
+        (VERTICES, HostBuffer { stride: size_of::<Vertex>() as u64, least: 1 }),
         (INDICES, words),
-        (CLIPS, GivenBuffer { stride: size_of::<Clip>() as u64, least: 1 }),
+        (CLIPS, HostBuffer { stride: size_of::<Clip>() as u64, least: 1 }),
         (TEXELS, words),
-        (DRAW, GivenBuffer { stride: 4, least: 4 }),
+        (DRAW, HostBuffer { stride: 4, least: 4 }),
         (PICTURES[0], words),
         (PICTURES[1], words),
     ];

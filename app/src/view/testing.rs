@@ -12,7 +12,7 @@ pub fn plan(passes: &[(&str, &str)]) -> Plan {
         work: Work::Export,
         bindings: vec![],
         push: vec![],
-        touches: vec![],
+        uses: vec![],
         origin: Origin { file: "test.ron".into(), line: 1, column: 1 },
     };
     Plan {
@@ -27,7 +27,7 @@ pub fn plan(passes: &[(&str, &str)]) -> Plan {
         prologue: vec![],
         frame: (0..passes.len() as u32).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),
         passes: passes.iter().map(pass).collect(),
-        left_out: vec![],
+        culled: vec![],
         output: ResourceId(0),
         stats: vec![],
     }

@@ -32,7 +32,7 @@ impl<G: Gpu> Bindings<G> {
             .map(|step| step.pass)
             .filter(|&id| runs(plan.pass(id)) && !plan.pass(id).bindings.is_empty());
         let passes: Vec<_> = bound.map(|id| (id, binding_copies(plan, plan.pass(id)))).collect();
-        let fixed = |id: ResourceId| !matches!(plan.resource(id).source, Source::Given { .. });
+        let fixed = |id: ResourceId| !matches!(plan.resource(id).source, Source::HostBuffer { .. });
         for &(id, copies) in &passes {
             for copy in 0..copies {
                 for binding in plan.pass(id).bindings.iter().filter(|binding| fixed(binding.resource)) {

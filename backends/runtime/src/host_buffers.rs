@@ -1,4 +1,4 @@
-//! Host buffers: buffers whose contents come with each frame ([`Source::Given`](splatgraph_framework::ir::Source::Given)).
+//! Host buffers: buffers whose contents come with each frame ([`Source::HostBuffer`](splatgraph_framework::ir::Source::HostBuffer)).
 //!
 //! A plan holds each once per frame in flight. Bytes of the host are copied to a mapped buffer that grows when it must (to a power of
 //! two, so that a length that creeps up does not make a buffer per frame), and are not copied where they are there already. A shared

@@ -20,7 +20,9 @@ pub(crate) fn write_uniforms<G: Gpu>(
                 None => return invalid(format!("the frame has no contents for uniform block `{uniform}`")),
             },
             Source::Live => &inputs.live,
-            Source::Transient | Source::Scene { .. } | Source::Given { .. } | Source::Readback => continue,
+            Source::Transient | Source::Scene { .. } | Source::HostBuffer { .. } | Source::Readback => {
+                continue;
+            }
         };
         let Some(target) = compiled.resources.mapped_mut(ResourceId(index as u32), slot) else { continue };
         if bytes.len() > target.len() {
@@ -51,7 +53,9 @@ pub(crate) fn take_host_buffers<G: Gpu>(
     let CompiledPlan { plan, resources, bindings, .. } = compiled;
     let mut changed = Vec::new();
     for (index, resource) in plan.resources.iter().enumerate() {
-        let (id, Source::Given { buffer }) = (ResourceId(index as u32), &resource.source) else { continue };
+        let (id, Source::HostBuffer { buffer }) = (ResourceId(index as u32), &resource.source) else {
+            continue;
+        };
         let Some(contents) = inputs.buffers.get(buffer) else {
             return invalid(format!("the frame has no contents for host buffer `{buffer}`"));
         };

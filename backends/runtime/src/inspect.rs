@@ -4,7 +4,7 @@ use crate::check::invalid;
 use crate::compiled::CompiledPlan;
 use crate::gpu::{Buffer, Gpu};
 use splatgraph_api::{BackendError, Inspect};
-use splatgraph_framework::ir::Touch;
+use splatgraph_framework::ir::Use;
 use std::sync::Arc;
 
 /// Creates a buffer of the host for each resource to inspect; refuses those that the next frame cannot show.
@@ -46,10 +46,10 @@ fn check_contents<G: Gpu>(
 ) -> Result<(), BackendError> {
     let (plan, id) = (&compiled.plan, inspect.resource);
     let (resource, pass) = (plan.resource(id), plan.pass(inspect.after));
-    let touches = || compiled.steps().take(last + 1).flat_map(|step| &plan.pass(step.pass).touches);
+    let uses = || compiled.steps().take(last + 1).flat_map(|step| &plan.pass(step.pass).uses);
     if plan.aliases(id).next().is_some() {
-        let holds = |touch: &&Touch| plan.resource(touch.resource).block == resource.block;
-        let holder = touches().filter(holds).last().map(|touch| touch.resource);
+        let holds = |touch: &&Use| plan.resource(touch.resource).block == resource.block;
+        let holder = uses().filter(holds).last().map(|touch| touch.resource);
         if holder != Some(id) {
             let holder = match holder {
                 Some(holder) => format!("holds `{}` then", plan.resource(holder).name),
@@ -63,7 +63,7 @@ fn check_contents<G: Gpu>(
     }
     let written = !compiled.prologue_due
         || compiled.carried.contains(&id)
-        || touches().any(|touch| touch.resource == id && touch.accesses.writes());
+        || uses().any(|touch| touch.resource == id && touch.accesses.writes());
     if compiled.resources.image(id).is_some() && !written {
         return invalid(format!("image `{}` has no contents yet after pass `{}`", resource.name, pass.name));
     }

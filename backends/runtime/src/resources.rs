@@ -58,7 +58,7 @@ impl<G: Gpu> Resources<G> {
                     }
                     Held::Plane(planes[&key].clone())
                 }
-                Source::Given { .. } => Held::HostBuffer(Default::default()),
+                Source::HostBuffer { .. } => Held::HostBuffer(Default::default()),
                 Source::Frame { .. } | Source::Live => per_frame(Location::Upload)?,
                 Source::Readback => per_frame(Location::Readback)?,
             });

@@ -90,7 +90,7 @@ pub(crate) fn plan() -> Plan {
         prologue: vec![step(0)],
         handover: Vec::new(),
         frame: vec![step(1), step(2), step(3), step(4), step(5)],
-        left_out: Vec::new(),
+        culled: Vec::new(),
         output: COLOR,
         stats: vec![Stat { name: "visible".to_string(), buffer: ARGS, offset: 20 }],
     }
@@ -132,7 +132,7 @@ fn pass(name: &str, run: Run, work: Work, bindings: Vec<Binding>) -> Pass {
         work,
         bindings,
         push: vec![0; 8],
-        touches: Vec::new(),
+        uses: Vec::new(),
         origin: origin(),
     }
 }

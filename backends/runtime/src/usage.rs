@@ -12,7 +12,7 @@ pub(crate) fn usage(resource: &Resource) -> Usage {
     }
     let base = match resource.source {
         // The same for every plan, since plans share them.
-        Source::Scene { .. } | Source::Given { .. } => return BUFFER,
+        Source::Scene { .. } | Source::HostBuffer { .. } => return BUFFER,
         Source::Transient if resource.history.is_some() => return BUFFER,
         Source::Transient => Usage::COPY_SOURCE,
         Source::Frame { .. } | Source::Live => Usage::UNIFORM | Usage::COPY_SOURCE,

@@ -230,15 +230,15 @@ fn pass_properties(pass: &DumpPass) -> Properties {
         let name = p.name.clone().unwrap_or_else(|| format!("at byte {}", p.offset));
         all.push((format!("push {name}"), p.value.to_string()));
     }
-    all.push(("reads".into(), touches(&pass.reads)));
-    all.push(("writes".into(), touches(&pass.writes)));
+    all.push(("reads".into(), uses(&pass.reads)));
+    all.push(("writes".into(), uses(&pass.writes)));
     all
 }
 
-fn touches(touches: &[DumpTouch]) -> String {
+fn uses(uses: &[DumpTouch]) -> String {
     let touch =
         |t: &DumpTouch| format!("{} ({} {})", t.resource, t.stages.join(" | "), t.accesses.join(" | "));
-    touches.iter().map(touch).collect::<Vec<_>>().join(", ")
+    uses.iter().map(touch).collect::<Vec<_>>().join(", ")
 }
 
 fn resource_properties(dump: &Dump, resource: &DumpResource) -> Properties {

@@ -46,7 +46,7 @@ pub fn dump(plan: &Plan) -> Dump {
         passes,
         handover,
         left_out: plan
-            .left_out
+            .culled
             .iter()
             .map(|l| DumpLeftOut { pass: l.pass.clone(), why: l.why.clone(), declared: l.origin.clone() })
             .collect(),
@@ -152,7 +152,7 @@ fn resource_of(plan: &Plan, id: ResourceId) -> DumpResource {
         Source::Transient => ("transient", None),
         Source::Scene { attribute, .. } => ("scene", Some(attribute)),
         Source::Frame { uniform } => ("frame", Some(uniform)),
-        Source::Given { buffer } => ("given", Some(buffer)),
+        Source::HostBuffer { buffer } => ("given", Some(buffer)),
         Source::Live => ("live", None),
         Source::Readback => ("readback", None),
     };
@@ -179,16 +179,16 @@ fn resource_of(plan: &Plan, id: ResourceId) -> DumpResource {
 /// what the frame finds already written, lives longer.
 fn lifetime(plan: &Plan, id: ResourceId) -> Option<Lifetime> {
     let resource = plan.resource(id);
-    let touches = |step: &&Step| plan.pass(step.pass).touches.iter().any(|t| t.resource == id);
+    let uses = |step: &&Step| plan.pass(step.pass).uses.iter().any(|t| t.resource == id);
     if resource.source != Source::Transient
         || resource.history.is_some()
-        || plan.prologue.iter().any(|step| touches(&step))
+        || plan.prologue.iter().any(|step| uses(&step))
     {
         return None;
     }
-    let first = plan.frame.iter().position(|step| touches(&step))?;
-    let last = plan.frame.iter().rposition(|step| touches(&step))?;
-    let mut beginning = plan.pass(plan.frame[first].pass).touches.iter().filter(|t| t.resource == id);
+    let first = plan.frame.iter().position(|step| uses(&step))?;
+    let last = plan.frame.iter().rposition(|step| uses(&step))?;
+    let mut beginning = plan.pass(plan.frame[first].pass).uses.iter().filter(|t| t.resource == id);
     if !beginning.any(|t| t.accesses.writes()) {
         return None;
     }
@@ -280,14 +280,14 @@ fn shader_of(plan: &Plan, id: ShaderId) -> DumpShader {
 
 /// The touches with at least one of the wanted accesses, reduced to them.
 fn touched(plan: &Plan, pass: &Pass, wanted: Accesses) -> Vec<DumpTouch> {
-    let touch = |t: &crate::ir::Touch| DumpTouch {
+    let touch = |t: &crate::ir::Use| DumpTouch {
         resource: plan.resource(t.resource).name.clone(),
         stages: flags(t.stages.iter_names()),
         accesses: flags(t.accesses.intersection(wanted).iter_names()),
         layout: t.layout,
         discards: t.discards,
     };
-    pass.touches.iter().filter(|t| t.accesses.intersects(wanted)).map(touch).collect()
+    pass.uses.iter().filter(|t| t.accesses.intersects(wanted)).map(touch).collect()
 }
 
 /// The words of the push constants, each as the shader that has a member there reads it.
@@ -376,9 +376,9 @@ impl DumpPass {
     }
 }
 
-fn names(touches: &[DumpTouch]) -> Vec<&str> {
+fn names(uses: &[DumpTouch]) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
-    for touch in touches {
+    for touch in uses {
         if !names.contains(&touch.resource.as_str()) {
             names.push(&touch.resource);
         }

@@ -22,8 +22,8 @@ pub use format::{Blend, Format, Load, Topology};
 pub use id::{BlockId, PassId, ResourceId, ShaderId};
 pub use location::{FileId, Origin, Span};
 pub use names::{EXPORT, HOST, LIVE_BINDING, LIVE_BLOCK};
-pub use pass::{Binding, DescriptorKind, DrawCall, Groups, LeftOut, Pass, Run, Stat, Target, Touch, Work};
-pub use request::{Attribute, Catalog, Facts, GivenBuffer, Request};
+pub use pass::{Binding, Culled, DescriptorKind, DrawCall, Groups, Pass, Run, Stat, Target, Use, Work};
+pub use request::{Attribute, Catalog, Facts, HostBuffer, Request};
 pub use resource::{Shape, Source, Usage};
 pub use shader::{
     Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Shader, ShaderStage, Varying,

@@ -32,7 +32,7 @@ pub struct Pass<R = ResourceId, S = ShaderId> {
     /// Push constant bytes, complete, little-endian; empty if the shaders take none.
     pub push: Vec<u8>,
     /// The accesses, one entry per resource and stage.
-    pub touches: Vec<Touch<R>>,
+    pub uses: Vec<Use<R>>,
     /// The declaration.
     pub origin: Origin,
 }
@@ -153,7 +153,7 @@ pub enum DescriptorKind {
 
 /// Describes a pass's accesses to a resource in one set of stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Touch<R = ResourceId> {
+pub struct Use<R = ResourceId> {
     /// The resource.
     pub resource: R,
     /// The pipeline stages that access it.
@@ -168,7 +168,7 @@ pub struct Touch<R = ResourceId> {
 
 /// Names a pass of the file that is not in the plan.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LeftOut {
+pub struct Culled {
     /// The pass's name.
     pub pass: String,
     /// The reason: its `when` is false, or nothing reads its results.

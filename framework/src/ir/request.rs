@@ -35,12 +35,12 @@ pub struct Catalog {
     /// Sizes in bytes of the uniform blocks that the host writes for every frame.
     pub uniforms: BTreeMap<String, u64>,
     /// Storage buffers that the host supplies with every frame.
-    pub buffers: BTreeMap<String, GivenBuffer>,
+    pub buffers: BTreeMap<String, HostBuffer>,
 }
 
 /// Describes a storage buffer that the host supplies with every frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct GivenBuffer {
+pub struct HostBuffer {
     /// Bytes of an element.
     pub stride: u64,
     /// The fewest elements that it ever has.

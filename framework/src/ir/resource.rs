@@ -58,7 +58,7 @@ pub enum Source {
     },
     /// A storage buffer that the host supplies with every frame, as long as that frame needs: words of the host, or the image
     /// that another plan drew on the same device. No pass writes it. Its shape is its least length.
-    Given {
+    HostBuffer {
         /// The buffer's full name.
         buffer: String,
     },
@@ -71,7 +71,7 @@ pub enum Source {
 impl Source {
     /// Tells whether each frame in flight has a copy of its own.
     pub fn is_per_frame(&self) -> bool {
-        matches!(self, Source::Frame { .. } | Source::Given { .. } | Source::Live | Source::Readback)
+        matches!(self, Source::Frame { .. } | Source::HostBuffer { .. } | Source::Live | Source::Readback)
     }
 }
 

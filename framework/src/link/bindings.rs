@@ -3,7 +3,7 @@
 use super::{Linker, ShaderHandle, describe, touch};
 use crate::ir::{
     Accesses, Binding, DescriptorKind, FileId, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding,
-    ReflectedKind, Run, Shape, Source, Span, Stages, Touch, Value,
+    ReflectedKind, Run, Shape, Source, Span, Stages, Use, Value,
 };
 use crate::lower::{LoweredBind, LoweredPass, LoweredWork, ResourceHandle};
 use crate::source::{Diagnostic, Kind, nearest};
@@ -14,7 +14,7 @@ impl Linker<'_> {
         &mut self,
         pass: &LoweredPass,
         stages: &[(ShaderHandle, Stages)],
-        touches: &mut Vec<Touch<ResourceHandle>>,
+        uses: &mut Vec<Use<ResourceHandle>>,
     ) -> Vec<Binding<ResourceHandle>> {
         let mut bindings: Vec<Binding<ResourceHandle>> = Vec::new();
         let mut used = vec![false; pass.bind.len()];
@@ -43,7 +43,7 @@ impl Linker<'_> {
                         .with_help("let it run every frame, or give it constants"),
                     );
                 }
-                self.describe_touches(block, kind, &resources, *stage, touches);
+                self.describe_touches(block, kind, &resources, *stage, uses);
                 for (element, resource) in resources.iter().enumerate() {
                     let binding = Binding {
                         name: block.name.clone(),
@@ -211,7 +211,9 @@ impl Linker<'_> {
                             describe(self.resource(*id)),
                         );
                         self.errors.push(
-                            diagnostic.with_help("fewer splats, or a device with a larger storage range"),
+                            diagnostic.with_help(
+                                "bind fewer elements, or use a device with a larger storage range",
+                            ),
                         );
                         break;
                     }
@@ -280,7 +282,7 @@ impl Linker<'_> {
         kind: DescriptorKind,
         resources: &[ResourceHandle],
         stage: Stages,
-        touches: &mut Vec<Touch<ResourceHandle>>,
+        uses: &mut Vec<Use<ResourceHandle>>,
     ) {
         let mut accesses = Accesses::empty();
         accesses.set(Accesses::STORAGE_READ, block.reads);
@@ -294,7 +296,7 @@ impl Linker<'_> {
             DescriptorKind::StorageImage => Some(Layout::General),
         };
         for resource in resources {
-            touch(touches, *resource, stage, accesses, layout, false);
+            touch(uses, *resource, stage, accesses, layout, false);
         }
     }
 
@@ -362,12 +364,12 @@ impl Linker<'_> {
     }
 
     /// A resource must not be bound twice to a pass that writes it: its invocations run in any order.
-    pub(super) fn conflicts(&mut self, pass: &LoweredPass, touches: &[Touch<ResourceHandle>]) {
+    pub(super) fn conflicts(&mut self, pass: &LoweredPass, uses: &[Use<ResourceHandle>]) {
         // What the frame before left in a resource stands in the resource itself.
         let real = |id: &ResourceHandle| self.lowered.real(*id);
         for (i, bind) in pass.bind.iter().enumerate() {
             for id in &bind.resources {
-                let written = touches.iter().any(|t| real(&t.resource) == real(id) && t.accesses.writes());
+                let written = uses.iter().any(|t| real(&t.resource) == real(id) && t.accesses.writes());
                 let twice =
                     pass.bind[..i].iter().find(|b| b.resources.iter().any(|other| real(other) == real(id)));
                 if let (true, Some(other)) = (written, twice) {

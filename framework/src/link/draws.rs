@@ -1,7 +1,7 @@
 //! What draws have beyond bindings: the interface between their two stages, and their targets.
 
 use super::{Linker, ShaderHandle, describe, touch};
-use crate::ir::{Accesses, Layout, Load, Shape, Source, Span, Stages, Target, Touch};
+use crate::ir::{Accesses, Layout, Load, Shape, Source, Span, Stages, Target, Use};
 use crate::lower::ResourceHandle;
 use crate::source::Diagnostic;
 
@@ -30,7 +30,7 @@ impl Linker<'_> {
         fragment: ShaderHandle,
         targets: &[(Target<ResourceHandle>, Span)],
         pass: Span,
-        touches: &mut Vec<Touch<ResourceHandle>>,
+        uses: &mut Vec<Use<ResourceHandle>>,
     ) {
         let shader = self.shaders[fragment.index()].clone();
         let outputs = shader.reflection.outputs.len();
@@ -79,7 +79,7 @@ impl Linker<'_> {
                 Load::Clear(..) => (Accesses::COLOR_WRITE, true),
                 Load::Keep => (Accesses::COLOR_READ | Accesses::COLOR_WRITE, false),
             };
-            touch(touches, target.image, Stages::COLOR_OUTPUT, accesses, Some(Layout::ColorTarget), discards);
+            touch(uses, target.image, Stages::COLOR_OUTPUT, accesses, Some(Layout::ColorTarget), discards);
         }
     }
 }

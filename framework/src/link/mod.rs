@@ -3,14 +3,14 @@
 //! Each pass's shaders are compiled and reflected; then every block that a shader touches must be bound, every entry of
 //! `bind` and `push` must exist in a shader, and kinds, strides, sizes and formats must fit. What a pass reads and writes
 //! comes out of this: it is what the shaders' code does, not what somebody wrote down. The result is the plan's passes,
-//! still in the order of the file, with their [`Touch`]es.
+//! still in the order of the file, with their [`Use`]es.
 
 mod bindings;
 mod draws;
 
 use crate::ir::{
     Accesses, DeviceFacts, DrawCall, FileId, Groups, Layout, Pass, Request, Shader, ShaderStage, Shape, Span,
-    Stages, Touch, Work,
+    Stages, Use, Work,
 };
 use crate::lower::{
     Lowered, LoweredPass, LoweredResource, LoweredSize, LoweredWork, ResourceHandle, ShaderName,
@@ -115,10 +115,10 @@ impl Linker<'_> {
     /// Links a pass; returns `None` after at least one error.
     fn pass(&mut self, pass: &LoweredPass) -> Option<LinkedPass> {
         let before = self.errors.len();
-        let mut touches = Vec::new();
+        let mut uses = Vec::new();
         let (work, stages): (Work<_, _>, Vec<(ShaderHandle, Stages)>) = match &pass.work {
             LoweredWork::Fill { buffer, value } => {
-                touch(&mut touches, *buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE, None, false);
+                touch(&mut uses, *buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE, None, false);
                 (Work::Fill { buffer: *buffer, value: *value }, Vec::new())
             }
             LoweredWork::Dispatch { shader, size, size_span } => {
@@ -126,7 +126,7 @@ impl Linker<'_> {
                 self.workgroup(id, shader.span);
                 let groups = self.groups(id, *size, *size_span)?;
                 if let Groups::Indirect { buffer, .. } = groups {
-                    touch(&mut touches, buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None, false);
+                    touch(&mut uses, buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None, false);
                 }
                 (Work::Dispatch { shader: id, groups }, vec![(id, Stages::COMPUTE)])
             }
@@ -135,9 +135,9 @@ impl Linker<'_> {
                 let fragment_id = self.shader(pass, fragment, ShaderStage::Fragment);
                 let (vertex_id, fragment_id) = (vertex_id?, fragment_id?);
                 self.interface(vertex_id, fragment_id, fragment.span);
-                self.targets(fragment_id, targets, pass.span, &mut touches);
+                self.targets(fragment_id, targets, pass.span, &mut uses);
                 if let DrawCall::Indirect { buffer, .. } = *call {
-                    touch(&mut touches, buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None, false);
+                    touch(&mut uses, buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None, false);
                 }
                 let work = Work::Draw {
                     vertex: vertex_id,
@@ -149,9 +149,9 @@ impl Linker<'_> {
                 (work, vec![(vertex_id, Stages::VERTEX), (fragment_id, Stages::FRAGMENT)])
             }
         };
-        let bindings = self.bindings(pass, &stages, &mut touches);
+        let bindings = self.bindings(pass, &stages, &mut uses);
         let push = self.push(pass, &stages);
-        self.conflicts(pass, &touches);
+        self.conflicts(pass, &uses);
         let linked = Pass {
             name: pass.name.clone(),
             phase: pass.phase.clone(),
@@ -159,7 +159,7 @@ impl Linker<'_> {
             work,
             bindings,
             push,
-            touches,
+            uses,
             origin: self.files.origin(pass.span),
         };
         (self.errors.len() == before).then_some(LinkedPass { pass: linked, span: pass.span })
@@ -257,16 +257,16 @@ impl Linker<'_> {
 
 /// Adds to a pass's touches: one entry per resource and stage.
 fn touch(
-    touches: &mut Vec<Touch<ResourceHandle>>,
+    uses: &mut Vec<Use<ResourceHandle>>,
     resource: ResourceHandle,
     stages: Stages,
     accesses: Accesses,
     layout: Option<Layout>,
     discards: bool,
 ) {
-    match touches.iter_mut().find(|t| t.resource == resource && t.stages == stages) {
+    match uses.iter_mut().find(|t| t.resource == resource && t.stages == stages) {
         Some(touch) => touch.accesses |= accesses,
-        None => touches.push(Touch { resource, stages, accesses, layout, discards }),
+        None => uses.push(Use { resource, stages, accesses, layout, discards }),
     }
 }
 

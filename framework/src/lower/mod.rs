@@ -23,7 +23,7 @@ use std::rc::Rc;
 pub use params::parse_value;
 
 use crate::ir::{
-    DrawCall, FileId, LeftOut, Param, Request, Run, Shape, Source, Span, Stat, Target, Topology, Value,
+    Culled, DrawCall, FileId, Param, Request, Run, Shape, Source, Span, Stat, Target, Topology, Value,
 };
 use crate::source::{Diagnostic, SourceMap};
 
@@ -43,7 +43,7 @@ pub struct Lowered {
     /// Dispatches, draws and fills.
     pub passes: Vec<LoweredPass>,
     /// Passes that a `when` removed.
-    pub left_out: Vec<LeftOut>,
+    pub culled: Vec<Culled>,
     /// Uses that a `when` removed together with their pass.
     pub unwritten: Vec<RemovedUse>,
     /// The image that is shown.

@@ -14,7 +14,7 @@ use super::{
     ResourceHandle, ShaderName,
 };
 use crate::ir::{
-    DrawCall, EXPORT, FileId, HOST, LIVE_BLOCK, LeftOut, Param, Request, Run, Shape, Source, Span, Stat,
+    Culled, DrawCall, EXPORT, FileId, HOST, LIVE_BLOCK, Param, Request, Run, Shape, Source, Span, Stat,
     Target, Value,
 };
 use crate::schema::{Call, Graph, Number, Part, PassDecl, Reference, ResourceName, Size};
@@ -40,7 +40,7 @@ pub(super) struct Lowering<'a> {
     steps: usize,
     /// Name and place of every pass, to refuse one used twice.
     pass_names: BTreeMap<String, Option<Span>>,
-    left_out: Vec<LeftOut>,
+    culled: Vec<Culled>,
     pub histories: Vec<History>,
     unwritten: Vec<RemovedUse>,
     /// The files being included, outermost first.
@@ -83,7 +83,7 @@ impl<'a> Lowering<'a> {
             steps: 0,
             // The frame's last passes, which the solver adds.
             pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
-            left_out: Vec::new(),
+            culled: Vec::new(),
             histories: Vec::new(),
             unwritten: Vec::new(),
             includes: Vec::new(),
@@ -125,7 +125,7 @@ impl<'a> Lowering<'a> {
                 params: resolved.params,
                 resources: self.resources,
                 passes: self.passes,
-                left_out: self.left_out,
+                culled: self.culled,
                 unwritten: self.unwritten,
                 output,
                 output_span,
@@ -349,11 +349,7 @@ impl<'a> Lowering<'a> {
             }
         }
         let origin = self.files.origin(head.place.span());
-        self.left_out.push(LeftOut {
-            pass: name,
-            why: format!("its condition is false: {condition}"),
-            origin,
-        });
+        self.culled.push(Culled { pass: name, why: format!("its condition is false: {condition}"), origin });
         Ok(false)
     }
 

@@ -4,7 +4,7 @@ use super::params::is_identifier;
 use super::passes::{Level, Lowering};
 use super::scope::{Names, Place, describe};
 use super::{LoweredResource, ResourceHandle};
-use crate::ir::{Format, GivenBuffer, Shape, Source, Span, Value};
+use crate::ir::{Format, HostBuffer, Shape, Source, Span, Value};
 use crate::schema::{Expression, Import, Part, Port, Reference, ResourceDecl, ResourceName, is_choice};
 use crate::source::{Diagnostic, Path};
 
@@ -86,9 +86,9 @@ impl Lowering<'_> {
                 Some(("a uniform block", shape, Source::Frame { uniform: name.clone() }))
             };
             let given = || {
-                let GivenBuffer { stride, least } = *catalog.buffers.get(name)?;
+                let HostBuffer { stride, least } = *catalog.buffers.get(name)?;
                 let shape = Shape::Buffer { stride, count: least.max(1) };
-                Some(("a buffer of the frame", shape, Source::Given { buffer: name.clone() }))
+                Some(("a buffer of the frame", shape, Source::HostBuffer { buffer: name.clone() }))
             };
             uniform().or_else(given)
         };

@@ -252,7 +252,7 @@ fn a_buffer_that_comes_with_every_frame_is_read_as_a_storage_buffer_and_written_
     let read = [dispatch("copy", "copy.comp", r#""In": "words", "Out": "a""#), shown("show")].join("\n");
     let plan = plan(&imported(&read), &[]).unwrap_or_else(|error| panic!("{error}"));
     let words = plan.resource(plan.find_resource("words").unwrap());
-    assert_eq!(words.source, Source::Given { buffer: "frame.words".to_string() });
+    assert_eq!(words.source, Source::HostBuffer { buffer: "frame.words".to_string() });
     assert_eq!(words.shape, Shape::Buffer { stride: 4, count: 4 });
 
     let written = [dispatch("make", "make.comp", r#""Out": "words""#), shown("show")].join("\n");

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use super::stages::performed_by;
 use crate::ir::{
-    Accesses, DrawCall, Groups, Layout, PassId, ResourceId, Run, Shape, Source, Stages, Touch, Work,
+    Accesses, DrawCall, Groups, Layout, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
 };
 use crate::plan::Plan;
 
@@ -120,7 +120,7 @@ impl Script {
         }
         for (actions, pass) in passes.iter_mut().zip(&plan.passes) {
             actions.layouts =
-                pass.touches.iter().filter_map(|t| t.layout.map(|layout| (t.resource, layout))).collect();
+                pass.uses.iter().filter_map(|t| t.layout.map(|layout| (t.resource, layout))).collect();
             actions.clashes = clashes(&actions.accesses);
         }
         Script { passes, places, cells }
@@ -147,12 +147,12 @@ fn covered(cells: &[Range<u64>], of: &Range<usize>, bytes: &Range<u64>) -> Range
 fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
     let pass = &plan.passes[index];
     // A shader may read what the same pass wrote; in what order is its own affair.
-    let storage_written: Vec<ResourceId> = (pass.touches.iter())
+    let storage_written: Vec<ResourceId> = (pass.uses.iter())
         .filter(|touch| touch.accesses.contains(Accesses::STORAGE_WRITE))
         .map(|touch| touch.resource)
         .collect();
     let mut extents = Vec::new();
-    for touch in &pass.touches {
+    for touch in &pass.uses {
         for stage in touch.stages.iter() {
             for access in (touch.accesses & performed_by(stage)).iter() {
                 let cleared = touch.discards && access == Accesses::COLOR_READ;
@@ -174,7 +174,7 @@ fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
 }
 
 /// The bytes of a resource that one access of a pass touches: all of them, unless the work says which.
-fn ranges(plan: &Plan, work: &Work, touch: &Touch, access: Accesses) -> Vec<Range<u64>> {
+fn ranges(plan: &Plan, work: &Work, touch: &Use, access: Accesses) -> Vec<Range<u64>> {
     const WORD: u64 = 4;
     let words = |offset: u64, count: u64| offset..offset.saturating_add(WORD * count);
     let whole = 0..plan.resource(touch.resource).bytes();

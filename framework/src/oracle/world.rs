@@ -82,7 +82,7 @@ impl World {
                 let pass = plan.pass(step.pass);
                 if matches!(pass.work, Work::Start { resource } if resource == id) {
                     self.skipped.push(step.pass);
-                    let own = pass.touches.iter().filter(|touch| touch.resource == id);
+                    let own = pass.uses.iter().filter(|touch| touch.resource == id);
                     if let Some(layout) = own.filter_map(|touch| touch.layout).next_back() {
                         self.layouts[index] = layout;
                     }

@@ -3,7 +3,7 @@
 //! Resources and shaders that no pass of the plan uses are dropped, and the others are numbered in their former order. A name for the
 //! previous frame's contents becomes the resource itself here: order has been made of the difference by now.
 
-use crate::ir::{Binding, DrawCall, Groups, Pass, ResourceId, ShaderId, Stat, Target, Touch, Usage, Work};
+use crate::ir::{Binding, DrawCall, Groups, Pass, ResourceId, ShaderId, Stat, Target, Usage, Use, Work};
 use crate::link::{LinkedPass, ShaderHandle};
 use crate::lower::{Lowered, ResourceHandle};
 use crate::plan::{Plan, Resource};
@@ -34,7 +34,7 @@ impl Ids<'_> {
             kind: b.kind,
             resource: self.resource(b.resource),
         };
-        let touch = |t: &Touch<_>| Touch {
+        let touch = |t: &Use<_>| Use {
             resource: self.resource(t.resource),
             stages: t.stages,
             accesses: t.accesses,
@@ -48,7 +48,7 @@ impl Ids<'_> {
             work: self.work(&pass.work),
             bindings: pass.bindings.iter().map(binding).collect(),
             push: pass.push.clone(),
-            touches: pass.touches.iter().map(touch).collect(),
+            uses: pass.uses.iter().map(touch).collect(),
             origin: pass.origin.clone(),
         }
     }
@@ -98,7 +98,7 @@ pub(super) fn compact(
 ) -> Plan {
     let mut used = (vec![false; lowered.resources.len()], vec![false; shaders.len()]);
     for LinkedPass { pass, .. } in passes {
-        pass.touches.iter().for_each(|touch| used.0[lowered.real(touch.resource).index()] = true);
+        pass.uses.iter().for_each(|touch| used.0[lowered.real(touch.resource).index()] = true);
         match &pass.work {
             Work::Dispatch { shader, .. } => used.1[shader.index()] = true,
             Work::Draw { vertex, fragment, .. } => {
@@ -144,7 +144,7 @@ pub(super) fn compact(
         prologue: Vec::new(),
         handover: Vec::new(),
         frame: Vec::new(),
-        left_out: lowered.left_out,
+        culled: lowered.culled,
     }
 }
 

@@ -14,7 +14,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::ir::{BlockId, Pass, PassId, ResourceId, Run, Shape, Source, Touch};
+use crate::ir::{BlockId, Pass, PassId, ResourceId, Run, Shape, Source, Use};
 use crate::plan::{Block, Resource};
 
 /// Blocks that are tried for each resource, from the smallest that fits up: so that packing grows with the number of resources
@@ -42,7 +42,7 @@ pub(super) fn place(
     resources.iter_mut().for_each(|resource| resource.block = None);
     let lives = lives(passes, frame, resources);
     let mut touched = vec![false; resources.len()];
-    passes.iter().flat_map(|p| &p.touches).for_each(|t| touched[t.resource.index()] = true);
+    passes.iter().flat_map(|p| &p.uses).for_each(|t| touched[t.resource.index()] = true);
     let mut by_size: Vec<usize> =
         (0..resources.len()).filter(|i| touched[*i] && resources[*i].source == Source::Transient).collect();
     by_size.sort_by_key(|i| (std::cmp::Reverse(resources[*i].bytes()), *i));
@@ -86,7 +86,7 @@ fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Optio
     let mut lives: Vec<Option<Life>> = vec![None; resources.len()];
     let levels = levels(passes, frame, resources.len());
     for (position, id) in frame.iter().enumerate() {
-        for touch in &passes[id.index()].touches {
+        for touch in &passes[id.index()].uses {
             let writes = touch.accesses.writes();
             let life = lives[touch.resource.index()].get_or_insert(Life {
                 first: position,
@@ -100,7 +100,7 @@ fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Optio
         }
     }
     let once = passes.iter().filter(|p| p.run == Run::Once);
-    once.flat_map(|p| &p.touches).for_each(|touch| lives[touch.resource.index()] = None);
+    once.flat_map(|p| &p.uses).for_each(|touch| lives[touch.resource.index()] = None);
     for (life, resource) in lives.iter_mut().zip(resources) {
         if resource.source != Source::Transient || resource.history.is_some() {
             *life = None;
@@ -114,13 +114,13 @@ fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
     // Of each resource, the level after which it can be read, and after which it can be written.
     let mut ready = vec![(0, 0); resources];
     let level = |id: &PassId| {
-        let touches = &passes[id.index()].touches;
-        let after = |touch: &Touch| {
+        let uses = &passes[id.index()].uses;
+        let after = |touch: &Use| {
             let (read, written) = ready[touch.resource.index()];
             if touch.accesses.writes() { written } else { read }
         };
-        let level = touches.iter().map(after).max().unwrap_or(0);
-        for touch in touches {
+        let level = uses.iter().map(after).max().unwrap_or(0);
+        for touch in uses {
             let (read, written) = &mut ready[touch.resource.index()];
             if touch.accesses.writes() {
                 *read = level + 1;

@@ -14,7 +14,7 @@ mod order;
 mod usage;
 
 use crate::ir::{
-    Accesses, EXPORT, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages, Touch, Work,
+    Accesses, EXPORT, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
 };
 use crate::link::{Linked, LinkedPass};
 use crate::lower::{Lowered, LoweredResource, ResourceHandle};
@@ -29,7 +29,7 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
 
     forget_unread(&passes.iter().collect::<Vec<_>>(), &mut lowered);
     let order = order::order(&passes, &lowered, files)?;
-    lowered.left_out.extend(order.left_out);
+    lowered.culled.extend(order.culled);
     // The plan holds the passes as they run: the prologue's first.
     let sorted: Vec<&LinkedPass> = order.once.iter().chain(&order.frame).map(|i| &passes[*i]).collect();
     forget_unread(&sorted, &mut lowered);
@@ -52,7 +52,7 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
 
 /// The same passes with those of the frame in another order, and with the memory and the barriers that this order needs. The
 /// order must keep apart what the plan's keeps apart: of two passes that touch the same resource, one of them writing, the first
-/// stays the first. `None` if the walk does not settle.
+/// stays the first. `None` if the walk reaches no fixpoint.
 ///
 /// # Panics
 /// If `frame` does not hold exactly the passes of the plan's frame.
@@ -81,8 +81,8 @@ fn place(plan: &mut Plan, prologue: &[PassId], frame: &[PassId], share_memory: b
 fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     let span = lowered.output_span;
     let touch =
-        |resource, stages, accesses, layout| Touch { resource, stages, accesses, layout, discards: false };
-    let pass = |name: &str, work, touches| LinkedPass {
+        |resource, stages, accesses, layout| Use { resource, stages, accesses, layout, discards: false };
+    let pass = |name: &str, work, uses| LinkedPass {
         pass: Pass {
             name: name.into(),
             phase: EXPORT.into(),
@@ -90,19 +90,19 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
             work,
             bindings: Vec::new(),
             push: Vec::new(),
-            touches,
+            uses,
             origin: files.origin(span),
         },
         span,
     };
     let output = Some(Layout::TransferSource);
-    let mut touches = vec![touch(lowered.output, Stages::COPY, Accesses::TRANSFER_READ, output)];
+    let mut uses = vec![touch(lowered.output, Stages::COPY, Accesses::TRANSFER_READ, output)];
     if lowered.stats.is_empty() {
-        return vec![pass(EXPORT, Work::Export, touches)];
+        return vec![pass(EXPORT, Work::Export, uses)];
     }
     for stat in &lowered.stats {
-        if touches.iter().all(|t| t.resource != stat.buffer) {
-            touches.push(touch(stat.buffer, Stages::COPY, Accesses::TRANSFER_READ, None));
+        if uses.iter().all(|t| t.resource != stat.buffer) {
+            uses.push(touch(stat.buffer, Stages::COPY, Accesses::TRANSFER_READ, None));
         }
     }
     let readback = ResourceHandle(lowered.resources.len() as u32);
@@ -114,19 +114,19 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
         previous_frame_of: None,
         span,
     });
-    touches.push(touch(readback, Stages::COPY, Accesses::TRANSFER_WRITE, None));
+    uses.push(touch(readback, Stages::COPY, Accesses::TRANSFER_WRITE, None));
     let read = touch(readback, Stages::HOST, Accesses::HOST_READ, None);
-    vec![pass(EXPORT, Work::Export, touches), pass(HOST, Work::Host, vec![read])]
+    vec![pass(EXPORT, Work::Export, uses), pass(HOST, Work::Host, vec![read])]
 }
 
 /// Drops the histories that no later frame reads: with `last(name)`, or by reading a resource before it is written.
 fn forget_unread(passes: &[&LinkedPass], lowered: &mut Lowered) {
-    let touches = |p: &LinkedPass, handle| p.pass.touches.iter().any(|t| t.resource == handle);
+    let uses = |p: &LinkedPass, handle| p.pass.uses.iter().any(|t| t.resource == handle);
     for previous in (0..lowered.resources.len() as u32).map(ResourceHandle) {
         let Some(real) = lowered.resource(previous).previous_frame_of else { continue };
-        let first = passes.iter().filter(|p| p.pass.run == Run::Frame).find(|p| touches(p, real));
-        let reads = |p: &&LinkedPass| p.pass.touches.iter().any(|t| t.resource == real && t.accesses.reads());
-        if !passes.iter().any(|p| touches(p, previous)) && !first.is_some_and(reads) {
+        let first = passes.iter().filter(|p| p.pass.run == Run::Frame).find(|p| uses(p, real));
+        let reads = |p: &&LinkedPass| p.pass.uses.iter().any(|t| t.resource == real && t.accesses.reads());
+        if !passes.iter().any(|p| uses(p, previous)) && !first.is_some_and(reads) {
             lowered.resources[real.index()].history = None;
         }
     }
@@ -137,9 +137,8 @@ fn starts(passes: &[Pass], resources: &[Resource]) -> Vec<Pass> {
     let mut starts = Vec::new();
     for (index, resource) in resources.iter().enumerate() {
         let id = ResourceId(index as u32);
-        let written_once = |p: &Pass| {
-            p.run == Run::Once && p.touches.iter().any(|t| t.resource == id && t.accesses.writes())
-        };
+        let written_once =
+            |p: &Pass| p.run == Run::Once && p.uses.iter().any(|t| t.resource == id && t.accesses.writes());
         let Some(name) = &resource.history else { continue };
         if passes.iter().any(written_once) {
             continue;
@@ -155,7 +154,7 @@ fn starts(passes: &[Pass], resources: &[Resource]) -> Vec<Pass> {
             work: Work::Start { resource: id },
             bindings: Vec::new(),
             push: Vec::new(),
-            touches: vec![Touch {
+            uses: vec![Use {
                 resource: id,
                 stages: Stages::CLEAR,
                 accesses: Accesses::TRANSFER_WRITE,

@@ -11,7 +11,7 @@ use petgraph::visit::EdgeRef;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use crate::ir::{Accesses, LeftOut, Run, Source, Work};
+use crate::ir::{Accesses, Culled, Run, Source, Work};
 use crate::link::LinkedPass;
 use crate::lower::{Lowered, ResourceHandle};
 use crate::source::{Diagnostic, SourceMap};
@@ -20,7 +20,7 @@ use crate::source::{Diagnostic, SourceMap};
 pub(super) struct Order {
     pub once: Vec<usize>,
     pub frame: Vec<usize>,
-    pub left_out: Vec<LeftOut>,
+    pub culled: Vec<Culled>,
 }
 
 /// Passes, and between two of them the resource for which one follows the other.
@@ -43,9 +43,9 @@ pub(super) fn order(
     }
 
     let live = live(passes, &users, lowered);
-    let left_out = (0..passes.len())
+    let culled = (0..passes.len())
         .filter(|i| !live[*i])
-        .map(|i| LeftOut {
+        .map(|i| Culled {
             pass: passes[i].pass.name.clone(),
             why: "nothing reads what it writes".into(),
             origin: files.origin(passes[i].span),
@@ -55,7 +55,7 @@ pub(super) fn order(
     // Sorted with the dead ones still in, which keep apart what is on their two sides.
     let sorted = sort(&needs, passes).into_iter().filter(|i| live[*i]);
     let (once, frame) = sorted.partition(|i| passes[*i].pass.run == Run::Once);
-    Ok(Order { once, frame, left_out })
+    Ok(Order { once, frame, culled })
 }
 
 /// A pass that touches a resource, and how.
@@ -70,7 +70,7 @@ fn users(passes: &[LinkedPass], resources: usize) -> Vec<Vec<User>> {
     let mut users: Vec<Vec<User>> = vec![Vec::new(); resources];
     let of_run = |run| (0..passes.len()).filter(move |i| passes[*i].pass.run == run);
     for pass in of_run(Run::Once).chain(of_run(Run::Frame)) {
-        for touch in &passes[pass].pass.touches {
+        for touch in &passes[pass].pass.uses {
             let users = &mut users[touch.resource.index()];
             match users.last_mut().filter(|user| user.pass == pass) {
                 Some(user) => user.accesses |= touch.accesses,
@@ -210,7 +210,7 @@ fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bo
         if std::mem::replace(&mut live[pass], true) {
             continue;
         }
-        for touch in passes[pass].pass.touches.iter().filter(|t| t.accesses.reads()) {
+        for touch in passes[pass].pass.uses.iter().filter(|t| t.accesses.reads()) {
             let (resource, last) = match lowered.resource(touch.resource).previous_frame_of {
                 Some(real) => (real.index(), true),
                 None => (touch.resource.index(), false),

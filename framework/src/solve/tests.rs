@@ -148,7 +148,7 @@ fn a_pass_that_nothing_reads_from_is_left_out_with_what_feeds_only_it() {
         ],
     );
     assert_eq!(frame(&plan), ["make", "show", "export"]);
-    let left: Vec<&str> = plan.left_out.iter().map(|l| l.pass.as_str()).collect();
+    let left: Vec<&str> = plan.culled.iter().map(|l| l.pass.as_str()).collect();
     assert_eq!(left, ["spare", "waste"]);
     assert!(plan.find_resource("b").is_none(), "what nobody touches needs no memory");
 }
@@ -435,7 +435,7 @@ fn a_writer_that_is_left_out_still_keeps_its_neighbours_apart() {
         ],
     );
     assert_eq!(frame(&plan), ["first", "late", "use", "both", "join", "show", "export"], "{}", shown(&plan));
-    assert_eq!(plan.left_out[0].pass, "spare");
+    assert_eq!(plan.culled[0].pass, "spare");
 }
 
 #[test]
@@ -588,7 +588,7 @@ fn of_a_ping_pong_resource_the_half_that_the_frame_ends_with_lives_on_for_odd_an
         let others = plan.resources.iter().filter(|r| r.history.is_some()).count();
         assert_eq!(others, 1, "the other half is as any other buffer");
         // All of the frame's passes are needed, for the next frame.
-        assert_eq!(plan.left_out, []);
+        assert_eq!(plan.culled, []);
     }
 }
 

@@ -19,7 +19,7 @@ pub(super) fn note(plan: &mut Plan) {
                 DescriptorKind::StorageBuffer | DescriptorKind::StorageImage => Usage::STORAGE,
             };
         }
-        for touch in &pass.touches {
+        for touch in &pass.uses {
             let usages = OF_ACCESSES.iter().filter(|(accesses, _)| touch.accesses.intersects(*accesses));
             usages.for_each(|(_, usage)| plan.resources[touch.resource.index()].usage |= *usage);
         }

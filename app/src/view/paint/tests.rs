@@ -226,7 +226,7 @@ fn the_windows_graph_builds_and_each_of_its_barriers_is_needed() {
     let plan = Planner::default().plan(GRAPH, &[], &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
     let output = plan.resource(plan.output);
     assert_eq!(output.shape, Shape::Image { format: Format::Rgba8Unorm, width: 640, height: 400 });
-    let given = plan.resources.iter().filter(|r| matches!(r.source, Source::Given { .. })).count();
+    let given = plan.resources.iter().filter(|r| matches!(r.source, Source::HostBuffer { .. })).count();
     assert_eq!(given, catalog.buffers.len(), "it imports all that is offered");
     assert_eq!(catalog.uniforms[WINDOW], 96);
     let phases: Vec<&str> = plan.frame.iter().map(|step| plan.pass(step.pass).phase.as_str()).collect();

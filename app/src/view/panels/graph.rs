@@ -142,8 +142,8 @@ fn pass_row(
                 RichText::new(format!("{}  {}", shader.file, defines.join(" "))).monospace().size(SMALL),
             );
         }
-        for (what, touches, colour) in [("reads", &pass.reads, READ), ("writes", &pass.writes, WRITE)] {
-            for touch in touches {
+        for (what, uses, colour) in [("reads", &pass.reads, READ), ("writes", &pass.writes, WRITE)] {
+            for touch in uses {
                 touch_row(ui, pass, what, touch, colour, clicked, controls);
             }
         }

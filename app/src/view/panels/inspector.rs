@@ -217,10 +217,10 @@ pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
         if matches!(pass.work, Work::Export | Work::Host) {
             return None;
         }
-        let keys = |touch: &&splatgraph_framework::ir::Touch| {
+        let keys = |touch: &&splatgraph_framework::ir::Use| {
             touch.accesses.writes() && plan.resource(touch.resource).name.starts_with("keys")
         };
-        let touch = pass.touches.iter().find(keys)?;
+        let touch = pass.uses.iter().find(keys)?;
         Some((plan.resource(touch.resource).name.clone(), pass.name.clone()))
     })
 }

@@ -74,7 +74,7 @@ const NOTHING: (Stages, Accesses) = (Stages::empty(), Accesses::empty());
 pub fn with_host_buffer() -> Plan {
     let mut plan = plan();
     let splats = &mut plan.resources[crate::testing::SPLATS.index()];
-    splats.source = Source::Given { buffer: "frame.words".to_string() };
+    splats.source = Source::HostBuffer { buffer: "frame.words".to_string() };
     splats.shape = Shape::Buffer { stride: 4, count: 1 };
     plan
 }

@@ -12,7 +12,7 @@ impl Checker<'_> {
     pub(super) fn given(&self, pass: &Pass) -> Result<(), BackendError> {
         let given = |id: ResourceId| {
             let resource = self.plan.resources.get(id.index())?;
-            matches!(resource.source, Source::Given { .. }).then_some(&resource.name)
+            matches!(resource.source, Source::HostBuffer { .. }).then_some(&resource.name)
         };
         for binding in &pass.bindings {
             if let (DescriptorKind::UniformBuffer, Some(name)) = (binding.kind, given(binding.resource)) {
@@ -27,7 +27,7 @@ impl Checker<'_> {
             Work::Start { resource } => Some(resource),
             _ => None,
         };
-        let touched = pass.touches.iter().filter(|touch| touch.accesses.writes());
+        let touched = pass.uses.iter().filter(|touch| touch.accesses.writes());
         for id in touched.map(|touch| touch.resource).chain(filled) {
             if let Some(name) = given(id) {
                 return invalid(format!(

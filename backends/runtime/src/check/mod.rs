@@ -228,7 +228,7 @@ impl<'a> Checker<'a> {
             ));
         }
         self.bindings(pass)?;
-        for touch in &pass.touches {
+        for touch in &pass.uses {
             self.resources(touch.resource, name)?;
         }
         self.given(pass)?;

@@ -103,8 +103,8 @@ fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
         ("resource 77", |plan| plan.passes[1].bindings[0].resource = ResourceId(77)),
         ("resource 77", |plan| {
             let (stages, accesses) = WROTE;
-            let touch = Touch { resource: ResourceId(77), stages, accesses, layout: None, discards: false };
-            plan.passes[1].touches.push(touch);
+            let touch = Use { resource: ResourceId(77), stages, accesses, layout: None, discards: false };
+            plan.passes[1].uses.push(touch);
         }),
         ("`args` is not the only resource with the history `past`", |plan| {
             for id in [WORDS, ARGS] {
@@ -153,17 +153,12 @@ fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
 fn a_buffer_that_comes_with_a_frame_is_storage_that_frames_read() {
     let with = |alter: fn(&mut Plan)| {
         said(|plan, _| {
-            plan.resources[SPLATS.index()].source = Source::Given { buffer: "frame.words".to_string() };
+            plan.resources[SPLATS.index()].source = Source::HostBuffer { buffer: "frame.words".to_string() };
             alter(plan);
         })
     };
-    let touch = |accesses| Touch {
-        resource: SPLATS,
-        stages: Stages::COMPUTE,
-        accesses,
-        layout: None,
-        discards: false,
-    };
+    let touch =
+        |accesses| Use { resource: SPLATS, stages: Stages::COMPUTE, accesses, layout: None, discards: false };
     assert_eq!(with(|_| {}), "");
     let read = with(|plan| {
         plan.resources[SPLATS.index()].usage |= Usage::INDIRECT;
@@ -191,8 +186,8 @@ fn a_buffer_that_comes_with_a_frame_is_storage_that_frames_read() {
     assert!(filled.contains("pass `clear` writes to `splats`"), "{filled}");
     for (accesses, refused) in [(Accesses::STORAGE_READ, false), (Accesses::STORAGE_WRITE, true)] {
         let text = said(|plan, _| {
-            plan.resources[SPLATS.index()].source = Source::Given { buffer: "frame.words".to_string() };
-            plan.passes[3].touches.push(touch(accesses));
+            plan.resources[SPLATS.index()].source = Source::HostBuffer { buffer: "frame.words".to_string() };
+            plan.passes[3].uses.push(touch(accesses));
         });
         assert_eq!(text.contains("pass `splat` writes to `splats`"), refused, "{text}");
     }
@@ -202,7 +197,7 @@ fn a_buffer_that_comes_with_a_frame_is_storage_that_frames_read() {
 fn a_buffer_that_comes_with_a_frame_counts_among_a_passs_descriptors_and_sizes() {
     let with = |alter: fn(&mut Plan, &mut Limits)| {
         said(|plan, limits| {
-            plan.resources[SPLATS.index()].source = Source::Given { buffer: "frame.words".to_string() };
+            plan.resources[SPLATS.index()].source = Source::HostBuffer { buffer: "frame.words".to_string() };
             alter(plan, limits);
         })
     };

@@ -137,7 +137,7 @@ impl Build {
                 prologue: Vec::new(),
                 handover: Vec::new(),
                 frame: Vec::new(),
-                left_out: Vec::new(),
+                culled: Vec::new(),
                 output: ResourceId(0),
                 stats: Vec::new(),
             },
@@ -202,7 +202,7 @@ impl Build {
 
     /// A buffer that comes with every frame, of `count` elements or more.
     pub fn given(&mut self, name: &str, stride: u64, count: u64) -> ResourceId {
-        let source = Source::Given { buffer: name.to_string() };
+        let source = Source::HostBuffer { buffer: name.to_string() };
         let usage = Usage::STORAGE | Usage::INDIRECT | Usage::COPY_SOURCE;
         self.resource(name, Shape::Buffer { stride, count }, usage, source)
     }
@@ -233,7 +233,7 @@ impl Build {
         ShaderId(self.plan.shaders.len() as u32 - 1)
     }
 
-    fn pass(&mut self, run: Run, name: &str, work: Work, binds: &[Bind], touches: Vec<Touch>) -> PassId {
+    fn pass(&mut self, run: Run, name: &str, work: Work, binds: &[Bind], uses: Vec<Use>) -> PassId {
         let bindings = binds.iter().map(|&(resource, binding, accesses)| Binding {
             name: format!("binding {binding}"),
             binding,
@@ -252,26 +252,26 @@ impl Build {
             work,
             bindings: bindings.collect(),
             push: Vec::new(),
-            touches,
+            uses,
             origin: origin(),
         };
         self.plan.passes.push(pass);
         PassId(self.plan.passes.len() as u32 - 1)
     }
 
-    fn bound(&self, binds: &[Bind], stages: Stages) -> Vec<Touch> {
+    fn bound(&self, binds: &[Bind], stages: Stages) -> Vec<Use> {
         let touch = |&(resource, _, accesses): &Bind| {
             let image = matches!(self.plan.resource(resource).shape, Shape::Image { .. });
             let touch = touch(resource, stages, accesses, image.then_some(Layout::General));
             // An image that is only written is written as a whole.
-            Touch { discards: image && accesses == WRITE, ..touch }
+            Use { discards: image && accesses == WRITE, ..touch }
         };
         binds.iter().map(touch).collect()
     }
 
     pub fn fill(&mut self, run: Run, name: &str, buffer: ResourceId, value: u32) -> PassId {
-        let touches = vec![touch(buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE, None)];
-        self.pass(run, name, Work::Fill { buffer, value }, &[], touches)
+        let uses = vec![touch(buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE, None)];
+        self.pass(run, name, Work::Fill { buffer, value }, &[], uses)
     }
 
     pub fn dispatch(
@@ -282,9 +282,9 @@ impl Build {
         groups: u32,
         binds: &[Bind],
     ) -> PassId {
-        let touches = self.bound(binds, Stages::COMPUTE);
+        let uses = self.bound(binds, Stages::COMPUTE);
         let work = Work::Dispatch { shader, groups: Groups::Direct([groups, 1, 1]) };
-        self.pass(run, name, work, binds, touches)
+        self.pass(run, name, work, binds, uses)
     }
 
     pub fn dispatch_indirect(
@@ -294,10 +294,10 @@ impl Build {
         (buffer, offset): (ResourceId, u64),
         binds: &[Bind],
     ) -> PassId {
-        let mut touches = self.bound(binds, Stages::COMPUTE);
-        touches.push(touch(buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None));
+        let mut uses = self.bound(binds, Stages::COMPUTE);
+        uses.push(touch(buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None));
         let work = Work::Dispatch { shader, groups: Groups::Indirect { buffer, offset } };
-        self.pass(Run::Frame, name, work, binds, touches)
+        self.pass(Run::Frame, name, work, binds, uses)
     }
 
     /// `binds` are read by the vertex shader.
@@ -309,19 +309,19 @@ impl Build {
         targets: &[Target],
         binds: &[Bind],
     ) -> PassId {
-        let mut touches = self.bound(binds, Stages::VERTEX);
+        let mut uses = self.bound(binds, Stages::VERTEX);
         if let DrawCall::Indirect { buffer, .. } = call {
-            touches.push(touch(buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None));
+            uses.push(touch(buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None));
         }
         for target in targets {
             let accesses = Accesses::COLOR_READ | Accesses::COLOR_WRITE;
             let mut touch = touch(target.image, Stages::COLOR_OUTPUT, accesses, Some(Layout::ColorTarget));
             touch.discards = matches!(target.load, Load::Clear(..));
-            touches.push(touch);
+            uses.push(touch);
         }
         let topology = Topology::TriangleList;
         let work = Work::Draw { vertex, fragment, topology, call, targets: targets.to_vec() };
-        self.pass(Run::Frame, name, work, binds, touches)
+        self.pass(Run::Frame, name, work, binds, uses)
     }
 
     pub fn stat(&mut self, name: &str, buffer: ResourceId, offset: u64) {
@@ -331,20 +331,20 @@ impl Build {
     /// Ends the plan with its export of `output`, and puts the barriers in.
     pub fn export(mut self, output: ResourceId) -> Plan {
         self.plan.output = output;
-        let mut touches =
+        let mut uses =
             vec![touch(output, Stages::COPY, Accesses::TRANSFER_READ, Some(Layout::TransferSource))];
         let stats = self.plan.stats.iter();
-        touches.extend(stats.map(|s| touch(s.buffer, Stages::COPY, Accesses::TRANSFER_READ, None)));
+        uses.extend(stats.map(|s| touch(s.buffer, Stages::COPY, Accesses::TRANSFER_READ, None)));
         let count = self.plan.stats.len() as u64;
         let readback = (count > 0).then(|| {
             let shape = Shape::Buffer { stride: 4, count };
             self.resource("stats", shape, Usage::COPY_TARGET, Source::Readback)
         });
-        touches.extend(readback.map(|id| touch(id, Stages::COPY, Accesses::TRANSFER_WRITE, None)));
-        self.pass(Run::Frame, "export", Work::Export, &[], touches);
+        uses.extend(readback.map(|id| touch(id, Stages::COPY, Accesses::TRANSFER_WRITE, None)));
+        self.pass(Run::Frame, "export", Work::Export, &[], uses);
         if let Some(id) = readback {
-            let touches = vec![touch(id, Stages::HOST, Accesses::HOST_READ, None)];
-            self.pass(Run::Frame, "host", Work::Host, &[], touches);
+            let uses = vec![touch(id, Stages::HOST, Accesses::HOST_READ, None)];
+            self.pass(Run::Frame, "host", Work::Host, &[], uses);
         }
 
         let order = |run: Run| {
@@ -360,8 +360,8 @@ impl Build {
         let mut layouts = steady.clone();
         let frame = self.steps(&always, &mut layouts);
         let first = |image: ResourceId| {
-            let touches = always.iter().flat_map(|&pass| &self.plan.pass(pass).touches);
-            touches.clone().find(|touch| touch.resource == image)
+            let uses = always.iter().flat_map(|&pass| &self.plan.pass(pass).uses);
+            uses.clone().find(|touch| touch.resource == image)
         };
         let kept = steady.iter().filter(|(image, _)| first(**image).is_some_and(|touch| !touch.discards));
         let handover = kept.filter_map(|(&image, &new)| {
@@ -377,8 +377,8 @@ impl Build {
 
     /// What any pass does, other than the host's.
     fn anything(&self) -> (Stages, Accesses) {
-        let touches = self.plan.passes.iter().flat_map(|p| &p.touches).filter(|t| t.stages != Stages::HOST);
-        touches.fold((Stages::empty(), Accesses::empty()), |(s, a), t| (s | t.stages, a | t.accesses))
+        let uses = self.plan.passes.iter().flat_map(|p| &p.uses).filter(|t| t.stages != Stages::HOST);
+        uses.fold((Stages::empty(), Accesses::empty()), |(s, a), t| (s | t.stages, a | t.accesses))
     }
 
     /// A barrier from anything to `target`.
@@ -388,20 +388,20 @@ impl Build {
 
     fn steps(&self, passes: &[PassId], layouts: &mut Layouts) -> Vec<Step> {
         let written = |id: ResourceId| {
-            let mut touches = self.plan.passes.iter().flat_map(|p| &p.touches);
+            let mut uses = self.plan.passes.iter().flat_map(|p| &p.uses);
             let same = |other| other == id || self.plan.aliases(id).any(|alias| alias == other);
-            touches.any(|t| same(t.resource) && t.accesses.writes())
+            uses.any(|t| same(t.resource) && t.accesses.writes())
         };
         let step = |&pass: &PassId| {
-            let touches = &self.plan.pass(pass).touches;
-            let fresh = touches.iter().filter(|touch| written(touch.resource));
+            let uses = &self.plan.pass(pass).uses;
+            let fresh = uses.iter().filter(|touch| written(touch.resource));
             let target =
                 fresh.fold((Stages::empty(), Accesses::empty()), |(s, a), t| (s | t.stages, a | t.accesses));
             let mut barriers = Vec::new();
             if !target.0.is_empty() {
                 barriers.push(self.barrier(target));
             }
-            for touch in touches {
+            for touch in uses {
                 let (image, Some(new)) = (touch.resource, touch.layout) else { continue };
                 let was = layouts.insert(image, new).unwrap_or(Layout::Undefined);
                 let old = if touch.discards { Layout::Undefined } else { was };
@@ -472,8 +472,8 @@ pub fn error_of<T>(result: Result<T, BackendError>) -> String {
     }
 }
 
-fn touch(resource: ResourceId, stages: Stages, accesses: Accesses, layout: Option<Layout>) -> Touch {
-    Touch { resource, stages, accesses, layout, discards: false }
+fn touch(resource: ResourceId, stages: Stages, accesses: Accesses, layout: Option<Layout>) -> Use {
+    Use { resource, stages, accesses, layout, discards: false }
 }
 
 fn origin() -> Origin {

@@ -71,10 +71,10 @@ pub fn splat(digits: u32, count: u64) -> Plan {
     );
     m.dispatch("covariance", "load", wide, &[(scale, COMPUTE_READ), (covariances, COMPUTE_WRITE)]);
     m.passes.last_mut().unwrap().run = Run::Once;
-    let mut touches = vec![(camera, uniform), (position, COMPUTE_READ), (covariances, COMPUTE_READ)];
-    touches.extend(sh.iter().map(|plane| (*plane, COMPUTE_READ)));
-    touches.extend([splats, depth, visible].map(|id| (id, COMPUTE_WRITE)));
-    m.dispatch("project", "project", wide, &touches);
+    let mut uses = vec![(camera, uniform), (position, COMPUTE_READ), (covariances, COMPUTE_READ)];
+    uses.extend(sh.iter().map(|plane| (*plane, COMPUTE_READ)));
+    uses.extend([splats, depth, visible].map(|id| (id, COMPUTE_WRITE)));
+    m.dispatch("project", "project", wide, &uses);
     m.dispatch("scan_blocks", "key", one, &[(live, uniform), (visible, both()), (args, COMPUTE_WRITE)]);
     let made = [(keys[0], COMPUTE_WRITE), (order[0], COMPUTE_WRITE)];
     let read = [(depth, COMPUTE_READ), (visible, COMPUTE_READ)];
@@ -109,8 +109,8 @@ pub fn splat(digits: u32, count: u64) -> Plan {
         splats,
         color,
     );
-    let touches = [(live, uniform), (color, COMPUTE_READ), (last, COMPUTE_WRITE), (exposure, both())];
-    m.dispatch("compose", "compose", wide, &touches);
+    let uses = [(live, uniform), (color, COMPUTE_READ), (last, COMPUTE_WRITE), (exposure, both())];
+    m.dispatch("compose", "compose", wide, &uses);
     let copy = (Stages::COPY, Accesses::TRANSFER_READ);
     let copied = (Stages::COPY, Accesses::TRANSFER_WRITE);
     m.add("export", "export", Run::Frame, Work::Export, &[(last, copy), (args, copy), (readback, copied)]);
@@ -164,11 +164,11 @@ impl Maker {
         name: &str,
         phase: &str,
         groups: Groups,
-        touches: &[(ResourceId, (Stages, Accesses))],
+        uses: &[(ResourceId, (Stages, Accesses))],
     ) {
         let file = name.split('[').next().unwrap_or(name).replace('.', "/") + ".comp";
         let shader = self.shader(&file, ShaderStage::Compute);
-        self.add(name, phase, Run::Frame, Work::Dispatch { shader, groups }, touches);
+        self.add(name, phase, Run::Frame, Work::Dispatch { shader, groups }, uses);
     }
 
     fn draw(&mut self, read: [(ResourceId, (Stages, Accesses)); 2], splats: ResourceId, image: ResourceId) {
@@ -180,8 +180,8 @@ impl Maker {
         let work = Work::Draw { vertex, fragment, topology, call, targets: vec![target] };
         let blended = (Stages::COLOR_OUTPUT, Accesses::COLOR_READ | Accesses::COLOR_WRITE);
         let vertex = (Stages::VERTEX, Accesses::STORAGE_READ);
-        let touches = [read[0], read[1], (splats, vertex), (image, blended)];
-        self.add("back_to_front", "draw", Run::Frame, work, &touches);
+        let uses = [read[0], read[1], (splats, vertex), (image, blended)];
+        self.add("back_to_front", "draw", Run::Frame, work, &uses);
     }
 
     fn add(
@@ -190,7 +190,7 @@ impl Maker {
         phase: &str,
         run: Run,
         work: Work,
-        touches: &[(ResourceId, (Stages, Accesses))],
+        uses: &[(ResourceId, (Stages, Accesses))],
     ) {
         let is_image = |id: ResourceId| matches!(self.resources[id.index()].shape, Shape::Image { .. });
         let layout = |accesses: Accesses| match accesses {
@@ -198,26 +198,26 @@ impl Maker {
             a if a.intersects(Accesses::TRANSFER_READ) => Layout::TransferSource,
             _ => Layout::General,
         };
-        let touch = |&(resource, (stages, accesses)): &(ResourceId, (Stages, Accesses))| Touch {
+        let touch = |&(resource, (stages, accesses)): &(ResourceId, (Stages, Accesses))| Use {
             resource,
             stages,
             accesses,
             layout: is_image(resource).then(|| layout(accesses)),
             discards: accesses.intersects(Accesses::COLOR_WRITE),
         };
-        let touches: Vec<Touch> = touches.iter().map(touch).collect();
-        let bound = |t: &&Touch| t.accesses.intersects(both().1 | Accesses::UNIFORM_READ);
-        let binding = |(i, t): (usize, &Touch)| Binding {
+        let uses: Vec<Use> = uses.iter().map(touch).collect();
+        let bound = |t: &&Use| t.accesses.intersects(both().1 | Accesses::UNIFORM_READ);
+        let binding = |(i, t): (usize, &Use)| Binding {
             name: self.resources[t.resource.index()].name.to_uppercase(),
             binding: i as u32,
             element: 0,
             kind: DescriptorKind::StorageBuffer,
             resource: t.resource,
         };
-        let bindings = touches.iter().filter(bound).enumerate().map(binding).collect();
+        let bindings = uses.iter().filter(bound).enumerate().map(binding).collect();
         let origin = origin(70 + self.passes.len() as u32);
         let (name, phase, push) = (name.into(), phase.into(), vec![]);
-        self.passes.push(Pass { name, phase, run, work, bindings, push, touches, origin });
+        self.passes.push(Pass { name, phase, run, work, bindings, push, uses, origin });
     }
 
     fn finish(self, output: ResourceId, args: ResourceId, digits: u32) -> Plan {
@@ -246,7 +246,7 @@ impl Maker {
             prologue: vec![],
             handover: vec![],
             frame: vec![],
-            left_out: vec![LeftOut {
+            culled: vec![Culled {
                 pass: "front_to_back".into(),
                 why: "its `when` is false".into(),
                 origin: origin(99),
@@ -263,7 +263,7 @@ impl Maker {
 #[derive(Clone, Default)]
 struct Past {
     /// Pass, frame, resource, and how.
-    touches: Vec<(PassId, u32, Touch)>,
+    uses: Vec<(PassId, u32, Use)>,
     layout: Option<Layout>,
 }
 
@@ -273,7 +273,7 @@ fn place(plan: &mut Plan) {
         (0..plan.passes.len() as u32).map(PassId).partition(|id| plan.pass(*id).run == Run::Once);
     let mut past: BTreeMap<String, Past> = BTreeMap::new();
     plan.prologue = once.iter().map(|id| step(plan, &mut past, *id, 0)).collect();
-    let mut handover = past.get("block 0").map(|p| p.touches.clone()).unwrap_or_default();
+    let mut handover = past.get("block 0").map(|p| p.uses.clone()).unwrap_or_default();
     for (round, number) in [(1, 1), (2, 2)] {
         let steps: Vec<Step> = frame.iter().map(|id| step(plan, &mut past, *id, number)).collect();
         if round == 2 {
@@ -303,16 +303,16 @@ fn place(plan: &mut Plan) {
 fn step(plan: &Plan, past: &mut BTreeMap<String, Past>, id: PassId, frame: u32) -> Step {
     let mut memory = Vec::new();
     let mut images = Vec::new();
-    for touch in &plan.pass(id).touches {
+    for touch in &plan.pass(id).uses {
         let resource = plan.resource(touch.resource);
         let place = resource.block.map_or(resource.name.clone(), |b| format!("block {}", b.0));
         let past = past.entry(place).or_default();
         let write = touch.accesses.writes();
-        let others = |p: &&(PassId, u32, Touch)| p.0 != id && (write || p.2.accesses.writes());
-        let mut found: Vec<_> = past.touches.iter().filter(others).copied().collect();
+        let others = |p: &&(PassId, u32, Use)| p.0 != id && (write || p.2.accesses.writes());
+        let mut found: Vec<_> = past.uses.iter().filter(others).copied().collect();
         let changes = touch.layout.is_some() && touch.layout != past.layout;
         if changes && found.is_empty() {
-            found = past.touches.clone();
+            found = past.uses.clone();
         }
         if let Some(latest) = found.last().copied() {
             let hazard = match (latest.2.accesses.writes(), write) {
@@ -346,10 +346,10 @@ fn step(plan: &Plan, past: &mut BTreeMap<String, Past>, id: PassId, frame: u32) 
             }
         }
         if write {
-            past.touches.clear();
+            past.uses.clear();
         }
         past.layout = touch.layout;
-        past.touches.push((id, frame, *touch));
+        past.uses.push((id, frame, *touch));
     }
     let memory = (!memory.is_empty()).then(|| barrier(None, memory));
     Step { barriers: memory.into_iter().chain(images).collect(), pass: id }

@@ -84,7 +84,7 @@ fn what_outlives_a_frame_has_no_lifetime() {
     // What a frame reads before it writes must have been there before.
     let id = plan.find_resource("splats").expect("it is there");
     let writer = plan.passes.iter_mut().find(|p| p.name == "project").expect("it is there");
-    writer.touches.retain(|t| t.resource != id);
+    writer.uses.retain(|t| t.resource != id);
     assert_eq!(resource(&dump(&plan), "splats").lifetime, None);
 }
 

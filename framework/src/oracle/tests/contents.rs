@@ -37,7 +37,7 @@ fn a_cleared_attachment_is_blended_with_the_clear_colour() {
         let image = sketch.image("color");
         let output = (Stages::COLOR_OUTPUT, Accesses::COLOR_READ | Accesses::COLOR_WRITE);
         let ready = change(image, (Undefined, ColorTarget), (Stages::empty(), NO_ACCESS), output);
-        let target = Touch { layout: Some(ColorTarget), discards, ..touch(image, output.0, output.1) };
+        let target = Use { layout: Some(ColorTarget), discards, ..touch(image, output.0, output.1) };
         sketch.frame("draw", &[ready], &[target]);
         sketch.found()
     };

@@ -8,7 +8,7 @@ const NONE: (Stages, Accesses) = (Stages::empty(), NO_ACCESS);
 /// Written as a storage image, then copied from, after `barriers`.
 fn written_then_copied(barriers: &[Barrier]) -> Vec<String> {
     let (mut sketch, image) = written();
-    let copied = Touch { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };
+    let copied = Use { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };
     sketch.frame("copy", barriers, &[copied]);
     sketch.found()
 }
@@ -88,7 +88,7 @@ fn a_change_may_come_at_the_end_of_a_chain() {
     ] {
         let (mut sketch, image) = written();
         sketch.frame("between", &[barrier((COMPUTE, made_available), (CLEAR, NO_ACCESS))], &[]);
-        let copied = Touch { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };
+        let copied = Use { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };
         sketch.frame("copy", &[to_copy((CLEAR, NO_ACCESS))], &[copied]);
         assert_eq!(sketch.found(), expected);
     }
@@ -112,8 +112,8 @@ fn a_change_waits_for_earlier_reads() {
         let mut sketch = Sketch::new();
         let image = sketch.image("image");
         let first = change(image, (Undefined, General), NONE, (COMPUTE, WRITE));
-        let read = Touch { stages: FRAGMENT, ..in_general(image, READ) };
-        let copied = Touch { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };
+        let read = Use { stages: FRAGMENT, ..in_general(image, READ) };
+        let copied = Use { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };
         sketch.frame("first", &[first], &[in_general(image, WRITE)]);
         sketch.frame("read", &[barrier((COMPUTE, WRITE), (FRAGMENT, READ))], &[read]);
         sketch.frame("copy", &[to_copy(source)], &[copied]);
@@ -126,8 +126,8 @@ fn a_change_waits_for_earlier_reads() {
 #[test]
 fn a_change_may_wait_for_earlier_reads_by_a_chain() {
     let (mut sketch, image) = written();
-    let read = Touch { stages: FRAGMENT, ..in_general(image, READ) };
-    let copied = Touch { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };
+    let read = Use { stages: FRAGMENT, ..in_general(image, READ) };
+    let copied = Use { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };
     sketch.frame("read", &[barrier((COMPUTE, WRITE), (FRAGMENT, READ))], &[read]);
     sketch.frame("between", &[order(FRAGMENT, CLEAR)], &[]);
     sketch.frame("copy", &[to_copy((CLEAR, NO_ACCESS))], &[copied]);
@@ -238,12 +238,12 @@ fn an_image_barrier_extends_chains_of_other_memory() {
 fn a_barrier_that_leaves_the_layout_is_no_write() {
     let (mut sketch, image) = written();
     let stays = change(image, (General, General), (COMPUTE, WRITE), (FRAGMENT, READ));
-    sketch.frame("read", &[stays], &[Touch { stages: FRAGMENT, ..in_general(image, READ) }]);
+    sketch.frame("read", &[stays], &[Use { stages: FRAGMENT, ..in_general(image, READ) }]);
     assert_eq!(sketch.found(), NOTHING);
     // It shows the image to those who read it as such.
     let buffer = sketch.buffer("a");
     sketch.share(buffer, image);
-    sketch.plan.passes[1].touches = vec![touch(buffer, FRAGMENT, WRITE)];
+    sketch.plan.passes[1].uses = vec![touch(buffer, FRAGMENT, WRITE)];
     sketch.plan.frame[1].barriers[0].target_accesses = WRITE;
     assert_eq!(sketch.found(), ["WriteAfterWrite: first (as image), read: a: STORAGE_WRITE at FRAGMENT"]);
 }
@@ -291,7 +291,7 @@ fn writing_an_alias_leaves_an_image_in_no_layout() {
     sketch.share(other, image);
     sketch.plan.frame[1].barriers =
         vec![change(other, (Undefined, General), (COMPUTE, WRITE), (COMPUTE, WRITE))];
-    sketch.plan.passes[1].touches = vec![];
+    sketch.plan.passes[1].uses = vec![];
     sketch.plan.frame[1].barriers.insert(0, barrier((COMPUTE, WRITE), (COPY, NO_ACCESS)));
     assert!(sketch.found().contains(&"Layout: nobody, again: image: General, not Undefined".to_string()));
 }

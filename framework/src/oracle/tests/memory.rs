@@ -8,9 +8,9 @@ fn after_write(calls: &[&[Barrier]], second: (Stages, Accesses)) -> Vec<String> 
     let a = sketch.buffer("a");
     sketch.frame("first", &[], &[writes(a)]);
     for (index, call) in calls.iter().enumerate() {
-        let touches = [touch(a, second.0, second.1)];
+        let uses = [touch(a, second.0, second.1)];
         let last = index + 1 == calls.len();
-        sketch.frame(if last { "second" } else { "between" }, call, if last { &touches } else { &[] });
+        sketch.frame(if last { "second" } else { "between" }, call, if last { &uses } else { &[] });
     }
     sketch.found()
 }

@@ -38,7 +38,7 @@ impl Sketch {
             prologue: vec![],
             handover: vec![],
             frame: vec![],
-            left_out: vec![],
+            culled: vec![],
             output: ResourceId(0),
             stats: vec![],
         };
@@ -95,7 +95,7 @@ impl Sketch {
         self.plan.resources[id.index()].history = Some(name.into());
     }
 
-    fn pass(&mut self, name: &str, run: Run, work: Work, touches: &[Touch]) -> PassId {
+    fn pass(&mut self, name: &str, run: Run, work: Work, uses: &[Use]) -> PassId {
         let id = PassId(self.plan.passes.len() as u32);
         self.plan.passes.push(Pass {
             name: name.into(),
@@ -104,29 +104,29 @@ impl Sketch {
             work,
             bindings: vec![],
             push: vec![],
-            touches: touches.to_vec(),
+            uses: uses.to_vec(),
             origin: origin(),
         });
         id
     }
 
     /// A pass of the frame, after its barriers.
-    fn frame(&mut self, name: &str, barriers: &[Barrier], touches: &[Touch]) {
-        self.frame_work(name, barriers, dispatch(), touches);
+    fn frame(&mut self, name: &str, barriers: &[Barrier], uses: &[Use]) {
+        self.frame_work(name, barriers, dispatch(), uses);
     }
 
-    fn frame_work(&mut self, name: &str, barriers: &[Barrier], work: Work, touches: &[Touch]) {
-        let pass = self.pass(name, Run::Frame, work, touches);
+    fn frame_work(&mut self, name: &str, barriers: &[Barrier], work: Work, uses: &[Use]) {
+        let pass = self.pass(name, Run::Frame, work, uses);
         self.plan.frame.push(Step { barriers: barriers.to_vec(), pass });
     }
 
     /// A pass of the prologue, after its barriers.
-    fn once(&mut self, name: &str, barriers: &[Barrier], touches: &[Touch]) {
-        self.once_work(name, barriers, dispatch(), touches);
+    fn once(&mut self, name: &str, barriers: &[Barrier], uses: &[Use]) {
+        self.once_work(name, barriers, dispatch(), uses);
     }
 
-    fn once_work(&mut self, name: &str, barriers: &[Barrier], work: Work, touches: &[Touch]) {
-        let pass = self.pass(name, Run::Once, work, touches);
+    fn once_work(&mut self, name: &str, barriers: &[Barrier], work: Work, uses: &[Use]) {
+        let pass = self.pass(name, Run::Once, work, uses);
         self.plan.prologue.push(Step { barriers: barriers.to_vec(), pass });
     }
 
@@ -175,8 +175,8 @@ fn dispatch() -> Work {
     Work::Dispatch { shader: ShaderId(0), groups: Groups::Direct([1; 3]) }
 }
 
-fn touch(resource: ResourceId, stages: Stages, accesses: Accesses) -> Touch {
-    Touch { resource, stages, accesses, layout: None, discards: false }
+fn touch(resource: ResourceId, stages: Stages, accesses: Accesses) -> Use {
+    Use { resource, stages, accesses, layout: None, discards: false }
 }
 
 const READ: Accesses = Accesses::STORAGE_READ;
@@ -190,16 +190,16 @@ const CLEAR: Stages = Stages::CLEAR;
 const NO_ACCESS: Accesses = Accesses::empty();
 
 /// Storage reads and writes of a compute shader.
-fn reads(resource: ResourceId) -> Touch {
+fn reads(resource: ResourceId) -> Use {
     touch(resource, COMPUTE, READ)
 }
 
-fn writes(resource: ResourceId) -> Touch {
+fn writes(resource: ResourceId) -> Use {
     touch(resource, COMPUTE, WRITE)
 }
 
 /// A fill.
-fn fills(resource: ResourceId) -> Touch {
+fn fills(resource: ResourceId) -> Use {
     touch(resource, CLEAR, Accesses::TRANSFER_WRITE)
 }
 
@@ -234,6 +234,6 @@ fn change(
 }
 
 /// A storage image in a compute shader.
-fn in_general(resource: ResourceId, accesses: Accesses) -> Touch {
-    Touch { layout: Some(Layout::General), ..touch(resource, COMPUTE, accesses) }
+fn in_general(resource: ResourceId, accesses: Accesses) -> Use {
+    Use { layout: Some(Layout::General), ..touch(resource, COMPUTE, accesses) }
 }

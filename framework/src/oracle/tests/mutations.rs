@@ -25,14 +25,14 @@ fn minimal() -> Sketch {
         &[order(VERTEX, COMPUTE), again],
         &[reads(table), writes(keys), in_general(image, WRITE)],
     );
-    let target = Touch { layout: Some(ColorTarget), discards: true, ..touch(color, output.0, output.1) };
+    let target = Use { layout: Some(ColorTarget), discards: true, ..touch(color, output.0, output.1) };
     let ready = change(color, (Undefined, ColorTarget), output, output);
     sketch.frame(
         "draw",
         &[barrier((COMPUTE, WRITE), (VERTEX, READ)), ready],
         &[touch(keys, VERTEX, READ), target],
     );
-    let exported = Touch { layout: Some(TransferSource), ..touch(image, transfer.0, transfer.1) };
+    let exported = Use { layout: Some(TransferSource), ..touch(image, transfer.0, transfer.1) };
     let shown = change(image, (General, TransferSource), (COMPUTE, WRITE), transfer);
     sketch.frame_work("export", &[shown], Work::Export, &[exported]);
     sketch

@@ -98,7 +98,7 @@ fn image_history() -> Sketch {
     sketch.history(kept, "kept");
     let fill = (CLEAR, Accesses::TRANSFER_WRITE);
     let started = change(kept, (Undefined, TransferTarget), (Stages::empty(), NO_ACCESS), fill);
-    let start = Touch { layout: Some(TransferTarget), ..fills(kept) };
+    let start = Use { layout: Some(TransferTarget), ..fills(kept) };
     sketch.once_work("start", &[started], Work::Start { resource: kept }, &[start]);
     sketch.plan.handover = vec![change(kept, (TransferTarget, General), fill, (COMPUTE, READ))];
     sketch.frame("draw", &[compute_to_compute()], &[in_general(kept, READ)]);
@@ -111,7 +111,7 @@ fn an_image_that_lives_on_is_in_the_layout_that_its_start_leaves() {
     let sketch = image_history();
     assert_eq!(swapped(&[(&sketch, 3), (&sketch, 3)]), NOTHING);
     let mut other = image_history();
-    other.plan.passes[0].touches[0].layout = Some(Layout::TransferSource);
+    other.plan.passes[0].uses[0].layout = Some(Layout::TransferSource);
     assert_eq!(
         swapped(&[(&sketch, 3), (&other, 3)]),
         ["1: Layout: nobody, change in handover: kept: TransferTarget, not TransferSource"]

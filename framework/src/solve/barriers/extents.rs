@@ -7,12 +7,12 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 
-use crate::ir::{Accesses, DrawCall, Groups, Pass, ResourceId, Stages, Touch, Work};
+use crate::ir::{Accesses, DrawCall, Groups, Pass, ResourceId, Stages, Use, Work};
 use crate::plan::{Plan, Resource};
 
 /// A touch, with the cells that it is about.
 pub(super) struct Access {
-    pub touch: Touch,
+    pub touch: Use,
     pub cells: Vec<Range<usize>>,
 }
 
@@ -56,7 +56,7 @@ impl Extents {
             cuts[*piece].insert(resource.bytes());
         }
         for pass in &plan.passes {
-            for touch in &pass.touches {
+            for touch in &pass.uses {
                 let bytes = bytes(plan, pass, touch);
                 cuts[piece[touch.resource.index()]].extend(bytes.iter().flat_map(|b| [b.start, b.end]));
             }
@@ -76,7 +76,7 @@ impl Extents {
         };
         let group = |pass: &Pass| {
             let mut groups: Vec<Group> = Vec::new();
-            for touch in &pass.touches {
+            for touch in &pass.uses {
                 // Uniform blocks are written by the host before the frame is submitted, which needs no barrier.
                 if touch.accesses == Accesses::UNIFORM_READ {
                     continue;
@@ -103,7 +103,7 @@ impl Extents {
 
 /// The bytes of a resource that a touch is about: all of them, but for what a command itself reads.
 #[allow(clippy::single_range_in_vec_init)] // A list that mostly has one range.
-fn bytes(plan: &Plan, pass: &Pass, touch: &Touch) -> Vec<Range<u64>> {
+fn bytes(plan: &Plan, pass: &Pass, touch: &Use) -> Vec<Range<u64>> {
     let arguments = |buffer: ResourceId, offset: u64, bytes: u64| {
         (buffer == touch.resource && touch.stages == Stages::INDIRECT).then(|| vec![offset..offset + bytes])
     };

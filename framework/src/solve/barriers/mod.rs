@@ -10,15 +10,15 @@
 //! because it follows the prologue instead, is done once, by the handover between them.
 
 mod extents;
+mod fixpoint;
 mod needs;
 mod scopes;
-mod settle;
 mod world;
 
 use crate::ir::{Hazard, Layout, PassId, ResourceId, Run};
 use crate::plan::{Barrier, Plan, Step, Transition};
 use extents::Extents;
-use needs::Need;
+use needs::Requirement;
 use scopes::Masks;
 use world::{Facts, World};
 
@@ -28,7 +28,7 @@ pub(super) struct Solved {
     pub frame: Vec<Step>,
 }
 
-/// Rounds after which the walk is not expected to settle by itself any more; three have been enough for nearly every graph.
+/// Rounds after which the walk is not expected to reach a fixpoint by itself; three have been enough for nearly every graph.
 const MOST_ROUNDS: usize = 8;
 
 /// Places the barriers of the prologue, the handover and the frame. Those of the plan so far are not looked at. `None` if none
@@ -55,14 +55,14 @@ pub(super) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Optio
         }
         steps = again;
     }
-    let frame = settle::settle(steps, walk(&mut world, frame), &facts)?;
+    let frame = fixpoint::fixpoint(steps, walk(&mut world, frame), &facts)?;
     let handover = handover(&start, &world, &frame, &facts)?;
     Some(Solved { prologue, handover, frame })
 }
 
 fn facts(plan: &Plan) -> Facts<'_> {
     let mut kept: Vec<bool> = plan.resources.iter().map(|r| r.history.is_some()).collect();
-    for touch in plan.passes.iter().filter(|p| p.run == Run::Once).flat_map(|p| &p.touches) {
+    for touch in plan.passes.iter().filter(|p| p.run == Run::Once).flat_map(|p| &p.uses) {
         kept[touch.resource.index()] |= touch.accesses.writes();
     }
     let shared =
@@ -101,7 +101,7 @@ fn carried_images(frame: &[Step], facts: &Facts) -> Vec<(ResourceId, PassId)> {
     let mut met = vec![false; facts.plan.resources.len()];
     let mut carried = Vec::new();
     for step in frame {
-        for touch in &facts.plan.pass(step.pass).touches {
+        for touch in &facts.plan.pass(step.pass).uses {
             let resource = touch.resource;
             if touch.layout.is_none() || std::mem::replace(&mut met[resource.index()], true) {
                 continue;
@@ -119,14 +119,14 @@ fn carried_images(frame: &[Step], facts: &Facts) -> Vec<(ResourceId, PassId)> {
 struct Handover {
     memory: Masks,
     /// What `memory` is for.
-    needs: Vec<Need>,
+    needs: Vec<Requirement>,
     /// With the pass that is the first to touch the image.
-    images: Vec<(Transition, Masks, Vec<Need>, PassId)>,
+    images: Vec<(Transition, Masks, Vec<Requirement>, PassId)>,
 }
 
 impl Handover {
     fn barriers(&self) -> Vec<Barrier> {
-        let of_prologue = |needs: &[Need]| {
+        let of_prologue = |needs: &[Requirement]| {
             let mut dependencies = needs::dependencies(needs);
             dependencies.iter_mut().for_each(|d| d.previous_frame = false);
             dependencies
@@ -153,7 +153,7 @@ impl Handover {
     }
 
     /// What the first frame lacks with this handover.
-    fn missing(&self, start: &World, frame: &[Step], facts: &Facts) -> Vec<Need> {
+    fn missing(&self, start: &World, frame: &[Step], facts: &Facts) -> Vec<Requirement> {
         let mut world = start.clone();
         // The call stands right before the first pass.
         let first = frame.first().map_or(PassId(0), |step| step.pass);
@@ -163,10 +163,11 @@ impl Handover {
     }
 
     /// Gives the call what `need` is missing; false if it has it already.
-    fn add(&mut self, need: &Need) -> bool {
+    fn add(&mut self, need: &Requirement) -> bool {
         let mut target = need.least_target();
         let before = (self.memory, self.images.iter().map(|i| i.1).collect::<Vec<_>>());
-        let changed = |(t, ..): &&mut (Transition, Masks, Vec<Need>, PassId)| t.image == need.reason.resource;
+        let changed =
+            |(t, ..): &&mut (Transition, Masks, Vec<Requirement>, PassId)| t.image == need.reason.resource;
         match self.images.iter_mut().find(changed) {
             // It waits for the change of layout itself.
             Some((_, masks, ..)) => masks.add(target),

@@ -22,7 +22,7 @@ pub(super) struct Reason {
 
 /// That something which happened comes before something which is about to: for one stage and one access on either side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Need {
+pub(super) struct Requirement {
     pub reason: Reason,
     /// The stage that did it, and the access to make available, where that was a write which no barrier has made available yet
     /// to anybody of use here.
@@ -35,10 +35,10 @@ pub(super) struct Need {
     pub access: Accesses,
 }
 
-impl Need {
+impl Requirement {
     /// Whether the same barriers meet both.
-    pub fn asks_the_same_as(&self, other: &Need) -> bool {
-        let asked = |n: &Need| (n.from, n.flush, n.via, n.to, n.access);
+    pub fn asks_the_same_as(&self, other: &Requirement) -> bool {
+        let asked = |n: &Requirement| (n.from, n.flush, n.via, n.to, n.access);
         asked(self) == asked(other)
     }
 
@@ -80,7 +80,7 @@ impl Need {
 }
 
 /// The least barrier on all memory that meets the needs: no bit can be cleared without missing one.
-pub(super) fn memory_barrier(needs: &[Need]) -> Masks {
+pub(super) fn memory_barrier(needs: &[Requirement]) -> Masks {
     let mut masks = Masks::default();
     // First what has no alternative, so that the rest can do with it where possible.
     for need in needs.iter().filter(|n| !n.access.is_empty()) {
@@ -101,9 +101,9 @@ pub(super) fn memory_barrier(needs: &[Need]) -> Masks {
 }
 
 /// The least source that meets the needs of a change of layout, whose targets are the change itself.
-pub(super) fn least_source(needs: &[Need]) -> Masks {
+pub(super) fn least_source(needs: &[Requirement]) -> Masks {
     let mut masks = Masks::default();
-    let (forced, free): (Vec<&Need>, Vec<&Need>) = needs.iter().partition(|n| n.via.is_empty());
+    let (forced, free): (Vec<&Requirement>, Vec<&Requirement>) = needs.iter().partition(|n| n.via.is_empty());
     for need in forced.into_iter().chain(free) {
         if !need.source_is_met_by(&masks) {
             masks.add(need.least_source());
@@ -124,7 +124,7 @@ pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool)
 }
 
 /// The needs, one entry per resource and hazard, as a barrier's reasons.
-pub(super) fn dependencies(needs: &[Need]) -> Vec<Dependency> {
+pub(super) fn dependencies(needs: &[Requirement]) -> Vec<Dependency> {
     let mut dependencies: Vec<Dependency> = Vec::new();
     for need in needs {
         let Reason { hazard, resource, alias, after, previous_frame, before, .. } = need.reason;

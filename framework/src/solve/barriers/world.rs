@@ -1,7 +1,7 @@
 //! What has happened so far: to every piece of memory its last write and the reads since, to every image its layout.
 
 use super::extents::{Access, Extents, Group};
-use super::needs::{self, Need, Reason};
+use super::needs::{self, Reason, Requirement};
 use super::scopes::{Masks, STAGES, Scopes, Time, index, with_later, write_access};
 use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Source, Stages, Work};
 use crate::plan::{Barrier, Plan, Step, Transition};
@@ -55,16 +55,16 @@ struct Call {
     /// What was before it.
     before: Scopes,
     /// Everything that it has to meet, once each.
-    needs: Vec<Need>,
+    needs: Vec<Requirement>,
     /// Of these, what it is there for: what nothing else met.
-    reasons: Vec<Need>,
+    reasons: Vec<Requirement>,
     /// The barrier on all memory.
     memory: Masks,
     images: Vec<Barrier>,
 }
 
 impl Call {
-    fn new(world: &World, step: usize, needs: Vec<Need>, changes: &[Change]) -> Call {
+    fn new(world: &World, step: usize, needs: Vec<Requirement>, changes: &[Change]) -> Call {
         let mut call = Call {
             step,
             time: world.now,
@@ -84,11 +84,11 @@ impl Call {
     }
 
     /// Takes on more needs; says whether the call had to change for them.
-    fn meet(&mut self, needs: Vec<Need>) -> bool {
-        let order = |need: &Need| self.images.iter().any(|b| need.is_met_by_order(&Masks::of(b)));
-        let needs: Vec<Need> = needs.into_iter().filter(|need| !order(need)).collect();
+    fn meet(&mut self, needs: Vec<Requirement>) -> bool {
+        let order = |need: &Requirement| self.images.iter().any(|b| need.is_met_by_order(&Masks::of(b)));
+        let needs: Vec<Requirement> = needs.into_iter().filter(|need| !order(need)).collect();
         let open = needs.iter().filter(|need| !need.is_met_by(&self.memory));
-        let reasons: Vec<Need> = open.copied().collect();
+        let reasons: Vec<Requirement> = open.copied().collect();
         for need in needs {
             if !self.needs.iter().any(|known| known.asks_the_same_as(&need)) {
                 self.needs.push(need);
@@ -142,7 +142,7 @@ enum Writer {
 struct Change {
     transition: Transition,
     before: PassId,
-    needs: Vec<Need>,
+    needs: Vec<Requirement>,
     target: Masks,
 }
 
@@ -211,7 +211,7 @@ impl World {
     }
 
     /// Whether the last call, with some bits more, would have met these needs: nothing of what they are about came after it.
-    fn can_join_last_call(&self, needs: &[Need]) -> bool {
+    fn can_join_last_call(&self, needs: &[Requirement]) -> bool {
         self.call.as_ref().is_some_and(|call| needs.iter().all(|need| need.reason.time <= call.covers()))
     }
 
@@ -236,7 +236,7 @@ impl World {
     }
 
     /// What a pass at the start of the next frame will need of what has happened by now.
-    fn needs_of_next_frame(&self, id: PassId, facts: &Facts) -> Vec<Need> {
+    fn needs_of_next_frame(&self, id: PassId, facts: &Facts) -> Vec<Requirement> {
         let mut needs = Vec::new();
         for group in facts.groups(id) {
             self.needs(group, id, &self.scopes, &mut needs);
@@ -247,7 +247,7 @@ impl World {
 
     /// What the pass needs beyond the barriers that it is given; lets them, and the pass, happen. A need whose target is a
     /// change of layout has the change's own source stages as its target.
-    pub fn replay(&mut self, id: PassId, barriers: &[Barrier], facts: &Facts) -> Vec<Need> {
+    pub fn replay(&mut self, id: PassId, barriers: &[Barrier], facts: &Facts) -> Vec<Requirement> {
         let groups = facts.groups(id);
         self.now += 2;
         let mut missing = Vec::new();
@@ -266,7 +266,7 @@ impl World {
                 }
                 None => {
                     self.needs(group, id, &self.scopes, &mut needs);
-                    let met = |need: &Need| {
+                    let met = |need: &Requirement| {
                         barriers.iter().any(|b| {
                             (b.image.is_none() || need.access.is_empty()) && need.is_met_by(&Masks::of(b))
                         })
@@ -289,12 +289,12 @@ impl World {
 
     /// The change of layout that has to come before the pass's touches, if one has to.
     fn change(&self, group: &Group, id: PassId, facts: &Facts) -> Option<Change> {
-        let touches = || group.accesses.iter().map(|access| &access.touch);
-        let new = touches().next()?.layout?;
+        let uses = || group.accesses.iter().map(|access| &access.touch);
+        let new = uses().next()?.layout?;
         let at = group.resource.index();
         let current = self.layouts[at];
         let first = self.touched[at] < self.frame_start;
-        let fresh = first && !facts.kept[at] || touches().any(|t| t.discards);
+        let fresh = first && !facts.kept[at] || uses().any(|t| t.discards);
         // Whoever stood in its memory since left nothing that could be called a layout.
         let lost = first && facts.shared[at] && !facts.kept[at];
         if new == current && !lost {
@@ -302,7 +302,7 @@ impl World {
         }
         let old = if fresh { Layout::Undefined } else { current };
         let mut target = Masks::default();
-        for touch in touches() {
+        for touch in uses() {
             target.target_stages |= touch.stages;
             target.target_accesses |= touch.accesses;
         }
@@ -322,14 +322,14 @@ impl World {
     }
 
     /// What a change of this image's layout has to wait for. Targets are left empty.
-    pub fn change_needs_of(&self, image: ResourceId, before: PassId, facts: &Facts) -> Vec<Need> {
+    pub fn change_needs_of(&self, image: ResourceId, before: PassId, facts: &Facts) -> Vec<Requirement> {
         let mut needs = Vec::new();
         self.change_needs(image, before, facts, &mut needs);
         needs
     }
 
     /// What a change of layout has to wait for: it is a write. Targets are left empty.
-    fn change_needs(&self, image: ResourceId, id: PassId, facts: &Facts, needs: &mut Vec<Need>) {
+    fn change_needs(&self, image: ResourceId, id: PassId, facts: &Facts, needs: &mut Vec<Requirement>) {
         let at = At { pass: id, resource: image, scopes: &self.scopes };
         let to = (Stages::empty(), Accesses::empty());
         for cell in &self.cells[facts.cells(image)] {
@@ -344,7 +344,7 @@ impl World {
     }
 
     /// What the touches need that `scopes` does not give.
-    fn needs(&self, group: &Group, id: PassId, scopes: &Scopes, needs: &mut Vec<Need>) {
+    fn needs(&self, group: &Group, id: PassId, scopes: &Scopes, needs: &mut Vec<Requirement>) {
         let at = At { pass: id, resource: group.resource, scopes };
         for Access { touch, cells } in &group.accesses {
             for cell in cells.iter().flat_map(|cells| &self.cells[cells.clone()]) {
@@ -374,7 +374,7 @@ impl World {
         hazard: Hazard,
         write: Write,
         (to, access): (Stages, Accesses),
-        needs: &mut Vec<Need>,
+        needs: &mut Vec<Requirement>,
     ) {
         let time = write.event.time;
         let reason = self.reason(at, hazard, write.event);
@@ -386,7 +386,7 @@ impl World {
                         continue;
                     }
                     let (flush, via) = (write_access(from), scopes.available(from, time));
-                    add(needs, Need { reason, from, flush, via, to, access });
+                    add(needs, Requirement { reason, from, flush, via, to, access });
                 }
             }
             Writer::Change { stages, accesses } => {
@@ -396,17 +396,17 @@ impl World {
                 if to.is_empty() || !seen {
                     let via = reached.iter().fold(reached, |via, stage| via | scopes.after(stage, time));
                     let from = stages.iter().next().unwrap_or(Stages::empty());
-                    add(needs, Need { reason, from, flush: Accesses::empty(), via, to, access });
+                    add(needs, Requirement { reason, from, flush: Accesses::empty(), via, to, access });
                 }
             }
         }
     }
 
     /// That `to` comes after a read.
-    fn order(&self, at: At, from: Stages, read: Event, to: Stages) -> Need {
+    fn order(&self, at: At, from: Stages, read: Event, to: Stages) -> Requirement {
         let reason = self.reason(at, Hazard::WriteAfterRead, read);
         let via = at.scopes.after(from, read.time);
-        Need { reason, from, flush: Accesses::empty(), via, to, access: Accesses::empty() }
+        Requirement { reason, from, flush: Accesses::empty(), via, to, access: Accesses::empty() }
     }
 
     fn reason(&self, at: At, hazard: Hazard, event: Event) -> Reason {
@@ -455,7 +455,7 @@ impl World {
 }
 
 /// Adds a need that is not among them yet: the cells of a resource mostly ask for the same.
-fn add(needs: &mut Vec<Need>, need: Need) {
+fn add(needs: &mut Vec<Requirement>, need: Requirement) {
     if !needs.contains(&need) {
         needs.push(need);
     }

@@ -1,4 +1,4 @@
-//! What to do where the walk never settles.
+//! Barriers for a walk that never reaches a fixpoint.
 //!
 //! It can be that a barrier is needed in one round just because another was not in the round before, and so on in a circle of
 //! odd length: then there is no list that asks for exactly itself. There still is one that holds and has nothing to spare. Two
@@ -13,7 +13,7 @@ use crate::plan::{Barrier, Step};
 const FRAMES: usize = 3;
 
 /// A list of barriers that holds and has no bit to spare, from what two rounds one after the other asked for.
-pub(super) fn settle(mut steps: Vec<Step>, other: Vec<Step>, facts: &Facts) -> Option<Vec<Step>> {
+pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, facts: &Facts) -> Option<Vec<Step>> {
     for (step, other) in steps.iter_mut().zip(other) {
         for barrier in other.barriers {
             join(&mut step.barriers, barrier);
