@@ -8,6 +8,8 @@
 //! [`Fault`]s make the n-th call of a kind fail: allocations, submissions, the swapchain. Tests of frames, histories, swaps and
 //! faults run on it.
 
+#![deny(missing_docs)]
+
 mod backend;
 mod encoder;
 mod fault;

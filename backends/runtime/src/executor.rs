@@ -40,7 +40,7 @@ pub struct Executor<G: Gpu> {
     compiled: Option<CompiledPlan<G>>,
     /// Plans that were replaced while frames of theirs were in flight, until those are collected.
     former: Vec<CompiledPlan<G>>,
-    /// How many plans were loaded.
+    /// The number of plans loaded so far.
     plans: u64,
     slots: [Slot<G>; FRAMES_IN_FLIGHT],
     results: BTreeMap<FrameId, FrameResult>,

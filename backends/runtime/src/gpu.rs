@@ -226,7 +226,7 @@ pub trait Memory: Send + Sync + 'static {
     fn mapped_mut(&mut self) -> &mut [u8];
 }
 
-/// Who reads and writes a piece of memory.
+/// The readers and writers of a piece of memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Location {
     /// The device alone.
@@ -246,11 +246,11 @@ pub struct Requirements<D> {
     pub alignment: u64,
     /// A bit for each memory type that fits.
     pub types: u32,
-    /// How the allocation is made.
+    /// The kind of allocation.
     pub kind: MemoryKind<D>,
 }
 
-/// How an allocation is made.
+/// The kind of an allocation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MemoryKind<D> {
     /// For buffers, which allocators keep apart from images.

@@ -1,4 +1,4 @@
-//! A plan for the tests of what is pure: nothing in it reaches a device.
+//! A plan for unit tests, made by hand; its shaders have no code that a device could run.
 
 #![allow(dead_code, reason = "each backend crate that includes this file uses a part of it")]
 

@@ -13,7 +13,7 @@ use std::sync::{Arc, OnceLock};
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// What to do where the loader is there and no driver is.
+/// Advice for a machine with a loader and no driver.
 pub(crate) const NO_DRIVER: &str = "the Vulkan loader finds no driver that works; on Debian and Ubuntu the package \
     `mesa-vulkan-drivers` has drivers for many GPUs, and one that runs on the CPU; NVIDIA's comes with its own \
     driver (and needs `libx11-6` and `libxext6`, also without a display)";
@@ -27,7 +27,7 @@ pub(crate) struct Instance {
     /// Objects and command buffers can be named.
     pub labels: bool,
     pub messages: Arc<Messages>,
-    /// Of the window that it was made for.
+    /// The surface of the window that it was made for.
     pub surface: Option<Surface>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
 }

@@ -24,14 +24,14 @@ pub(crate) struct InterfaceBinding {
     pub count: u32,
 }
 
-/// What a pipeline is made from. Equal ones are one pipeline.
+/// The state that a pipeline is made from. Equal states are one pipeline.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum PipelineState {
     Compute { shader: ShaderId, subgroups: Subgroups },
     Draw { vertex: ShaderId, fragment: ShaderId, topology: vk::PrimitiveTopology, targets: Vec<TargetState> },
 }
 
-/// What a compute pipeline asks of its subgroups.
+/// The subgroup requirements of a compute pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Subgroups {
     /// The size asked for, where the device lets a pipeline ask.

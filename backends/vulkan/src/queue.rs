@@ -71,7 +71,7 @@ pub(crate) fn submit(
     unsafe { gpu.device.queue_submit2(*queue, &submits, fence) }.map_err(api("vkQueueSubmit2"))
 }
 
-/// What blits a frame's output to the window, and what it waits for and signals.
+/// The blit of a frame's output to the window, with the semaphores that it waits for and signals.
 #[derive(Clone, Copy)]
 pub(crate) struct Blit {
     pub commands: vk::CommandBuffer,

@@ -1,4 +1,4 @@
-//! The surface: what a window is to Vulkan, and what can be asked of it.
+//! The surface of a window, and the queries of its properties.
 //!
 //! A surface belongs to an instance and knows nothing of a device: which devices can show pictures in the window, in what
 //! formats and how paced, is asked here. What is made of the answers ([`format()`], [`present_mode`], [`extent`] and others) are
@@ -46,14 +46,14 @@ impl Surface {
         Ok(Surface { raw, functions: khr::surface::Instance::new(entry, instance), _window: window })
     }
 
-    /// Whether queues of this family can show pictures in the window.
+    /// Says whether queues of this family can present to the window.
     pub fn can_show(&self, device: vk::PhysicalDevice, family: u32) -> bool {
         // SAFETY: the device is one of the instance's, and the family one of the device's.
         unsafe { self.functions.get_physical_device_surface_support(device, family, self.raw) }
             .unwrap_or(false)
     }
 
-    /// What a swapchain may be like at this moment.
+    /// Queries the current capabilities of swapchains.
     pub fn capabilities(
         &self,
         device: vk::PhysicalDevice,
@@ -123,7 +123,7 @@ pub(crate) fn format(
     })
 }
 
-/// How images follow one another: at the display's refresh, in order, or the newest as soon as it is there. The first is
+/// Chooses how images follow one another: at the display's refresh, in order, or the newest as soon as it is there. The first is
 /// offered by every window.
 pub(crate) fn present_mode(offered: &[vk::PresentModeKHR], vsync: bool) -> vk::PresentModeKHR {
     let wanted: &[vk::PresentModeKHR] =
@@ -153,7 +153,7 @@ pub(crate) fn image_count(capabilities: &vk::SurfaceCapabilitiesKHR) -> u32 {
     (capabilities.min_image_count + 1).min(most)
 }
 
-/// What becomes of alpha: nothing, if the window system lets us choose.
+/// Chooses the treatment of alpha: it is ignored, where the window system offers that.
 pub(crate) fn composite_alpha(offered: vk::CompositeAlphaFlagsKHR) -> vk::CompositeAlphaFlagsKHR {
     use vk::CompositeAlphaFlagsKHR as Alpha;
     let known = [Alpha::OPAQUE, Alpha::INHERIT, Alpha::PRE_MULTIPLIED, Alpha::POST_MULTIPLIED];
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn a_window_without_pixels_has_no_extent_whoever_says_so() {
+    fn a_window_without_pixels_has_no_extent() {
         assert_eq!(extent(&capabilities(size(0, 0)), size(800, 600)), None);
         assert_eq!(extent(&capabilities(size(640, 480)), size(0, 600)), None);
         assert_eq!(extent(&capabilities(size(u32::MAX, u32::MAX)), size(800, 0)), None);

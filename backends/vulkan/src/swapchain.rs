@@ -20,7 +20,7 @@ use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_runtime::{Acquired, Image, Presented};
 use std::sync::Arc;
 
-/// How long to wait for an image, in nanoseconds. Some window systems give none while the window is hidden, and do not say that it
+/// The longest wait for an image, in nanoseconds. Some window systems give none while the window is hidden, and do not say that it
 /// is: the program must go on.
 const PATIENCE: u64 = 2_000_000_000;
 
@@ -222,7 +222,7 @@ const BEFORE: Around = Around {
     ],
 };
 
-/// What the next frame does to the output once the export's copies are done, it may do once the blit is. The window's image is
+/// The next frame waits for the blit as it does for the export's copies. The window's image is
 /// handed over by a semaphore, which needs no barrier's second half.
 const AFTER: Around = Around {
     output: [

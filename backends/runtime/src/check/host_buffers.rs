@@ -1,14 +1,15 @@
-//! What a pass may do with a buffer that comes with a frame.
+//! Checks the use that passes make of host buffers.
 //!
-//! Its size in the plan is the least that it holds, so that what is held against the plan's sizes here (words of indirect
-//! arguments, bindings) holds for every frame. How long it may be at most is checked with each frame ([`crate::given`]).
+//! The size of a host buffer in the plan is the least that it holds, so that checks against the plan's sizes (words of indirect
+//! arguments, bindings) hold for every frame. The most that it may hold is checked with each frame
+//! (`host_buffers`).
 
 use super::{Checker, invalid};
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::*;
 
 impl Checker<'_> {
-    /// A buffer that comes with a frame is storage, and only read: it is the host's, or another executor's.
+    /// Refuses a pass that binds a host buffer as a uniform block, or writes to it.
     pub(super) fn given(&self, pass: &Pass) -> Result<(), BackendError> {
         let given = |id: ResourceId| {
             let resource = self.plan.resources.get(id.index())?;

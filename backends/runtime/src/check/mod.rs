@@ -15,7 +15,7 @@ use std::collections::HashSet;
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Refuses a plan that contradicts itself ([`BackendError::Invalid`]) or asks for too much ([`BackendError::Limit`]).
-/// What it accepts is whole: every id is within range and fits its use.
+/// An accepted plan is whole: every id is within range and fits its use.
 pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
     let checker = Checker { plan, limits };
     let mut histories = HashSet::new();

@@ -29,7 +29,7 @@ fn limits() -> Limits {
     }
 }
 
-/// What is said of an altered plan, under altered limits; empty if it is accepted.
+/// Returns the error for an altered plan under altered limits; empty if it is accepted.
 fn said(alter: impl FnOnce(&mut Plan, &mut Limits)) -> String {
     let (mut plan, mut limits) = (plan(), limits());
     alter(&mut plan, &mut limits);
