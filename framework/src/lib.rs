@@ -8,22 +8,22 @@
 //! [`ir`] is the ground floor: the plain types that all steps share. Data walks through the other folders in this order, and a test
 //! holds the imports to it:
 //!
-//! 1. [`source`] holds the texts, knows the byte span of every element and draws diagnostics under them;
-//! 2. [`expr`] evaluates the small expressions that a graph may hold in place of numbers;
+//! 1. [`source`] finds and reads files, knows the byte span of every element and draws diagnostics under them;
+//! 2. `expr` parses and evaluates the small expressions that a graph may hold in place of numbers;
 //! 3. [`schema`] is the graph as written, a typed tree;
 //! 4. [`lower`] resolves presets, includes, conditions, repeats and swaps to a flat list of passes;
 //! 5. [`shader`] compiles GLSL to SPIR-V and reads back what each shader binds and touches;
-//! 6. [`link`] compiles the shaders and holds the flat list against them;
+//! 6. `link` compiles the shaders and holds the flat list against them;
 //! 7. [`solve`] orders the passes and places the barriers;
 //! 8. [`plan`] is the result, [`dump`] writes it for people and programs.
 //!
-//! When a file changes, [`reload`] notices and sends it on the same way again, while the last good plan goes on being drawn.
+//! When a file changes, [`reload`] has the plan built again, while the last good plan is still drawn.
 
 mod build;
 pub mod dump;
-pub mod expr;
+mod expr;
 pub mod ir;
-pub mod link;
+mod link;
 pub mod lower;
 pub mod oracle;
 pub mod plan;
