@@ -57,15 +57,13 @@ fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
             "--validate",
         ],
     );
-    assert!(
-        text.contains("keys ascend") || text.contains("monotonic"),
-        "nothing is said of the keys:\n{text}"
-    );
+    assert!(!text.contains("not monotonic"), "the keys are not sorted:\n{text}");
     let stats: Value =
         serde_json::from_str(&std::fs::read_to_string(folder.path().join("stats.json")).expect("written"))
             .expect("JSON");
     let cameras = stats.as_array().expect("one entry per camera");
     assert_eq!(cameras.len(), 4);
+    assert_eq!(text.matches("\n  monotonic: ").count(), 4, "{text}");
     for camera in cameras {
         for key in ["device", "parameters", "counts", "passes", "phases", "buffers"] {
             assert!(!camera[key].is_null(), "no {key} in {camera}");
@@ -74,6 +72,8 @@ fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
             |name: &str| camera["counts"][name].as_u64().unwrap_or_else(|| panic!("no {name} in {camera}"));
         assert_eq!(count("loaded"), 5000);
         assert!(count("visible") <= 5000 && count("drawn") == count("visible") && count("drawn") > 0);
+        let sorted = format!("\n  monotonic: the first {} keys ascend\n", count("visible"));
+        assert!(text.contains(&sorted), "not every visible key is said to be sorted:\n{text}");
         for phase in ["project", "key", "sort", "draw"] {
             assert!(
                 camera["phases"][phase].as_f64().is_some_and(|ms| ms > 0.0),
@@ -142,11 +142,23 @@ fn the_accounts_of_a_file_and_of_a_plan_are_complete() {
 fn every_preset_passes_its_check_and_every_command_teaches() {
     let folder = tempfile::tempdir().expect("a folder");
     let text = done(folder.path(), &["check"]);
-    assert_eq!(
-        text.lines().filter(|l| l.contains("OK")).count(),
-        splatgraph::builtin::names().len() + 1,
-        "{text}"
-    );
+    let (verdicts, widths): (Vec<&str>, Vec<&str>) = text.lines().partition(|line| !line.starts_with(' '));
+    assert_eq!(verdicts.len(), splatgraph::builtin::names().len() + 1, "{text}");
+    assert!(verdicts.iter().all(|line| line.ends_with(": OK")), "{text}");
+    for line in widths {
+        let removals =
+            line.split_once("0 hazards, and each of ").and_then(|(_, rest)| rest.split_once(" removals"));
+        assert!(
+            removals.is_some_and(|(count, _)| count.parse::<u32>().is_ok_and(|count| count > 0)),
+            "{line}"
+        );
+    }
+    for lanes in ["4", "8", "16", "32", "64"] {
+        let has = |line: &&str| {
+            line.split_once(" lanes: ").is_some_and(|(all, _)| all.trim().split(", ").any(|l| l == lanes))
+        };
+        assert_eq!(text.lines().filter(has).count(), verdicts.len(), "{lanes} lanes in\n{text}");
+    }
     assert!(text.contains("view/window: OK"), "{text}");
     for command in ["view", "render", "dump", "check", "info", "compare", "synth", "devices"] {
         let help = done(folder.path(), &[command, "--help"]);

@@ -1,4 +1,4 @@
-//! What the tests share: an opened device, the data folder, and whether the long runs are wanted.
+//! Shares an opened device, the data folder, and the choice of long runs among the tests.
 
 use splatgraph_api::Device;
 use splatgraph_vulkan::{Options, Validation, Vulkan};
@@ -40,14 +40,19 @@ pub fn data(test: &str) -> Option<PathBuf> {
             Some(folder)
         }
         None => {
-            // Not by `eprintln!`, which is kept back in tests that pass.
-            let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs captured scenes; set SPLATGRAPH_DATA");
+            not_run(test, "captured scenes; set SPLATGRAPH_DATA");
             None
         }
     }
 }
 
-/// Whether `./x test --long` asked for the whole cross products.
+/// Reports that a test lacks what it needs. `./x test` counts these lines.
+pub fn not_run(test: &str, needs: &str) {
+    // Not by `eprintln!`, which is kept back in tests that pass.
+    let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs {needs}");
+}
+
+/// Returns true if `./x test --long` asked for the whole cross products.
 pub fn long() -> bool {
     std::env::var_os("SPLATGRAPH_LONG").is_some()
 }

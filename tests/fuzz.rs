@@ -54,7 +54,7 @@ impl Random {
     }
 }
 
-/// What becomes of a file that somebody, or something, damages.
+/// Damages a file as an editor or an accident might.
 fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
     let mut bytes = text.to_vec();
     let mut lines: Vec<&[u8]> = text.split_inclusive(|byte| *byte == b'\n').collect();
@@ -152,10 +152,10 @@ fn builds() -> Vec<Build> {
     all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([serial]).collect()
 }
 
-/// What a build came to: the plan, or the diagnostics, each with what is drawn for it.
+/// Holds the outcome of a build: the plan, or the diagnostics, each with its rendering.
 struct Outcome {
     built: Result<Plan, Vec<(Diagnostic, String)>>,
-    /// What is wrong with the diagnostics themselves.
+    /// Faults of the diagnostics themselves.
     unclear: Option<String>,
     /// The files on disk that were read.
     read: Vec<PathBuf>,
@@ -196,7 +196,7 @@ fn plan(
     build(&Request { graph, set: &job.set, facts, catalog, share_memory: true }, files, compiler)
 }
 
-/// Why somebody would not know what to do with these diagnostics, if so.
+/// Explains why these diagnostics would not help a reader, if so.
 fn unclear(files: &SourceMap, found: &[Diagnostic]) -> Option<String> {
     if found.is_empty() {
         return Some("an error without a diagnostic".into());

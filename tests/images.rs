@@ -119,8 +119,13 @@ fn narrow_keys_and_no_sort_cost_accuracy() {
             let images = draw(&data, scene, preset, [0.0; 3]);
             let differences: Vec<f64> = images.iter().zip(&right).map(|(a, b)| psnr(a, b)).collect();
             println!("{scene}: {preset} {differences:.1?} dB");
-            // Where no two splats that overlap fall on one key, narrow keys cost nothing: not so from every camera.
-            assert!(differences.iter().any(|db| db.is_finite()), "{scene}: {preset} changed nothing");
+            // Measured: key16 65.9 dB and more, and not changed at all from one camera of `rules`; unsorted 19.1 to 36.8 dB.
+            let (worst, best) = if preset == "key16" { (55.0, f64::INFINITY) } else { (15.0, 42.0) };
+            assert!(
+                differences.iter().all(|db| (worst..=best).contains(db)),
+                "{scene}: {preset} {differences:.1?} dB"
+            );
+            assert!(differences.iter().any(|db| *db < 130.0), "{scene}: {preset} changed nothing");
         }
     }
 }

@@ -5,7 +5,6 @@
 //! `SPLATGRAPH_CHROMIUM` names. Without one the test says `NOT RUN: ... needs chromium` and counts as passed.
 
 use serde_json::Value;
-use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
@@ -20,8 +19,7 @@ fn chromium(test: &str) -> Option<String> {
     }
     let found = usual.into_iter().find(runs);
     if found.is_none() {
-        // Not by `eprintln!`, which is kept back in tests that pass.
-        let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs chromium");
+        crate::common::not_run(test, "chromium; install it, or set SPLATGRAPH_CHROMIUM");
     }
     found
 }
@@ -54,7 +52,7 @@ fn document(browser: &str, folder: &Path, hash: &str) -> String {
     before.to_owned() + after
 }
 
-/// How often a class begins the list of an element's classes.
+/// Counts the elements whose list of classes begins with a class.
 fn count(document: &str, class: &str) -> usize {
     document.matches(&format!("class=\"{class}\"")).count()
         + document.matches(&format!("class=\"{class} ")).count()

@@ -18,7 +18,7 @@ struct Window {
     size: [u32; 2],
 }
 
-/// What was drawn.
+/// Holds the pixels of a frame.
 struct Drawn {
     width: usize,
     pixels: Vec<[u8; 4]>,
@@ -215,7 +215,7 @@ impl Reds for Vec<[u8; 3]> {
     }
 }
 
-/// What a pass of egui comes to, in a window of this size in pixels.
+/// Runs a pass of egui in a window of this size in pixels.
 fn interface(
     painter: &mut Painter,
     context: &egui::Context,

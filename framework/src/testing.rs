@@ -83,7 +83,12 @@ impl ShaderCompiler for ListCompiler {
                 _ => {}
             }
         }
-        Ok(Compiled { spirv: Arc::new(vec![]), defines: request.defines.to_vec(), reflection })
+        Ok(Compiled {
+            spirv: Arc::new(vec![]),
+            defines: request.defines.to_vec(),
+            reflection,
+            declared: Arc::default(),
+        })
     }
 }
 

@@ -26,7 +26,7 @@ fn folder(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
 }
 
-/// The files of a folder and of the folders in it, sorted by path.
+/// Lists the files of a folder and of the folders in it, sorted by path.
 fn files_in(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).expect("a folder") {
@@ -41,7 +41,7 @@ fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// The files that every section can name, by their path under `in`.
+/// Reads the files that every section can name, by their path under `in`.
 fn shared_files() -> BTreeMap<String, String> {
     let root = folder("tests/golden/in");
     let shared = ["pipelines", "shaders"].map(|name| files_in(&root.join(name))).concat();
@@ -61,7 +61,7 @@ fn catalog() -> Catalog {
     }
 }
 
-/// What is printed for one section of the input `name`.
+/// Renders the diagnostics of one section of the input `name`.
 fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>) -> String {
     let host = [("scene.count", 1000), ("viewport.width", 64), ("viewport.height", 32)]
         .map(|(name, value)| (name.to_string(), Value::Int(value)));
@@ -111,7 +111,7 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>) -> Stri
     }
 }
 
-/// The text of each output, by the name of its input.
+/// Holds the text of each output, by the name of its input.
 static OUTPUTS: LazyLock<BTreeMap<String, String>> = LazyLock::new(outputs);
 
 fn outputs() -> BTreeMap<String, String> {
@@ -217,7 +217,7 @@ const NOT_SHOWN: &[&str] = &[
     "solve/mod.rs: this is a mistake of the solver",
 ];
 
-/// The sentences in the string literals of a file: those with a space, outside of attributes, assertions and tests.
+/// Collects the sentences in the string literals of a file: those with a space, outside of attributes, assertions and tests.
 fn sentences(tokens: TokenStream, found: &mut Vec<String>) {
     let mut tokens = tokens.into_iter().peekable();
     // Whether the next group in parentheses is an assertion's or holds what an impossible `None` is unwrapped with.
@@ -262,7 +262,7 @@ fn sentences(tokens: TokenStream, found: &mut Vec<String>) {
     }
 }
 
-/// Whether a line has the pieces of a format string, in their order.
+/// Returns true if a line has the pieces of a format string, in their order.
 fn is_in(line: &str, sentence: &str) -> bool {
     let escaped = sentence.replace("{{", "\u{1}").replace("}}", "\u{2}");
     let pieces = escaped.split('{').enumerate().map(|(i, piece)| match i {

@@ -1,7 +1,7 @@
-//! What synchronization validation ought to see of a mistake in the barriers.
+//! Predicts which mistakes in barriers synchronization validation reports.
 //!
 //! The classes are those that the calibration tests of the Vulkan backend established for Khronos validation 1.3.239, one plan
-//! with one mistake each. Whether a mutant falls into one is derived from the objections that the oracle has to it: each tells
+//! with one mistake each. Whether a mutant falls into one is derived from the violations that the oracle has to it: each tells
 //! which two accesses meet and what lacks between them, and the layer sees it unless it is blind for one of the two, or for
 //! the pair. That the layer was silent about a mutant is no argument here.
 
@@ -9,7 +9,7 @@ use splatgraph_api::FRAMES_IN_FLIGHT;
 use splatgraph_framework::ir::{
     Accesses, Binding, DescriptorKind, DrawCall, Groups, PassId, ResourceId, ShaderId, Stages, Work,
 };
-use splatgraph_framework::oracle::{Actor, Kind, Missing, Objection, Replay, When, replay};
+use splatgraph_framework::oracle::{Actor, Missing, Replay, Violation, ViolationKind, When, replay};
 use splatgraph_framework::plan::Plan;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -27,13 +27,13 @@ pub enum Blind {
     Atomics,
     /// Reads and writes of the host.
     Host,
-    /// What a frame did that the host waited for counts as settled, also what was not made available or visible since.
+    /// Accesses of a frame that the host waited for count as complete, even if not made available or visible since.
     Fences,
-    /// A write that somebody has seen counts as visible to all who wait for that reader.
+    /// A write that one access has seen counts as visible to all that wait for that access.
     SeenByAnother,
     /// A fill counts as a copy, and the backend says `CLEAR` and `COPY` for the one: each implies the other.
     FillsAreCopies,
-    /// What memory holds.
+    /// The layer does not track contents of memory.
     Contents,
 }
 
@@ -67,7 +67,7 @@ impl View {
         self.writes && self.access == Accesses::STORAGE_WRITE
     }
 
-    /// Whether the layer minds this access followed by the other, where `missing` lacks between them.
+    /// Returns true if the layer reports these two accesses without `missing` between them.
     fn conflicts(self, other: View, missing: Missing) -> bool {
         let pair = self.writes || other.writes;
         let lacks = match missing {
@@ -82,7 +82,7 @@ impl View {
     }
 }
 
-/// What the layer knows of a plan's passes.
+/// Models the layer's view of a plan's passes.
 pub struct Layer<'a> {
     plan: &'a Plan,
     /// The bindings of each shader that it stores to, other than by atomics.
@@ -94,24 +94,24 @@ impl Layer<'_> {
         Layer { plan, stores: plan.shaders.iter().map(|shader| stores(&shader.spirv)).collect() }
     }
 
-    /// Whether the layer ought to see what is wrong with a mutant of the plan; if not, why. `frames` are drawn.
+    /// Predicts whether the layer reports a mutant of the plan within `frames`; if not, says why.
     pub fn ought_to_see(&self, mutant: &Plan, frames: u32) -> Result<(), Blind> {
         let mutant = with_fills_as_copies(mutant);
-        let objections = replay(&mutant, &Replay { frames, ..Replay::default() });
+        let violations = replay(&mutant, &Replay { frames, ..Replay::default() });
         let blind: Option<BTreeSet<Blind>> =
-            objections.iter().map(|objection| self.sees(&mutant, objection).err()).collect();
+            violations.iter().map(|violation| self.sees(&mutant, violation).err()).collect();
         // The oracle objects to every mutant: where it no longer does, that is because of the copies.
         blind.map_or(Ok(()), |blind| Err(blind.first().copied().unwrap_or(Blind::FillsAreCopies)))
     }
 
-    fn sees(&self, mutant: &Plan, objection: &Objection) -> Result<(), Blind> {
-        let Objection { kind, first, second, resource, through, missing, .. } = *objection;
+    fn sees(&self, mutant: &Plan, violation: &Violation) -> Result<(), Blind> {
+        let Violation { kind, first, second, resource, through, missing, .. } = *violation;
         match (kind, first, second) {
-            (Kind::Unwritten, ..) => return Err(Blind::Contents),
-            (Kind::Layout, _, Actor::Pass { pass, .. }) if self.attaches(pass, resource) => {
+            (ViolationKind::Unwritten, ..) => return Err(Blind::Contents),
+            (ViolationKind::Layout, _, Actor::Pass { pass, .. }) if self.attaches(pass, resource) => {
                 return Err(Blind::Attachments);
             }
-            (Kind::Layout, ..) => return Ok(()),
+            (ViolationKind::Layout, ..) => return Ok(()),
             _ => {}
         }
         let Some(first) = first else { return Err(Blind::Contents) };
@@ -121,7 +121,7 @@ impl Layer<'_> {
         let sides = [(first, through.unwrap_or(resource)), (second, resource)];
         let [before, after] = sides.map(|(actor, resource)| self.views(actor, resource));
         if before.iter().any(|a| after.iter().any(|b| a.conflicts(*b, missing))) {
-            let settled = kind == Kind::ReadAfterWrite && missing != Missing::Order;
+            let settled = kind == ViolationKind::ReadAfterWrite && missing != Missing::Order;
             let settled = settled && self.seen_between(mutant, first, second, resource, &after);
             return if settled { Err(Blind::SeenByAnother) } else { Ok(()) };
         }
@@ -146,7 +146,7 @@ impl Layer<'_> {
         })
     }
 
-    /// Whether another pass reads the resource between these two of one frame, and the second waits for it.
+    /// Returns true if another pass reads the resource between these two of one frame, and the second waits for it.
     fn seen_between(
         &self,
         mutant: &Plan,
@@ -184,7 +184,7 @@ impl Layer<'_> {
         }
     }
 
-    /// How somebody touches a resource, as far as the layer knows.
+    /// Returns the accesses of an actor to a resource, as the layer sees them.
     fn views(&self, actor: Actor, resource: ResourceId) -> Vec<View> {
         let view = |stage, access: Accesses| View { stage, access, writes: access.writes() };
         let pass = match actor {

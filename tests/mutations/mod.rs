@@ -74,8 +74,8 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
             flow,
             mutations(&plan).len()
         ));
-        for objection in replay(&plan, &Replay::default()) {
-            wrong.push(format!("{}: {}", plan.name, objection.describe(&plan)));
+        for violation in replay(&plan, &Replay::default()) {
+            wrong.push(format!("{}: {}", plan.name, violation.describe(&plan)));
         }
         for mutation in needless(&plan) {
             wrong.push(format!("{}: needless: {}", plan.name, mutation.describe(&plan)));
@@ -119,7 +119,7 @@ impl Bench {
         Bench { device: common::device(), scene, camera, loads: 0 }
     }
 
-    /// What the layer says while a few frames of a plan are drawn.
+    /// Draws a few frames of a plan and returns the layer's messages.
     fn messages(&mut self, plan: &Plan) -> Vec<String> {
         self.loads += 1;
         let upload = Upload(&self.scene, self.loads);
@@ -144,7 +144,7 @@ impl Bench {
     }
 }
 
-/// How the mutants of a plan fared.
+/// Counts the outcomes of a plan's mutants.
 #[derive(Default)]
 struct Tally {
     mutants: usize,
@@ -229,8 +229,8 @@ fn the_validation_layer_catches_every_mutant_that_it_can_see() {
                 Err(_) if !messages.is_empty() => tally.masks += 1,
                 Err(blind) => *tally.blind.entry(blind).or_default() += 1,
                 Ok(()) => {
-                    let objections = replay(&mutant, &Replay { frames: FRAMES, ..Replay::default() });
-                    let why: BTreeSet<String> = objections.iter().map(|o| o.describe(&mutant)).collect();
+                    let violations = replay(&mutant, &Replay { frames: FRAMES, ..Replay::default() });
+                    let why: BTreeSet<String> = violations.iter().map(|o| o.describe(&mutant)).collect();
                     let why: Vec<String> = why.into_iter().collect();
                     wrong.push(format!(
                         "{}: {}\n    {}\n    said: {}",

@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::time::Instant;
 
 use super::compiler::HeaderCompiler;
-use super::recipe::{Limits, Recipe, World, recipes};
+use super::recipe::{Limits, Recipe, Settings, recipes};
 use super::render::{Files, Style, render};
 use super::sketch::Sketch;
 use crate::common::long;
@@ -36,22 +36,22 @@ fn facts() -> Facts {
 /// Builds the graph of these files. An error is as a user would read it.
 pub fn plan_with(
     files: &Files,
-    world: World,
+    settings: Settings,
     share_memory: bool,
     compiler: &mut dyn ShaderCompiler,
 ) -> Result<Plan, String> {
     let mut library = Library::default();
-    library.memory.extend(files.shaders.iter().cloned());
+    library.memory.extend(files.shaders.iter().chain(&files.parts).cloned());
     library.memory.insert("graph.ron".into(), files.graph.clone());
     let mut map = SourceMap::new(library);
-    let set = [("flag".into(), world.flag.to_string()), ("steps".into(), world.steps.to_string())];
+    let set = [("flag".into(), settings.flag.to_string()), ("steps".into(), settings.steps.to_string())];
     let (facts, catalog) = (facts(), Catalog::default());
     let request = Request { graph: "graph.ron", set: &set, facts: &facts, catalog: &catalog, share_memory };
     build(&request, &mut map, compiler).map_err(|errors| explain(&map, &errors, false))
 }
 
-pub fn plan(files: &Files, world: World, share_memory: bool) -> Result<Plan, String> {
-    plan_with(files, world, share_memory, &mut HeaderCompiler)
+pub fn plan(files: &Files, settings: Settings, share_memory: bool) -> Result<Plan, String> {
+    plan_with(files, settings, share_memory, &mut HeaderCompiler)
 }
 
 /// The plan, unless the builder refused the graph. That it could not solve one is no refusal but a mistake.
@@ -79,8 +79,8 @@ pub struct Case<'a> {
 
 impl Case<'_> {
     /// The plan under these settings.
-    pub fn plan(&self, world: World, share_memory: bool) -> Result<Plan, String> {
-        let plan = plan(&self.files, world, share_memory);
+    pub fn plan(&self, settings: Settings, share_memory: bool) -> Result<Plan, String> {
+        let plan = plan(&self.files, settings, share_memory);
         plan.inspect(|plan| self.counts.add(plan))
     }
 
@@ -91,9 +91,9 @@ impl Case<'_> {
 
     /// Fails with what the oracle has to say of a plan, if it has anything to say. `what` says which plan it is.
     pub fn judge(&self, plan: &Plan, what: &str) -> Result<(), String> {
-        let objections = oracle::replay(plan, &oracle::Replay::default());
-        if let Some(objection) = objections.first() {
-            return Err(format!("{what}: {}\n{}", objection.describe(plan), shown(plan)));
+        let violations = oracle::replay(plan, &oracle::Replay::default());
+        if let Some(violation) = violations.first() {
+            return Err(format!("{what}: {}\n{}", violation.describe(plan), shown(plan)));
         }
         self.counts.mutants.fetch_add(mutations(plan).len() as u64, Relaxed);
         match needless(plan).first() {
@@ -156,7 +156,7 @@ pub fn shown(plan: &Plan) -> String {
     )
 }
 
-/// What a run over random graphs has met.
+/// Counts graphs, plans and barriers over a run.
 #[derive(Default)]
 struct Counts {
     graphs: AtomicU64,
@@ -224,7 +224,7 @@ pub fn for_all(
                 counts.graphs.fetch_add(1, Relaxed);
                 let sketch = Sketch::of(recipe, limits);
                 let files = render(&sketch, Style::default());
-                let Some(plan) = accepted(plan(&files, sketch.worlds[0], true))? else {
+                let Some(plan) = accepted(plan(&files, sketch.settings[0], true))? else {
                     counts.refused.fetch_add(1, Relaxed);
                     return Ok(());
                 };

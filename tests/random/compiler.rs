@@ -25,7 +25,12 @@ impl ShaderCompiler for HeaderCompiler {
         request: &ShaderRequest,
     ) -> Result<Compiled, Vec<Diagnostic>> {
         let reflection = reflection(files.text(request.file), request.stage);
-        Ok(Compiled { spirv: Arc::new(Vec::new()), defines: Vec::new(), reflection })
+        Ok(Compiled {
+            spirv: Arc::new(Vec::new()),
+            defines: Vec::new(),
+            reflection,
+            declared: Arc::default(),
+        })
     }
 }
 

@@ -14,7 +14,7 @@ use std::time::Instant;
 
 use super::builds::{accepted, plan_with, run_batch, shown};
 use super::orders::orders;
-use super::recipe::{LARGE, Limits, SMALL, World};
+use super::recipe::{LARGE, Limits, SMALL, Settings};
 use super::render::{Files, Style, render};
 use super::sketch::Sketch;
 use crate::common::{self, long};
@@ -23,7 +23,7 @@ use crate::common::{self, long};
 pub struct Bench {
     device: Vulkan,
     compiler: Glslang,
-    /// Histories live on from plan to plan of one run.
+    /// Histories are kept from plan to plan of one run.
     run: u64,
     loads: u32,
 }
@@ -41,7 +41,7 @@ impl SceneData for NoScene {
     }
 }
 
-/// What a frame gave: the output, the statistics, and what was inspected, by name.
+/// Holds the results of a frame: the output, the statistics, and the inspected resources, by name.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     pub output: Vec<u8>,
@@ -49,7 +49,7 @@ pub struct Outcome {
     contents: BTreeMap<String, Vec<u8>>,
 }
 
-/// How fast the host is.
+/// Sets the pace of the host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pace {
     /// It waits for each frame before it goes on.
@@ -63,8 +63,8 @@ impl Bench {
         Bench { device: common::device(), compiler: Glslang::default(), run: 0, loads: 0 }
     }
 
-    pub fn plan(&mut self, files: &Files, world: World, share_memory: bool) -> Result<Plan, String> {
-        plan_with(files, world, share_memory, &mut self.compiler)
+    pub fn plan(&mut self, files: &Files, settings: Settings, share_memory: bool) -> Result<Plan, String> {
+        plan_with(files, settings, share_memory, &mut self.compiler)
     }
 
     /// Loads plans one after another, each for so many frames. The last frame of all also reads back every resource that it
@@ -108,7 +108,7 @@ impl Bench {
     }
 }
 
-/// Whether the layer objects to a write after a write where the specification does not:
+/// Returns true if the layer reports a write after a write where the specification has no hazard:
 ///
 /// - a change of layout after a write that an earlier barrier made available: the layer wants that write in the change's own source,
 ///   by the specification the chain is enough;
@@ -182,7 +182,7 @@ fn same(one: &[Outcome], other: &[Outcome], plan: &Plan, what: &str) -> Result<(
 const COMPARES: (&str, &str) =
     ("VK_LAYER_ENABLES", "VALIDATION_CHECK_ENABLE_SYNCHRONIZATION_VALIDATION_QUEUE_SUBMIT");
 
-/// Whether this process compares submissions. If not, runs the test of this name again in one that does, and fails if that fails.
+/// Returns true if this process compares submissions. If not, runs the test of this name in one that does, and fails with it.
 pub fn compares_submissions(test: &str) -> bool {
     if std::env::var(COMPARES.0).is_ok_and(|value| value == COMPARES.1) {
         return true;
@@ -216,7 +216,7 @@ fn on_device(
         let files = render(&sketch, Style::default());
         let mut bench = bench.borrow_mut();
         graphs.set(graphs.get() + 1);
-        match accepted(bench.plan(&files, sketch.worlds[0], true))? {
+        match accepted(bench.plan(&files, sketch.settings[0], true))? {
             Some(plan) => property(&mut bench, &sketch, &files, &plan),
             None => {
                 refused.set(refused.get() + 1);
@@ -264,7 +264,7 @@ fn full_barriers_and_memory_apart_give_the_same_bytes() {
         let found = bench.frames(plan).map_err(|e| format!("{e}\n{}", shown(plan)))?;
         let expected = bench.frames(&with_full_barriers(plan))?;
         same(&expected, &found, plan, "than with full barriers")?;
-        let Some(apart) = accepted(bench.plan(files, sketch.worlds[0], false))? else { return Ok(()) };
+        let Some(apart) = accepted(bench.plan(files, sketch.settings[0], false))? else { return Ok(()) };
         let found = bench.frames(&apart).map_err(|e| format!("{e}\n{}", shown(&apart)))?;
         same(&expected, &found, &apart, "with memory apart")
     });
@@ -278,7 +278,7 @@ fn plans_that_follow_each_other_in_flight_give_the_bytes_of_a_patient_host() {
         return;
     }
     on_device("swaps", LARGE, 100, |bench, sketch, files, one| {
-        let Some(two) = accepted(bench.plan(files, sketch.worlds[1], true))? else { return Ok(()) };
+        let Some(two) = accepted(bench.plan(files, sketch.settings[1], true))? else { return Ok(()) };
         let plans = [(one, 2), (&two, 1), (one, 1), (&two, 3)];
         let found = bench.run(&plans, Pace::InFlight)?;
         let expected = bench.run(&plans, Pace::Waits)?;

@@ -5,7 +5,7 @@
 //! computed here as well, in plain loops.
 
 use super::gpu::{Bench, Pace};
-use super::recipe::World;
+use super::recipe::Settings;
 use super::render::Files;
 
 const GRAPH: &str = r#"Graph(
@@ -81,7 +81,7 @@ const SHADERS: [(&str, &str); 5] = [
     ),
 ];
 
-/// What the graph's histories hold.
+/// Holds the contents of the graph's histories.
 #[derive(Default)]
 struct Model {
     sum: [u32; 16],
@@ -91,18 +91,18 @@ struct Model {
 
 impl Model {
     /// One frame; returns the output.
-    fn frame(&mut self, world: World) -> Vec<u32> {
+    fn frame(&mut self, settings: Settings) -> Vec<u32> {
         let seen: [u32; 16] =
             std::array::from_fn(|i| self.far[15 - i].wrapping_mul(5).wrapping_add(self.sum[i]));
         for (i, sum) in self.sum.iter_mut().enumerate() {
-            *sum += 1 + i as u32 + world.steps;
+            *sum += 1 + i as u32 + settings.steps;
         }
         self.far = [3; 16];
-        for step in 0..world.steps {
+        for step in 0..settings.steps {
             let from = self.far;
             self.far = std::array::from_fn(|at| from[(at + 1) % 16] * 2 + at as u32 + step);
         }
-        for row in self.trail.iter_mut().filter(|_| world.flag) {
+        for row in self.trail.iter_mut().filter(|_| settings.flag) {
             for (trail, sum) in row.iter_mut().zip(&self.sum) {
                 *trail = trail.wrapping_mul(3).wrapping_add(*sum);
             }
@@ -122,32 +122,36 @@ fn histories_live_on_through_changes_of_the_plan_as_a_model_says() {
     let shader = |(name, text): (&str, &str)| {
         (name.to_string(), format!("#version 460\nlayout(local_size_x = 16) in;\n{text}\n"))
     };
-    let files = Files { graph: GRAPH.into(), shaders: SHADERS.map(shader).into() };
-    let world = |flag, steps| World { flag, steps };
+    let files = Files { graph: GRAPH.into(), shaders: SHADERS.map(shader).into(), parts: Vec::new() };
+    let settings = |flag, steps| Settings { flag, steps };
     // Odd and even numbers of swaps, with and without the pass that marks, for one frame and for several.
     let row = [
-        (world(true, 1), 2),
-        (world(true, 2), 1),
-        (world(false, 3), 1),
-        (world(true, 0), 3),
-        (world(false, 0), 1),
-        (world(true, 4), 1),
-        (world(true, 3), 2),
+        (settings(true, 1), 2),
+        (settings(true, 2), 1),
+        (settings(false, 3), 1),
+        (settings(true, 0), 3),
+        (settings(false, 0), 1),
+        (settings(true, 4), 1),
+        (settings(true, 3), 2),
     ];
     let mut bench = Bench::new();
     for share_memory in [true, false] {
         let plans: Vec<_> = row
             .iter()
-            .map(|(world, frames)| (bench.plan(&files, *world, share_memory).unwrap(), *frames))
+            .map(|(settings, frames)| (bench.plan(&files, *settings, share_memory).unwrap(), *frames))
             .collect();
         let plans: Vec<_> = plans.iter().map(|(plan, frames)| (plan, *frames)).collect();
         for pace in [Pace::InFlight, Pace::Waits] {
             let found = bench.run(&plans, pace).unwrap_or_else(|e| panic!("{e}"));
             let mut model = Model::default();
-            let worlds = row.iter().flat_map(|(world, frames)| (0..*frames).map(move |_| *world));
-            for (number, (world, outcome)) in worlds.zip(&found).enumerate() {
+            let settings = row.iter().flat_map(|(settings, frames)| (0..*frames).map(move |_| *settings));
+            for (number, (settings, outcome)) in settings.zip(&found).enumerate() {
                 let words: &[u32] = bytemuck::cast_slice(&outcome.output);
-                assert_eq!(words, model.frame(world), "frame {number}, {world:?}, {share_memory}, {pace:?}");
+                assert_eq!(
+                    words,
+                    model.frame(settings),
+                    "frame {number}, {settings:?}, {share_memory}, {pace:?}"
+                );
             }
         }
     }

@@ -32,7 +32,7 @@ use crate::common::long;
 fn no_barrier_is_missing_and_none_is_needless() {
     for_all("barriers", LARGE, 4000, |case| {
         for share_memory in [true, false] {
-            let plan = case.plan(case.sketch.worlds[0], share_memory)?;
+            let plan = case.plan(case.sketch.settings[0], share_memory)?;
             let what = if share_memory { "with memory shared" } else { "with memory apart" };
             case.judge(&plan, what)?;
         }
@@ -58,7 +58,7 @@ fn a_call_has_at_most_one_barrier_on_all_memory_and_every_barrier_has_a_reason()
 #[test]
 fn a_graph_that_is_built_twice_gives_the_same_plan() {
     for_all("twice", LARGE, 1000, |case| {
-        let again = case.plan(case.sketch.worlds[0], true)?;
+        let again = case.plan(case.sketch.settings[0], true)?;
         same(&case.plan, &again, "built again")
     });
 }
@@ -67,7 +67,7 @@ fn a_graph_that_is_built_twice_gives_the_same_plan() {
 fn names_decide_nothing() {
     for_all("names", LARGE, 1000, |case| {
         let files = render(&case.sketch, Style { other_names: true, ..Style::default() });
-        let renamed = plan(&files, case.sketch.worlds[0], true)?;
+        let renamed = plan(&files, case.sketch.settings[0], true)?;
         case.count(&renamed);
         same(&nameless(&case.plan), &nameless(&renamed), "with other names")
     });
@@ -90,10 +90,32 @@ fn nameless(plan: &Plan) -> Plan {
 }
 
 #[test]
-fn passes_that_nobody_reads_decide_nothing() {
+fn includes_decide_nothing() {
+    let (parts, pairs) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    for_all("includes", LARGE, 500, |case| {
+        let files = render(&case.sketch, Style { includes: true, ..Style::default() });
+        parts.fetch_add(files.parts.len(), Relaxed);
+        pairs.fetch_add(files.parts.iter().filter(|(_, text)| text.contains("ping_pong")).count(), Relaxed);
+        for settings in case.sketch.settings {
+            let flat = case.plan(settings, true)?;
+            let included =
+                plan(&files, settings, true).map_err(|error| format!("{error}\nof\n{}", files.graph))?;
+            case.count(&included);
+            same(&placeless(&nameless(&flat)), &placeless(&nameless(&included)), "with includes")?;
+        }
+        Ok(())
+    });
+    let [parts, pairs] = [parts, pairs].map(AtomicUsize::into_inner);
+    let _ =
+        writeln!(std::io::stderr(), "random graphs: {parts} graphs included, {pairs} with ping-pong ports");
+    assert!(parts > 1000 && pairs > 100, "too few includes");
+}
+
+#[test]
+fn passes_without_readers_decide_nothing() {
     for_all("idle passes", LARGE, 1000, |case| {
         let files = render(&case.sketch, Style { idle_passes: true, ..Style::default() });
-        let with_idle = plan(&files, case.sketch.worlds[0], true)?;
+        let with_idle = plan(&files, case.sketch.settings[0], true)?;
         case.count(&with_idle);
         let idle = with_idle.culled.iter().filter(|left_out| left_out.pass.starts_with("idle")).count();
         if idle == 0 {
@@ -124,7 +146,7 @@ fn same(one: &Plan, other: &Plan, what: &str) -> Result<(), String> {
 #[test]
 fn shared_memory_is_no_more_and_held_by_one_at_a_time() {
     for_all("memory", LARGE, 2000, |case| {
-        let apart = case.plan(case.sketch.worlds[0], false)?;
+        let apart = case.plan(case.sketch.settings[0], false)?;
         let [shared_bytes, bytes] = [&case.plan, &apart].map(Plan::transient_bytes);
         if shared_bytes > bytes || bytes != apart.unshared_bytes() {
             return Err(format!("{shared_bytes} bytes shared, {bytes} apart\n{}", shown(&case.plan)));
@@ -136,7 +158,7 @@ fn shared_memory_is_no_more_and_held_by_one_at_a_time() {
     });
 }
 
-/// Of every two tenants of a block, one is last touched before the other is first; and what is to outlive a frame is alone.
+/// Checks that the uses of a block's resources do not overlap, and that resources that outlive a frame have their own.
 fn tenants_take_turns(plan: &Plan) -> Result<(), String> {
     for (resource, block) in plan.resources.iter().filter_map(|r| Some((r, r.block?))) {
         if resource.source != Source::Transient || block.index() >= plan.blocks.len() {
@@ -171,14 +193,14 @@ fn tenants_take_turns(plan: &Plan) -> Result<(), String> {
 #[test]
 fn plans_of_one_graph_can_follow_each_other() {
     for_all("swaps", LARGE, 2000, |case| {
-        let [world, other] = case.sketch.worlds;
+        let [settings, other] = case.sketch.settings;
         for share_memory in [true, false] {
-            let (one, two) = (case.plan(world, share_memory)?, case.plan(other, share_memory)?);
+            let (one, two) = (case.plan(settings, share_memory)?, case.plan(other, share_memory)?);
             let plans = [(&one, 2), (&two, 1), (&one, 1), (&two, 3), (&two, 1), (&one, 4)];
-            if let Some(objection) = oracle::replay_swap(&plans).first() {
-                let plan = plans[objection.plan].0;
-                let text = objection.describe(plan);
-                return Err(format!("in plan {} of a row: {text}\n{}", objection.plan, shown(plan)));
+            if let Some(violation) = oracle::replay_swap(&plans).first() {
+                let plan = plans[violation.plan].0;
+                let text = violation.describe(plan);
+                return Err(format!("in plan {} of a row: {text}\n{}", violation.plan, shown(plan)));
             }
         }
         Ok(())

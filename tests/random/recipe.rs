@@ -1,6 +1,6 @@
-//! What a random graph is made from: proptest's raw material.
+//! Generates the raw material of random graphs with proptest.
 //!
-//! A recipe is a list of wishes. Indices are taken modulo what there is, and wishes that would make no graph (a read of what nobody
+//! A recipe is a list of wishes. Indices are taken modulo what there is, and wishes that would make no graph (a read of contents that no pass
 //! has written yet) are dropped by [`super::sketch`], so that any part of a recipe can be taken away and a graph is left: that is
 //! what lets a failure shrink to a few lines.
 
@@ -13,27 +13,27 @@ pub struct Recipe {
     pub buffers: Vec<BufferWish>,
     pub images: Vec<ImageWish>,
     pub items: Vec<Item>,
-    /// What the last pass reads, besides what the graph wrote last.
+    /// Resources that the last pass reads, besides the one written last.
     pub shown: Vec<Pick>,
     /// The last pass draws its image rather than storing to it.
     pub drawn: bool,
     /// Words that are read back: the buffer, and which word.
     pub stats: Vec<(Pick, u8)>,
     /// Two settings of the graph's constants; the first are their defaults.
-    pub worlds: [World; 2],
+    pub settings: [Settings; 2],
 }
 
 /// Values of the constant parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct World {
+pub struct Settings {
     pub flag: bool,
     /// 0 to 4.
     pub steps: u32,
 }
 
-impl World {
-    pub fn all() -> impl Iterator<Item = World> {
-        (0..=MOST_STEPS).flat_map(|steps| [false, true].map(|flag| World { flag, steps }))
+impl Settings {
+    pub fn all() -> impl Iterator<Item = Settings> {
+        (0..=MOST_STEPS).flat_map(|steps| [false, true].map(|flag| Settings { flag, steps }))
     }
 }
 
@@ -78,7 +78,7 @@ pub enum Want {
     /// The front or the back of a ping-pong buffer.
     Front,
     Back,
-    /// What the frame before left.
+    /// The contents of the previous frame.
     Last,
 }
 
@@ -98,11 +98,11 @@ pub enum Count {
 }
 
 impl Count {
-    pub fn of(self, world: World) -> u32 {
+    pub fn of(self, settings: Settings) -> u32 {
         match self {
             Count::Literal(n) => n,
-            Count::Steps => world.steps,
-            Count::StepsLeft => MOST_STEPS - world.steps,
+            Count::Steps => settings.steps,
+            Count::StepsLeft => MOST_STEPS - settings.steps,
         }
     }
 }
@@ -116,12 +116,12 @@ pub enum When {
 }
 
 impl When {
-    pub fn holds(self, world: World) -> bool {
+    pub fn holds(self, settings: Settings) -> bool {
         match self {
             When::Always => true,
-            When::Flag => world.flag,
-            When::NotFlag => !world.flag,
-            When::OddSteps => world.steps % 2 == 1,
+            When::Flag => settings.flag,
+            When::NotFlag => !settings.flag,
+            When::OddSteps => settings.steps % 2 == 1,
         }
     }
 }
@@ -158,7 +158,7 @@ pub enum Kind {
     },
 }
 
-/// Where in a draw.
+/// Selects the stages of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     Vertex,
@@ -166,7 +166,7 @@ pub enum Stage {
     Both,
 }
 
-/// Where in the file a pass stands that may stand anywhere.
+/// Places a pass in the file, if it may stand anywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stands {
     InPlace,
@@ -174,7 +174,7 @@ pub enum Stands {
     Last,
 }
 
-/// How large graphs may get.
+/// Limits the size of graphs.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     pub buffers: usize,
@@ -198,16 +198,16 @@ pub fn recipes(limits: Limits) -> impl Strategy<Value = Recipe> {
         vec(pick(), 2..=8),
         weighted(1, 4),
         vec((pick(), any::<u8>()), 0..=3),
-        [world(), world()],
+        [settings(), settings()],
     )
-        .prop_map(|(buffers, images, items, shown, drawn, stats, worlds)| Recipe {
+        .prop_map(|(buffers, images, items, shown, drawn, stats, settings)| Recipe {
             buffers,
             images,
             items,
             shown,
             drawn,
             stats,
-            worlds,
+            settings,
         })
 }
 
@@ -216,8 +216,8 @@ fn weighted(of: u32, times: u32) -> impl Strategy<Value = bool> + Clone {
     (0..times).prop_map(move |n| n >= times - of)
 }
 
-fn world() -> impl Strategy<Value = World> {
-    (any::<bool>(), 0..=MOST_STEPS).prop_map(|(flag, steps)| World { flag, steps })
+fn settings() -> impl Strategy<Value = Settings> {
+    (any::<bool>(), 0..=MOST_STEPS).prop_map(|(flag, steps)| Settings { flag, steps })
 }
 
 fn buffer() -> impl Strategy<Value = BufferWish> {

@@ -1,6 +1,6 @@
 //! A sketch as text: `graph.ron` and its shaders.
 //!
-//! What shaders compute is a pure function of what they read: words are mixed with a hash, images that are drawn to get whole
+//! Shaders compute pure functions of their inputs: words are mixed with a hash, images that are drawn to get whole
 //! numbers that a float holds exactly, and no invocation reads what another one of the same pass writes. (Draws write buffers by
 //! `atomicMax`, which comes to the same in every order.) So two runs that differ in a byte differ because of their barriers.
 
@@ -14,15 +14,21 @@ pub struct Files {
     pub graph: String,
     /// Name and text.
     pub shaders: Vec<(String, String)>,
+    /// Name and text of the graphs that this one includes.
+    pub parts: Vec<(String, String)>,
 }
 
-/// How things are called, and what stands between them.
+/// Sets the names, and adds passes or includes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Style {
     /// Other names of the same length, which sort the other way round.
     pub other_names: bool,
-    /// Passes that nobody reads, after those of the others that stand in their place.
+    /// Passes without readers, after those of the others that stand in their place.
     pub idle_passes: bool,
+    /// Puts passes that access only buffers into graphs of their own, which are included.
+    pub includes: bool,
+    /// Depth of the include that is being written.
+    pub depth: usize,
 }
 
 pub fn render(sketch: &Sketch, style: Style) -> Files {
@@ -34,9 +40,10 @@ pub fn render(sketch: &Sketch, style: Style) -> Files {
         idle: 0,
         idle_runs: false,
         idle_shaders: Vec::new(),
+        parts: Vec::new(),
     };
     writer.nodes(&sketch.nodes, false);
-    let Writer { shaders, passes, idle, idle_shaders, .. } = writer;
+    let Writer { shaders, passes, idle, idle_shaders, parts, .. } = writer;
 
     let mut resources = String::new();
     let flags = |flags: &[(&str, bool)]| -> String {
@@ -63,7 +70,7 @@ pub fn render(sketch: &Sketch, style: Style) -> Files {
     let stats: String = (sketch.stats.iter().enumerate())
         .map(|(at, (what, offset))| format!("\"s{at}\": (\"{}\", {offset}), ", style.resource(what.of)))
         .collect();
-    let [world, _] = sketch.worlds;
+    let [settings, _] = sketch.settings;
     let graph = format!(
         r#"Graph(
   version: 1, summary: "at random",
@@ -79,12 +86,12 @@ pub fn render(sketch: &Sketch, style: Style) -> Files {
   output: "{}",
 )
 "#,
-        world.flag,
-        world.steps,
+        settings.flag,
+        settings.steps,
         style.resource(Target::Image(sketch.output())),
     );
     let shaders = shaders.into_iter().map(|(text, name)| (name, text)).chain(idle_shaders).collect();
-    Files { graph, shaders }
+    Files { graph, shaders, parts }
 }
 
 impl Style {
@@ -94,9 +101,11 @@ impl Style {
 
     fn resource(self, of: Target) -> String {
         let letters = if self.other_names { ["y", "x"] } else { ["b", "i"] };
+        // The ports of an included graph have names of their own.
+        let port = "p".repeat(self.depth);
         match of {
-            Target::Buffer(at) => format!("{}{:02}", letters[0], self.number(at)),
-            Target::Image(at) => format!("{}{:02}", letters[1], self.number(at)),
+            Target::Buffer(at) => format!("{port}{}{:02}", letters[0], self.number(at)),
+            Target::Image(at) => format!("{port}{}{:02}", letters[1], self.number(at)),
         }
     }
 
@@ -128,33 +137,100 @@ struct Writer<'a> {
     idle: usize,
     idle_runs: bool,
     idle_shaders: Vec<(String, String)>,
+    parts: Vec<(String, String)>,
 }
 
+/// The most includes inside of each other.
+const MOST_DEPTH: usize = 3;
+
 impl Writer<'_> {
-    fn nodes(&mut self, nodes: &[Node], repeated: bool) {
-        for node in nodes {
-            match node {
-                Node::Pass(at) => {
-                    self.pass(*at, repeated);
-                    let in_place = self.sketch.passes[*at].stands == Stands::InPlace;
-                    if self.style.idle_passes && !repeated && in_place {
-                        self.idle_pass(*at);
-                    }
+    fn nodes(&mut self, mut nodes: &[Node], repeated: bool) {
+        while let Some((first, rest)) = nodes.split_first() {
+            let run = nodes.iter().take_while(|node| self.fits_a_part(node)).count();
+            if self.style.includes && self.style.depth < MOST_DEPTH && run > 0 {
+                self.part(&nodes[..run], repeated);
+                nodes = &nodes[run..];
+            } else {
+                self.node(first, repeated);
+                nodes = rest;
+            }
+        }
+    }
+
+    /// Returns true if ports can take all accessed resources: they take no images.
+    fn fits_a_part(&self, node: &Node) -> bool {
+        match node {
+            Node::Pass(at) => {
+                self.sketch.passes[*at].uses().all(|(what, _)| matches!(what.of, Target::Buffer(_)))
+            }
+            Node::Swap(_) => true,
+            Node::Repeat(_, body) => body.iter().all(|node| self.fits_a_part(node)),
+        }
+    }
+
+    /// Writes a graph that holds these nodes, the first of them itself and the others in a graph that it includes, and includes
+    /// it.
+    fn part(&mut self, nodes: &[Node], repeated: bool) {
+        let name = format!("part{}", self.parts.len());
+        // Its place, in front of the graphs that it includes.
+        self.parts.push((format!("{name}.ron"), String::new()));
+        let place = self.parts.len() - 1;
+        let outer = self.style;
+        let around = std::mem::take(&mut self.passes);
+        self.style.depth += 1;
+        self.node(&nodes[0], repeated);
+        self.nodes(&nodes[1..], repeated);
+        let passes = std::mem::replace(&mut self.passes, around);
+
+        let mut buffers = BTreeMap::new();
+        touched(nodes, self.sketch, &mut buffers);
+        let (mut ports, mut with) = (String::new(), String::new());
+        for (at, both) in buffers {
+            let (buffer, inner) = (Target::Buffer(at), self.style.resource(Target::Buffer(at)));
+            let pair =
+                if both && self.sketch.buffers[at].role == Role::PingPong { ", ping_pong: true" } else { "" };
+            let _ = writeln!(ports, "    \"{inner}\": Buffer(stride: {}{pair}),", self.sketch.stride(at));
+            with += &format!("\"{inner}\": \"{}\", ", outer.resource(buffer));
+        }
+        // The constants that its conditions, counts and push constants may name.
+        let (mut params, mut set) = (String::new(), String::new());
+        let ranges = [("steps", "Int(default: 0, range: (0, 4))"), ("flag", "Bool(default: false)")];
+        let index = [("i", "Int(default: 0, range: (0, 9))")];
+        for (param, kind) in ranges.iter().chain(index.iter().filter(|_| repeated)) {
+            params += &format!("\"{param}\": Const({kind}), ");
+            set += &format!("\"{param}\": \"{param}\", ");
+        }
+        self.style = outer;
+        self.parts[place].1 = format!(
+            "Graph(\n  version: 1, summary: \"a part\",\n  params: {{ {params}}},\n  ports: {{\n{ports}  }},\n  passes: [\n{passes}  ],\n)\n"
+        );
+        self.line(&format!(
+            "Include(graph: \"{name}\", name: \"{name}\", with: {{ {with}}}, set: {{ {set}}}),"
+        ));
+    }
+
+    fn node(&mut self, node: &Node, repeated: bool) {
+        match node {
+            Node::Pass(at) => {
+                self.pass(*at, repeated);
+                let in_place = self.sketch.passes[*at].stands == Stands::InPlace;
+                if self.style.idle_passes && !repeated && in_place {
+                    self.idle_pass(*at);
                 }
-                Node::Swap(at) => {
-                    let name = self.style.resource(Target::Buffer(*at));
-                    self.line(&format!("Swap(\"{name}\"),"));
-                }
-                Node::Repeat(count, body) => {
-                    let count = match count {
-                        Count::Literal(n) => n.to_string(),
-                        Count::Steps => "\"steps\"".into(),
-                        Count::StepsLeft => "\"4 - steps\"".into(),
-                    };
-                    self.line(&format!("Repeat(var: \"i\", count: {count}, body: ["));
-                    self.nodes(body, true);
-                    self.line("]),");
-                }
+            }
+            Node::Swap(at) => {
+                let name = self.style.resource(Target::Buffer(*at));
+                self.line(&format!("Swap(\"{name}\"),"));
+            }
+            Node::Repeat(count, body) => {
+                let count = match count {
+                    Count::Literal(n) => n.to_string(),
+                    Count::Steps => "\"steps\"".into(),
+                    Count::StepsLeft => "\"4 - steps\"".into(),
+                };
+                self.line(&format!("Repeat(var: \"i\", count: {count}, body: ["));
+                self.nodes(body, true);
+                self.line("]),");
             }
         }
     }
@@ -239,7 +315,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Reads what the pass before it touched, or what another idle pass wrote; and writes what nobody reads.
+    /// Reads what the pass before it touched, or what another idle pass wrote; its own output has no reader.
     fn idle_pass(&mut self, after: usize) {
         let (sketch, style) = (self.sketch, self.style);
         let pass = &sketch.passes[after];
@@ -268,6 +344,23 @@ impl Writer<'_> {
             "Dispatch(name: \"idle{number}\",{when}{run} shader: \"{shader}\", size: Threads(16), bind: {{ {bind}\"Idle\": \"idle{number}\" }}),"
         ));
         self.idle += 1;
+    }
+}
+
+/// The buffers that nodes touch, with whether more than the front of one is meant.
+fn touched(nodes: &[Node], sketch: &Sketch, buffers: &mut BTreeMap<usize, bool>) {
+    for node in nodes {
+        match node {
+            Node::Pass(pass) => {
+                for (what, _) in sketch.passes[*pass].uses() {
+                    if let Target::Buffer(at) = what.of {
+                        *buffers.entry(at).or_default() |= what.half != Half::Front;
+                    }
+                }
+            }
+            Node::Swap(at) => *buffers.entry(*at).or_default() = true,
+            Node::Repeat(_, body) => touched(body, sketch, buffers),
+        }
     }
 }
 

@@ -1,14 +1,14 @@
 //! From a recipe to a graph that can be built: wishes are resolved to resources, and those that no graph can grant are dropped.
 //!
-//! Whether a pass may read a buffer depends on what has been written by then, which depends on conditions, repeats and swaps. So
+//! A pass may read a buffer only after a write, which depends on conditions, repeats and swaps. So
 //! the sketch is walked under every setting of the constants, and whatever any of them would make invalid goes. The walk
 //! is a model of the language of its own, in a few lines; where it and the builder disagree, a graph is refused, and those are counted.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::recipe::{
-    BufferWish, Count, ImageWish, Item, Kind, Limits, PassWish, Pick, Recipe, Role, Stage, Stands, Want,
-    When, World,
+    BufferWish, Count, ImageWish, Item, Kind, Limits, PassWish, Pick, Recipe, Role, Settings, Stage, Stands,
+    Want, When,
 };
 
 #[derive(Clone, Debug)]
@@ -21,7 +21,7 @@ pub struct Sketch {
     pub nodes: Vec<Node>,
     /// A buffer and a byte offset.
     pub stats: Vec<(Ref, u32)>,
-    pub worlds: [World; 2],
+    pub settings: [Settings; 2],
 }
 
 #[derive(Clone, Debug)]
@@ -94,7 +94,7 @@ impl Pass {
     }
 
     /// Everything it names, with whether it writes.
-    fn uses(&self) -> impl Iterator<Item = (Ref, bool)> + '_ {
+    pub fn uses(&self) -> impl Iterator<Item = (Ref, bool)> + '_ {
         let targets = match &self.work {
             Work::Draw { targets, .. } => targets.as_slice(),
             _ => &[],
@@ -112,17 +112,17 @@ fn front(of: Target) -> Ref {
 /// One half of a ping-pong buffer, or (half 0) any other resource.
 type Real = (Target, usize);
 
-/// What a pass asks for and cannot have: contents that nobody wrote.
+/// Names a read of contents that no pass wrote.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Fault {
-    /// Of a binding.
+    /// By a binding.
     Read(usize),
-    /// Of a target.
+    /// By a target.
     Keep(usize),
     Indirect,
 }
 
-/// The passes that run in one world, in the order of the file.
+/// Lists the passes that run under one pair of settings, in the order of the file.
 struct Runs {
     /// With the half of each buffer that is the front then.
     passes: Vec<(usize, Vec<usize>)>,
@@ -138,7 +138,7 @@ impl Sketch {
             passes: Vec::new(),
             nodes: Vec::new(),
             stats: Vec::new(),
-            worlds: recipe.worlds,
+            settings: recipe.settings,
         };
         if limits.runs {
             // Arguments that start as zeros would make passes write nothing.
@@ -150,7 +150,7 @@ impl Sketch {
         }
         sketch.stats = recipe.stats.iter().filter_map(|(pick, word)| sketch.stat(*pick, *word)).collect();
         sketch.show(recipe);
-        while World::all().any(|world| sketch.mend(world)) {}
+        while Settings::all().any(|settings| sketch.mend(settings)) {}
         sketch.move_passes();
         sketch
     }
@@ -167,9 +167,9 @@ impl Sketch {
         if self.images[image].small { (8, 4) } else { (16, 8) }
     }
 
-    /// Passes of the frame and the prologue in the world where they are most.
+    /// Returns the most passes of the frame and the prologue under any settings.
     pub fn longest(&self) -> usize {
-        World::all().map(|world| self.runs(world).passes.len()).max().unwrap_or(0)
+        Settings::all().map(|settings| self.runs(settings).passes.len()).max().unwrap_or(0)
     }
 
     fn node(&mut self, item: &Item, limits: Limits) -> Option<Node> {
@@ -227,7 +227,7 @@ impl Sketch {
         }
     }
 
-    /// What can be said of a pass without looking at others.
+    /// Resolves a pass, without regard to others.
     fn pass(&self, wish: &PassWish, limits: Limits) -> Option<Pass> {
         let work = match &wish.kind {
             Kind::Dispatch { once, local } => Work::Dispatch { once: *once, local: *local },
@@ -333,22 +333,22 @@ impl Sketch {
         self.nodes.push(Node::Pass(self.passes.len() - 1));
     }
 
-    fn runs(&self, world: World) -> Runs {
+    fn runs(&self, settings: Settings) -> Runs {
         let mut runs = Runs { passes: Vec::new(), fronts: vec![0; self.buffers.len()] };
-        self.unroll(&self.nodes, world, &mut runs);
+        self.unroll(&self.nodes, settings, &mut runs);
         runs
     }
 
-    fn unroll(&self, nodes: &[Node], world: World, runs: &mut Runs) {
+    fn unroll(&self, nodes: &[Node], settings: Settings, runs: &mut Runs) {
         for node in nodes {
             match node {
-                Node::Pass(at) if self.passes[*at].when.holds(world) => {
+                Node::Pass(at) if self.passes[*at].when.holds(settings) => {
                     runs.passes.push((*at, runs.fronts.clone()));
                 }
                 Node::Pass(_) => {}
                 Node::Swap(at) => runs.fronts[*at] = 1 - runs.fronts[*at],
                 Node::Repeat(count, body) => {
-                    (0..count.of(world)).for_each(|_| self.unroll(body, world, runs))
+                    (0..count.of(settings)).for_each(|_| self.unroll(body, settings, runs))
                 }
             }
         }
@@ -361,9 +361,9 @@ impl Sketch {
         }
     }
 
-    /// Drops what has nothing to read in this world. False if there was nothing to drop.
-    fn mend(&mut self, world: World) -> bool {
-        let runs = self.runs(world);
+    /// Drops reads without contents under these settings. Returns false if there were none.
+    fn mend(&mut self, settings: Settings) -> bool {
+        let runs = self.runs(settings);
         let past = Past::of(self, &runs);
         let mut written: BTreeSet<Real> = BTreeSet::new();
         let mut faults: BTreeSet<(usize, Fault)> = BTreeSet::new();
@@ -460,7 +460,7 @@ impl Sketch {
     }
 }
 
-/// The writers of each resource in one world.
+/// Records the writers of each resource under one pair of settings.
 struct Past {
     /// Written before any frame.
     once: BTreeSet<Real>,
@@ -494,7 +494,7 @@ fn real(what: Ref, fronts: &[usize], last: &[usize]) -> Real {
     (what.of, half)
 }
 
-/// Whether this is the half that a frame ends with as the front.
+/// Returns true for the half that is the front when the frame ends.
 fn is_final((of, half): Real, last: &[usize]) -> bool {
     match of {
         Target::Buffer(at) => half == last[at],

@@ -5,7 +5,7 @@
 //! live; it must say what is wrong and where; the picture must be the same to the last bit while that is so; and afterwards,
 //! too.
 //!
-//! What was damaged and builds nonetheless, into something else, is not for a device: such a shader may write anywhere, and
+//! A damaged shader that still builds is not run on a device: it may write anywhere, and
 //! lavapipe would take this process down with it. So each damaged file is first built beside the viewer, in another copy of the
 //! folder, which also says what to expect: an error of just that text, or the same plan as before (the damage is in a comment).
 //! Cases that give another plan are counted and left out.
@@ -29,7 +29,7 @@ use std::time::Instant;
 
 const SIZE: (u32, u32) = (64, 36);
 
-/// What A's graph is set to.
+/// The parameters that A's graph is set to.
 const NARROW: (&str, i64) = ("key_bits", 8);
 
 /// So many viewers at once share the cases.
@@ -91,7 +91,7 @@ fn a_file_that_is_damaged_under_a_running_viewer_costs_neither_it_nor_its_pictur
     assert!(failed > cases / 2, "{failed} of {cases} failed");
 }
 
-/// What becomes of a damaged file.
+/// Names the outcome of a damaged file.
 #[derive(Clone, Debug, PartialEq)]
 enum Outcome {
     /// There is no plan, for this reason.
@@ -105,11 +105,11 @@ enum Outcome {
 struct Fuzz {
     viewer: TestShell,
     dice: Dice,
-    /// Whether files build is found out here.
+    /// Builds files, to find out whether they do.
     beside: Beside,
     /// The files that each is drawn from, by their names in the folder.
     files: Vec<(RendererId, Vec<String>)>,
-    /// What A and the window show.
+    /// The pictures of A and the window.
     shown: [Vec<[f32; 3]>; 2],
     counted: BTreeMap<(Damage, &'static str), usize>,
 }
@@ -132,7 +132,7 @@ impl Fuzz {
 
     fn case(&mut self, number: usize) {
         let watched = number.is_multiple_of(WATCHED);
-        // The window's graph has nobody to tell it: it is for the watcher.
+        // No call announces a change of the window's graph: the watcher must see it.
         let (who, files) = self.files[usize::from(watched && number.is_multiple_of(2 * WATCHED))].clone();
         let (name, damage, bytes, expected) = loop {
             let name = self.dice.of(&files);
@@ -199,7 +199,7 @@ fn renderer(viewer: &TestShell, who: RendererId) -> &Renderer<Vulkan> {
     }
 }
 
-/// Whether an error says where: `--> file:line:column`.
+/// Returns true if an error names its place: `--> file:line:column`.
 fn has_place(text: &str) -> bool {
     text.lines().any(|line| {
         let place =
@@ -256,7 +256,7 @@ struct Beside {
     planners: BTreeMap<&'static str, Building>,
 }
 
-/// What one of the graphs is built with.
+/// Holds the inputs of a graph's build.
 struct Building {
     planner: Planner,
     graph: String,
@@ -328,7 +328,7 @@ impl Beside {
         files
     }
 
-    /// What comes of a file that has these bytes.
+    /// Builds a file with these bytes.
     fn outcome(&mut self, who: RendererId, name: &str, bytes: &[u8], shipped: &[u8]) -> Outcome {
         let path = self.folder.path().join(name);
         fs::write(&path, bytes).expect("the copy is written");
@@ -346,7 +346,7 @@ impl Beside {
 }
 
 impl Building {
-    /// Whether the files that the last plan was built from have the parameters that are set; also where they are no graph.
+    /// Returns true if the files of the last plan have the parameters that are set, or are no graph.
     fn declares_what_is_set(&mut self) -> bool {
         let Building { planner, graph, set, facts, catalog, .. } = self;
         planner.controls(graph, &[], facts, catalog).map_or(true, |declared| {

@@ -96,7 +96,7 @@ impl Program {
         self.events.len()
     }
 
-    /// What is known, for whom it may concern why the test fails.
+    /// Describes the program's state, for failure messages.
     fn account(&self) -> String {
         let errors = fs::read_to_string(self.path("errors.txt")).unwrap_or_default();
         let kind = |event: &Value| event["event"].as_str().unwrap_or_default().to_owned();
@@ -150,7 +150,7 @@ impl Program {
         event
     }
 
-    /// Where a control stands now, if it is there.
+    /// Returns the place of a control, if it is shown.
     pub fn find(&mut self, name: &str) -> Option<Rect> {
         self.now();
         let last = self.events.iter().rev().find(|event| event["name"] == name)?;
@@ -158,7 +158,7 @@ impl Program {
         Some([side("left")?, side("top")?, side("right")?, side("bottom")?])
     }
 
-    /// Where a control stands, which must be within the window.
+    /// Returns the place of a control, which must be within the window.
     pub fn control(&mut self, name: &str) -> Rect {
         self.until(0, &format!("the control {name}"), |event| event["name"] == name);
         let found = self.find(name).unwrap_or_else(|| panic!("{name} is gone {}", self.account()));
@@ -219,7 +219,7 @@ impl Program {
         self.act();
     }
 
-    /// What the view shows.
+    /// Returns the picture of the view.
     pub fn view(&mut self) -> Pixels {
         let view = self.control("view");
         self.window.pixels(view)
@@ -252,7 +252,7 @@ impl Program {
         self.still()
     }
 
-    /// What the view shows, once it stays as it is.
+    /// Returns the picture of the view, once it no longer changes.
     pub fn still(&mut self) -> Pixels {
         let begun = Instant::now();
         let mut before = self.view();

@@ -13,7 +13,7 @@ use x11rb::wrapper::ConnectionExt as _;
 /// Nothing takes so long, on whatever machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
-/// How long to wait between two looks at something that tells nothing by itself. Looking costs time that the program needs.
+/// Sets the interval of polling, which takes time from the program.
 const LOOK: Duration = Duration::from_millis(25);
 
 /// Waits for something that tells nothing by itself; whether it came.
@@ -187,7 +187,7 @@ impl Window {
         sent.expect("sent").check().expect("the property is set");
     }
 
-    /// What a window manager sends when the person closes a window.
+    /// Sends the message of a window manager when a person closes a window.
     pub fn ask_to_close(&self) {
         let (protocols, delete) = (self.atom("WM_PROTOCOLS"), self.atom("WM_DELETE_WINDOW"));
         let event = ClientMessageEvent::new(32, self.id, protocols, [delete, x11rb::CURRENT_TIME, 0, 0, 0]);
@@ -195,7 +195,7 @@ impl Window {
         sent.expect("sent").check().expect("the message is sent");
     }
 
-    /// What the server says that a rectangle of the window shows: left, top, right, bottom.
+    /// Reads a rectangle of the window from the server: left, top, right, bottom.
     pub fn pixels(&self, [left, top, right, bottom]: [i32; 4]) -> Pixels {
         let (width, height) = ((right - left) as usize, (bottom - top) as usize);
         let (x, y) = (left as i16, top as i16);

@@ -5,7 +5,7 @@
 //! moves the camera and clicks on the panels. Every so often all of it is brought back to the same reference state, and that
 //! has to be what it was: the same pictures, and no more memory.
 //!
-//! What must hold:
+//! These must hold:
 //!
 //! - the validation layers, synchronization validation among them, have nothing to say, and nothing panics on whatever thread;
 //! - **no frame is lost**: every frame that is asked for draws one of A once A has a plan, and one of B if B is shown and has
@@ -19,24 +19,28 @@
 //! `SPLATGRAPH_LONG` runs 10,000 frames. `SPLATGRAPH_SOAK=FILE.csv` writes a row per [`ROW`] frames, for a plot.
 //! `SPLATGRAPH_SOAK_BARE` leaves the validation layers out, whose own memory is then not in the numbers.
 
+mod deeds;
+mod process;
+
 use super::dice::Dice;
 use super::whole::TestShell;
 use crate::common;
-use egui::{Event as Input, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
+use deeds::{DEEDS, GRAPHS};
+use egui::Event as Input;
 use indexmap::IndexMap;
+use process::{open_files, resident, settled_threads, threads};
 use splatgraph::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::navigation::Navigation;
 use splatgraph::view::paint::Mode;
 use splatgraph_api::Device;
 use splatgraph_assets::synth;
-use splatgraph_framework::ir::{Domain, ParamBinding, Value};
 use splatgraph_vulkan::{DeviceMemory, Validation};
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// The window in the reference state.
 const SIZE: (u32, u32) = (400, 225);
@@ -47,7 +51,7 @@ const SPLATS: u32 = 2_000;
 /// Frames per row of the table.
 const ROW: u64 = 25;
 
-/// How long it runs.
+/// Sets the length of a run.
 struct Length {
     frames: u64,
     /// Frames from one reference state to the next.
@@ -59,7 +63,7 @@ struct Length {
 /// Caches are still filling all the time: the driver's, the validation layers', those of compiled shaders. Only what is lost in
 /// every frame shows in the resident memory; the device's is exact.
 const SHORT: Length = Length { frames: 900, cycle: 100, noise: 96 << 20 };
-/// What is left is what allocators keep of what was freed, here and there, and some 10 KiB for every text of a shader that was
+/// The rest is memory that allocators keep after it was freed, and some 10 KiB for every text of a shader that was
 /// compiled: of these each compiler remembers the last thousand.
 const LONG: Length = Length { frames: 10_000, cycle: 500, noise: 24 << 20 };
 
@@ -137,15 +141,15 @@ fn check_growth(references: &[Reference], noise: u64) {
     }
 }
 
-/// What there is in the reference state.
+/// Measures the reference state.
 #[derive(Clone, Debug, PartialEq)]
 struct Reference {
     call: u64,
-    /// Of A, B and the window, as each lists it, but for the texels.
+    /// Bytes that A, B and the window list, without the texels.
     listed: [u64; 3],
     /// Egui's textures. They grow when a letter is drawn for the first time, and until egui packs them anew.
     texels: u64,
-    /// Of all, the texels among them.
+    /// Bytes of the device, with the texels.
     device: DeviceMemory,
     rss: u64,
     files: usize,
@@ -167,113 +171,11 @@ impl std::fmt::Display for Reference {
     }
 }
 
-/// The graphs that are drawn with; the first is that of the reference state.
-const GRAPHS: [&str; 8] = [
-    "pipelines/splat.ron",
-    "pipelines/digit4.ron",
-    "pipelines/digit11.ron",
-    "pipelines/unsorted.ron",
-    "pipelines/key16.ron",
-    "pipelines/stale_order.ron",
-    "pipelines/front_to_back.ron",
-    "pipelines/front_to_back_naive.ron",
-];
-
-/// What is edited, and how: a text in it, and what takes its place. All of them build.
-const CONSTANTS: [(&str, &str, &str); 6] = [
-    ("shaders/compose.comp", "transmittance * camera", "0.5 * transmittance * camera"),
-    ("shaders/splat.frag", "min(0.99,", "min(0.5,"),
-    ("shaders/window/compose.frag", "shown = vec4(colour, 1.0)", "shown = vec4(0.5 * colour, 1.0)"),
-    ("pipelines/splat.ron", "Int(default: 8, range: (1, 11)", "Int(default: 6, range: (1, 11)"),
-    ("pipelines/splat.ron", "Float(default: 3.33,", "Float(default: 2.5,"),
-    ("pipelines/view/window.ron", "Clear(0, 0, 0, 1)", "Clear(0.5, 0, 0, 1)"),
-];
-
-/// What does not build.
-const MISTAKES: [(&str, &str, &str); 5] = [
-    ("shaders/project.comp", "void main() {", "void main() {\n    int i = undeclared;"),
-    ("shaders/camera.glsl", "uniform", "uniförm"),
-    ("shaders/window/ui.frag", "void main() {", "void main() { return 1;"),
-    ("pipelines/splat.ron", "\"Splats\": \"splats\"", "\"Splats\": \"splatz\""),
-    ("pipelines/view/window.ron", "phase: \"ui\",", "phase: ,"),
-];
-
-/// Files to which comments are added.
-const COMMENTED: [&str; 8] = [
-    "shaders/compose.comp",
-    "shaders/splat.vert",
-    "shaders/covariance.comp",
-    "shaders/camera.glsl",
-    "shaders/sort/serial_scatter.comp",
-    "shaders/window/ui.vert",
-    "pipelines/splat.ron",
-    "pipelines/view/window.ron",
-];
-
-/// Something to do.
-#[derive(Clone, Copy, Debug)]
-enum Deed {
-    Comment,
-    Constant,
-    Mistake,
-    Cut,
-    Empty,
-    Replace,
-    Mend,
-    Param(ParamBindingKind),
-    Graph,
-    Resize,
-    Minimise,
-    Scale,
-    Compare,
-    Exchange,
-    Measure,
-    Inspect,
-    InspectNothing,
-    Scene,
-    Drag,
-    Scroll,
-    Key,
-    Panel,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum ParamBindingKind {
-    Const,
-    Live,
-}
-
-const DEEDS: [(usize, Deed); 23] = [
-    (10, Deed::Comment),
-    (6, Deed::Constant),
-    (5, Deed::Mistake),
-    (2, Deed::Cut),
-    (1, Deed::Empty),
-    (4, Deed::Replace),
-    (12, Deed::Mend),
-    (8, Deed::Param(ParamBindingKind::Const)),
-    (12, Deed::Param(ParamBindingKind::Live)),
-    (4, Deed::Graph),
-    (4, Deed::Resize),
-    (2, Deed::Minimise),
-    (2, Deed::Scale),
-    (4, Deed::Compare),
-    (3, Deed::Exchange),
-    (2, Deed::Measure),
-    (4, Deed::Inspect),
-    (3, Deed::InspectNothing),
-    (1, Deed::Scene),
-    (12, Deed::Drag),
-    (8, Deed::Scroll),
-    (6, Deed::Key),
-    (8, Deed::Panel),
-];
-
 struct Soak {
     viewer: TestShell,
     dice: Dice,
     begun: Instant,
-    /// Where the scene is seen from in the reference state.
+    /// The camera of the reference state.
     start: Navigation,
     /// The files that are not as they are shipped.
     edited: BTreeSet<String>,
@@ -282,10 +184,10 @@ struct Soak {
     deeds: u64,
     plans: u64,
     failures: u64,
-    /// What the reference state shows: A, and the window.
+    /// Pictures of the reference state: A, and the window.
     shown: Option<[Image; 2]>,
     table: Option<fs::File>,
-    /// Of the table, so far: some are left out where it is brought back to the reference state.
+    /// Rows of the table so far; some are skipped on the way to the reference state.
     rows: u64,
     scenes: [&'static str; 3],
 }
@@ -396,206 +298,6 @@ impl Soak {
         self.viewer.due - drawn + self.viewer.undrawn_windows
     }
 
-    fn act(&mut self, deed: Deed) {
-        let who = if self.dice.below(3) == 0 { RendererId::B } else { RendererId::A };
-        match deed {
-            Deed::Comment => {
-                let name = *self.dice.of(&COMMENTED);
-                self.number += 1;
-                let text = format!("{}\n// Number {}.\n", self.viewer.shipped[name], self.number);
-                self.edit(name, text);
-            }
-            Deed::Constant => {
-                let edit = *self.dice.of(&CONSTANTS);
-                self.exchange_text(edit);
-            }
-            Deed::Mistake => {
-                let edit = *self.dice.of(&MISTAKES);
-                self.exchange_text(edit);
-            }
-            Deed::Cut => {
-                let name = *self.dice.of(&COMMENTED);
-                let text = &self.viewer.shipped[name];
-                let text = text[..text.floor_char_boundary(text.len() / 2)].to_owned();
-                self.edit(name, text);
-            }
-            Deed::Empty => {
-                let name = *self.dice.of(&COMMENTED);
-                self.edit(name, String::new());
-            }
-            Deed::Replace => {
-                // As many editors save: a new file takes the place of the old one.
-                let name = *self.dice.of(&COMMENTED);
-                self.number += 1;
-                let text = format!("{}\n// Replaced, number {}.\n", self.viewer.shipped[name], self.number);
-                self.viewer.write("new", text);
-                fs::rename(self.viewer.path("new"), self.viewer.path(name)).expect("the file is replaced");
-                self.edited.insert(name.to_owned());
-            }
-            Deed::Mend => {
-                for name in std::mem::take(&mut self.edited) {
-                    self.viewer.write(&name, &self.viewer.shipped[&name]);
-                }
-            }
-            Deed::Param(kind) => self.set_param(who, kind),
-            Deed::Graph => {
-                let graph = self.viewer.path(self.dice.of::<&str>(&GRAPHS));
-                if let Some(viewport) = self.viewer.shell.viewer.viewport(who) {
-                    viewport.renderer.choose(&graph.to_string_lossy(), IndexMap::new());
-                }
-            }
-            Deed::Resize => {
-                self.viewer.size = *self.dice.of(&[SIZE, (320, 200), (500, 180), (401, 226), (350, 350)])
-            }
-            Deed::Minimise => {
-                let size = std::mem::take(&mut self.viewer.size);
-                for _ in 0..1 + self.dice.below(5) {
-                    self.frame();
-                }
-                self.viewer.size = size;
-            }
-            Deed::Scale => self.viewer.shell.viewer.scale = *self.dice.of(&[SCALE, 0.1, 0.2, 0.25]),
-            Deed::Compare => {
-                let mode = *self.dice.of(&["compare:off", "compare:split", "compare:difference"]);
-                self.click(mode);
-            }
-            Deed::Exchange => self.viewer.shell.viewer.exchange(),
-            Deed::Measure => self.click("measure"),
-            Deed::Inspect => self.inspect(who),
-            Deed::InspectNothing => {
-                if let Some(viewport) = self.viewer.shell.viewer.viewport(who) {
-                    viewport.inspection = None;
-                }
-            }
-            Deed::Scene => {
-                let path = self.viewer.path(self.dice.of::<&str>(&self.scenes));
-                self.viewer.shell.viewer.open(&path);
-            }
-            Deed::Drag => self.drag(),
-            Deed::Scroll => {
-                let delta = Vec2::new(0.0, if self.dice.below(2) == 0 { 50.0 } else { -50.0 });
-                let Some(at) = self.somewhere() else { return };
-                let wheel = Input::MouseWheel {
-                    unit: MouseWheelUnit::Point,
-                    delta,
-                    phase: TouchPhase::Move,
-                    source: egui::MouseWheelSource::Wheel,
-                    modifiers: Modifiers::NONE,
-                };
-                self.viewer.plan_input(vec![Input::PointerMoved(at)]);
-                self.viewer.plan_input(vec![wheel]);
-            }
-            Deed::Key => {
-                let key =
-                    *self.dice.of(&[Key::F, Key::Home, Key::ArrowLeft, Key::ArrowUp, Key::F1, Key::Tab]);
-                for pressed in [true, false] {
-                    self.viewer.plan_input(vec![Input::Key {
-                        key,
-                        physical_key: None,
-                        pressed,
-                        repeat: false,
-                        modifiers: Modifiers::NONE,
-                    }]);
-                }
-            }
-            Deed::Panel => {
-                let panel = *self.dice.of(&[
-                    "panel:Settings",
-                    "panel:Performance",
-                    "panel:Graph",
-                    "viewport:B",
-                    "keys_sorted",
-                ]);
-                self.click(panel);
-            }
-        }
-    }
-
-    fn edit(&mut self, name: &str, text: String) {
-        self.viewer.write(name, text);
-        self.edited.insert(name.to_owned());
-    }
-
-    fn exchange_text(&mut self, (name, from, to): (&str, &str, &str)) {
-        let text = &self.viewer.shipped[name];
-        assert!(text.contains(from), "{name} has no `{from}`");
-        let text = text.replacen(from, to, 1);
-        self.edit(name, text);
-    }
-
-    /// Another value for a parameter of the plan, whichever it has; sometimes the default.
-    fn set_param(&mut self, who: RendererId, kind: ParamBindingKind) {
-        let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
-        let is_const = |binding| binding == ParamBinding::Const;
-        let wanted = kind == ParamBindingKind::Const;
-        let params = viewport
-            .renderer
-            .controls()
-            .iter()
-            .map(|c| &c.param)
-            .filter(|param| is_const(param.binding) == wanted);
-        let params: Vec<_> = params.cloned().collect();
-        if params.is_empty() {
-            return;
-        }
-        let param = self.dice.of(&params).clone();
-        let share = self.dice.share();
-        let value = match &param.domain {
-            _ if self.dice.below(4) == 0 => None,
-            Domain::Bool => Some(Value::Bool(share < 0.5)),
-            Domain::Int { min, max } => Some(Value::Int(min + ((max - min) as f64 * share).round() as i64)),
-            Domain::Float { min, max, .. } => Some(Value::Float(min + (max - min) * share)),
-            Domain::Choice(choices) => Some(Value::Text(self.dice.of(choices).clone())),
-        };
-        viewport.renderer.set_param(&param.name, value);
-    }
-
-    /// Looks at something that a pass touches, in every frame or once.
-    fn inspect(&mut self, who: RendererId) {
-        let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
-        let Some(plan) = viewport.renderer.plan().cloned() else { return };
-        let steps: Vec<_> = plan.prologue.iter().chain(&plan.frame).collect();
-        let pass = plan.pass(self.dice.of(&steps).pass);
-        if pass.uses.is_empty() {
-            return;
-        }
-        let resource = &plan.resource(self.dice.of(&pass.uses).resource).name;
-        viewport.look_at(resource, &pass.name);
-        if let Some(inspection) = &mut viewport.inspection {
-            inspection.follow = self.dice.below(2) == 0;
-        }
-    }
-
-    /// Somewhere over the picture, in points.
-    fn somewhere(&mut self) -> Option<Pos2> {
-        let view = self.viewer.shell.panels.controls.find("view")?;
-        let (x, y) = (self.dice.share() as f32, self.dice.share() as f32);
-        Some(view.min + Vec2::new(x * view.width(), y * view.height()))
-    }
-
-    fn drag(&mut self) {
-        let (Some(from), Some(to)) = (self.somewhere(), self.somewhere()) else { return };
-        let button =
-            *self.dice.of(&[PointerButton::Primary, PointerButton::Middle, PointerButton::Secondary]);
-        let press = |pos, pressed| Input::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
-        self.viewer.plan_input(vec![Input::PointerMoved(from)]);
-        self.viewer.plan_input(vec![press(from, true)]);
-        for step in 1..=4 {
-            self.viewer.plan_input(vec![Input::PointerMoved(from + (to - from) * (step as f32 / 4.0))]);
-        }
-        self.viewer.plan_input(vec![press(to, false)]);
-    }
-
-    /// Clicks on a control, if it is there now.
-    fn click(&mut self, name: &str) {
-        let Some(at) = self.viewer.shell.panels.controls.find(name).map(|rect| rect.center()) else { return };
-        let button = PointerButton::Primary;
-        let press = |pressed| Input::PointerButton { pos: at, button, pressed, modifiers: Modifiers::NONE };
-        self.viewer.plan_input(vec![Input::PointerMoved(at)]);
-        self.viewer.plan_input(vec![press(true)]);
-        self.viewer.plan_input(vec![press(false)]);
-    }
-
     /// Brings everything back to the reference state, for the time of this number.
     fn restore(&mut self, cycle: u64) {
         let input_is_over = |viewer: &mut TestShell| viewer.is_idle();
@@ -642,7 +344,7 @@ impl Soak {
         self.note();
     }
 
-    /// What there is now, in the reference state, which must look as it always does.
+    /// Measures the reference state, and compares its pictures with the first ones.
     fn reference(&mut self) -> Reference {
         self.viewer.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
         let shell = &self.viewer.shell;
@@ -673,43 +375,6 @@ impl Soak {
         self.viewer.shell.panels.hidden = false;
         reference
     }
-}
-
-/// Bytes of memory that this process has in RAM.
-fn resident() -> u64 {
-    let text = fs::read_to_string("/proc/self/statm").expect("there is a /proc");
-    let pages: u64 = text.split(' ').nth(1).and_then(|pages| pages.parse().ok()).expect("a number of pages");
-    pages * 4096
-}
-
-fn open_files() -> usize {
-    fs::read_dir("/proc/self/fd").expect("there is a /proc").count()
-}
-
-/// The names of the threads, sorted. Mesa writes its cache of shaders on disk with up to four threads, which it starts when it has
-/// much to write: these are left out.
-fn threads() -> Vec<String> {
-    let tasks = fs::read_dir("/proc/self/task").expect("there is a /proc");
-    // One that ends meanwhile has no name any more.
-    let name = |task: std::io::Result<fs::DirEntry>| fs::read_to_string(task.ok()?.path().join("comm")).ok();
-    let names = tasks.filter_map(name).map(|name| name.trim_end().to_owned());
-    let mut names: Vec<String> = names.filter(|name| !name.contains(":disk$")).collect();
-    names.sort();
-    names
-}
-
-/// The threads, once those that are done are gone.
-fn settled_threads() -> Vec<String> {
-    let mut least = threads();
-    let begun = Instant::now();
-    while begun.elapsed() < Duration::from_millis(50) {
-        std::thread::sleep(Duration::from_millis(5));
-        let now = threads();
-        if now.len() < least.len() {
-            least = now;
-        }
-    }
-    least
 }
 
 /// In which pixels two pictures differ, in words.

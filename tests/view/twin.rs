@@ -22,9 +22,9 @@ pub const SIZE: (u32, u32) = (96, 54);
 pub struct Twin {
     /// Draws.
     pub viewer: Viewer<Vulkan>,
-    /// What happened so far.
+    /// Events so far.
     pub events: Vec<Event>,
-    /// Of the view, in pixels.
+    /// Size of the view, in pixels.
     pub size: (u32, u32),
     folder: tempfile::TempDir,
 }
@@ -126,7 +126,7 @@ impl Twin {
         }
     }
 
-    /// What the next frame shows.
+    /// Returns the picture of the next frame.
     pub fn picture(&mut self, who: RendererId) -> Image {
         self.viewer.viewport(who).expect("there is such a viewport").want_picture();
         self.frame();
@@ -158,7 +158,7 @@ impl Twin {
     }
 }
 
-/// Whether a picture shows anything.
+/// Returns true if a picture shows anything.
 pub fn shows_something(image: &Image) -> bool {
     image.rgb.iter().any(|pixel| pixel.iter().any(|v| *v > 0.1))
 }

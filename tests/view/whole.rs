@@ -32,9 +32,9 @@ pub const PIXELS_PER_POINT: f32 = 0.4;
 /// A viewer over graphs and shaders of its own, which can be edited.
 pub struct TestShell {
     pub shell: Shell<Vulkan>,
-    /// What happened so far and was not taken yet.
+    /// Events that were not taken yet.
     pub events: Vec<Event>,
-    /// Of the window, in pixels.
+    /// Size of the window, in pixels.
     pub size: (u32, u32),
     /// Calls of [`TestShell::frame`] so far.
     pub calls: u64,
@@ -111,7 +111,7 @@ impl TestShell {
         self.input.push_back(input);
     }
 
-    /// Whether all input that was planned has come.
+    /// Returns true if all planned input was delivered.
     pub fn is_idle(&self) -> bool {
         self.input.is_empty()
     }
@@ -216,7 +216,7 @@ impl TestShell {
         self.settle();
     }
 
-    /// What the next frame of a viewport shows.
+    /// Returns the picture of a viewport's next frame.
     pub fn picture(&mut self, who: RendererId) -> Image {
         self.shell.viewer.viewport(who).expect("there is such a viewport").want_picture();
         self.frame();
@@ -225,7 +225,7 @@ impl TestShell {
         image_of(&pixels.expect("the picture is there")).expect("it has colours")
     }
 
-    /// What the window shows in the next frame.
+    /// Returns the picture of the window's next frame.
     pub fn window(&mut self) -> Image {
         let pixels = self.draw(true).picture.expect("the window's picture is there");
         image_of(&pixels).expect("it has colours")

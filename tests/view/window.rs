@@ -250,7 +250,7 @@ fn comparisons(program: &mut Program, first: &Pixels) {
     program.view_is("A alone", first);
 }
 
-/// What the window system does with windows; and a picture of it all.
+/// Tests the events of the window system, and takes a picture of the window.
 fn screen(program: &mut Program, first: &Pixels) {
     program.window.unmap();
     program.act();
@@ -295,7 +295,7 @@ fn screen(program: &mut Program, first: &Pixels) {
     }
 }
 
-/// Whether two pictures of different sizes may be of the same scene: their colours are alike on average.
+/// Returns true if two pictures of different sizes may show the same scene: their mean colours are alike.
 fn shows_the_same_in_another_size(a: &Pixels, b: &Pixels) -> bool {
     let mean = |pixels: &Pixels| {
         let mut sum = [0u64; 3];

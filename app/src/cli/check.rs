@@ -16,8 +16,8 @@ pub const EXAMPLES: &str = "Examples:
 /// Check graphs and their shaders, without a GPU
 ///
 /// Every graph is built, and its shaders are compiled and checked against it, for a nominal scene and the smallest supported
-/// device, with subgroups of 4 to 64 lanes. Errors are shown at their line and column. An oracle then replays the plan's
-/// barriers, and tests that they suffice and that none of them, and no bit of one, is needless.
+/// device, with subgroups of 4 to 64 lanes. Errors are shown at their line and column. An oracle then replays the barriers of
+/// each plan, and tests that they suffice and that none of them, and no bit of one, is needless.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -40,11 +40,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut outcome = Outcome::Done;
     for graph in graphs {
         match check(&mut planner, graph, &args.set) {
-            Ok(Ok(line)) => options::print(&format!("{graph}: OK, {line}"))?,
+            Ok(Ok(lines)) => options::print(&format!("{graph}: OK{lines}"))?,
             // Not the graph's fault: the solver's.
-            Ok(Err(objections)) => {
+            Ok(Err(violations)) => {
                 outcome = Outcome::Failed;
-                eprintln!("{objections}");
+                eprintln!("{violations}");
                 options::print(&format!(
                     "{graph}: its barriers do not hold; please report this with the graph"
                 ))?;
@@ -62,38 +62,47 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// Builds a graph for every subgroup size, because graphs may depend on it, and describes the plan for the usual size.
+/// Builds a graph for every subgroup size, because graphs may depend on it, and verifies each plan.
 ///
-/// Returns the errors of the first size that has any.
+/// Returns a line for the sizes with equal counts, or the violations of the first size that has any; and the errors of the first
+/// size that has any.
 fn check(
     planner: &mut Planner,
     graph: &str,
     set: &[(String, String)],
 ) -> Result<Result<String, String>, GraphErrors> {
     let catalog = options::nominal_catalog();
-    let mut line = Ok(String::new());
+    let mut found: Vec<(Vec<String>, String)> = Vec::new();
     for lanes in facts::SUBGROUP_SIZES {
         let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
         let plan = planner.plan(graph, set, &facts, &catalog)?;
-        if lanes == facts::USUAL_SUBGROUP_SIZE {
-            line = proof(&plan);
+        match verify(&plan) {
+            Ok(line) => match found.iter_mut().find(|(_, other)| *other == line) {
+                Some((widths, _)) => widths.push(lanes.to_string()),
+                None => found.push((vec![lanes.to_string()], line)),
+            },
+            Err(violations) => return Ok(Err(format!("with subgroups of {lanes} lanes:\n{violations}"))),
         }
     }
-    Ok(line)
+    let line = |(widths, line): &(Vec<String>, String)| format!("\n  {} lanes: {line}", widths.join(", "));
+    Ok(Ok(found.iter().map(line).collect()))
 }
 
-/// Replays the plan with the oracle and tries every mutation; returns a summary, or the violations.
-fn proof(plan: &Plan) -> Result<String, String> {
-    let objections = oracle::replay(plan, &Replay::default());
-    if !objections.is_empty() {
-        let lines: Vec<String> = objections.iter().map(|objection| objection.describe(plan)).collect();
-        return Err(lines.join("\n"));
+/// Replays the plan with the oracle and tries every mutation; returns the counts, or the violations and the needless parts.
+fn verify(plan: &Plan) -> Result<String, String> {
+    let violations = oracle::replay(plan, &Replay::default());
+    let mut problems: Vec<String> = violations.iter().map(|violation| violation.describe(plan)).collect();
+    if problems.is_empty() {
+        let needless = mutate::needless(plan);
+        problems = needless.iter().map(|mutation| format!("needless: {}", mutation.describe(plan))).collect();
+    }
+    if !problems.is_empty() {
+        return Err(problems.join("\n"));
     }
     let totals = dump::dump(plan).totals;
-    let needless = mutate::needless(plan).len();
     Ok(format!(
-        "{} passes once and {} every frame, {} shaders; {} barriers in {} calls: 0 hazards, {needless} of {} removals and \
-         cleared bits go unnoticed",
+        "{} passes once and {} every frame, {} shaders; {} barriers in {} calls: 0 hazards, and each of {} removals and \
+         cleared bits causes one",
         plan.prologue.len(),
         plan.frame.len(),
         plan.shaders.len(),
@@ -101,4 +110,40 @@ fn proof(plan: &Plan) -> Result<String, String> {
         totals.frame.calls,
         mutate::mutations(plan).len(),
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(lanes: u32) -> Plan {
+        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
+        Planner::default().plan("splat", &[], &facts, &options::nominal_catalog()).expect("a plan")
+    }
+
+    #[test]
+    fn the_plans_that_are_verified_have_both_sorts() {
+        for (lanes, sort) in
+            [(4, "sort_serial."), (8, "sort_serial."), (16, "sort."), (32, "sort."), (64, "sort.")]
+        {
+            let plan = plan(lanes);
+            assert!(plan.passes.iter().any(|pass| pass.name.starts_with(sort)), "{lanes} lanes");
+            assert!(verify(&plan).is_ok(), "{lanes} lanes");
+        }
+    }
+
+    #[test]
+    fn a_barrier_too_few_and_a_barrier_too_many_fail() {
+        let plan = plan(8);
+        let step = plan.frame.iter().position(|step| !step.barriers.is_empty()).expect("a barrier");
+        let mut fewer = plan.clone();
+        fewer.frame[step].barriers.clear();
+        let text = verify(&fewer).expect_err("a hazard");
+        assert!(!text.contains("needless"), "{text}");
+        let mut more = plan.clone();
+        let twice = more.frame[step].barriers[0].clone();
+        more.frame[step].barriers.push(twice);
+        let text = verify(&more).expect_err("a needless barrier");
+        assert!(text.lines().all(|line| line.starts_with("needless: ")), "{text}");
+    }
 }

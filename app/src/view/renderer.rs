@@ -21,7 +21,7 @@ use splatgraph_framework::ir::{Catalog, ParamBinding, Value};
 use splatgraph_framework::lower::{Control, parse_value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::{
-    Attempt, Change, LastGood, Rebuilder, Wanted, WatchError, WatchKind, Watcher,
+    Attempt, FileChange, LastGood, Rebuilder, Wanted, WatchError, WatchKind, Watcher,
 };
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -275,7 +275,7 @@ impl<D: Device> Renderer<D> {
                 Err(panicked) => self.fail(Failure::Panicked(panicked.message)),
             }
         }
-        if let Some(Change { files, first_seen }) = self.watcher.take() {
+        if let Some(FileChange { files, first_seen }) = self.watcher.take() {
             self.want(Cause::Files(files), first_seen);
         }
         if let Some(cause) = self.asked.as_ref().and_then(|former| inputs.differs(former)) {

@@ -1,7 +1,7 @@
 //! Two dumps side by side: what a parameter, or another graph, changes.
 //!
 //! Passes and resources are matched by name, barriers by the pass that they stand before and the image that they are on.
-//! Where something is declared, and a barrier's number, say nothing about what runs and are not compared.
+//! Places of declarations and barrier numbers do not affect execution and are not compared.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -9,17 +9,17 @@ use std::collections::BTreeMap;
 use super::text::mask_text;
 use super::{DUMP_VERSION, Dump, DumpBarrier, DumpDependency, DumpPass, DumpResource, DumpTouch};
 
-/// What is different between two dumps, `a` and `b`.
+/// Lists the differences between two dumps, `a` and `b`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Diff {
-    /// Of the dumps, and of this.
+    /// Version of the dumps and of this form.
     pub version: u32,
     pub a: DiffSide,
     pub b: DiffSide,
     /// Those whose values differ.
-    pub parameters: Vec<Change>,
+    pub parameters: Vec<PropertyChange>,
     /// Those that differ.
-    pub facts: Vec<Change>,
+    pub facts: Vec<PropertyChange>,
     /// All of them, also those that are the same.
     pub totals: Vec<TotalChange>,
     /// Names in the lists of what only one side has.
@@ -37,7 +37,7 @@ pub struct DiffSide {
 
 /// A value that differs; `None` on the side that has no such thing.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Change {
+pub struct PropertyChange {
     pub name: String,
     pub a: Option<String>,
     pub b: Option<String>,
@@ -53,13 +53,13 @@ pub struct TotalChange {
     pub change: i64,
 }
 
-/// What only one side has, and what both have with a difference.
+/// Lists the items of one side only, and those of both that differ.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Differences<T, C> {
     pub only_a: Vec<T>,
     pub only_b: Vec<T>,
     pub changed: Vec<C>,
-    /// How many are the same on both sides.
+    /// Number of items equal on both sides.
     pub same: usize,
 }
 
@@ -67,7 +67,7 @@ pub struct Differences<T, C> {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NamedChange {
     pub name: String,
-    pub changes: Vec<Change>,
+    pub changes: Vec<PropertyChange>,
 }
 
 /// A resource that only one side has.
@@ -87,7 +87,7 @@ pub struct BarrierChange {
 }
 
 impl Diff {
-    /// Whether the two plans do the same in the same memory.
+    /// Returns true if the two plans do the same in the same memory.
     pub fn is_empty(&self) -> bool {
         fn none<T, C>(d: &Differences<T, C>) -> bool {
             d.only_a.is_empty() && d.only_b.is_empty() && d.changed.is_empty()
@@ -157,20 +157,20 @@ fn match_up<E, K: Ord, T, C>(
     }
 }
 
-fn named(name: &str, changes: Vec<Change>) -> Option<NamedChange> {
+fn named(name: &str, changes: Vec<PropertyChange>) -> Option<NamedChange> {
     (!changes.is_empty()).then(|| NamedChange { name: name.into(), changes })
 }
 
 /// Properties by name, in the order in which a reader wants them.
 type Properties = Vec<(String, String)>;
 
-fn changes(a: &Properties, b: &Properties) -> Vec<Change> {
+fn changes(a: &Properties, b: &Properties) -> Vec<PropertyChange> {
     let value = |of: &Properties, name: &str| of.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone());
     let only_b = b.iter().filter(|(name, _)| value(a, name).is_none());
     let names = a.iter().chain(only_b).map(|(name, _)| name.clone());
     let change = |name: String| {
         let (a, b) = (value(a, &name), value(b, &name));
-        (a != b).then_some(Change { name, a, b })
+        (a != b).then_some(PropertyChange { name, a, b })
     };
     names.filter_map(change).collect()
 }

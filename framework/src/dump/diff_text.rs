@@ -4,9 +4,9 @@ use std::fmt::{self, Write};
 
 use super::repeats::single_index;
 use super::text::{bytes, dependency_line, mask_text, subject};
-use super::{Change, Diff, DumpBarrier, NamedChange, TotalChange};
+use super::{Diff, DumpBarrier, NamedChange, PropertyChange, TotalChange};
 
-/// How many different values of a property are listed for the passes of one line.
+/// Limits the values of a property that one line lists.
 const MAX_VALUES: usize = 4;
 
 /// The comparison, to read.
@@ -143,7 +143,7 @@ fn lines(barrier: &DumpBarrier) -> Vec<String> {
     std::iter::once(masks).chain(barrier.dependencies.iter().map(|d| dependency_line(barrier, d))).collect()
 }
 
-fn arrow(change: &Change) -> String {
+fn arrow(change: &PropertyChange) -> String {
     let text = |value: &Option<String>| match value.as_deref() {
         None => "none".to_owned(),
         Some("") => "nothing".into(),

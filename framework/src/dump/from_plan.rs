@@ -102,7 +102,7 @@ fn totals(plan: &Plan) -> Totals {
     }
 }
 
-/// What one call counts for.
+/// Counts one call.
 fn call_totals(barriers: &[Barrier]) -> BarrierTotals {
     let images = barriers.iter().filter(|b| b.image.is_some()).count();
     BarrierTotals {

@@ -1,13 +1,12 @@
-//! The plan for people and programs.
+//! Writes plans for people and programs.
 //!
-//! [`Dump`] is the plan with names in place of numbers. As JSON ([`json`]) it is the canonical form, and every other form is
-//! drawn from it alone: [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for a page that one can click through, and
-//! [`diff()`] for two dumps side by side. It says what a reader asks: which passes run, in what order, what each touches; where
-//! each resource stands in memory, and from when to when; and for every barrier what it stands against, between which
-//! passes, at which line of the graph.
+//! [`Dump`] is the plan with names in place of numbers. Its JSON ([`json`]) is the canonical form, and every other form is
+//! made from it alone: [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to
+//! compare two dumps. It lists the passes in their order with the resources that each accesses; the memory and the lifetime
+//! of each resource; and for every barrier the hazards, the passes and the lines of the graph behind it.
 //!
-//! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`; a test holds the three
-//! together.
+//! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`; a test keeps the three
+//! consistent.
 
 mod diff;
 mod diff_text;
@@ -25,7 +24,7 @@ use std::collections::BTreeMap;
 use crate::ir::{Blend, DescriptorKind, Hazard, Layout, Load, Origin, Run, Shape, Topology, Value};
 
 pub use diff::{
-    BarrierChange, Change, Diff, DiffSide, Differences, NamedChange, ResourceSize, TotalChange, diff,
+    BarrierChange, Diff, DiffSide, Differences, NamedChange, PropertyChange, ResourceSize, TotalChange, diff,
 };
 pub use diff_text::diff_text;
 pub use dot::dot;
@@ -33,10 +32,10 @@ pub use from_plan::{dump, json};
 pub use html::html;
 pub use text::{barrier_line, bytes, dependency_line, text};
 
-/// The version of the JSON form. Raised when a field changes its meaning or goes.
+/// Numbers the JSON form; raised when a field changes its meaning or is removed.
 pub const DUMP_VERSION: u32 = 3;
 
-/// The plan with names in place of numbers.
+/// Holds a plan with names in place of numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dump {
     pub version: u32,
@@ -45,7 +44,7 @@ pub struct Dump {
     pub summary: String,
     /// In the order of the file.
     pub parameters: Vec<DumpParameter>,
-    /// What was known of the scene, the device and the viewport.
+    /// Facts of the scene, the device and the viewport.
     pub facts: BTreeMap<String, Value>,
     pub totals: Totals,
     /// The memory of the transient resources.
@@ -87,7 +86,7 @@ pub struct Totals {
     pub prologue: BarrierTotals,
     pub handover: BarrierTotals,
     pub frame: BarrierTotals,
-    /// Bytes of the memory blocks: what the plan itself owns.
+    /// Bytes of the memory blocks, which the plan itself owns.
     pub transient_bytes: u64,
     /// Bytes that the same resources would take if each had memory of its own.
     pub unshared_bytes: u64,
@@ -138,12 +137,12 @@ pub struct DumpResource {
     pub aliases: Vec<String>,
     /// `None` for what lives longer than a frame.
     pub lifetime: Option<Lifetime>,
-    /// The name under which its contents live on from frame to frame and from plan to plan.
+    /// Name under which its contents are kept from frame to frame and from plan to plan.
     pub history: Option<String>,
     pub declared: Origin,
 }
 
-/// Indices into [`Dump::passes`]. Before the first of them the contents are undefined, after the last nobody needs them.
+/// Indices into [`Dump::passes`]. Before the first of them the contents are undefined, after the last they are not read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lifetime {
     pub first: usize,
@@ -163,13 +162,13 @@ pub struct DumpPhase {
 /// A run of passes that a repeat made.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpRepeat {
-    /// What the passes' names begin with, or the first pass's own name where that is nothing; unique.
+    /// Common prefix of the passes' names, or the first pass's name if there is none; unique.
     pub name: String,
-    /// How often the body runs; for nested repeats, all of them together.
+    /// Runs of the body, multiplied over nested repeats.
     pub iterations: usize,
     /// Index into [`Dump::passes`].
     pub first: usize,
-    /// How many there are.
+    /// Number of passes.
     pub passes: usize,
 }
 
@@ -180,14 +179,14 @@ pub struct DumpPass {
     pub run: Run,
     /// `dispatch`, `draw`, `fill`, `start`, `export` or `host`.
     pub kind: String,
-    /// Where it stands in a repeat.
+    /// Its position in a repeat.
     pub repeat: Option<Iteration>,
     pub shaders: Vec<DumpShader>,
-    /// How much: workgroups, vertices, bytes, or where the arguments are.
+    /// Workgroups, vertices or bytes, or the place of the indirect arguments.
     pub size: String,
-    /// Of a draw.
+    /// Primitive topology of a draw.
     pub topology: Option<Topology>,
-    /// Of a draw.
+    /// Color targets of a draw.
     pub targets: Vec<DumpTarget>,
     pub reads: Vec<DumpTouch>,
     pub writes: Vec<DumpTouch>,
@@ -200,7 +199,7 @@ pub struct DumpPass {
     pub declared: Origin,
 }
 
-/// Where a pass stands in a repeat.
+/// Locates a pass in a repeat.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Iteration {
     /// The [repeat](DumpRepeat::name).
@@ -234,7 +233,7 @@ pub struct DumpTarget {
     pub blend: Blend,
 }
 
-/// How a pass reads, or writes, a resource at one stage.
+/// Describes one access of a pass to a resource.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpTouch {
     pub resource: String,
@@ -248,7 +247,7 @@ pub struct DumpTouch {
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpBinding {
-    /// Of the GLSL block or image.
+    /// Name of the GLSL block or image.
     pub name: String,
     pub binding: u32,
     /// Index in an array of descriptors, 0 where there is none.
@@ -260,7 +259,7 @@ pub struct DumpBinding {
 /// A push constant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpPush {
-    /// Of the member, if the shader has one here.
+    /// Name of the member, if the shader has one here.
     pub name: Option<String>,
     /// Bytes.
     pub offset: usize,
@@ -280,13 +279,13 @@ pub struct Place {
 pub struct DumpBarrier {
     /// Counts from 1 in the order of recording: prologue, handover, frame.
     pub id: u32,
-    /// The pass that it stands before; `None` in the handover.
+    /// The pass that follows it; `None` in the handover.
     pub before: Option<Place>,
     /// The image that changes its layout; `None` for a barrier on all memory.
     pub image: Option<DumpTransition>,
     #[serde(flatten)]
     pub masks: Masks,
-    /// What it stands against.
+    /// Hazards that it prevents.
     pub dependencies: Vec<DumpDependency>,
 }
 
@@ -310,10 +309,10 @@ pub struct Masks {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpDependency {
     pub hazard: Hazard,
-    /// The pass that needs it: the one that the barrier stands before, or a later one that would otherwise need a call of its
-    /// own. (It may be one at the start of the next frame, whose needs the last call of this one meets.)
+    /// The pass that needs it: the one after the barrier, or a later one that would otherwise need a call of its own. (It may
+    /// be one at the start of the next frame that depends on the last call of this one.)
     pub before: Place,
-    /// What that pass touches.
+    /// The resource that this pass accesses.
     pub resource: Place,
     /// The passes that are waited for. Empty where an image was never touched.
     pub after: Vec<Place>,
@@ -321,7 +320,7 @@ pub struct DumpDependency {
     pub previous_frame: bool,
     /// The resource that they touched, where it is another one in the same memory.
     pub alias: Option<Place>,
-    /// What this reason alone asks of the barrier.
+    /// Masks that this reason alone requires.
     #[serde(flatten)]
     pub masks: Masks,
 }
@@ -343,8 +342,8 @@ pub struct DumpStat {
 }
 
 impl Dump {
-    /// The dump with the times of a run, in milliseconds by the passes' names. Names that no pass has are passed over: the
-    /// answer is how many passes got a time, and who cares can compare.
+    /// Adds the times of a run, in milliseconds by pass name, and returns the number of passes that got one. Unknown names are
+    /// ignored.
     pub fn with_times(mut self, times: &[(String, f64)]) -> (Dump, usize) {
         let by_name: BTreeMap<&str, f64> = times.iter().map(|(name, ms)| (name.as_str(), *ms)).collect();
         for pass in &mut self.passes {
@@ -359,20 +358,20 @@ impl Dump {
         (self, found)
     }
 
-    /// All barriers, in the order of their ids.
+    /// Iterates over all barriers, in the order of their ids.
     pub fn barriers(&self) -> impl Iterator<Item = &DumpBarrier> {
         let of = |run| self.passes.iter().filter(move |p| p.run == run).flat_map(|p| &p.barriers);
         of(Run::Once).chain(&self.handover).chain(of(Run::Frame))
     }
 
-    /// The pass of this name.
+    /// Finds the pass of this name.
     pub fn pass(&self, name: &str) -> Option<&DumpPass> {
         self.passes.iter().find(|p| p.name == name)
     }
 }
 
 impl DumpPass {
-    /// Whether a run may have no time for it: what does nothing on the device, and what a backend may leave out.
+    /// Returns true if a run may have no time for it: no work on the device, or work that a backend may skip.
     pub fn needs_no_time(&self) -> bool {
         matches!(self.kind.as_str(), "export" | "host" | "start")
     }

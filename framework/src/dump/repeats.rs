@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 /// A pass's name taken apart.
 #[derive(Debug, PartialEq, Eq)]
 struct Parts<'a> {
-    /// What is before the last dot before the first index: the include that the repeat stands in.
+    /// The text before the last dot before the first index: the include that holds the repeat.
     scope: &'a str,
     /// The name without indices.
     member: String,

@@ -171,7 +171,7 @@ pub fn dependency_line(barrier: &DumpBarrier, d: &DumpDependency) -> String {
     line + ": " + &mask_text(&d.masks)
 }
 
-/// What a reader says.
+/// Describes one access of a pass.
 pub(super) fn hazard_words(hazard: Hazard) -> &'static str {
     match hazard {
         Hazard::ReadAfterWrite => "read after write",

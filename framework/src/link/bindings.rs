@@ -2,11 +2,11 @@
 
 use super::{Linker, ShaderHandle, describe, touch};
 use crate::ir::{
-    Accesses, Binding, DescriptorKind, FileId, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding,
-    ReflectedKind, Run, Shape, Source, Span, Stages, Use, Value,
+    Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding, ReflectedKind, Run,
+    Shape, Source, Span, Stages, Use, Value,
 };
 use crate::lower::{LoweredBind, LoweredPass, LoweredWork, ResourceHandle};
-use crate::source::{Diagnostic, Kind, nearest};
+use crate::source::{Diagnostic, nearest};
 
 impl Linker<'_> {
     /// The descriptors of a pass, over all its stages; adds what the shaders do to `touches`.
@@ -72,7 +72,7 @@ impl Linker<'_> {
         }
         for (bind, used) in pass.bind.iter().zip(used) {
             if !used {
-                self.unknown(pass, stages, bind);
+                self.unknown(stages, bind);
             }
         }
         bindings.sort_by_key(|b| (b.binding, b.element));
@@ -102,14 +102,8 @@ impl Linker<'_> {
 
     /// An entry of `bind` that no shader of the pass touches. It is a mistake unless a shader declares the block and its
     /// code, with the constants of now, does without: then nothing is bound and nothing need be.
-    fn unknown(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)], bind: &LoweredBind) {
-        let declared = shader_files(pass).iter().any(|name| {
-            match self.files.find(Some(pass.file), name, Kind::Shader) {
-                Ok(file) => self.mentions(file, &bind.block, 0),
-                Err(_) => false,
-            }
-        });
-        if declared {
+    fn unknown(&mut self, stages: &[(ShaderHandle, Stages)], bind: &LoweredBind) {
+        if stages.iter().any(|(shader, _)| self.declared[shader].contains(&bind.block)) {
             return;
         }
         let names: Vec<&str> = stages.iter().map(|(s, _)| self.shaders[s.index()].name.as_str()).collect();
@@ -129,22 +123,6 @@ impl Linker<'_> {
             _ => format!("it has {}", quoted(&blocks)),
         };
         self.errors.push(diagnostic.with_nearest(&bind.block, blocks.iter().copied(), otherwise));
-    }
-
-    /// Whether the word stands in the text of a shader or of what it includes.
-    fn mentions(&mut self, file: FileId, word: &str, depth: usize) -> bool {
-        let text = self.files.text(file).to_string();
-        if text.split(|c: char| !c.is_alphanumeric() && c != '_').any(|w| w == word) {
-            return true;
-        }
-        depth < 8
-            && text.lines().filter_map(|l| l.trim().strip_prefix("#include")).any(|name| {
-                let name = name.trim().trim_matches(['"', '<', '>']);
-                match self.files.find(Some(file), name, Kind::Shader) {
-                    Ok(included) => self.mentions(included, word, depth + 1),
-                    Err(_) => false,
-                }
-            })
     }
 
     /// The kind of descriptor for a block, or `None` after an error.
@@ -415,15 +393,6 @@ impl Linker<'_> {
                 }
             }
         }
-    }
-}
-
-/// The shader files of a pass, as named.
-fn shader_files(pass: &LoweredPass) -> Vec<String> {
-    match &pass.work {
-        LoweredWork::Dispatch { shader, .. } => vec![shader.name.clone()],
-        LoweredWork::Draw { vertex, fragment, .. } => vec![vertex.name.clone(), fragment.name.clone()],
-        LoweredWork::Fill { .. } => Vec::new(),
     }
 }
 

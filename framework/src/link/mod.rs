@@ -17,8 +17,9 @@ use crate::lower::{
 };
 use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
 use crate::source::{Diagnostic, Kind, SourceMap};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
+use std::sync::Arc;
 
 /// Holds a graph whose passes fit their shaders.
 #[derive(Clone, Debug)]
@@ -41,7 +42,7 @@ pub struct LinkedPass {
 }
 
 /// Indexes [`Linked::shaders`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ShaderHandle(pub u32);
 
 impl ShaderHandle {
@@ -62,6 +63,7 @@ pub fn link(
         device: request.facts.device,
         generated: vec![("live.glsl".to_string(), lowered.live_glsl.clone())],
         shaders: Vec::new(),
+        declared: HashMap::new(),
         compiled: HashMap::new(),
         errors: Vec::new(),
         files,
@@ -102,6 +104,8 @@ struct Linker<'a> {
     compiler: &'a mut dyn ShaderCompiler,
     generated: Vec<(String, String)>,
     shaders: Vec<Shader>,
+    /// The names of the blocks that each shader declares: see [`Compiled::declared`].
+    declared: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
     /// What was compiled for other passes, by file and list of defines: repeats share theirs, and need not ask the compiler.
     compiled: HashMap<(FileId, *const Defines), ShaderHandle>,
     errors: Vec<Diagnostic>,
@@ -193,13 +197,14 @@ impl Linker<'_> {
         }
         let request = ShaderRequest { file, stage, defines: &pass.defines, generated: &self.generated };
         match self.compiler.compile(self.files, &request) {
-            Ok(Compiled { spirv, defines, reflection }) => {
+            Ok(Compiled { spirv, defines, reflection, declared }) => {
                 let shader = Shader { name: name.name.clone(), defines, spirv, reflection };
                 let at = self.shaders.iter().position(|s| *s == shader).unwrap_or_else(|| {
                     self.shaders.push(shader);
                     self.shaders.len() - 1
                 });
                 let id = ShaderHandle(at as u32);
+                self.declared.insert(id, declared);
                 self.compiled.insert(key, id);
                 Some(id)
             }

@@ -1,14 +1,13 @@
-//! Whether barriers are necessary: takes away each of them, and each bit of their masks, and looks whether the oracle
-//! minds.
+//! Tests whether barriers are necessary: removes each of them, and each bit of their masks, and replays the plan.
 
 use super::Replay;
-use super::objection::flag_names;
-use super::script::Script;
-use super::world::World;
+use super::memory_state::MemoryState;
+use super::trace::Trace;
+use super::violation::flag_names;
 use crate::ir::{Accesses, Stages};
 use crate::plan::{Barrier, Plan};
 
-/// A call of barriers in a plan.
+/// Locates a call of barriers in a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// Before the pass of this step of [`Plan::prologue`].
@@ -19,10 +18,10 @@ pub enum Place {
 }
 
 impl Place {
-    /// The barriers of the call.
+    /// Returns the barriers of the call.
     ///
     /// # Panics
-    /// Where the plan has no such step.
+    /// Panics if the plan has no such step.
     pub fn barriers(self, plan: &Plan) -> &Vec<Barrier> {
         match self {
             Place::Prologue(step) => &plan.prologue[step].barriers,
@@ -40,7 +39,7 @@ impl Place {
     }
 }
 
-/// One bit of one of a barrier's masks.
+/// Selects one bit of one of a barrier's masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bit {
     SourceStage(Stages),
@@ -49,7 +48,7 @@ pub enum Bit {
     TargetAccess(Accesses),
 }
 
-/// A plan with a little less synchronisation.
+/// Removes a little synchronization from a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mutation {
     /// The whole barrier, with the layout change of its image.
@@ -65,7 +64,7 @@ impl Mutation {
         }
     }
 
-    /// A phrase that says where and what, for instance "target stage COMPUTE of barrier 0 (all memory) before `sort`
+    /// Describes the place and the change, for instance "target stage COMPUTE of barrier 0 (all memory) before `sort`
     /// in the frame".
     pub fn describe(&self, plan: &Plan) -> String {
         let (at, number) = self.at();
@@ -99,7 +98,7 @@ impl Mutation {
     }
 }
 
-/// Everything that can be taken away from the plan's barriers, one thing at a time.
+/// Lists every removal from the plan's barriers, one at a time.
 pub fn mutations(plan: &Plan) -> Vec<Mutation> {
     let prologue = (0..plan.prologue.len()).map(Place::Prologue);
     let frame = (0..plan.frame.len()).map(Place::Frame);
@@ -117,17 +116,17 @@ pub fn mutations(plan: &Plan) -> Vec<Mutation> {
     all
 }
 
-/// The plan with less.
+/// Returns the plan with the mutation applied.
 ///
 /// # Panics
-/// Where the mutation is not one of this plan's [`mutations`].
+/// Panics if the mutation is not one of this plan's [`mutations`].
 pub fn apply(plan: &Plan, mutation: &Mutation) -> Plan {
     let mut mutant = plan.clone();
     take_away(&mut mutant, mutation);
     mutant
 }
 
-/// Changes the plan, and returns the barrier as it was.
+/// Applies a mutation, and returns the barrier as it was.
 fn take_away(plan: &mut Plan, mutation: &Mutation) -> Barrier {
     let (at, number) = mutation.at();
     let barriers = at.barriers_mut(plan);
@@ -156,20 +155,19 @@ fn put_back(plan: &mut Plan, mutation: &Mutation, before: Barrier) {
     }
 }
 
-/// What could be taken away without any objection within four frames. Ask it of plans that are not objected to as
-/// they are.
+/// Returns the mutations that cause no violation within four frames. The plan itself must have none.
 pub fn needless(plan: &Plan) -> Vec<Mutation> {
     let replay = Replay::default();
-    let script = Script::new(plan, replay.copies);
-    let mut world = World::new(&script, true);
+    let trace = Trace::new(plan, replay.copies);
+    let mut memory = MemoryState::new(&trace, true);
     // One copy serves all mutants.
     let mut mutant = plan.clone();
     let mut needless = Vec::new();
     for mutation in mutations(plan) {
         let before = take_away(&mut mutant, &mutation);
-        world.reset(&script);
-        world.run(&mutant, &script, &replay);
-        if world.findings.objections.is_empty() {
+        memory.reset(&trace);
+        memory.run(&mutant, &trace, &replay);
+        if memory.findings.violations.is_empty() {
             needless.push(mutation);
         }
         put_back(&mut mutant, &mutation, before);

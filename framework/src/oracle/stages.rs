@@ -6,7 +6,7 @@
 
 use crate::ir::{Accesses, Stages};
 
-/// These stages and all that come before them in a pipeline: the scope of a source mask.
+/// Returns these stages and all earlier ones of a pipeline: the scope of a source mask.
 pub fn with_earlier(stages: Stages) -> Stages {
     let mut scope = stages;
     if stages.contains(Stages::COLOR_OUTPUT) {
@@ -21,7 +21,7 @@ pub fn with_earlier(stages: Stages) -> Stages {
     scope
 }
 
-/// These stages and all that come after them in a pipeline: the scope of a target mask.
+/// Returns these stages and all later ones of a pipeline: the scope of a target mask.
 pub fn with_later(stages: Stages) -> Stages {
     let mut scope = stages;
     if stages.contains(Stages::INDIRECT) {
@@ -36,7 +36,7 @@ pub fn with_later(stages: Stages) -> Stages {
     scope
 }
 
-/// The accesses that one stage can perform (Vulkan 1.3, table "Supported access types").
+/// Returns the accesses that one stage can perform (Vulkan 1.3, table "Supported access types").
 pub fn performed_by(stage: Stages) -> Accesses {
     match stage {
         Stages::INDIRECT => Accesses::INDIRECT_READ,
@@ -51,7 +51,7 @@ pub fn performed_by(stage: Stages) -> Accesses {
     }
 }
 
-/// A set of (stage, access) pairs: 16 bits of accesses for each of 8 stages.
+/// Holds a set of (stage, access) pairs: 16 bits of accesses for each of 8 stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pairs(u128);
 
@@ -62,7 +62,7 @@ impl Pairs {
     pub const NONE: Pairs = Pairs(0);
     pub const ALL: Pairs = Pairs(u128::MAX);
 
-    /// Each of the accesses at each of the stages.
+    /// Combines each of the accesses with each of the stages.
     pub fn of(stages: Stages, accesses: Accesses) -> Pairs {
         let mut pairs = 0;
         let mut left = stages.bits();
@@ -77,7 +77,7 @@ impl Pairs {
         Pairs(self.0 | other.0)
     }
 
-    /// Whether it has this one access at this one stage.
+    /// Returns true if it has this one access at this one stage.
     pub fn has(self, stage: Stages, access: Accesses) -> bool {
         self.0 & Pairs::of(stage, access).0 != 0
     }

@@ -1,7 +1,7 @@
-//! A thread that builds, so that whoever draws need not wait.
+//! Builds on a thread of its own, so that drawing never waits.
 //!
-//! There is at most one job waiting: a newer one takes its place, since nobody wants to see what is out of date. A job that
-//! was begun is finished, and every output comes out, in order: an older one may be the last that is without an error.
+//! At most one job waits: a newer one replaces it. A job that was begun is finished, and every output is returned, in order:
+//! an older one may be the last without an error.
 
 use std::any::Any;
 use std::collections::VecDeque;
@@ -16,11 +16,11 @@ pub struct Rebuilder<Job, Output> {
     thread: Option<JoinHandle<()>>,
 }
 
-/// The build did not come to an end, which is a bug in it.
+/// Reports a build that panicked, which is a bug in it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the build stopped unexpectedly: {message}")]
 pub struct Panicked {
-    /// What the panic said.
+    /// Message of the panic.
     pub message: String,
 }
 
@@ -47,9 +47,8 @@ impl<Job, Output> Shared<Job, Output> {
 }
 
 impl<Job: Send + 'static, Output: Send + 'static> Rebuilder<Job, Output> {
-    /// Starts the thread. `make` is called there, before the first job, for what does a job, so that can be something that
-    /// must stay on its thread; and again after a panic, which may have left it in pieces. `wake` is called there whenever an
-    /// output has become ready.
+    /// Starts the thread. `make` is called there before the first job and again after a panic, and returns the function that
+    /// does a job; the function may own data that must stay on its thread. `wake` is called there when an output is ready.
     pub fn new<Build: FnMut(Job) -> Output>(
         make: impl FnMut() -> Build + Send + 'static,
         wake: impl Fn() + Send + 'static,
@@ -66,19 +65,19 @@ impl<Job: Send + 'static, Output: Send + 'static> Rebuilder<Job, Output> {
 }
 
 impl<Job, Output> Rebuilder<Job, Output> {
-    /// Has a job done as soon as the one before is. Gives back the job that waited until now and will not be done.
+    /// Queues a job, and returns the waiting one that it replaces.
     pub fn submit(&self, job: Job) -> Option<Job> {
         let before = self.shared.state().waiting.replace(job);
         self.shared.called.notify_one();
         before
     }
 
-    /// The oldest output that was not taken yet.
+    /// Takes the oldest output that was not taken yet.
     pub fn poll(&self) -> Option<Result<Output, Panicked>> {
         self.shared.state().done.pop_front()
     }
 
-    /// Whether a job waits or is being done.
+    /// Returns true while a job waits or runs.
     pub fn busy(&self) -> bool {
         let state = self.shared.state();
         state.building || state.waiting.is_some()
@@ -96,7 +95,7 @@ impl<Job, Output> Drop for Rebuilder<Job, Output> {
     }
 }
 
-/// What the thread does.
+/// Runs jobs until the end is requested.
 fn work<Job, Output, Build: FnMut(Job) -> Output>(
     shared: &Shared<Job, Output>,
     mut make: impl FnMut() -> Build,
@@ -117,10 +116,10 @@ fn work<Job, Output, Build: FnMut(Job) -> Output>(
                 state = shared.called.wait(state).unwrap_or_else(PoisonError::into_inner);
             }
         };
-        // What a panic leaves in `build` is thrown away below.
+        // A panic may leave `build` in an inconsistent state: it is dropped below.
         let output = catch_unwind(AssertUnwindSafe(|| build.get_or_insert_with(&mut make)(job)));
         let output = output.map_err(|payload| {
-            // Nor may the pieces' end take the thread with it.
+            // A second panic, in the drop, must not end the thread.
             let _ = catch_unwind(AssertUnwindSafe(|| build = None));
             Panicked { message: message(payload) }
         });
@@ -132,7 +131,7 @@ fn work<Job, Output, Build: FnMut(Job) -> Output>(
     }
 }
 
-/// What a panic said, if it said it in words.
+/// Extracts the message of a panic, if it has one.
 fn message(payload: Box<dyn Any + Send>) -> String {
     match payload.downcast::<String>() {
         Ok(text) => *text,

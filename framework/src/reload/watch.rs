@@ -1,22 +1,21 @@
-//! Tells when files that a build looked at hold something else.
+//! Reports changed contents of the files that a build read.
 //!
-//! The operating system's events say *when* to look, and no more. They come in bursts, differ between systems and editors, and
-//! are often about nothing: so at each, all wanted files are looked at, and what counts is a hash of what they hold. Folders
-//! are watched rather than files, since most editors save by putting a new file in the place of the old one. Of each wanted
-//! path these are all folders that it leads through, links included (the `trail` module), so that it is noticed, too, when a
-//! folder appears, goes away and comes back, or when a link is turned to another place.
+//! The operating system's events tell *when* to look, and no more. They come in bursts, differ between systems and editors, and
+//! are often spurious: so each event makes the watcher read all wanted files and compare hashes of their contents. Folders
+//! are watched rather than files, since most editors save by replacing the file. For each wanted path these are all folders
+//! along it, through symlinks too (the `symlink_path` module), so that the watcher also notices folders that appear, disappear
+//! and return, and links that are redirected.
 //!
-//! A thread does this. Beside events it looks round every now and then ([`ROUNDS`]), for what no event tells: some network and
-//! virtual file systems have none for what others write. Where there are no events at all, it looks more often ([`POLLING`]).
-//! That is the better part of what `notify`'s own polling would do, which lists whole folders, while here it is known which files
-//! matter.
+//! A thread does this. Beside events it looks at regular intervals ([`ROUNDS`]): some network and virtual file systems send no
+//! events for writes of others. Where there are no events at all, it looks more often ([`POLLING`]). `notify`'s own polling
+//! would list whole folders; here the files that matter are known.
 //!
-//! How much patience there is with files that are being written is said by the constants below.
+//! The constants below set the delays for files that are being written.
 
 mod subject;
+mod symlink_path;
 #[cfg(test)]
 mod tests;
-mod trail;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fmt;
@@ -31,43 +30,43 @@ use notify::{ErrorKind, RecursiveMode};
 
 use crate::source::{Content, Wanted};
 use subject::{Patience, Subject};
-use trail::Walk;
+use symlink_path::Walk;
 
-/// How long a file has to stand still before its change counts.
+/// Delays a change until the file has not changed for this long.
 pub const QUIET: Duration = Duration::from_millis(20);
-/// A file that never stands still counts after this, as it is.
+/// Limits the delay of a file that keeps changing.
 pub const MOVING: Duration = Duration::from_secs(1);
-/// A file that is gone, or empty, counts after this: a save may have just begun.
+/// Delays the change of a file that is gone or empty: a save may have just begun.
 pub const GONE: Duration = Duration::from_secs(1);
-/// How long a change waits for other files that are still moving, so that files saved together are one change.
+/// Delays a change while other files are changing, so that files saved together are one change.
 pub const GATHER: Duration = Duration::from_millis(100);
-/// All files are looked at this often, even where events would tell.
+/// Sets the interval of looking at all files, with events.
 pub const ROUNDS: Duration = Duration::from_secs(2);
-/// And this often where there are no events.
+/// Sets the interval of looking at all files, without events.
 pub const POLLING: Duration = Duration::from_millis(200);
 
-/// Files changed since they were built, or announced.
+/// Lists files that changed since they were built or reported.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Change {
-    /// Which, as [`Wanted::path`] has them, sorted. Also those that are gone, or were not there before.
+pub struct FileChange {
+    /// Paths, as in [`Wanted::path`], sorted. Also those of files that are gone or new.
     pub files: Vec<PathBuf>,
-    /// When the first of the events came that led to this: close to when somebody pressed "save".
+    /// Time of the first event: close to the moment of saving.
     pub first_seen: Instant,
 }
 
-/// There is no watcher.
+/// Reports that the watcher cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
     #[error("no thread can be started to watch files: {0}")]
     Thread(#[from] std::io::Error),
 }
 
-/// How a watcher learns of changes.
+/// Names the way a watcher notices changes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WatchKind {
-    /// The system tells.
+    /// The system sends events.
     Events,
-    /// It looks, again and again. The text says why, as in "polling, because ...".
+    /// It polls. The text completes "polling, because ...".
     Polling(String),
 }
 
@@ -80,7 +79,7 @@ impl fmt::Display for WatchKind {
     }
 }
 
-/// See the module's documentation. Dropping it ends its thread.
+/// Watches files; see the module's documentation. Dropping it ends its thread.
 #[derive(Debug)]
 pub struct Watcher {
     inbox: Sender<Message>,
@@ -88,17 +87,17 @@ pub struct Watcher {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What the thread has to say.
+/// Holds the results of the thread.
 #[derive(Debug)]
 struct Shared {
     kind: WatchKind,
     found: Option<Found>,
 }
 
-/// A change that was not taken yet.
+/// Holds a change that was not taken yet.
 #[derive(Debug)]
 struct Found {
-    /// What each file holds.
+    /// Contents of each file.
     files: BTreeMap<PathBuf, Content>,
     first_seen: Instant,
 }
@@ -107,7 +106,7 @@ enum Message {
     Event(Instant, notify::Result<notify::Event>),
     Watch(Vec<Wanted>),
     Stop,
-    /// Answered at once: everything sent before was seen to.
+    /// Answered at once: all messages before it were handled.
     #[cfg(test)]
     Answer(Sender<()>),
 }
@@ -116,15 +115,15 @@ type Native = Box<dyn notify::Watcher + Send>;
 type Handler = Box<dyn FnMut(notify::Result<notify::Event>) + Send>;
 
 impl Watcher {
-    /// Starts to watch, nothing yet. `wake` is called, on a thread of the watcher's own, when there is a change to take, and
-    /// when the [kind](Watcher::kind) is another.
+    /// Starts a watcher without files. `wake` is called, on the watcher's thread, when there is a change to take and when the
+    /// [kind](Watcher::kind) changes.
     pub fn new(wake: impl Fn() + Send + 'static) -> Result<Watcher, WatchError> {
         let native =
             |handler| -> notify::Result<Native> { Ok(Box::new(notify::recommended_watcher(handler)?)) };
         Watcher::start(PATIENCE, native, wake)
     }
 
-    /// The same without the system's events, for file systems that have none worth trusting.
+    /// Starts a watcher that polls, for file systems without reliable events.
     pub fn polling(wake: impl Fn() + Send + 'static) -> Result<Watcher, WatchError> {
         Watcher::start(PATIENCE, |_| Err(notify::Error::generic(ON_DEMAND)), wake)
     }
@@ -137,7 +136,7 @@ impl Watcher {
         let (inbox, messages) = channel();
         let events = inbox.clone();
         let native = native(Box::new(move |event| {
-            // That files are read is no news; above all not that we read them.
+            // Reads, the watcher's own above all, are no changes.
             if !event.as_ref().is_ok_and(|event| is_reading(&event.kind)) {
                 // The watcher is gone, or will be.
                 let _ = events.send(Message::Event(Instant::now(), event));
@@ -164,13 +163,12 @@ impl Watcher {
         Ok(Watcher { inbox, shared, thread: Some(thread) })
     }
 
-    /// Watches these paths and no others. To be called after each build, with everything that it looked at, whether it
-    /// succeeded or not; what changed since the build read it is a change at once. A path may be there several times, with
-    /// what several builds have read.
+    /// Watches these paths and no others. Call it after each build, successful or not, with all files that the build read; a
+    /// file that changed since then is reported at once. A path may occur several times, with the contents of several builds.
     pub fn watch(&mut self, wanted: &[Wanted]) {
         let mut shared = lock(&self.shared);
         if let Some(found) = &mut shared.found {
-            // What the build has read already need not be built again.
+            // Contents that the build has read need not be built again.
             found.files.retain(|path, content| {
                 wanted.iter().any(|wanted| wanted.path == *path && wanted.content != *content)
             });
@@ -179,17 +177,17 @@ impl Watcher {
             }
         }
         drop(shared);
-        // Without a thread there was a panic, in `wake`: it was reported, and nobody listens.
+        // The thread ends early only by a panic in `wake`, which was reported.
         let _ = self.inbox.send(Message::Watch(wanted.to_vec()));
     }
 
-    /// What changed since the last call. Whoever takes a change has to begin a build after that: the watcher counts on it.
-    pub fn take(&mut self) -> Option<Change> {
+    /// Takes the changes since the last call. The caller must begin a build after that: the watcher relies on it.
+    pub fn take(&mut self) -> Option<FileChange> {
         let Found { files, first_seen } = lock(&self.shared).found.take()?;
-        Some(Change { files: files.into_keys().collect(), first_seen })
+        Some(FileChange { files: files.into_keys().collect(), first_seen })
     }
 
-    /// How changes are noticed at present.
+    /// Returns the way changes are noticed at present.
     pub fn kind(&self) -> WatchKind {
         lock(&self.shared).kind.clone()
     }
@@ -210,9 +208,9 @@ const PATIENCE: Patience =
 
 const ON_DEMAND: &str = "that is wanted";
 
-/// Messages that are read before the files are looked at again.
+/// Limits the messages that are read before the files are looked at again.
 const MOST_AT_ONCE: usize = 1000;
-/// How often the folders to watch are worked out before giving way; they may change meanwhile.
+/// Limits the attempts to find the folders to watch, which may change meanwhile.
 const MOST_WALKS: usize = 8;
 
 fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
@@ -224,7 +222,7 @@ fn is_reading(kind: &EventKind) -> bool {
     matches!(kind, EventKind::Access(access) if *access != AccessKind::Close(AccessMode::Write))
 }
 
-/// Why there are no events, to be read after "because".
+/// Describes why there are no events, as the end of "because ...".
 fn reason(error: &notify::Error) -> String {
     match &error.kind {
         ErrorKind::Generic(text) => text.clone(),
@@ -234,7 +232,7 @@ fn reason(error: &notify::Error) -> String {
     }
 }
 
-/// The thread's part.
+/// Runs on the watcher's thread.
 struct LookOut<Wake> {
     patience: Patience,
     /// `None` while polling.
@@ -242,13 +240,13 @@ struct LookOut<Wake> {
     shared: Arc<Mutex<Shared>>,
     wake: Wake,
     subjects: Vec<Subject>,
-    /// The paths of all entries that the subjects lead through: events about anything else do not matter.
+    /// The paths of all entries along the subjects' paths: events about other paths do not matter.
     entries: HashSet<PathBuf>,
-    /// Folders whose events come.
+    /// Folders that send events.
     watched: BTreeSet<PathBuf>,
-    /// Of these, those that may be other folders by now.
+    /// Those of `watched` that may have been replaced.
     stale: BTreeSet<PathBuf>,
-    /// When everything was looked at last.
+    /// Time of the last look at all files.
     looked: Instant,
 }
 
@@ -290,7 +288,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
     }
 
-    /// When to look again if nothing happens before.
+    /// Returns the time of the next look without events.
     fn next_look(&self) -> Option<Instant> {
         let rounds = if self.native.is_some() { self.patience.rounds } else { Some(POLLING) };
         let rounds = rounds.filter(|_| !self.subjects.is_empty()).map(|rounds| self.looked + rounds);
@@ -302,7 +300,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         due.chain(rounds).min()
     }
 
-    /// Takes on a new set of paths.
+    /// Replaces the set of paths.
     fn want(&mut self, wanted: Vec<Wanted>) {
         let mut before: HashMap<PathBuf, Subject> =
             self.subjects.drain(..).map(|subject| (subject.given.clone(), subject)).collect();
@@ -323,7 +321,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         self.looked = now;
     }
 
-    /// Whether an event may be about a wanted file.
+    /// Returns true if an event may concern a wanted file.
     fn matters(&mut self, event: &notify::Result<notify::Event>) -> bool {
         let event = match event {
             Ok(event) if !event.need_rescan() => event,
@@ -351,7 +349,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         matters
     }
 
-    /// Looks at everything.
+    /// Looks at all files.
     fn look(&mut self, noticed: Instant) {
         self.watch_folders();
         let now = Instant::now();
@@ -362,7 +360,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         self.looked = now;
     }
 
-    /// Watches the folders that the subjects lead through now, and no others.
+    /// Watches the folders along the subjects' present paths, and no others.
     fn watch_folders(&mut self) {
         for _ in 0..MOST_WALKS {
             let mut walk = Walk::default();
@@ -370,10 +368,10 @@ impl<Wake: Fn()> LookOut<Wake> {
             let mut folders: BTreeMap<PathBuf, bool> = BTreeMap::new();
             self.entries.clear();
             for subject in &self.subjects {
-                let trail = walk.trail(&subject.path);
-                for (index, entry) in trail.iter().enumerate() {
-                    let is_last = index + 1 == trail.len();
-                    if EVERY_FOLDER || entry.is_link || index + 2 >= trail.len() {
+                let entries = walk.entries(&subject.path);
+                for (index, entry) in entries.iter().enumerate() {
+                    let is_last = index + 1 == entries.len();
+                    if EVERY_FOLDER || entry.is_link || index + 2 >= entries.len() {
                         *folders.entry(entry.folder.clone()).or_default() |= is_last;
                     }
                     self.entries.insert(spelling(&entry.path).into_owned());
@@ -386,7 +384,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
     }
 
-    /// Makes `watched` the same as `folders`. Whether any was added.
+    /// Makes `watched` equal to `folders`. Returns true if any was added.
     fn update(&mut self, folders: &BTreeMap<PathBuf, bool>) -> bool {
         let Some(native) = &mut self.native else { return false };
         let stale = std::mem::take(&mut self.stale);
@@ -425,7 +423,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         any
     }
 
-    /// Gives up events.
+    /// Changes from events to polling.
     fn poll(&mut self, error: &notify::Error) {
         self.native = None;
         self.watched.clear();
@@ -433,7 +431,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         (self.wake)();
     }
 
-    /// Announces what is due, unless it had better wait for other files.
+    /// Reports the changes that are due, unless they should wait for other files.
     fn announce(&mut self) {
         let differences =
             self.subjects.iter().enumerate().filter_map(|(i, s)| Some((i, s.difference(&self.patience)?)));
@@ -455,12 +453,12 @@ impl<Wake: Fn()> LookOut<Wake> {
     }
 }
 
-/// Whether to watch every folder that a path leads through, up to the root, or only the last ones and those with links. On
-/// macOS a watched folder brings the events of all that is below it, which of the root is the whole machine; there, what happens
-/// further up waits for the next round.
+/// Selects all folders along a path, up to the root, or only the last ones and those with links. On macOS a watched folder
+/// sends the events of everything below it, for the root those of the whole machine; changes further up wait for the next
+/// round there.
 const EVERY_FOLDER: bool = !cfg!(target_os = "macos");
 
-/// A path as events may spell it: on systems whose names differ in case only by decree, all in lower case.
+/// Normalizes a path as events may spell it: in lower case on systems that ignore case.
 fn spelling(path: &Path) -> std::borrow::Cow<'_, Path> {
     if cfg!(any(target_os = "macos", windows)) {
         PathBuf::from(path.to_string_lossy().to_lowercase()).into()

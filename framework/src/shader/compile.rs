@@ -10,10 +10,10 @@
 //!    through), parses, links and generates, on a thread of its own;
 //! 4. *reflect*: see [`reflect`].
 //!
-//! glslang is C++, and not every text is safe to give to it. What it gets is bounded: ASCII without zeros, [`MOST_BYTES`]
+//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`MOST_BYTES`]
 //! of text, [`MOST_DEPTH`] nested includes, a large stack ([`STACK_BYTES`]: its passes recurse). It is left at its default
-//! to stop at the first error: told to go on, it crashes on one broken shader in some ten thousand, otherwise on far
-//! fewer. And the few are caught: see [`guard`].
+//! to stop at the first error: set to go on, it crashes on one broken shader in some ten thousand, otherwise on far
+//! fewer. Those crashes are caught: see [`guard`].
 
 mod guard;
 mod log;
@@ -42,7 +42,7 @@ use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
 const MOST_BYTES: usize = 256 << 10;
 /// Bytes of GLSL after includes, which can bring the same file more than once.
 const MOST_INCLUDED_BYTES: usize = 4 << 20;
-/// What an include counts beside its text, so that small ones are bounded, too.
+/// Counts for each include beside its text, so that the number of small ones is bounded too.
 const INCLUDE_BYTES: usize = 256;
 /// Files inside of files inside of files.
 const MOST_DEPTH: usize = 32;
@@ -51,7 +51,7 @@ const MOST_FILES: usize = 256;
 /// Stack of the compiler's thread. glslang recurses once per operand of a sum: this holds for [`MOST_BYTES`] of it. Only
 /// what is used takes memory.
 const STACK_BYTES: usize = 256 << 20;
-/// Compiled shaders that are remembered. Beyond, all are forgotten: that many come only from sweeps over parameters.
+/// Limits the cached shaders. Beyond, all are dropped: that many come only from sweeps over parameters.
 const MOST_CACHED: usize = 1024;
 /// Diagnostics that one compilation gives.
 const MOST_DIAGNOSTICS: usize = 10;
@@ -66,7 +66,7 @@ pub struct Glslang {
     compiled: usize,
 }
 
-/// All that the outcome depends on.
+/// Identifies a compilation by all its inputs.
 #[derive(Debug, PartialEq, Eq, Hash)]
 struct Key {
     stage: ShaderStage,
@@ -82,7 +82,7 @@ impl Glslang {
         Glslang::default()
     }
 
-    /// How many compilations were run so far: those whose outcome the cache did not know.
+    /// Returns the number of compilations that were run: those that the cache did not hold.
     pub fn compiled_count(&self) -> usize {
         self.compiled
     }
@@ -127,7 +127,9 @@ impl ShaderCompiler for Glslang {
             let span = log::find_quoted(files, request, &sources, &problem);
             vec![Diagnostic::new(problem, span, "")]
         })?;
-        let compiled = Compiled { spirv: Arc::new(spirv), defines: key.defines.clone(), reflection };
+        let declared = Arc::new(sources.bindings);
+        let compiled =
+            Compiled { spirv: Arc::new(spirv), defines: key.defines.clone(), reflection, declared };
         if self.cache.len() >= MOST_CACHED {
             self.cache.clear();
         }
@@ -136,7 +138,7 @@ impl ShaderCompiler for Glslang {
     }
 }
 
-/// A shader and all that it names, found and scanned.
+/// Holds a shader and all files that it includes, scanned.
 struct Sources {
     /// The shader itself is the first.
     units: Vec<Unit>,
@@ -144,15 +146,17 @@ struct Sources {
     identifiers: BTreeSet<String>,
     /// The names that the units `#define`.
     macros: BTreeSet<String>,
+    /// The names of the blocks and images that the units declare.
+    bindings: BTreeSet<String>,
 }
 
 /// One file.
 struct Unit {
     origin: UnitOrigin,
     text: String,
-    /// What it includes, by the name in its `#include`.
+    /// Included files, by the name in the `#include`.
     includes: BTreeMap<String, Include>,
-    /// What it seems to declare: names after types.
+    /// Names that follow the name of a type, as those of declarations do.
     declared: Vec<(String, Range<usize>)>,
 }
 
@@ -164,7 +168,7 @@ enum UnitOrigin {
 }
 
 struct Include {
-    /// Where the name stands in the file that includes.
+    /// Place of the name in the including file.
     place: Range<usize>,
     /// The unit that it names.
     target: Result<usize, NotFound>,
@@ -173,8 +177,12 @@ struct Include {
 impl Sources {
     /// Finds and scans everything. A file that cannot be found is no error yet: an `#if` may hide its `#include`.
     fn gather(files: &mut SourceMap, request: &ShaderRequest) -> Result<Sources, Vec<Diagnostic>> {
-        let mut sources =
-            Sources { units: Vec::new(), identifiers: BTreeSet::new(), macros: BTreeSet::new() };
+        let mut sources = Sources {
+            units: Vec::new(),
+            identifiers: BTreeSet::new(),
+            macros: BTreeSet::new(),
+            bindings: BTreeSet::new(),
+        };
         let mut origins = vec![UnitOrigin::File(request.file)];
         let mut bytes = 0;
         while let Some(&origin) = origins.get(sources.units.len()) {
@@ -218,6 +226,7 @@ impl Sources {
             }
             sources.identifiers.extend(scan.identifiers.iter().map(|name| name.to_string()));
             sources.macros.extend(scan.macros.iter().map(|name| name.to_string()));
+            sources.bindings.extend(scan.bindings.iter().map(|name| name.to_string()));
             let mut includes = BTreeMap::new();
             for (name, place) in scan.includes {
                 if includes.contains_key(name) {
@@ -297,9 +306,9 @@ impl UnitOrigin {
     }
 }
 
-/// Why there is no SPIR-V.
+/// Explains why there is no SPIR-V.
 enum Failure {
-    /// What glslang said.
+    /// The log of glslang.
     Log(String),
     /// Includes that cannot be followed.
     Includes(Vec<IncludeFailure>),

@@ -1,9 +1,10 @@
-//! GLSL to SPIR-V, and what a compiled shader says of itself.
+//! Compiles GLSL to SPIR-V, and reflects the result.
 //!
 //! The graph names a shader file; this module compiles it with the defines that the graph's constants give, resolves
 //! its `#include`s, and reads the SPIR-V back: bindings by block name, array strides, push constants, workgroup size,
 //! and which bindings the code really loads from and stores to. [`crate::link`] holds the graph against that.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use crate::ir::{FileId, Reflection, ShaderStage};
@@ -18,7 +19,7 @@ pub use compile::Glslang;
 #[cfg(feature = "glslang")]
 pub use reflect::reflect;
 
-/// Asks for a shader to be compiled.
+/// Names a shader and the constants to compile it with.
 #[derive(Clone, Debug)]
 pub struct ShaderRequest<'a> {
     /// The shader's own file, already in the source map.
@@ -41,10 +42,13 @@ pub struct Compiled {
     pub defines: Vec<(String, String)>,
     /// Declarations and accesses.
     pub reflection: Reflection,
+    /// Names of the blocks and images that the texts declare, in every branch of an `#if`. [`Reflection::bindings`] has those
+    /// that the code uses.
+    pub declared: Arc<BTreeSet<String>>,
 }
 
-/// Compiles shaders, and remembers what it compiled. The one implementation is `Glslang` (feature `glslang`); tests
-/// of the rest of the framework can stand in with reflections made by hand.
+/// Compiles shaders, and caches the results. `Glslang` (feature `glslang`) is the only implementation; tests of the rest
+/// of the framework use reflections made by hand.
 pub trait ShaderCompiler {
     /// Compiles a shader, or returns it if it was compiled before.
     fn compile(

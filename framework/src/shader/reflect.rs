@@ -1,8 +1,8 @@
-//! What a SPIR-V module says of itself: bindings, push constants, workgroup size, stage inputs and outputs.
+//! Reads bindings, push constants, workgroup size, stage inputs and outputs from a SPIR-V module.
 //!
-//! A graph says which resource goes to which block of a shader, and nothing about how the shader uses it; that is read from
-//! the code, so that it cannot go stale. The parser is rspirv's. [`module`] indexes what it reads, [`access`] follows
-//! pointers through the functions, and this file puts the answer together.
+//! A graph names the resource of each block of a shader, and not its accesses; those are read from the code, so that they
+//! cannot be outdated. The parser is rspirv's. [`module`] indexes the instructions, [`access`] follows pointers through the
+//! functions, and this file assembles the result.
 
 mod access;
 mod module;
@@ -151,7 +151,7 @@ fn cannot_bind(name: &str, what: &str) -> String {
     format!("`{name}` is {what}; graphs bind storage buffers, uniform blocks and storage images")
 }
 
-/// What an array's elements are, through all its dimensions; the type itself if it is no array.
+/// Returns the type of an array's elements, through all dimensions; the type itself if it is no array.
 fn element_of(module: &Module, mut id: Word) -> Word {
     while let Some(Type::Array { element, .. } | Type::RuntimeArray { element }) =
         module.types.get(&id).map(|t| &t.kind)
@@ -249,7 +249,7 @@ fn varyings(module: &Module, class: StorageClass) -> Result<Vec<Varying>, String
     Ok(varyings)
 }
 
-/// How many locations a type takes: one per vector of at most 16 bytes.
+/// Counts the locations of a type: one per vector of at most 16 bytes.
 fn locations(module: &Module, id: Word) -> Result<u32, String> {
     let info = module.type_of(id)?;
     let each =

@@ -233,7 +233,7 @@ fn the_windows_graph_builds_and_each_of_its_barriers_is_needed() {
     assert_eq!(phases[..2], ["compose", "ui"]);
     let ui = &plan.pass(plan.frame[1].pass).work;
     assert!(matches!(ui, Work::Draw { call: DrawCall::Indirect { offset: 0, .. }, .. }));
-    let objections = replay(&plan, &Replay::default());
-    assert!(objections.is_empty(), "{:?}", objections.iter().map(|o| o.describe(&plan)).collect::<Vec<_>>());
+    let violations = replay(&plan, &Replay::default());
+    assert!(violations.is_empty(), "{:?}", violations.iter().map(|o| o.describe(&plan)).collect::<Vec<_>>());
     assert_eq!(needless(&plan).len(), 0);
 }

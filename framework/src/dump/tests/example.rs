@@ -259,7 +259,7 @@ impl Maker {
     }
 }
 
-/// What was done to one piece of memory since it was last written.
+/// Tracks the accesses to one piece of memory since its last write.
 #[derive(Clone, Default)]
 struct Past {
     /// Pass, frame, resource, and how.

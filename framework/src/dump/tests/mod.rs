@@ -1,4 +1,4 @@
-//! What the forms of a dump promise, one sentence a test.
+//! Tests the forms of a dump, one sentence each.
 
 mod diff;
 mod example;

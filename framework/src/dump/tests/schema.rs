@@ -12,7 +12,7 @@ const PAGE: &str = include_str!("../../../../docs/dump.md");
 /// A walk over the part of JSON Schema (2020-12) that this schema uses.
 struct Validator<'a> {
     root: &'a Value,
-    /// Where in the schema a field is described that had a value, other than null and the empty list.
+    /// Places of the schema whose field had a value other than null and the empty list.
     seen: BTreeSet<String>,
 }
 
@@ -114,7 +114,7 @@ fn of_type(rule: &Value, value: &Value) -> bool {
     }
 }
 
-/// Where fields are described, all over the schema.
+/// Lists the places of the schema that describe fields.
 fn described(schema: &Value, at: &str, found: &mut BTreeSet<String>) {
     match schema {
         Value::Object(map) => {

@@ -1,4 +1,4 @@
-//! What the bytes hold: nothing yet, another resource's data, or the last frame's.
+//! Reads of bytes that hold nothing yet, another resource's data, or data of the previous frame.
 
 use super::*;
 
@@ -7,7 +7,7 @@ fn bytes_that_were_never_written_must_not_be_read() {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
     sketch.frame("read", &[], &[reads(a)]);
-    assert_eq!(sketch.found(), ["Unwritten: nobody, read: a: Contents"]);
+    assert_eq!(sketch.found(), ["Unwritten: none, read: a: Contents"]);
 }
 
 #[test]
@@ -130,7 +130,7 @@ fn read_then_written(history: bool, once: bool) -> Vec<String> {
 fn the_frame_before_leaves_nothing_to_read() {
     assert_eq!(
         read_then_written(false, false),
-        ["Unwritten: nobody, read: a: Contents", "Unwritten: write, read: a: Contents"]
+        ["Unwritten: none, read: a: Contents", "Unwritten: write, read: a: Contents"]
     );
 }
 
@@ -140,13 +140,13 @@ fn a_history_lives_from_frame_to_frame() {
 }
 
 #[test]
-fn a_history_that_nobody_starts_is_missed_in_the_first_frame() {
+fn a_history_that_is_not_started_is_missed_in_the_first_frame() {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
     sketch.history(a, "a");
     sketch.frame("read", &[compute_to_compute()], &[reads(a)]);
     sketch.frame("write", &[order(COMPUTE, COMPUTE)], &[writes(a)]);
-    assert_eq!(sketch.found_in(3), ["Unwritten: nobody, read: a: Contents"]);
+    assert_eq!(sketch.found_in(3), ["Unwritten: none, read: a: Contents"]);
 }
 
 #[test]

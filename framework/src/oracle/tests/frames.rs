@@ -49,8 +49,8 @@ fn a_frame_waits_for_the_readers_of_the_one_before() {
 #[test]
 fn four_frames_are_replayed_unless_told_otherwise_and_the_first_objection_suffices() {
     assert_eq!(Replay::default(), Replay { frames: 4, in_flight: 2, copies: 2 });
-    assert!(objects(&every_frame(&[]).plan));
-    assert!(!objects(&every_frame(&[order(VERTEX, COMPUTE)]).plan));
+    assert!(has_violation(&every_frame(&[]).plan));
+    assert!(!has_violation(&every_frame(&[order(VERTEX, COMPUTE)]).plan));
 }
 
 /// A draw that reads a uniform block, with so many frames in flight and copies of it.

@@ -32,7 +32,7 @@ fn an_image_starts_in_no_layout() {
     let mut sketch = Sketch::new();
     let image = sketch.image("image");
     sketch.frame("first", &[], &[in_general(image, WRITE)]);
-    assert_eq!(sketch.found(), ["Layout: nobody, first: image: General, not Undefined"]);
+    assert_eq!(sketch.found(), ["Layout: none, first: image: General, not Undefined"]);
 }
 
 #[test]
@@ -44,7 +44,7 @@ fn a_change_of_layout_brings_order_and_memory_with_it() {
 fn a_touch_in_another_layout_is_objected_to() {
     let right_but_for_the_layout = barrier((COMPUTE, WRITE), (COPY, Accesses::TRANSFER_READ));
     let found = written_then_copied(&[right_but_for_the_layout]);
-    assert_eq!(found, ["Layout: nobody, copy: image: TransferSource, not General"]);
+    assert_eq!(found, ["Layout: none, copy: image: TransferSource, not General"]);
 }
 
 #[test]
@@ -52,7 +52,7 @@ fn a_change_from_a_layout_that_the_image_is_not_in_is_objected_to() {
     let target = (COPY, Accesses::TRANSFER_READ);
     let found =
         written_then_copied(&[change(IMAGE, (ColorTarget, TransferSource), (COMPUTE, WRITE), target)]);
-    assert_eq!(found, ["Layout: nobody, change before copy: image: ColorTarget, not General"]);
+    assert_eq!(found, ["Layout: none, change before copy: image: ColorTarget, not General"]);
 }
 
 #[test]
@@ -61,7 +61,7 @@ fn a_wrong_layout_is_told_where_it_is_first_met() {
     let image = sketch.image("image");
     sketch.frame("first", &[], &[in_general(image, WRITE)]);
     sketch.frame("second", &[compute_to_compute()], &[in_general(image, READ)]);
-    assert_eq!(sketch.found(), ["Layout: nobody, first: image: General, not Undefined"]);
+    assert_eq!(sketch.found(), ["Layout: none, first: image: General, not Undefined"]);
 }
 
 #[test]
@@ -286,14 +286,14 @@ fn writing_an_alias_leaves_an_image_in_no_layout() {
     sketch.frame("alias", &[barrier((COMPUTE, WRITE), (COMPUTE, WRITE))], &[writes(a)]);
     let back = barrier((COMPUTE, WRITE), (COMPUTE, WRITE));
     sketch.frame("again", &[back], &[in_general(image, WRITE)]);
-    assert_eq!(sketch.found(), ["Layout: nobody, again: image: General, not Undefined"]);
+    assert_eq!(sketch.found(), ["Layout: none, again: image: General, not Undefined"]);
     // So does changing the layout of an image in the same memory.
     sketch.share(other, image);
     sketch.plan.frame[1].barriers =
         vec![change(other, (Undefined, General), (COMPUTE, WRITE), (COMPUTE, WRITE))];
     sketch.plan.passes[1].uses = vec![];
     sketch.plan.frame[1].barriers.insert(0, barrier((COMPUTE, WRITE), (COPY, NO_ACCESS)));
-    assert!(sketch.found().contains(&"Layout: nobody, again: image: General, not Undefined".to_string()));
+    assert!(sketch.found().contains(&"Layout: none, again: image: General, not Undefined".to_string()));
 }
 
 #[test]

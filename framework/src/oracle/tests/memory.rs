@@ -204,7 +204,7 @@ fn a_write_that_follows_properly_stands_for_the_one_before() {
 #[test]
 fn indirect_arguments_are_the_words_that_the_work_reads() {
     let arguments = (Stages::INDIRECT, Accesses::INDIRECT_READ);
-    let objections = |work: Work| {
+    let violations = |work: Work| {
         let mut sketch = Sketch::new();
         let args = sketch.buffer("args");
         sketch.frame("first", &[], &[writes(args)]);
@@ -213,13 +213,13 @@ fn indirect_arguments_are_the_words_that_the_work_reads() {
     };
     let buffer = ResourceId(0);
     let groups = Groups::Indirect { buffer, offset: 8 };
-    let found = objections(Work::Dispatch { shader: ShaderId(0), groups });
+    let found = violations(Work::Dispatch { shader: ShaderId(0), groups });
     assert_eq!((found.len(), found[0].range.clone()), (1, 8..20));
     let call = DrawCall::Indirect { buffer, offset: 16 };
     let (vertex, fragment, topology) = (ShaderId(0), ShaderId(0), Topology::TriangleStrip);
-    let found = objections(Work::Draw { vertex, fragment, topology, call, targets: vec![] });
+    let found = violations(Work::Draw { vertex, fragment, topology, call, targets: vec![] });
     assert_eq!((found.len(), found[0].range.clone()), (1, 16..32));
-    let found = objections(dispatch());
+    let found = violations(dispatch());
     assert_eq!((found.len(), found[0].range.clone()), (1, 0..BYTES));
 }
 

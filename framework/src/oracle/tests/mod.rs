@@ -130,34 +130,34 @@ impl Sketch {
         self.plan.prologue.push(Step { barriers: barriers.to_vec(), pass });
     }
 
-    /// What is said of so many frames: kind, first pass, second pass, resource, what is missing.
+    /// Replays so many frames: kind, first pass, second pass, resource, missing guarantee of each violation.
     fn found_in(&self, frames: u32) -> Vec<String> {
         tell(&self.plan, &replay(&self.plan, &Replay { frames, ..Replay::default() }))
     }
 
-    /// Of one frame.
+    /// Replays one frame.
     fn found(&self) -> Vec<String> {
         self.found_in(1)
     }
 }
 
 /// Objections in short, for comparison.
-fn tell(plan: &Plan, objections: &[Objection]) -> Vec<String> {
+fn tell(plan: &Plan, violations: &[Violation]) -> Vec<String> {
     let name = |actor: Actor| match actor {
         Actor::Pass { pass, .. } => plan.pass(pass).name.clone(),
         Actor::Transition { before: Some(pass), .. } => format!("change before {}", plan.pass(pass).name),
         Actor::Transition { before: None, .. } => "change in handover".into(),
         Actor::Host { .. } => "host".into(),
     };
-    let short = |o: &Objection| {
-        let first = o.first.map_or("nobody".into(), name);
+    let short = |o: &Violation| {
+        let first = o.first.map_or("none".into(), name);
         let through = o.through.map_or(String::new(), |id| format!(" (as {})", plan.resource(id).name));
         let missing = match o.missing {
             Missing::Visibility(stage, access) => {
                 format!(
                     "{} at {}",
-                    objection::flag_names(access.iter_names()),
-                    objection::flag_names(stage.iter_names())
+                    violation::flag_names(access.iter_names()),
+                    violation::flag_names(stage.iter_names())
                 )
             }
             Missing::Layout { found, needed } => format!("{needed:?}, not {found:?}"),
@@ -166,7 +166,7 @@ fn tell(plan: &Plan, objections: &[Objection]) -> Vec<String> {
         let (second, resource, kind) = (name(o.second), &plan.resource(o.resource).name, o.kind);
         format!("{kind:?}: {first}{through}, {second}: {resource}: {missing}")
     };
-    objections.iter().map(short).collect()
+    violations.iter().map(short).collect()
 }
 
 const NOTHING: [&str; 0] = [];
@@ -218,7 +218,7 @@ fn order(source: Stages, target: Stages) -> Barrier {
     barrier((source, NO_ACCESS), (target, NO_ACCESS))
 }
 
-/// What a read in a compute shader needs after a write in one.
+/// Makes the barrier that a read in a compute shader needs after a write in one.
 fn compute_to_compute() -> Barrier {
     barrier((COMPUTE, WRITE), (COMPUTE, READ))
 }

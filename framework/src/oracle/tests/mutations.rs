@@ -45,27 +45,26 @@ fn a_minimal_plan_is_sufficient_and_nothing_in_it_is_needless() {
     let needless: Vec<_> = needless(&sketch.plan).iter().map(|m| m.describe(&sketch.plan)).collect();
     assert_eq!(needless, NOTHING);
     for mutation in mutations(&sketch.plan) {
-        assert!(objects(&apply(&sketch.plan, &mutation)), "{}", mutation.describe(&sketch.plan));
+        assert!(has_violation(&apply(&sketch.plan, &mutation)), "{}", mutation.describe(&sketch.plan));
     }
 }
 
 #[test]
 fn a_world_that_is_used_again_is_as_good_as_new() {
     let mut sketch = minimal();
-    let (script, replay) = (Script::new(&sketch.plan, 2), Replay::default());
-    let mut world = World::new(&script, false);
-    world.run(&sketch.plan, &script, &replay);
+    let (trace, replay) = (Trace::new(&sketch.plan, 2), Replay::default());
+    let mut memory = MemoryState::new(&trace, false);
+    memory.run(&sketch.plan, &trace, &replay);
     // Without what fills the table and without any change of layout, there is much to find.
     sketch.plan.prologue.clear();
     sketch.plan.frame.iter_mut().for_each(|step| step.barriers.retain(|barrier| barrier.image.is_none()));
     for _ in 0..2 {
-        world.reset(&script);
-        world.run(&sketch.plan, &script, &replay);
-        assert_eq!(world.findings.objections, super::replay(&sketch.plan, &replay));
+        memory.reset(&trace);
+        memory.run(&sketch.plan, &trace, &replay);
+        assert_eq!(memory.findings.violations, super::replay(&sketch.plan, &replay));
     }
-    let lines = tell(&sketch.plan, &world.findings.objections);
-    for line in
-        ["Unwritten: nobody, key: table: Contents", "Layout: nobody, key: image: General, not Undefined"]
+    let lines = tell(&sketch.plan, &memory.findings.violations);
+    for line in ["Unwritten: none, key: table: Contents", "Layout: none, key: image: General, not Undefined"]
     {
         assert!(lines.contains(&line.to_string()), "{lines:#?}");
     }

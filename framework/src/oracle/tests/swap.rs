@@ -51,7 +51,7 @@ fn a_history_of_the_same_name_and_shape_lives_on() {
 #[test]
 fn another_name_or_another_shape_starts_afresh() {
     let old = with_history("kept", BYTES);
-    let unwritten = ["1: Unwritten: nobody, draw: kept: Contents"];
+    let unwritten = ["1: Unwritten: none, draw: kept: Contents"];
     assert_eq!(swapped(&[(&old, 2), (&without_start("other", BYTES), 2)]), unwritten);
     assert_eq!(swapped(&[(&old, 2), (&without_start("kept", 2 * BYTES), 2)]), unwritten);
     assert_eq!(swapped(&[(&old, 2), (&with_history("other", BYTES), 2)]), NOTHING);
@@ -63,7 +63,7 @@ fn what_has_no_history_is_fresh_memory() {
     old.plan.resources[0].history = None;
     assert_eq!(
         swapped(&[(&old, 1), (&without_start("kept", BYTES), 1)])[..],
-        ["1: Unwritten: nobody, draw: kept: Contents"]
+        ["1: Unwritten: none, draw: kept: Contents"]
     );
 }
 
@@ -73,7 +73,7 @@ fn a_history_that_was_never_written_is_none() {
     old.plan.frame.clear();
     assert_eq!(
         swapped(&[(&old, 1), (&with_history("kept", BYTES), 1)]),
-        ["1: Unwritten: nobody, draw: kept: Contents"]
+        ["1: Unwritten: none, draw: kept: Contents"]
     );
 }
 
@@ -114,7 +114,7 @@ fn an_image_that_lives_on_is_in_the_layout_that_its_start_leaves() {
     other.plan.passes[0].uses[0].layout = Some(Layout::TransferSource);
     assert_eq!(
         swapped(&[(&sketch, 3), (&other, 3)]),
-        ["1: Layout: nobody, change in handover: kept: TransferTarget, not TransferSource"]
+        ["1: Layout: none, change in handover: kept: TransferTarget, not TransferSource"]
     );
 }
 

@@ -1,8 +1,8 @@
-//! One wanted file over time: whether it holds something else than a build has read, and whether that is worth telling yet.
+//! Tracks one wanted file: whether its contents differ from those that a build has read, and whether to report that yet.
 //!
-//! No event is believed. Whenever one comes, all files are looked at; what counts is what they hold. A difference is *pending*
-//! until the file has stood still for a while, so that a burst of writes is one change; a file that is gone or empty gets longer,
-//! as that is how many editors begin to save.
+//! Events are only hints: at each, all files are looked at, and only their contents count. A difference is *pending* until the
+//! file has not changed for a while, so that a burst of writes is one change; a file that is gone or empty gets longer, as many
+//! editors begin to save that way.
 
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use crate::source::Content;
 
-/// How patient a watcher is.
+/// Sets the delays of a watcher.
 #[derive(Clone, Copy, Debug)]
 pub struct Patience {
     pub quiet: Duration,
@@ -24,11 +24,11 @@ pub struct Patience {
 /// A file (or a place where one may appear) that is watched.
 #[derive(Debug)]
 pub struct Subject {
-    /// As whoever watches calls it.
+    /// The path as the caller wrote it.
     pub given: PathBuf,
     /// Absolute.
     pub path: PathBuf,
-    /// What needs no more telling: what was built, or announced since.
+    /// Contents that need no report: built, or reported since.
     pub told: Content,
     /// `told` was announced and not built yet.
     announced: bool,
@@ -36,14 +36,14 @@ pub struct Subject {
     pending: Option<Pending>,
 }
 
-/// What one look at a file showed.
+/// Holds the result of one look at a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Glance {
     stamp: Option<Stamp>,
     content: Content,
 }
 
-/// What changes with a file's content, unless it changes twice within the clock's resolution.
+/// Identifies a file's content, unless it changes twice within the clock's resolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Stamp {
     length: u64,
@@ -52,25 +52,25 @@ struct Stamp {
     inode: (u64, u64, i128),
 }
 
-/// A difference that was not announced yet.
+/// Describes a difference that was not reported yet.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     first_seen: Instant,
-    /// Whether there is nothing, or an empty file, and since when that is so (or not).
+    /// True if the file is missing or empty, with the time since that is so (or not).
     gone: bool,
     gone_since: Instant,
-    /// Since when every look showed the same.
+    /// Time since which every look showed the same.
     steady_since: Instant,
     glance: Glance,
 }
 
-/// A difference, as it stands.
+/// Describes the present difference.
 #[derive(Clone, Copy, Debug)]
 pub struct Difference {
     pub first_seen: Instant,
-    /// There is nothing, or an empty file.
+    /// The file is missing or empty.
     pub gone: bool,
-    /// When it is worth telling, if nothing moves until then.
+    /// Time to report it, if nothing changes until then.
     pub due: Instant,
 }
 
@@ -86,11 +86,11 @@ impl Subject {
         }
     }
 
-    /// A build, or several, have read this. Call it right after a [`Subject::look`].
+    /// Records the contents that builds have read. Call it right after a [`Subject::look`].
     pub fn built(&mut self, read: &[Content]) {
         let Some(now) = self.glance.map(|glance| glance.content) else { return };
         if let Some(other) = read.iter().find(|content| **content != now) {
-            // What was announced since, a build on its way will read.
+            // A running build will read the contents that were reported since.
             if !(self.announced && self.told == now) {
                 (self.told, self.announced) = (*other, false);
             }
@@ -118,7 +118,7 @@ impl Subject {
         self.glance = Some(Glance { stamp, content });
     }
 
-    /// Weighs what the last look showed. `noticed` is when the event came that was the reason to look.
+    /// Evaluates the last look. `noticed` is the time of the event that caused it.
     pub fn weigh(&mut self, noticed: Instant, now: Instant) {
         let Some(glance) = self.glance else { return };
         if glance.content == self.told {
@@ -151,7 +151,7 @@ impl Subject {
         Some(Difference { first_seen, gone, due })
     }
 
-    /// Counts the difference as told. Returns what the file holds.
+    /// Marks the difference as reported. Returns the file's contents.
     pub fn announce(&mut self) -> Content {
         if let Some(pending) = self.pending.take() {
             (self.told, self.announced) = (pending.glance.content, true);
@@ -178,7 +178,7 @@ fn inode(_: &Metadata) -> (u64, u64, i128) {
 }
 
 impl Stamp {
-    /// Old enough that a later write has another time, whatever the clock's resolution (2 s on FAT) and whoever's clock it is.
+    /// Returns true if a later write surely has another time, for any clock and resolution (2 s on FAT).
     fn is_old(self) -> bool {
         const RESOLUTION: Duration = Duration::from_secs(3);
         let age = self.modified.and_then(|modified| SystemTime::now().duration_since(modified).ok());

@@ -85,7 +85,7 @@ impl Desk {
     }
 
     #[track_caller]
-    fn whole_change(&mut self) -> Change {
+    fn whole_change(&mut self) -> FileChange {
         let begun = Instant::now();
         loop {
             if let Some(change) = self.watcher.take() {
@@ -374,7 +374,7 @@ fn of_two_builds_that_read_different_texts_one_is_out_of_date() {
 
 const BUILTIN: &[(&str, &str)] = &[("shaders/splat.frag", "built in")];
 
-/// What a build of `pipelines/a.ron` would look at, and the shader that it would find.
+/// Lists the files that a build of `pipelines/a.ron` would read, with the shader that it would find.
 fn build(desk: &mut Desk) -> (Vec<Wanted>, String) {
     let mut files = SourceMap::new(Library { builtin: BUILTIN, ..Library::default() });
     let graph = desk.path("pipelines/a.ron");

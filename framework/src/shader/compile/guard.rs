@@ -1,17 +1,17 @@
-//! Keeps a crash of the compiler from being one of the process.
+//! Contains crashes of the compiler, so that the process survives them.
 //!
 //! glslang checks itself with assertions, and some broken shaders make it read through a null pointer (at the time of
-//! writing, a `shared` array with the name of a buffer block does). Whoever edits a shader beside a running renderer must
-//! not lose it to that. So the compiler runs on a thread of its own, and while it does, the signals that a crash raises
+//! writing, a `shared` array with the name of a buffer block does). Editing a shader beside a running renderer must not end
+//! the renderer. So the compiler runs on a thread of its own, and while it does, the signals that a crash raises
 //! are caught: if the compiler's thread raised one, that thread stops there, for good. It is never resumed and what it
-//! holds is lost, which is some memory, as glslang keeps its state per thread. A crash anywhere else goes to whoever
-//! would have had it without us.
+//! holds is lost, which is some memory, as glslang keeps its state per thread. A crash of any other thread goes to the
+//! handler that was installed before.
 //!
 //! On systems that are not Unix there is only the thread.
 
 use std::thread;
 
-/// What the thread of [`run`] did not do.
+/// Explains why the thread of [`run`] returned nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Lost {
     /// It could not be started.
@@ -57,10 +57,10 @@ mod unix {
 
     /// Shaders take milliseconds. What takes this long will not end: macros can grow without bounds.
     const LONGEST: Duration = Duration::from_secs(20);
-    /// How often is looked whether the thread crashed. Its end is noticed at once.
+    /// Interval of checking for a crash. The thread's end is noticed at once.
     const LOOK_EVERY: Duration = Duration::from_millis(10);
 
-    /// What a crash raises, and [`STOP`].
+    /// Signals of crashes, and [`STOP`].
     const SIGNALS: [libc::c_int; 6] =
         [libc::SIGSEGV, libc::SIGABRT, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, STOP];
     /// Sent to a thread that takes too long. Ignored by default: the thread may end just before it comes.
@@ -72,7 +72,7 @@ mod unix {
     static GUARDED: AtomicUsize = AtomicUsize::new(0);
     /// The guarded thread raised a signal, and is stopped.
     static CRASHED: AtomicBool = AtomicBool::new(false);
-    /// What was installed for each of [`SIGNALS`] before us.
+    /// Handlers of [`SIGNALS`] that were installed before.
     static BEFORE: OnceLock<[libc::sigaction; SIGNALS.len()]> = OnceLock::new();
 
     /// Runs `work` on a thread with a stack of `stack_bytes` and gives its result, whatever becomes of the thread.

@@ -1,9 +1,9 @@
-//! From glslang's log to diagnostics.
+//! Turns glslang's log into diagnostics.
 //!
 //! A line of the log is `ERROR: 2:14:9: 'keys' : undeclared identifier`: the file (here by our own number), line,
 //! column, the token where it happened, and what happened. The column cannot be taken as it is. glslang parses what its
 //! own preprocessor printed, with macros expanded and with spaces of its own, so the column is one of a text that
-//! nobody has seen. Lines are kept. So the token is looked for in the line, and if it stands there more than once the
+//! no file holds. Lines are kept. So the token is searched in the line, and if it occurs there more than once the
 //! column helps: [`printed_columns`] knows where the preprocessor puts each token.
 
 use std::ops::Range;
@@ -44,7 +44,7 @@ pub(super) fn diagnose(
     diagnostics
 }
 
-/// Where the first of the units' identifiers that a message quotes (`` `so` ``) stands; the shader's first line if none is found.
+/// Locates the first identifier of the units that a message quotes (`` `so` ``); the shader's first line if none is found.
 pub(super) fn find_quoted(
     files: &mut SourceMap,
     request: &ShaderRequest,
@@ -314,7 +314,7 @@ impl<'m> SyntaxError<'m> {
     }
 }
 
-/// What the grammar's name of a class of tokens means; empty for tokens that are always spelled alike.
+/// Describes a class of tokens by the grammar's name; empty for tokens with one spelling.
 fn described(name: &str) -> &'static str {
     match name {
         "IDENTIFIER" => "a name",
@@ -337,7 +337,7 @@ fn quoted(name: &str) -> String {
     }
 }
 
-/// How a token of the grammar is spelled; keywords are named as they are spelled, in capitals.
+/// Spells a token of the grammar; keywords are named by their spelling, in capitals.
 fn grammar_spelling(name: &str) -> &str {
     match name {
         "LEFT_OP" => "<<",

@@ -121,7 +121,7 @@ pub(super) fn lex(text: &str) -> Vec<Token> {
     tokens
 }
 
-/// Where the line that `at` is on ends: at its newline, which a backslash before it takes away.
+/// Returns the end of the line that holds `at`: its newline, unless a backslash continues the line.
 fn end_of_line(bytes: &[u8], mut at: usize) -> usize {
     while at < bytes.len() {
         let rest = &bytes[at..];
@@ -138,7 +138,7 @@ fn end_of_line(bytes: &[u8], mut at: usize) -> usize {
     at
 }
 
-/// What one text says before it is compiled.
+/// Holds the result of scanning one text.
 #[derive(Debug, PartialEq)]
 pub(super) struct Scan<'t> {
     pub identifiers: HashSet<&'t str>,
@@ -148,6 +148,8 @@ pub(super) struct Scan<'t> {
     pub macros: HashSet<&'t str>,
     /// Names that follow the name of a type, as those of variables and constants do, and where they stand.
     pub declared: Vec<(&'t str, Range<usize>)>,
+    /// Names of blocks, and of what else is declared `uniform`; not those of push constants.
+    pub bindings: Vec<&'t str>,
     /// The text's first `#version` and whether it says 460, in the core profile.
     pub version: Option<(Range<usize>, bool)>,
     /// The first token that GLSL does not allow.
@@ -161,10 +163,11 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
         includes: Vec::new(),
         macros: HashSet::new(),
         declared: Vec::new(),
+        bindings: Vec::new(),
         version: None,
         foreign: None,
     };
-    let mut line_starts = true;
+    let (mut line_starts, mut statement) = (true, 0);
     for (i, token) in tokens.iter().enumerate() {
         match token.kind {
             TokenKind::Identifier => {
@@ -172,6 +175,10 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
                 scan.identifiers.insert(name);
                 if i > 0 && is_number_type(tokens[i - 1].of(text)) {
                     scan.declared.push((name, token.range()));
+                }
+                let is_push = || tokens[statement..i].iter().any(|t| t.of(text) == "push_constant");
+                if matches!(name, "buffer" | "uniform") && !is_push() {
+                    scan.bindings.extend(binding_name(text, &tokens[i + 1..]));
                 }
             }
             TokenKind::Foreign if scan.foreign.is_none() => scan.foreign = Some(token.range()),
@@ -191,11 +198,20 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
                     _ => {}
                 }
             }
+            TokenKind::Symbol if matches!(token.of(text), ";" | "{" | "}") => statement = i + 1,
             _ => {}
         }
         line_starts = token.kind == TokenKind::Newline;
     }
     scan
+}
+
+/// The name that the declaration gives whose tokens follow `buffer` or `uniform`: the last word before a brace, a bracket or a
+/// semicolon. None where it only sets a default layout.
+fn binding_name<'t>(text: &'t str, tokens: &[Token]) -> Option<&'t str> {
+    let is_word = |token: &&Token| matches!(token.kind, TokenKind::Identifier | TokenKind::Newline);
+    let words = tokens.iter().take_while(is_word).filter(|token| token.kind == TokenKind::Identifier);
+    words.last().map(|token| token.of(text))
 }
 
 /// `uint`, `vec3`, ...: the types of what a shader could call like a constant of the graph.
@@ -237,6 +253,17 @@ mod tests {
         let scan = scan("a /* b\n#include \"x\"\n */ c // d \\\n still\n#include \"y\"\ne");
         assert_eq!(scan.identifiers, HashSet::from(["a", "c", "include", "e"]));
         assert_eq!(scan.includes.iter().map(|i| i.0).collect::<Vec<_>>(), ["y"]);
+    }
+
+    #[test]
+    fn blocks_and_images_are_declarations_and_words_in_comments_are_none() {
+        let scan = scan(
+            "// buffer Past { uint p[]; };\n/* uniform Gone { float g; }; */\nlayout(std430) buffer;\n\
+             #if 0\nlayout(binding = 0) readonly buffer\n  Keys { uint keys[]; } named[2];\n#endif\n\
+             layout(rgba16f) uniform writeonly image2D image;\nuniform image2D images[3];\n\
+             layout(push_constant) uniform Push { uint shift; };\nuint local = 1;\n",
+        );
+        assert_eq!(scan.bindings, ["Keys", "image", "images"]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Which resources the code that an entry point can reach loads from and stores to.
+//! Finds the resources that the code reachable from an entry point loads from and stores to.
 //!
 //! In SPIR-V's logical addressing every pointer comes, through access chains, copies and function arguments, from
 //! variables. So each id that is a pointer gets the set of the variables that it may point into, its *roots*: first the
@@ -13,7 +13,7 @@ use rspirv::spirv::{Op, Word};
 
 use super::module::{Module, Type, id};
 
-/// What the code does with variables, by their ids.
+/// Collects the ids of the variables that the code accesses.
 #[derive(Debug, Default)]
 pub(super) struct Accesses {
     pub reads: HashSet<Word>,
@@ -22,7 +22,7 @@ pub(super) struct Accesses {
     pub touched: HashSet<Word>,
 }
 
-/// What happens through a pointer or to an image.
+/// Classifies an access through a pointer or to an image.
 #[derive(Clone, Copy, PartialEq)]
 enum Effect {
     Nothing,
@@ -75,7 +75,7 @@ fn reachable(module: &Module) -> Result<Vec<Word>, String> {
     Ok(functions)
 }
 
-/// Whether the instruction makes of its first operand, a pointer or an image, another to the same resource, and touches nothing.
+/// Returns true if the result refers to the same resource as the first operand and the instruction accesses nothing.
 fn leads_on(opcode: Op) -> bool {
     matches!(
         opcode,
@@ -141,7 +141,7 @@ fn extend(roots: &mut Roots, id: Word, more: &BTreeSet<Word>) -> bool {
     set.len() > before
 }
 
-/// Whether a load gives a handle (an image, a sampler) rather than data.
+/// Returns true if a load yields a handle (an image, a sampler) rather than data.
 fn is_opaque(module: &Module, load: &Instruction) -> Result<bool, String> {
     let result = load.result_type.ok_or("a load has no type")?;
     Ok(matches!(module.type_of(result)?.kind, Type::Image { .. } | Type::Other(_) | Type::Pointer { .. }))

@@ -1,4 +1,4 @@
-//! A SPIR-V module, indexed: types with their sizes, constants with their values, names, decorations, functions.
+//! Indexes a SPIR-V module: types with their sizes, constants with their values, names, decorations, functions.
 //!
 //! SPIR-V defines what it uses before it uses it, so one pass over the global instructions in order finds every size and
 //! every value without recursion. A module that does otherwise is refused.
@@ -13,7 +13,7 @@ use rspirv::spirv::{
 
 use super::super::ShaderStage;
 
-/// What `OpType...` instructions say. `element` and the like are the ids of other types.
+/// Holds the operands of an `OpType...` instruction. `element` and the like are the ids of other types.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Type {
     Bool,
@@ -317,7 +317,8 @@ impl Module {
         self.names.get(&(id, member)).map_or("", String::as_str)
     }
 
-    /// Whether an id (or a member of a type) has a decoration, and its first number if that has one.
+    /// Returns the first number of a decoration, `Some(None)` for one without a number, `None` where there is no such
+    /// decoration.
     pub fn decoration(&self, id: Word, member: Option<u32>, decoration: Decoration) -> Option<Option<u32>> {
         let all = self.decorations.get(&(id, member))?;
         all.iter().find(|(kind, _)| *kind == decoration).map(|(_, value)| *value)

@@ -1,30 +1,31 @@
-//! The walk: prologue, handover and frames, as they are submitted to one queue.
+//! Walks the prologue, the handover and the frames, as they are submitted to one queue.
 //!
-//! Where an access is objected to, it takes place all the same, so that one mistake is told once.
+//! An access that violates the model takes place all the same, so that one mistake is reported once.
 
 use super::Replay;
-use super::memory::{Cell, Conflict, Contents, Read, Scope, State, Write};
-use super::objection::{Actor, Findings, Kind, Missing, Objection, When};
-use super::script::{Access, Clash, Script};
+use super::cell::{Cell, Conflict, Contents, Read, Scope, State, Write};
 use super::stages::Pairs;
+use super::trace::{Access, Clash, Trace};
+use super::violation::{Actor, Findings, Missing, Violation, ViolationKind, When};
 use crate::ir::{Accesses, Layout, PassId, ResourceId, Shape, Stages, Work};
 use crate::plan::{Barrier, Plan, Step, Transition};
 
-pub struct World {
+/// Holds the state of all memory and of all image layouts during a replay.
+pub struct MemoryState {
     cells: Vec<Cell>,
-    /// Of each resource; meaningless for buffers.
+    /// The layout of each resource; meaningless for buffers.
     layouts: Vec<Layout>,
-    /// Passes that are left out because a former plan did their work.
+    /// Passes that are skipped because a former plan did their work.
     skipped: Vec<PassId>,
     /// Counts passes, calls of barriers and preparations by the host.
     time: u32,
     copies: u32,
-    /// The call that is being recorded; kept for its memory.
+    /// The barriers of the current call; kept to reuse the allocation.
     scopes: Vec<Scope>,
     pub findings: Findings,
 }
 
-/// A resource that lives on in the next plan.
+/// Carries a resource with a history over to the next plan.
 pub struct Carried {
     name: String,
     shape: Shape,
@@ -32,50 +33,50 @@ pub struct Carried {
     contents: bool,
 }
 
-impl World {
-    /// Fresh memory for a plan.
-    pub fn new(script: &Script, first_only: bool) -> World {
-        let mut world = World {
-            cells: vec![Cell::FRESH; script.cells.len()],
-            layouts: vec![Layout::Undefined; script.places.len()],
+impl MemoryState {
+    /// Creates the state of fresh memory.
+    pub fn new(trace: &Trace, first_only: bool) -> MemoryState {
+        let mut memory = MemoryState {
+            cells: vec![Cell::FRESH; trace.cells.len()],
+            layouts: vec![Layout::Undefined; trace.places.len()],
             skipped: Vec::new(),
             time: 0,
             copies: 1,
             scopes: Vec::new(),
-            findings: Findings { objections: Vec::new(), first_only },
+            findings: Findings { violations: Vec::new(), first_only },
         };
-        world.reset(script);
-        world
+        memory.reset(trace);
+        memory
     }
 
-    /// Everything as [`World::new`] left it.
-    pub fn reset(&mut self, script: &Script) {
+    /// Restores the state that [`MemoryState::new`] returns.
+    pub fn reset(&mut self, trace: &Trace) {
         self.cells.iter_mut().for_each(Cell::reset);
         self.layouts.fill(Layout::Undefined);
         self.skipped.clear();
-        self.findings.objections.clear();
-        for (index, place) in script.places.iter().enumerate().filter(|(_, place)| place.uploaded) {
+        self.findings.violations.clear();
+        for (index, place) in trace.places.iter().enumerate().filter(|(_, place)| place.uploaded) {
             self.fill(place.cells(0), ResourceId(index as u32));
         }
     }
 
-    /// Contents that were there before the plan, and that everyone sees.
+    /// Marks cells as written before the plan and visible everywhere.
     fn fill(&mut self, cells: std::ops::Range<usize>, resource: ResourceId) {
         for cell in &mut self.cells[cells] {
             cell.contents = Contents { state: State::Written(resource), by: None };
         }
     }
 
-    /// Takes over what lives on from a former plan. The barrier on everything that is recorded between the two makes
-    /// records of it pointless: all is ordered and visible.
-    pub fn adopt(&mut self, plan: &Plan, script: &Script, carried: &[Carried]) {
+    /// Adopts the resources that a former plan carries over. They need no records: the barrier on everything between the two
+    /// plans orders all and makes it visible.
+    pub fn adopt(&mut self, plan: &Plan, trace: &Trace, carried: &[Carried]) {
         for (index, resource) in plan.resources.iter().enumerate() {
             let id = ResourceId(index as u32);
             let lives_on =
                 |old: &&Carried| resource.history.as_ref() == Some(&old.name) && resource.shape == old.shape;
             let Some(old) = carried.iter().find(lives_on) else { continue };
             if old.contents {
-                self.fill(script.place(id).cells(0), id);
+                self.fill(trace.place(id).cells(0), id);
             }
             self.layouts[index] = old.layout;
             for step in &plan.prologue {
@@ -91,13 +92,13 @@ impl World {
         }
     }
 
-    /// What the next plan can take over.
-    pub fn carry(&self, plan: &Plan, script: &Script) -> Vec<Carried> {
+    /// Returns the resources that the next plan can adopt.
+    pub fn carry(&self, plan: &Plan, trace: &Trace) -> Vec<Carried> {
         let mut carried = Vec::new();
         for (index, resource) in plan.resources.iter().enumerate() {
             let Some(name) = &resource.history else { continue };
             let id = ResourceId(index as u32);
-            let cells = &self.cells[script.place(id).cells(0)];
+            let cells = &self.cells[trace.place(id).cells(0)];
             carried.push(Carried {
                 name: name.clone(),
                 shape: resource.shape,
@@ -108,31 +109,31 @@ impl World {
         carried
     }
 
-    /// The whole replay, or as much as it takes to find something where that is enough.
-    pub fn run(&mut self, plan: &Plan, script: &Script, replay: &Replay) {
+    /// Runs the replay, up to the first violation if one is enough.
+    pub fn run(&mut self, plan: &Plan, trace: &Trace, replay: &Replay) {
         self.copies = replay.copies.max(1);
-        self.prepare(script, replay, 0);
+        self.prepare(trace, replay, 0);
         for step in &plan.prologue {
             match plan.pass(step.pass).work {
-                // Its image is where the pass would have left it; what else stands in the call may be for others.
+                // Its image is in the layout that the pass would have left; the call's other barriers may serve other passes.
                 Work::Start { resource } if self.skipped.contains(&step.pass) => {
                     let others = step.barriers.iter().filter(|b| b.image.is_none_or(|t| t.image != resource));
                     let others: Vec<Barrier> = others.cloned().collect();
-                    self.call(script, &others, When::Prologue, Some(step.pass));
+                    self.call(trace, &others, When::Prologue, Some(step.pass));
                 }
-                _ => self.step(script, step, When::Prologue),
+                _ => self.step(trace, step, When::Prologue),
             }
             if self.findings.enough() {
                 return;
             }
         }
-        self.call(script, &plan.handover, When::Handover, None);
+        self.call(trace, &plan.handover, When::Handover, None);
         for frame in 0..replay.frames {
             if frame > 0 {
-                self.prepare(script, replay, frame);
+                self.prepare(trace, replay, frame);
             }
             for step in &plan.frame {
-                self.step(script, step, When::Frame(frame));
+                self.step(trace, step, When::Frame(frame));
                 if self.findings.enough() {
                     return;
                 }
@@ -144,14 +145,14 @@ impl World {
         when.frame() % self.copies
     }
 
-    /// The host waits for the fence of an earlier frame and writes the uniform blocks. The submission makes them
+    /// Waits for the fence of an earlier frame and writes the uniform blocks, as the host. The submission makes them
     /// visible to the device (Vulkan 1.3, 7.9 "Host Write Ordering Guarantees").
-    fn prepare(&mut self, script: &Script, replay: &Replay, frame: u32) {
+    fn prepare(&mut self, trace: &Trace, replay: &Replay, frame: u32) {
         self.time += 1;
         let finished = |actor: Actor| actor.when().frame().saturating_add(replay.in_flight.max(1)) <= frame;
         let copy = self.copy(When::Frame(frame));
-        let World { cells, findings, time, .. } = self;
-        for (index, place) in script.places.iter().enumerate().filter(|(_, place)| place.per_frame()) {
+        let MemoryState { cells, findings, time, .. } = self;
+        for (index, place) in trace.places.iter().enumerate().filter(|(_, place)| place.per_frame()) {
             for number in place.cells(copy) {
                 let cell = &mut cells[number];
                 cell.fence(finished);
@@ -161,8 +162,8 @@ impl World {
                 let host = Actor::Host { frame };
                 let resource = ResourceId(index as u32);
                 for read in cell.reads.iter().filter(|read| !finished(read.actor)) {
-                    let conflict = (Kind::WriteAfterRead, read.actor, read.resource, Missing::Order);
-                    findings.add(objection(script, conflict, host, resource, number));
+                    let conflict = (ViolationKind::WriteAfterRead, read.actor, read.resource, Missing::Order);
+                    findings.add(violation(trace, conflict, host, resource, number));
                 }
                 cell.record_write(Write {
                     actor: host,
@@ -180,13 +181,13 @@ impl World {
         }
     }
 
-    fn step(&mut self, script: &Script, step: &Step, when: When) {
-        self.call(script, &step.barriers, when, Some(step.pass));
-        self.pass(script, step.pass, when);
+    fn step(&mut self, trace: &Trace, step: &Step, when: When) {
+        self.call(trace, &step.barriers, when, Some(step.pass));
+        self.pass(trace, step.pass, when);
     }
 
-    /// Barriers that are recorded together.
-    fn call(&mut self, script: &Script, barriers: &[Barrier], when: When, before: Option<PassId>) {
+    /// Applies the barriers of one call.
+    fn call(&mut self, trace: &Trace, barriers: &[Barrier], when: When, before: Option<PassId>) {
         if barriers.is_empty() {
             return;
         }
@@ -198,10 +199,10 @@ impl World {
         for (index, scope) in scopes.iter().enumerate() {
             let Some(image) = scope.image else { continue };
             let actor = Actor::Transition { when, image: image.image, before };
-            self.check_layout(script, image.image, image.old, actor, true);
+            self.check_layout(trace, image.image, image.old, actor, true);
             if scope.transition().is_some() {
-                self.check_transition(script, scope, image, actor);
-                self.check_siblings(script, &scopes[..index], image, actor);
+                self.check_transition(trace, scope, image, actor);
+                self.check_siblings(trace, &scopes[..index], image, actor);
             }
         }
         for cell in &mut self.cells {
@@ -209,37 +210,37 @@ impl World {
         }
         for scope in &scopes {
             if let Some(image) = scope.transition() {
-                self.transition(script, scope, image, Actor::Transition { when, image: image.image, before });
+                self.transition(trace, scope, image, Actor::Transition { when, image: image.image, before });
             }
         }
         self.scopes = scopes;
     }
 
-    fn check_transition(&mut self, script: &Script, scope: &Scope, image: Transition, actor: Actor) {
-        let World { cells, findings, .. } = self;
-        for number in script.place(image.image).cells(0) {
+    fn check_transition(&mut self, trace: &Trace, scope: &Scope, image: Transition, actor: Actor) {
+        let MemoryState { cells, findings, .. } = self;
+        for number in trace.place(image.image).cells(0) {
             cells[number].check_transition(scope, |conflict| {
-                findings.add(objection(script, conflict, actor, image.image, number));
+                findings.add(violation(trace, conflict, actor, image.image, number));
             });
         }
     }
 
-    /// Layout changes of one call are not ordered among each other.
-    fn check_siblings(&mut self, script: &Script, others: &[Scope], image: Transition, actor: Actor) {
-        let own = script.place(image.image).cells(0);
+    /// Checks layout changes of one call against each other: they are not ordered.
+    fn check_siblings(&mut self, trace: &Trace, others: &[Scope], image: Transition, actor: Actor) {
+        let own = trace.place(image.image).cells(0);
         for other in others.iter().filter_map(Scope::transition) {
-            let cells = script.place(other.image).cells(0);
+            let cells = trace.place(other.image).cells(0);
             let Actor::Transition { when, before, .. } = actor else { continue };
             let first = Actor::Transition { when, before, image: other.image };
             for number in own.start.max(cells.start)..own.end.min(cells.end) {
-                let conflict = (Kind::WriteAfterWrite, first, other.image, Missing::Order);
-                self.findings.add(objection(script, conflict, actor, image.image, number));
+                let conflict = (ViolationKind::WriteAfterWrite, first, other.image, Missing::Order);
+                self.findings.add(violation(trace, conflict, actor, image.image, number));
             }
         }
     }
 
-    fn transition(&mut self, script: &Script, scope: &Scope, change: Transition, actor: Actor) {
-        for number in script.place(change.image).cells(0) {
+    fn transition(&mut self, trace: &Trace, scope: &Scope, change: Transition, actor: Actor) {
+        for number in trace.place(change.image).cells(0) {
             let cell = &mut self.cells[number];
             cell.record_write(Write {
                 actor,
@@ -257,31 +258,24 @@ impl World {
             }
         }
         self.layouts[change.image.index()] = change.new;
-        self.spoil_layouts(script, change.image);
+        self.spoil_layouts(trace, change.image);
     }
 
-    /// Writing a resource leaves the images in the same memory in no layout.
-    fn spoil_layouts(&mut self, script: &Script, written: ResourceId) {
-        for image in &script.place(written).alias_images {
+    /// Forgets the layouts of the images that share a written resource's memory.
+    fn spoil_layouts(&mut self, trace: &Trace, written: ResourceId) {
+        for image in &trace.place(written).alias_images {
             self.layouts[image.index()] = Layout::Undefined;
         }
     }
 
-    fn check_layout(
-        &mut self,
-        script: &Script,
-        image: ResourceId,
-        needed: Layout,
-        actor: Actor,
-        change: bool,
-    ) {
+    fn check_layout(&mut self, trace: &Trace, image: ResourceId, needed: Layout, actor: Actor, change: bool) {
         let found = self.layouts[image.index()];
         if found == needed || change && needed == Layout::Undefined {
             return;
         }
-        let cells = &script.cells[script.place(image).cells(0)];
-        self.findings.add(Objection {
-            kind: Kind::Layout,
+        let cells = &trace.cells[trace.place(image).cells(0)];
+        self.findings.add(Violation {
+            kind: ViolationKind::Layout,
             first: None,
             second: actor,
             resource: image,
@@ -293,32 +287,32 @@ impl World {
         self.layouts[image.index()] = needed;
     }
 
-    fn pass(&mut self, script: &Script, pass: PassId, when: When) {
+    fn pass(&mut self, trace: &Trace, pass: PassId, when: When) {
         self.time += 1;
-        let actions = script.actions(pass);
+        let actions = trace.actions(pass);
         let actor = Actor::Pass { when, pass };
         let copy = self.copy(when);
         for (image, layout) in &actions.layouts {
-            self.check_layout(script, *image, *layout, actor, false);
+            self.check_layout(trace, *image, *layout, actor, false);
         }
         for access in &actions.accesses {
-            self.check(script, access, actor, copy);
+            self.check(trace, access, actor, copy);
         }
         for Clash { first, second } in &actions.clashes {
             let kind = match (first.writes(), second.writes()) {
-                (true, true) => Kind::WriteAfterWrite,
-                (true, false) => Kind::ReadAfterWrite,
-                _ => Kind::WriteAfterRead,
+                (true, true) => ViolationKind::WriteAfterWrite,
+                (true, false) => ViolationKind::ReadAfterWrite,
+                _ => ViolationKind::WriteAfterRead,
             };
             let (one, other) = (first.cells(copy), second.cells(copy));
             for number in one.start.max(other.start)..one.end.min(other.end) {
                 let conflict = (kind, actor, first.resource, Missing::Order);
-                self.findings.add(objection(script, conflict, actor, second.resource, number));
+                self.findings.add(violation(trace, conflict, actor, second.resource, number));
             }
         }
         // Writes first: they clear away older records, and the pass's own reads are to stay.
         for access in actions.accesses.iter().filter(|access| access.writes()) {
-            self.record_write(script, access, actor, copy);
+            self.record_write(trace, access, actor, copy);
         }
         for access in actions.accesses.iter().filter(|access| !access.writes()) {
             for number in access.cells(copy) {
@@ -333,13 +327,13 @@ impl World {
         }
     }
 
-    fn check(&mut self, script: &Script, access: &Access, actor: Actor, copy: u32) {
-        let World { cells, findings, .. } = self;
+    fn check(&mut self, trace: &Trace, access: &Access, actor: Actor, copy: u32) {
+        let MemoryState { cells, findings, .. } = self;
         let Access { resource, stage, access: bit, needs_contents, .. } = *access;
-        let fresh = script.place(resource).fresh.then_some(actor.when());
+        let fresh = trace.place(resource).fresh.then_some(actor.when());
         for number in access.cells(copy) {
             let cell = &cells[number];
-            let report = |conflict| findings.add(objection(script, conflict, actor, resource, number));
+            let report = |conflict| findings.add(violation(trace, conflict, actor, resource, number));
             if access.writes() {
                 cell.check_write(stage, bit, resource, report);
             } else {
@@ -350,13 +344,13 @@ impl World {
                     State::Never => resource,
                     State::Written(by) | State::Discarded(by) => by,
                 };
-                findings.add(Objection {
-                    kind: Kind::Unwritten,
+                findings.add(Violation {
+                    kind: ViolationKind::Unwritten,
                     first: cell.contents.by,
                     second: actor,
                     resource,
                     through: Some(through).filter(|through| *through != resource),
-                    range: script.cells[number].clone(),
+                    range: trace.cells[number].clone(),
                     missing: Missing::Contents,
                     plan: 0,
                 });
@@ -364,7 +358,7 @@ impl World {
         }
     }
 
-    fn record_write(&mut self, script: &Script, access: &Access, actor: Actor, copy: u32) {
+    fn record_write(&mut self, trace: &Trace, access: &Access, actor: Actor, copy: u32) {
         for number in access.cells(copy) {
             let cell = &mut self.cells[number];
             cell.record_write(Write {
@@ -380,25 +374,25 @@ impl World {
             });
             cell.contents = Contents { state: State::Written(access.resource), by: Some(actor) };
         }
-        self.spoil_layouts(script, access.resource);
+        self.spoil_layouts(trace, access.resource);
     }
 }
 
-fn objection(
-    script: &Script,
+fn violation(
+    trace: &Trace,
     conflict: Conflict,
     second: Actor,
     resource: ResourceId,
     cell: usize,
-) -> Objection {
+) -> Violation {
     let (kind, first, through, missing) = conflict;
-    Objection {
+    Violation {
         kind,
         first: Some(first),
         second,
         resource,
         through: Some(through).filter(|through| *through != resource),
-        range: script.cells[cell].clone(),
+        range: trace.cells[cell].clone(),
         missing,
         plan: 0,
     }

@@ -1,32 +1,32 @@
-//! What is shown while files are being edited: the last thing that was built without an error, and perhaps an error.
+//! Keeps the last product that was built without an error while files are being edited, and perhaps an error.
 //!
 //! A small state machine. The picture never depends on the newest attempt, only on the newest that worked; and an error
-//! right after a change is kept back for a while ([`GRACE`]), since the file may be there in half. If the other half comes, the
-//! next attempt begins and nobody saw the error. Time is passed in.
+//! right after a change is kept back for a while ([`GRACE`]), since the file may be half written. When the other half arrives,
+//! the next attempt begins and the error was never shown. Time is passed in.
 
 use std::time::{Duration, Instant};
 
-/// How long after a change of a file an error is not shown yet.
+/// Delays errors after a change of a file.
 pub const GRACE: Duration = Duration::from_millis(200);
 
-/// One try at building, to be handed back with its outcome.
+/// Identifies one build, to be passed back with its outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Attempt {
     number: u64,
 }
 
-/// The newest product `P` that was built, and the error `E` that keeps a newer one from being built.
+/// Holds the newest product `P`, and the error `E` of a newer attempt.
 #[derive(Clone, Debug)]
 pub struct LastGood<P, E> {
     good: Option<P>,
     /// The attempt that `good` came from.
     good_attempt: u64,
     newest: Attempt,
-    /// When an error of the newest attempt may be shown. `None`: at once.
+    /// Earliest time to show an error of the newest attempt. `None`: at once.
     patient_until: Option<Instant>,
     /// Shown, while attempts after it are on their way, too.
     shown: Option<E>,
-    /// Of the newest attempt; not shown before `patient_until`.
+    /// Error of the newest attempt; not shown before `patient_until`.
     kept_back: Option<E>,
 }
 
@@ -70,8 +70,7 @@ impl<P, E> LastGood<P, E> {
         self.newest
     }
 
-    /// The attempt gave a product. Returns whether it is the good one now: not if that of a newer attempt already is. Errors
-    /// are gone, even while newer attempts are on their way.
+    /// Records the product of an attempt and drops the errors. Returns false if a newer attempt's product is already there.
     pub fn succeeded(&mut self, attempt: Attempt, product: P) -> bool {
         if self.good.is_some() && attempt.number < self.good_attempt {
             return false;
@@ -85,31 +84,30 @@ impl<P, E> LastGood<P, E> {
         true
     }
 
-    /// The attempt failed. The error counts only if no newer attempt was begun.
+    /// Records the error of an attempt. It counts only if no newer attempt was begun.
     pub fn failed(&mut self, attempt: Attempt, error: E) {
         if attempt == self.newest {
             self.kept_back = Some(error);
         }
     }
 
-    /// The newest product, if there ever was one.
+    /// Returns the newest product, if there ever was one.
     pub fn good(&self) -> Option<&P> {
         self.good.as_ref()
     }
 
-    /// The same, to be changed or taken out.
+    /// Returns the newest product, to be changed or taken out.
     pub fn good_mut(&mut self) -> &mut Option<P> {
         &mut self.good
     }
 
-    /// The error to show: that of the newest attempt that has been decided on. `None` while everything is in order, or may
-    /// be.
+    /// Returns the error to show: that of the newest finished attempt. `None` while there is none, or one is kept back.
     pub fn error(&self, now: Instant) -> Option<&E> {
         let newer = if self.is_due(now) { self.kept_back.as_ref() } else { None };
         newer.or(self.shown.as_ref())
     }
 
-    /// When [`LastGood::error`] will say something else if nothing happens: a time to look again.
+    /// Returns the time at which [`LastGood::error`] changes by itself.
     pub fn due(&self, now: Instant) -> Option<Instant> {
         self.patient_until.filter(|_| self.kept_back.is_some() && !self.is_due(now))
     }
@@ -127,7 +125,7 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    /// One that shows "first", and the time.
+    /// Makes one that shows "first", and the time.
     fn working() -> (Shown, Instant) {
         let mut shown = Shown::new();
         let now = Instant::now();

@@ -1,19 +1,19 @@
-//! The entries of folders that decide what a path leads to.
+//! Lists the folder entries that a path resolves through, symlinks included.
 //!
-//! `/home/me/graphs/a.ron` leads where it does because of the entry `home` in `/`, `me` in `/home`, and so on; and if
-//! `graphs` is a link, because of that, and of every entry on the way that it points along. A change of what the path holds is a
-//! change of one of these entries or of the file at their end. So these are what to watch; where the path leads nowhere, the
-//! last entry is the first one that is missing.
+//! `/home/me/graphs/a.ron` resolves through the entry `home` in `/`, `me` in `/home`, and so on; and if `graphs` is a symlink,
+//! through that and every entry along its target. The contents at a path change only if one of these entries changes or the
+//! file at their end does. So these entries are watched; for a path that does not resolve, the last entry is the first that is
+//! missing.
 
 use std::collections::HashMap;
 use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 use std::{fs, io};
 
-/// Links that are followed on one way, as systems do.
+/// Limits the symlinks that one path follows, as systems do.
 const MOST_LINKS: u32 = 40;
 
-/// An entry that a path leads through, there or not.
+/// Describes an entry along a path, existing or not.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
     /// The folder that has it: absolute, without links.
@@ -23,8 +23,7 @@ pub struct Entry {
     pub is_link: bool,
 }
 
-/// Walks paths. It remembers what it met, so that the folders that many paths share are asked for once: for one walk through
-/// all paths, not longer.
+/// Resolves paths, and caches the entries, so that shared folders are read once. It serves one resolution of all paths.
 #[derive(Debug, Default)]
 pub struct Walk {
     met: HashMap<PathBuf, Met>,
@@ -34,14 +33,14 @@ pub struct Walk {
 enum Met {
     Folder,
     Link(PathBuf),
-    /// A file, or nothing that can be walked through.
+    /// A file or another entry that is no folder and no symlink.
     End,
 }
 
 impl Walk {
-    /// The entries that an absolute path leads through, in order.
-    pub fn trail(&mut self, path: &Path) -> Vec<Entry> {
-        let mut trail = Vec::new();
+    /// Lists the entries along an absolute path, in order.
+    pub fn entries(&mut self, path: &Path) -> Vec<Entry> {
+        let mut entries = Vec::new();
         let mut folder = PathBuf::new();
         // What is still to be walked, the next step last.
         let mut rest: Vec<Step> = steps(path);
@@ -61,7 +60,7 @@ impl Walk {
             let entry = folder.join(&name);
             let met = self.met.entry(entry.clone()).or_insert_with(|| meet(&entry)).clone();
             let is_link = matches!(met, Met::Link(_));
-            trail.push(Entry { folder: folder.clone(), path: entry.clone(), is_link });
+            entries.push(Entry { folder: folder.clone(), path: entry.clone(), is_link });
             match met {
                 Met::Folder => folder = entry,
                 Met::Link(to) => {
@@ -74,7 +73,7 @@ impl Walk {
                 Met::End => break,
             }
         }
-        trail
+        entries
     }
 }
 
@@ -115,16 +114,16 @@ mod tests {
 
     use super::*;
 
-    /// The entries of a trail below `root`, links with an `@`.
+    /// Lists the entries of a symlink path below `root`, links with an `@`.
     fn below(root: &Path, path: &Path) -> Vec<String> {
         let root = root.canonicalize().expect("a folder");
-        let trail = Walk::default().trail(path);
+        let entries = Walk::default().entries(path);
         let show = |entry: &Entry| {
             assert_eq!(entry.path.parent(), Some(entry.folder.as_path()));
             let short = entry.path.strip_prefix(&root).ok()?.to_str()?;
             (!short.is_empty()).then(|| format!("{short}{}", if entry.is_link { "@" } else { "" }))
         };
-        trail.iter().filter_map(show).collect()
+        entries.iter().filter_map(show).collect()
     }
 
     #[test]

@@ -1,23 +1,23 @@
-//! Records of accesses to a few bytes, and what barriers do to them.
+//! Records accesses to a few bytes, and applies barriers to the records.
 //!
 //! A [`Cell`] is a run of bytes that are always touched together. It remembers the accesses that a later one may
 //! still conflict with: the writes of the last pass that wrote, and the reads since. Each record carries the stages
-//! that are ordered after it, and a write also how far its memory has come. A barrier adds to these sets; an access
-//! looks whether it is in them.
+//! that are ordered after it, and a write also the stages to which its data is visible. A barrier adds to these sets; an
+//! access must be in them.
 //!
-//! What is forgotten is implied by what is kept. A write that is properly ordered after an older access stands for
+//! Dropped records are implied by those that are kept. A write that is properly ordered after an older access stands for
 //! it: any chain that starts at the newer one extends the older one's. So does a read for an older read at the same
-//! stage. (If it was not properly ordered, the oracle has already objected.)
+//! stage. (If it was not properly ordered, the violation is already reported.)
 
-use super::objection::{Actor, Kind, Missing, When};
 use super::stages::{Pairs, with_earlier, with_later};
+use super::violation::{Actor, Missing, ViolationKind, When};
 use crate::ir::{Accesses, ResourceId, Stages};
 use crate::plan::{Barrier, Transition};
 
-/// A barrier with its masks spelt out.
+/// Expands the masks of a barrier.
 pub struct Scope {
     pub image: Option<Transition>,
-    /// Source stages that are named, which count for memory, and those with all before them, which count for order.
+    /// The source stages of the mask, which count for memory, and those with all earlier ones, which count for order.
     source: Stages,
     source_reach: Stages,
     source_accesses: Accesses,
@@ -37,22 +37,22 @@ impl Scope {
         }
     }
 
-    /// The image that really changes its layout.
+    /// Returns the transition, if its two layouts differ.
     pub fn transition(&self) -> Option<Transition> {
         self.image.filter(|image| image.old != image.new)
     }
 
-    /// An access at `stage` that is ordered before `ordered` is in the source scope: itself, or by a chain.
+    /// Returns true if an access at `stage`, ordered before `ordered`, is in the source scope: itself, or by a chain.
     fn waits_for(&self, stage: Stages, ordered: Stages) -> bool {
         self.source_reach.intersects(stage | ordered)
     }
 
-    /// The memory part is for all memory, or for accesses through one image.
+    /// Returns true if the memory dependency covers accesses through `resource`.
     fn concerns(&self, resource: ResourceId) -> bool {
         self.image.is_none_or(|transition| transition.image == resource)
     }
 
-    /// Whether the write is available by the time that the target starts: made so here, or before in the chain.
+    /// Returns true if the write is available when the target starts, made so here or earlier in the chain.
     fn finds_available(&self, write: &Write) -> bool {
         let here = self.concerns(write.resource)
             && self.source.intersects(write.stage)
@@ -61,14 +61,14 @@ impl Scope {
     }
 }
 
-/// A read at one stage.
+/// Records a read at one stage.
 #[derive(Clone)]
 pub struct Read {
     pub actor: Actor,
     pub resource: ResourceId,
     pub time: u32,
     pub stage: Stages,
-    /// What happens at these stages from now on is ordered after it.
+    /// Stages whose later accesses are ordered after this one.
     pub ordered: Stages,
 }
 
@@ -83,20 +83,20 @@ impl Read {
     }
 }
 
-/// A write of one kind at one stage, or a layout change, or the host's.
+/// Records a write of one kind at one stage, a layout change, or a write of the host.
 #[derive(Clone)]
 pub struct Write {
     pub actor: Actor,
     pub resource: ResourceId,
     pub time: u32,
-    /// Empty for what no source mask can name: a layout change, a write of the host.
+    /// Empty for a layout change and a write of the host, which no source mask can name.
     pub stage: Stages,
     pub access: Accesses,
     /// As in [`Read`].
     pub ordered: Stages,
-    /// What happens at these stages from now on is ordered after the write became available. Empty until then.
+    /// Stages whose later accesses are ordered after the write became available. Empty until then.
     pub chain: Stages,
-    /// Who sees it, through whichever resource, and through the resource that it was written through.
+    /// Accesses that see it through any resource, and through the resource that it was written through.
     pub visible: Pairs,
     pub visible_through_own: Pairs,
 }
@@ -120,7 +120,7 @@ impl Write {
         }
     }
 
-    /// What an access needs of this write and does not have.
+    /// Returns the first guarantee that an access lacks towards this write.
     fn lacks(&self, stage: Stages, access: Accesses, through: ResourceId) -> Option<Missing> {
         let visible = self.visible.has(stage, access)
             || through == self.resource && self.visible_through_own.has(stage, access);
@@ -136,11 +136,11 @@ impl Write {
     }
 }
 
-/// What the bytes hold.
+/// Tells which contents the bytes hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contents {
     pub state: State,
-    /// Who brought them into this state; `None` before the first frame's prologue.
+    /// The access that brought them into this state; `None` before the first frame's prologue.
     pub by: Option<Actor>,
 }
 
@@ -148,22 +148,22 @@ pub struct Contents {
 pub enum State {
     Never,
     Written(ResourceId),
-    /// An image's contents were given up with a change from [`Undefined`](crate::ir::Layout::Undefined).
+    /// An image's contents were discarded by a transition from [`Undefined`](crate::ir::Layout::Undefined).
     Discarded(ResourceId),
 }
 
 impl Contents {
     pub const NEVER: Contents = Contents { state: State::Never, by: None };
 
-    /// Whether a read through `resource` finds what was written through it, in frame `fresh` if there is one.
+    /// Returns true if a read through `resource` finds data written through it, in frame `fresh` if that is given.
     pub fn hold(&self, resource: ResourceId, fresh: Option<When>) -> bool {
         let now = fresh.is_none_or(|when| self.by.is_some_and(|by| by.when() == when));
         self.state == State::Written(resource) && now
     }
 }
 
-/// A conflict of a new access with a record: its kind, the record's actor and resource, what is missing.
-pub type Conflict = (Kind, Actor, ResourceId, Missing);
+/// Describes a conflict of a new access with a record: kind, the record's actor and resource, the missing guarantee.
+pub type Conflict = (ViolationKind, Actor, ResourceId, Missing);
 
 #[derive(Clone)]
 pub struct Cell {
@@ -181,7 +181,7 @@ impl Cell {
         self.contents = Contents::NEVER;
     }
 
-    /// Barriers that are recorded in one call.
+    /// Applies the barriers of one call.
     pub fn pass_through(&mut self, scopes: &[Scope]) {
         self.reads.iter_mut().for_each(|read| read.pass_through(scopes));
         self.writes.iter_mut().for_each(|write| write.pass_through(scopes));
@@ -196,7 +196,7 @@ impl Cell {
     ) {
         for write in &self.writes {
             if let Some(missing) = write.lacks(stage, access, through) {
-                conflict((Kind::ReadAfterWrite, write.actor, write.resource, missing));
+                conflict((ViolationKind::ReadAfterWrite, write.actor, write.resource, missing));
             }
         }
     }
@@ -210,26 +210,28 @@ impl Cell {
     ) {
         for read in &self.reads {
             if !read.ordered.contains(stage) {
-                conflict((Kind::WriteAfterRead, read.actor, read.resource, Missing::Order));
+                conflict((ViolationKind::WriteAfterRead, read.actor, read.resource, Missing::Order));
             }
         }
         for write in &self.writes {
-            // Who has seen the older write has settled its memory for those who wait for them.
+            // A stage that has read the older write has made its data visible to those that wait for the read.
             let settled =
                 self.reads.iter().any(|read| read.time > write.time && read.ordered.contains(stage));
             match write.lacks(stage, access, through) {
                 Some(Missing::Visibility(..)) if settled => {}
-                Some(missing) => conflict((Kind::WriteAfterWrite, write.actor, write.resource, missing)),
+                Some(missing) => {
+                    conflict((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing))
+                }
                 None => {}
             }
         }
     }
 
-    /// A layout change happens between a barrier's two scopes. It sees whatever is available.
+    /// Checks a layout change, which happens between a barrier's two scopes and sees all available data.
     pub fn check_transition(&self, scope: &Scope, mut conflict: impl FnMut(Conflict)) {
         for read in &self.reads {
             if !scope.waits_for(read.stage, read.ordered) {
-                conflict((Kind::WriteAfterRead, read.actor, read.resource, Missing::Order));
+                conflict((ViolationKind::WriteAfterRead, read.actor, read.resource, Missing::Order));
             }
         }
         for write in &self.writes {
@@ -240,11 +242,11 @@ impl Cell {
             } else {
                 continue;
             };
-            conflict((Kind::WriteAfterWrite, write.actor, write.resource, missing));
+            conflict((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing));
         }
     }
 
-    /// Older records give way to a write; those of the same pass stay with it.
+    /// Records a write. It replaces older records, but for those of the same pass.
     pub fn record_write(&mut self, write: Write) {
         if self.writes.first().is_none_or(|old| old.time != write.time) {
             self.reads.clear();
@@ -260,7 +262,7 @@ impl Cell {
         }
     }
 
-    /// A fence was waited for: what these frames did is finished. (Visible it is not.)
+    /// Marks the accesses of finished frames as ordered, after a fence. (A fence makes nothing visible.)
     pub fn fence(&mut self, finished: impl Fn(Actor) -> bool) {
         for read in self.reads.iter_mut().filter(|read| finished(read.actor)) {
             read.ordered = Stages::all();

@@ -1,4 +1,4 @@
-//! What the oracle says when it objects.
+//! Describes violations: accesses that Vulkan leaves undefined.
 
 use std::fmt;
 use std::ops::Range;
@@ -8,14 +8,14 @@ use crate::plan::Plan;
 
 /// One access that Vulkan leaves undefined.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Objection {
-    pub kind: Kind,
-    /// Who touched the bytes before. `None` where nobody is to blame: bytes never written, a layout never set.
+pub struct Violation {
+    pub kind: ViolationKind,
+    /// The earlier access. `None` where there is none: bytes never written, a layout never set.
     pub first: Option<Actor>,
     pub second: Actor,
-    /// What `second` touches.
+    /// The resource that `second` accesses.
     pub resource: ResourceId,
-    /// What `first` touched, where it was another resource in the same memory.
+    /// The resource that `first` accessed, if it was another one in the same memory.
     pub through: Option<ResourceId>,
     /// Bytes of `resource`.
     pub range: Range<u64>,
@@ -25,17 +25,17 @@ pub struct Objection {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum ViolationKind {
     ReadAfterWrite,
     WriteAfterRead,
     WriteAfterWrite,
-    /// An image is touched, or changed, in a layout in which it is not.
+    /// An access or a transition expects another layout than the image is in.
     Layout,
     /// A read of bytes that hold nothing of the resource, or nothing of this frame.
     Unwritten,
 }
 
-/// The first of the things that the later access needs and does not have.
+/// Names the first guarantee that the later access lacks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Missing {
     /// The earlier access may still be running.
@@ -51,7 +51,7 @@ pub enum Missing {
     Contents,
 }
 
-/// When something happened in a replay. The prologue and the handover are submitted with frame 0.
+/// Locates an access in time. The prologue and the handover are submitted with frame 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum When {
     Prologue,
@@ -69,7 +69,7 @@ impl When {
     }
 }
 
-/// Who touches memory.
+/// Names the source of an access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Actor {
     Pass {
@@ -134,9 +134,9 @@ impl fmt::Display for When {
     }
 }
 
-impl Objection {
+impl Violation {
     /// The same complaint, perhaps in another frame or about other bytes.
-    fn recurs_as(&self, other: &Objection) -> bool {
+    fn recurs_as(&self, other: &Violation) -> bool {
         let same_first = match (self.first, other.first) {
             (Some(first), Some(other)) => first.recurs_as(other),
             (None, None) => true,
@@ -152,13 +152,13 @@ impl Objection {
         let second = self.second.describe(plan);
         let Range { start, end } = self.range;
         let what = format!("`{}`, bytes {start}..{end}", plan.resource(self.resource).name);
-        let first = self.first.map_or("nobody".to_string(), |first| first.describe(plan));
+        let first = self.first.map_or("none".to_string(), |first| first.describe(plan));
         let through = match self.through {
             Some(alias) => format!(" through `{}` in the same memory", plan.resource(alias).name),
             None => String::new(),
         };
-        let verb = if self.kind == Kind::ReadAfterWrite { "reads" } else { "writes" };
-        let did = if self.kind == Kind::WriteAfterRead { "read" } else { "wrote" };
+        let verb = if self.kind == ViolationKind::ReadAfterWrite { "reads" } else { "writes" };
+        let did = if self.kind == ViolationKind::WriteAfterRead { "read" } else { "wrote" };
         match self.missing {
             Missing::Order => {
                 format!("{second} {verb} {what}, without waiting for {first}, which {did} them{through}")
@@ -192,16 +192,16 @@ pub(super) fn flag_names<T>(names: impl Iterator<Item = (&'static str, T)>) -> S
     names.map(|(name, _)| name).collect::<Vec<_>>().join(" | ")
 }
 
-/// Objections as they come up.
+/// Collects violations during a replay.
 pub(super) struct Findings {
-    pub objections: Vec<Objection>,
+    pub violations: Vec<Violation>,
     pub first_only: bool,
 }
 
 impl Findings {
-    pub fn add(&mut self, new: Objection) {
-        match self.objections.iter_mut().find(|old| old.recurs_as(&new)) {
-            None => self.objections.push(new),
+    pub fn add(&mut self, new: Violation) {
+        match self.violations.iter_mut().find(|old| old.recurs_as(&new)) {
+            None => self.violations.push(new),
             // The same two accesses, on the bytes that follow.
             Some(old)
                 if (old.first, old.second, old.missing) == (new.first, new.second, new.missing)
@@ -214,6 +214,6 @@ impl Findings {
     }
 
     pub fn enough(&self) -> bool {
-        self.first_only && !self.objections.is_empty()
+        self.first_only && !self.violations.is_empty()
     }
 }

@@ -1,7 +1,7 @@
-//! What each pass of a plan does to which bytes, without its barriers.
+//! Lists the accesses of each pass by their bytes, without the barriers.
 //!
-//! Memory is cut into cells at every boundary that an access has, so that an access is always to whole cells. Blocks
-//! come first, then the memory of the resources that stand alone. What the host touches has its cells once per copy.
+//! Memory is cut into cells at every boundary of an access, so that an access always covers whole cells. Blocks come
+//! first, then the memory of the resources outside blocks. Resources that the host accesses have their cells once per copy.
 
 use std::ops::Range;
 
@@ -11,13 +11,13 @@ use crate::ir::{
 };
 use crate::plan::Plan;
 
-/// One kind of access at one stage.
+/// Describes one kind of access at one stage.
 #[derive(Clone)]
 pub struct Access {
     pub resource: ResourceId,
     pub stage: Stages,
     pub access: Accesses,
-    /// It reads what was there before the pass.
+    /// It reads data written before the pass.
     pub needs_contents: bool,
     /// In the first copy.
     cells: Range<usize>,
@@ -36,7 +36,7 @@ impl Access {
     }
 }
 
-/// Two accesses of one pass through different resources in the same memory, which nothing can order.
+/// Pairs two accesses of one pass through different resources in the same memory, which no barrier can order.
 #[derive(Clone)]
 pub struct Clash {
     pub first: Access,
@@ -50,7 +50,7 @@ pub struct Actions {
     pub clashes: Vec<Clash>,
 }
 
-/// Where a resource stands.
+/// Locates a resource in the cells.
 pub struct Place {
     /// All cells of its memory, and its own, in the first copy.
     all: Range<usize>,
@@ -58,10 +58,10 @@ pub struct Place {
     stride: usize,
     /// Images that lose their layout when this resource is written.
     pub alias_images: Vec<ResourceId>,
-    /// Reads must find what this frame wrote: nothing keeps it from one frame to the next.
+    /// Reads must find data of the same frame: nothing keeps it from one frame to the next.
     pub fresh: bool,
     pub host_writes: bool,
-    /// The scene's: filled before the replay.
+    /// An attribute of the scene: filled before the replay.
     pub uploaded: bool,
 }
 
@@ -76,14 +76,14 @@ impl Place {
     }
 }
 
-pub struct Script {
+pub struct Trace {
     pub passes: Vec<Actions>,
     pub places: Vec<Place>,
     /// Bytes that a cell covers, from the start of its memory.
     pub cells: Vec<Range<u64>>,
 }
 
-/// An access before memory was cut into cells.
+/// Describes an access before memory is cut into cells.
 struct Extent {
     pass: usize,
     resource: ResourceId,
@@ -93,14 +93,14 @@ struct Extent {
     bytes: Range<u64>,
 }
 
-impl Script {
-    /// `copies` is how often that exists which the host touches.
-    pub fn new(plan: &Plan, copies: u32) -> Script {
+impl Trace {
+    /// Lists the accesses of a plan. `copies` counts the copies of resources that the host accesses.
+    pub fn new(plan: &Plan, copies: u32) -> Trace {
         let extents: Vec<Extent> =
             plan.passes.iter().enumerate().flat_map(|(index, _)| extents(plan, index)).collect();
         let (mut places, cells) = cut(plan, &extents, copies.max(1));
 
-        // What the prologue writes is there to be read in every frame.
+        // Data that the prologue writes can be read in every frame.
         for extent in extents.iter().filter(|extent| extent.access.writes()) {
             let place = &mut places[extent.resource.index()];
             place.fresh &= plan.passes[extent.pass].run != Run::Once;
@@ -123,7 +123,7 @@ impl Script {
                 pass.uses.iter().filter_map(|t| t.layout.map(|layout| (t.resource, layout))).collect();
             actions.clashes = clashes(&actions.accesses);
         }
-        Script { passes, places, cells }
+        Trace { passes, places, cells }
     }
 
     pub fn actions(&self, pass: PassId) -> &Actions {
@@ -135,7 +135,7 @@ impl Script {
     }
 }
 
-/// The cells among `of` that lie in `bytes`.
+/// Returns the cells among `of` that lie in `bytes`.
 fn covered(cells: &[Range<u64>], of: &Range<usize>, bytes: &Range<u64>) -> Range<usize> {
     let own = &cells[of.clone()];
     let start = own.partition_point(|cell| cell.start < bytes.start);
@@ -143,10 +143,10 @@ fn covered(cells: &[Range<u64>], of: &Range<usize>, bytes: &Range<u64>) -> Range
     of.start + start..of.start + end.max(start)
 }
 
-/// Each stage and access of a pass's touches, with the bytes that it is about.
+/// Lists each stage and access of a pass with its bytes.
 fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
     let pass = &plan.passes[index];
-    // A shader may read what the same pass wrote; in what order is its own affair.
+    // A shader may read what the same pass wrote, and orders that itself.
     let storage_written: Vec<ResourceId> = (pass.uses.iter())
         .filter(|touch| touch.accesses.contains(Accesses::STORAGE_WRITE))
         .map(|touch| touch.resource)
@@ -173,7 +173,7 @@ fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
     extents
 }
 
-/// The bytes of a resource that one access of a pass touches: all of them, unless the work says which.
+/// Returns the bytes of a resource that one access covers: all of them, unless the work limits them.
 fn ranges(plan: &Plan, work: &Work, touch: &Use, access: Accesses) -> Vec<Range<u64>> {
     const WORD: u64 = 4;
     let words = |offset: u64, count: u64| offset..offset.saturating_add(WORD * count);
@@ -204,7 +204,7 @@ fn ranges(plan: &Plan, work: &Work, touch: &Use, access: Accesses) -> Vec<Range<
     if narrow.is_empty() { vec![whole] } else { narrow }
 }
 
-/// Where each resource stands, and the cells of all memory.
+/// Cuts all memory into cells, and locates each resource in them.
 fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u64>>) {
     let mut memories = plan.blocks.len();
     let memory_of: Vec<usize> = (plan.resources.iter())
@@ -263,7 +263,7 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u
     (places, cells)
 }
 
-/// Accesses of one pass that meet in memory through different resources, one of them a write.
+/// Finds accesses of one pass that meet in memory through different resources, one of them a write.
 fn clashes(accesses: &[Access]) -> Vec<Clash> {
     let mut clashes = Vec::new();
     for (index, first) in accesses.iter().enumerate() {

@@ -1,0 +1,308 @@
+//! Disturbs the viewer: edits of files, and input as a person gives it.
+
+use super::{SCALE, SIZE, Soak};
+use egui::{Event as Input, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
+use indexmap::IndexMap;
+use splatgraph::view::events::RendererId;
+use splatgraph_framework::ir::{Domain, ParamBinding, Value};
+use std::fs;
+
+/// Graphs to draw with; the first is that of the reference state.
+pub(super) const GRAPHS: [&str; 8] = [
+    "pipelines/splat.ron",
+    "pipelines/digit4.ron",
+    "pipelines/digit11.ron",
+    "pipelines/unsorted.ron",
+    "pipelines/key16.ron",
+    "pipelines/stale_order.ron",
+    "pipelines/front_to_back.ron",
+    "pipelines/front_to_back_naive.ron",
+];
+
+/// Edits that build: file, text and its replacement.
+const CONSTANTS: [(&str, &str, &str); 6] = [
+    ("shaders/compose.comp", "transmittance * camera", "0.5 * transmittance * camera"),
+    ("shaders/splat.frag", "min(0.99,", "min(0.5,"),
+    ("shaders/window/compose.frag", "shown = vec4(colour, 1.0)", "shown = vec4(0.5 * colour, 1.0)"),
+    ("pipelines/splat.ron", "Int(default: 8, range: (1, 11)", "Int(default: 6, range: (1, 11)"),
+    ("pipelines/splat.ron", "Float(default: 3.33,", "Float(default: 2.5,"),
+    ("pipelines/view/window.ron", "Clear(0, 0, 0, 1)", "Clear(0.5, 0, 0, 1)"),
+];
+
+/// Edits that do not build.
+const MISTAKES: [(&str, &str, &str); 5] = [
+    ("shaders/project.comp", "void main() {", "void main() {\n    int i = undeclared;"),
+    ("shaders/camera.glsl", "uniform", "uniförm"),
+    ("shaders/window/ui.frag", "void main() {", "void main() { return 1;"),
+    ("pipelines/splat.ron", "\"Splats\": \"splats\"", "\"Splats\": \"splatz\""),
+    ("pipelines/view/window.ron", "phase: \"ui\",", "phase: ,"),
+];
+
+/// Files to which comments are added.
+const COMMENTED: [&str; 8] = [
+    "shaders/compose.comp",
+    "shaders/splat.vert",
+    "shaders/covariance.comp",
+    "shaders/camera.glsl",
+    "shaders/sort/serial_scatter.comp",
+    "shaders/window/ui.vert",
+    "pipelines/splat.ron",
+    "pipelines/view/window.ron",
+];
+
+/// Names a disturbance.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Deed {
+    Comment,
+    Constant,
+    Mistake,
+    Cut,
+    Empty,
+    Replace,
+    Mend,
+    Param(ParamBindingKind),
+    Graph,
+    Resize,
+    Minimise,
+    Scale,
+    Compare,
+    Exchange,
+    Measure,
+    Inspect,
+    InspectNothing,
+    Scene,
+    Drag,
+    Scroll,
+    Key,
+    Panel,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ParamBindingKind {
+    Const,
+    Live,
+}
+
+pub(super) const DEEDS: [(usize, Deed); 23] = [
+    (10, Deed::Comment),
+    (6, Deed::Constant),
+    (5, Deed::Mistake),
+    (2, Deed::Cut),
+    (1, Deed::Empty),
+    (4, Deed::Replace),
+    (12, Deed::Mend),
+    (8, Deed::Param(ParamBindingKind::Const)),
+    (12, Deed::Param(ParamBindingKind::Live)),
+    (4, Deed::Graph),
+    (4, Deed::Resize),
+    (2, Deed::Minimise),
+    (2, Deed::Scale),
+    (4, Deed::Compare),
+    (3, Deed::Exchange),
+    (2, Deed::Measure),
+    (4, Deed::Inspect),
+    (3, Deed::InspectNothing),
+    (1, Deed::Scene),
+    (12, Deed::Drag),
+    (8, Deed::Scroll),
+    (6, Deed::Key),
+    (8, Deed::Panel),
+];
+
+impl Soak {
+    pub(super) fn act(&mut self, deed: Deed) {
+        let who = if self.dice.below(3) == 0 { RendererId::B } else { RendererId::A };
+        match deed {
+            Deed::Comment => {
+                let name = *self.dice.of(&COMMENTED);
+                self.number += 1;
+                let text = format!("{}\n// Number {}.\n", self.viewer.shipped[name], self.number);
+                self.edit(name, text);
+            }
+            Deed::Constant => {
+                let edit = *self.dice.of(&CONSTANTS);
+                self.exchange_text(edit);
+            }
+            Deed::Mistake => {
+                let edit = *self.dice.of(&MISTAKES);
+                self.exchange_text(edit);
+            }
+            Deed::Cut => {
+                let name = *self.dice.of(&COMMENTED);
+                let text = &self.viewer.shipped[name];
+                let text = text[..text.floor_char_boundary(text.len() / 2)].to_owned();
+                self.edit(name, text);
+            }
+            Deed::Empty => {
+                let name = *self.dice.of(&COMMENTED);
+                self.edit(name, String::new());
+            }
+            Deed::Replace => {
+                // As many editors save: a new file takes the place of the old one.
+                let name = *self.dice.of(&COMMENTED);
+                self.number += 1;
+                let text = format!("{}\n// Replaced, number {}.\n", self.viewer.shipped[name], self.number);
+                self.viewer.write("new", text);
+                fs::rename(self.viewer.path("new"), self.viewer.path(name)).expect("the file is replaced");
+                self.edited.insert(name.to_owned());
+            }
+            Deed::Mend => {
+                for name in std::mem::take(&mut self.edited) {
+                    self.viewer.write(&name, &self.viewer.shipped[&name]);
+                }
+            }
+            Deed::Param(kind) => self.set_param(who, kind),
+            Deed::Graph => {
+                let graph = self.viewer.path(self.dice.of::<&str>(&GRAPHS));
+                if let Some(viewport) = self.viewer.shell.viewer.viewport(who) {
+                    viewport.renderer.choose(&graph.to_string_lossy(), IndexMap::new());
+                }
+            }
+            Deed::Resize => {
+                self.viewer.size = *self.dice.of(&[SIZE, (320, 200), (500, 180), (401, 226), (350, 350)])
+            }
+            Deed::Minimise => {
+                let size = std::mem::take(&mut self.viewer.size);
+                for _ in 0..1 + self.dice.below(5) {
+                    self.frame();
+                }
+                self.viewer.size = size;
+            }
+            Deed::Scale => self.viewer.shell.viewer.scale = *self.dice.of(&[SCALE, 0.1, 0.2, 0.25]),
+            Deed::Compare => {
+                let mode = *self.dice.of(&["compare:off", "compare:split", "compare:difference"]);
+                self.click(mode);
+            }
+            Deed::Exchange => self.viewer.shell.viewer.exchange(),
+            Deed::Measure => self.click("measure"),
+            Deed::Inspect => self.inspect(who),
+            Deed::InspectNothing => {
+                if let Some(viewport) = self.viewer.shell.viewer.viewport(who) {
+                    viewport.inspection = None;
+                }
+            }
+            Deed::Scene => {
+                let path = self.viewer.path(self.dice.of::<&str>(&self.scenes));
+                self.viewer.shell.viewer.open(&path);
+            }
+            Deed::Drag => self.drag(),
+            Deed::Scroll => {
+                let delta = Vec2::new(0.0, if self.dice.below(2) == 0 { 50.0 } else { -50.0 });
+                let Some(at) = self.somewhere() else { return };
+                let wheel = Input::MouseWheel {
+                    unit: MouseWheelUnit::Point,
+                    delta,
+                    phase: TouchPhase::Move,
+                    source: egui::MouseWheelSource::Wheel,
+                    modifiers: Modifiers::NONE,
+                };
+                self.viewer.plan_input(vec![Input::PointerMoved(at)]);
+                self.viewer.plan_input(vec![wheel]);
+            }
+            Deed::Key => {
+                let key =
+                    *self.dice.of(&[Key::F, Key::Home, Key::ArrowLeft, Key::ArrowUp, Key::F1, Key::Tab]);
+                for pressed in [true, false] {
+                    self.viewer.plan_input(vec![Input::Key {
+                        key,
+                        physical_key: None,
+                        pressed,
+                        repeat: false,
+                        modifiers: Modifiers::NONE,
+                    }]);
+                }
+            }
+            Deed::Panel => {
+                let panel = *self.dice.of(&[
+                    "panel:Settings",
+                    "panel:Performance",
+                    "panel:Graph",
+                    "viewport:B",
+                    "keys_sorted",
+                ]);
+                self.click(panel);
+            }
+        }
+    }
+
+    fn edit(&mut self, name: &str, text: String) {
+        self.viewer.write(name, text);
+        self.edited.insert(name.to_owned());
+    }
+
+    fn exchange_text(&mut self, (name, from, to): (&str, &str, &str)) {
+        let text = &self.viewer.shipped[name];
+        assert!(text.contains(from), "{name} has no `{from}`");
+        let text = text.replacen(from, to, 1);
+        self.edit(name, text);
+    }
+
+    /// Sets a parameter of the plan, if it has any, to another value; sometimes to the default.
+    fn set_param(&mut self, who: RendererId, kind: ParamBindingKind) {
+        let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
+        let is_const = |binding| binding == ParamBinding::Const;
+        let wanted = kind == ParamBindingKind::Const;
+        let params = viewport.renderer.controls().iter().map(|control| &control.param);
+        let params = params.filter(|param| is_const(param.binding) == wanted);
+        let params: Vec<_> = params.cloned().collect();
+        if params.is_empty() {
+            return;
+        }
+        let param = self.dice.of(&params).clone();
+        let share = self.dice.share();
+        let value = match &param.domain {
+            _ if self.dice.below(4) == 0 => None,
+            Domain::Bool => Some(Value::Bool(share < 0.5)),
+            Domain::Int { min, max } => Some(Value::Int(min + ((max - min) as f64 * share).round() as i64)),
+            Domain::Float { min, max, .. } => Some(Value::Float(min + (max - min) * share)),
+            Domain::Choice(choices) => Some(Value::Text(self.dice.of(choices).clone())),
+        };
+        viewport.renderer.set_param(&param.name, value);
+    }
+
+    /// Inspects a resource that a pass accesses, in every frame or once.
+    fn inspect(&mut self, who: RendererId) {
+        let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
+        let Some(plan) = viewport.renderer.plan().cloned() else { return };
+        let steps: Vec<_> = plan.prologue.iter().chain(&plan.frame).collect();
+        let pass = plan.pass(self.dice.of(&steps).pass);
+        if pass.uses.is_empty() {
+            return;
+        }
+        let resource = &plan.resource(self.dice.of(&pass.uses).resource).name;
+        viewport.look_at(resource, &pass.name);
+        if let Some(inspection) = &mut viewport.inspection {
+            inspection.follow = self.dice.below(2) == 0;
+        }
+    }
+
+    /// Returns a position over the picture, in points.
+    fn somewhere(&mut self) -> Option<Pos2> {
+        let view = self.viewer.shell.panels.controls.find("view")?;
+        let (x, y) = (self.dice.share() as f32, self.dice.share() as f32);
+        Some(view.min + Vec2::new(x * view.width(), y * view.height()))
+    }
+
+    fn drag(&mut self) {
+        let (Some(from), Some(to)) = (self.somewhere(), self.somewhere()) else { return };
+        let button =
+            *self.dice.of(&[PointerButton::Primary, PointerButton::Middle, PointerButton::Secondary]);
+        let press = |pos, pressed| Input::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
+        self.viewer.plan_input(vec![Input::PointerMoved(from)]);
+        self.viewer.plan_input(vec![press(from, true)]);
+        for step in 1..=4 {
+            self.viewer.plan_input(vec![Input::PointerMoved(from + (to - from) * (step as f32 / 4.0))]);
+        }
+        self.viewer.plan_input(vec![press(to, false)]);
+    }
+
+    /// Clicks on a control, if it is there now.
+    fn click(&mut self, name: &str) {
+        let Some(at) = self.viewer.shell.panels.controls.find(name).map(|rect| rect.center()) else { return };
+        let button = PointerButton::Primary;
+        let press = |pressed| Input::PointerButton { pos: at, button, pressed, modifiers: Modifiers::NONE };
+        self.viewer.plan_input(vec![Input::PointerMoved(at)]);
+        self.viewer.plan_input(vec![press(true)]);
+        self.viewer.plan_input(vec![press(false)]);
+    }
+}

@@ -1,0 +1,42 @@
+//! Measures this process: its memory, its open files and its threads.
+
+use std::fs;
+use std::time::{Duration, Instant};
+
+/// Returns the bytes of memory that this process has in RAM.
+pub(super) fn resident() -> u64 {
+    let text = fs::read_to_string("/proc/self/statm").expect("there is a /proc");
+    let pages: u64 = text.split(' ').nth(1).and_then(|pages| pages.parse().ok()).expect("a number of pages");
+    pages * 4096
+}
+
+/// Counts the open files.
+pub(super) fn open_files() -> usize {
+    fs::read_dir("/proc/self/fd").expect("there is a /proc").count()
+}
+
+/// Returns the names of the threads, sorted. Mesa writes its cache of shaders on disk with up to four threads, which it starts when it has
+/// much to write: these are left out.
+pub(super) fn threads() -> Vec<String> {
+    let tasks = fs::read_dir("/proc/self/task").expect("there is a /proc");
+    // One that ends meanwhile has no name any more.
+    let name = |task: std::io::Result<fs::DirEntry>| fs::read_to_string(task.ok()?.path().join("comm")).ok();
+    let names = tasks.filter_map(name).map(|name| name.trim_end().to_owned());
+    let mut names: Vec<String> = names.filter(|name| !name.contains(":disk$")).collect();
+    names.sort();
+    names
+}
+
+/// Returns the names of the threads after those that are done have ended.
+pub(super) fn settled_threads() -> Vec<String> {
+    let mut least = threads();
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_millis(50) {
+        std::thread::sleep(Duration::from_millis(5));
+        let now = threads();
+        if now.len() < least.len() {
+            least = now;
+        }
+    }
+    least
+}
