@@ -13,6 +13,7 @@ mod mistakes;
 mod mutations;
 mod page;
 mod random;
+mod reference;
 mod sort;
 mod view;
 mod window_graph;

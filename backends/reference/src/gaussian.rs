@@ -1,0 +1,55 @@
+//! Splats as the reference reads them: one at a time, every number in f64.
+
+use splatgraph_assets::Scene;
+
+/// One anisotropic 3D Gaussian with its activations applied.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gaussian {
+    /// Centre, in world units.
+    pub position: [f64; 3],
+    /// Standard deviation along each of its axes, in world units.
+    pub scale: [f64; 3],
+    /// Quaternion w, x, y, z that turns its axes into the world; [`project`](crate::render) uses it as it is, so it should
+    /// have length 1.
+    pub rotation: [f64; 4],
+    /// Opacity at the centre, 0 to 1.
+    pub opacity: f64,
+    /// Spherical harmonics: coefficient `k` of red, green and blue; zero beyond the scene's degree.
+    pub sh: [[f64; 3]; 16],
+}
+
+/// A list of splats that can be read from several threads.
+pub trait Splats: Sync {
+    /// Number of splats.
+    fn count(&self) -> usize;
+
+    /// Splat `index`, which is below [`Splats::count`].
+    fn get(&self, index: usize) -> Gaussian;
+}
+
+impl Splats for [Gaussian] {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn get(&self, index: usize) -> Gaussian {
+        self[index]
+    }
+}
+
+impl Splats for Scene {
+    fn count(&self) -> usize {
+        Scene::count(self) as usize
+    }
+
+    fn get(&self, index: usize) -> Gaussian {
+        let splat = self.splat(index);
+        Gaussian {
+            position: splat.position.map(f64::from),
+            scale: splat.scale.map(f64::from),
+            rotation: splat.rotation.map(f64::from),
+            opacity: f64::from(splat.opacity),
+            sh: std::array::from_fn(|k| std::array::from_fn(|channel| f64::from(splat.sh[3 * k + channel]))),
+        }
+    }
+}

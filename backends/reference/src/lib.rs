@@ -1,0 +1,34 @@
+//! Renders 3D Gaussian Splatting scenes exactly, on the CPU, in f64.
+//!
+//! Every other renderer of this project is measured against this one. It follows the published CUDA rasteriser
+//! (graphdeco-inria/diff-gaussian-rasterization, commit 59f5f77, called "the rasteriser" in this crate) rule by rule, and
+//! [`Rules`] names each rule, so that one rule at a time can be changed and its effect measured. It shares no arithmetic
+//! with the shaders and executes no plan: [`render`] is a pure function of splats, camera, background and rules.
+//!
+//! Data takes one way through the modules: [`Splats`] gives each [`Gaussian`] in f64; `project` turns it into an ellipse
+//! on the image, with `harmonics` for its colour; `order` sorts by depth; `raster` blends, a row of tiles at a time.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use splatgraph_assets::{Camera, synth};
+//! use splatgraph_reference::{Rules, render};
+//!
+//! let scene = synth::generate("uniform", 500, 0)?;
+//! let camera = Camera::framing(&scene, 64, 48);
+//! let picture = render(&scene, &camera, [0.0; 3], &Rules::PUBLISHED, &|_, _| {});
+//! assert_eq!(picture.color.len(), 64 * 48);
+//! # Ok(())
+//! # }
+//! ```
+
+mod gaussian;
+mod harmonics;
+mod order;
+mod project;
+mod raster;
+mod rules;
+
+pub use gaussian::{Gaussian, Splats};
+pub use order::{depth_order, inversions};
+pub use raster::{Picture, Progress, render};
+pub use rules::{Depth, Extent, LowPass, RULES, RuleError, RuleInfo, Rules, ShDirection, Ties};

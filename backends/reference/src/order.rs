@@ -1,0 +1,153 @@
+//! Depth order, and how far a given order is from it.
+
+use crate::gaussian::Splats;
+use crate::rules::{Depth, Rules, Ties};
+use rayon::prelude::*;
+use splatgraph_assets::Camera;
+
+/// World to view space, in f64 and rounded to f32 once per element, as the rasteriser is given it.
+pub(crate) struct View {
+    rows: [[f64; 3]; 3],
+    eye: [f64; 3],
+    /// Elements 2, 6, 10 and 14 of the rasteriser's matrix: the view direction, and the translation along it.
+    depth_row: [f32; 4],
+}
+
+impl View {
+    pub(crate) fn new(camera: &Camera) -> View {
+        let rows = camera.axes();
+        let eye = camera.position;
+        let translation = -(0..3).map(|i| rows[2][i] * eye[i]).sum::<f64>();
+        let [x, y, z] = rows[2].map(|v| v as f32);
+        View { rows, eye, depth_row: [x, y, z, translation as f32] }
+    }
+
+    /// A point in view space: right, down, forward.
+    pub(crate) fn point(&self, p: [f64; 3]) -> [f64; 3] {
+        self.rows.map(|row| (0..3).map(|i| row[i] * (p[i] - self.eye[i])).sum())
+    }
+
+    /// The rows of the rotation from world to view space.
+    pub(crate) fn rows(&self) -> [[f64; 3]; 3] {
+        self.rows
+    }
+
+    /// The depth that culling and sorting go by.
+    ///
+    /// In f32 it is `fma(m10, z, fma(m6, y, m2 * x)) + m14`, the order in which the compiler of the rasteriser contracts
+    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h): equal bits give equal ties.
+    pub(crate) fn depth(&self, p: [f64; 3], rule: Depth) -> f64 {
+        match rule {
+            Depth::F64 => self.point(p)[2],
+            Depth::F32 => {
+                let [x, y, z] = p.map(|v| v as f32);
+                let [m2, m6, m10, m14] = self.depth_row;
+                f64::from(m10.mul_add(z, m6.mul_add(y, m2 * x)) + m14)
+            }
+        }
+    }
+}
+
+/// Sorts by depth, near to far; equal depths by the rule for ties.
+pub(crate) fn sort<T: Send>(items: &mut [T], rules: &Rules, key: impl Fn(&T) -> (f64, u32) + Sync) {
+    items.par_sort_unstable_by(|a, b| {
+        let ((a_depth, a_index), (b_depth, b_index)) = (key(a), key(b));
+        let ties = match rules.ties {
+            Ties::Ascending => a_index.cmp(&b_index),
+            Ties::Descending => b_index.cmp(&a_index),
+        };
+        a_depth.total_cmp(&b_depth).then(ties)
+    });
+}
+
+/// Lists the splats beyond the near plane, near to far, by index.
+pub fn depth_order(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rules) -> Vec<u32> {
+    let view = View::new(camera);
+    let mut keys: Vec<(f64, u32)> = (0..splats.count())
+        .into_par_iter()
+        .map(|index| (view.depth(splats.get(index).position, rules.depth), index as u32))
+        .filter(|(depth, _)| *depth > rules.near)
+        .collect();
+    sort(&mut keys, rules, |key| *key);
+    keys.into_iter().map(|(_, index)| index).collect()
+}
+
+/// Counts the pairs of splats that `given` and `truth` order differently; `None` unless both hold the same indices, each
+/// once.
+///
+/// 0 for equal orders, n (n - 1) / 2 for reversed ones. O(n log n), by merge sort.
+pub fn inversions(truth: &[u32], given: &[u32]) -> Option<u64> {
+    let bound = truth.iter().max().map_or(0, |max| *max as usize + 1);
+    let mut ranks = vec![u32::MAX; bound];
+    for (rank, index) in truth.iter().enumerate() {
+        ranks[*index as usize] = rank as u32;
+    }
+    let mut sequence: Vec<u32> = Vec::with_capacity(given.len());
+    for index in given {
+        let rank = ranks.get_mut(*index as usize)?;
+        // Taken, so that a second occurrence is found missing.
+        sequence.push(std::mem::replace(rank, u32::MAX));
+    }
+    if given.len() != truth.len() || sequence.contains(&u32::MAX) {
+        return None;
+    }
+    let mut scratch = sequence.clone();
+    Some(merge_sort(&mut sequence, &mut scratch))
+}
+
+/// Sorts, and counts the pairs that were in the wrong order.
+fn merge_sort(values: &mut [u32], scratch: &mut [u32]) -> u64 {
+    if values.len() < 2 {
+        return 0;
+    }
+    let middle = values.len() / 2;
+    let mut count = {
+        let ((left, right), (a, b)) = (values.split_at_mut(middle), scratch.split_at_mut(middle));
+        merge_sort(left, a) + merge_sort(right, b)
+    };
+    let (mut left, mut right) = (0, middle);
+    for slot in scratch.iter_mut() {
+        if right == values.len() || (left < middle && values[left] <= values[right]) {
+            *slot = values[left];
+            left += 1;
+        } else {
+            *slot = values[right];
+            count += (middle - left) as u64;
+            right += 1;
+        }
+    }
+    values.copy_from_slice(scratch);
+    count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn equal_orders_have_no_inversions_and_reversed_ones_have_all_pairs() {
+        let forward: Vec<u32> = (0..100).map(|i| 3 * i).collect();
+        let reversed: Vec<u32> = forward.iter().rev().copied().collect();
+        assert_eq!(inversions(&forward, &forward), Some(0));
+        assert_eq!(inversions(&forward, &reversed), Some(4950));
+        assert_eq!(inversions(&[], &[]), Some(0));
+    }
+
+    #[test]
+    fn orders_of_different_splats_cannot_be_compared() {
+        assert_eq!(inversions(&[0, 1], &[0]), None);
+        assert_eq!(inversions(&[0, 1], &[0, 2]), None);
+        assert_eq!(inversions(&[0, 1], &[1, 1]), None);
+    }
+
+    proptest! {
+        #[test]
+        fn inversions_are_the_pairs_counted_one_by_one(order in Just((0..40u32).collect::<Vec<_>>()).prop_shuffle()) {
+            let truth: Vec<u32> = (0..40).collect();
+            let pairs = (0..40).flat_map(|i| (i + 1..40).map(move |j| (i, j)));
+            let expected = pairs.filter(|(i, j)| order[*i] > order[*j]).count() as u64;
+            prop_assert_eq!(inversions(&truth, &order), Some(expected));
+        }
+    }
+}

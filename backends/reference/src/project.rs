@@ -1,0 +1,193 @@
+//! Projection: from a Gaussian in the world to an ellipse with a colour on the image.
+//!
+//! The 2D covariance is `M M^T + l I`, with `M` the 2 x 3 product of Jacobian, view rotation, rotation and scales, and `l`
+//! the low-pass variance. Two stable forms keep needles and giants exact, where the textbook forms cancel:
+//!
+//! - the determinant is `|r0 x r1|^2 + l (|r0|^2 + |r1|^2) + l^2`, with `r0`, `r1` the rows of `M` (Cauchy-Binet), a sum
+//!   of positive terms where `a c - b^2` is a small difference of large numbers;
+//! - the exponent is a sum of two squares, by the Cholesky factor of the covariance, so that it is never positive.
+//!   (The rasteriser skips exponents above 0: in exact arithmetic there are none.)
+
+use crate::gaussian::Gaussian;
+use crate::harmonics;
+use crate::order::View;
+use crate::rules::{Extent, LowPass, Rules};
+use splatgraph_assets::Camera;
+
+/// Side of a tile of the rasteriser, in pixels (`BLOCK_X` and `BLOCK_Y` of its config.h).
+pub(crate) const TILE: u32 = 16;
+
+/// A splat on the image.
+#[derive(Clone, Debug)]
+pub(crate) struct Ellipse {
+    /// Index among the splats.
+    pub index: u32,
+    /// The depth that is sorted by.
+    pub depth: f64,
+    /// Tiles that it touches: first column, first row, and the ones after the last.
+    pub tiles: [u32; 4],
+    /// The part that is read for every pixel.
+    pub footprint: Footprint,
+}
+
+/// The falloff and the colour of a splat on the image.
+#[derive(Clone, Debug)]
+pub(crate) struct Footprint {
+    /// Centre, in pixels; pixel (0, 0) is sampled at its integer position.
+    center: [f64; 2],
+    /// With `d` the offset from the centre, the exponent is `-0.5 ((u dx)^2 + (v (dy - s dx))^2)`.
+    u: f64,
+    s: f64,
+    v: f64,
+    /// Opacity at the centre, after the compensation of the low-pass filter.
+    opacity: f64,
+    /// Exponents below this give no fragment: their alpha is below the floor, or they are outside the extent.
+    cutoff: f64,
+    pub color: [f64; 3],
+}
+
+impl Footprint {
+    /// The alpha at a pixel, before the cap; `None` where the splat leaves no fragment.
+    #[inline]
+    pub(crate) fn alpha(&self, x: f64, y: f64, rules: &Rules) -> Option<f64> {
+        let (dx, dy) = (x - self.center[0], y - self.center[1]);
+        let (p, q) = (self.u * dx, self.v * (dy - self.s * dx));
+        let exponent = -0.5 * (p * p + q * q);
+        // The cutoff spares the exponential where the test below would fail anyway.
+        if exponent < self.cutoff {
+            return None;
+        }
+        let alpha = (self.opacity * exponent.exp()).min(rules.alpha_cap);
+        (alpha >= rules.alpha_floor).then_some(alpha)
+    }
+}
+
+/// Projects splats into the image of one camera.
+pub(crate) struct Projector<'a> {
+    view: View,
+    camera: &'a Camera,
+    rules: &'a Rules,
+    tan: [f64; 2],
+    /// Tiles across and down.
+    pub grid: [u32; 2],
+}
+
+impl<'a> Projector<'a> {
+    pub(crate) fn new(camera: &'a Camera, rules: &'a Rules) -> Self {
+        let tan =
+            [f64::from(camera.width) / camera.fx, f64::from(camera.height) / camera.fy].map(|v| 0.5 * v);
+        let grid = [camera.width, camera.height].map(|side| side.div_ceil(TILE));
+        Self { view: View::new(camera), camera, rules, tan, grid }
+    }
+
+    /// Pixels across the image.
+    pub(crate) fn width(&self) -> usize {
+        self.camera.width as usize
+    }
+
+    /// The splat on the image; `None` where it is culled, degenerate or touches no tile.
+    pub(crate) fn project(&self, index: u32, splat: &Gaussian) -> Option<Ellipse> {
+        let depth = self.view.depth(splat.position, self.rules.depth);
+        if depth.is_nan() || depth <= self.rules.near {
+            return None;
+        }
+        let view = self.view.point(splat.position);
+        let center = self.pixel(view);
+        let [r0, r1] = self.axes(view, splat);
+        let low_pass = self.rules.low_pass.variance();
+        let (a0, b, c0) = (dot(r0, r0), dot(r0, r1), dot(r1, r1));
+        let (a, c) = (a0 + low_pass, c0 + low_pass);
+        let normal = cross(r0, r1);
+        let sharp_det = dot(normal, normal);
+        let det = sharp_det + low_pass * (a0 + c0) + low_pass * low_pass;
+        if !(det > 0.0 && det.is_finite() && center.iter().all(|v| v.is_finite())) {
+            return None;
+        }
+        let opacity = match self.rules.low_pass {
+            LowPass::None | LowPass::Dilate(_) => splat.opacity,
+            LowPass::Compensated(_) => splat.opacity * (sharp_det / det).sqrt(),
+        };
+        // The exponent below which alpha is under the floor; a little lower, since the test on alpha itself decides.
+        let floor = (self.rules.alpha_floor / opacity).ln() - 1e-9;
+        let cutoff = match self.rules.extent {
+            Extent::Tiles | Extent::Unbounded => floor,
+            Extent::Sigma(sigma) => floor.max(-0.5 * sigma * sigma),
+        };
+        let tiles = self.tiles(center, a, c, det)?;
+        let footprint = Footprint {
+            center,
+            u: 1.0 / a.sqrt(),
+            s: b / a,
+            v: (a / det).sqrt(),
+            opacity,
+            cutoff,
+            color: harmonics::color(&splat.sh, splat.position, self.camera.position, self.rules),
+        };
+        Some(Ellipse { index, depth, tiles, footprint })
+    }
+
+    /// The pixel position of a point of view space: `((ndc + 1) size - 1) / 2` (`ndc2Pix` in auxiliary.h).
+    fn pixel(&self, [x, y, z]: [f64; 3]) -> [f64; 2] {
+        let ndc = [x / (self.tan[0] * z), y / (self.tan[1] * z)];
+        let size = [self.camera.width, self.camera.height].map(f64::from);
+        std::array::from_fn(|i| 0.5 * ((ndc[i] + 1.0) * size[i] - 1.0) + self.rules.pixel_offset)
+    }
+
+    /// The rows of `M = J W R S`: the splat's three axes on the image, in pixels (`computeCov2D` and `computeCov3D` in
+    /// forward.cu).
+    fn axes(&self, [x, y, z]: [f64; 3], splat: &Gaussian) -> [[f64; 3]; 2] {
+        let slope = |value: f64, tan: f64| match self.rules.jacobian_clamp {
+            Some(limit) => (value / z).clamp(-limit * tan, limit * tan),
+            None => value / z,
+        };
+        let (fx, fy) = (self.camera.fx, self.camera.fy);
+        let jacobian =
+            [[fx / z, 0.0, -fx * slope(x, self.tan[0]) / z], [0.0, fy / z, -fy * slope(y, self.tan[1]) / z]];
+        let rotation = rotation(splat.rotation);
+        let rows = self.view.rows();
+        // Column `axis` of W R S: the splat's axis in view space.
+        let columns: [[f64; 3]; 3] = std::array::from_fn(|axis| {
+            let world: [f64; 3] = std::array::from_fn(|i| rotation[i][axis] * splat.scale[axis]);
+            rows.map(|row| dot(row, world))
+        });
+        jacobian.map(|row| columns.map(|column| dot(row, column)))
+    }
+
+    /// The tiles that the splat may touch; `None` where there are none.
+    fn tiles(&self, center: [f64; 2], a: f64, c: f64, det: f64) -> Option<[u32; 4]> {
+        let half: [f64; 2] = match self.rules.extent {
+            // `preprocessCUDA` in forward.cu: the discriminant is floored at 0.1.
+            Extent::Tiles => {
+                let middle = 0.5 * (a + c);
+                let largest = middle + (middle * middle - det).max(0.1).sqrt();
+                [(3.0 * largest.sqrt()).ceil(); 2]
+            }
+            // The bounding box of the ellipse reaches sigma standard deviations of each coordinate.
+            Extent::Sigma(sigma) => [sigma * a.sqrt(), sigma * c.sqrt()],
+            Extent::Unbounded => [f64::INFINITY; 2],
+        };
+        let tile = f64::from(TILE);
+        let edge =
+            |value: f64, axis: usize| (value / tile).trunc().clamp(0.0, f64::from(self.grid[axis])) as u32;
+        let first: [u32; 2] = std::array::from_fn(|i| edge(center[i] - half[i], i));
+        let end: [u32; 2] = std::array::from_fn(|i| edge(center[i] + half[i] + tile - 1.0, i));
+        (first[0] < end[0] && first[1] < end[1]).then_some([first[0], first[1], end[0], end[1]])
+    }
+}
+
+/// The rotation matrix of a quaternion w, x, y, z, by rows.
+fn rotation([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
+    [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}

@@ -1,0 +1,323 @@
+//! The rules that make an image, each with a name, so that each can be changed.
+//!
+//! [`Rules::PUBLISHED`] is what the rasteriser does (graphdeco-inria/diff-gaussian-rasterization, commit 59f5f77). The
+//! table [`RULES`] lists names, published values and sources; [`Rules::set`] changes a rule by its name.
+
+use serde::Serialize;
+use std::str::FromStr;
+
+/// Everything that can differ between two renderers of one scene. Lengths on the image are pixels.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Rules {
+    /// Splats at this view depth or nearer are culled, in world units.
+    pub near: f64,
+    /// Added to the pixel position of every centre, in x and y; pixels are sampled at integers.
+    pub pixel_offset: f64,
+    /// Multiple of tan(fov / 2) that x / z and y / z are clamped to in the Jacobian; `None` does not clamp.
+    pub jacobian_clamp: Option<f64>,
+    /// The filter that widens the 2D covariance.
+    pub low_pass: LowPass,
+    /// The pixels that a splat is evaluated at.
+    pub extent: Extent,
+    /// Highest band of the spherical harmonics, 0 to 3.
+    pub sh_degree: u32,
+    /// The direction that colours are evaluated in.
+    pub sh_direction: ShDirection,
+    /// Least value of a channel of a splat's colour.
+    pub color_floor: Option<f64>,
+    /// Greatest value of a channel of a splat's colour.
+    pub color_ceiling: Option<f64>,
+    /// The precision of the depth that is culled and sorted by.
+    pub depth: Depth,
+    /// The order of equal depths.
+    pub ties: Ties,
+    /// Fragments with less alpha are skipped.
+    pub alpha_floor: f64,
+    /// Greatest alpha of a fragment.
+    pub alpha_cap: f64,
+    /// A pixel is finished before the splat that would bring its transmittance below this; `None` blends every splat.
+    pub stop: Option<f64>,
+}
+
+impl Rules {
+    /// The rules of the published rasteriser. Its constants are f32, and are widened here: 0.99 is 0.9900000095, for
+    /// instance, so that two splats at the cap bring the transmittance below the stop, as they do there.
+    pub const PUBLISHED: Rules = Rules {
+        near: 0.2f32 as f64,
+        pixel_offset: 0.0,
+        jacobian_clamp: Some(1.3f32 as f64),
+        low_pass: LowPass::Dilate(0.3f32 as f64),
+        extent: Extent::Tiles,
+        sh_degree: 3,
+        sh_direction: ShDirection::FromCamera,
+        color_floor: Some(0.0),
+        color_ceiling: None,
+        depth: Depth::F32,
+        ties: Ties::Ascending,
+        alpha_floor: (1.0f32 / 255.0) as f64,
+        alpha_cap: 0.99f32 as f64,
+        stop: Some(1e-4f32 as f64),
+    };
+
+    /// Changes the rule of this name (see [`RULES`]). Numbers are rounded to f32, as the rasteriser holds them.
+    ///
+    /// # Errors
+    /// For a name that is not in [`RULES`], and for a value that the rule does not take.
+    pub fn set(&mut self, name: &str, value: &str) -> Result<(), RuleError> {
+        let info = RULES.iter().find(|rule| rule.name == name).ok_or_else(|| RuleError::unknown(name))?;
+        self.assign(name, value).ok_or_else(|| RuleError::Value {
+            name: info.name,
+            expected: info.values,
+            found: value.to_owned(),
+        })
+    }
+
+    /// Writes the value to the field of this name; `None` if it is not one of the field's values.
+    fn assign(&mut self, name: &str, value: &str) -> Option<()> {
+        match name {
+            "near" => self.near = number(value)?,
+            "pixel_offset" => self.pixel_offset = number(value)?,
+            "jacobian_clamp" => self.jacobian_clamp = optional(value)?,
+            "low_pass" => self.low_pass = value.parse().ok()?,
+            "extent" => self.extent = value.parse().ok()?,
+            "sh_degree" => self.sh_degree = value.parse().ok().filter(|degree| *degree <= 3)?,
+            "sh_direction" => {
+                self.sh_direction = choice(
+                    value,
+                    &[("from_camera", ShDirection::FromCamera), ("to_camera", ShDirection::ToCamera)],
+                )?;
+            }
+            "color_floor" => self.color_floor = optional(value)?,
+            "color_ceiling" => self.color_ceiling = optional(value)?,
+            "depth" => self.depth = choice(value, &[("f32", Depth::F32), ("f64", Depth::F64)])?,
+            "ties" => {
+                self.ties =
+                    choice(value, &[("ascending", Ties::Ascending), ("descending", Ties::Descending)])?;
+            }
+            "alpha_floor" => self.alpha_floor = number(value)?,
+            "alpha_cap" => self.alpha_cap = number(value)?,
+            "stop" => self.stop = optional(value)?,
+            _ => return None,
+        }
+        Some(())
+    }
+}
+
+/// The filter against aliasing of splats smaller than a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub enum LowPass {
+    /// No filter.
+    None,
+    /// Adds this variance, in square pixels, to the diagonal of the 2D covariance.
+    Dilate(f64),
+    /// The same, with the opacity multiplied by sqrt(det / det'), so that the splat's energy stays: the 2D filter of
+    /// Mip-Splatting (Yu et al., CVPR 2024, equation 9).
+    Compensated(f64),
+}
+
+impl FromStr for LowPass {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<LowPass, ()> {
+        let parsed = match text.split_once('*') {
+            None if text == "none" => Some(LowPass::None),
+            None => number(text).map(LowPass::Dilate),
+            Some((variance, "compensated")) => number(variance).map(LowPass::Compensated),
+            Some(_) => None,
+        };
+        parsed.filter(|filter| filter.variance() >= 0.0).ok_or(())
+    }
+}
+
+impl LowPass {
+    /// The variance that is added to the diagonal.
+    pub fn variance(self) -> f64 {
+        match self {
+            LowPass::None => 0.0,
+            LowPass::Dilate(variance) | LowPass::Compensated(variance) => variance,
+        }
+    }
+}
+
+/// The pixels at which a splat is evaluated.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub enum Extent {
+    /// Every pixel of the 16 x 16 tiles that a square around the centre touches; the square's half side is
+    /// `ceil(3 sqrt(l))` with `l` the larger eigenvalue of the 2D covariance.
+    Tiles,
+    /// Pixels within this many standard deviations of the centre.
+    Sigma(f64),
+    /// Every pixel of the image.
+    Unbounded,
+}
+
+impl FromStr for Extent {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Extent, ()> {
+        match text {
+            "tiles" => Ok(Extent::Tiles),
+            "unbounded" => Ok(Extent::Unbounded),
+            _ => number(text).filter(|sigma| *sigma > 0.0).map(Extent::Sigma).ok_or(()),
+        }
+    }
+}
+
+/// The direction that spherical harmonics are evaluated in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum ShDirection {
+    /// From the camera to the splat.
+    FromCamera,
+    /// From the splat to the camera.
+    ToCamera,
+}
+
+/// The precision of view depths.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Depth {
+    /// As the rasteriser computes it; positions and matrix are rounded to f32 first.
+    F32,
+    /// As exact as f64 is, for scenes whose depths f32 cannot tell apart.
+    F64,
+}
+
+/// The order of splats of equal depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Ties {
+    /// The lower index is nearer.
+    Ascending,
+    /// The higher index is nearer.
+    Descending,
+}
+
+/// A rule's name, published value and source.
+#[derive(Clone, Copy, Debug)]
+pub struct RuleInfo {
+    /// The name that [`Rules::set`] takes.
+    pub name: &'static str,
+    /// The values that it can have.
+    pub values: &'static str,
+    /// The value in [`Rules::PUBLISHED`].
+    pub published: &'static str,
+    /// File and function of the rasteriser.
+    pub source: &'static str,
+}
+
+/// Every rule that can be changed.
+pub const RULES: [RuleInfo; 14] = [
+    rule("near", "a number", "0.2", "auxiliary.h, in_frustum"),
+    rule("pixel_offset", "a number", "0", "auxiliary.h, ndc2Pix"),
+    rule("jacobian_clamp", "a number or `none`", "1.3", "forward.cu, computeCov2D"),
+    rule(
+        "low_pass",
+        "`none`, a variance, or a variance and `*compensated`",
+        "0.3",
+        "forward.cu, computeCov2D",
+    ),
+    rule(
+        "extent",
+        "`tiles`, `unbounded`, or a number of standard deviations",
+        "tiles",
+        "auxiliary.h, getRect",
+    ),
+    rule("sh_degree", "an integer from 0 to 3", "3", "forward.cu, computeColorFromSH"),
+    rule("sh_direction", "`from_camera` or `to_camera`", "from_camera", "forward.cu, computeColorFromSH"),
+    rule("color_floor", "a number or `none`", "0", "forward.cu, computeColorFromSH"),
+    rule("color_ceiling", "a number or `none`", "none", "forward.cu, computeColorFromSH"),
+    rule("depth", "`f32` or `f64`", "f32", "auxiliary.h, transformPoint4x3"),
+    rule("ties", "`ascending` or `descending`", "ascending", "rasterizer_impl.cu, duplicateWithKeys"),
+    rule("alpha_floor", "a number", "0.00392156862745098", "forward.cu, renderCUDA"),
+    rule("alpha_cap", "a number", "0.99", "forward.cu, renderCUDA"),
+    rule("stop", "a number or `none`", "0.0001", "forward.cu, renderCUDA"),
+];
+
+const fn rule(
+    name: &'static str,
+    values: &'static str,
+    published: &'static str,
+    source: &'static str,
+) -> RuleInfo {
+    RuleInfo { name, values, published, source }
+}
+
+/// A rule that cannot be changed as asked.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RuleError {
+    /// No rule has this name.
+    #[error("there is no rule `{name}`; did you mean `{nearest}`?")]
+    Unknown {
+        /// The name that was given.
+        name: String,
+        /// The rule whose name is most like it.
+        nearest: &'static str,
+    },
+    /// The rule does not take this value.
+    #[error("rule `{name}`: expected {expected}, found `{found}`")]
+    Value {
+        /// The rule.
+        name: &'static str,
+        /// The values that it takes.
+        expected: &'static str,
+        /// The value that was given.
+        found: String,
+    },
+}
+
+impl RuleError {
+    fn unknown(name: &str) -> RuleError {
+        let likeness = |rule: &&RuleInfo| (strsim::jaro_winkler(name, rule.name) * 1e6) as u64;
+        let nearest = RULES.iter().max_by_key(likeness).map_or("", |rule| rule.name);
+        RuleError::Unknown { name: name.to_owned(), nearest }
+    }
+}
+
+fn number(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|v: &f32| v.is_finite()).map(f64::from)
+}
+
+fn optional(text: &str) -> Option<Option<f64>> {
+    if text == "none" { Some(None) } else { number(text).map(Some) }
+}
+
+fn choice<T: Copy>(text: &str, of: &[(&str, T)]) -> Option<T> {
+    of.iter().find(|(name, _)| *name == text).map(|(_, value)| *value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_published_value_of_every_rule_is_what_the_table_says() {
+        for rule in RULES {
+            let mut rules = Rules::PUBLISHED;
+            rules.set(rule.name, rule.published).unwrap();
+            assert_eq!(rules, Rules::PUBLISHED, "{}", rule.name);
+        }
+    }
+
+    #[test]
+    fn a_changed_rule_changes_its_field() {
+        let mut rules = Rules::PUBLISHED;
+        for (name, value) in
+            [("low_pass", "0.3*compensated"), ("extent", "3"), ("stop", "none"), ("ties", "descending")]
+        {
+            rules.set(name, value).unwrap();
+        }
+        assert_eq!(rules.low_pass, LowPass::Compensated(f64::from(0.3f32)));
+        assert_eq!((rules.extent, rules.stop, rules.ties), (Extent::Sigma(3.0), None, Ties::Descending));
+    }
+
+    #[test]
+    fn errors_offer_the_nearest_name_and_say_which_values_are_expected() {
+        let said =
+            |name: &str, value: &str| Rules::PUBLISHED.clone().set(name, value).unwrap_err().to_string();
+        assert_eq!(said("lowpass", "1"), "there is no rule `lowpass`; did you mean `low_pass`?");
+        assert_eq!(said("depth", "f16"), "rule `depth`: expected `f32` or `f64`, found `f16`");
+        for (name, value) in
+            [("near", "NaN"), ("low_pass", "-1"), ("extent", "0"), ("sh_degree", "4"), ("stop", "")]
+        {
+            assert!(said(name, value).contains("expected"), "{name}={value}");
+        }
+    }
+}
