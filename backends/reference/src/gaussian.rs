@@ -9,8 +9,7 @@ pub struct Gaussian {
     pub position: [f64; 3],
     /// Standard deviation along each of its axes, in world units.
     pub scale: [f64; 3],
-    /// Quaternion w, x, y, z that turns its axes into the world; [`project`](crate::render) uses it as it is, so it should
-    /// have length 1.
+    /// Quaternion w, x, y, z that turns its axes into the world. It is not normalised again, so its length should be 1.
     pub rotation: [f64; 4],
     /// Opacity at the centre, 0 to 1.
     pub opacity: f64,
