@@ -21,6 +21,8 @@
 //! # }
 //! ```
 
+#![deny(missing_docs)]
+
 mod gaussian;
 mod harmonics;
 mod order;
