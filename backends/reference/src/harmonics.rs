@@ -99,6 +99,6 @@ mod tests {
     fn a_splat_at_the_eye_has_the_colour_of_band_0() {
         let sh = [[0.5; 3]; 16];
         let found = color(&sh, [1.0; 3], [1.0; 3], &Rules::PUBLISHED);
-        assert!(found.iter().all(|v| (v - 0.64104739588693907).abs() < 1e-12), "{found:?}");
+        assert!(found.iter().all(|v| (v - 0.641_047_395_886_939).abs() < 1e-12), "{found:?}");
     }
 }

@@ -58,15 +58,15 @@ impl Tree {
 
 struct Parser<'a> {
     text: &'a str,
-    /// Where the next token starts, before white space.
+    /// The offset of the next token, before white space.
     at: usize,
     /// The token ahead, and its place.
     token: Token,
     start: usize,
     end: usize,
-    /// Where the token before it ended.
+    /// The end of the previous token.
     last_end: usize,
-    /// How many parentheses, arguments, choices, `-` and `!` are open.
+    /// The number of open parentheses, arguments, choices, `-` and `!`.
     depth: usize,
 }
 
@@ -164,7 +164,7 @@ impl Parser<'_> {
         Ok(tree)
     }
 
-    /// What stands behind a `-` or `!` at `start`.
+    /// Parses the operand of a `-` or `!` at `start`.
     fn unary(&mut self, op: UnaryOp, start: usize) -> Result<Tree, ExprError> {
         self.enter()?;
         let operand = self.operand()?;

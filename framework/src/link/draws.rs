@@ -1,4 +1,4 @@
-//! What draws have beyond bindings: the interface between their two stages, and their targets.
+//! Checks of draws beyond bindings: the interface between their two stages, and their targets.
 
 use super::{Linker, ShaderHandle, describe, touch};
 use crate::ir::{Accesses, Layout, Load, Shape, Source, Span, Stages, Target, Use};

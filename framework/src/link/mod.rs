@@ -106,7 +106,7 @@ struct Linker<'a> {
     shaders: Vec<Shader>,
     /// The names of the blocks that each shader declares: see [`Compiled::declared`].
     declared: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
-    /// What was compiled for other passes, by file and list of defines: repeats share theirs, and need not ask the compiler.
+    /// Shaders compiled so far, by file and list of defines; the passes of a repeat share theirs.
     compiled: HashMap<(FileId, *const Defines), ShaderHandle>,
     errors: Vec<Diagnostic>,
 }

@@ -1,10 +1,11 @@
-//! What shaders are told of a graph's constants.
+//! Preprocessor defines for a graph's constants.
 
 use super::scope::Names;
 use crate::ir::{Domain, Param, Value};
 
-/// What shaders can be compiled with: every value that fits a 32-bit literal, by its name in capitals. The names of a choice
-/// become constants too, so that a shader can write `#if BLEND == BLEND_BACK_TO_FRONT`.
+/// Lists the defines of every value that fits a 32-bit literal, by its name in capitals.
+///
+/// The names of a choice become constants too, so that a shader can write `#if BLEND == BLEND_BACK_TO_FRONT`.
 pub(super) fn defines(names: &Names, params: &[Param]) -> Vec<(String, String)> {
     let capital = |name: &str| -> String {
         name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()

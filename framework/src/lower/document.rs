@@ -13,7 +13,7 @@ pub(super) struct Opened {
     pub file: FileId,
     pub graph: Rc<Graph>,
     pub outline: Rc<Outline>,
-    /// Of the outermost preset, or of the graph.
+    /// The summary of the outermost preset, or of the graph.
     pub summary: String,
     /// Settings of the presets, outer ones already laid over inner ones.
     pub set: IndexMap<String, Setting>,
@@ -26,7 +26,7 @@ pub(super) struct Setting {
     pub path: Path,
 }
 
-/// How deep presets and includes may nest: enough for any sense, and short of a stack's end.
+/// Limits how deep presets and includes nest, so that the stack cannot overflow.
 pub(super) const MAX_DEPTH: usize = 16;
 
 /// Opens a graph named on the command line, through its presets.

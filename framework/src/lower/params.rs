@@ -6,7 +6,7 @@ use crate::ir::{Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, Request, 
 use crate::schema::{Expression, Graph, Number, ParamDecl, ParamKind};
 use crate::source::{Diagnostic, Path, SourceMap, nearest};
 
-/// What a graph's parameters come to.
+/// The parameters of a graph with their values.
 pub(super) struct Resolved {
     pub params: Vec<Param>,
     /// Facts and constants, ready for `let`s and passes.

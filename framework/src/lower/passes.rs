@@ -62,7 +62,7 @@ pub(super) struct Level {
     defines: Rc<Vec<(String, String)>>,
 }
 
-/// What all kinds of passes have.
+/// The fields that all kinds of passes share.
 pub(super) struct Head<'a> {
     pub name: &'a str,
     pub phase: &'a Option<String>,
@@ -325,7 +325,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Whether the pass's `when` holds; if not, it is noted as left out.
+    /// Evaluates the pass's `when`; a pass where it is false is listed as culled.
     pub(super) fn wanted(
         &mut self,
         level: &Level,

@@ -8,7 +8,7 @@ use crate::ir::{Format, HostBuffer, Shape, Source, Span, Value};
 use crate::schema::{Expression, Import, Part, Port, Reference, ResourceDecl, ResourceName, is_choice};
 use crate::source::{Diagnostic, Path};
 
-/// What a name in a graph stands for.
+/// The meaning of a resource name in a graph.
 #[derive(Clone, Debug)]
 pub(super) enum Handle {
     /// One resource, or the planes of an attribute.
@@ -331,8 +331,10 @@ impl Lowering<'_> {
         }
     }
 
-    /// What an includer's resource is inside: checked against the port, and of a ping-pong resource only the front where the
-    /// port asks for no more, so that its halves cannot be exchanged behind the includer's back.
+    /// Checks an includer's resource against a port, and returns its handle inside the included graph.
+    ///
+    /// Of a ping-pong resource, a port that does not ask for one gets only the front, so that the included graph cannot
+    /// exchange the halves.
     pub(super) fn port(
         &self,
         name: &str,

@@ -9,7 +9,7 @@ use crate::ir::{Span, Value};
 use crate::schema::{Expression, Number};
 use crate::source::{Diagnostic, Outline, Path};
 
-/// What expressions of one graph can see: facts, constant parameters, `let`s and the variables of repeats.
+/// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Names {
     pub values: Values,

@@ -150,7 +150,7 @@ pub enum ParamKind {
         default: Number,
         /// Inclusive.
         range: (Number, Number),
-        /// Of the slider; a hundredth of the range where nothing is said.
+        /// The step of the slider; a hundredth of the range by default.
         #[serde(default)]
         step: Option<Number>,
         #[serde(default)]

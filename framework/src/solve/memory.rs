@@ -109,9 +109,9 @@ fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Optio
     lives
 }
 
-/// Of each position in the frame, the passes that have to run one after the other before it.
+/// Computes the level of each position in the frame: the longest chain of dependent passes before it.
 fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
-    // Of each resource, the level after which it can be read, and after which it can be written.
+    // Per resource, the level after which it can be read, and after which it can be written.
     let mut ready = vec![(0, 0); resources];
     let level = |id: &PassId| {
         let uses = &passes[id.index()].uses;
@@ -132,7 +132,7 @@ fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
     frame.iter().map(level).collect()
 }
 
-/// Whether nobody of these lives while `life` does, nor so shortly before or after that somebody would have to wait.
+/// Returns whether no alias is alive during `life`, or so close to it that a pass would have to wait.
 fn is_free(tenants: &BTreeMap<usize, Life>, life: Life) -> bool {
     // They do not meet among each other, so that its neighbours in time are the only ones that could.
     let before = tenants.range(..=life.last).next_back();

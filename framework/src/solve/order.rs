@@ -65,7 +65,7 @@ struct User {
     accesses: Accesses,
 }
 
-/// Of each resource, who touches it: `Once` passes first, then the frame's, each in the order of the file.
+/// Lists the users of each resource: `Once` passes first, then the frame's, in file order.
 fn users(passes: &[LinkedPass], resources: usize) -> Vec<Vec<User>> {
     let mut users: Vec<Vec<User>> = vec![Vec::new(); resources];
     let of_run = |run| (0..passes.len()).filter(move |i| passes[*i].pass.run == run);
@@ -225,9 +225,9 @@ fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bo
 struct Sources {
     /// Positions among the users, in the order of the file.
     writers: Vec<usize>,
-    /// What a frame leaves, the next finds: a `Once` pass started it, or it has a history.
+    /// Contents carry over to the next frame: a `Once` pass wrote them, or there is a history.
     carried: bool,
-    /// Of each writer, whether what it and those before it wrote has been followed.
+    /// One flag per writer: the search has followed it and the writers before it.
     followed: Vec<bool>,
 }
 

@@ -1,4 +1,4 @@
-//! What the solver promises, one sentence a test. A failing assertion prints the dump.
+//! Tests of the solver's guarantees, one sentence each. A failing assertion prints the dump.
 
 use crate::ir::{Accesses, Hazard, Layout, PassId, Run, Stages, Work};
 use crate::plan::{Barrier, Plan, Step};

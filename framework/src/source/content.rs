@@ -58,7 +58,7 @@ impl Content {
     }
 }
 
-/// Whether there is a file (or something else that is not a folder) at `path`, links followed.
+/// Returns the metadata of a file at `path`, links followed; `None` where there is none or a folder.
 pub(super) fn file_at(path: &Path) -> std::io::Result<Option<Metadata>> {
     match fs::metadata(path) {
         Ok(metadata) if metadata.is_dir() => Ok(None),

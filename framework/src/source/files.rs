@@ -77,11 +77,11 @@ struct File {
     text: Cow<'static, str>,
     /// Offset at which each line starts; the first is 0.
     lines: Vec<usize>,
-    /// What was read, for files on disk.
+    /// The content read, for files on disk.
     content: Option<Content>,
 }
 
-/// What makes two names the same file.
+/// The identity of a file: two names with equal identities are one file.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Identity {
     /// Normalised path in the library.
@@ -278,7 +278,7 @@ impl SourceMap {
         Ok(None)
     }
 
-    /// Where a name may be in memory and among the built-in files, as normalised paths.
+    /// Lists the normalised paths of a name in memory and among the built-in files.
     fn library_paths(&self, from: Option<FileId>, name: &str, kind: Kind) -> Vec<String> {
         let mut paths = Vec::new();
         if let Some(from) = from {
@@ -345,7 +345,7 @@ impl SourceMap {
         (content, Ok(Some(file)))
     }
 
-    /// Of everything that could have been named, what comes nearest to `name`.
+    /// Finds the existing name that is most like `name`.
     fn nearest_name(&self, from: Option<FileId>, name: &str, kind: Kind) -> Option<String> {
         let mut candidates: Vec<String> = Vec::new();
         let mut offer = |path: &str| {

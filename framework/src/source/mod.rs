@@ -1,4 +1,4 @@
-//! Where the text of a graph lives, and how a mistake in it is shown.
+//! Source texts of graphs and shaders, and diagnostics drawn under them.
 //!
 //! Everything that this crate reads (graphs, presets, shaders and what they include) is text, and everything
 //! it complains about is a place in such a text. Four small things make that work:

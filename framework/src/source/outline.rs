@@ -1,4 +1,4 @@
-//! Where every element of a RON text stands.
+//! Byte spans of every element of a RON text.
 //!
 //! `serde` and the `ron` crate turn the text into typed values and know places only for their own errors. The
 //! outline reads the text a second time, into a tree that has no values but spans, and is asked by [`Path`]:
@@ -80,8 +80,7 @@ pub struct Outline {
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub place: Range<usize>,
-    /// What to point at where the whole is too much: the name before the parenthesis, else the opening
-    /// bracket.
+    /// A short span for diagnostics: the name before the parenthesis, else the opening bracket.
     pub head: Range<usize>,
     /// The field's name or the map's key before it.
     pub key: Option<Range<usize>>,
@@ -139,7 +138,7 @@ impl Outline {
     }
 
     /// The offset in the file of byte `offset_in_value` of the text at `path`, as it is without its escapes.
-    /// Where there is no text, or not so much of it, the nearest place there is.
+    /// Falls back to the nearest place where the text is missing or shorter.
     pub fn string_offset(&self, path: &Path, offset_in_value: usize) -> usize {
         let node = self.walk(path).0;
         match &node.content {
@@ -258,7 +257,7 @@ impl Node {
         }
     }
 
-    /// What to point at without spanning many lines.
+    /// Returns a span for diagnostics that does not cover many lines.
     pub fn shallow(&self) -> Range<usize> {
         match &self.content {
             Content::List { .. } | Content::Record { .. } => self.head.clone(),
@@ -271,7 +270,7 @@ struct Parser<'a> {
     file: FileId,
     text: &'a str,
     tokens: &'a [Token],
-    /// What stopped the tokens, if it was not the end of the file.
+    /// The lexical error that ended the tokens, if any.
     lexical_error: Option<Diagnostic>,
     at: usize,
     /// The brackets that are open, outermost first.

@@ -14,8 +14,9 @@ use super::outline::{Content, Node};
 use super::{Diagnostic, Outline, nearest};
 use crate::ir::{FileId, Span};
 
-/// What an error of the `ron` crate (0.12), met while reading `text`, means: in words and at the place where
-/// it would be mended. Unknown fields and variants come with the nearest name that exists.
+/// Converts an error of the `ron` crate (0.12) to a diagnostic at the place of the mistake.
+///
+/// `text` is the text that was read. Unknown fields and variants come with the nearest name that exists.
 pub fn ron_error(file: FileId, text: &str, error: &SpannedError) -> Diagnostic {
     let outline = match Outline::parse(file, text) {
         Ok(outline) => Some(outline),
@@ -220,7 +221,7 @@ impl Translator<'_> {
         self.end..self.end + width
     }
 
-    /// Where `name` stands that the crate has just read.
+    /// Finds the occurrence of `name` that the crate has just read.
     fn name_before_cursor(&self, name: &str) -> Option<Range<usize>> {
         // White space and quotes may lie between; the last occurrence is the one that was read.
         let start = self.text[..self.end].rfind(name)?;
@@ -259,7 +260,7 @@ impl Translator<'_> {
 
 const NAME: &str = "a name";
 
-/// What the crate would have liked to read, for the errors that say no more.
+/// Names the expected text, for errors that give nothing else.
 fn wanted(error: &Error) -> Option<String> {
     let wanted = match error {
         Error::ExpectedArray => "a list `[...]`",

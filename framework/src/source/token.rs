@@ -33,12 +33,11 @@ pub(super) enum TokenKind {
 /// A text between double quotes, as written and as meant.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Text {
-    /// What the escapes stand for.
+    /// The text with its escapes resolved.
     pub value: String,
     /// The bytes between the quotes.
     pub inside: Range<usize>,
-    /// Where value and file run in step: from (offset in the value, offset in the file) on, up to the next
-    /// such pair.
+    /// Pairs of (offset in the value, offset in the file); both advance together up to the next pair.
     pub steps: Vec<(usize, usize)>,
 }
 
@@ -317,7 +316,7 @@ impl<'a> Lexer<'a> {
         self.error(quote, "a text is not closed", "it starts here and has no closing quote")
     }
 
-    /// What comes behind a backslash.
+    /// Reads the rest of an escape, after the backslash.
     fn escape(&mut self, binary: bool) -> Result<char> {
         let start = self.at - 1;
         let wrong = |lexer: &Lexer, end: usize, label: &str| {

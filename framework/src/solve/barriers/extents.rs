@@ -30,9 +30,9 @@ impl Group {
 }
 
 pub(super) struct Extents {
-    /// Of each pass, what it touches, in the order of first appearance.
+    /// The uses of each pass, in the order of first appearance.
     pub passes: Vec<Vec<Group>>,
-    /// Of each resource, all its cells.
+    /// The cells of each resource.
     pub resources: Vec<Range<usize>>,
     /// Number of cells.
     pub cells: usize,

@@ -57,7 +57,7 @@ fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     }
 }
 
-/// Whether no pass of a frame that follows frames lacks anything.
+/// Returns whether every requirement is met in frame after frame.
 fn holds(steps: &[Step], facts: &Facts) -> bool {
     let mut world = World::new(facts);
     (0..FRAMES).all(|_| {

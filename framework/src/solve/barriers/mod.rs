@@ -1,4 +1,4 @@
-//! Where barriers go: a walk over the passes with a model of what each piece of memory has been through.
+//! Placement of barriers: a walk over the passes that tracks the state of every piece of memory.
 //!
 //! A barrier is placed as late as possible, right before the pass that needs it, and with as few bits as will do; where what it
 //! waits for is older than the last call, that call is given the bits instead, so that there are as few calls as can be. So it is
@@ -70,8 +70,9 @@ fn facts(plan: &Plan) -> Facts<'_> {
     Facts { plan, extents: Extents::of(plan), kept, shared: shared.collect() }
 }
 
-/// What the frame that follows the prologue needs on top of its own barriers, as one call between them: images in the layouts
-/// that frames find them in, and whatever the prologue wrote made visible. `None` if there is no such call.
+/// Computes the one call between prologue and first frame; `None` if no call suffices.
+///
+/// It brings images into the layouts that frames expect, and makes the prologue's writes visible.
 fn handover(start: &World, steady: &World, frame: &[Step], facts: &Facts) -> Option<Vec<Barrier>> {
     let mut call = Handover { memory: Masks::default(), needs: Vec::new(), images: Vec::new() };
     for (image, first) in carried_images(frame, facts) {
@@ -118,7 +119,7 @@ fn carried_images(frame: &[Step], facts: &Facts) -> Vec<(ResourceId, PassId)> {
 /// The handover while it is being made.
 struct Handover {
     memory: Masks,
-    /// What `memory` is for.
+    /// The requirements that `memory` meets.
     needs: Vec<Requirement>,
     /// With the pass that is the first to touch the image.
     images: Vec<(Transition, Masks, Vec<Requirement>, PassId)>,
@@ -152,7 +153,7 @@ impl Handover {
         barriers
     }
 
-    /// What the first frame lacks with this handover.
+    /// Lists the requirements of the first frame that this handover leaves unmet.
     fn missing(&self, start: &World, frame: &[Step], facts: &Facts) -> Vec<Requirement> {
         let mut world = start.clone();
         // The call stands right before the first pass.

@@ -1,4 +1,4 @@
-//! What a pass needs of the barriers before it, and the least barrier that gives it.
+//! Requirements of a pass on the barriers before it, and the smallest barrier that meets one.
 
 use super::scopes::{Masks, Time, with_earlier, with_later};
 use crate::ir::{Accesses, Hazard, PassId, ResourceId, Stages};
@@ -8,15 +8,15 @@ use crate::plan::{Barrier, Dependency};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Reason {
     pub hazard: Hazard,
-    /// What the pass touches.
+    /// The resource that the pass uses.
     pub resource: ResourceId,
-    /// Where it was another resource in the same memory that was touched before.
+    /// The resource used before, if another one in the same memory.
     pub alias: Option<ResourceId>,
     pub after: PassId,
     pub previous_frame: bool,
-    /// Who needs it.
+    /// The pass that has the requirement.
     pub before: PassId,
-    /// When it happened.
+    /// The time of the earlier access.
     pub time: Time,
 }
 
@@ -36,13 +36,13 @@ pub(super) struct Requirement {
 }
 
 impl Requirement {
-    /// Whether the same barriers meet both.
+    /// Returns whether the same barriers meet both.
     pub fn asks_the_same_as(&self, other: &Requirement) -> bool {
         let asked = |n: &Requirement| (n.from, n.flush, n.via, n.to, n.access);
         asked(self) == asked(other)
     }
 
-    /// Whether a barrier with these masks gives it.
+    /// Returns whether a barrier with these masks meets it.
     pub fn is_met_by(&self, masks: &Masks) -> bool {
         let target = match self.access.is_empty() {
             true => with_later(masks.target_stages).contains(self.to),
@@ -59,7 +59,7 @@ impl Requirement {
         flushes || with_earlier(masks.source_stages).intersects(self.via)
     }
 
-    /// Whether a barrier on some image, whatever it does to memory, gives it.
+    /// Returns whether the execution order of an image barrier alone meets it.
     pub fn is_met_by_order(&self, masks: &Masks) -> bool {
         self.access.is_empty() && self.is_met_by(masks)
     }

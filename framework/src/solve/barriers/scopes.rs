@@ -163,12 +163,12 @@ impl Scopes {
         self.ordered[index(to.bits())][index(from.bits())] >= time
     }
 
-    /// Whether what `from` wrote at `time` is visible to an access of `to`.
+    /// Returns whether the writes of `from` at `time` are visible to an access of `to`.
     pub fn is_visible(&self, from: Stages, time: Time, to: Stages, access: Accesses) -> bool {
         self.visible[index(to.bits())][index(access.bits())][index(from.bits())] >= time
     }
 
-    /// Whether what was available to one of the stages `from` at `time` is visible to an access.
+    /// Returns whether writes available to a stage of `from` at `time` are visible to an access.
     pub fn is_shown(&self, from: Stages, time: Time, to: Stages, access: Accesses) -> bool {
         let shown = &self.shown[index(to.bits())][index(access.bits())];
         from.iter().any(|from| shown[index(from.bits())] >= time)

@@ -1,4 +1,4 @@
-//! What has happened so far: to every piece of memory its last write and the reads since, to every image its layout.
+//! The state of memory during the walk: each cell's last write and later reads, each image's layout.
 
 use super::extents::{Access, Extents, Group};
 use super::needs::{self, Reason, Requirement};
@@ -7,13 +7,13 @@ use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Source, Stages, Wo
 use crate::plan::{Barrier, Plan, Step, Transition};
 use std::ops::Range;
 
-/// What does not change while the passes are walked.
+/// Inputs of the walk that do not change.
 pub(super) struct Facts<'a> {
     pub plan: &'a Plan,
     pub extents: Extents,
-    /// Of each resource, whether its contents at the start of a frame matter: a `Once` pass wrote them, or it has a history.
+    /// One flag per resource: a frame needs its previous contents, from a `Once` pass or a history.
     pub kept: Vec<bool>,
-    /// Of each resource, whether others stand in the same memory.
+    /// One flag per resource: other resources share its memory.
     pub shared: Vec<bool>,
 }
 
@@ -36,7 +36,7 @@ pub(super) struct World {
     frame_start: Time,
     cells: Vec<Cell>,
     layouts: Vec<Layout>,
-    /// Of each resource, when it was last touched.
+    /// The time of the last use of each resource.
     touched: Vec<Time>,
     /// The last call.
     call: Option<Call>,
@@ -50,13 +50,13 @@ pub(super) struct World {
 struct Call {
     /// Position in the list of steps.
     step: usize,
-    /// Of the pass that it stands before.
+    /// The time of the pass that follows the call.
     time: Time,
-    /// What was before it.
+    /// The scopes before the call.
     before: Scopes,
     /// Everything that it has to meet, once each.
     needs: Vec<Requirement>,
-    /// Of these, what it is there for: what nothing else met.
+    /// The requirements that only this call meets.
     reasons: Vec<Requirement>,
     /// The barrier on all memory.
     memory: Masks,
@@ -109,7 +109,7 @@ impl Call {
     }
 }
 
-/// What one piece of memory has been through since its last write.
+/// The last write to one piece of memory, and the reads since.
 #[derive(Clone, Debug, Default)]
 struct Cell {
     write: Option<Write>,
@@ -210,7 +210,7 @@ impl World {
         steps.push(Step { barriers, pass: id });
     }
 
-    /// Whether the last call, with some bits more, would have met these needs: nothing of what they are about came after it.
+    /// Returns whether the last call, with more bits, could meet these requirements: their causes all precede it.
     fn can_join_last_call(&self, needs: &[Requirement]) -> bool {
         self.call.as_ref().is_some_and(|call| needs.iter().all(|need| need.reason.time <= call.covers()))
     }
@@ -235,7 +235,7 @@ impl World {
         self.call = Some(call);
     }
 
-    /// What a pass at the start of the next frame will need of what has happened by now.
+    /// Lists the requirements of a pass at the start of the next frame.
     fn needs_of_next_frame(&self, id: PassId, facts: &Facts) -> Vec<Requirement> {
         let mut needs = Vec::new();
         for group in facts.groups(id) {
@@ -245,8 +245,9 @@ impl World {
         needs
     }
 
-    /// What the pass needs beyond the barriers that it is given; lets them, and the pass, happen. A need whose target is a
-    /// change of layout has the change's own source stages as its target.
+    /// Applies the barriers and the pass, and returns the requirements that the barriers leave unmet.
+    ///
+    /// A requirement of a layout change has the source stages of the change as its target.
     pub fn replay(&mut self, id: PassId, barriers: &[Barrier], facts: &Facts) -> Vec<Requirement> {
         let groups = facts.groups(id);
         self.now += 2;
@@ -321,14 +322,14 @@ impl World {
         Some(Change { transition, before: id, needs, target })
     }
 
-    /// What a change of this image's layout has to wait for. Targets are left empty.
+    /// Lists the requirements of a change of this image's layout. Targets are left empty.
     pub fn change_needs_of(&self, image: ResourceId, before: PassId, facts: &Facts) -> Vec<Requirement> {
         let mut needs = Vec::new();
         self.change_needs(image, before, facts, &mut needs);
         needs
     }
 
-    /// What a change of layout has to wait for: it is a write. Targets are left empty.
+    /// Adds the requirements of a layout change, which counts as a write. Targets are left empty.
     fn change_needs(&self, image: ResourceId, id: PassId, facts: &Facts, needs: &mut Vec<Requirement>) {
         let at = At { pass: id, resource: image, scopes: &self.scopes };
         let to = (Stages::empty(), Accesses::empty());
@@ -343,7 +344,7 @@ impl World {
         }
     }
 
-    /// What the touches need that `scopes` does not give.
+    /// Adds the requirements of the uses that `scopes` does not meet.
     fn needs(&self, group: &Group, id: PassId, scopes: &Scopes, needs: &mut Vec<Requirement>) {
         let at = At { pass: id, resource: group.resource, scopes };
         for Access { touch, cells } in &group.accesses {
@@ -461,7 +462,7 @@ fn add(needs: &mut Vec<Requirement>, need: Requirement) {
     }
 }
 
-/// Who needs something, of what, and what it has been given so far.
+/// The pass and resource of a requirement, and the scopes that apply so far.
 #[derive(Clone, Copy)]
 struct At<'a> {
     pass: PassId,
@@ -487,7 +488,7 @@ impl Change {
 }
 
 impl Cell {
-    /// Whether somebody read what was written last.
+    /// Returns whether the last write has been read.
     fn is_read(&self) -> bool {
         self.write.is_some_and(|w| self.reads().any(|(_, read)| read.time > w.event.time))
     }

@@ -301,7 +301,7 @@ fn an_unknown_file_has_a_name_and_no_text() {
     assert_eq!(files.line_column(Span { file: FileId(3), start: 5, end: 7 }), (1, 1));
 }
 
-/// What a map says that it looked at, by path under the folder: the text that is there, or what is wrong.
+/// Lists the files that a map has looked at, by path under the folder, with their contents.
 fn looked(files: &SourceMap, folder: &Folder) -> Vec<(String, Content)> {
     let mut below = Vec::new();
     for wanted in files.wanted() {
