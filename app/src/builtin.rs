@@ -4,7 +4,6 @@
 //! Files on disk come first (see [`SourceMap::find`]), so in a checkout edits show at once.
 
 use crate::facts::{self, SceneFacts};
-use ron::extensions::Extensions;
 use splatgraph_framework::ir::Request;
 use splatgraph_framework::lower::{self, Control};
 use splatgraph_framework::schema::Document;
@@ -22,9 +21,7 @@ pub fn source_map() -> SourceMap {
 ///
 /// Graphs for includes have no output and are left out, and so are those in subfolders, which draw for the program itself.
 pub fn names() -> Vec<&'static str> {
-    let options = ron::Options::default()
-        .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME);
-    let draws = |text: &str| match options.from_str(text) {
+    let draws = |text: &str| match Document::parse(text) {
         Ok(Document::Graph(graph)) => graph.output.is_some(),
         Ok(Document::Preset(_)) => true,
         // It is listed, and its use reports the error.

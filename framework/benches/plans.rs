@@ -1,4 +1,4 @@
-//! How long it takes from the text of a graph to its plan, once its shaders are compiled: for the default preset, which is what a
+//! Time from the text of a graph to its plan, once its shaders are compiled: for the default preset, which is what a
 //! person who edits it waits for, and for graphs of 100 to 10,000 passes, to see how it grows.
 //!
 //! `cargo bench -p splatgraph-framework`

@@ -19,6 +19,8 @@
 //!
 //! When a file changes, [`reload`] has the plan built again, while the last good plan is still drawn.
 
+#![deny(missing_docs)]
+
 mod build;
 pub mod dump;
 mod expr;

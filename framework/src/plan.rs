@@ -104,7 +104,7 @@ impl Plan {
 
     /// Sums the bytes of the memory blocks. A device may round images up.
     pub fn transient_bytes(&self) -> u64 {
-        let largest = |block: &Block| block.tenants.iter().map(|id| self.resource(*id).bytes()).max();
+        let largest = |block: &Block| block.aliases.iter().map(|id| self.resource(*id).bytes()).max();
         self.blocks.iter().filter_map(largest).sum()
     }
 
@@ -116,7 +116,7 @@ impl Plan {
     /// Lists the other resources in the same memory.
     pub fn aliases(&self, id: ResourceId) -> impl Iterator<Item = ResourceId> + '_ {
         let block = self.resource(id).block.map(|block| &self.blocks[block.index()]);
-        block.into_iter().flat_map(|block| &block.tenants).copied().filter(move |other| *other != id)
+        block.into_iter().flat_map(|block| &block.aliases).copied().filter(move |other| *other != id)
     }
 }
 
@@ -145,7 +145,7 @@ pub struct Resource {
 pub struct Block {
     /// Resources at the block's start. Of several, only one is alive at any time: from its first use in a frame,
     /// before which its contents are undefined, to its last.
-    pub tenants: Vec<ResourceId>,
+    pub aliases: Vec<ResourceId>,
 }
 
 impl Resource {

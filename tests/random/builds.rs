@@ -142,9 +142,9 @@ pub fn shown(plan: &Plan) -> String {
         steps.iter().map(|s| format!("{}    {}\n", shown(&s.barriers), name(s.pass))).collect()
     };
     let blocks: Vec<String> = (plan.blocks.iter())
-        .filter(|block| block.tenants.len() > 1)
+        .filter(|block| block.aliases.len() > 1)
         .map(|block| {
-            block.tenants.iter().map(|id| plan.resource(*id).name.clone()).collect::<Vec<_>>().join(" ")
+            block.aliases.iter().map(|id| plan.resource(*id).name.clone()).collect::<Vec<_>>().join(" ")
         })
         .collect();
     format!(

@@ -1,7 +1,7 @@
 //! Properties that hold for every graph, held against graphs made at random.
 //!
 //! `recipe` has proptest's raw material, `sketch` makes of it a graph that can be built, `render` writes that down as a file and its
-//! shaders, `compiler` stands in for the one in C++, `builds` builds and counts, and `orders` finds the other orders of a frame. The
+//! shaders, `compiler` replaces the one in C++, `builds` builds and counts, and `orders` finds the other orders of a frame. The
 //! properties here need no GPU: the [oracle](splatgraph_framework::oracle) judges. Those in `gpu` run the shaders.
 
 pub mod builds;
@@ -151,7 +151,7 @@ fn shared_memory_is_no_more_and_held_by_one_at_a_time() {
         if shared_bytes > bytes || bytes != apart.unshared_bytes() {
             return Err(format!("{shared_bytes} bytes shared, {bytes} apart\n{}", shown(&case.plan)));
         }
-        if let Some(block) = apart.blocks.iter().find(|block| block.tenants.len() != 1) {
+        if let Some(block) = apart.blocks.iter().find(|block| block.aliases.len() != 1) {
             return Err(format!("{block:?} is shared, and should not be"));
         }
         tenants_take_turns(&case.plan)
@@ -165,15 +165,13 @@ fn tenants_take_turns(plan: &Plan) -> Result<(), String> {
             return Err(format!("`{}` stands in no block that there is", resource.name));
         }
     }
-    for block in plan.blocks.iter().filter(|block| block.tenants.len() > 1) {
+    for block in plan.blocks.iter().filter(|block| block.aliases.len() > 1) {
         let mut lives = Vec::new();
-        for tenant in &block.tenants {
-            let resource = plan.resource(*tenant);
-            let uses = |id| plan.pass(id).uses.iter().any(|touch| touch.resource == *tenant);
-            let once = plan
-                .passes
-                .iter()
-                .any(|p| p.run == Run::Once && p.uses.iter().any(|t| t.resource == *tenant));
+        for alias in &block.aliases {
+            let resource = plan.resource(*alias);
+            let uses = |id| plan.pass(id).uses.iter().any(|touch| touch.resource == *alias);
+            let once =
+                plan.passes.iter().any(|p| p.run == Run::Once && p.uses.iter().any(|t| t.resource == *alias));
             let uses: Vec<usize> = (0..plan.frame.len()).filter(|at| uses(plan.frame[*at].pass)).collect();
             match (uses.first(), uses.last()) {
                 (Some(first), Some(last)) if !once && resource.history.is_none() => {

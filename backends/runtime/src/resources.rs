@@ -210,7 +210,7 @@ fn transients<G: Gpu>(gpu: &Arc<G>, plan: &Plan) -> Result<HashMap<ResourceId, T
     let mut all = HashMap::new();
     for block in &plan.blocks {
         let mut members = Vec::new();
-        for &id in &block.tenants {
+        for &id in &block.aliases {
             let resource = plan.resource(id);
             let (name, usage) = (resource.name.as_str(), usage(resource));
             members.push(match resource.shape {
@@ -221,7 +221,7 @@ fn transients<G: Gpu>(gpu: &Arc<G>, plan: &Plan) -> Result<HashMap<ResourceId, T
                 Shape::Buffer { .. } => Member::Buffer(BufferDesc { name, bytes: resource.bytes(), usage }),
             });
         }
-        all.extend(block.tenants.iter().copied().zip(aliasing::create_block(gpu, &members)?));
+        all.extend(block.aliases.iter().copied().zip(aliasing::create_block(gpu, &members)?));
     }
     Ok(all)
 }

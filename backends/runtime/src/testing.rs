@@ -86,7 +86,7 @@ pub(crate) fn plan() -> Plan {
             pass("export", Run::Frame, Work::Export, Vec::new()),
             pass("host", Run::Frame, Work::Host, Vec::new()),
         ],
-        blocks: [WORDS, ARGS, COLOR].map(|id| Block { tenants: vec![id] }).into(),
+        blocks: [WORDS, ARGS, COLOR].map(|id| Block { aliases: vec![id] }).into(),
         prologue: vec![step(0)],
         handover: Vec::new(),
         frame: vec![step(1), step(2), step(3), step(4), step(5)],

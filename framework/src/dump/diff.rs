@@ -14,7 +14,9 @@ use super::{DUMP_VERSION, Dump, DumpBarrier, DumpDependency, DumpPass, DumpResou
 pub struct Diff {
     /// Version of the dumps and of this form.
     pub version: u32,
+    /// The first dump.
     pub a: DiffSide,
+    /// The second dump.
     pub b: DiffSide,
     /// Those whose values differ.
     pub parameters: Vec<PropertyChange>,
@@ -24,30 +26,40 @@ pub struct Diff {
     pub totals: Vec<TotalChange>,
     /// Names in the lists of what only one side has.
     pub passes: Differences<String, NamedChange>,
+    /// Barriers, in full on the sides of what only one has.
     pub barriers: Differences<DumpBarrier, BarrierChange>,
+    /// Resources, with their sizes where only one side has them.
     pub resources: Differences<ResourceSize, NamedChange>,
 }
 
 /// Which dump this is.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DiffSide {
+    /// Name that the graph was requested by.
     pub graph: String,
+    /// One line that describes the graph.
     pub summary: String,
 }
 
 /// A value that differs; `None` on the side that has no such thing.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PropertyChange {
+    /// Name of the property, parameter or fact.
     pub name: String,
+    /// Value in the first dump.
     pub a: Option<String>,
+    /// Value in the second dump.
     pub b: Option<String>,
 }
 
 /// A number of both sides.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TotalChange {
+    /// Name of the total.
     pub name: String,
+    /// Number in the first dump.
     pub a: u64,
+    /// Number in the second dump.
     pub b: u64,
     /// `b - a`.
     pub change: i64,
@@ -56,8 +68,11 @@ pub struct TotalChange {
 /// Lists the items of one side only, and those of both that differ.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Differences<T, C> {
+    /// Items of the first dump alone.
     pub only_a: Vec<T>,
+    /// Items of the second dump alone.
     pub only_b: Vec<T>,
+    /// Items of both dumps that differ.
     pub changed: Vec<C>,
     /// Number of items equal on both sides.
     pub same: usize,
@@ -66,23 +81,29 @@ pub struct Differences<T, C> {
 /// A pass or a resource with the properties that differ, like `size`, `define DIGIT_BITS` or `push shift`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NamedChange {
+    /// Name of the pass or resource.
     pub name: String,
+    /// Properties that differ.
     pub changes: Vec<PropertyChange>,
 }
 
 /// A resource that only one side has.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ResourceSize {
+    /// Name of the resource.
     pub name: String,
     /// As in [`DumpResource::shape`].
     pub shape: String,
+    /// Size in bytes.
     pub bytes: u64,
 }
 
 /// A barrier that stands at the same place on both sides, with other masks, layouts or dependencies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BarrierChange {
+    /// The barrier in the first dump.
     pub a: DumpBarrier,
+    /// The barrier in the second dump.
     pub b: DumpBarrier,
 }
 

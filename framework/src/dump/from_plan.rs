@@ -127,8 +127,8 @@ fn add(a: BarrierTotals, b: BarrierTotals) -> BarrierTotals {
 fn blocks(plan: &Plan) -> Vec<DumpBlock> {
     let block = |(id, block): (usize, &crate::plan::Block)| DumpBlock {
         id: id as u32,
-        bytes: block.tenants.iter().map(|t| plan.resource(*t).bytes()).max().unwrap_or(0),
-        tenants: block.tenants.iter().map(|t| plan.resource(*t).name.clone()).collect(),
+        bytes: block.aliases.iter().map(|t| plan.resource(*t).bytes()).max().unwrap_or(0),
+        aliases: block.aliases.iter().map(|t| plan.resource(*t).name.clone()).collect(),
     };
     plan.blocks.iter().enumerate().map(block).collect()
 }

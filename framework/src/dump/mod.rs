@@ -38,17 +38,21 @@ pub const DUMP_VERSION: u32 = 3;
 /// Holds a plan with names in place of numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dump {
+    /// Version of the form, [`DUMP_VERSION`].
     pub version: u32,
     /// The name that the graph was asked for by.
     pub graph: String,
+    /// One line that describes the graph.
     pub summary: String,
     /// In the order of the file.
     pub parameters: Vec<DumpParameter>,
     /// Facts of the scene, the device and the viewport.
     pub facts: BTreeMap<String, Value>,
+    /// Sums over the whole plan.
     pub totals: Totals,
     /// The memory of the transient resources.
     pub blocks: Vec<DumpBlock>,
+    /// Buffers and images.
     pub resources: Vec<DumpResource>,
     /// In the order in which each comes first.
     pub phases: Vec<DumpPhase>,
@@ -58,33 +62,47 @@ pub struct Dump {
     pub passes: Vec<DumpPass>,
     /// Recorded once, as one call, between the prologue and the first frame.
     pub handover: Vec<DumpBarrier>,
+    /// Passes of the graph that are not in the plan.
     pub left_out: Vec<DumpLeftOut>,
     /// The image that is shown or saved.
     pub output: String,
+    /// Numbers that the host reads after each frame.
     pub stats: Vec<DumpStat>,
     /// Milliseconds that the frame's passes take on the GPU, in sum. Filled in by [`Dump::with_times`].
     pub gpu_ms: Option<f64>,
 }
 
+/// A parameter of the graph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpParameter {
+    /// Name in the graph.
     pub name: String,
+    /// Value in use.
     pub value: Value,
+    /// Value in use if none is set.
     pub default: Value,
     /// The value that costs no accuracy, where the graph names one.
     pub exact: Option<Value>,
     /// It can be changed between frames; others are baked into the plan.
     pub live: bool,
+    /// Position of its declaration.
     pub declared: Origin,
 }
 
+/// Sums over a plan.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Totals {
+    /// Number of all passes, in the prologue and in the frame.
     pub passes: usize,
+    /// Number of passes that run once.
     pub prologue_passes: usize,
+    /// Number of passes that run in every frame.
     pub frame_passes: usize,
+    /// Barriers of the prologue.
     pub prologue: BarrierTotals,
+    /// Barriers between the prologue and the first frame.
     pub handover: BarrierTotals,
+    /// Barriers of each frame.
     pub frame: BarrierTotals,
     /// Bytes of the memory blocks, which the plan itself owns.
     pub transient_bytes: u64,
@@ -98,27 +116,36 @@ pub struct Totals {
     pub host_bytes: u64,
 }
 
+/// Counts the barriers of one part of a plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BarrierTotals {
     /// Barriers that are recorded together are one call.
     pub calls: usize,
+    /// Number of all barriers.
     pub barriers: usize,
+    /// Number of barriers on all memory.
     pub memory_barriers: usize,
+    /// Number of layout changes of one image.
     pub image_barriers: usize,
+    /// Number of dependencies that the barriers enforce.
     pub dependencies: usize,
 }
 
-/// A piece of memory, as large as its largest tenant.
+/// A piece of memory, as large as its largest alias.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpBlock {
+    /// Number that [`DumpResource::block`] refers to.
     pub id: u32,
+    /// Size in bytes.
     pub bytes: u64,
     /// Resources that stand in it, of which only one is alive at any time.
-    pub tenants: Vec<String>,
+    pub aliases: Vec<String>,
 }
 
+/// A buffer or an image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpResource {
+    /// Name in the plan; the halves of a ping-pong buffer `keys` are `keys#0` and `keys#1`.
     pub name: String,
     /// `transient`, `scene`, `frame`, `live` or `readback`.
     pub source: String,
@@ -128,6 +155,7 @@ pub struct DumpResource {
     pub shape: String,
     /// The same, for programs.
     pub dimensions: Shape,
+    /// Size in bytes.
     pub bytes: u64,
     /// For instance `STORAGE`, `INDIRECT`.
     pub usage: Vec<String>,
@@ -139,21 +167,27 @@ pub struct DumpResource {
     pub lifetime: Option<Lifetime>,
     /// Name under which its contents are kept from frame to frame and from plan to plan.
     pub history: Option<String>,
+    /// Position of its declaration.
     pub declared: Origin,
 }
 
 /// Indices into [`Dump::passes`]. Before the first of them the contents are undefined, after the last they are not read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lifetime {
+    /// Index of the first pass that accesses the resource.
     pub first: usize,
+    /// Index of the last pass that accesses the resource.
     pub last: usize,
 }
 
+/// A group of passes whose times are summed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpPhase {
+    /// Name in the graph.
     pub name: String,
     /// A phase with passes in the prologue and in the frame appears twice.
     pub run: Run,
+    /// Number of passes.
     pub passes: usize,
     /// Milliseconds, in sum; `None` where a pass has no time.
     pub gpu_ms: Option<f64>,
@@ -172,15 +206,20 @@ pub struct DumpRepeat {
     pub passes: usize,
 }
 
+/// A dispatch, a draw, a fill, or a step of the plan itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpPass {
+    /// Unique name in the plan.
     pub name: String,
+    /// Group that its time is summed in.
     pub phase: String,
+    /// Runs once, in the prologue, or in every frame.
     pub run: Run,
     /// `dispatch`, `draw`, `fill`, `start`, `export` or `host`.
     pub kind: String,
     /// Its position in a repeat.
     pub repeat: Option<Iteration>,
+    /// Shaders: one for a dispatch, the vertex and the fragment shader for a draw.
     pub shaders: Vec<DumpShader>,
     /// Workgroups, vertices or bytes, or the place of the indirect arguments.
     pub size: String,
@@ -188,14 +227,19 @@ pub struct DumpPass {
     pub topology: Option<Topology>,
     /// Color targets of a draw.
     pub targets: Vec<DumpTarget>,
+    /// Resources that it reads.
     pub reads: Vec<DumpTouch>,
+    /// Resources that it writes.
     pub writes: Vec<DumpTouch>,
+    /// Descriptors that are bound.
     pub bindings: Vec<DumpBinding>,
+    /// Push constants.
     pub push: Vec<DumpPush>,
     /// Recorded as one call before the pass.
     pub barriers: Vec<DumpBarrier>,
     /// Milliseconds on the GPU. Filled in by [`Dump::with_times`].
     pub gpu_ms: Option<f64>,
+    /// Position of its declaration.
     pub declared: Origin,
 }
 
@@ -210,9 +254,12 @@ pub struct Iteration {
     pub index: Vec<u32>,
 }
 
+/// A compiled shader of a pass.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpShader {
+    /// File name, as in the graph.
     pub file: String,
+    /// Preprocessor defines that it is compiled with.
     pub defines: Vec<Define>,
     /// Invocations of a workgroup in x, y, z.
     pub local_size: [u32; 3],
@@ -220,24 +267,34 @@ pub struct DumpShader {
     pub shared_bytes: u32,
 }
 
+/// A preprocessor define.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Define {
+    /// Name of the macro.
     pub name: String,
+    /// Text that replaces the macro.
     pub value: String,
 }
 
+/// A colour attachment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpTarget {
+    /// Name of the image resource.
     pub image: String,
+    /// Contents before the draw: kept or cleared.
     pub load: Load,
+    /// Blending of the fragments with the target.
     pub blend: Blend,
 }
 
 /// Describes one access of a pass to a resource.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpTouch {
+    /// Name of the resource.
     pub resource: String,
+    /// Stages by name, after Vulkan's synchronization2.
     pub stages: Vec<String>,
+    /// Accesses by name, after Vulkan's synchronization2.
     pub accesses: Vec<String>,
     /// The layout that an image must be in.
     pub layout: Option<Layout>,
@@ -245,14 +302,18 @@ pub struct DumpTouch {
     pub discards: bool,
 }
 
+/// A descriptor of set 0.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpBinding {
     /// Name of the GLSL block or image.
     pub name: String,
+    /// Binding number in the set.
     pub binding: u32,
     /// Index in an array of descriptors, 0 where there is none.
     pub element: u32,
+    /// Type of the descriptor.
     pub kind: DescriptorKind,
+    /// Name of the bound resource.
     pub resource: String,
 }
 
@@ -270,7 +331,9 @@ pub struct DumpPush {
 /// A resource or a pass, and where the graph declares it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Place {
+    /// Name of the resource or pass, as in the dump.
     pub name: String,
+    /// Position of its declaration.
     pub declared: Origin,
 }
 
@@ -283,31 +346,41 @@ pub struct DumpBarrier {
     pub before: Option<Place>,
     /// The image that changes its layout; `None` for a barrier on all memory.
     pub image: Option<DumpTransition>,
+    /// Stages and accesses: the union over all dependencies.
     #[serde(flatten)]
     pub masks: Masks,
     /// Hazards that it prevents.
     pub dependencies: Vec<DumpDependency>,
 }
 
+/// A change of an image's layout.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpTransition {
+    /// Name of the image resource.
     pub image: String,
+    /// Layout before; undefined if the contents are not needed.
     pub old: Layout,
+    /// Layout after.
     pub new: Layout,
 }
 
 /// Stages and accesses by name, after Vulkan's synchronization2.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Masks {
+    /// Stages that are waited for.
     pub source_stages: Vec<String>,
+    /// Accesses whose writes are made available.
     pub source_accesses: Vec<String>,
+    /// Stages that wait.
     pub target_stages: Vec<String>,
+    /// Accesses that see the writes.
     pub target_accesses: Vec<String>,
 }
 
 /// One reason for a barrier.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpDependency {
+    /// Kind of conflict.
     pub hazard: Hazard,
     /// The pass that needs it: the one after the barrier, or a later one that would otherwise need a call of its own. (It may
     /// be one at the start of the next frame that depends on the last call of this one.)
@@ -325,17 +398,23 @@ pub struct DumpDependency {
     pub masks: Masks,
 }
 
+/// A pass of the graph that is not in the plan.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpLeftOut {
+    /// Name of the pass.
     pub pass: String,
+    /// Reason for its absence.
     pub why: String,
+    /// Position of its declaration.
     pub declared: Origin,
 }
 
 /// A number that the GPU computes: a 32-bit word of a buffer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpStat {
+    /// Name in the graph.
     pub name: String,
+    /// Name of the buffer that holds the word.
     pub buffer: String,
     /// Bytes.
     pub offset: u64,

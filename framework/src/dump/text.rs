@@ -52,7 +52,7 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
     }
     writeln!(out, "\nresources")?;
     dump.resources.iter().try_for_each(|r| write_resource(out, dump, r))?;
-    let shared: Vec<_> = dump.blocks.iter().filter(|b| b.tenants.len() > 1).collect();
+    let shared: Vec<_> = dump.blocks.iter().filter(|b| b.aliases.len() > 1).collect();
     if !shared.is_empty() {
         writeln!(out, "\nmemory that is shared")?;
         for block in shared {
@@ -61,7 +61,7 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
                 "  block {:<3} {:>10}  {}",
                 block.id,
                 bytes(block.bytes),
-                block.tenants.join(", ")
+                block.aliases.join(", ")
             )?;
         }
     }

@@ -1,5 +1,5 @@
-//! Tree to value. One rule throughout: where C would wrap, truncate or be undefined, this is an error with a
-//! place.
+//! Evaluation of expressions. Where C would wrap, truncate or be undefined, evaluation fails with the place of the
+//! operand.
 
 use super::{BinaryOp, ExprError, Function, Node, NodeKind, Scope, UnaryOp};
 use crate::ir::Value;

@@ -91,11 +91,6 @@ impl Expr {
         Ok(Expr { root: parse::parse(text)? })
     }
 
-    /// Makes an expression of a value.
-    pub fn literal(value: Value) -> Expr {
-        Expr { root: Node { kind: NodeKind::Literal(value), start: 0, end: 0 } }
-    }
-
     /// Lists every use of a name from the scope, in the order of the text, with its place in it. Functions are not
     /// among them.
     pub fn names(&self) -> impl Iterator<Item = (&str, Range<usize>)> {

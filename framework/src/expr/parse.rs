@@ -1,5 +1,5 @@
-//! Text to tree, by precedence climbing: an operand, then as many operators as bind at least as tightly as
-//! asked for, each with the right-hand side that binds more tightly than it.
+//! Parsing by precedence climbing: an operand, then every operator that binds at least as tightly as the minimum, each
+//! with a right-hand side that binds more tightly.
 
 use std::ops::Range;
 

@@ -84,12 +84,6 @@ fn the_smallest_and_the_largest_integer_can_be_written() {
 }
 
 #[test]
-fn a_literal_made_from_a_value_is_that_value() {
-    assert_eq!(Expr::literal(Value::Float(2.5)).eval(&scope()), Ok(Value::Float(2.5)));
-    assert_eq!(Expr::literal(Value::Int(1)).names().count(), 0);
-}
-
-#[test]
 fn multiplication_binds_tighter_than_addition() {
     int("2 + 3 * 4", 14);
     int("(2 + 3) * 4", 20);

@@ -1,4 +1,4 @@
-//! Blocks, images and push constants against what the graph binds.
+//! Checks of blocks, images and push constants against the graph's `bind` and `push`.
 
 use super::{Linker, ShaderHandle, describe, touch};
 use crate::ir::{
@@ -100,8 +100,10 @@ impl Linker<'_> {
         });
     }
 
-    /// An entry of `bind` that no shader of the pass touches. It is a mistake unless a shader declares the block and its
-    /// code, with the constants of now, does without: then nothing is bound and nothing need be.
+    /// Reports an entry of `bind` that no shader of the pass uses.
+    ///
+    /// It is no error if a shader declares the block and its code does not use it with the current constants: then nothing
+    /// is bound.
     fn unknown(&mut self, stages: &[(ShaderHandle, Stages)], bind: &LoweredBind) {
         if stages.iter().any(|(shader, _)| self.declared[shader].contains(&bind.block)) {
             return;

@@ -7,7 +7,7 @@ use crate::source::Diagnostic;
 
 impl Linker<'_> {
     /// Every input of the fragment shader is an output of the vertex shader, of the same type. The two are compiled apart,
-    /// so that nobody else would notice.
+    /// so that no other check would notice.
     pub(super) fn interface(&mut self, vertex: ShaderHandle, fragment: ShaderHandle, span: Span) {
         let (from, to) = (&self.shaders[vertex.index()], &self.shaders[fragment.index()]);
         for input in &to.reflection.inputs {

@@ -1,9 +1,8 @@
-//! The graph held against its shaders.
+//! Linking: compiles the shaders of each pass and checks the graph against them.
 //!
-//! Each pass's shaders are compiled and reflected; then every block that a shader touches must be bound, every entry of
-//! `bind` and `push` must exist in a shader, and kinds, strides, sizes and formats must fit. What a pass reads and writes
-//! comes out of this: it is what the shaders' code does, not what somebody wrote down. The result is the plan's passes,
-//! still in the order of the file, with their [`Use`]es.
+//! Every block that a shader uses must be bound, every entry of `bind` and `push` must exist in a shader, and kinds, strides,
+//! sizes and formats must match. Linking also derives the accesses of each pass ([`Use`]) from the compiled code, so that no
+//! hand-kept list can go stale. The result is the list of passes, still in the order of the file.
 
 mod bindings;
 mod draws;

@@ -88,10 +88,7 @@ pub(super) fn parse(files: &SourceMap, file: FileId) -> Result<(Document, Rc<Out
     let text = files.text(file);
     // The outline is made first because it limits the depth of nesting, which the RON parser recurses into.
     let outline = Outline::parse(file, text).map_err(|e| vec![e])?;
-    let options = ron::Options::default().with_default_extension(
-        ron::extensions::Extensions::UNWRAP_VARIANT_NEWTYPES | ron::extensions::Extensions::IMPLICIT_SOME,
-    );
-    let document = options.from_str(text).map_err(|e| vec![ron_error(file, text, &e)])?;
+    let document = Document::parse(text).map_err(|e| vec![ron_error(file, text, &e)])?;
     let twice = outline.duplicates();
     if twice.is_empty() { Ok((document, Rc::new(outline))) } else { Err(twice) }
 }

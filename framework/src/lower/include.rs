@@ -1,4 +1,4 @@
-//! Includes: another graph's passes, over resources and parameters that the includer gives.
+//! Includes: lowers another graph's passes with the includer's resources and parameters.
 
 use indexmap::IndexMap;
 

@@ -1,13 +1,13 @@
-//! From the tree to a flat list of passes.
+//! Lowering: turns the tree of a graph file into a flat list of passes.
 //!
-//! A graph may be a preset of another, include sub-graphs, repeat passes, leave some out and swap ping-pong resources.
-//! Lowering walks the tree once, in the order of the file, and resolves all of that: the result ([`Lowered`]) has
-//! only dispatches, draws and fills over numbered resources, every expression is a value, and `front(keys)` is one
-//! definite buffer. It knows nothing of shaders yet: whether the names under `bind` exist is for linking.
+//! A graph may be a preset of another, include sub-graphs, repeat passes, omit some and swap ping-pong resources. Lowering
+//! walks the tree once, in the order of the file, and resolves all of these: the result ([`Lowered`]) has only dispatches,
+//! draws and fills over numbered resources, every expression has a value, and `front(keys)` is one definite buffer. Lowering
+//! does not look at shaders; whether the names under `bind` exist is checked by linking.
 //!
-//! The files of this folder: `document` loads files and follows presets; `params` gives parameters their values, and `defines` makes of
-//! them what shaders see; `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes, and
-//! `include` goes into other graphs.
+//! Files: `document` loads files and follows presets; `params` resolves parameters, and `defines` turns them into
+//! preprocessor defines; `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes;
+//! `include` lowers included graphs.
 
 mod defines;
 mod document;

@@ -294,7 +294,7 @@ impl Lowering<'_> {
                 match history {
                     Some(history) => Ok(Some(vec![history.previous_frame])),
                     None => Err(Diagnostic::new(
-                        format!("`{name}` does not live on from frame to frame"),
+                        format!("`{name}` has no history"),
                         span,
                         "declared without `history: true`",
                     )),

@@ -1,4 +1,4 @@
-//! Names with values, and the evaluation of what a file holds in their place.
+//! Names with their values, and the evaluation of expressions in their scope.
 
 use std::collections::BTreeSet;
 use std::rc::Rc;

@@ -12,6 +12,7 @@ use crate::plan::{Barrier, Plan};
 pub enum Place {
     /// Before the pass of this step of [`Plan::prologue`].
     Prologue(usize),
+    /// The call between the prologue and the first frame.
     Handover,
     /// Before the pass of this step of [`Plan::frame`].
     Frame(usize),
@@ -42,9 +43,13 @@ impl Place {
 /// Selects one bit of one of a barrier's masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bit {
+    /// A stage that the barrier waits for.
     SourceStage(Stages),
+    /// An access whose writes the barrier makes available.
     SourceAccess(Accesses),
+    /// A stage that waits for the barrier.
     TargetStage(Stages),
+    /// An access that the barrier makes writes visible to.
     TargetAccess(Accesses),
 }
 
@@ -52,9 +57,21 @@ pub enum Bit {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mutation {
     /// The whole barrier, with the layout change of its image.
-    Remove { at: Place, barrier: usize },
+    Remove {
+        /// Call of barriers that holds it.
+        at: Place,
+        /// Index in the call, from 0.
+        barrier: usize,
+    },
     /// One bit; a mask that loses its last is empty, which is Vulkan's `NONE`.
-    Clear { at: Place, barrier: usize, what: Bit },
+    Clear {
+        /// Call of barriers that holds it.
+        at: Place,
+        /// Index in the call, from 0.
+        barrier: usize,
+        /// Bit to clear.
+        what: Bit,
+    },
 }
 
 impl Mutation {

@@ -9,9 +9,11 @@ use crate::plan::Plan;
 /// One access that Vulkan leaves undefined.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Violation {
+    /// Kind of conflict.
     pub kind: ViolationKind,
     /// The earlier access. `None` where there is none: bytes never written, a layout never set.
     pub first: Option<Actor>,
+    /// The later access, which is undefined.
     pub second: Actor,
     /// The resource that `second` accesses.
     pub resource: ResourceId,
@@ -19,15 +21,20 @@ pub struct Violation {
     pub through: Option<ResourceId>,
     /// Bytes of `resource`.
     pub range: Range<u64>,
+    /// Guarantee that `second` lacks.
     pub missing: Missing,
     /// Which of the plans that were replayed one after another; 0 where there was one.
     pub plan: usize,
 }
 
+/// Classifies a violation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ViolationKind {
+    /// A read of bytes without synchronization with their earlier write.
     ReadAfterWrite,
+    /// A write to bytes without synchronization with their earlier read.
     WriteAfterRead,
+    /// A write to bytes without synchronization with their earlier write.
     WriteAfterWrite,
     /// An access or a transition expects another layout than the image is in.
     Layout,
@@ -44,18 +51,25 @@ pub enum Missing {
     Availability,
     /// The earlier write may not have reached this access at this stage.
     Visibility(Stages, Accesses),
+    /// The image is in another layout than the access needs.
     Layout {
+        /// Layout that the image is in.
         found: Layout,
+        /// Layout that the access needs.
         needed: Layout,
     },
+    /// The bytes hold no contents of the resource, or none of this frame.
     Contents,
 }
 
 /// Locates an access in time. The prologue and the handover are submitted with frame 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum When {
+    /// The passes that run once, before the handover.
     Prologue,
+    /// The barriers between the prologue and the first frame.
     Handover,
+    /// The frame of this number, from 0.
     Frame(u32),
 }
 
@@ -72,18 +86,25 @@ impl When {
 /// Names the source of an access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Actor {
+    /// A pass of the plan.
     Pass {
+        /// Part of the run that the pass belongs to.
         when: When,
+        /// The pass that accesses the resource.
         pass: PassId,
     },
     /// The layout change of an image, in the barriers before a pass or in the handover.
     Transition {
+        /// Part of the run that the barrier belongs to.
         when: When,
+        /// The image that changes its layout.
         image: ResourceId,
+        /// Pass that follows the barrier; `None` in the handover.
         before: Option<PassId>,
     },
     /// The host, writing a uniform block for a frame.
     Host {
+        /// Number of the frame that the block is for, from 0.
         frame: u32,
     },
 }

@@ -44,6 +44,7 @@ impl<P, E> Default for LastGood<P, E> {
 }
 
 impl<P, E> LastGood<P, E> {
+    /// Returns a state without a plan and without attempts.
     pub fn new() -> Self {
         LastGood::default()
     }

@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_job_comes_out_as_its_output_and_whoever_waits_is_woken() {
+    fn a_job_comes_out_as_its_output_and_wakes_the_waiting_thread() {
         let (rebuilder, wakes) = started(|| |job: u32| job + 1);
         assert!(!rebuilder.busy());
         assert_eq!(rebuilder.submit(1), None);

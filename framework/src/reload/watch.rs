@@ -57,6 +57,7 @@ pub struct FileChange {
 /// Reports that the watcher cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
+    /// The system refuses to start a thread.
     #[error("no thread can be started to watch files: {0}")]
     Thread(#[from] std::io::Error),
 }

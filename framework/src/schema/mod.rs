@@ -6,6 +6,7 @@
 mod expression;
 
 use indexmap::IndexMap;
+use ron::extensions::Extensions;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, Visitor};
 use std::fmt;
@@ -17,9 +18,8 @@ use crate::ir::{Blend, Load, Run, Topology, Value};
 /// The version of the graph language that this framework reads.
 pub const GRAPH_VERSION: u32 = 1;
 
-/// Holds a `.ron` file of `pipelines/`.
-// A tree of a few kilobytes that lives for a moment: the size of its variants does not matter.
-/// Holds one graph file.
+/// Holds one graph file, such as those of `pipelines/`.
+// A tree of a few kilobytes that is dropped soon: the size of its variants does not matter.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 pub enum Document {
@@ -27,6 +27,18 @@ pub enum Document {
     Graph(Graph),
     /// A preset.
     Preset(Preset),
+}
+
+impl Document {
+    /// Parses the text of a graph file.
+    ///
+    /// # Errors
+    /// Those of the `ron` crate: syntax, unknown fields and variants, with line and column.
+    pub fn parse(text: &str) -> Result<Document, ron::error::SpannedError> {
+        let options = ron::Options::default()
+            .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME);
+        options.from_str(text)
+    }
 }
 
 /// Changes the defaults of a graph.
@@ -126,48 +138,68 @@ pub enum ParamDecl {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum ParamKind {
+    /// A parameter that is true or false.
     Bool {
+        /// Value if none is set.
         default: Number,
+        /// Value that costs no accuracy.
         #[serde(default)]
         exact: Option<Number>,
+        /// Short text for the control; empty by default.
         #[serde(default)]
         label: String,
+        /// Longer explanation for the user; empty by default.
         #[serde(default)]
         help: String,
     },
+    /// A 64-bit integer.
     Int {
+        /// Value if none is set.
         default: Number,
         /// Inclusive.
         range: (Number, Number),
+        /// Value that costs no accuracy.
         #[serde(default)]
         exact: Option<Number>,
+        /// Short text for the control; empty by default.
         #[serde(default)]
         label: String,
+        /// Longer explanation for the user; empty by default.
         #[serde(default)]
         help: String,
     },
+    /// A floating-point number.
     Float {
+        /// Value if none is set.
         default: Number,
         /// Inclusive.
         range: (Number, Number),
         /// The step of the slider; a hundredth of the range by default.
         #[serde(default)]
         step: Option<Number>,
+        /// Value that costs no accuracy.
         #[serde(default)]
         exact: Option<Number>,
+        /// Short text for the control; empty by default.
         #[serde(default)]
         label: String,
+        /// Longer explanation for the user; empty by default.
         #[serde(default)]
         help: String,
     },
+    /// One of several names.
     Choice {
         /// One of the names, or an expression that comes to one.
         default: Expression,
+        /// Names to choose from; their indices are the values in shaders.
         of: Vec<String>,
+        /// Name of the choice that costs no accuracy.
         #[serde(default)]
         exact: Option<Expression>,
+        /// Short text for the control; empty by default.
         #[serde(default)]
         label: String,
+        /// Longer explanation for the user; empty by default.
         #[serde(default)]
         help: String,
     },
@@ -188,8 +220,11 @@ pub struct Import {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Port {
+    /// A buffer of the including graph.
     Buffer {
+        /// Bytes per element.
         stride: Number,
+        /// Takes both halves of a ping-pong buffer; false takes the front half alone.
         #[serde(default)]
         ping_pong: bool,
     },
@@ -199,17 +234,20 @@ pub enum Port {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum ResourceDecl {
+    /// A buffer of equal elements.
     Buffer {
         /// Bytes per element.
         stride: Number,
+        /// Number of elements.
         count: Number,
         /// Two buffers, of which one is the front; `Swap` exchanges them. Each frame starts at the same front.
         #[serde(default)]
         ping_pong: bool,
-        /// Contents live on: `last(name)` is what the frame before left. Zeros at first.
+        /// Keeps the contents from frame to frame: `last(name)` reads those of the previous frame. Zeros at first.
         #[serde(default)]
         history: bool,
     },
+    /// A two-dimensional image.
     Image {
         /// GLSL's name of a format (`rgba16f`), or an expression that comes to one.
         format: Expression,
@@ -227,65 +265,101 @@ pub enum ResourceDecl {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum PassDecl {
+    /// Runs a compute shader.
     Dispatch {
+        /// Unique name of the pass.
         name: String,
         /// The group that its time is counted under; its name where nothing is said.
         #[serde(default)]
         phase: Option<String>,
+        /// Runs in every frame by default, or once after a change of plan or scene.
         #[serde(default = "every_frame")]
         run: Run,
         /// Removes the pass where it is false.
         #[serde(default)]
         when: Option<Number>,
+        /// File name of the compute shader.
         shader: String,
+        /// Number of workgroups.
         size: Size,
+        /// Resource for each GLSL block or image variable, by its name.
         #[serde(default)]
         bind: IndexMap<String, Reference>,
+        /// Value for each member of the push-constant block, by its name.
         #[serde(default)]
         push: IndexMap<String, Number>,
+        /// Preprocessor defines of the shader, by name.
         #[serde(default)]
         define: IndexMap<String, Number>,
     },
+    /// Draws primitives to colour attachments.
     Draw {
+        /// Unique name of the pass.
         name: String,
+        /// The group that its time is counted under; its name by default.
         #[serde(default)]
         phase: Option<String>,
+        /// Removes the pass where it is false.
         #[serde(default)]
         when: Option<Number>,
+        /// File name of the vertex shader.
         vertex: String,
+        /// File name of the fragment shader.
         fragment: String,
+        /// Primitive type that the vertices form.
         topology: Topology,
+        /// Number of vertices and instances.
         call: Call,
+        /// Resource for each GLSL block or image variable, by its name.
         #[serde(default)]
         bind: IndexMap<String, Reference>,
+        /// Value for each member of the push-constant block, by its name.
         #[serde(default)]
         push: IndexMap<String, Number>,
+        /// Preprocessor defines of both shaders, by name.
         #[serde(default)]
         define: IndexMap<String, Number>,
+        /// Colour attachments, in the order of output locations.
         targets: Vec<TargetDecl>,
     },
     /// Every 32-bit word of the buffer becomes `value`.
     Fill {
+        /// Unique name of the pass.
         name: String,
+        /// The group that its time is counted under; its name by default.
         #[serde(default)]
         phase: Option<String>,
+        /// Removes the pass where it is false.
         #[serde(default)]
         when: Option<Number>,
+        /// Buffer to fill.
         buffer: Reference,
+        /// 32-bit word to fill with.
         value: Number,
     },
     /// The body, `count` times, with `var` counting from 0.
-    Repeat { var: String, count: Number, body: Vec<PassDecl> },
+    Repeat {
+        /// Name of the counter in expressions of the body.
+        var: String,
+        /// Number of iterations.
+        count: Number,
+        /// Passes of one iteration.
+        body: Vec<PassDecl>,
+    },
     /// From here on the resource's front is its back, and the other way round.
     Swap(String),
     /// The passes of another graph, with its ports bound to resources of this one.
     Include {
+        /// Name of the included graph.
         graph: String,
         /// Goes in front of the names of its passes and resources.
         name: String,
+        /// Removes all passes of the included graph where it is false.
         #[serde(default)]
         when: Option<Number>,
+        /// Resource of this graph for each port, by the port's name.
         with: IndexMap<String, Reference>,
+        /// Parameters of the included graph that differ from their defaults, by name.
         #[serde(default)]
         set: IndexMap<String, Number>,
     },
@@ -310,8 +384,11 @@ pub enum Size {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Call {
+    /// Counts that are known when the plan is built.
     Direct {
+        /// Number of vertices per instance.
         vertices: Number,
+        /// Number of instances.
         instances: Number,
     },
     /// Four words of a buffer, at a byte offset: vertices, instances, first vertex, first instance.

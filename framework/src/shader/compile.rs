@@ -78,6 +78,7 @@ struct Key {
 }
 
 impl Glslang {
+    /// Returns a compiler with an empty cache.
     pub fn new() -> Self {
         Glslang::default()
     }

@@ -1,7 +1,7 @@
-//! The step from handles of the lowered graph to ids of the plan.
+//! Compaction: maps handles of the lowered graph to ids of the plan.
 //!
-//! Resources and shaders that no pass of the plan uses are dropped, and the others are numbered in their former order. A name for the
-//! previous frame's contents becomes the resource itself here: order has been made of the difference by now.
+//! Resources and shaders that no pass of the plan uses are dropped; the others keep their relative order. A handle for the
+//! previous frame's contents maps to the resource itself: the order of the passes already accounts for the difference.
 
 use crate::ir::{Binding, DrawCall, Groups, Pass, ResourceId, ShaderId, Stat, Target, Usage, Use, Work};
 use crate::link::{LinkedPass, ShaderHandle};

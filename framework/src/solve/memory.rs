@@ -1,16 +1,16 @@
-//! Which transient resources can stand in the same memory.
+//! Memory sharing: places transient resources that are never alive together in the same block.
 //!
-//! A resource is alive from its first use in the frame to its last; before, its contents are undefined, and afterwards nobody
-//! reads them. Two whose lives do not meet may be tenants of one block of memory. What lives longer than a frame (written by a
-//! `Once` pass, or with a history) has a block of its own. Blocks rather than offsets into one heap, because only the device
-//! knows how many bytes an image takes: whatever they are, a block is as large as its largest tenant.
+//! A resource is alive from its first use in the frame to its last; its contents are undefined before and unused after. A resource
+//! that outlives the frame (written by a `Once` pass, or with a history) has a block of its own. Resources share whole blocks
+//! instead of offsets into one heap because only the device knows how many bytes an image takes: a block is as large as its
+//! largest alias.
 //!
-//! Sharing must not cost time: the next tenant has to wait for the last one, and where nothing else lies between the two, that would
-//! be a barrier of its own. So it only follows one that the passes have left behind anyway: whose last pass is on a lower level,
-//! levels being counted along the longest chain of passes that depend on each other.
+//! Sharing must not cost time. The next alias has to wait for the previous one, and where no barrier lies between the two anyway,
+//! that would add a call. So an alias only follows one whose last pass is on a lower level; the level of a pass is the length of
+//! the longest chain of dependent passes before it.
 //!
-//! The packing is greedy, the largest resource first, each into the smallest block that is free for as long as it lives: a
-//! first fit by decreasing size, as for registers with intervals. (Optimal packing is NP-hard.)
+//! The packing is greedy: the largest resource first, each into the smallest block that is free for its lifetime (first fit by
+//! decreasing size, as in register allocation over intervals; optimal packing is NP-hard).
 
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ const MOST_TRIED: usize = 64;
 struct Life {
     first: usize,
     last: usize,
-    /// The last use is a write, which nobody reads.
+    /// The last use is a write that no pass reads.
     ends_written: bool,
     /// Levels of the first pass and of the last.
     levels: (u32, u32),
@@ -55,27 +55,27 @@ pub(super) fn place(
         let life = lives[i].filter(|_| share);
         // Blocks were opened by falling size: the last are the smallest.
         let found = life.and_then(|life| {
-            open.iter_mut().rev().take(MOST_TRIED).find(|(_, tenants, images)| {
+            open.iter_mut().rev().take(MOST_TRIED).find(|(_, aliases, images)| {
                 // A change of layout cannot wait for writes that went through another resource: an image only follows
-                // tenants whose contents somebody read.
-                let written = life.ends_written || tenants.values().any(|l| l.ends_written);
-                is_free(tenants, life) && !((image || *images) && written)
+                // aliases whose contents were read.
+                let written = life.ends_written || aliases.values().any(|l| l.ends_written);
+                is_free(aliases, life) && !((image || *images) && written)
             })
         });
         let block = match (life, found) {
-            (Some(life), Some((block, tenants, images))) => {
-                tenants.insert(life.first, life);
+            (Some(life), Some((block, aliases, images))) => {
+                aliases.insert(life.first, life);
                 *images |= image;
                 *block
             }
             (life, _) => {
                 let block = BlockId(blocks.len() as u32);
-                blocks.push(Block { tenants: Vec::new() });
+                blocks.push(Block { aliases: Vec::new() });
                 open.extend(life.map(|life| (block, BTreeMap::from([(life.first, life)]), image)));
                 block
             }
         };
-        blocks[block.index()].tenants.push(ResourceId(i as u32));
+        blocks[block.index()].aliases.push(ResourceId(i as u32));
         resources[i].block = Some(block);
     }
     blocks
@@ -133,10 +133,10 @@ fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
 }
 
 /// Returns whether no alias is alive during `life`, or so close to it that a pass would have to wait.
-fn is_free(tenants: &BTreeMap<usize, Life>, life: Life) -> bool {
+fn is_free(aliases: &BTreeMap<usize, Life>, life: Life) -> bool {
     // They do not meet among each other, so that its neighbours in time are the only ones that could.
-    let before = tenants.range(..=life.last).next_back();
-    let after = tenants.range(life.last + 1..).next();
+    let before = aliases.range(..=life.last).next_back();
+    let after = aliases.range(life.last + 1..).next();
     before.is_none_or(|(_, other)| other.last < life.first && other.levels.1 < life.levels.0)
         && after.is_none_or(|(_, other)| life.levels.1 < other.levels.0)
 }

@@ -1,11 +1,10 @@
-//! From checked passes to a plan: who runs, in what order, in what memory, and with what barriers between.
+//! The solver: turns linked passes into a plan with an order, memory and barriers.
 //!
-//! Four steps, a file each. `order` finds which pass needs which other (a petgraph over read-after-write,
-//! write-after-read and write-after-write), drops what nobody needs, and sorts the rest; ties go by the order of the
-//! file, so that the same file always gives the same plan. `memory` lets resources whose lives do not meet share theirs.
-//! `barriers` then walks the sorted passes with a model of what each piece of memory has been through, and places a barrier
-//! exactly where a hazard would be without. Between the two, `compact` drops the resources that no pass kept and gives the others
-//! the plan's ids, and `usage` notes the uses of each.
+//! Each step has a file. `order` builds the dependency graph (petgraph; read-after-write, write-after-read and
+//! write-after-write), culls passes whose results are unused, and sorts the rest; ties follow the order of the file, so that
+//! the same file always gives the same plan. `compact` drops the resources that no remaining pass uses and numbers the others
+//! with the plan's ids; `usage` records the uses of each. `memory` lets resources share blocks. `barriers` walks the sorted
+//! passes with a model of the state of memory, and places a barrier exactly where there would otherwise be a hazard.
 
 mod barriers;
 mod compact;

@@ -1,8 +1,8 @@
-//! Which pass needs which other, and the order that follows.
+//! Dependencies between passes, and the order that follows from them.
 //!
 //! A resource with one writer may be read by passes anywhere in the file: the writer comes first. Where several passes
-//! write a resource, the file's order among all that touch it holds. `Once` passes run before every frame, so they
-//! precede all others. The result is a directed graph; a cycle in it is a mistake that names its passes.
+//! write a resource, all passes that use it keep the order of the file. `Once` passes run before every frame, so they
+//! precede all others. The result is a directed graph; a cycle is an error that names its passes.
 
 use petgraph::Direction;
 use petgraph::algo::kosaraju_scc;
@@ -174,12 +174,12 @@ fn never_written(
         None => Diagnostic::new(
             format!("`{}` reads `{name}`, which no pass writes", passes[reader].pass.name),
             passes[reader].span,
-            "reads what nobody wrote",
+            "is never written",
         ),
         Some(first) => Diagnostic::new(
             format!("`{}` reads `{name}` before any pass has written it", passes[reader].pass.name),
             passes[reader].span,
-            "reads what nobody wrote yet",
+            "is not written before this pass",
         )
         .with_label(passes[*first].span, "the first to write it")
         .with_help(
@@ -262,7 +262,7 @@ impl Sources {
             let writer = users[self.writers[before]];
             open.push(writer.pass);
             if writer.accesses.reads() {
-                // Whoever needs this pass needs, through it, all that it read.
+                // A pass that needs this one needs, through it, everything that it read.
                 break;
             }
         }

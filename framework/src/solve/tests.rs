@@ -150,7 +150,7 @@ fn a_pass_that_nothing_reads_from_is_left_out_with_what_feeds_only_it() {
     assert_eq!(frame(&plan), ["make", "show", "export"]);
     let left: Vec<&str> = plan.culled.iter().map(|l| l.pass.as_str()).collect();
     assert_eq!(left, ["spare", "waste"]);
-    assert!(plan.find_resource("b").is_none(), "what nobody touches needs no memory");
+    assert!(plan.find_resource("b").is_none(), "a resource without uses needs no memory");
 }
 
 #[test]
@@ -472,11 +472,11 @@ fn a_draw_that_writes_in_both_of_its_stages_is_waited_for_in_both() {
 }
 
 /// The resources of each block that has several.
-fn tenants(plan: &Plan) -> Vec<Vec<&str>> {
+fn aliases(plan: &Plan) -> Vec<Vec<&str>> {
     let names = |block: &crate::plan::Block| {
-        block.tenants.iter().map(|id| plan.resource(*id).name.as_str()).collect::<Vec<_>>()
+        block.aliases.iter().map(|id| plan.resource(*id).name.as_str()).collect::<Vec<_>>()
     };
-    plan.blocks.iter().filter(|b| b.tenants.len() > 1).map(names).collect()
+    plan.blocks.iter().filter(|b| b.aliases.len() > 1).map(names).collect()
 }
 
 #[test]
@@ -489,7 +489,7 @@ fn resources_that_are_never_alive_together_share_memory_and_the_next_tenant_wait
     ];
     let plan = packed(&passes);
     // `a` ends before the image begins; each of the others meets one of the two.
-    assert_eq!(tenants(&plan), [["image", "a"]], "{}", shown(&plan));
+    assert_eq!(aliases(&plan), [["image", "a"]], "{}", shown(&plan));
     assert_eq!(plan.unshared_bytes() - plan.transient_bytes(), 256);
     assert_eq!(
         before(&plan, "make"),
@@ -498,12 +498,12 @@ fn resources_that_are_never_alive_together_share_memory_and_the_next_tenant_wait
         shown(&plan)
     );
     let apart = solved("", &passes);
-    assert_eq!(tenants(&apart), Vec::<Vec<&str>>::new());
+    assert_eq!(aliases(&apart), Vec::<Vec<&str>>::new());
     assert_eq!(apart.unshared_bytes(), apart.transient_bytes());
 }
 
 #[test]
-fn what_outlives_a_frame_shares_its_memory_with_nobody() {
+fn a_resource_that_outlives_a_frame_shares_no_memory() {
     let plan = packed(&[
         r#"Dispatch(name: "start", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#
             .into(),
@@ -511,11 +511,11 @@ fn what_outlives_a_frame_shares_its_memory_with_nobody() {
         dispatch("show", "show.comp", r#""In": "b", "Image": "image""#),
     ]);
     let block = |name| plan.resource(plan.find_resource(name).unwrap()).block.unwrap();
-    assert_eq!(plan.blocks[block("a").index()].tenants.len(), 1, "{}", shown(&plan));
+    assert_eq!(plan.blocks[block("a").index()].aliases.len(), 1, "{}", shown(&plan));
 }
 
 #[test]
-fn an_image_does_not_follow_a_tenant_whose_last_write_nobody_reads() {
+fn an_image_does_not_follow_an_alias_whose_last_write_is_not_read() {
     // `b` is written and never read; the pass is needed for its other output.
     let plan = packed(&[
         dispatch("make", "pair.comp", r#""Out": "a", "Out2": "b""#),
@@ -524,11 +524,11 @@ fn an_image_does_not_follow_a_tenant_whose_last_write_nobody_reads() {
         dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
     ]);
     let image = plan.find_resource("image").unwrap();
-    let tenants: Vec<&str> = plan.aliases(image).map(|id| plan.resource(id).name.as_str()).collect();
-    assert!(!tenants.contains(&"b") && !tenants.is_empty(), "{tenants:?}{}", shown(&plan));
+    let aliases: Vec<&str> = plan.aliases(image).map(|id| plan.resource(id).name.as_str()).collect();
+    assert!(!aliases.contains(&"b") && !aliases.is_empty(), "{aliases:?}{}", shown(&plan));
 }
 
-/// [`graph`] with a buffer, a ping-pong buffer and an image that live on: `past`, `order`, `trail`.
+/// [`graph`] with a buffer, a ping-pong buffer and an image with histories: `past`, `order`, `trail`.
 fn with_history(passes: &[String]) -> String {
     graph("", &passes.join("\n")).replace(
         "resources: {",
@@ -593,7 +593,7 @@ fn of_a_ping_pong_resource_the_half_that_the_frame_ends_with_lives_on_for_odd_an
 }
 
 #[test]
-fn a_history_that_nobody_reads_is_none() {
+fn a_history_without_readers_is_none() {
     let plan = plan(
         &with_history(&[
             dispatch("make", "make.comp", r#""Out": "past""#),

@@ -16,7 +16,12 @@ pub enum Content {
     /// Something that cannot be read, or not twice (a pipe), or that is too large to be meant.
     Unusable,
     /// A file of `length` bytes. The hash is SipHash with fixed keys, 64 bits; it means nothing outside of this process.
-    Bytes { length: u64, hash: u64 },
+    Bytes {
+        /// Length in bytes.
+        length: u64,
+        /// SipHash of the bytes.
+        hash: u64,
+    },
 }
 
 /// Names a path on disk that a build read, and its contents. A build has the same result while none of them changes.

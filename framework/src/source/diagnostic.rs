@@ -143,7 +143,7 @@ fn drawable(text: &str, span: Span) -> Range<usize> {
     start..on_boundary(span.end).max(start)
 }
 
-/// Names longer than this are nobody's typing mistake, and comparing them would take long.
+/// Longer names are not compared: they are no typing mistakes, and comparing them takes long.
 const LONGEST_NAME: usize = 256;
 
 /// The candidate that was probably meant by `name`: the nearest by Damerau-Levenshtein distance (a change, an

@@ -69,7 +69,7 @@ const STEPS: [Action; 14] = [
     },
 ];
 
-/// What came of the script.
+/// The outcome of the script.
 struct Outcome {
     /// The steps that failed; none for the device's opening.
     errors: Vec<(Option<usize>, BackendError)>,

@@ -72,7 +72,7 @@ fn inputs(plan: &Plan) -> FrameInputs {
     }
 }
 
-/// How often each of a plan's kinds of work is in these calls.
+/// Counts each of a plan's kinds of work in these calls.
 fn works(calls: &[Call]) -> [usize; 3] {
     let count = |is: fn(&Call) -> bool| calls.iter().filter(|call| is(call)).count();
     [

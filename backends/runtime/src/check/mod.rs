@@ -163,11 +163,11 @@ impl<'a> Checker<'a> {
     fn blocks(&self) -> Result<(), BackendError> {
         let mut seen = HashSet::new();
         for (index, block) in self.plan.blocks.iter().enumerate() {
-            for &id in &block.tenants {
+            for &id in &block.aliases {
                 let resource = self.resources(id, &format!("block {index}"))?;
                 if resource.block != Some(BlockId(index as u32)) || !seen.insert(id) {
                     return invalid(format!(
-                        "block {index} has a tenant `{}` that is not its",
+                        "block {index} has an alias `{}` that is not its",
                         resource.name
                     ));
                 }

@@ -140,8 +140,8 @@ fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
             let change = Transition { image: COLOR, old: Layout::General, new: Layout::Undefined };
             plan.frame[0].barriers = vec![on_image(change, WROTE, WROTE)];
         }),
-        ("tenant `args` that is not its", |plan| plan.blocks[0].tenants.push(ARGS)),
-        ("`words` stands in no block", |plan| plan.blocks[0].tenants.clear()),
+        ("alias `args` that is not its", |plan| plan.blocks[0].aliases.push(ARGS)),
+        ("`words` stands in no block", |plan| plan.blocks[0].aliases.clear()),
     ];
     for (expected, alter) in alterations {
         let text = said(|plan, _| alter(plan));
@@ -218,8 +218,8 @@ fn what_shares_memory_counts_once() {
     assert!(text.contains("found 41220 bytes"), "{text}");
     let together = |plan: &mut Plan, limits: &mut Limits| {
         apart(plan, limits);
-        plan.blocks[0].tenants.push(ARGS);
-        plan.blocks[1].tenants.clear();
+        plan.blocks[0].aliases.push(ARGS);
+        plan.blocks[1].aliases.clear();
         plan.resources[ARGS.index()].block = Some(BlockId(0));
     };
     assert_eq!(said(together), "");

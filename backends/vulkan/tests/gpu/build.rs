@@ -89,7 +89,7 @@ impl Scene {
         Scene { identity, planes: [((attribute.to_string(), plane), bytes)].into(), ..Default::default() }
     }
 
-    /// How often a plane was asked for.
+    /// Number of requests for a plane.
     pub fn asked(&self) -> usize {
         self.asked.load(Ordering::Relaxed)
     }
@@ -147,7 +147,7 @@ impl Build {
     fn resource(&mut self, name: &str, shape: Shape, usage: Usage, source: Source) -> ResourceId {
         let id = ResourceId(self.plan.resources.len() as u32);
         let block = (source == Source::Transient).then(|| {
-            self.plan.blocks.push(Block { tenants: vec![id] });
+            self.plan.blocks.push(Block { aliases: vec![id] });
             BlockId(self.plan.blocks.len() as u32 - 1)
         });
         let name = name.to_string();
@@ -164,15 +164,15 @@ impl Build {
     }
 
     /// Puts resources into one block. They must never be alive at the same time.
-    pub fn share(&mut self, tenants: &[ResourceId]) {
-        for &id in tenants {
+    pub fn share(&mut self, aliases: &[ResourceId]) {
+        for &id in aliases {
             let block = self.plan.resource(id).block.expect("a transient");
-            self.plan.blocks[block.index()].tenants.retain(|tenant| *tenant != id);
+            self.plan.blocks[block.index()].aliases.retain(|alias| *alias != id);
         }
-        let block = self.plan.resource(tenants[0]).block;
-        for &id in tenants {
+        let block = self.plan.resource(aliases[0]).block;
+        for &id in aliases {
             self.plan.resources[id.index()].block = block;
-            self.plan.blocks[block.unwrap().index()].tenants.push(id);
+            self.plan.blocks[block.unwrap().index()].aliases.push(id);
         }
     }
 
@@ -375,7 +375,7 @@ impl Build {
         Plan { prologue, handover, frame, ..self.plan }
     }
 
-    /// What any pass does, other than the host's.
+    /// The work of a pass other than the host's.
     fn anything(&self) -> (Stages, Accesses) {
         let uses = self.plan.passes.iter().flat_map(|p| &p.uses).filter(|t| t.stages != Stages::HOST);
         uses.fold((Stages::empty(), Accesses::empty()), |(s, a), t| (s | t.stages, a | t.accesses))

@@ -58,7 +58,7 @@ fn frames_in_flight_see_the_frame_before_and_results_may_be_taken_in_any_order()
 }
 
 #[test]
-fn results_that_nobody_takes_do_not_pile_up() {
+fn results_that_are_not_taken_do_not_pile_up() {
     let mut vulkan = open();
     load(&mut vulkan, counter().0);
     let first = vulkan.submit(&FrameInputs::default()).unwrap();

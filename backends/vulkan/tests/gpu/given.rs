@@ -94,7 +94,7 @@ fn the_same_words_may_come_again_and_others_in_between() {
         let given = words(given);
         assert_eq!(row(&mut vulkan, frame), [given[0], given[1], given.len() as u32]);
     }
-    // What a slot's buffer holds is kept from changing: the words are shared with nobody else here.
+    // What a slot's buffer holds is kept from changing: the words are not shared with any other slot here.
     let mut last = order[9].clone();
     drop((first, second, longer));
     assert!(Arc::get_mut(&mut last).is_none(), "the slot holds what it will not copy again");

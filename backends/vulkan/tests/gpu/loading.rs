@@ -109,7 +109,7 @@ fn a_plan_that_cannot_be_loaded_leaves_the_former_one_running() {
     finish(vulkan);
 }
 
-/// What loading a plan that was altered says.
+/// Returns the error of loading an altered plan.
 fn refused(alter: impl FnOnce(&mut Plan)) -> String {
     let mut plan = numbers(4, 0);
     alter(&mut plan);

@@ -137,7 +137,7 @@ fn a_window_that_changes_by_itself_is_followed_by_what_the_window_system_says() 
     let mut vulkan = open_in(&window, SIZE);
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     show(&mut vulkan, 1);
-    // Nobody tells the device of it.
+    // The device is not told.
     window.resize(96, 64);
     for _ in 0..3 {
         show(&mut vulkan, 2);

@@ -24,15 +24,15 @@ void main() { uint i = gl_WorkGroupID.x; target[i] = imageLoad(source, ivec2(i, 
 
 /// `first` is filled and copied to `kept`, then `second` takes what `kept` has; the image `third` goes on from there, and
 /// back to `kept`, which is shown.
-struct Tenants {
+struct Aliases {
     build: Build,
-    tenants: [ResourceId; 3],
+    aliases: [ResourceId; 3],
     kept: ResourceId,
 }
 
 const COUNT: u64 = 4096;
 
-fn tenants() -> Tenants {
+fn aliases() -> Aliases {
     let mut build = Build::new();
     let [first, second, kept] = ["first", "second", "kept"].map(|name| build.words(name, COUNT));
     let third = build.image("third", Format::R32Uint, COUNT as u32, 1, Usage::STORAGE);
@@ -50,7 +50,7 @@ fn tenants() -> Tenants {
     // Declared last, and moved to the front: the frame begins with it.
     build.fill(Run::Frame, "fill", first, 5);
     build.plan.passes.rotate_right(1);
-    Tenants { build, tenants: [first, second, third], kept }
+    Aliases { build, aliases: [first, second, third], kept }
 }
 
 fn bytes(vulkan: &impl Device) -> u64 {
@@ -60,12 +60,12 @@ fn bytes(vulkan: &impl Device) -> u64 {
 #[test]
 fn tenants_of_a_block_all_work_and_the_memory_shows_what_is_saved() {
     let run = |shared: bool| {
-        let mut tenants = tenants();
+        let mut aliases = aliases();
         if shared {
-            tenants.build.share(&tenants.tenants);
+            aliases.build.share(&aliases.aliases);
         }
         let mut vulkan = open();
-        load(&mut vulkan, show(tenants.build, tenants.kept));
+        load(&mut vulkan, show(aliases.build, aliases.kept));
         for _ in 0..3 {
             let shown = words(&frame(&mut vulkan, &with_output()).output.unwrap().bytes);
             assert_eq!(shown, vec![5 + 3 + 10; COUNT as usize]);
@@ -79,13 +79,13 @@ fn tenants_of_a_block_all_work_and_the_memory_shows_what_is_saved() {
     let (together, sum_together) = run(true);
     let names: Vec<&str> = together.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, ["first + second + third", "kept", "row", "output readback"]);
-    // The block is as large as its largest tenant, and the other two are saved. (Drivers round images up.)
+    // The block is as large as its largest alias, and the other two are saved. (Drivers round images up.)
     let bytes_of = |name: &str| apart.iter().find(|(n, _)| n == name).map(|(_, bytes)| *bytes).unwrap();
-    let mut tenants = [bytes_of("first"), bytes_of("second"), bytes_of("third")];
-    tenants.sort();
-    assert!(tenants[0] >= 4 * COUNT, "{apart:?}");
-    assert_eq!(together[0].1, tenants[2]);
-    assert_eq!(sum_apart - sum_together, tenants[0] + tenants[1]);
+    let mut aliases = [bytes_of("first"), bytes_of("second"), bytes_of("third")];
+    aliases.sort();
+    assert!(aliases[0] >= 4 * COUNT, "{apart:?}");
+    assert_eq!(together[0].1, aliases[2]);
+    assert_eq!(sum_apart - sum_together, aliases[0] + aliases[1]);
 }
 
 #[test]
@@ -106,10 +106,10 @@ fn tenants_of_a_block_stand_in_the_same_memory() {
 
 #[test]
 fn a_tenant_is_inspected_only_while_the_memory_is_its_own() {
-    let mut tenants = tenants();
-    let [first, second, third] = tenants.tenants;
-    tenants.build.share(&tenants.tenants);
-    let plan = show(tenants.build, tenants.kept);
+    let mut aliases = aliases();
+    let [first, second, third] = aliases.aliases;
+    aliases.build.share(&aliases.aliases);
+    let plan = show(aliases.build, aliases.kept);
     let after = |name: &str| {
         let index = plan.passes.iter().position(|pass| pass.name == name).unwrap();
         PassId(index as u32)

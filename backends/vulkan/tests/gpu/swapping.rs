@@ -1,4 +1,4 @@
-//! From one plan to the next: frames in flight of the one before, and histories that live on.
+//! From one plan to the next: frames in flight of the one before, and histories that carry over.
 
 use crate::build::*;
 use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect};

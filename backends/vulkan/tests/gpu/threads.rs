@@ -224,7 +224,7 @@ impl SceneData for Broken {
 }
 
 #[test]
-fn an_upload_that_fails_stands_in_nobodys_way() {
+fn an_upload_that_fails_does_not_block_others() {
     let mut vulkan = open();
     let loader = vulkan.loader();
     let error = loader.prepare(numbers(2), &Broken { panics: false }, &mut |_| {}).err();

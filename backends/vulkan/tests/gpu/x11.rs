@@ -126,7 +126,7 @@ impl Window {
     }
 }
 
-/// How long the window system may take.
+/// Time limit for the window system.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn until(what: &str, mut is_so: impl FnMut() -> bool) {

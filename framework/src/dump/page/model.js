@@ -56,18 +56,18 @@ function makeGroups() {
   const sum = (list) => list.reduce((total, r) => total + r.bytes, 0);
   const single = (list) => list.map((r) => ({ name: r.name, resources: [r] }));
   const groups = [];
-  const shared = dump.blocks.filter((block) => block.tenants.length > 1);
+  const shared = dump.blocks.filter((block) => block.aliases.length > 1);
   for (const block of shared) {
-    const tenants = block.tenants.map((name) => resources.get(name));
-    tenants.sort((a, b) => (a.lifetime?.first ?? 0) - (b.lifetime?.first ?? 0));
+    const aliases = block.aliases.map((name) => resources.get(name));
+    aliases.sort((a, b) => (a.lifetime?.first ?? 0) - (b.lifetime?.first ?? 0));
     groups.push({
-      title: `block ${block.id}, shared by ${tenants.length}`,
+      title: `block ${block.id}, shared by ${aliases.length}`,
       bytes: block.bytes,
       shared: true,
-      lanes: single(tenants),
+      lanes: single(aliases),
     });
   }
-  const inShared = new Set(shared.flatMap((block) => block.tenants));
+  const inShared = new Set(shared.flatMap((block) => block.aliases));
   const alone = of("transient").filter((r) => !inShared.has(r.name));
   groups.push({ title: "each in its own memory", bytes: sum(alone), lanes: single(alone) });
   groups.push({ title: "the scene's", bytes: sum(of("scene")), lanes: byAttribute(of("scene")) });

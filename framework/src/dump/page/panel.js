@@ -272,7 +272,7 @@ function overviewPanel() {
       h("th", {}, name),
       ...[of.calls, of.memory_barriers, of.image_barriers, of.dependencies].map((n) => h("td", { class: "number" }, n)),
     );
-  const shared = dump.blocks.filter((b) => b.tenants.length > 1);
+  const shared = dump.blocks.filter((b) => b.aliases.length > 1);
   return [
     h("h2", {}, "Overview"),
     h(
@@ -313,7 +313,7 @@ function overviewPanel() {
         "div",
         { class: "card" },
         h("h4", {}, `block ${b.id}, ${bytes(b.bytes)}`),
-        ...joined(b.tenants.map((name) => link("resource", name))),
+        ...joined(b.aliases.map((name) => link("resource", name))),
       ),
     ),
     ...(dump.stats.length > 0

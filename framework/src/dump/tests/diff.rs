@@ -82,7 +82,7 @@ fn resources_change_in_size_and_neighbours() {
     let a = example_dump(4);
     let mut plan = example::splat(4, 1000);
     let table = plan.find_resource("sort.table").expect("it is there");
-    plan.blocks.iter_mut().for_each(|b| b.tenants.retain(|t| *t != table));
+    plan.blocks.iter_mut().for_each(|b| b.aliases.retain(|t| *t != table));
     plan.resources[table.index()].block = None;
     let diff = diff(&a, &dump(&plan));
     let changed: Vec<&str> = diff.resources.changed.iter().map(|c| c.name.as_str()).collect();

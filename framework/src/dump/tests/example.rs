@@ -136,10 +136,10 @@ impl Maker {
         self.buffer(name, stride, count, Source::Transient)
     }
 
-    fn block(&mut self, tenants: &[ResourceId]) {
+    fn block(&mut self, aliases: &[ResourceId]) {
         let id = BlockId(self.blocks.len() as u32);
-        tenants.iter().for_each(|t| self.resources[t.index()].block = Some(id));
-        self.blocks.push(Block { tenants: tenants.to_vec() });
+        aliases.iter().for_each(|t| self.resources[t.index()].block = Some(id));
+        self.blocks.push(Block { aliases: aliases.to_vec() });
     }
 
     fn shader(&mut self, file: &str, stage: ShaderStage) -> ShaderId {

@@ -65,9 +65,9 @@ fn resources_in_one_block_know_each_other_and_live_one_after_another() {
     let depth = resource(&dump, "depth");
     assert_eq!(depth.aliases, ["sort.table", "color"]);
     let block = &dump.blocks[depth.block.expect("it is transient") as usize];
-    assert_eq!(block.tenants, ["depth", "sort.table", "color"]);
+    assert_eq!(block.aliases, ["depth", "sort.table", "color"]);
     let lifetimes: Vec<Lifetime> =
-        block.tenants.iter().map(|t| resource(&dump, t).lifetime.expect("it lives in the frame")).collect();
+        block.aliases.iter().map(|t| resource(&dump, t).lifetime.expect("it lives in the frame")).collect();
     assert!(lifetimes.windows(2).all(|pair| pair[0].last < pair[1].first), "{lifetimes:?}");
     assert_eq!(dump.passes[lifetimes[0].first].name, "project");
     assert_eq!(dump.passes[lifetimes[2].last].name, "compose");
@@ -266,5 +266,5 @@ fn a_solved_graph_says_which_pass_waits_for_which_on_what() {
     assert_eq!(barrier.masks.source_accesses, ["STORAGE_WRITE"]);
     assert_eq!(dump.resources.len(), plan.resources.len());
     let transient = plan.resources.iter().filter(|r| r.source == Source::Transient).count();
-    assert_eq!(dump.blocks.iter().map(|b| b.tenants.len()).sum::<usize>(), transient);
+    assert_eq!(dump.blocks.iter().map(|b| b.aliases.len()).sum::<usize>(), transient);
 }

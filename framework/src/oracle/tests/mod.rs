@@ -48,7 +48,7 @@ impl Sketch {
     fn resource(&mut self, name: &str, shape: Shape, source: Source) -> ResourceId {
         let id = ResourceId(self.plan.resources.len() as u32);
         let block = (source == Source::Transient).then(|| {
-            self.plan.blocks.push(Block { tenants: vec![id] });
+            self.plan.blocks.push(Block { aliases: vec![id] });
             BlockId(self.plan.blocks.len() as u32 - 1)
         });
         let (name, usage) = (name.into(), Usage::all());
@@ -87,8 +87,8 @@ impl Sketch {
     fn share(&mut self, id: ResourceId, with: ResourceId) {
         let block = self.plan.resource(with).block;
         let old = std::mem::replace(&mut self.plan.resources[id.index()].block, block);
-        self.plan.blocks[old.unwrap().index()].tenants.clear();
-        self.plan.blocks[block.unwrap().index()].tenants.push(id);
+        self.plan.blocks[old.unwrap().index()].aliases.clear();
+        self.plan.blocks[block.unwrap().index()].aliases.push(id);
     }
 
     fn history(&mut self, id: ResourceId, name: &str) {

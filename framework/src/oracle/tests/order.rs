@@ -10,7 +10,7 @@ fn order_of(write: Stages, barriers: &[&[Barrier]], read: (Stages, Accesses)) ->
     for (index, call) in barriers.iter().enumerate() {
         match index + 1 == barriers.len() {
             true => sketch.frame("second", call, &[touch(a, read.0, read.1)]),
-            // Somebody has to stand between two calls.
+            // A pass has to stand between two calls.
             false => sketch.frame("between", call, &[touch(other, Stages::HOST, Accesses::HOST_READ)]),
         }
     }
@@ -232,7 +232,7 @@ fn what_one_pass_does_to_a_resource_is_its_own_affair() {
     let a = sketch.buffer("a");
     sketch.frame("draw", &[], &[touch(a, VERTEX, WRITE), touch(a, FRAGMENT, BOTH)]);
     assert_eq!(sketch.found(), NOTHING);
-    // But whoever comes next has to wait for all of it.
+    // But the next pass has to wait for all of it.
     sketch.frame("fill", &[barrier((VERTEX, WRITE), (CLEAR, Accesses::TRANSFER_WRITE))], &[fills(a)]);
     let expected = ["WriteAfterRead: draw, fill: a: Order", "WriteAfterWrite: draw, fill: a: Order"];
     assert_eq!(sketch.found(), expected);

@@ -341,7 +341,7 @@ fn a_file_behind_a_link_to_its_folder_is_watched_where_it_is() {
 fn a_change_that_the_build_has_read_already_need_not_be_taken() {
     let mut desk = Desk::new(&[("a", "one"), ("sentinel", "")]);
     desk.save("a", "two");
-    // Announced, but taken by nobody.
+    // Announced, but not taken.
     desk.wakes.recv_timeout(LONG).expect("woken");
     desk.built();
     assert_eq!(desk.watcher.take(), None);
@@ -447,7 +447,7 @@ fn where_events_are_silent_the_rounds_notice() {
     assert_eq!(desk.watcher.kind(), WatchKind::Events);
 }
 
-/// A system that lets nobody watch anything.
+/// A system that cannot watch files.
 struct Full;
 
 impl notify::Watcher for Full {

@@ -1,8 +1,8 @@
-//! Which bytes a touch is about.
+//! Byte ranges of uses.
 //!
-//! Memory is cut wherever something begins or ends: a tenant of a block, the arguments of an indirect command, the word of a
-//! statistic. What lies between two cuts is a cell, and everything is known cell by cell: the export of one word of a buffer
-//! says nothing of its other words, and the next tenant of a block nothing of the bytes beyond its own end.
+//! Memory is cut into cells at every boundary: of an alias of a block, of the arguments of an indirect command, of the word of a
+//! statistic. State is tracked per cell, so that the export of one word of a buffer does not affect its other words, and the
+//! next alias of a block does not affect bytes beyond its own end.
 
 use std::collections::BTreeSet;
 use std::ops::Range;

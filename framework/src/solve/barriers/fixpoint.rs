@@ -1,25 +1,25 @@
-//! Barriers for a walk that never reaches a fixpoint.
+//! Barriers for frames whose walk does not reach a fixpoint.
 //!
-//! It can be that a barrier is needed in one round just because another was not in the round before, and so on in a circle of
-//! odd length: then there is no list that asks for exactly itself. There still is one that holds and has nothing to spare. Two
-//! rounds together hold, since more barriers never take order away; from these, whatever can go is taken, bit by bit.
+//! A barrier can be required in one round only because another was absent in the round before, in a cycle of odd length; then no
+//! list of barriers reproduces itself. A sufficient list without needless bits still exists: the barriers of two rounds together
+//! are sufficient, since more barriers never remove order, and every bit that can go is then removed.
 
 use super::needs;
 use super::scopes::Masks;
-use super::world::{Facts, World};
+use super::world::{Inputs, World};
 use crate::plan::{Barrier, Step};
 
 /// Frames after which every frame has been followed by one like it.
 const FRAMES: usize = 3;
 
 /// A list of barriers that holds and has no bit to spare, from what two rounds one after the other asked for.
-pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, facts: &Facts) -> Option<Vec<Step>> {
+pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) -> Option<Vec<Step>> {
     for (step, other) in steps.iter_mut().zip(other) {
         for barrier in other.barriers {
             join(&mut step.barriers, barrier);
         }
     }
-    if !holds(&steps, facts) {
+    if !holds(&steps, inputs) {
         return None;
     }
     for step in 0..steps.len() {
@@ -30,7 +30,7 @@ pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, facts: &Facts) ->
             let fixed = if barrier.image.is_some() { masks.target() } else { Masks::default() };
             let least = needs::least(masks.without(fixed), |masks| {
                 steps[step].barriers[at] = masks.with(fixed).on(&barrier);
-                holds(&steps, facts)
+                holds(&steps, inputs)
             });
             steps[step].barriers[at] = least.with(fixed).on(&barrier);
         }
@@ -58,10 +58,10 @@ fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
 }
 
 /// Returns whether every requirement is met in frame after frame.
-fn holds(steps: &[Step], facts: &Facts) -> bool {
-    let mut world = World::new(facts);
+fn holds(steps: &[Step], inputs: &Inputs) -> bool {
+    let mut world = World::new(inputs);
     (0..FRAMES).all(|_| {
-        world.start_frame(facts);
-        steps.iter().all(|step| world.replay(step.pass, &step.barriers, facts).is_empty())
+        world.start_frame(inputs);
+        steps.iter().all(|step| world.replay(step.pass, &step.barriers, inputs).is_empty())
     })
 }

@@ -1,13 +1,13 @@
 //! Placement of barriers: a walk over the passes that tracks the state of every piece of memory.
 //!
-//! A barrier is placed as late as possible, right before the pass that needs it, and with as few bits as will do; where what it
-//! waits for is older than the last call, that call is given the bits instead, so that there are as few calls as can be. So it is
-//! enough to ask, pass by pass, what the barriers so far leave open: `needs` puts that into words (something happened, and
-//! something else is about to), `world` remembers what happened, and `scopes` knows what barriers have done about it.
+//! A barrier is placed as late as possible, immediately before the pass that requires it, with as few bits as suffice. Where all
+//! causes of a requirement precede the last call, that call gets the bits instead, so that there are as few calls as possible.
+//! For each pass the walk asks which requirements the barriers so far leave unmet: `needs` represents a requirement, `world`
+//! tracks the accesses, and `scopes` tracks the effect of the barriers.
 //!
-//! Every frame records the same list of barriers, and follows a frame that did. So the frame is walked again and again, each
-//! time after itself, until the list stays the same; two rounds are usual, a third confirms. What the first frame needs on top,
-//! because it follows the prologue instead, is done once, by the handover between them.
+//! Every frame records the same barriers, and follows a frame that did. So the walk over the frame is repeated until the list of
+//! barriers is a fixpoint; usually two rounds find it and a third confirms it. Additional requirements of the first frame, which
+//! follows the prologue, are met once, by the handover between them.
 
 mod extents;
 mod fixpoint;
@@ -20,7 +20,7 @@ use crate::plan::{Barrier, Plan, Step, Transition};
 use extents::Extents;
 use needs::Requirement;
 use scopes::Masks;
-use world::{Facts, World};
+use world::{Inputs, World};
 
 pub(super) struct Solved {
     pub prologue: Vec<Step>,
@@ -34,58 +34,58 @@ const MOST_ROUNDS: usize = 8;
 /// Places the barriers of the prologue, the handover and the frame. Those of the plan so far are not looked at. `None` if none
 /// were found that hold, which would be a mistake in here.
 pub(super) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Option<Solved> {
-    let facts = facts(plan);
+    let inputs = inputs(plan);
     let walk = |world: &mut World, ids: &[PassId]| -> Vec<Step> {
-        world.start_frame(&facts);
+        world.start_frame(&inputs);
         let mut steps = Vec::with_capacity(ids.len());
-        ids.iter().for_each(|id| world.place(*id, &mut steps, &facts));
+        ids.iter().for_each(|id| world.place(*id, &mut steps, &inputs));
         steps
     };
 
-    let mut start = World::new(&facts);
+    let mut start = World::new(&inputs);
     let prologue = walk(&mut start, prologue);
 
-    let mut world = World::new(&facts);
+    let mut world = World::new(&inputs);
     let mut steps = walk(&mut world, frame);
     for _ in 0..MOST_ROUNDS {
         let again = walk(&mut world, frame);
         if again == steps {
-            let handover = handover(&start, &world, &steps, &facts)?;
+            let handover = handover(&start, &world, &steps, &inputs)?;
             return Some(Solved { prologue, handover, frame: steps });
         }
         steps = again;
     }
-    let frame = fixpoint::fixpoint(steps, walk(&mut world, frame), &facts)?;
-    let handover = handover(&start, &world, &frame, &facts)?;
+    let frame = fixpoint::fixpoint(steps, walk(&mut world, frame), &inputs)?;
+    let handover = handover(&start, &world, &frame, &inputs)?;
     Some(Solved { prologue, handover, frame })
 }
 
-fn facts(plan: &Plan) -> Facts<'_> {
+fn inputs(plan: &Plan) -> Inputs<'_> {
     let mut kept: Vec<bool> = plan.resources.iter().map(|r| r.history.is_some()).collect();
     for touch in plan.passes.iter().filter(|p| p.run == Run::Once).flat_map(|p| &p.uses) {
         kept[touch.resource.index()] |= touch.accesses.writes();
     }
     let shared =
-        plan.resources.iter().map(|r| r.block.is_some_and(|b| plan.blocks[b.index()].tenants.len() > 1));
-    Facts { plan, extents: Extents::of(plan), kept, shared: shared.collect() }
+        plan.resources.iter().map(|r| r.block.is_some_and(|b| plan.blocks[b.index()].aliases.len() > 1));
+    Inputs { plan, extents: Extents::of(plan), kept, shared: shared.collect() }
 }
 
 /// Computes the one call between prologue and first frame; `None` if no call suffices.
 ///
 /// It brings images into the layouts that frames expect, and makes the prologue's writes visible.
-fn handover(start: &World, steady: &World, frame: &[Step], facts: &Facts) -> Option<Vec<Barrier>> {
+fn handover(start: &World, steady: &World, frame: &[Step], inputs: &Inputs) -> Option<Vec<Barrier>> {
     let mut call = Handover { memory: Masks::default(), needs: Vec::new(), images: Vec::new() };
-    for (image, first) in carried_images(frame, facts) {
+    for (image, first) in carried_images(frame, inputs) {
         let (old, new) = (start.layout(image), steady.layout(image));
         if old != new {
-            let needs = start.change_needs_of(image, first, facts);
+            let needs = start.change_needs_of(image, first, inputs);
             let masks = needs::least_source(&needs);
             call.images.push((Transition { image, old, new }, masks, needs, first));
         }
     }
     // Every round gives the call what the last one missed.
     loop {
-        let missing = call.missing(start, frame, facts);
+        let missing = call.missing(start, frame, inputs);
         if missing.is_empty() {
             break;
         }
@@ -93,16 +93,16 @@ fn handover(start: &World, steady: &World, frame: &[Step], facts: &Facts) -> Opt
             return None;
         }
     }
-    call.reduce(start, frame, facts);
+    call.reduce(start, frame, inputs);
     Some(call.barriers())
 }
 
 /// The images that the frame's barriers expect in the layout that the frame before left, and who first touches them.
-fn carried_images(frame: &[Step], facts: &Facts) -> Vec<(ResourceId, PassId)> {
-    let mut met = vec![false; facts.plan.resources.len()];
+fn carried_images(frame: &[Step], inputs: &Inputs) -> Vec<(ResourceId, PassId)> {
+    let mut met = vec![false; inputs.plan.resources.len()];
     let mut carried = Vec::new();
     for step in frame {
-        for touch in &facts.plan.pass(step.pass).uses {
+        for touch in &inputs.plan.pass(step.pass).uses {
             let resource = touch.resource;
             if touch.layout.is_none() || std::mem::replace(&mut met[resource.index()], true) {
                 continue;
@@ -154,13 +154,13 @@ impl Handover {
     }
 
     /// Lists the requirements of the first frame that this handover leaves unmet.
-    fn missing(&self, start: &World, frame: &[Step], facts: &Facts) -> Vec<Requirement> {
+    fn missing(&self, start: &World, frame: &[Step], inputs: &Inputs) -> Vec<Requirement> {
         let mut world = start.clone();
         // The call stands right before the first pass.
         let first = frame.first().map_or(PassId(0), |step| step.pass);
-        world.call(&self.barriers(), first, facts);
-        world.start_frame(facts);
-        frame.iter().flat_map(|step| world.replay(step.pass, &step.barriers, facts)).collect()
+        world.call(&self.barriers(), first, inputs);
+        world.start_frame(inputs);
+        frame.iter().flat_map(|step| world.replay(step.pass, &step.barriers, inputs)).collect()
     }
 
     /// Gives the call what `need` is missing; false if it has it already.
@@ -185,10 +185,10 @@ impl Handover {
     }
 
     /// Clears every bit that the first frame can do without.
-    fn reduce(&mut self, start: &World, frame: &[Step], facts: &Facts) {
+    fn reduce(&mut self, start: &World, frame: &[Step], inputs: &Inputs) {
         let reduced = needs::least(self.memory, |masks| {
             let less = Handover { memory: *masks, needs: self.needs.clone(), images: self.images.clone() };
-            less.missing(start, frame, facts).is_empty()
+            less.missing(start, frame, inputs).is_empty()
         });
         self.memory = reduced;
         for i in 0..self.images.len() {
@@ -202,7 +202,7 @@ impl Handover {
                 images[i].1 = source;
                 images[i].1.add(*target);
                 let less = Handover { memory: self.memory, needs: self.needs.clone(), images };
-                less.missing(start, frame, facts).is_empty()
+                less.missing(start, frame, inputs).is_empty()
             });
             self.images[i].1 = source;
             self.images[i].1.add(reduced);

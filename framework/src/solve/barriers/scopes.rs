@@ -1,8 +1,8 @@
-//! Order, availability and visibility, as far as barriers have established them.
+//! Execution order, availability and visibility established by barriers.
 //!
-//! [`Scopes`] follows Vulkan's model (see [`crate::plan::Barrier`]) for everything at once: it knows no resources, only stages
-//! and times. That is enough, because a barrier holds for all that happened before it: whether a write is visible depends on
-//! the stage that made it and on when, and on nothing else. So a barrier costs the same however large the graph is.
+//! [`Scopes`] follows Vulkan's model (see [`crate::plan::Barrier`]) for all resources at once: it tracks only stages and
+//! times. This suffices because a barrier applies to everything before it: whether a write is visible depends only on the stage
+//! and the time of the write. So the cost of a barrier does not depend on the size of the graph.
 
 use crate::ir::{Accesses, Stages};
 use crate::plan::Barrier;

@@ -8,7 +8,7 @@ use crate::plan::{Barrier, Plan, Step, Transition};
 use std::ops::Range;
 
 /// Inputs of the walk that do not change.
-pub(super) struct Facts<'a> {
+pub(super) struct Inputs<'a> {
     pub plan: &'a Plan,
     pub extents: Extents,
     /// One flag per resource: a frame needs its previous contents, from a `Once` pass or a history.
@@ -17,7 +17,7 @@ pub(super) struct Facts<'a> {
     pub shared: Vec<bool>,
 }
 
-impl Facts<'_> {
+impl Inputs<'_> {
     fn groups(&self, pass: PassId) -> &[Group] {
         &self.extents.passes[pass.index()]
     }
@@ -147,14 +147,14 @@ struct Change {
 }
 
 impl World {
-    pub fn new(facts: &Facts) -> World {
+    pub fn new(inputs: &Inputs) -> World {
         World {
             scopes: Scopes::new(),
             now: 0,
             frame_start: 0,
-            cells: vec![Cell::default(); facts.extents.cells],
-            layouts: vec![Layout::Undefined; facts.plan.resources.len()],
-            touched: vec![0; facts.plan.resources.len()],
+            cells: vec![Cell::default(); inputs.extents.cells],
+            layouts: vec![Layout::Undefined; inputs.plan.resources.len()],
+            touched: vec![0; inputs.plan.resources.len()],
             call: None,
             ahead: Vec::new(),
         }
@@ -164,10 +164,10 @@ impl World {
         self.layouts[image.index()]
     }
 
-    pub fn start_frame(&mut self, facts: &Facts) {
+    pub fn start_frame(&mut self, inputs: &Inputs) {
         self.frame_start = self.now + 1;
         // Every frame has its own copy of what the host reads.
-        for (resource, cells) in facts.plan.resources.iter().zip(&facts.extents.resources) {
+        for (resource, cells) in inputs.plan.resources.iter().zip(&inputs.extents.resources) {
             if resource.source == Source::Readback {
                 self.cells[cells.clone()].fill(Cell::default());
             }
@@ -176,20 +176,20 @@ impl World {
 
     /// Lets the pass happen, and adds it to `steps` with the barriers that it needs; or, where the last call can give them, adds
     /// them to that.
-    pub fn place(&mut self, id: PassId, steps: &mut Vec<Step>, facts: &Facts) {
-        let groups = facts.groups(id);
+    pub fn place(&mut self, id: PassId, steps: &mut Vec<Step>, inputs: &Inputs) {
+        let groups = inputs.groups(id);
         self.now += 2;
         let mut changes = Vec::new();
         let mut needs = Vec::new();
         for group in groups {
-            match self.change(group, id, facts) {
+            match self.change(group, id, inputs) {
                 Some(change) => changes.push(change),
                 None => self.needs(group, id, &self.scopes, &mut needs),
             }
         }
         let ahead = std::mem::take(&mut self.ahead);
         for next in ahead.iter().filter(|(at, _)| *at == steps.len()).map(|(_, next)| *next) {
-            needs.extend(self.needs_of_next_frame(next, facts));
+            needs.extend(self.needs_of_next_frame(next, inputs));
         }
         self.ahead = ahead;
 
@@ -198,12 +198,12 @@ impl World {
             self.join_last_call(id, groups, steps);
         } else if !changes.is_empty() || !needs.is_empty() {
             let call = Call::new(self, steps.len(), needs, &changes);
-            self.apply(&call.barriers(), id, facts);
+            self.apply(&call.barriers(), id, inputs);
             barriers = call.barriers();
             self.call = Some(call);
         }
         // A pass that may be left out must not carry the needs of others.
-        if matches!(facts.plan.pass(id).work, Work::Start { .. }) {
+        if matches!(inputs.plan.pass(id).work, Work::Start { .. }) {
             self.call = None;
         }
         groups.iter().for_each(|group| self.record(group, id));
@@ -236,9 +236,9 @@ impl World {
     }
 
     /// Lists the requirements of a pass at the start of the next frame.
-    fn needs_of_next_frame(&self, id: PassId, facts: &Facts) -> Vec<Requirement> {
+    fn needs_of_next_frame(&self, id: PassId, inputs: &Inputs) -> Vec<Requirement> {
         let mut needs = Vec::new();
-        for group in facts.groups(id) {
+        for group in inputs.groups(id) {
             self.needs(group, id, &self.scopes, &mut needs);
         }
         needs.iter_mut().for_each(|need| need.reason.previous_frame = true);
@@ -248,8 +248,8 @@ impl World {
     /// Applies the barriers and the pass, and returns the requirements that the barriers leave unmet.
     ///
     /// A requirement of a layout change has the source stages of the change as its target.
-    pub fn replay(&mut self, id: PassId, barriers: &[Barrier], facts: &Facts) -> Vec<Requirement> {
-        let groups = facts.groups(id);
+    pub fn replay(&mut self, id: PassId, barriers: &[Barrier], inputs: &Inputs) -> Vec<Requirement> {
+        let groups = inputs.groups(id);
         self.now += 2;
         let mut missing = Vec::new();
         for group in groups {
@@ -258,7 +258,7 @@ impl World {
             match change {
                 Some(barrier) => {
                     let masks = Masks::of(barrier);
-                    self.change_needs(group.resource, id, facts, &mut needs);
+                    self.change_needs(group.resource, id, inputs, &mut needs);
                     needs.retain(|need| !need.source_is_met_by(&masks));
                     // The change waits for its source stages: what comes before these comes before it.
                     if let Some(stage) = barrier.source_stages.iter().next() {
@@ -277,27 +277,27 @@ impl World {
             }
             missing.append(&mut needs);
         }
-        self.apply(barriers, id, facts);
+        self.apply(barriers, id, inputs);
         groups.iter().for_each(|group| self.record(group, id));
         missing
     }
 
     /// Lets a call happen that stands before no pass of its own; `pass` stands for it where reasons are given.
-    pub fn call(&mut self, barriers: &[Barrier], pass: PassId, facts: &Facts) {
+    pub fn call(&mut self, barriers: &[Barrier], pass: PassId, inputs: &Inputs) {
         self.now += 2;
-        self.apply(barriers, pass, facts);
+        self.apply(barriers, pass, inputs);
     }
 
     /// The change of layout that has to come before the pass's touches, if one has to.
-    fn change(&self, group: &Group, id: PassId, facts: &Facts) -> Option<Change> {
+    fn change(&self, group: &Group, id: PassId, inputs: &Inputs) -> Option<Change> {
         let uses = || group.accesses.iter().map(|access| &access.touch);
         let new = uses().next()?.layout?;
         let at = group.resource.index();
         let current = self.layouts[at];
         let first = self.touched[at] < self.frame_start;
-        let fresh = first && !facts.kept[at] || uses().any(|t| t.discards);
-        // Whoever stood in its memory since left nothing that could be called a layout.
-        let lost = first && facts.shared[at] && !facts.kept[at];
+        let fresh = first && !inputs.kept[at] || uses().any(|t| t.discards);
+        // A use of an alias since then has left it without a layout.
+        let lost = first && inputs.shared[at] && !inputs.kept[at];
         if new == current && !lost {
             return None;
         }
@@ -308,7 +308,7 @@ impl World {
             target.target_accesses |= touch.accesses;
         }
         let mut needs = Vec::new();
-        self.change_needs(group.resource, id, facts, &mut needs);
+        self.change_needs(group.resource, id, inputs, &mut needs);
         let hazard = needs.first().map_or(Hazard::LayoutChange, |need| {
             match (target.target_accesses.reads() && !fresh, need.reason.hazard) {
                 // The change itself writes; what the pass does says what it is for.
@@ -323,17 +323,17 @@ impl World {
     }
 
     /// Lists the requirements of a change of this image's layout. Targets are left empty.
-    pub fn change_needs_of(&self, image: ResourceId, before: PassId, facts: &Facts) -> Vec<Requirement> {
+    pub fn change_needs_of(&self, image: ResourceId, before: PassId, inputs: &Inputs) -> Vec<Requirement> {
         let mut needs = Vec::new();
-        self.change_needs(image, before, facts, &mut needs);
+        self.change_needs(image, before, inputs, &mut needs);
         needs
     }
 
     /// Adds the requirements of a layout change, which counts as a write. Targets are left empty.
-    fn change_needs(&self, image: ResourceId, id: PassId, facts: &Facts, needs: &mut Vec<Requirement>) {
+    fn change_needs(&self, image: ResourceId, id: PassId, inputs: &Inputs, needs: &mut Vec<Requirement>) {
         let at = At { pass: id, resource: image, scopes: &self.scopes };
         let to = (Stages::empty(), Accesses::empty());
-        for cell in &self.cells[facts.cells(image)] {
+        for cell in &self.cells[inputs.cells(image)] {
             // After the reads of the last write it is after the write as well.
             if let Some(write) = cell.write.filter(|_| !cell.is_read()) {
                 self.memory(at, Hazard::WriteAfterWrite, write, to, needs);
@@ -422,7 +422,7 @@ impl World {
         }
     }
 
-    fn apply(&mut self, barriers: &[Barrier], id: PassId, facts: &Facts) {
+    fn apply(&mut self, barriers: &[Barrier], id: PassId, inputs: &Inputs) {
         let call = barriers.iter().map(|b| (Masks::of(b), b.image.is_none()));
         self.scopes.apply(call, self.now - 2);
         for (barrier, transition) in barriers.iter().filter_map(|b| Some((b, b.image?))) {
@@ -431,7 +431,7 @@ impl World {
             let event = Event { pass: id, resource, time: self.now - 1 };
             let by = Writer::Change { stages: barrier.target_stages, accesses: barrier.target_accesses };
             let cell = Cell { write: Some(Write { event, by }), reads: Default::default() };
-            self.cells[facts.cells(resource)].fill(cell);
+            self.cells[inputs.cells(resource)].fill(cell);
         }
     }
 

@@ -14,10 +14,10 @@ fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, Res
 /// The same, on two buffers that share their memory.
 fn aliased(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
     let mut build = Build::new();
-    let tenants = [build.words("tenant", 4), build.words("other tenant", 4)];
-    build.share(&tenants);
-    first(&mut build, "first", tenants[0]);
-    second(&mut build, "second", tenants[1]);
+    let aliases = [build.words("alias", 4), build.words("other alias", 4)];
+    build.share(&aliases);
+    first(&mut build, "first", aliases[0]);
+    second(&mut build, "second", aliases[1]);
     case(build)
 }
 

@@ -1,11 +1,11 @@
-//! What the validation layer sees of missing synchronization and what it does not, tried on plans with one mistake each:
+//! Missing synchronization that the validation layer does and does not report, tried on plans with one mistake each:
 //! without this, "no message" would mean nothing.
 //!
 //! Every test writes down what is, for Khronos validation 1.3.239 with synchronization validation: a test that fails after
 //! an update of the layer says that the layer sees more (or less) than it did. Each case is first run without its mistake,
 //! and must then be silent.
 //!
-//! What it does not see, in short: writes of shaders after writes of shaders; the writing half of atomics (a binding
+//! Not reported, in short: writes of shaders after writes of shaders; the writing half of atomics (a binding
 //! counts as a write if the shader stores to it, else as a read, and never as both); all that colour attachments do, and
 //! the layout that they are in; what one submission does to the next, unless it is asked to look; the host. The files:
 //!
@@ -29,7 +29,7 @@ const COMPUTE_WRITES: Side = (Stages::COMPUTE, Accesses::STORAGE_WRITE);
 const COMPUTE_DOES_BOTH: Side = (Stages::COMPUTE, BOTH);
 const FILLS: Side = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
 
-/// What the layer says of a hazard.
+/// The layer's message about a hazard.
 const RAW: &str = "SYNC-HAZARD-READ-AFTER-WRITE";
 const WAR: &str = "SYNC-HAZARD-WRITE-AFTER-READ";
 const WAW: &str = "SYNC-HAZARD-WRITE-AFTER-WRITE";
@@ -78,7 +78,7 @@ impl Case {
         assert_eq!(self.said(mistake), Vec::<String>::new(), "the layer sees what it did not see before");
     }
 
-    /// What the layer says about the plan with a mistake. Without it, it says nothing.
+    /// Returns the layer's messages about the plan with a mistake. Without the mistake there must be none.
     fn said(&self, mistake: impl FnOnce(&mut Plan)) -> Vec<String> {
         let sound = self.messages(&self.plan);
         assert_eq!(sound, Vec::<String>::new(), "the plan without the mistake");
@@ -88,7 +88,7 @@ impl Case {
         self.messages(&plan)
     }
 
-    /// What the layer says while frames of a plan are submitted, one after another, and then done.
+    /// Returns the layer's messages while frames of a plan are submitted, one after another, and completed.
     fn messages(&self, plan: &Plan) -> Vec<String> {
         let inputs = FrameInputs { read_output: self.read_output, ..Default::default() };
         let mut vulkan = open();
