@@ -12,6 +12,7 @@ mod images;
 mod mistakes;
 mod mutations;
 mod page;
+mod plans;
 mod random;
 mod reference;
 mod sort;

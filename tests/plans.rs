@@ -1,0 +1,41 @@
+//! The plan of every built-in graph, as `splatgraph dump` prints it, with subgroups of 4, 8, 32 and 64 lanes.
+//!
+//! `tests/plans/*.snap` has the texts, one for all widths that give the same. After a change that is meant to change plans:
+//!
+//! ```sh
+//! INSTA_UPDATE=always cargo test -p splatgraph --test end_to_end plans
+//! git diff tests/plans
+//! ```
+
+use splatgraph::facts::{self, SceneFacts};
+use splatgraph::planner::Planner;
+use splatgraph::view::paint;
+use splatgraph_framework::dump;
+
+#[test]
+fn every_built_in_graph_has_the_plan_of_its_snapshot_at_every_width_of_subgroups() {
+    // One for all: graphs share most of their shaders.
+    let mut planner = Planner::default();
+    let mut catalog = facts::nominal_catalog();
+    paint::offer(&mut catalog);
+    let mut settings = insta::Settings::clone_current();
+    settings.set_snapshot_path("plans");
+    settings.set_prepend_module_to_snapshot(false);
+    settings.set_omit_expression(true);
+    for graph in splatgraph::builtin::names().into_iter().chain([paint::GRAPH]) {
+        let mut texts: Vec<(String, String)> = Vec::new();
+        for lanes in [4, 8, 32, 64] {
+            let device = facts::portable_device(lanes);
+            let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+            let plan = planner.plan(graph, &[], &facts, &catalog);
+            let text = dump::text(&dump::dump(&plan.unwrap_or_else(|error| panic!("{graph}: {error}"))));
+            match texts.iter_mut().find(|(_, other)| *other == text) {
+                Some((widths, _)) => *widths += &format!(", {lanes}"),
+                None => texts.push((lanes.to_string(), text)),
+            }
+        }
+        let shown = texts.iter().map(|(widths, text)| format!("==== {widths} lanes ====\n\n{text}"));
+        let shown = shown.collect::<Vec<_>>().join("\n");
+        settings.bind(|| insta::assert_snapshot!(graph.replace('/', "_"), shown));
+    }
+}
