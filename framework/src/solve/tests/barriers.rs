@@ -1,0 +1,337 @@
+//! Barriers between the passes of a frame, between frames, and after the prologue.
+
+use super::*;
+
+#[test]
+fn a_reader_waits_for_the_writer_and_sees_its_writes() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
+    let barriers = before(&plan, "show");
+    assert_eq!(
+        barriers[0],
+        "COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make",
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn two_readers_in_the_same_stage_share_one_barrier() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("left", "copy.comp", r#""In": "a", "Out": "b""#),
+            dispatch("right", "copy.comp", r#""In": "a", "Out": "c""#),
+            dispatch("join", "join.comp", r#""In": "b", "In2": "c", "Out": "d""#),
+            dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
+        ],
+    );
+    let on_a = |pass| before(&plan, pass).iter().filter(|b| b.contains(" on a ")).count();
+    assert_eq!((on_a("left"), on_a("right")), (1, 0), "{}", shown(&plan));
+}
+
+#[test]
+fn the_next_frame_waits_before_it_overwrites_what_this_one_reads() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
+    // It waits at the last frame's end, where there is a call anyway.
+    assert_eq!(before(&plan, "make"), [""; 0]);
+    assert_eq!(
+        before(&plan, "export"),
+        [
+            "COMPUTE -> COMPUTE: WriteAfterRead on a after show of the frame before, for make",
+            "COMPUTE STORAGE_WRITE -> COPY TRANSFER_READ [image General -> TransferSource]: ReadAfterWrite on image after show"
+        ],
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn what_waits_for_something_older_than_the_last_call_joins_that_call() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("one", "copy.comp", r#""In": "a", "Out": "b""#),
+            dispatch("two", "copy.comp", r#""In": "b", "Out": "c""#),
+            r#"Fill(name: "clear", buffer: "a", value: 0),"#.into(),
+            dispatch("also", "change.comp", r#""Out": "a""#),
+            dispatch("show", "join_show.comp", r#""In": "c", "In2": "a", "Image": "image""#),
+        ],
+    );
+    assert_eq!(frame(&plan)[2..4], ["two", "clear"]);
+    assert_eq!(before(&plan, "clear"), [""; 0], "{}", shown(&plan));
+    assert!(before(&plan, "two")[0].contains("COMPUTE|CLEAR"), "{}", shown(&plan));
+    assert!(before(&plan, "two")[0].contains(", for clear"), "{}", shown(&plan));
+}
+
+#[test]
+fn a_write_after_reads_that_another_barrier_orders_has_none_of_its_own() {
+    // `back` reads `a` and writes `b`; `again` reads `b`, and overwrites `a`.
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("back", "copy.comp", r#""In": "a", "Out": "b""#),
+            dispatch("again", "copy.comp", r#""In": "b", "Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
+    assert_eq!(
+        before(&plan, "again"),
+        [
+            "COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on b after back, WriteAfterRead on a after back"
+        ]
+    );
+}
+
+#[test]
+fn a_second_stage_that_reads_is_made_to_see_without_flushing_again() {
+    let plan = solved("", &[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("copy", "copy.comp", r#""In": "a", "Out": "b""#),
+        r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
+            bind: {"In": "a"}, targets: [Target(image: "color", load: Clear(0, 0, 0, 0), blend: PremultipliedOver)]),"#.into(),
+        dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
+        dispatch("show", "mix.comp", r#""In": "b", "Image": "image""#),
+    ]);
+    assert!(
+        before(&plan, "draw")[0]
+            .starts_with("COMPUTE -> VERTEX STORAGE_READ: ReadAfterWrite on a after make"),
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn a_pass_that_runs_once_is_in_the_prologue_and_the_first_frame_sees_what_it_wrote() {
+    let plan = solved("", &[
+        r#"Dispatch(name: "make", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#.into(),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ]);
+    assert_eq!(plan.prologue.len(), 1);
+    assert_eq!(plan.pass(plan.prologue[0].pass).run, Run::Once);
+    assert_eq!(
+        handover(&plan),
+        ["COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make"],
+        "{}",
+        shown(&plan)
+    );
+    assert!(
+        !before(&plan, "show").iter().any(|b| b.contains(" on a ")),
+        "later frames need not see it again"
+    );
+}
+
+#[test]
+fn a_cleared_image_is_not_kept_and_a_drawn_one_is_read_in_the_layout_of_its_reader() {
+    let plan = solved("", &[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
+            bind: {"In": "a"}, targets: [Target(image: "color", load: Clear(0, 0, 0, 0), blend: PremultipliedOver)]),"#.into(),
+        dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
+    ]);
+    assert_eq!(
+        before(&plan, "draw"),
+        [
+            "COMPUTE STORAGE_WRITE -> VERTEX STORAGE_READ: ReadAfterWrite on a after make",
+            "COMPUTE -> COLOR_OUTPUT COLOR_WRITE [color Undefined -> ColorTarget]: WriteAfterRead on color after filter of the frame before",
+        ],
+        "{}",
+        shown(&plan)
+    );
+    assert_eq!(
+        before(&plan, "filter"),
+        [
+            "COLOR_OUTPUT COLOR_WRITE -> COMPUTE STORAGE_READ [color ColorTarget -> General]: ReadAfterWrite on color after draw",
+            "COPY -> COMPUTE STORAGE_WRITE [image Undefined -> General]: WriteAfterRead on image after export of the frame before",
+        ],
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn a_fill_and_an_atomic_use_of_it_are_apart_in_both_directions() {
+    let plan = solved(
+        "",
+        &[
+            r#"Fill(name: "clear", buffer: "a", value: 0),"#.into(),
+            dispatch("count", "change.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
+    assert_eq!(
+        before(&plan, "export")[0],
+        "COMPUTE -> CLEAR: WriteAfterRead on a after show of the frame before, for clear",
+        "{}",
+        shown(&plan)
+    );
+    assert_eq!(
+        before(&plan, "count"),
+        ["CLEAR TRANSFER_WRITE -> COMPUTE STORAGE_READ|STORAGE_WRITE: ReadAfterWrite on a after clear"]
+    );
+}
+
+#[test]
+fn no_barrier_is_there_without_a_hazard() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
+    let hazards: Vec<Hazard> =
+        plan.frame.iter().flat_map(|s| &s.barriers).flat_map(|b| &b.dependencies).map(|d| d.hazard).collect();
+    // make after the last frame's show; show after make, and the image after the last export; export after show.
+    assert_eq!(hazards.len(), 4, "{}", shown(&plan));
+}
+
+#[test]
+fn a_target_that_is_drawn_to_twice_keeps_its_layout_and_waits() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            draw("first", "Clear(0, 0, 0, 0)"),
+            draw("second", "Keep"),
+            dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
+        ],
+    );
+    assert_eq!(
+        before(&plan, "second"),
+        [
+            "COLOR_OUTPUT COLOR_WRITE -> COLOR_OUTPUT COLOR_READ|COLOR_WRITE: ReadAfterWrite on color after first"
+        ],
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn an_image_whose_layout_only_the_first_frame_changes_still_waits_for_the_frame_before() {
+    // `paint` and `filter` touch `color` in the same layout, so that a later frame finds it as it needs it.
+    let plan = solved(
+        "",
+        &[
+            dispatch("paint", "paint.comp", r#""Color": "color""#),
+            dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
+        ],
+    );
+    assert_eq!(
+        handover(&plan),
+        [" -> COMPUTE STORAGE_WRITE [color Undefined -> General]: LayoutChange on color after "],
+        "{}",
+        shown(&plan)
+    );
+    assert_eq!(
+        before(&plan, "export")[0],
+        "COMPUTE -> COMPUTE: WriteAfterRead on color after filter of the frame before, for paint",
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn an_image_that_is_written_once_is_seen_by_every_frame() {
+    let plan = solved("", &[
+        r#"Dispatch(name: "paint", run: Once, shader: "paint.comp", size: Threads(64), bind: {"Color": "image"}),"#.into(),
+    ]);
+    assert_eq!(
+        handover(&plan),
+        [
+            "COMPUTE STORAGE_WRITE -> COPY TRANSFER_READ [image General -> TransferSource]: ReadAfterWrite on image after paint"
+        ],
+        "{}",
+        shown(&plan)
+    );
+    assert_eq!(before(&plan, "export"), [""; 0], "it stays as it is");
+}
+
+#[test]
+fn a_draw_that_writes_in_both_of_its_stages_is_waited_for_in_both() {
+    let plan = solved("", &[
+        r#"Fill(name: "clear", buffer: "b", value: 0),"#.into(),
+        r#"Draw(name: "draw", vertex: "count.vert", fragment: "count.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
+            bind: {"Count": "b"}, targets: [Target(image: "color", load: Clear(0, 0, 0, 0), blend: Replace)]),"#
+            .into(),
+        dispatch("show", "show.comp", r#""In": "b", "Image": "image""#),
+    ]);
+    assert_eq!(
+        before(&plan, "show")[0],
+        "VERTEX|FRAGMENT STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on b after draw",
+        "{}",
+        shown(&plan)
+    );
+}
+
+/// The resources of each block that has several.
+fn aliases(plan: &Plan) -> Vec<Vec<&str>> {
+    let names = |block: &crate::plan::Block| {
+        block.aliases.iter().map(|id| plan.resource(*id).name.as_str()).collect::<Vec<_>>()
+    };
+    plan.blocks.iter().filter(|b| b.aliases.len() > 1).map(names).collect()
+}
+
+#[test]
+fn a_resource_that_outlives_a_frame_shares_no_memory() {
+    let plan = packed(&[
+        r#"Dispatch(name: "start", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#
+            .into(),
+        dispatch("one", "copy.comp", r#""In": "a", "Out": "b""#),
+        dispatch("show", "show.comp", r#""In": "b", "Image": "image""#),
+    ]);
+    let block = |name| plan.resource(plan.find_resource(name).unwrap()).block.unwrap();
+    assert_eq!(plan.blocks[block("a").index()].aliases.len(), 1, "{}", shown(&plan));
+}
+
+#[test]
+fn a_history_without_readers_is_none() {
+    let plan = plan(
+        &with_history(&[
+            dispatch("make", "make.comp", r#""Out": "past""#),
+            dispatch("spare", "copy.comp", r#""In": "last(past)", "Out": "b""#),
+            dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
+        ]),
+        &[],
+    )
+    .unwrap();
+    assert_eq!(frame(&plan), ["make", "show", "export"]);
+    assert_eq!(plan.prologue, []);
+    assert!(plan.resources.iter().all(|r| r.history.is_none()));
+}
+
+#[test]
+fn the_statistics_are_copied_for_the_host_and_made_visible_to_it() {
+    let text = graph(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ]
+        .join("\n"),
+    );
+    let plan = plan(&text.replace("output:", r#"stats: {"n": ("a", 8)}, output:"#), &[]).unwrap();
+    assert_eq!(frame(&plan), ["make", "show", "export", "host"]);
+    assert_eq!(
+        before(&plan, "host"),
+        [
+            "COPY TRANSFER_WRITE -> COMPUTE|HOST HOST_READ: ReadAfterWrite on host(stats) after export, WriteAfterRead on a after show+export of the frame before, for make"
+        ],
+        "{}",
+        shown(&plan)
+    );
+}

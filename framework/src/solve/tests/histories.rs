@@ -1,0 +1,149 @@
+//! Resources with a history.
+
+use super::*;
+
+#[test]
+fn a_pass_that_only_the_next_frame_reads_from_is_not_left_out() {
+    let plan = solved("", &[
+        r#"Dispatch(name: "start", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#.into(),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        dispatch("step", "change.comp", r#""Out": "a""#),
+    ]);
+    assert_eq!(frame(&plan), ["show", "step", "export"], "{}", shown(&plan));
+    assert_eq!(
+        before(&plan, "show")[0],
+        "COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after step of the frame before",
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn a_reader_of_the_last_frame_comes_before_the_writer_wherever_it_stands() {
+    let plan = plan(
+        &with_history(&[
+            dispatch("make", "make.comp", r#""Out": "past""#),
+            dispatch("use", "copy.comp", r#""In": "last(past)", "Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ]),
+        &[],
+    )
+    .unwrap();
+    assert_eq!(frame(&plan), ["use", "make", "show", "export"], "{}", shown(&plan));
+    assert_eq!(plan.prologue.len(), 1, "zeros to begin with");
+    assert!(matches!(plan.pass(plan.prologue[0].pass).work, Work::Start { .. }));
+    assert_eq!(
+        handover(&plan),
+        ["CLEAR TRANSFER_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on past after start(past)"],
+        "{}",
+        shown(&plan)
+    );
+    // What `show` waits for makes all that was written before it visible, to the next frame as well.
+    assert_eq!(before(&plan, "use"), [""; 0], "{}", shown(&plan));
+    assert!(before(&plan, "make")[0].contains("WriteAfterRead on past after use"), "{}", shown(&plan));
+}
+
+#[test]
+fn of_a_ping_pong_resource_the_half_that_the_frame_ends_with_lives_on_for_odd_and_even_counts() {
+    for count in 1..=4 {
+        let plan = plan(
+            &with_history(&[
+                dispatch("use", "copy.comp", r#""In": "last(order)", "Out": "a""#),
+                dispatch("make", "make.comp", r#""Out": "order""#),
+                format!(
+                    r#"Repeat(var: "i", count: {count}, body: [
+                    Dispatch(name: "step", shader: "copy.comp", size: Threads(64), bind: {{"In": "front(order)", "Out": "back(order)"}}),
+                    Swap("order"),
+                ]),"#
+                ),
+                dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+            ]),
+            &[],
+        )
+        .unwrap();
+        let real = plan.passes.iter().find(|p| p.name == "use").unwrap().bindings[0].resource;
+        assert_eq!(plan.resource(real).name, format!("order#{}", count % 2), "{}", shown(&plan));
+        assert_eq!(plan.resource(real).history.as_deref(), Some("order"));
+        let others = plan.resources.iter().filter(|r| r.history.is_some()).count();
+        assert_eq!(others, 1, "the other half is as any other buffer");
+        // All of the frame's passes are needed, for the next frame.
+        assert_eq!(plan.culled, []);
+    }
+}
+
+#[test]
+fn a_history_that_is_changed_in_place_is_its_own_reader() {
+    let plan = plan(
+        &with_history(&[
+            dispatch("step", "change.comp", r#""Out": "past""#),
+            dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
+        ]),
+        &[],
+    )
+    .unwrap();
+    assert_eq!(frame(&plan), ["step", "show", "export"]);
+    assert!(
+        before(&plan, "export")[0]
+            .contains("WriteAfterRead on past after show of the frame before, for step"),
+        "{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn an_image_with_a_history_keeps_its_contents_through_changes_of_layout() {
+    let plan = plan(
+        &with_history(&[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("use", "filter.comp", r#""Color": "last(trail)", "Image": "image""#),
+            r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
+                bind: {"In": "a"}, targets: [Target(image: "trail", load: Keep, blend: PremultipliedOver)]),"#.into(),
+        ]),
+        &[],
+    )
+    .unwrap();
+    let changes: Vec<Layout> = plan
+        .frame
+        .iter()
+        .flat_map(|s| &s.barriers)
+        .filter_map(|b| b.image)
+        .filter(|t| plan.resource(t.image).name == "trail")
+        .map(|t| t.old)
+        .collect();
+    assert_eq!(changes, [Layout::ColorTarget, Layout::General], "{}", shown(&plan));
+    assert!(
+        handover(&plan)[0].contains("[trail TransferTarget -> ColorTarget]"),
+        "frames find it as they leave it{}",
+        shown(&plan)
+    );
+}
+
+#[test]
+fn a_pass_that_needs_the_last_frame_and_this_one_of_the_same_buffer_is_a_cycle() {
+    let error = plan(
+        &with_history(&[
+            dispatch("make", "make.comp", r#""Out": "past""#),
+            dispatch("use", "join.comp", r#""In": "last(past)", "In2": "past", "Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ]),
+        &[],
+    )
+    .unwrap_err();
+    assert!(error.contains("wait for each other"), "{error}");
+}
+
+#[test]
+fn only_what_was_declared_so_lives_on_and_it_can_only_be_read() {
+    let error = |passes: &[String]| plan(&with_history(passes), &[]).unwrap_err();
+    let text = error(&[dispatch("show", "show.comp", r#""In": "last(a)", "Image": "image""#)]);
+    assert!(text.contains("declared without `history: true`"), "{text}");
+    let text = error(&[dispatch("show", "make.comp", r#""Out": "last(past)""#)]);
+    assert!(text.contains("of the frame before and can only be read"), "{text}");
+    let text = error(&[r#"Fill(name: "f", buffer: "last(past)", value: 0),"#.into()]);
+    assert!(text.contains("cannot be filled"), "{text}");
+    let text = error(&[
+        dispatch("turn", "copy.comp", r#""In": "last(past)", "Out": "past""#),
+        dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
+    ]);
+    assert!(text.contains("written and bound twice"), "{text}");
+}

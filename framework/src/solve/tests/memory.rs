@@ -1,0 +1,40 @@
+//! Transient resources that share memory.
+
+use super::*;
+
+#[test]
+fn resources_that_are_never_alive_together_share_memory_and_the_next_tenant_waits_for_the_last() {
+    let passes = [
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("one", "copy.comp", r#""In": "a", "Out": "b""#),
+        dispatch("two", "copy.comp", r#""In": "b", "Out": "c""#),
+        dispatch("show", "show.comp", r#""In": "c", "Image": "image""#),
+    ];
+    let plan = packed(&passes);
+    // `a` ends before the image begins; each of the others meets one of the two.
+    assert_eq!(aliases(&plan), [["image", "a"]], "{}", shown(&plan));
+    assert_eq!(plan.unshared_bytes() - plan.transient_bytes(), 256);
+    assert_eq!(
+        before(&plan, "make"),
+        ["COPY -> COMPUTE: WriteAfterRead on a (image) after export of the frame before"],
+        "{}",
+        shown(&plan)
+    );
+    let apart = solved("", &passes);
+    assert_eq!(aliases(&apart), Vec::<Vec<&str>>::new());
+    assert_eq!(apart.unshared_bytes(), apart.transient_bytes());
+}
+
+#[test]
+fn an_image_does_not_follow_an_alias_whose_last_write_is_not_read() {
+    // `b` is written and never read; the pass is needed for its other output.
+    let plan = packed(&[
+        dispatch("make", "pair.comp", r#""Out": "a", "Out2": "b""#),
+        dispatch("one", "copy.comp", r#""In": "a", "Out": "c""#),
+        dispatch("two", "copy.comp", r#""In": "c", "Out": "d""#),
+        dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
+    ]);
+    let image = plan.find_resource("image").unwrap();
+    let aliases: Vec<&str> = plan.aliases(image).map(|id| plan.resource(id).name.as_str()).collect();
+    assert!(!aliases.contains(&"b") && !aliases.is_empty(), "{aliases:?}{}", shown(&plan));
+}

@@ -1,0 +1,136 @@
+//! The order of passes, and the passes that are culled.
+
+use super::*;
+
+#[test]
+fn the_only_writer_runs_before_a_reader_that_stands_above_it_in_the_file() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+            dispatch("make", "make.comp", r#""Out": "a""#),
+        ],
+    );
+    assert_eq!(frame(&plan), ["make", "show", "export"], "{}", shown(&plan));
+}
+
+#[test]
+fn several_writers_keep_the_order_of_the_file() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("first", "make.comp", r#""Out": "a""#),
+            dispatch("second", "change.comp", r#""Out": "a""#),
+            dispatch("third", "change.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
+    assert_eq!(frame(&plan), ["first", "second", "third", "show", "export"], "{}", shown(&plan));
+    assert_eq!(
+        before(&plan, "third"),
+        ["COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ|STORAGE_WRITE: ReadAfterWrite on a after second"]
+    );
+}
+
+#[test]
+fn a_pass_that_nothing_reads_from_is_left_out_with_what_feeds_only_it() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("spare", "make.comp", r#""Out": "b""#),
+            dispatch("waste", "copy.comp", r#""In": "b", "Out": "c""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ],
+    );
+    assert_eq!(frame(&plan), ["make", "show", "export"]);
+    let left: Vec<&str> = plan.culled.iter().map(|l| l.pass.as_str()).collect();
+    assert_eq!(left, ["spare", "waste"]);
+    assert!(plan.find_resource("b").is_none(), "a resource without uses needs no memory");
+}
+
+#[test]
+fn ping_pong_ends_at_the_right_half_for_odd_and_even_counts() {
+    for count in 1..=4 {
+        let plan = solved(
+            "",
+            &[
+                dispatch("make", "make.comp", r#""Out": "keys""#),
+                format!(
+                    r#"Repeat(var: "i", count: {count}, body: [
+                    Dispatch(name: "step", shader: "copy.comp", size: Threads(64), bind: {{"In": "front(keys)", "Out": "back(keys)"}}),
+                    Swap("keys"),
+                ]),"#
+                ),
+                dispatch("show", "show.comp", r#""In": "keys", "Image": "image""#),
+            ],
+        );
+        assert_eq!(plan.frame.len(), count + 3, "{}", shown(&plan));
+        let last = format!("keys#{}", count % 2);
+        let show = plan.passes.iter().find(|p| p.name == "show").unwrap();
+        assert_eq!(plan.resource(show.bindings[0].resource).name, last, "{}", shown(&plan));
+    }
+}
+
+#[test]
+fn the_same_file_gives_the_same_plan() {
+    let passes = [
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("left", "copy.comp", r#""In": "a", "Out": "b""#),
+        dispatch("right", "copy.comp", r#""In": "a", "Out": "c""#),
+        dispatch("join", "join.comp", r#""In": "b", "In2": "c", "Out": "d""#),
+        dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
+    ];
+    assert_eq!(solved("", &passes), solved("", &passes));
+}
+
+#[test]
+fn a_writer_that_is_left_out_still_keeps_its_neighbours_apart() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("first", "make.comp", r#""Out": "a""#),
+            dispatch("use", "join.comp", r#""In": "a", "In2": "c", "Out": "d""#),
+            dispatch("spare", "make.comp", r#""Out": "a""#),
+            dispatch("both", "pair.comp", r#""Out": "a", "Out2": "b""#),
+            dispatch("late", "make.comp", r#""Out": "c""#),
+            dispatch("join", "join.comp", r#""In": "b", "In2": "d", "Out": "e""#),
+            dispatch("show", "show.comp", r#""In": "e", "Image": "image""#),
+        ],
+    );
+    assert_eq!(frame(&plan), ["first", "late", "use", "both", "join", "show", "export"], "{}", shown(&plan));
+    assert_eq!(plan.culled[0].pass, "spare");
+}
+
+#[test]
+fn a_name_may_be_chosen_by_an_expression() {
+    let text = with_history(&[
+        dispatch("make", "make.comp", r#""Out": "past""#),
+        dispatch("show", "show.comp", r#""In": "scene.count > 5 ? 'last(past)' : 'past'", "Image": "image""#),
+    ]);
+    let late = plan(&text, &[]).unwrap();
+    assert_eq!(frame(&late), ["show", "make", "export"]);
+    let now = plan(&text.replace("> 5", "< 5"), &[]).unwrap();
+    assert_eq!(frame(&now), ["make", "show", "export"]);
+    let wrong = plan(&text.replace("'last(past)'", "7"), &[]).unwrap_err();
+    assert!(wrong.contains("a resource is needed here") && wrong.contains("the integer 7"), "{wrong}");
+}
+
+#[test]
+fn another_order_of_the_same_passes_gets_the_barriers_that_it_needs() {
+    let plan = solved(
+        "",
+        &[
+            dispatch("make", "make.comp", r#""Out": "a""#),
+            dispatch("left", "copy.comp", r#""In": "a", "Out": "b""#),
+            dispatch("right", "copy.comp", r#""In": "a", "Out": "c""#),
+            dispatch("join", "join.comp", r#""In": "b", "In2": "c", "Out": "d""#),
+            dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
+        ],
+    );
+    let mut ids: Vec<_> = plan.frame.iter().map(|s| s.pass).collect();
+    ids.swap(1, 2);
+    let other = reorder(&plan, &ids, false).unwrap();
+    assert_eq!(frame(&other), ["make", "right", "left", "join", "show", "export"]);
+    assert!(before(&other, "right")[0].contains("ReadAfterWrite on a after make"), "{}", shown(&other));
+}
