@@ -278,42 +278,6 @@ fn a_draw_that_writes_in_both_of_its_stages_is_waited_for_in_both() {
     );
 }
 
-/// The resources of each block that has several.
-fn aliases(plan: &Plan) -> Vec<Vec<&str>> {
-    let names = |block: &crate::plan::Block| {
-        block.aliases.iter().map(|id| plan.resource(*id).name.as_str()).collect::<Vec<_>>()
-    };
-    plan.blocks.iter().filter(|b| b.aliases.len() > 1).map(names).collect()
-}
-
-#[test]
-fn a_resource_that_outlives_a_frame_shares_no_memory() {
-    let plan = packed(&[
-        r#"Dispatch(name: "start", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#
-            .into(),
-        dispatch("one", "copy.comp", r#""In": "a", "Out": "b""#),
-        dispatch("show", "show.comp", r#""In": "b", "Image": "image""#),
-    ]);
-    let block = |name| plan.resource(plan.find_resource(name).unwrap()).block.unwrap();
-    assert_eq!(plan.blocks[block("a").index()].aliases.len(), 1, "{}", shown(&plan));
-}
-
-#[test]
-fn a_history_without_readers_is_none() {
-    let plan = plan(
-        &with_history(&[
-            dispatch("make", "make.comp", r#""Out": "past""#),
-            dispatch("spare", "copy.comp", r#""In": "last(past)", "Out": "b""#),
-            dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
-        ]),
-        &[],
-    )
-    .unwrap();
-    assert_eq!(frame(&plan), ["make", "show", "export"]);
-    assert_eq!(plan.prologue, []);
-    assert!(plan.resources.iter().all(|r| r.history.is_none()));
-}
-
 #[test]
 fn the_statistics_are_copied_for_the_host_and_made_visible_to_it() {
     let text = graph(

@@ -147,3 +147,19 @@ fn only_what_was_declared_so_lives_on_and_it_can_only_be_read() {
     ]);
     assert!(text.contains("written and bound twice"), "{text}");
 }
+
+#[test]
+fn a_history_without_readers_is_none() {
+    let plan = plan(
+        &with_history(&[
+            dispatch("make", "make.comp", r#""Out": "past""#),
+            dispatch("spare", "copy.comp", r#""In": "last(past)", "Out": "b""#),
+            dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
+        ]),
+        &[],
+    )
+    .unwrap();
+    assert_eq!(frame(&plan), ["make", "show", "export"]);
+    assert_eq!(plan.prologue, []);
+    assert!(plan.resources.iter().all(|r| r.history.is_none()));
+}

@@ -2,8 +2,16 @@
 
 use super::*;
 
+/// The resources of each block that has several.
+fn aliases(plan: &Plan) -> Vec<Vec<&str>> {
+    let names = |block: &crate::plan::Block| {
+        block.aliases.iter().map(|id| plan.resource(*id).name.as_str()).collect::<Vec<_>>()
+    };
+    plan.blocks.iter().filter(|b| b.aliases.len() > 1).map(names).collect()
+}
+
 #[test]
-fn resources_that_are_never_alive_together_share_memory_and_the_next_tenant_waits_for_the_last() {
+fn resources_that_are_never_alive_together_share_memory_and_the_next_alias_waits_for_the_last() {
     let passes = [
         dispatch("make", "make.comp", r#""Out": "a""#),
         dispatch("one", "copy.comp", r#""In": "a", "Out": "b""#),
@@ -37,4 +45,16 @@ fn an_image_does_not_follow_an_alias_whose_last_write_is_not_read() {
     let image = plan.find_resource("image").unwrap();
     let aliases: Vec<&str> = plan.aliases(image).map(|id| plan.resource(id).name.as_str()).collect();
     assert!(!aliases.contains(&"b") && !aliases.is_empty(), "{aliases:?}{}", shown(&plan));
+}
+
+#[test]
+fn a_resource_that_outlives_a_frame_shares_no_memory() {
+    let plan = packed(&[
+        r#"Dispatch(name: "start", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#
+            .into(),
+        dispatch("one", "copy.comp", r#""In": "a", "Out": "b""#),
+        dispatch("show", "show.comp", r#""In": "b", "Image": "image""#),
+    ]);
+    let block = |name| plan.resource(plan.find_resource(name).unwrap()).block.unwrap();
+    assert_eq!(plan.blocks[block("a").index()].aliases.len(), 1, "{}", shown(&plan));
 }
