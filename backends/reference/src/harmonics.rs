@@ -1,6 +1,7 @@
 //! View-dependent colour: real spherical harmonics up to degree 3.
 
 use crate::rules::{Rules, ShDirection};
+use splatgraph_assets::harmonics::basis;
 
 /// Evaluates a splat's colour for a camera at `eye`.
 ///
@@ -17,35 +18,12 @@ pub(crate) fn color(sh: &[[f64; 3]; 16], position: [f64; 3], eye: [f64; 3], rule
     let weights = basis(d.map(|v| v / length));
     let used = (rules.sh_degree.min(3) as usize + 1).pow(2);
     std::array::from_fn(|channel| {
-        // Band 0 is constant, and is not multiplied by a direction that a splat at the eye does not have.
-        let bands: f64 = (1..used).map(|k| weights[k] * sh[k][channel]).filter(|v| !v.is_nan()).sum();
-        let value = 0.5 + 0.28209479177387814 * sh[0][channel] + bands;
+        // A splat at the eye has no direction: the bands that depend on one are NaN, and left out.
+        let bands: f64 = (0..used).map(|k| weights[k] * sh[k][channel]).filter(|v| !v.is_nan()).sum();
+        let value = 0.5 + bands;
         let value = rules.color_floor.map_or(value, |floor| value.max(floor));
         rules.color_ceiling.map_or(value, |ceiling| value.min(ceiling))
     })
-}
-
-/// Evaluates the sixteen basis functions at a unit direction.
-fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
-    let (xx, yy, zz) = (x * x, y * y, z * z);
-    [
-        0.28209479177387814,
-        -0.4886025119029199 * y,
-        0.4886025119029199 * z,
-        -0.4886025119029199 * x,
-        1.0925484305920792 * x * y,
-        -1.0925484305920792 * y * z,
-        0.31539156525252005 * (2.0 * zz - xx - yy),
-        -1.0925484305920792 * x * z,
-        0.5462742152960396 * (xx - yy),
-        -0.5900435899266435 * y * (3.0 * xx - yy),
-        2.890611442640554 * x * y * z,
-        -0.4570457994644658 * y * (4.0 * zz - xx - yy),
-        0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
-        -0.4570457994644658 * x * (4.0 * zz - xx - yy),
-        1.445305721320277 * z * (xx - yy),
-        -0.5900435899266435 * x * (xx - 3.0 * yy),
-    ]
 }
 
 #[cfg(test)]
