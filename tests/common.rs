@@ -19,7 +19,7 @@ pub fn device() -> Vulkan {
 /// The same as options, with other validation.
 pub fn options(validation: Validation) -> Options {
     let name = std::env::var("SPLATGRAPH_TEST_DEVICE").unwrap_or_else(|_| "llvmpipe".into());
-    Options { device: Some(name), validation }
+    Options { device: Some(name), validation, ..Options::default() }
 }
 
 /// Set in the processes that [`again_with_vectors_of`] starts.

@@ -173,7 +173,7 @@ impl DeviceArgs {
     /// Converts the arguments to the backend's options.
     pub fn options(&self) -> Options {
         let validation = if self.validate { Validation::Synchronization } else { Validation::Off };
-        Options { device: self.device.clone(), validation }
+        Options { device: self.device.clone(), validation, ..Options::default() }
     }
 }
 

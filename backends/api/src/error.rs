@@ -45,6 +45,14 @@ pub enum BackendError {
         /// The driver's answer.
         answer: String,
     },
+    /// The device has finished nothing for long. What was submitted stays in flight, and can be waited for again.
+    #[error("{place} has been running for {seconds} s; it may never end")]
+    Stuck {
+        /// The pass that the device runs, with its plan, as far as is known.
+        place: String,
+        /// Seconds since the device last finished a pass.
+        seconds: u64,
+    },
     /// The device stopped; names the pass that ran last.
     #[error("device lost: {0}")]
     DeviceLost(String),
@@ -75,7 +83,7 @@ impl BackendError {
     /// Returns the class of the error.
     pub fn recovery(&self) -> Recovery {
         match self {
-            BackendError::Busy { .. } => Recovery::Retry,
+            BackendError::Busy { .. } | BackendError::Stuck { .. } => Recovery::Retry,
             BackendError::Unavailable(_)
             | BackendError::Limit(_)
             | BackendError::Unsupported(_)
@@ -142,6 +150,16 @@ mod tests {
     fn sizes_are_written_in_mebibytes() {
         assert_eq!(display_bytes(160_000_000), "152.6 MiB");
         assert_eq!(display_bytes(4096), "4096 bytes");
+    }
+
+    #[test]
+    fn what_runs_for_long_is_named_and_can_be_waited_for_again() {
+        let stuck = BackendError::Stuck { place: "pass `sort.scan[0]` of `splat`".to_string(), seconds: 12 };
+        assert_eq!(
+            stuck.to_string(),
+            "pass `sort.scan[0]` of `splat` has been running for 12 s; it may never end"
+        );
+        assert_eq!(stuck.recovery(), Recovery::Retry);
     }
 
     #[test]

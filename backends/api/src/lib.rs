@@ -16,6 +16,7 @@ use splatgraph_framework::ir::{DeviceFacts, Format, PassId, ResourceId};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Frames that may be submitted before the oldest is waited for.
 pub const FRAMES_IN_FLIGHT: usize = 2;
@@ -45,6 +46,9 @@ pub struct Options {
     pub device: Option<String>,
     /// The checks of the API's validation.
     pub validation: Validation,
+    /// The longest time that one pass may run before calls that wait for it give up with [`BackendError::Stuck`]. Without it
+    /// 10 seconds, and two minutes where the device is a CPU.
+    pub patience: Option<Duration>,
 }
 
 /// The checks that the API's validation makes.
@@ -150,6 +154,15 @@ pub struct Inspect {
 /// A submitted frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FrameId(pub u64);
+
+/// The work that a device executes at present.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Running {
+    /// The pass with its plan, for instance "pass `sort.scan[0]` of `splat`", as far as is known.
+    pub place: String,
+    /// The time since the device last finished a pass, or since it was first looked at after that.
+    pub time: Duration,
+}
 
 /// The results of a frame.
 #[derive(Clone, Debug, Default)]
@@ -272,10 +285,28 @@ pub trait Device: Sized {
 
     /// Records and submits a frame. Blocks only while [`FRAMES_IN_FLIGHT`] frames are still being executed, and, if the frame is
     /// to be shown in a window, until the window can take it: see [`Windowed`].
+    ///
+    /// # Errors
+    /// [`BackendError::Stuck`] while the device runs one pass for longer than [`Options::patience`]. Nothing is submitted then.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
     /// Blocks until the frame is done. Each frame's result can be taken once.
+    ///
+    /// # Errors
+    /// [`BackendError::Stuck`] while the device runs one pass for longer than [`Options::patience`]. The frame stays in flight.
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError>;
+
+    /// Takes the frame's result if the frame is done; never blocks.
+    fn try_wait(&mut self, frame: FrameId) -> Result<Option<FrameResult>, BackendError>;
+
+    /// Says whether the next [`Device::submit`] need not wait for a frame in flight; never blocks.
+    fn is_ready(&mut self) -> Result<bool, BackendError>;
+
+    /// Returns the work that the device executes at present, of all contexts on it; none if this context waits for nothing. Never
+    /// blocks.
+    ///
+    /// A program that must stay responsive calls it while a frame is not done, and goes without the frame if the time is long.
+    fn running(&mut self) -> Option<Running>;
 
     /// Lists names and bytes of device memory: the plan's resources first, then scene attributes, then the backend's own. Every
     /// piece of memory is listed once, so that the sum is the allocated memory: resources that share one are one entry, under their

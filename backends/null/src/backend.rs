@@ -3,7 +3,7 @@
 use crate::encoder::Encoder;
 use crate::fault::Point;
 use crate::gpu::{Bindings, Config, Memory, NullGpu, Swapchain, Timestamps};
-use crate::journal::{Call, Object, Owned, Used};
+use crate::journal::{Call, Hung, Object, Owned, Used};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Progress};
 use splatgraph_framework::ir::{Binding, Format, PassId};
 use splatgraph_framework::plan::Plan;
@@ -14,6 +14,7 @@ use splatgraph_runtime::{
 use std::collections::HashMap;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 fn gone(call: &str) -> BackendError {
     BackendError::Unavailable(format!("{call} answered that the window's surface is lost"))
@@ -57,9 +58,18 @@ impl Gpu for NullGpu {
         FormatSupport { storage: true, target: true, blend: true, blit: true }
     }
 
-    fn wait_idle(&self) {
+    fn patience(&self) -> Duration {
+        self.patience
+    }
+
+    fn wait_idle(&self, limit: Duration) -> bool {
         self.journal.call(Call::WaitIdle);
+        if self.journal.is_hung(None) {
+            std::thread::sleep(limit.min(self.patience));
+            return false;
+        }
         self.journal.complete(None);
+        true
     }
 
     fn create_buffer(self: &Arc<Self>, desc: &BufferDesc) -> Result<(Owned, Requirements<()>), BackendError> {
@@ -180,7 +190,12 @@ impl Gpu for NullGpu {
             return self.check_lost("submit");
         }
         let lost = self.journal.fails(Point::Execute);
-        let written = encoder.timestamps.len() / if lost { 2 } else { 1 };
+        let hung = self.journal.hangs();
+        let written = match (lost || hung.is_some(), hung) {
+            (_, Some(Hung::Behind)) => 0,
+            (true, _) => encoder.timestamps.len() / 2,
+            (false, _) => encoder.timestamps.len(),
+        };
         for (ticks, index) in &encoder.timestamps[..written] {
             let tick = self.tick.fetch_add(1, Ordering::Relaxed);
             ticks.lock().unwrap_or_else(PoisonError::into_inner)[*index as usize] = Some(tick);
@@ -188,16 +203,20 @@ impl Gpu for NullGpu {
         if lost {
             self.journal.lose();
         } else {
-            self.journal.submit(&encoder.owned, std::mem::take(&mut encoder.used));
+            self.journal.submit(&encoder.owned, std::mem::take(&mut encoder.used), hung.is_some());
         }
         Ok(())
     }
 
-    fn wait(&self, encoder: &mut Encoder) -> Result<(), BackendError> {
-        self.journal.call(Call::Wait { encoder: encoder.owned.name.clone() });
+    fn wait(&self, encoder: &mut Encoder, limit: Duration) -> Result<bool, BackendError> {
+        self.journal.call(Call::Wait { encoder: encoder.owned.name.clone(), blocks: !limit.is_zero() });
         self.check_lost("wait")?;
+        if self.journal.is_hung(Some(&encoder.owned)) {
+            std::thread::sleep(limit);
+            return Ok(false);
+        }
         self.journal.complete(Some(&encoder.owned));
-        Ok(())
+        Ok(true)
     }
 
     fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {

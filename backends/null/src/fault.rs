@@ -20,6 +20,9 @@ pub enum Point {
     Submit,
     /// The device is lost while it executes a submission, half of whose timestamps are written.
     Execute,
+    /// The device does not come to the end of a submission, nor of any after it, until [`Journal::resume`](crate::Journal::resume);
+    /// half of the submission's timestamps are written.
+    Hang,
     /// The swapchain is out of date when an image is acquired.
     AcquireOutOfDate,
     /// The window gives no image in time.
@@ -34,11 +37,12 @@ pub enum Point {
 
 impl Point {
     /// Every kind.
-    pub const ALL: [Point; 9] = [
+    pub const ALL: [Point; 10] = [
         Point::Allocate,
         Point::Create,
         Point::Submit,
         Point::Execute,
+        Point::Hang,
         Point::AcquireOutOfDate,
         Point::AcquireTimeout,
         Point::AcquireGone,

@@ -8,6 +8,7 @@ use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 /// A device to open.
 #[derive(Clone, Debug)]
@@ -18,17 +19,20 @@ pub struct Config {
     pub window: Option<(u32, u32)>,
     /// The calls that fail.
     pub faults: Vec<Fault>,
+    /// See [`splatgraph_api::Options::patience`].
+    pub patience: Duration,
 }
 
 impl Default for Config {
     fn default() -> Config {
-        Config { limits: limits(), window: None, faults: Vec::new() }
+        Config { limits: limits(), window: None, faults: Vec::new(), patience: Duration::from_millis(20) }
     }
 }
 
 /// An opened device that executes nothing; see [`crate::Null`].
 pub struct NullGpu {
     pub(crate) limits: Limits,
+    pub(crate) patience: Duration,
     pub(crate) journal: Journal,
     /// Bytes of memory that are allocated.
     pub(crate) used: Arc<AtomicU64>,
@@ -78,6 +82,7 @@ impl NullGpu {
         };
         let gpu = NullGpu {
             limits: config.limits.clone(),
+            patience: config.patience,
             used: Arc::default(),
             tick: AtomicU64::new(1),
             _owned: journal.create(Object::Device, "null"),

@@ -129,6 +129,7 @@ pub enum Call {
     },
     Wait {
         encoder: String,
+        blocks: bool,
     },
     WaitIdle,
     CreateSwapchain {
@@ -163,9 +164,29 @@ struct State {
     objects: u64,
     reached: BTreeMap<Point, u64>,
     faults: Vec<Fault>,
-    /// Submissions that have not completed: the encoder's number, and what its commands use.
-    in_flight: Vec<(u64, HashSet<Used>)>,
+    in_flight: Vec<InFlight>,
+    /// The device executes nothing that is submitted.
+    hangs: bool,
     lost: bool,
+}
+
+/// A submission that has not completed.
+struct InFlight {
+    /// The encoder's number.
+    encoder: u64,
+    /// The objects and bindings that its commands use.
+    used: HashSet<Used>,
+    /// It never completes.
+    hung: bool,
+}
+
+/// The part of a submission in the device's hanging.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Hung {
+    /// The device hangs in it.
+    In,
+    /// The device hangs in one before it.
+    Behind,
 }
 
 /// The record of a device, shared by all that was made from it.
@@ -223,6 +244,33 @@ impl Journal {
         state.in_flight.clear();
     }
 
+    /// Lets a device that [hangs](Point::Hang) finish what it has, and go on.
+    pub fn resume(&self) {
+        let mut state = self.state();
+        state.hangs = false;
+        state.in_flight.iter_mut().for_each(|submission| submission.hung = false);
+    }
+
+    /// Counts a submission, and says whether the device hangs.
+    pub(crate) fn hangs(&self) -> Option<Hung> {
+        let now = self.fails(Point::Hang);
+        let mut state = self.state();
+        match (state.hangs, now) {
+            (true, _) => Some(Hung::Behind),
+            (false, true) => {
+                state.hangs = true;
+                Some(Hung::In)
+            }
+            (false, false) => None,
+        }
+    }
+
+    /// Says whether the submission of an encoder, or any, hangs.
+    pub(crate) fn is_hung(&self, encoder: Option<&Owned>) -> bool {
+        let of = |submission: &InFlight| encoder.is_none_or(|encoder| encoder.number == submission.encoder);
+        self.state().in_flight.iter().any(|submission| submission.hung && of(submission))
+    }
+
     pub(crate) fn is_lost(&self) -> bool {
         self.state().lost
     }
@@ -236,27 +284,29 @@ impl Journal {
         Owned { object, number: state.objects, name: name.to_string(), journal: self.clone() }
     }
 
-    pub(crate) fn submit(&self, encoder: &Owned, used: HashSet<Used>) {
+    pub(crate) fn submit(&self, encoder: &Owned, used: HashSet<Used>, hung: bool) {
         self.check_idle(encoder, "submitted");
-        self.state().in_flight.push((encoder.number, used));
+        self.state().in_flight.push(InFlight { encoder: encoder.number, used, hung });
     }
 
     /// Objects to an encoder that is used before its last submission was waited for.
     pub(crate) fn check_idle(&self, encoder: &Owned, action: &str) {
-        if self.state().in_flight.iter().any(|(number, _)| *number == encoder.number) {
+        if self.state().in_flight.iter().any(|submission| submission.encoder == encoder.number) {
             self.messages.add(format!("encoder `{}` is {action} while it is in flight", encoder.name));
         }
     }
 
     /// Objects to a change of something that a submission in flight uses.
     pub(crate) fn check_unused(&self, used: Used, what: impl FnOnce() -> String) {
-        if self.state().in_flight.iter().any(|(_, all)| all.contains(&used)) {
+        if self.state().in_flight.iter().any(|submission| submission.used.contains(&used)) {
             self.messages.add(format!("{} while it is in flight", what()));
         }
     }
 
     pub(crate) fn complete(&self, encoder: Option<&Owned>) {
-        self.state().in_flight.retain(|(number, _)| encoder.is_some_and(|encoder| encoder.number != *number));
+        let other =
+            |submission: &InFlight| encoder.is_some_and(|encoder| encoder.number != submission.encoder);
+        self.state().in_flight.retain(other);
     }
 
     pub(crate) fn is_idle(&self) -> bool {

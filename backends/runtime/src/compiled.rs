@@ -23,6 +23,9 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub slots: [PlanSlot<G>; FRAMES_IN_FLIGHT],
     pub resources: Resources<G>,
     pub plan: Plan,
+    /// The plan's name, and those of its passes, as errors tell them.
+    pub name: Arc<str>,
+    pub pass_names: Arc<[String]>,
     /// Tells plans apart that are loaded one after another; see [`CompiledPlan::follow`].
     pub number: u64,
     /// The scene's; see [`SceneData::identity`].
@@ -40,7 +43,7 @@ pub(crate) struct CompiledPlan<G: Gpu> {
 /// The objects that a plan has once per frame in flight.
 pub(crate) struct PlanSlot<G: Gpu> {
     /// See [`queries`]; none where the queue has no timer.
-    pub timestamps: Option<G::Timestamps>,
+    pub timestamps: Option<Arc<G::Timestamps>>,
     /// The output's pixels; made when first asked for.
     pub output: Option<Buffer<G>>,
 }
@@ -63,7 +66,7 @@ impl<G: Gpu> CompiledPlan<G> {
         let bindings = Bindings::new(gpu, &plan, &pipelines, &resources)?;
         let slots = [PlanSlot::new(gpu, &plan)?, PlanSlot::new(gpu, &plan)?];
         // Last, since it takes the longest: a plan that cannot run is refused before.
-        upload(gpu, scene, &missing, &planes, progress)?;
+        upload(shared, scene, &missing, &planes, progress)?;
         shared.attributes.add(missing.iter().map(|key| (key, &planes[key])));
         drop(turn);
         Ok(CompiledPlan {
@@ -77,6 +80,8 @@ impl<G: Gpu> CompiledPlan<G> {
             carried: Vec::new(),
             prologue_due: true,
             host_sees_copies: host_sees_copies(&plan),
+            name: plan.name.as_str().into(),
+            pass_names: plan.passes.iter().map(|pass| pass.name.clone()).collect(),
             plan,
         })
     }
@@ -158,7 +163,7 @@ impl<G: Gpu> CompiledPlan<G> {
 impl<G: Gpu> PlanSlot<G> {
     fn new(gpu: &Arc<G>, plan: &Plan) -> Result<Self, BackendError> {
         let timestamps = gpu.create_timestamps(queries(plan.prologue.len() + plan.frame.len()))?;
-        Ok(PlanSlot { timestamps, output: None })
+        Ok(PlanSlot { timestamps: timestamps.map(Arc::new), output: None })
     }
 }
 

@@ -12,7 +12,7 @@ use crate::window::Swapchain;
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle};
 use splatgraph_api::{
     BackendError, Device, DeviceInfo, DeviceMemory, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult,
-    Options, Picture, Windowed,
+    Options, Picture, Running, Windowed,
 };
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -42,7 +42,8 @@ pub struct Executor<G: Gpu> {
     former: Vec<CompiledPlan<G>>,
     /// The number of plans loaded so far.
     plans: u64,
-    slots: [Slot<G>; FRAMES_IN_FLIGHT],
+    /// One for each frame in flight.
+    slots: Vec<Slot<G>>,
     results: BTreeMap<FrameId, FrameResult>,
     next: u64,
     /// The output of the last frame that was shared.
@@ -105,7 +106,7 @@ impl<G: Gpu> Executor<G> {
 
     fn on(info: DeviceInfo, shared: Arc<Shared<G>>) -> Result<Self, BackendError> {
         static EXECUTORS: AtomicU64 = AtomicU64::new(0);
-        let slots = [Slot::new(&shared.gpu)?, Slot::new(&shared.gpu)?];
+        let slots = (0..FRAMES_IN_FLIGHT).map(|_| Slot::new(&shared.gpu)).collect::<Result<_, _>>()?;
         Ok(Executor {
             id: EXECUTORS.fetch_add(1, Ordering::Relaxed),
             info,
@@ -136,11 +137,12 @@ impl<G: Gpu> Executor<G> {
         self.shared.gpu.memory()
     }
 
-    /// Waits for the frame of a slot, if it has one, and keeps its result.
-    fn collect(&mut self, slot: usize) -> Result<(), BackendError> {
+    /// Keeps the result of a slot's frame, if it has one. Waits for it if it is `patient`, and otherwise leaves a frame that is not
+    /// done.
+    fn collect(&mut self, slot: usize, patient: bool) -> Result<(), BackendError> {
         let Some(pending) = &self.slots[slot].pending else { return Ok(()) };
         let Some(compiled) = plan(&self.compiled, &self.former, pending.plan) else { return Ok(()) };
-        let collected = self.slots[slot].collect(&self.shared.gpu, compiled, slot);
+        let collected = self.slots[slot].collect(&self.shared, compiled, slot, patient);
         if let Some((frame, result)) = collected.map_err(|error| self.losing(error))? {
             self.results.insert(frame, result);
             if self.results.len() > MOST_RESULTS {
@@ -155,6 +157,27 @@ impl<G: Gpu> Executor<G> {
     fn drop_former(&mut self) {
         let pending: Vec<u64> = self.slots.iter().flat_map(|slot| &slot.pending).map(|p| p.plan).collect();
         self.former.retain(|compiled| pending.contains(&compiled.number));
+    }
+
+    /// Finds the slot of a frame in flight.
+    fn slot_of(&self, frame: FrameId) -> Option<usize> {
+        let pending = |slot: &Slot<G>| slot.pending.as_ref().is_some_and(|pending| pending.frame == frame);
+        self.slots.iter().position(pending)
+    }
+
+    /// Returns the slot of the next frame.
+    fn next_slot(&self) -> usize {
+        (self.next % FRAMES_IN_FLIGHT as u64) as usize
+    }
+
+    fn take_result(&mut self, frame: FrameId) -> Result<FrameResult, BackendError> {
+        match self.results.remove(&frame) {
+            Some(result) => Ok(result),
+            None => invalid(format!(
+                "frame {} has no result: it was never submitted, its result was taken, or {MOST_RESULTS} newer results wait",
+                frame.0
+            )),
+        }
     }
 
     /// Passes an error on, and records the device's loss with its place.
@@ -229,8 +252,8 @@ impl<G: Gpu> Device for Executor<G> {
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError> {
         self.shared.check_lost()?;
         let frame = FrameId(self.next);
-        let slot = (self.next % FRAMES_IN_FLIGHT as u64) as usize;
-        self.collect(slot)?;
+        let slot = self.next_slot();
+        self.collect(slot, true)?;
         let Some(compiled) = &mut self.compiled else {
             return invalid("a frame was submitted before a plan was loaded".to_string());
         };
@@ -257,18 +280,38 @@ impl<G: Gpu> Device for Executor<G> {
     }
 
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError> {
-        let pending = |slot: &Slot<G>| slot.pending.as_ref().is_some_and(|pending| pending.frame == frame);
-        if let Some(slot) = self.slots.iter().position(pending) {
+        if let Some(slot) = self.slot_of(frame) {
             self.shared.check_lost()?;
-            self.collect(slot)?;
+            self.collect(slot, true)?;
         }
-        match self.results.remove(&frame) {
-            Some(result) => Ok(result),
-            None => invalid(format!(
-                "frame {} has no result: it was never submitted, its result was taken, or {MOST_RESULTS} newer results wait",
-                frame.0
-            )),
+        self.take_result(frame)
+    }
+
+    fn try_wait(&mut self, frame: FrameId) -> Result<Option<FrameResult>, BackendError> {
+        if let Some(slot) = self.slot_of(frame) {
+            self.shared.check_lost()?;
+            self.collect(slot, false)?;
+            if self.slot_of(frame).is_some() {
+                return Ok(None);
+            }
         }
+        self.take_result(frame).map(Some)
+    }
+
+    fn is_ready(&mut self) -> Result<bool, BackendError> {
+        self.shared.check_lost()?;
+        let slot = self.next_slot();
+        self.collect(slot, false)?;
+        Ok(self.slots[slot].pending.is_none())
+    }
+
+    fn running(&mut self) -> Option<Running> {
+        for slot in 0..self.slots.len() {
+            // A failure is told by the next call that waits.
+            self.collect(slot, false).ok()?;
+        }
+        let oldest = self.slots.iter().flat_map(|slot| &slot.pending).min_by_key(|pending| pending.frame)?;
+        Some(self.shared.watch.look(&self.shared.gpu, &oldest.ticket))
     }
 
     /// Lists the memory of this executor alone. Planes of the scene that it shares with others are listed by each whose plan reads
@@ -323,6 +366,12 @@ impl<G: Gpu> Drop for Executor<G> {
             self.shared.outputs.remove(output);
         }
         // Everything dropped after this may be in use by the device until it is idle. (Others hold what they use.)
-        self.shared.gpu.wait_idle();
+        if self.shared.gpu.wait_idle(self.shared.gpu.patience()) {
+            self.shared.drop_abandoned();
+        } else {
+            let slots = std::mem::take(&mut self.slots);
+            let plans = (self.compiled.take(), std::mem::take(&mut self.former));
+            self.shared.abandon((slots, plans, self.output.take(), self.swapchain.take()));
+        }
     }
 }

@@ -9,13 +9,14 @@ use crate::outputs::SharedOutput;
 use crate::record::Recorder;
 use crate::shared::Shared;
 use crate::timing::Times;
+use crate::watch::{self, Submission, Ticket};
 use crate::window::Swapchain;
 use crate::{inputs, inspect};
 use splatgraph_api::{BackendError, FrameId, FrameInputs, FrameResult, Pixels};
 use splatgraph_framework::ir::{PassId, Shape};
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 pub(crate) struct Slot<G: Gpu> {
     encoder: G::Encoder,
@@ -29,7 +30,8 @@ pub(crate) struct Pending<G: Gpu> {
     /// [`CompiledPlan::number`] of its plan.
     pub plan: u64,
     /// The passes that it runs, in order.
-    pub passes: Vec<PassId>,
+    pub passes: Arc<[PassId]>,
+    pub ticket: Ticket<G>,
     pub inspected: Vec<Buffer<G>>,
     /// The shared outputs that it reads, and the one that it writes.
     pub outputs: Vec<Arc<SharedOutput<G>>>,
@@ -92,10 +94,18 @@ impl<G: Gpu> Slot<G> {
         compiled.layouts = recorded.layouts;
         compiled.prologue_due = false;
         compiled.carried.clear();
+        let passes: Arc<[PassId]> = recorded.passes.into();
+        let submission = watch::Frame {
+            plan: compiled.name.clone(),
+            names: compiled.pass_names.clone(),
+            passes: passes.clone(),
+            timestamps: compiled.slots[slot].timestamps.clone(),
+        };
         self.pending = Some(Pending {
             frame: id,
             plan: compiled.number,
-            passes: recorded.passes,
+            passes,
+            ticket: shared.watch.enter(Submission { frame: Some(submission) }),
             inspected,
             outputs: output.cloned().into_iter().chain(compiled.resources.take_outputs(slot)).collect(),
             read_output: inputs.read_output,
@@ -104,21 +114,27 @@ impl<G: Gpu> Slot<G> {
         Ok(image)
     }
 
-    /// Blocks until the slot's frame is done, and returns its results. The slot is free after this, unless the device was lost.
-    /// `compiled` is the frame's plan, `slot` this slot's index.
+    /// Returns the results of the slot's frame. The slot is free after this, unless the device was lost or is stuck.
+    ///
+    /// Blocks until the frame is done if it is `patient`; otherwise there are no results if it is not. `compiled` is the frame's
+    /// plan, `slot` this slot's index.
     pub fn collect(
         &mut self,
-        gpu: &G,
+        shared: &Shared<G>,
         compiled: &CompiledPlan<G>,
         slot: usize,
+        patient: bool,
     ) -> Result<Option<(FrameId, FrameResult)>, BackendError> {
-        if self.pending.is_none() {
-            return Ok(None);
+        let gpu = &*shared.gpu;
+        match &self.pending {
+            None => return Ok(None),
+            Some(pending) if patient => shared.watch.wait(gpu, &mut self.encoder, &pending.ticket)?,
+            Some(_) if gpu.wait(&mut self.encoder, Duration::ZERO)? => {}
+            Some(_) => return Ok(None),
         }
-        gpu.wait(&mut self.encoder)?;
         let Some(pending) = self.pending.take() else { return Ok(None) };
         let (plan, own) = (&compiled.plan, &compiled.slots[slot]);
-        let times = Times::read(gpu, own.timestamps.as_ref(), pending.passes.len())?;
+        let times = Times::read(gpu, own.timestamps.as_deref(), pending.passes.len())?;
         let words = compiled.readback(slot).into_iter().flat_map(|buffer| buffer.mapped().chunks_exact(4));
         let words = words.map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]]));
         let result = FrameResult {
@@ -135,7 +151,7 @@ impl<G: Gpu> Slot<G> {
     /// Says which of the pending frame's passes are known to be complete; none where there is no timer.
     pub fn finished(&self, gpu: &G, own: &PlanSlot<G>) -> Option<Vec<bool>> {
         let passes = self.pending.as_ref()?.passes.len();
-        Times::read(gpu, own.timestamps.as_ref(), passes).ok()?.finished(passes)
+        Times::read(gpu, own.timestamps.as_deref(), passes).ok()?.finished(passes)
     }
 }
 

@@ -19,6 +19,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use std::fmt::{Arguments, Debug};
 use std::ops::Range;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// A window that a swapchain can be made for.
 pub trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
@@ -49,9 +50,9 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// A set of timestamps that commands write.
     type Timestamps: Send + Sync;
     /// A recorder of commands.
-    type Encoder: Encoder<Self>;
+    type Encoder: Encoder<Self> + 'static;
     /// The images of a window. The device must be idle when it is dropped.
-    type Swapchain: Send;
+    type Swapchain: Send + 'static;
 
     /// Lists the machine's devices.
     fn devices() -> Result<Vec<DeviceInfo>, BackendError>;
@@ -74,8 +75,12 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Says for what the device supports images of a format.
     fn format_support(&self, format: Format) -> FormatSupport;
 
-    /// Blocks until the device has finished all submitted work; a lost device has.
-    fn wait_idle(&self);
+    /// Returns the longest time that one pass may run before calls that wait for it give up.
+    fn patience(&self) -> Duration;
+
+    /// Blocks until the device has finished all submitted work, as a lost device has, or until the time is over. Returns true in
+    /// the first case. Others can submit meanwhile.
+    fn wait_idle(&self, limit: Duration) -> bool;
 
     /// Creates a buffer without memory, and says what memory it needs.
     fn create_buffer(
@@ -151,8 +156,9 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Submits the recorded commands of an encoder, and after them the blit to a swapchain's image, if one is named.
     fn submit(&self, encoder: &mut Self::Encoder, show: Option<Show<Self>>) -> Result<(), BackendError>;
 
-    /// Blocks until the last submission of an encoder has completed, its blit included.
-    fn wait(&self, encoder: &mut Self::Encoder) -> Result<(), BackendError>;
+    /// Blocks until the last submission of an encoder has completed, its blit included, or until the time is over. Returns true in
+    /// the first case, after which the encoder has no submission.
+    fn wait(&self, encoder: &mut Self::Encoder, limit: Duration) -> Result<bool, BackendError>;
 
     /// Returns the size in pixels of the window's images, given the size that the program was told; none while the window shows
     /// nothing.

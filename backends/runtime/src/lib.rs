@@ -8,7 +8,8 @@
 //!    a `compiled` plan; a `loader` does all this on any thread;
 //! 3. the plan becomes the current one of an `executor`, and goes on from the `history` of the one before;
 //! 4. `record` records a frame of it, step by step, and `frame` submits it and reads the results back; `window` shows its output, and
-//!    `outputs` shares it with other executors.
+//!    `outputs` shares it with other executors;
+//! 5. `watch` knows which pass the device runs, so that every wait for it has an end.
 //!
 //! The crate decides nothing about order or barriers: it records the barriers of the plan, and adds some only for its own work
 //! (uploads, readback, inspection, shared outputs, the change from one plan to the next).
@@ -42,6 +43,7 @@ mod testing;
 mod timing;
 mod upload;
 mod usage;
+mod watch;
 mod window;
 
 pub use executor::Executor;

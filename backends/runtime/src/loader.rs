@@ -36,6 +36,7 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Ready<G>, BackendError> {
         self.shared.check_lost()?;
+        self.shared.drop_abandoned();
         let compiled = CompiledPlan::new(&self.shared, plan, scene, progress)
             .map_err(|error| self.shared.losing(error, || None))?;
         Ok(Ready { compiled, executor: self.executor })

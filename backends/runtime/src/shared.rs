@@ -3,15 +3,20 @@
 use crate::attributes::AttributeCache;
 use crate::gpu::{Buffer, Gpu};
 use crate::outputs::SharedOutputs;
+use crate::watch::Watch;
 use splatgraph_api::BackendError;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Duration;
 
-/// An opened device, the scene's planes and the outputs on it, and its loss.
+/// An opened device, the scene's planes and the outputs on it, what it executes, and its loss.
 pub(crate) struct Shared<G: Gpu> {
     pub attributes: AttributeCache<Buffer<G>>,
     pub outputs: SharedOutputs<G>,
+    pub watch: Arc<Watch<G>>,
     /// The first report of the device's loss; nothing works after that.
     lost: OnceLock<String>,
+    /// Objects that nobody needs any more, and that the device may use as long as it is not idle.
+    abandoned: Mutex<Vec<Box<dyn Send>>>,
     pub gpu: Arc<G>,
 }
 
@@ -20,9 +25,27 @@ impl<G: Gpu> Shared<G> {
         Arc::new(Shared {
             attributes: AttributeCache::default(),
             outputs: SharedOutputs::default(),
+            watch: Arc::default(),
             lost: OnceLock::new(),
+            abandoned: Mutex::default(),
             gpu,
         })
+    }
+
+    /// Drops objects as soon as the device is found idle; it is not now, and may never be.
+    pub fn abandon(&self, objects: impl Send + 'static) {
+        self.abandoned().push(Box::new(objects));
+    }
+
+    /// Drops what was abandoned, if the device is idle.
+    pub fn drop_abandoned(&self) {
+        if !self.abandoned().is_empty() && self.gpu.wait_idle(Duration::ZERO) {
+            self.abandoned().clear();
+        }
+    }
+
+    fn abandoned(&self) -> MutexGuard<'_, Vec<Box<dyn Send>>> {
+        self.abandoned.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Refuses once the device is lost.
@@ -41,5 +64,16 @@ impl<G: Gpu> Shared<G> {
             None => answer,
         };
         BackendError::DeviceLost(self.lost.get_or_init(text).clone())
+    }
+}
+
+impl<G: Gpu> Drop for Shared<G> {
+    fn drop(&mut self) {
+        self.drop_abandoned();
+        let abandoned = std::mem::take(&mut *self.abandoned());
+        if !abandoned.is_empty() {
+            // Neither is ever freed, nor is the device closed.
+            std::mem::forget((abandoned, self.gpu.clone()));
+        }
     }
 }

@@ -5,6 +5,8 @@
 
 use crate::attributes::{PlaneKey, Planes};
 use crate::gpu::{Buffer, BufferDesc, Encoder, Gpu, Location};
+use crate::shared::Shared;
+use crate::watch::{Submission, Ticket};
 use splatgraph_api::{BackendError, Progress, SceneData};
 use splatgraph_framework::ir::Usage;
 use std::sync::Arc;
@@ -13,9 +15,9 @@ use std::sync::Arc;
 const CHUNK: u64 = 16 << 20;
 
 /// Reads the planes `missing` from the scene and uploads them. When this returns, also with an error, the device uses none of
-/// them any more: they are uploaded, or can be dropped.
+/// them any more: they are uploaded, or can be dropped. (Those of a copy that does not come to its end are kept.)
 pub(crate) fn upload<G: Gpu>(
-    gpu: &Arc<G>,
+    shared: &Shared<G>,
     scene: &dyn SceneData,
     missing: &[PlaneKey],
     planes: &Planes<Buffer<G>>,
@@ -24,42 +26,49 @@ pub(crate) fn upload<G: Gpu>(
     if missing.is_empty() {
         return Ok(());
     }
-    Uploader::new(gpu, missing)?.run(scene, missing, planes, progress)
+    Uploader::new(shared, missing, planes)?.run(scene, missing, progress)
 }
 
 /// Staging memory for one chunk.
 struct Half<G: Gpu> {
     staging: Buffer<G>,
     encoder: G::Encoder,
-    busy: bool,
+    /// The copy on its way.
+    busy: Option<Ticket<G>>,
 }
 
 struct Uploader<'a, G: Gpu> {
-    gpu: &'a Arc<G>,
-    halves: [Half<G>; 2],
+    shared: &'a Shared<G>,
+    planes: &'a Planes<Buffer<G>>,
+    /// Two.
+    halves: Vec<Half<G>>,
     done: u64,
     total: u64,
 }
 
 impl<'a, G: Gpu> Uploader<'a, G> {
-    fn new(gpu: &'a Arc<G>, missing: &[PlaneKey]) -> Result<Self, BackendError> {
+    fn new(
+        shared: &'a Shared<G>,
+        missing: &[PlaneKey],
+        planes: &'a Planes<Buffer<G>>,
+    ) -> Result<Self, BackendError> {
+        let gpu = &shared.gpu;
         let total: u64 = missing.iter().map(|key| key.bytes).sum();
         let desc = BufferDesc { name: "staging", bytes: total.min(CHUNK), usage: Usage::COPY_SOURCE };
         let half = || -> Result<Half<G>, BackendError> {
             Ok(Half {
                 staging: Buffer::new(gpu, &desc, Location::Upload)?,
                 encoder: gpu.create_encoder("upload")?,
-                busy: false,
+                busy: None,
             })
         };
-        Ok(Uploader { gpu, halves: [half()?, half()?], done: 0, total })
+        Ok(Uploader { shared, planes, halves: vec![half()?, half()?], done: 0, total })
     }
 
     fn run(
         &mut self,
         scene: &dyn SceneData,
         missing: &[PlaneKey],
-        planes: &Planes<Buffer<G>>,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<(), BackendError> {
         progress(Progress::Upload { done_bytes: 0, of_bytes: self.total });
@@ -73,7 +82,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
                 plane: key.plane,
                 reason,
             })?;
-            let target = &planes[key];
+            let target = &self.planes[key];
             for (index, chunk) in bytes.chunks(CHUNK as usize).enumerate() {
                 self.send(next, chunk, target, index as u64 * CHUNK)?;
                 next = 1 - next;
@@ -101,16 +110,16 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         encoder.copy_buffer((staging, 0), (target, offset), bytes);
         encoder.after_copy(target, offset..offset + bytes);
         encoder.end()?;
-        self.gpu.submit(encoder, None)?;
-        *busy = true;
+        self.shared.gpu.submit(encoder, None)?;
+        *busy = Some(self.shared.watch.enter(Submission { frame: None }));
         Ok(())
     }
 
     fn wait(&mut self, half: usize) -> Result<(), BackendError> {
-        let half = &mut self.halves[half];
-        if half.busy {
-            self.gpu.wait(&mut half.encoder)?;
-            half.busy = false;
+        let Half { encoder, busy, .. } = &mut self.halves[half];
+        if let Some(ticket) = busy {
+            self.shared.watch.wait(&self.shared.gpu, encoder, ticket)?;
+            *busy = None;
         }
         Ok(())
     }
@@ -119,9 +128,14 @@ impl<'a, G: Gpu> Uploader<'a, G> {
 impl<G: Gpu> Drop for Uploader<'_, G> {
     /// Waits for the copies that an error, or a panic of the scene's, leaves on their way.
     fn drop(&mut self) {
+        let mut stuck = false;
         for half in 0..self.halves.len() {
             // A device that is lost has nothing left to do.
-            let _ = self.wait(half);
+            stuck |= matches!(self.wait(half), Err(BackendError::Stuck { .. }));
+        }
+        if stuck {
+            let planes: Vec<_> = self.planes.values().cloned().collect();
+            self.shared.abandon((std::mem::take(&mut self.halves), planes));
         }
     }
 }

@@ -12,6 +12,10 @@ use crate::gpu::{Acquired, Gpu, Image, Presented, Show};
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::Format;
 use std::sync::Arc;
+use std::time::Duration;
+
+/// The longest wait for the device before a swapchain is replaced.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The swapchain of a window, and what it must fit.
 pub(crate) struct Swapchain<G: Gpu> {
@@ -105,8 +109,10 @@ impl<G: Gpu> Swapchain<G> {
     fn renew(&mut self) -> Result<(), BackendError> {
         let Some(size) = self.gpu.window_size(self.told)? else { return Ok(()) };
         // Nothing may use the former swapchain when it is destroyed. This waits for more than it must, but only when a window
-        // changes.
-        self.gpu.wait_idle();
+        // changes. While the device has other things to do for long, frames are drawn and not shown.
+        if !self.gpu.wait_idle(PATIENCE) {
+            return Ok(());
+        }
         // It cannot be used after this, also if no other can be made.
         let former = self.raw.take();
         self.raw = Some(self.gpu.create_swapchain(size, self.vsync, former.as_ref())?);

@@ -6,11 +6,12 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 23] = [
+const ORDER: [&str; 24] = [
     "limits",
     "messages",
     "gpu",
     "timing",
+    "watch",
     "usage",
     "check",
     "aliasing",

@@ -19,6 +19,7 @@ use splatgraph_runtime::{
 };
 use std::ffi::CStr;
 use std::sync::{Arc, PoisonError};
+use std::time::Duration;
 
 impl Gpu for VulkanGpu {
     type Memory = Memory;
@@ -47,7 +48,7 @@ impl Gpu for VulkanGpu {
             None => (Instance::new(options.validation, &[])?, &[]),
         };
         let physical = device::choose(device::all(&instance)?, options.device.as_deref())?;
-        let gpu = VulkanGpu::new(instance, &physical, extensions)?;
+        let gpu = VulkanGpu::new(instance, &physical, extensions, options)?;
         Ok((physical.info, Arc::new(gpu)))
     }
 
@@ -77,10 +78,22 @@ impl Gpu for VulkanGpu {
         }
     }
 
-    fn wait_idle(&self) {
-        let _queue = self.queue();
-        // SAFETY: the device's one queue is locked.
-        let _ = unsafe { self.device.device_wait_idle() };
+    fn patience(&self) -> Duration {
+        self.patience
+    }
+
+    fn wait_idle(&self, limit: Duration) -> bool {
+        match queue::idle(self, limit) {
+            Ok(idle) => idle,
+            // A lost device has nothing left to do.
+            Err(BackendError::DeviceLost(_)) => true,
+            Err(_) => {
+                let _queue = self.queue();
+                // SAFETY: the device's one queue is locked.
+                let _ = unsafe { self.device.device_wait_idle() };
+                true
+            }
+        }
     }
 
     fn create_buffer(
@@ -185,8 +198,8 @@ impl Gpu for VulkanGpu {
         }
     }
 
-    fn wait(&self, encoder: &mut Encoder) -> Result<(), BackendError> {
-        queue::wait(self, *encoder.fence)
+    fn wait(&self, encoder: &mut Encoder, limit: Duration) -> Result<bool, BackendError> {
+        queue::wait(self, *encoder.fence, limit)
     }
 
     fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {

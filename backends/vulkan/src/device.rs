@@ -10,6 +10,7 @@ use ash::{khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo};
 use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::ffi::{CStr, c_char};
+use std::time::Duration;
 
 /// A physical device and what is known of it.
 pub(crate) struct Physical {
@@ -19,6 +20,14 @@ pub(crate) struct Physical {
     pub info: DeviceInfo,
     pub limits: Limits,
     kind: vk::PhysicalDeviceType,
+}
+
+impl Physical {
+    /// The time that one pass may run where the program does not say. A CPU is slow at what GPUs do in an instant.
+    pub fn patience(&self) -> Duration {
+        let seconds = if self.kind == vk::PhysicalDeviceType::CPU { 120 } else { 10 };
+        Duration::from_secs(seconds)
+    }
 }
 
 /// Every physical device of the instance, in the loader's order. If the instance is one for a window, those that cannot show

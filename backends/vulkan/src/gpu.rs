@@ -13,12 +13,13 @@ use crate::error::api;
 use crate::instance::Instance;
 use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
-use splatgraph_api::BackendError;
+use splatgraph_api::{BackendError, Options};
 use splatgraph_runtime::Limits;
 use std::ffi::{CStr, CString};
 use std::fmt::Arguments;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// An opened Vulkan device; see [`crate::Vulkan`].
 pub struct VulkanGpu {
@@ -31,6 +32,10 @@ pub struct VulkanGpu {
     pub(crate) pipeline_cache: vk::PipelineCache,
     /// `None` once the device is being destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
+    /// Fences that a submission may still signal, though nobody waits for them any more.
+    fences: Mutex<Vec<vk::Fence>>,
+    /// See [`splatgraph_runtime::Gpu::patience`].
+    pub(crate) patience: Duration,
     labels: Option<ext::debug_utils::Device>,
     // Dropped after the device is destroyed.
     pub(crate) instance: Instance,
@@ -41,6 +46,7 @@ impl VulkanGpu {
         instance: Instance,
         physical: &Physical,
         extensions: &[&CStr],
+        options: &Options,
     ) -> Result<VulkanGpu, BackendError> {
         let device = device::create(&instance, physical, extensions)?;
         // SAFETY: the device was created with one queue of this family.
@@ -54,6 +60,8 @@ impl VulkanGpu {
             physical: physical.handle,
             pipeline_cache: vk::PipelineCache::null(),
             allocator: Mutex::new(None),
+            fences: Mutex::default(),
+            patience: options.patience.unwrap_or_else(|| physical.patience()),
             labels,
             instance,
         };
@@ -78,6 +86,18 @@ impl VulkanGpu {
     /// The queue, for one submission or one frame to present.
     pub(crate) fn queue(&self) -> MutexGuard<'_, vk::Queue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes over a fence, until it is released or the device is destroyed.
+    pub(crate) fn keep(&self, fence: vk::Fence) {
+        self.fences.lock().unwrap_or_else(PoisonError::into_inner).push(fence);
+    }
+
+    /// Destroys a kept fence that no submission uses any more.
+    pub(crate) fn release(&self, fence: vk::Fence) {
+        self.fences.lock().unwrap_or_else(PoisonError::into_inner).retain(|&kept| kept != fence);
+        // SAFETY: nothing uses it, and it is on the list no more.
+        unsafe { self.device.destroy_fence(fence, None) };
     }
 
     /// Returns the features that the device supports for images of a format.
@@ -123,6 +143,9 @@ impl Drop for VulkanGpu {
         drop(allocator);
         // SAFETY: whatever was made from the device holds the `VulkanGpu`, so nothing is left of it.
         unsafe {
+            for &fence in self.fences.get_mut().unwrap_or_else(PoisonError::into_inner).iter() {
+                self.device.destroy_fence(fence, None);
+            }
             self.device.destroy_pipeline_cache(self.pipeline_cache, None);
             self.device.destroy_device(None);
         }

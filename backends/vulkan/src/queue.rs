@@ -5,6 +5,7 @@ use crate::gpu::{Owned, VulkanGpu};
 use ash::{khr, vk};
 use splatgraph_api::BackendError;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// A pool with one primary command buffer.
 pub(crate) fn command_pool(
@@ -130,10 +131,36 @@ pub(crate) fn present(
     unsafe { functions.queue_present(*queue, &info) }
 }
 
-/// Blocks until the fence is signalled, and resets it.
-pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence) -> Result<(), BackendError> {
+/// Blocks until the fence is signalled or the time is over. In the first case resets it and returns true.
+///
+/// The queue is not locked meanwhile.
+pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence, limit: Duration) -> Result<bool, BackendError> {
+    let nanoseconds = u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX);
     // SAFETY: the fence is alive, and a submission will signal it.
-    unsafe { gpu.device.wait_for_fences(&[fence], true, u64::MAX) }.map_err(api("vkWaitForFences"))?;
+    match unsafe { gpu.device.wait_for_fences(&[fence], true, nanoseconds) } {
+        Ok(()) => {}
+        Err(vk::Result::TIMEOUT) => return Ok(false),
+        Err(answer) => return Err(api("vkWaitForFences")(answer)),
+    }
     // SAFETY: the fence is signalled, so that no submission uses it.
-    unsafe { gpu.device.reset_fences(&[fence]) }.map_err(api("vkResetFences"))
+    unsafe { gpu.device.reset_fences(&[fence]) }.map_err(api("vkResetFences"))?;
+    Ok(true)
+}
+
+/// Blocks until everything that was submitted before is done, or the time is over. Returns true in the first case.
+///
+/// It waits for a fence that is submitted with nothing else: `vkDeviceWaitIdle` has no limit, and needs the queue to itself.
+pub(crate) fn idle(gpu: &VulkanGpu, limit: Duration) -> Result<bool, BackendError> {
+    // SAFETY: a plain creation on a live device.
+    let fence = unsafe { gpu.device.create_fence(&vk::FenceCreateInfo::default(), None) }
+        .map_err(api("vkCreateFence"))?;
+    // Dropped with the device, unless it is known to be unused before.
+    gpu.keep(fence);
+    // SAFETY: the fence is not in use; the queue is locked.
+    unsafe { gpu.device.queue_submit2(*gpu.queue(), &[], fence) }.map_err(api("vkQueueSubmit2"))?;
+    let idle = wait(gpu, fence, limit)?;
+    if idle {
+        gpu.release(fence);
+    }
+    Ok(idle)
 }

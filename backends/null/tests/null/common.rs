@@ -107,7 +107,7 @@ pub fn last_frame(calls: &[Call]) -> &[Call] {
 
 /// Counts the times that the host waited.
 pub fn waits(calls: &[Call]) -> usize {
-    calls.iter().filter(|call| matches!(call, Call::Wait { .. } | Call::WaitIdle)).count()
+    calls.iter().filter(|call| matches!(call, Call::Wait { blocks: true, .. } | Call::WaitIdle)).count()
 }
 
 pub fn destroyed(calls: &[Call], object: Object) -> Vec<&str> {

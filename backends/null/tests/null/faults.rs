@@ -90,11 +90,14 @@ fn run(faults: &[Fault]) -> Outcome {
             for (index, step) in STEPS.iter().enumerate() {
                 journal.take();
                 if let Err(error) = step(&mut script) {
+                    // Someone waited in vain. The device goes on, and so does the script.
+                    journal.resume();
                     errors.push((Some(index), error));
                 } else if index == STEPS.len() - 1 {
                     last = last_frame(&journal.take()).to_vec();
                 }
             }
+            journal.resume();
             assert_eq!(script.null.close(), Vec::<String>::new(), "a promise is broken under {faults:?}");
         }
     }
@@ -137,9 +140,12 @@ fn check(fault: Fault, outcome: &Outcome, sound: &Outcome) {
     let expected = match fault.point {
         Point::AcquireOutOfDate | Point::AcquireTimeout | Point::PresentOutOfDate => None,
         Point::Submit | Point::Execute => Some(Recovery::DeviceEnded),
+        Point::Hang => Some(Recovery::Retry),
         Point::Allocate | Point::Create | Point::AcquireGone | Point::PresentGone => Some(Recovery::User),
     };
     let first = outcome.errors.first();
+    // A frame that nobody waits for hangs unnoticed.
+    let expected = expected.filter(|expected| first.is_some() || *expected != Recovery::Retry);
     assert_eq!(first.map(|(_, error)| error.recovery()), expected, "{text}");
     let Some((step, error)) = first else {
         return assert_eq!(unnumbered(&outcome.last), unnumbered(&sound.last), "{text}");
@@ -190,4 +196,93 @@ fn a_device_that_is_lost_in_a_frame_names_the_pass_that_was_done_last() {
     assert_eq!(error_of(null.new_context()), error);
     assert_eq!(error_of(null.load(plan(), &Zeros::default(), &mut |_| {})), error);
     finish(null, &journal);
+}
+
+/// A device that hangs in the frame with this number, counted from the upload on.
+fn hanging(after: u64) -> (Null, Journal) {
+    let faults = vec![Fault { point: Point::Hang, after }];
+    let (null, journal) = open(&Config { faults, ..Config::default() });
+    let mut null = null.expect("it opens");
+    load(&mut null, plan());
+    (null, journal)
+}
+
+#[test]
+fn a_wait_for_a_pass_that_does_not_end_is_given_up_and_names_the_pass() {
+    let (mut null, journal) = hanging(2);
+    let first = submit(&mut null);
+    let second = submit(&mut null);
+    null.wait(first).expect("the first frame is done");
+    assert_eq!(null.running().expect("the second runs").place, "pass `splat` of `test`");
+    let BackendError::Stuck { place, .. } = error_of(null.wait(second)) else { panic!("not stuck") };
+    assert_eq!(place, "pass `splat` of `test`");
+    // The frame is still in flight, and owns what it uses.
+    assert_eq!(null.try_wait(second).expect("no error").map(drop), None);
+    journal.take();
+    load(&mut null, plan());
+    assert_eq!(destroyed(&journal.take(), splatgraph_null::Object::Pipelines), Vec::<&str>::new());
+    journal.resume();
+    let result = null.try_wait(second).expect("no error").expect("it is done now");
+    assert_eq!(result.pass_ms.len(), 4);
+    assert_eq!(null.running(), None);
+    finish(null, &journal);
+}
+
+#[test]
+fn nothing_is_submitted_while_the_device_does_not_come_on_and_frames_go_on_after_it() {
+    let (mut null, journal) = hanging(1);
+    let frames = [submit(&mut null), submit(&mut null)];
+    assert_eq!(null.is_ready(), Ok(false));
+    journal.take();
+    let error = error_of(null.submit(&inputs()));
+    assert!(matches!(error, BackendError::Stuck { .. }), "{error}");
+    assert!(!journal.take().iter().any(|call| matches!(call, Call::Submit { .. })));
+    journal.resume();
+    assert_eq!(null.is_ready(), Ok(true));
+    let third = submit(&mut null);
+    for frame in frames.into_iter().chain([third]) {
+        null.wait(frame).expect("it is done");
+    }
+    finish(null, &journal);
+}
+
+#[test]
+fn an_executor_that_waits_for_another_names_the_pass_of_the_other() {
+    let (mut first, journal) = hanging(2);
+    let mut second = first.new_context().expect("there can be another");
+    let mut other = plan();
+    other.name = "other".to_string();
+    load(&mut second, other);
+    let done = submit(&mut second);
+    let stuck = submit(&mut first);
+    let behind = submit(&mut second);
+    second.wait(done).expect("it is done");
+    let error = error_of(second.wait(behind));
+    assert!(error.to_string().starts_with("pass `scan[1]` of `test` has been running"), "{error}");
+    journal.resume();
+    first.wait(stuck).expect("it is done");
+    second.wait(behind).expect("it is done");
+    drop(second);
+    finish(first, &journal);
+}
+
+#[test]
+fn an_upload_that_does_not_end_is_given_up_and_frees_its_memory_when_it_has_ended() {
+    let (null, journal) =
+        open(&Config { faults: vec![Fault { point: Point::Hang, after: 0 }], ..Config::default() });
+    let mut null = null.expect("it opens");
+    let error = error_of(null.load(plan(), &Zeros::default(), &mut |_| {}));
+    assert!(error.to_string().starts_with("the upload of the scene has been running"), "{error}");
+    journal.resume();
+    load(&mut null, plan());
+    frame(&mut null, &inputs());
+    finish(null, &journal);
+}
+
+#[test]
+fn closing_a_device_that_hangs_ends_and_frees_nothing_that_it_uses() {
+    let (mut null, journal) = hanging(1);
+    submit(&mut null);
+    assert_eq!(null.close(), Vec::<String>::new());
+    assert!(journal.alive().contains_key(&splatgraph_null::Object::Device));
 }

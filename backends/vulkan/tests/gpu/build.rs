@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub fn open() -> Vulkan {
-    let options = Options { device: None, validation: Validation::Synchronization };
+    let options = Options { device: None, validation: Validation::Synchronization, ..Options::default() };
     Vulkan::open(&options).expect("these tests need a Vulkan 1.3 driver and the Khronos validation layer")
 }
 

@@ -168,13 +168,18 @@ fn devices_are_listed_with_the_facts_that_graphs_can_use() {
     let sound =
         |fact: &Value| matches!(fact, Value::Bool(_)) || matches!(fact, Value::Int(value) if *value > 0);
     assert!(fit.facts.named().iter().all(|(_, fact)| sound(fact)), "{fit:?}");
-    let absent = Options { device: Some("no such device".to_string()), validation: Validation::Off };
+    let absent = Options {
+        device: Some("no such device".to_string()),
+        validation: Validation::Off,
+        ..Options::default()
+    };
     assert!(error_of(Vulkan::open(&absent)).contains(&fit.name));
 }
 
 #[test]
 fn a_plan_without_validation_runs_too() {
-    let options = Options { device: Some("0".to_string()), validation: Validation::Off };
+    let options =
+        Options { device: Some("0".to_string()), validation: Validation::Off, ..Options::default() };
     let mut vulkan = Vulkan::open(&options).unwrap();
     vulkan.load(numbers(2, 1), &scene(1, &[1, 2]), &mut |_| {}).unwrap();
     assert_eq!(shown(&mut vulkan), [2, 3]);

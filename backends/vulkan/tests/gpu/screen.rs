@@ -11,7 +11,11 @@ const SIZE: (u32, u32) = (48, 32);
 
 /// On the only device that tests count on: others may have no way into a window of a server without a display.
 fn open_in(window: &Arc<Window>, size: (u32, u32)) -> Vulkan {
-    let options = Options { device: Some("llvmpipe".to_string()), validation: Validation::Synchronization };
+    let options = Options {
+        device: Some("llvmpipe".to_string()),
+        validation: Validation::Synchronization,
+        ..Options::default()
+    };
     Vulkan::open_in_window(&options, window.clone(), size)
         .expect("these tests need lavapipe and the Khronos validation layer")
 }

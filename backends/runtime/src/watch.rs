@@ -1,0 +1,144 @@
+//! The watch over what the device executes: which pass it runs, and for how long.
+//!
+//! A wait for the device has an end. It is made of short ones, and between two of them the watch is looked at: if the device runs the
+//! same pass for longer than the device's patience, the wait is given up with an error that names the pass. What was submitted stays
+//! in flight, and owns what it uses, until it is done or the device is lost.
+//!
+//! The executors of a device share its queue, so that a frame may wait for a pass of another executor's. Therefore every submission
+//! is [entered](Watch::enter) in the order of the queue. The device runs the first whose timestamps are not all written, in the pass
+//! after the last one whose timestamp is. Submissions without timestamps (uploads, and all where the queue has no timer) tell nothing,
+//! and are named only by those who wait for them.
+
+use crate::gpu::Gpu;
+use crate::timing::Times;
+use splatgraph_api::{BackendError, Running};
+use splatgraph_framework::ir::PassId;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The longest single wait between two looks.
+const SLICE: Duration = Duration::from_millis(50);
+
+/// The submissions of a device that are not known to be done.
+pub(crate) struct Watch<G: Gpu> {
+    state: Mutex<State<G>>,
+}
+
+struct State<G: Gpu> {
+    /// The number of the next submission.
+    next: u64,
+    /// By number, which is the order of the queue.
+    submitted: BTreeMap<u64, Submission<G>>,
+    /// The point that the device had reached when it was last looked at, and when it was first found there.
+    reached: Option<(Point, Instant)>,
+}
+
+/// A submission's number, and how many of its passes are done.
+type Point = (u64, usize);
+
+/// The description of a submission.
+pub(crate) struct Submission<G: Gpu> {
+    /// The plan's name for a frame; none for an upload.
+    pub frame: Option<Frame<G>>,
+}
+
+/// The passes of a submitted frame.
+pub(crate) struct Frame<G: Gpu> {
+    /// The name of the plan.
+    pub plan: Arc<str>,
+    /// The names of all passes of the plan.
+    pub names: Arc<[String]>,
+    /// The passes that the frame runs, in order.
+    pub passes: Arc<[PassId]>,
+    pub timestamps: Option<Arc<G::Timestamps>>,
+}
+
+/// The entry of a submission, removed when it is dropped.
+pub(crate) struct Ticket<G: Gpu> {
+    number: u64,
+    watch: Arc<Watch<G>>,
+}
+
+impl<G: Gpu> Drop for Ticket<G> {
+    fn drop(&mut self) {
+        self.watch.state().submitted.remove(&self.number);
+    }
+}
+
+impl<G: Gpu> Default for Watch<G> {
+    fn default() -> Self {
+        Watch { state: Mutex::new(State { next: 0, submitted: BTreeMap::new(), reached: None }) }
+    }
+}
+
+impl<G: Gpu> Watch<G> {
+    fn state(&self) -> MutexGuard<'_, State<G>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Enters what was submitted.
+    pub fn enter(self: &Arc<Self>, submission: Submission<G>) -> Ticket<G> {
+        let mut state = self.state();
+        let number = state.next;
+        state.next += 1;
+        state.submitted.insert(number, submission);
+        Ticket { number, watch: self.clone() }
+    }
+
+    /// Returns the work that the device executes; `own` is not done, as is known by other means.
+    pub fn look(&self, gpu: &G, own: &Ticket<G>) -> Running {
+        let mut state = self.state();
+        let (point, place) = state.first_unfinished(gpu, own.number);
+        let now = Instant::now();
+        let since = match state.reached {
+            Some((reached, since)) if reached == point => since,
+            _ => now,
+        };
+        state.reached = Some((point, since));
+        Running { place, time: now - since }
+    }
+
+    /// Blocks until the encoder's submission, entered as `ticket`, is done.
+    ///
+    /// # Errors
+    /// [`BackendError::Stuck`] once the device has run one pass for longer than its patience.
+    pub fn wait(&self, gpu: &G, encoder: &mut G::Encoder, ticket: &Ticket<G>) -> Result<(), BackendError> {
+        while !gpu.wait(encoder, SLICE.min(gpu.patience()))? {
+            let running = self.look(gpu, ticket);
+            if running.time >= gpu.patience() {
+                return Err(stuck(running));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Returns the error of a wait that is given up.
+pub(crate) fn stuck(running: Running) -> BackendError {
+    BackendError::Stuck { place: running.place, seconds: running.time.as_secs() }
+}
+
+impl<G: Gpu> State<G> {
+    /// Finds the first submission that is not done, `own` at the latest, and says in words where the device is in it.
+    fn first_unfinished(&self, gpu: &G, own: u64) -> (Point, String) {
+        for (&number, submission) in self.submitted.range(..=own) {
+            let Some(frame) = &submission.frame else { continue };
+            let passes = frame.passes.len();
+            let Ok(times) = Times::read(gpu, frame.timestamps.as_deref(), passes) else { continue };
+            let Some(finished) = times.finished(passes) else { continue };
+            let done = finished.iter().take_while(|&&done| done).count();
+            if done < passes {
+                let pass = &frame.names[frame.passes[done].index()];
+                return ((number, done), format!("pass `{pass}` of `{}`", frame.plan));
+            }
+        }
+        let done = self.submitted.get(&own).and_then(|submission| submission.frame.as_ref());
+        let place = match done {
+            Some(frame) if frame.timestamps.is_some() => format!("the end of a frame of `{}`", frame.plan),
+            Some(frame) => format!("a frame of `{}`", frame.plan),
+            None => "the upload of the scene".to_string(),
+        };
+        ((own, usize::MAX), place)
+    }
+}
