@@ -9,7 +9,6 @@ use crate::shared::Shared;
 use crate::watch::{Submission, Ticket};
 use splatgraph_api::{BackendError, Progress, SceneData};
 use splatgraph_framework::ir::Usage;
-use std::sync::Arc;
 
 /// Bytes of one copy at most.
 const CHUNK: u64 = 16 << 20;
