@@ -45,7 +45,7 @@ pub fn ensure(path: &Path) -> io::Result<bool> {
     Ok(true)
 }
 
-fn generate() -> Result<Scene, synth::UnknownGenerator> {
+fn generate() -> Result<Scene, synth::SynthError> {
     let generator = synth::generators().iter().find(|g| g.name == NAME);
     synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)
 }

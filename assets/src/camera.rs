@@ -5,6 +5,7 @@
 //! z forward.
 
 use crate::bounds::Bounds;
+use crate::file;
 use crate::scene::Scene;
 use serde::de::{DeserializeSeed, Error as _, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
@@ -33,6 +34,9 @@ pub struct Camera {
     /// Vertical focal length, in pixels.
     pub fy: f64,
 }
+
+/// Bytes of a `cameras.json` at most: enough for half a million cameras.
+pub const MAX_CAMERA_BYTES: u64 = 256 << 20;
 
 /// An error of reading, writing or selecting cameras.
 #[derive(Debug, thiserror::Error)]
@@ -88,13 +92,14 @@ fn named(names: &[String]) -> String {
 }
 
 impl Camera {
-    /// Reads a `cameras.json`.
+    /// Reads a `cameras.json` of at most [`MAX_CAMERA_BYTES`] bytes.
     ///
     /// # Errors
-    /// Where the file cannot be read, or a camera in it is malformed: with line, column and the camera's index.
+    /// Where the file cannot be read, is longer or not a regular file, or a camera in it is malformed: with line, column and the
+    /// camera's index.
     pub fn load(path: impl AsRef<Path>) -> Result<Vec<Self>, CameraError> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path)
+        let text = file::read_text(path, MAX_CAMERA_BYTES)
             .map_err(|source| CameraError::Io { path: path.to_owned(), source })?;
         Self::parse(&text, path)
     }
@@ -246,10 +251,15 @@ impl Camera {
         Self { width, height, fx: self.fx * factor, fy: self.fy * factor, ..self.clone() }
     }
 
-    /// Describes the first reason that makes the camera unusable.
-    fn fault(&self) -> Option<String> {
+    /// Describes the first reason that makes the camera unusable: its numbers contradict one another, or exceed f32, with which
+    /// renderers compute.
+    pub fn fault(&self) -> Option<String> {
         /// Largest deviation of the rotation from orthonormal: files have as few as three decimals.
         const TOLERANCE: f64 = 0.01;
+        /// Smallest focal length, in pixels. Times 2^32 pixels, neither it nor its inverse leaves the range of f32.
+        const LEAST: f64 = 1e-20;
+        /// Largest coordinate, in world units. The square of a distance between two of them is within f32.
+        const FARTHEST: f64 = 1e18;
         if self.width == 0 || self.height == 0 {
             return Some(format!("the image is {} x {} pixels", self.width, self.height));
         }
@@ -257,9 +267,21 @@ impl Camera {
             if !(focal > 0.0 && focal.is_finite()) {
                 return Some(format!("expected a positive {name}, found {focal}"));
             }
+            // Its inverse, times a number of pixels, is computed with, too.
+            if !(LEAST..=1.0 / LEAST).contains(&focal) {
+                return Some(format!(
+                    "expected {name} from {LEAST:e} to {:e} pixels, found {focal:e}",
+                    1.0 / LEAST
+                ));
+            }
         }
-        if !self.position.iter().all(|v| v.is_finite()) {
-            return Some("the position is not finite".into());
+        for (axis, value) in ["x", "y", "z"].into_iter().zip(self.position) {
+            // Distances to it are squared and summed.
+            if value.is_nan() || value.abs() > FARTHEST {
+                return Some(format!(
+                    "expected a position within {FARTHEST:e} of the origin, found {axis} = {value:e}"
+                ));
+            }
         }
         let axes = self.axes().map(glam::DVec3::from);
         for (i, a) in axes.iter().enumerate() {
@@ -350,6 +372,15 @@ mod tests {
         assert!(error(&format!("[{}]", ONE.replace("[1,0,0]", "[-1,0,0]"))).contains("mirrors"));
         assert!(error(&format!("[{}]", ONE.replace("5.0", "0"))).contains("positive fx"));
         assert!(error(&format!("[{}]", ONE.replace(": 4", ": 0"))).contains("0 x 2 pixels"));
+        for (from, to, what) in [
+            ("5.0", "1e40", "expected fx from 1e-20 to 1e20 pixels, found 1e40"),
+            ("6.0", "1e-50", "expected fy from 1e-20 to 1e20 pixels, found "),
+            ("3.5", "-1e40", "expected a position within 1e18 of the origin, found z = -1e40"),
+            ("3.5", "1e999", "number out of range"),
+        ] {
+            let said = error(&format!("[{ONE}, {}]", ONE.replace(from, to)));
+            assert!(said.contains("camera 1: ") && said.contains(what), "{said}");
+        }
         assert!(error("{}").contains("expected a list of cameras"));
         assert!(error(&format!("[{ONE}] x")).contains("trailing"));
         assert!(error("").contains("EOF"));
@@ -376,6 +407,24 @@ mod tests {
         );
         Camera::save(&[], &path).unwrap();
         assert!(matches!(select(""), Err(CameraError::Empty { .. })));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn cameras_that_never_end_or_never_come_are_refused_at_once() {
+        let said = |path: &Path| Camera::load(path).unwrap_err().to_string();
+        assert_eq!(said(Path::new("/dev/zero")), "/dev/zero: expected a regular file, found a device");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("c.json");
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        assert!(said(&path).ends_with("c.json: expected a regular file, found a FIFO"), "{}", said(&path));
+        std::fs::remove_file(&path).unwrap();
+        std::fs::File::create(&path).unwrap().set_len(MAX_CAMERA_BYTES + 1).unwrap();
+        assert!(
+            said(&path).contains("expected a file of at most 268435456 bytes, found 268435457"),
+            "{}",
+            said(&path)
+        );
     }
 
     #[test]

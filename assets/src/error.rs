@@ -1,5 +1,6 @@
 //! Defines the errors of scene files: each message has the expectation, the finding and the place.
 
+use crate::memory::SceneMemoryError;
 use std::path::PathBuf;
 
 /// An error of loading a scene file.
@@ -15,7 +16,7 @@ pub struct LoadError {
 /// A problem with the bytes of a scene. Lines are counted from 1, over the whole file.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// The system refused to open, map or read the file.
+    /// The system refused to open or read the file, or it is not a regular file.
     #[error("cannot be read: {0}")]
     Io(#[from] std::io::Error),
 
@@ -158,6 +159,28 @@ pub enum SceneError {
         /// Number of splats in the file.
         count: u64,
     },
+
+    /// The scene does not fit in the host's memory.
+    #[error(transparent)]
+    Memory(#[from] SceneMemoryError),
+
+    /// The file was truncated while it was read.
+    #[error(
+        "the file became shorter while it was read: expected {expected} bytes, found {found}; load it again when its writer has \
+         finished"
+    )]
+    BecameShorter {
+        /// Bytes of the file when it was opened.
+        expected: u64,
+        /// Bytes of the file now.
+        found: u64,
+    },
+
+    /// The file was written to while it was read.
+    #[error(
+        "the file was written to while it was read: expected it to stay as it is; load it again when its writer has finished"
+    )]
+    Changed,
 
     /// A row of an ASCII file is malformed.
     #[error("line {line}: {message}")]

@@ -1,6 +1,6 @@
 //! Loads, checks, measures and generates 3D Gaussian Splatting scenes.
 //!
-//! [`Scene::load`] maps a `.ply` file in the layout of the reference implementation and converts it in parallel;
+//! [`Scene::load`] reads a `.ply` file in the layout of the reference implementation and converts it in parallel;
 //! [`Report`] counts its flaws, [`SizeBreakdown`] accounts for the file's bytes, and [`Scene::write_attribute`] writes the
 //! contents of GPU buffers. [`Camera`] reads and writes the reference's `cameras.json`. [`synth`] generates scenes: one for
 //! demonstration, and extreme ones for tests.
@@ -24,7 +24,9 @@ mod attributes;
 mod bounds;
 mod camera;
 mod error;
+pub mod file;
 pub mod harmonics;
+pub mod memory;
 mod ply;
 mod recognise;
 mod report;
@@ -36,9 +38,10 @@ mod testing;
 
 pub use attributes::{ATTRIBUTES, AttributeInfo};
 pub use bounds::Bounds;
-pub use camera::{Camera, CameraError};
+pub use camera::{Camera, CameraError, MAX_CAMERA_BYTES};
 pub use error::{LoadError, SceneError};
-pub use ply::read::Progress;
+pub use memory::SceneMemoryError;
+pub use ply::read::{Progress, SceneHeader};
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{Dropped, QuaternionNorms, Scene, Splat, sh_floats};
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};

@@ -33,8 +33,9 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"\xEF\xBB\xBFply", "a PLY file behind a byte order mark (save it without one)"),
 ];
 
-/// Makes the error for bytes that do not begin as a PLY file. `path` is the file's path, if there is one.
-pub(crate) fn not_ply(path: Option<&Path>, bytes: &[u8]) -> SceneError {
+/// Makes the error for a file whose first `bytes` do not begin as a PLY file. `path` is the file's path, if there is one, and
+/// `length` its length in bytes.
+pub(crate) fn not_ply(path: Option<&Path>, bytes: &[u8], length: u64) -> SceneError {
     let extension = path
         .and_then(|p| p.extension())
         .map(|e| e.to_string_lossy().to_ascii_lowercase())
@@ -49,7 +50,7 @@ pub(crate) fn not_ply(path: Option<&Path>, bytes: &[u8]) -> SceneError {
         "sog" if bytes.starts_with(b"PK\x03\x04") => return unsupported("a PlayCanvas .sog scene"),
         "ksplat" => return unsupported("a .ksplat scene"),
         // 32 bytes per splat and no header: only the name and the size can say it.
-        "splat" if bytes.len().is_multiple_of(32) => return unsupported("an antimatter15 .splat scene"),
+        "splat" if length.is_multiple_of(32) => return unsupported("an antimatter15 .splat scene"),
         _ => {}
     }
     let found = match MAGIC.iter().find(|(magic, _)| bytes.starts_with(magic)) {
@@ -74,7 +75,7 @@ mod tests {
     use super::*;
 
     fn said(name: &str, bytes: &[u8]) -> String {
-        not_ply(Some(Path::new(name)), bytes).to_string()
+        not_ply(Some(Path::new(name)), bytes, bytes.len() as u64).to_string()
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! unit. A scene is immutable, so derived values are computed once.
 
 use crate::bounds::Bounds;
+use crate::memory::{self, SceneMemoryError};
 use crate::size_breakdown::SizeBreakdown;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -50,7 +51,7 @@ pub(crate) enum Reason {
 /// Counts of the splats dropped on load, by the first reason that applied to each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Dropped {
-    /// Splats with a coordinate that is NaN or infinite.
+    /// Splats with a coordinate that is NaN, infinite, or beyond f32.
     pub position: u64,
     /// Splats with a scale that is NaN or infinite, as a logarithm or after the exponential.
     pub scale: u64,
@@ -73,13 +74,22 @@ impl Dropped {
     /// Lists every reason in words with its count, which may be zero.
     pub fn by_reason(&self) -> [(&'static str, u64); 6] {
         [
-            ("position not finite", self.position),
-            ("scale not finite", self.scale),
-            ("quaternion not finite", self.rotation),
+            ("position not finite in f32", self.position),
+            ("scale not finite in f32", self.scale),
+            ("quaternion not finite in f32", self.rotation),
             ("zero quaternion", self.zero_rotation),
-            ("opacity not finite", self.opacity),
-            ("colour not finite", self.color),
+            ("opacity not finite in f32", self.opacity),
+            ("colour not finite in f32", self.color),
         ]
+    }
+
+    fn join(&mut self, other: &Self) {
+        self.position += other.position;
+        self.scale += other.scale;
+        self.rotation += other.rotation;
+        self.zero_rotation += other.zero_rotation;
+        self.opacity += other.opacity;
+        self.color += other.color;
     }
 
     fn count(&mut self, reason: Reason) {
@@ -95,7 +105,7 @@ impl Dropped {
 }
 
 impl std::fmt::Display for Dropped {
-    /// Lists the reasons that apply, as `3 zero quaternion, 1 scale not finite`, or `none`.
+    /// Lists the reasons that apply, as `3 zero quaternion, 1 scale not finite in f32`, or `none`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let counts: Vec<String> = self
             .by_reason()
@@ -138,7 +148,7 @@ impl QuaternionNorms {
 /// Statistics gathered while the splats are stored.
 #[derive(Debug)]
 pub(crate) struct Gathered {
-    dropped: Vec<(usize, Reason)>,
+    dropped: Dropped,
     norms: QuaternionNorms,
     effective_degree: u32,
     bounds: Bounds,
@@ -146,11 +156,16 @@ pub(crate) struct Gathered {
 
 impl Gathered {
     fn new() -> Self {
-        Self { dropped: Vec::new(), norms: QuaternionNorms::NONE, effective_degree: 0, bounds: Bounds::EMPTY }
+        Self {
+            dropped: Dropped::default(),
+            norms: QuaternionNorms::NONE,
+            effective_degree: 0,
+            bounds: Bounds::EMPTY,
+        }
     }
 
-    fn join(&mut self, other: Self) {
-        self.dropped.extend(other.dropped);
+    fn join(&mut self, other: &Self) {
+        self.dropped.join(&other.dropped);
         self.norms.join(&other.norms);
         self.effective_degree = self.effective_degree.max(other.effective_degree);
         self.bounds.join(&other.bounds);
@@ -173,6 +188,8 @@ pub(crate) struct Columns {
 pub(crate) struct Rows<'a> {
     /// Index of the first splat.
     first: usize,
+    /// Number of splats stored so far; those that were dropped leave no gap.
+    kept: usize,
     degree: u32,
     position: &'a mut [[f32; 3]],
     scale: &'a mut [[f32; 3]],
@@ -187,16 +204,17 @@ impl Rows<'_> {
         self.first
     }
 
+    /// Counts the splats of the chunk, of which each is pushed once.
     pub(crate) fn len(&self) -> usize {
         self.opacity.len()
     }
 
-    /// Stores the splat, or records the reason to drop it. `norm` is the length of the file's quaternion.
+    /// Stores the next splat, or counts the reason to drop it. `norm` is the length of the file's quaternion.
     #[inline]
-    pub(crate) fn set(&mut self, index: usize, splat: &Splat, norm: f64) {
+    pub(crate) fn push(&mut self, splat: &Splat, norm: f64) {
         let floats = sh_floats(self.degree);
         if let Some(reason) = fault(splat, norm, floats) {
-            self.gathered.dropped.push((self.first + index, reason));
+            self.gathered.dropped.count(reason);
             return;
         }
         self.gathered.norms.add(norm);
@@ -206,11 +224,13 @@ impl Rows<'_> {
         {
             self.gathered.effective_degree += 1;
         }
+        let index = self.kept;
         self.position[index] = splat.position;
         self.scale[index] = splat.scale;
         self.rotation[index] = splat.rotation;
         self.opacity[index] = splat.opacity;
         self.sh[index * floats..][..floats].copy_from_slice(&splat.sh[..floats]);
+        self.kept += 1;
     }
 }
 
@@ -235,24 +255,41 @@ fn fault(splat: &Splat, norm: f64, sh_floats: usize) -> Option<Reason> {
 }
 
 impl Columns {
-    pub(crate) fn zeroed(count: usize, degree: u32) -> Self {
-        Self {
-            degree,
-            position: vec![[0.0; 3]; count],
-            scale: vec![[0.0; 3]; count],
-            rotation: vec![[0.0; 4]; count],
-            opacity: vec![0.0; count],
-            sh: vec![0.0; count * sh_floats(degree)],
-        }
+    /// Computes the bytes that a splat takes in all arrays together.
+    pub(crate) const fn bytes_per_splat(degree: u32) -> u64 {
+        (size_of::<[f32; 3]>() * 2 + size_of::<[f32; 4]>() + size_of::<f32>() * (1 + sh_floats(degree)))
+            as u64
     }
 
-    /// Fills all rows in parallel, one chunk per task. Of several errors, returns that of the first chunk.
+    /// Allocates the arrays.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(crate) fn zeroed(count: usize, degree: u32) -> Result<Self, SceneMemoryError> {
+        let columns = || {
+            Some(Self {
+                degree,
+                position: memory::zeroed(count)?,
+                scale: memory::zeroed(count)?,
+                rotation: memory::zeroed(count)?,
+                opacity: memory::zeroed(count)?,
+                sh: memory::zeroed(count.checked_mul(sh_floats(degree))?)?,
+            })
+        };
+        columns().ok_or_else(|| {
+            let needed = (count as u64).saturating_mul(Self::bytes_per_splat(degree));
+            SceneMemoryError { count: count as u64, degree, needed, available: memory::available() }
+        })
+    }
+
+    /// Fills all rows in parallel, one chunk per task, and closes the gaps that dropped splats leave. Of several errors,
+    /// returns that of the first chunk.
     pub(crate) fn fill<E: Send>(
         &mut self,
         convert: impl Fn(&mut Rows) -> Result<(), E> + Sync,
     ) -> Result<Gathered, E> {
         let degree = self.degree;
-        let chunks: Vec<Result<Gathered, E>> = self
+        let chunks: Vec<Result<(usize, Gathered), E>> = self
             .position
             .par_chunks_mut(CHUNK)
             .zip(self.scale.par_chunks_mut(CHUNK))
@@ -261,43 +298,44 @@ impl Columns {
             .zip(self.sh.par_chunks_mut(CHUNK * sh_floats(degree)))
             .enumerate()
             .map(|(chunk, ((((position, scale), rotation), opacity), sh))| {
-                let first = chunk * CHUNK;
-                let gathered = Gathered::new();
-                let mut rows = Rows { first, degree, position, scale, rotation, opacity, sh, gathered };
+                let (first, gathered) = (chunk * CHUNK, Gathered::new());
+                let mut rows =
+                    Rows { first, kept: 0, degree, position, scale, rotation, opacity, sh, gathered };
                 convert(&mut rows)?;
-                Ok(rows.gathered)
+                Ok((rows.kept, rows.gathered))
             })
             .collect();
         let mut all = Gathered::new();
-        for chunk in chunks {
-            all.join(chunk?);
+        let mut kept = 0;
+        for (chunk, result) in chunks.into_iter().enumerate() {
+            let (count, gathered) = result?;
+            all.join(&gathered);
+            self.shift(chunk * CHUNK, count, kept);
+            kept += count;
         }
+        self.truncate(kept);
         Ok(all)
     }
 
-    /// Removes the splats at these ascending indices; the others keep their order.
-    fn remove(&mut self, dropped: &[(usize, Reason)]) {
-        let floats = sh_floats(self.degree);
-        let mut kept = 0;
-        let mut next = dropped.iter().map(|(index, _)| *index).peekable();
-        for index in 0..self.opacity.len() {
-            if next.next_if_eq(&index).is_some() {
-                continue;
-            }
-            if kept != index {
-                self.position[kept] = self.position[index];
-                self.scale[kept] = self.scale[index];
-                self.rotation[kept] = self.rotation[index];
-                self.opacity[kept] = self.opacity[index];
-                self.sh.copy_within(index * floats..(index + 1) * floats, kept * floats);
-            }
-            kept += 1;
+    /// Moves `count` splats from index `from` to index `to`, which is not above it.
+    fn shift(&mut self, from: usize, count: usize, to: usize) {
+        if from == to {
+            return;
         }
-        self.position.truncate(kept);
-        self.scale.truncate(kept);
-        self.rotation.truncate(kept);
-        self.opacity.truncate(kept);
-        self.sh.truncate(kept * floats);
+        let floats = sh_floats(self.degree);
+        self.position.copy_within(from..from + count, to);
+        self.scale.copy_within(from..from + count, to);
+        self.rotation.copy_within(from..from + count, to);
+        self.opacity.copy_within(from..from + count, to);
+        self.sh.copy_within(from * floats..(from + count) * floats, to * floats);
+    }
+
+    fn truncate(&mut self, count: usize) {
+        self.position.truncate(count);
+        self.scale.truncate(count);
+        self.rotation.truncate(count);
+        self.opacity.truncate(count);
+        self.sh.truncate(count * sh_floats(self.degree));
     }
 }
 
@@ -316,23 +354,12 @@ pub struct Scene {
 }
 
 impl Scene {
-    pub(crate) fn new(
-        mut columns: Columns,
-        gathered: Gathered,
-        size_breakdown: Option<SizeBreakdown>,
-    ) -> Self {
-        let mut dropped = Dropped::default();
-        if !gathered.dropped.is_empty() {
-            for (_, reason) in &gathered.dropped {
-                dropped.count(*reason);
-            }
-            columns.remove(&gathered.dropped);
-        }
+    pub(crate) fn new(columns: Columns, gathered: Gathered, size_breakdown: Option<SizeBreakdown>) -> Self {
         let empty = columns.opacity.is_empty();
         Self {
             columns,
             effective_degree: gathered.effective_degree,
-            dropped,
+            dropped: gathered.dropped,
             norms: gathered.norms,
             bounds: if empty { Bounds::ORIGIN } else { gathered.bounds },
             size_breakdown: size_breakdown.map_or_else(OnceLock::new, OnceLock::from),
@@ -341,12 +368,37 @@ impl Scene {
         }
     }
 
+    /// Computes the host memory in bytes that a scene of `count` splats takes, statistics included.
+    ///
+    /// Its arrays take 44 + 4 * [`sh_floats`] bytes a splat, and robust bounds copy the positions for a moment.
+    pub fn host_bytes(count: u64, stored_degree: u32) -> u64 {
+        let statistics = size_of::<[f32; 3]>() as u64;
+        count.saturating_mul(Columns::bytes_per_splat(stored_degree) + statistics)
+    }
+
     /// Generates a scene of `count` splats with spherical harmonics of `degree`, at most 3.
     ///
     /// `splat` is called with each index, in parallel and in any order. As on load, quaternions are normalised, and splats
     /// that cannot be drawn are dropped and counted.
+    ///
+    /// # Panics
+    /// Panics if the scene does not fit in memory; see [`Scene::try_generate`].
     pub fn generate(count: u32, degree: u32, splat: impl Fn(usize) -> Splat + Sync) -> Self {
-        let mut columns = Columns::zeroed(count as usize, degree.min(3));
+        Self::try_generate(count, degree, splat).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// Generates a scene as [`Scene::generate`] does.
+    ///
+    /// # Errors
+    /// The scene does not fit in memory.
+    pub fn try_generate(
+        count: u32,
+        degree: u32,
+        splat: impl Fn(usize) -> Splat + Sync,
+    ) -> Result<Self, SceneMemoryError> {
+        let degree = degree.min(3);
+        SceneMemoryError::check(count.into(), degree, Self::host_bytes(count.into(), degree))?;
+        let mut columns = Columns::zeroed(count as usize, degree)?;
         let filled = columns.fill(|rows| {
             for index in 0..rows.len() {
                 let mut splat = splat(rows.first() + index);
@@ -354,12 +406,12 @@ impl Scene {
                 if norm > 0.0 {
                     splat.rotation = splat.rotation.map(|c| (f64::from(c) / norm) as f32);
                 }
-                rows.set(index, &splat, norm);
+                rows.push(&splat, norm);
             }
             Ok::<_, std::convert::Infallible>(())
         });
         match filled {
-            Ok(gathered) => Self::new(columns, gathered, None),
+            Ok(gathered) => Ok(Self::new(columns, gathered, None)),
             Err(never) => match never {},
         }
     }

@@ -6,8 +6,10 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 11] = [
+const ORDER: [&str; 13] = [
     "bounds",
+    "file",
+    "memory",
     "error",
     "harmonics",
     "size_breakdown",

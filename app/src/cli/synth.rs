@@ -51,7 +51,7 @@ pub fn generator_list() -> String {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let (scene, cameras) = match (&args.name, &args.enlarge, args.count) {
-        (None, Some(path), Some(count)) => (synth::enlarge(&options::load_scene(path)?, count), None),
+        (None, Some(path), Some(count)) => (synth::enlarge(&options::load_scene(path)?, count)?, None),
         (Some(name), ..) => {
             let generator = synth::generators().iter().find(|g| g.name == *name);
             let count = args.count.or(generator.map(|g| g.default_count)).unwrap_or(1);

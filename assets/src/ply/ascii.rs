@@ -2,38 +2,109 @@
 
 use super::header::{Element, PropertyType};
 use super::layout::Layout;
+use super::source::{Source, grow};
 use crate::error::SceneError;
+use std::ops::Range;
 
-/// A cursor over the lines that hold rows.
+/// Bytes that are read at a time.
+const PIECE: usize = 256 << 10;
+
+/// Bytes of a line at most. A splat's has some hundreds.
+pub(crate) const LONGEST_LINE: usize = 16 << 20;
+
+/// The place of a line in a file.
 #[derive(Clone, Copy)]
-pub(crate) struct Lines<'a> {
-    bytes: &'a [u8],
+pub(crate) struct Place {
     /// Offset of the next line, in bytes.
-    pub at: usize,
+    pub at: u64,
     /// Number of the previous line, counted from 1 over the file.
     pub number: u64,
 }
 
+/// A line that is not blank.
+#[derive(Clone, Copy)]
+pub(crate) struct Line<'a> {
+    /// The bytes before the line feed.
+    pub text: &'a [u8],
+    /// Its number, counted from 1 over the file.
+    pub number: u64,
+    /// The line ended with the file, which may have been cut, and not with a line feed.
+    pub cut: bool,
+}
+
+/// A cursor over the lines that hold rows. It has a piece of the file in memory, and the whole of the current line.
+pub(crate) struct Lines<'a> {
+    source: &'a Source<'a>,
+    place: Place,
+    /// Bytes of the file; those in `next` were not returned yet.
+    buffer: Vec<u8>,
+    next: Range<usize>,
+}
+
 impl<'a> Lines<'a> {
-    pub(crate) fn new(bytes: &'a [u8], at: usize, number: u64) -> Self {
-        Self { bytes, at, number }
+    pub(crate) fn new(source: &'a Source<'a>, place: Place) -> Self {
+        Self { source, place, buffer: Vec::new(), next: 0..0 }
+    }
+
+    pub(crate) fn place(&self) -> Place {
+        self.place
     }
 
     /// Returns the next line that is not blank. Line ends are `\n` or `\r\n`.
-    pub(crate) fn next_row(&mut self) -> Option<&'a [u8]> {
-        while self.at < self.bytes.len() {
-            let rest = &self.bytes[self.at..];
-            let end = rest.iter().position(|b| *b == b'\n').unwrap_or(rest.len());
-            self.at += (end + 1).min(rest.len());
-            self.number += 1;
-            if rest[..end].iter().any(|b| !b.is_ascii_whitespace()) {
-                return Some(&rest[..end]);
+    ///
+    /// # Errors
+    /// The file cannot be read, or the line is longer than [`LONGEST_LINE`].
+    pub(crate) fn next_row(&mut self) -> Result<Option<Line<'_>>, SceneError> {
+        loop {
+            let Some((line, cut)) = self.next_line()? else { return Ok(None) };
+            if self.buffer[line.clone()].iter().any(|b| !b.is_ascii_whitespace()) {
+                return Ok(Some(Line { text: &self.buffer[line], number: self.place.number, cut }));
             }
         }
-        None
+    }
+
+    /// Finds the next line. Returns its place in the buffer, without its line feed, and whether the file's end cut it.
+    fn next_line(&mut self) -> Result<Option<(Range<usize>, bool)>, SceneError> {
+        let mut searched = 0;
+        loop {
+            let unread = &self.buffer[self.next.clone()];
+            let end = unread[searched..].iter().position(|b| *b == b'\n').map(|end| searched + end);
+            searched = unread.len();
+            let left = self.source.length() - (self.place.at + searched as u64);
+            let (length, skip) = match end {
+                Some(end) => (end, 1),
+                None if left > 0 => {
+                    if searched >= LONGEST_LINE {
+                        let message = format!("expected a line of at most {LONGEST_LINE} bytes, found more");
+                        return Err(error(self.place.number + 1, message));
+                    }
+                    self.read_more(left)?;
+                    continue;
+                }
+                None if searched == 0 => return Ok(None),
+                None => (searched, 0),
+            };
+            let start = self.next.start;
+            self.next.start += length + skip;
+            self.place.at += (length + skip) as u64;
+            self.place.number += 1;
+            return Ok(Some((start..start + length, skip == 0)));
+        }
+    }
+
+    /// Reads the next piece behind the unread bytes, which move to the front of the buffer; `left` bytes are left in the file.
+    fn read_more(&mut self, left: u64) -> Result<(), SceneError> {
+        let unread = self.next.len();
+        self.buffer.copy_within(self.next.clone(), 0);
+        // As much again as a long line has so far, so that it is copied a few times only.
+        let piece = PIECE.max(unread).min(usize::try_from(left).unwrap_or(usize::MAX));
+        grow(&mut self.buffer, unread + piece)?;
+        self.next = 0..unread;
+        self.source.read(self.place.at + unread as u64, &mut self.buffer[unread..unread + piece])?;
+        self.next.end += piece;
+        Ok(())
     }
 }
-
 /// Splits a line into its values.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
@@ -55,18 +126,18 @@ fn shown(word: &[u8]) -> String {
 /// # Errors
 /// A value is not a number, or the line has more values than columns.
 pub(crate) fn row(
-    line: &[u8],
-    number: u64,
+    line: &Line,
     layout: &Layout,
     vertex: &Element,
     slots: &mut [f32],
     sizes: &mut [u64],
 ) -> Result<usize, SceneError> {
     let columns = layout.slot_of.len();
+    let number = line.number;
     let mut found = 0;
-    for word in words(line) {
+    for word in words(line.text) {
         if found == columns {
-            let all = words(line).count();
+            let all = words(line.text).count();
             return Err(error(number, format!("expected {columns} values, found {all}")));
         }
         if let Some(slot) = layout.slot_of[found] {
@@ -89,14 +160,14 @@ pub(crate) fn row(
 pub(crate) fn skip(lines: &mut Lines, element: &Element) -> Result<Vec<u64>, SceneError> {
     let mut sizes = vec![0; element.properties.len()];
     for row in 0..element.count {
-        let line = lines.next_row().ok_or_else(|| SceneError::TruncatedElement {
+        let line = lines.next_row()?.ok_or_else(|| SceneError::TruncatedElement {
             element: element.name.clone(),
             there: row,
             promised: element.count,
             line: element.line,
         })?;
-        let number = lines.number;
-        let mut values = words(line);
+        let number = line.number;
+        let mut values = words(line.text);
         let missing =
             |name: &str| error(number, format!("expected a value for `{name}`, found the end of the line"));
         for (property, size) in element.properties.iter().zip(&mut sizes) {

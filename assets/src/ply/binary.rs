@@ -1,6 +1,8 @@
 //! Parses the rows of binary PLY files.
 
 use super::header::{Element, PropertyType, Scalar};
+use super::source::Source;
+use crate::error::SceneError;
 
 /// Reads the scalar at the start of `bytes` as f32; doubles are rounded, integers converted.
 ///
@@ -31,9 +33,8 @@ fn word<const BIG: bool, const N: usize>(bytes: &[u8]) -> [u8; N] {
     word
 }
 
-/// Reads the length of a list; `None` if it is negative or cut off.
-fn length(bytes: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
-    let raw = bytes.get(..scalar.size())?;
+/// Reads the length of a list from all of `raw`; `None` if it is negative.
+fn length(raw: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
     let value = raw.iter().enumerate().fold(0u64, |sum, (i, b)| {
         let shift = 8 * if big { raw.len() - 1 - i } else { i };
         sum | u64::from(*b) << shift
@@ -46,44 +47,80 @@ fn length(bytes: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
     }
 }
 
-/// Measures the bytes of an element's rows, per property.
+/// Measures the bytes of an element's rows, per property, from offset `start` on; or finds how many rows are whole.
 ///
 /// # Errors
-/// The number of whole rows, if `bytes` ends before the last.
-pub(crate) fn measure(bytes: &[u8], element: &Element, big: bool) -> Result<Vec<u64>, u64> {
+/// The file cannot be read.
+pub(crate) fn measure(
+    source: &Source,
+    start: u64,
+    element: &Element,
+    big: bool,
+) -> Result<Result<Vec<u64>, u64>, SceneError> {
+    let available = source.length() - start;
     if let Some(stride) = element.stride() {
         // An element without properties has rows without bytes: as many as it likes.
-        let whole = bytes.len().checked_div(stride).map_or(u64::MAX, |rows| rows as u64);
+        let whole = available.checked_div(stride as u64).unwrap_or(u64::MAX);
         if whole < element.count {
-            return Err(whole);
+            return Ok(Err(whole));
         }
         let size = |kind| if let PropertyType::Scalar(s) = kind { s.size() as u64 } else { 0 };
-        return Ok(element.properties.iter().map(|p| size(p.kind) * element.count).collect());
+        return Ok(Ok(element.properties.iter().map(|p| size(p.kind) * element.count).collect()));
     }
     let mut sizes = vec![0u64; element.properties.len()];
-    let mut at = 0usize;
+    let mut window = Window { source, at: start, bytes: Vec::new() };
+    let mut at = start;
     for row in 0..element.count {
         for (property, total) in element.properties.iter().zip(&mut sizes) {
             let size = match property.kind {
                 PropertyType::Scalar(scalar) => Some(scalar.size() as u64),
-                PropertyType::List { count, item } => bytes
-                    .get(at..)
-                    .and_then(|rest| length(rest, count, big))
-                    .and_then(|n| n.checked_mul(item.size() as u64)?.checked_add(count.size() as u64)),
+                PropertyType::List { count, item } => {
+                    let raw = window.get(at, count.size())?;
+                    let length = raw.and_then(|raw| length(raw, count, big));
+                    length.and_then(|n| n.checked_mul(item.size() as u64)?.checked_add(count.size() as u64))
+                }
             };
-            let end =
-                size.and_then(|size| (at as u64).checked_add(size)).filter(|end| *end <= bytes.len() as u64);
-            let end = end.ok_or(row)? as usize;
-            *total += (end - at) as u64;
+            let end = size.and_then(|size| at.checked_add(size)).filter(|end| *end <= source.length());
+            let Some(end) = end else { return Ok(Err(row)) };
+            *total += end - at;
             at = end;
         }
     }
-    Ok(sizes)
+    Ok(Ok(sizes))
+}
+
+/// A piece of a file that moves forward.
+struct Window<'a> {
+    source: &'a Source<'a>,
+    /// Offset of the first of `bytes`.
+    at: u64,
+    bytes: Vec<u8>,
+}
+
+impl Window<'_> {
+    /// Bytes that are read at a time.
+    const PIECE: u64 = 64 << 10;
+
+    /// Returns `count` bytes at offset `at`, which never descends; `None` beyond the end of the file.
+    fn get(&mut self, at: u64, count: usize) -> Result<Option<&[u8]>, SceneError> {
+        let left = self.source.length().saturating_sub(at);
+        if left < count as u64 {
+            return Ok(None);
+        }
+        if at + count as u64 > self.at + self.bytes.len() as u64 {
+            self.bytes.resize(left.min(Self::PIECE) as usize, 0);
+            self.source.read(at, &mut self.bytes)?;
+            self.at = at;
+        }
+        let from = (at - self.at) as usize;
+        Ok(Some(&self.bytes[from..from + count]))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ply::header::Property;
 
     #[test]
     fn scalars_of_every_type_and_both_orders_are_read() {
@@ -105,6 +142,25 @@ mod tests {
         assert_eq!(length(&[0xFF], Scalar::U8, true), Some(255));
         assert_eq!(length(&[0xFF], Scalar::I8, true), None);
         assert_eq!(length(&[0xFF; 4], Scalar::U32, false), Some(u64::from(u32::MAX)));
-        assert_eq!(length(&[1], Scalar::U16, false), None);
+    }
+
+    #[test]
+    fn rows_with_lists_are_measured_across_the_pieces_that_are_read() {
+        let list = PropertyType::List { count: Scalar::U16, item: Scalar::F64 };
+        let properties = vec![
+            Property { name: "l".into(), kind: list },
+            Property { name: "s".into(), kind: PropertyType::Scalar(Scalar::U8) },
+        ];
+        let element = Element { name: "e".into(), count: 30, line: 1, properties };
+        let mut bytes = vec![0xAA; 5];
+        for row in 0..30u16 {
+            bytes.extend((100 * row).to_le_bytes());
+            bytes.extend(std::iter::repeat_n(7, 800 * usize::from(row) + 1));
+        }
+        assert!(bytes.len() as u64 > 4 * Window::PIECE);
+        let items = 800 * (0..30).sum::<u64>();
+        assert_eq!(measure(&Source::Bytes(&bytes), 5, &element, false).unwrap(), Ok(vec![items + 60, 30]));
+        let cut = &bytes[..bytes.len() - 2];
+        assert_eq!(measure(&Source::Bytes(cut), 5, &element, false).unwrap(), Err(29));
     }
 }

@@ -132,6 +132,13 @@ pub(crate) struct Header {
 }
 
 impl Header {
+    /// Finds the element that holds the splats.
+    pub(crate) fn vertex(&self) -> Result<&Element, SceneError> {
+        self.elements.iter().find(|e| e.name == "vertex").ok_or_else(|| SceneError::NoVertexElement {
+            found: self.elements.iter().map(|e| e.name.clone()).collect(),
+        })
+    }
+
     /// Parses the header of bytes that begin with `ply` and a line end ([`begins_as_ply`]).
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, SceneError> {
         let mut encoding = None;

@@ -13,14 +13,15 @@
 //! | `f_dc_0..2` | spherical harmonics, band 0, red green blue |
 //! | `f_rest_*` | bands 1 to the degree, channel-major: all of red's coefficients, then green's, then blue's |
 //!
-//! [`header`] reads the text, [`layout`] finds the splat's properties in it, [`binary`] and [`ascii`] read the rows,
-//! [`read`] joins them into a [`crate::Scene`], [`write`] is the way back.
+//! [`source`] reads pieces of the file, [`header`] reads the text, [`layout`] finds the splat's properties in it, [`binary`] and
+//! [`ascii`] read the rows, [`read`] joins them into a [`crate::Scene`], [`write`] is the way back.
 
 pub(crate) mod ascii;
 pub(crate) mod binary;
 pub(crate) mod header;
 pub(crate) mod layout;
 pub(crate) mod read;
+pub(crate) mod source;
 #[cfg(test)]
 mod tests;
 pub(crate) mod write;

@@ -1,12 +1,18 @@
 //! Reads a scene file: parses the header, then converts the rows in parallel.
 //!
-//! The file is memory-mapped. Binary rows have a fixed length, so every chunk of splats is converted from the mapping into
-//! the scene's arrays independently. ASCII rows differ in length, so a first pass finds the start of each chunk.
+//! The file is read in pieces ([`super::source`]), so that no more of it is in memory than a piece per thread. Binary rows have
+//! a fixed length, so every chunk of splats is read and converted into the scene's arrays independently. ASCII rows differ in
+//! length, so a first pass finds the start of each chunk.
+//!
+//! What the header promises is held against the file's length and against the memory that there is before anything is
+//! allocated. A file that was written to meanwhile is an error, never a scene that is half of one and half of another.
 
-use super::header::{Element, Encoding, Header, Property, begins_as_ply};
+use super::header::{Element, Encoding, HEADER_LIMIT, Header, Property, begins_as_ply};
 use super::layout::{Layout, MAX_SLOTS};
+use super::source::{Buffers, OpenFile, Source};
 use super::{ascii, binary};
 use crate::error::{LoadError, SceneError};
+use crate::memory::{self, SceneMemoryError};
 use crate::recognise;
 use crate::scene::{CHUNK, Columns, Gathered, Rows, Scene};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
@@ -14,27 +20,52 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+/// Bytes of binary rows that a thread reads at a time, or one row if that is longer.
+const PIECE: usize = 1 << 20;
+
 /// A callback for the progress of a load: bytes of splats converted, and bytes in all.
 ///
 /// Several threads call it, so the first number does not always ascend.
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
 
+/// The promises of a scene file's header.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneHeader {
+    /// Number of splats, of which some may not be drawable.
+    pub count: u64,
+    /// Degree of the stored spherical harmonics.
+    pub stored_degree: u32,
+}
+
+impl SceneHeader {
+    /// Reads the header of a scene file, and nothing else.
+    ///
+    /// # Errors
+    /// Those of [`Scene::load`] that the header and the file's length show.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, LoadError> {
+        let path = path.as_ref();
+        let inner = || {
+            let file = OpenFile::open(path)?;
+            let (_, layout, count) = header(&Source::File(&file), Some(path))?;
+            Ok(Self { count, stored_degree: layout.degree })
+        };
+        inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
+    }
+}
+
 impl Scene {
     /// Loads a scene file.
     ///
     /// # Errors
-    /// The file cannot be read, is not a PLY file in the reference layout, or is damaged. See [`SceneError`].
+    /// The file cannot be read, is not a PLY file in the reference layout, is damaged, does not fit in memory, or was written
+    /// to meanwhile. See [`SceneError`].
     pub fn load(path: impl AsRef<Path>, progress: Progress) -> Result<Self, LoadError> {
         let path = path.as_ref();
         let inner = || {
-            let file = std::fs::File::open(path)?;
-            if file.metadata()?.is_dir() {
-                return Err(std::io::Error::other("it is a folder").into());
-            }
-            if file.metadata()?.len() == 0 {
-                return Err(SceneError::Empty);
-            }
-            parse(&map(&file)?, Some(path), progress)
+            let file = OpenFile::open(path)?;
+            let parsed = parse(&Source::File(&file), Some(path), memory::available(), progress);
+            // Whatever was found in a file that changed under the reader says nothing about the file.
+            file.check_unchanged().and(parsed)
         };
         inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
     }
@@ -44,35 +75,28 @@ impl Scene {
     /// # Errors
     /// Those of [`Scene::load`].
     pub fn parse(bytes: &[u8], progress: Progress) -> Result<Self, SceneError> {
-        parse(bytes, None, progress)
+        parse(&Source::Bytes(bytes), None, memory::available(), progress)
     }
 }
 
-/// Maps a file into memory.
-fn map(file: &std::fs::File) -> std::io::Result<memmap2::Mmap> {
-    // SAFETY: the mapping is only read, through shared slices, and is dropped before `load` returns. A process that
-    // writes to the file meanwhile can change the bytes, and every use of them is bounds-checked; one that truncates the
-    // file ends this process with SIGBUS, as in every program that maps its input.
-    unsafe { memmap2::Mmap::map(file) }
-}
-
-/// Parses a scene; `path` helps to identify a file of another format.
-fn parse(bytes: &[u8], path: Option<&Path>, progress: Progress) -> Result<Scene, SceneError> {
-    if bytes.is_empty() {
+/// Reads the header, finds the splats' properties in it, and checks the number of rows; returns the number of splats as well.
+fn header(source: &Source, path: Option<&Path>) -> Result<(Header, Layout, u64), SceneError> {
+    if source.length() == 0 {
         return Err(SceneError::Empty);
     }
-    if !begins_as_ply(bytes) {
-        return Err(recognise::not_ply(path, bytes));
+    // One byte more than a header has, to tell one that is too long from one that is cut off.
+    let head = source.head(HEADER_LIMIT + 1)?;
+    if !begins_as_ply(&head) {
+        return Err(recognise::not_ply(path, &head, source.length()));
     }
-    let header = Header::parse(bytes)?;
-    let vertex = header.elements.iter().find(|e| e.name == "vertex").ok_or_else(|| {
-        SceneError::NoVertexElement { found: header.elements.iter().map(|e| e.name.clone()).collect() }
-    })?;
+    let header = Header::parse(&head)?;
+    let vertex = header.vertex()?;
     let layout = Layout::find(vertex)?;
-    if vertex.count == 0 {
+    let count = vertex.count;
+    if count == 0 {
         return Err(SceneError::NoSplats { line: vertex.line });
     }
-    let available = (bytes.len() - header.bytes) as u64;
+    let available = source.length() - header.bytes as u64;
     // A row has at least one byte, so a truncated file cannot explain a larger count.
     if let Some(absurd) = header.elements.iter().find(|e| e.count > available && !e.properties.is_empty()) {
         return Err(SceneError::AbsurdCount {
@@ -82,10 +106,21 @@ fn parse(bytes: &[u8], path: Option<&Path>, progress: Progress) -> Result<Scene,
             line: absurd.line,
         });
     }
-    if u32::try_from(vertex.count).is_err() {
-        return Err(SceneError::TooMany { count: vertex.count });
+    if u32::try_from(count).is_err() {
+        return Err(SceneError::TooMany { count });
     }
-    let file = File { bytes, header: &header, layout: &layout, progress };
+    Ok((header, layout, count))
+}
+
+/// Parses a scene; `path` helps to identify a file of another format. No more than `memory` bytes can be taken, if that is known.
+pub(super) fn parse(
+    source: &Source,
+    path: Option<&Path>,
+    memory: Option<u64>,
+    progress: Progress,
+) -> Result<Scene, SceneError> {
+    let (header, layout, count) = header(source, path)?;
+    let file = File { source, header: &header, layout: &layout, memory, progress };
     let (columns, gathered, elements, end) = match header.encoding {
         Encoding::Ascii => file.ascii()?,
         Encoding::LittleEndian => file.binary::<false>()?,
@@ -93,45 +128,54 @@ fn parse(bytes: &[u8], path: Option<&Path>, progress: Progress) -> Result<Scene,
     };
     let size_breakdown = SizeBreakdown {
         format: format!("ply, {}", header.encoding.name()),
-        file_bytes: bytes.len() as u64,
+        file_bytes: source.length(),
         header_bytes: header.bytes as u64,
         elements,
-        trailing_bytes: (bytes.len() - end) as u64,
+        trailing_bytes: source.length() - end,
     };
     let scene = Scene::new(columns, gathered, Some(size_breakdown));
     if scene.count() == 0 {
         let reasons = scene.dropped().to_string();
-        return Err(SceneError::AllDropped { count: vertex.count, reasons });
+        return Err(SceneError::AllDropped { count, reasons });
     }
     Ok(scene)
 }
 
 /// A file with a parsed header.
 struct File<'a> {
-    bytes: &'a [u8],
+    source: &'a Source<'a>,
     header: &'a Header,
     layout: &'a Layout,
+    memory: Option<u64>,
     progress: Progress<'a>,
 }
 
-/// The splats, their statistics, the sizes of the elements, and the byte after the last row.
-type Body = (Columns, Gathered, Vec<ElementSize>, usize);
+/// The splats, their statistics, the sizes of the elements, and the offset of the byte after the last row.
+type Body = (Columns, Gathered, Vec<ElementSize>, u64);
 
 impl File<'_> {
+    /// Allocates the arrays, unless they, with a buffer per thread, are more than the memory that there is.
+    fn allocate(&self, count: u64) -> Result<Columns, SceneError> {
+        let degree = self.layout.degree;
+        let buffers = rayon::current_num_threads() * PIECE.max(self.layout.stride);
+        let needed = Scene::host_bytes(count, degree).saturating_add(buffers as u64);
+        SceneMemoryError::check_against(count, degree, needed, self.memory)?;
+        Ok(Columns::zeroed(count as usize, degree)?)
+    }
+
     fn binary<const BIG: bool>(&self) -> Result<Body, SceneError> {
         let mut body = None;
         let mut elements = Vec::new();
-        let mut at = self.header.bytes;
+        let mut at = self.header.bytes as u64;
         for element in &self.header.elements {
-            let rest = &self.bytes[at..];
-            let is_vertex = element.name == "vertex";
-            let sizes = binary::measure(rest, element, BIG).map_err(|there| truncated(element, there))?;
+            let sizes = binary::measure(self.source, at, element, BIG)?;
+            let sizes = sizes.map_err(|there| truncated(element, there))?;
             let total = sizes.iter().sum::<u64>();
-            if is_vertex {
-                body = Some(self.binary_splats::<BIG>(&rest[..total as usize], element.count as usize)?);
+            if element.name == "vertex" {
+                body = Some(self.binary_splats::<BIG>(at, element.count)?);
             }
             elements.push(self.element_size(element, &sizes, total));
-            at += total as usize;
+            at += total;
         }
         let (columns, gathered) = body.expect("the caller found `vertex` among the elements");
         Ok((columns, gathered, elements, at))
@@ -139,24 +183,32 @@ impl File<'_> {
 
     fn binary_splats<const BIG: bool>(
         &self,
-        rows: &[u8],
-        count: usize,
+        start: u64,
+        count: u64,
     ) -> Result<(Columns, Gathered), SceneError> {
         let layout = self.layout;
         let stride = layout.stride;
-        let done = Done::new(rows.len() as u64, self.progress);
-        let mut columns = Columns::zeroed(count, layout.degree);
+        let mut columns = self.allocate(count)?;
+        let done = Done::new(count * stride as u64, self.progress);
+        let buffers = Buffers::default();
+        let rows_at_once = (PIECE / stride).max(1);
         let gathered = columns.fill(|out: &mut Rows| {
-            let rows = &rows[out.first() * stride..][..out.len() * stride];
-            for (index, row) in rows.chunks_exact(stride).enumerate() {
-                let (splat, norm) = layout.splat(|slot| {
-                    let slot = layout.slots[slot];
-                    binary::value::<BIG>(&row[slot.offset..], slot.scalar)
-                });
-                out.set(index, &splat, norm);
-            }
-            done.add(rows.len() as u64);
-            Ok::<_, SceneError>(())
+            buffers.with(rows_at_once.min(out.len()) * stride, |buffer| {
+                for first in (0..out.len()).step_by(rows_at_once) {
+                    let count = rows_at_once.min(out.len() - first);
+                    let rows = &mut buffer[..count * stride];
+                    self.source.read(start + ((out.first() + first) * stride) as u64, rows)?;
+                    for row in rows.chunks_exact(stride) {
+                        let (splat, norm) = layout.splat(|slot| {
+                            let slot = layout.slots[slot];
+                            binary::value::<BIG>(&row[slot.offset..], slot.scalar)
+                        });
+                        out.push(&splat, norm);
+                    }
+                    done.add(rows.len() as u64);
+                }
+                Ok(())
+            })
         })?;
         Ok((columns, gathered))
     }
@@ -164,21 +216,21 @@ impl File<'_> {
     fn ascii(&self) -> Result<Body, SceneError> {
         let mut body = None;
         let mut elements = Vec::new();
-        let mut lines = ascii::Lines::new(self.bytes, self.header.bytes, u64::from(self.header.lines));
+        let start = ascii::Place { at: self.header.bytes as u64, number: u64::from(self.header.lines) };
+        let mut lines = ascii::Lines::new(self.source, start);
         for element in &self.header.elements {
-            let start = lines.at;
-            let is_vertex = element.name == "vertex";
-            let sizes = if is_vertex {
+            let start = lines.place().at;
+            let sizes = if element.name == "vertex" {
                 let (columns, gathered, sizes) = self.ascii_splats(&mut lines, element)?;
                 body = Some((columns, gathered));
                 sizes
             } else {
                 ascii::skip(&mut lines, element)?
             };
-            elements.push(self.element_size(element, &sizes, (lines.at - start) as u64));
+            elements.push(self.element_size(element, &sizes, lines.place().at - start));
         }
         let (columns, gathered) = body.expect("the caller found `vertex` among the elements");
-        Ok((columns, gathered, elements, lines.at))
+        Ok((columns, gathered, elements, lines.place().at))
     }
 
     /// Reads the splats and advances `lines` past the last.
@@ -187,55 +239,46 @@ impl File<'_> {
         lines: &mut ascii::Lines,
         vertex: &Element,
     ) -> Result<(Columns, Gathered, Vec<u64>), SceneError> {
-        let start = lines.at;
-        let mut chunks = Vec::with_capacity(vertex.count as usize / CHUNK + 1);
+        let start = lines.place().at;
+        let mut chunks = Vec::new();
+        chunks.try_reserve_exact(vertex.count as usize / CHUNK + 1).map_err(std::io::Error::from)?;
         // A value and a blank for each column: a shorter line cannot be a row. Checked before the allocation.
         let least = 2 * vertex.properties.len() - 1;
         for row in 0..vertex.count {
             if row % CHUNK as u64 == 0 {
-                chunks.push(*lines);
+                chunks.push(lines.place());
             }
-            let text = lines.next_row().ok_or_else(|| truncated(vertex, row))?;
-            if text.len() < least {
-                return Err(self.short_row(text, lines, vertex, row));
+            let line = lines.next_row()?.ok_or_else(|| truncated(vertex, row))?;
+            if line.text.len() < least {
+                return Err(short_row(&line, vertex, row));
             }
         }
-        let done = Done::new((lines.at - start) as u64, self.progress);
+        let mut columns = self.allocate(vertex.count)?;
+        let done = Done::new(lines.place().at - start, self.progress);
         let sizes = Mutex::new(vec![0; vertex.properties.len()]);
-        let mut columns = Columns::zeroed(vertex.count as usize, self.layout.degree);
         let gathered = columns.fill(|out: &mut Rows| {
-            let mut lines = chunks[out.first() / CHUNK];
-            let start = lines.at;
+            let place = chunks[out.first() / CHUNK];
+            let mut lines = ascii::Lines::new(self.source, place);
             let mut slots = [0.0; MAX_SLOTS];
             let mut chunk_sizes = vec![0; vertex.properties.len()];
             for index in 0..out.len() {
                 let row = (out.first() + index) as u64;
-                let text = lines.next_row().ok_or_else(|| truncated(vertex, row))?;
-                let found =
-                    ascii::row(text, lines.number, self.layout, vertex, &mut slots, &mut chunk_sizes)?;
+                let line = lines.next_row()?.ok_or_else(|| truncated(vertex, row))?;
+                let found = ascii::row(&line, self.layout, vertex, &mut slots, &mut chunk_sizes)?;
                 if found < vertex.properties.len() {
-                    return Err(self.short_row(text, &lines, vertex, row));
+                    return Err(short_row(&line, vertex, row));
                 }
                 let (splat, norm) = self.layout.splat(|slot| slots[slot]);
-                out.set(index, &splat, norm);
+                out.push(&splat, norm);
             }
             let mut sizes = sizes.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             sizes.iter_mut().zip(&chunk_sizes).for_each(|(sum, size)| *sum += size);
             drop(sizes);
-            done.add((lines.at - start) as u64);
+            done.add(lines.place().at - place.at);
             Ok(())
         })?;
         let sizes = sizes.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         Ok((columns, gathered, sizes))
-    }
-
-    /// Makes the error for the latest row of `lines`, which has too few values.
-    fn short_row(&self, text: &[u8], lines: &ascii::Lines, vertex: &Element, row: u64) -> SceneError {
-        if lines.at == self.bytes.len() && !self.bytes.ends_with(b"\n") {
-            return truncated(vertex, row);
-        }
-        let (expected, found) = (vertex.properties.len(), ascii::words(text).count());
-        SceneError::Row { line: lines.number, message: format!("expected {expected} values, found {found}") }
     }
 
     /// Accounts for an element. `sizes` has the bytes of each property in all rows; `bytes` includes separators.
@@ -260,6 +303,15 @@ impl File<'_> {
             separator_bytes: bytes - sizes.iter().sum::<u64>(),
         }
     }
+}
+
+/// Makes the error for a row that has too few values.
+fn short_row(line: &ascii::Line, vertex: &Element, row: u64) -> SceneError {
+    if line.cut {
+        return truncated(vertex, row);
+    }
+    let (expected, found) = (vertex.properties.len(), ascii::words(line.text).count());
+    SceneError::Row { line: line.number, message: format!("expected {expected} values, found {found}") }
 }
 
 /// Makes the error for an element of which only `there` rows are in the file.

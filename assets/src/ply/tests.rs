@@ -183,15 +183,112 @@ fn values_that_are_not_numbers_drop_their_splat_under_the_right_reason() {
         let scene = parse(&bytes).unwrap();
         (scene.count(), scene.dropped().to_string())
     };
-    assert_eq!(with(&[("y", f32::NAN)]), (19, "1 position not finite".into()));
-    assert_eq!(with(&[("scale_2", f32::NEG_INFINITY)]), (19, "1 scale not finite".into()));
-    assert_eq!(with(&[("scale_2", 1e4)]), (19, "1 scale not finite".into()));
-    assert_eq!(with(&[("rot_0", f32::INFINITY)]), (19, "1 quaternion not finite".into()));
+    assert_eq!(with(&[("y", f32::NAN)]), (19, "1 position not finite in f32".into()));
+    assert_eq!(with(&[("scale_2", f32::NEG_INFINITY)]), (19, "1 scale not finite in f32".into()));
+    assert_eq!(with(&[("scale_2", 1e4)]), (19, "1 scale not finite in f32".into()));
+    assert_eq!(with(&[("rot_0", f32::INFINITY)]), (19, "1 quaternion not finite in f32".into()));
     assert_eq!(with(&[("rot_2", 0.0)]), (19, "1 zero quaternion".into()));
-    assert_eq!(with(&[("opacity", f32::INFINITY)]), (19, "1 opacity not finite".into()));
-    assert_eq!(with(&[("f_rest_8", f32::NAN)]), (19, "1 colour not finite".into()));
+    assert_eq!(with(&[("opacity", f32::INFINITY)]), (19, "1 opacity not finite in f32".into()));
+    assert_eq!(with(&[("f_rest_8", f32::NAN)]), (19, "1 colour not finite in f32".into()));
     // Normals are not used.
     assert_eq!(with(&[("nx", f32::NAN)]), (20, "none".into()));
+}
+
+#[test]
+fn doubles_beyond_f32_drop_their_splat_and_are_counted() {
+    let made = Made { kind: "double", degree: 0, ..PLAIN };
+    let mut bytes = made.bytes();
+    let at = bytes.len() - PLAIN.count * property_names(0).len() * 8;
+    bytes[at..at + 8].copy_from_slice(&1e40f64.to_le_bytes());
+    let scene = parse(&bytes).unwrap();
+    assert_eq!((scene.count(), scene.dropped().to_string()), (19, "1 position not finite in f32".into()));
+    let text = String::from_utf8(Made { format: "ascii", ..made }.bytes()).unwrap();
+    let scene =
+        parse(text.replacen("end_header\n", "end_header\n-2e39 ", 1).replacen(" 122.5 ", " ", 1).as_bytes());
+    assert_eq!(scene.unwrap().dropped().position, 1);
+}
+
+#[test]
+fn a_scene_that_exceeds_the_memory_is_refused_from_its_header() {
+    let bytes = Made { degree: 3, count: 1000, ..PLAIN }.bytes();
+    let with =
+        |memory| super::read::parse(&super::source::Source::Bytes(&bytes), None, Some(memory), &|_, _| {});
+    let said = with(200_000).unwrap_err().to_string();
+    assert!(
+        said.contains("found 1000 splats of degree 3, which need") && said.contains("of 195.3 KiB available"),
+        "{said}"
+    );
+    let enough = Scene::host_bytes(1000, 3) + (rayon::current_num_threads() as u64) * (1 << 20);
+    assert_eq!(with(enough).unwrap().count(), 1000);
+    assert!(with(enough - 1).is_err());
+}
+
+/// Makes a file of `count` splats of bytes alone, whose rows take no room on disk.
+#[cfg(unix)]
+fn sparse(folder: &std::path::Path, count: u64) -> std::path::PathBuf {
+    let properties: String = property_names(3).iter().map(|n| format!("property uchar {n}\n")).collect();
+    let header =
+        format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n");
+    let path = folder.join(format!("{count}.ply"));
+    std::fs::write(&path, &header).unwrap();
+    let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+    file.set_len(header.len() as u64 + 62 * count).unwrap();
+    path
+}
+
+#[cfg(unix)]
+#[test]
+fn more_rows_of_bytes_than_any_memory_or_index_holds_are_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = sparse(folder.path(), 1 << 32);
+    let said = Scene::load(&path, &|_, _| {}).unwrap_err().to_string();
+    assert!(
+        said.contains("at most 4,294,967,295 splats, which 32 bits can index, found 4294967296"),
+        "{said}"
+    );
+    let path = sparse(folder.path(), (1 << 32) - 1);
+    let file = super::source::OpenFile::open(&path).unwrap();
+    let said = super::read::parse(&super::source::Source::File(&file), None, Some(64 << 30), &|_, _| {});
+    let said = said.unwrap_err().to_string();
+    assert!(
+        said.contains("4294967295 splats of degree 3, which need 992.0 GiB, of 64.0 GiB available"),
+        "{said}"
+    );
+}
+
+#[test]
+fn elements_without_bytes_have_as_many_rows_as_they_like() {
+    let huge = u64::MAX;
+    let bytes = edited(&PLAIN, "element vertex", &format!("element nothing {huge}\nelement vertex"));
+    assert_eq!(parse(&bytes).unwrap().count(), 20);
+    let said =
+        error(&edited(&PLAIN, "element vertex", "element nothing 18446744073709551616\nelement vertex"));
+    assert!(said.contains("expected the number of rows, found `18446744073709551616`"), "{said}");
+    let ascii = Made { format: "ascii", degree: 0, ..PLAIN };
+    let said = error(&edited(&ascii, "element vertex", &format!("element nothing {huge}\nelement vertex")));
+    assert!(said.contains("expected the end of the line"), "{said}");
+}
+
+#[test]
+fn a_line_of_text_has_a_limit() {
+    let ascii = Made { format: "ascii", degree: 0, ..PLAIN };
+    let mut bytes = ascii.bytes();
+    bytes.extend(std::iter::repeat_n(b'7', super::ascii::LONGEST_LINE + 1));
+    // Behind the last row nothing is read.
+    assert_eq!(parse(&bytes).unwrap().count(), 20);
+    let long = " ".repeat(super::ascii::LONGEST_LINE + 1);
+    let text =
+        String::from_utf8(ascii.bytes()).unwrap().replacen("end_header\n", &format!("end_header\n{long}"), 1);
+    let said = error(text.as_bytes());
+    assert!(said.contains("line 24: expected a line of at most 16777216 bytes, found more"), "{said}");
+}
+
+#[test]
+fn large_files_of_text_and_bytes_give_the_same_scene() {
+    let of = |format| Made { format, count: 24_000, degree: 1, faces: true, ..PLAIN }.bytes();
+    let [text, binary] = ["ascii", "binary_big_endian"].map(of);
+    assert!(text.len() > 2 << 20 && binary.len() > 2 << 20);
+    assert_eq!(parse(&text).unwrap().identity(), parse(&binary).unwrap().identity());
 }
 
 #[test]
@@ -201,7 +298,7 @@ fn a_file_of_nothing_but_bad_splats_is_an_error_that_counts_them() {
     let (header, rows) = text.split_once("end_header\n").unwrap();
     let rows: String = rows.lines().map(|r| format!("nan{}\n", &r[r.find(' ').unwrap()..])).collect();
     let said = error(format!("{header}end_header\n{rows}").as_bytes());
-    assert!(said.contains("none of the 3 splats can be drawn: 3 position not finite"), "{said}");
+    assert!(said.contains("none of the 3 splats can be drawn: 3 position not finite in f32"), "{said}");
 }
 
 #[test]

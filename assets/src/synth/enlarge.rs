@@ -4,6 +4,7 @@
 //! area stays. The image and the number of splats per pixel then grow as in a finer capture of the same scene.
 
 use super::random::splitmix64;
+use crate::memory::SceneMemoryError;
 use crate::scene::Scene;
 
 /// Makes a scene of `n` splats out of another.
@@ -12,10 +13,13 @@ use crate::scene::Scene;
 /// splat's rotation R, its scales s, and u per axis uniform in -sqrt(3) to sqrt(3), which has deviation 1, from the top 24 bits
 /// of `splitmix64(3 k + axis)`. All scales are multiplied by `sqrt(count / n)`. An `n` below the count takes the first `n`
 /// splats.
-pub fn enlarge(scene: &Scene, n: u32) -> Scene {
+///
+/// # Errors
+/// The new scene does not fit in memory.
+pub fn enlarge(scene: &Scene, n: u32) -> Result<Scene, SceneMemoryError> {
     let count = scene.count() as usize;
     let shrink = (count as f64 / f64::from(n)).sqrt();
-    Scene::generate(n, scene.stored_degree(), |k| {
+    Scene::try_generate(n, scene.stored_degree(), |k| {
         let mut splat = scene.splat(k % count);
         if k >= count {
             let offset: [f64; 3] = std::array::from_fn(|axis| {
@@ -40,7 +44,7 @@ mod tests {
     #[test]
     fn the_first_copy_stays_and_the_others_scatter_inside_their_splat() {
         let base = Scene::generate(50, 3, splat);
-        let large = enlarge(&base, 175);
+        let large = enlarge(&base, 175).unwrap();
         assert_eq!(large.count(), 175);
         assert_eq!(large.positions()[..50], base.positions()[..]);
         for k in 0..175 {
@@ -61,7 +65,7 @@ mod tests {
             (s.position, s.scale, s.rotation) = ([0.0; 3], [1.0; 3], [1.0, 0.0, 0.0, 0.0]);
             s
         });
-        let large = enlarge(&unit, 2);
+        let large = enlarge(&unit, 2).unwrap();
         for axis in 0..3 {
             let t = (splitmix64(3 + axis as u64) >> 40) as f64 / 16_777_216.0;
             assert_eq!(large.positions()[1][axis], ((2.0 * t - 1.0) * 3f64.sqrt()) as f32);

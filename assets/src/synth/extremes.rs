@@ -2,7 +2,7 @@
 //!
 //! All but `uniform` are seen from [`camera`]: at the origin, looking along +z.
 
-use super::random::Random;
+use super::{Made, random::Random};
 use crate::camera::Camera;
 use crate::scene::{Scene, Splat};
 
@@ -50,9 +50,9 @@ fn cloud(random: &mut Random, count: u32) -> Splat {
 }
 
 /// Generates a ball of radius 1 with all bands of the harmonics in use.
-pub(super) fn uniform(count: u32, seed: u64) -> Scene {
+pub(super) fn uniform(count: u32, seed: u64) -> Made {
     let size = 0.9 * f64::from(count.max(1)).powf(-1.0 / 3.0);
-    Scene::generate(count, 3, |i| {
+    Scene::try_generate(count, 3, |i| {
         let random = &mut Random::new(seed, i as u64);
         let position = random.in_ball();
         let mut sh = flat(hue(position.map(|p| 1.5 * p)));
@@ -68,8 +68,8 @@ pub(super) fn uniform(count: u32, seed: u64) -> Scene {
 }
 
 /// Generates needles and plates with axes in ratios of up to 10,000 to 1.
-pub(super) fn needles(count: u32, seed: u64) -> Scene {
-    Scene::generate(count, 0, |i| {
+pub(super) fn needles(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
         let mut splat = cloud(random, count);
         let long = random.range(0.2, 1.0);
@@ -85,8 +85,8 @@ pub(super) fn needles(count: u32, seed: u64) -> Scene {
 }
 
 /// Generates a cloud inside one splat that is a hundred times as large and holds the camera.
-pub(super) fn huge(count: u32, seed: u64) -> Scene {
-    Scene::generate(count, 0, |i| {
+pub(super) fn huge(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
         let mut splat = cloud(random, count);
         if i == 0 {
@@ -100,8 +100,8 @@ pub(super) fn huge(count: u32, seed: u64) -> Scene {
 }
 
 /// Generates a cloud with one splat in a hundred scattered up to a million units away.
-pub(super) fn far(count: u32, seed: u64) -> Scene {
-    Scene::generate(count, 0, |i| {
+pub(super) fn far(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
         let mut splat = cloud(random, count);
         if i % 100 == 7 {
@@ -114,8 +114,8 @@ pub(super) fn far(count: u32, seed: u64) -> Scene {
 }
 
 /// Generates eight planes across the view, each with one depth for all of its splats.
-pub(super) fn ties(count: u32, seed: u64) -> Scene {
-    Scene::generate(count, 0, |i| {
+pub(super) fn ties(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
         let mut splat = cloud(random, count);
         let plane = i % 8;
@@ -130,8 +130,8 @@ pub(super) fn ties(count: u32, seed: u64) -> Scene {
 }
 
 /// Generates opacities within a thousandth of 1/255, above and below, where alpha is skipped.
-pub(super) fn faint(count: u32, seed: u64) -> Scene {
-    Scene::generate(count, 0, |i| {
+pub(super) fn faint(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
         let mut splat = cloud(random, count);
         splat.scale = splat.scale.map(|s| 4.0 * s);
@@ -142,8 +142,8 @@ pub(super) fn faint(count: u32, seed: u64) -> Scene {
 }
 
 /// Generates a cloud behind the camera.
-pub(super) fn empty_view(count: u32, seed: u64) -> Scene {
-    Scene::generate(count, 0, |i| {
+pub(super) fn empty_view(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
         let mut splat = cloud(&mut Random::new(seed, i as u64), count);
         splat.position[2] = -splat.position[2];
         splat

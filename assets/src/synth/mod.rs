@@ -13,6 +13,7 @@ pub use enlarge::enlarge;
 
 use crate::camera::Camera;
 use crate::error::nearest;
+use crate::memory::SceneMemoryError;
 use crate::scene::Scene;
 
 /// A generator of scenes.
@@ -26,15 +27,24 @@ pub struct Generator {
     pub default_count: u32,
     /// Makes suitable cameras, 960 x 540; the first is the best.
     pub cameras: fn() -> Vec<Camera>,
-    make: fn(u32, u64) -> Scene,
+    make: fn(u32, u64) -> Made,
 }
 
-/// The error of a name that no generator has.
+/// A generated scene.
+type Made = Result<Scene, SceneMemoryError>;
+
+/// An error of generating a scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected the name of a generated scene ({}), found `{name}`{}", names(), near(.name))]
-pub struct UnknownGenerator {
-    /// The requested name.
-    pub name: String,
+pub enum SynthError {
+    /// No generator has the name.
+    #[error("expected the name of a generated scene ({}), found `{name}`{}", names(), near(.name))]
+    UnknownGenerator {
+        /// The requested name.
+        name: String,
+    },
+    /// The scene does not fit in memory.
+    #[error(transparent)]
+    Memory(#[from] SceneMemoryError),
 }
 
 fn names() -> String {
@@ -51,7 +61,7 @@ fn origin() -> Vec<Camera> {
 }
 
 /// Makes the entry of a test scene that is seen from the origin.
-const fn extreme(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Scene) -> Generator {
+const fn extreme(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Made) -> Generator {
     Generator { name, summary, default_count: 5_000, cameras: origin, make }
 }
 
@@ -90,11 +100,11 @@ pub fn generators() -> &'static [Generator] {
 /// Generates the scene `name` with `count` splats. The same arguments give the same scene.
 ///
 /// # Errors
-/// No generator has that name; the message offers the most similar one.
-pub fn generate(name: &str, count: u32, seed: u64) -> Result<Scene, UnknownGenerator> {
+/// No generator has that name (the message offers the most similar one), or the scene does not fit in memory.
+pub fn generate(name: &str, count: u32, seed: u64) -> Result<Scene, SynthError> {
     let generator = generators().iter().find(|g| g.name == name);
-    let generator = generator.ok_or_else(|| UnknownGenerator { name: name.into() })?;
-    Ok((generator.make)(count, seed))
+    let generator = generator.ok_or_else(|| SynthError::UnknownGenerator { name: name.into() })?;
+    Ok((generator.make)(count, seed)?)
 }
 
 #[cfg(test)]

@@ -15,8 +15,9 @@ mod particles;
 mod pond;
 mod surface;
 
-use super::random::Random;
+use super::{Made, random::Random};
 use crate::camera::Camera;
+use crate::memory::SceneMemoryError;
 use crate::scene::{Scene, Splat};
 
 /// A part of the scene.
@@ -46,7 +47,10 @@ const PARTS: [Part; 12] = [
 ];
 
 /// Generates the scene. Shares are proportional to `count`; surfaces are covered at any count, more finely with more.
-pub(super) fn demo(count: u32, seed: u64) -> Scene {
+pub(super) fn demo(count: u32, seed: u64) -> Made {
+    // The splats, those that are mirrored, and a part of them while it is made.
+    let needed = u64::from(count) * (3 * size_of::<Splat>() as u64) + Scene::host_bytes(count.into(), 3);
+    SceneMemoryError::check(count.into(), 3, needed)?;
     let count = count as usize;
     let mut splats = Vec::with_capacity(count);
     let mut mirrored = Vec::new();
@@ -64,7 +68,7 @@ pub(super) fn demo(count: u32, seed: u64) -> Scene {
     // Too few splats for any part to have one: what is left has nothing to reflect.
     let missing = count - splats.len();
     splats.extend(knot::knot(&mut Random::new(seed, 0), missing));
-    Scene::generate(count as u32, 3, |index| splats[index])
+    Scene::try_generate(count as u32, 3, |index| splats[index])
 }
 
 /// Makes four views of the demo scene, 960 x 540: the whole, the knot, the lotus, and from behind.
@@ -93,7 +97,7 @@ mod tests {
 
     #[test]
     fn each_view_has_in_the_picture_what_it_is_named_after() {
-        let scene = demo(20_000, 0);
+        let scene = demo(20_000, 0).unwrap();
         assert_eq!(scene.effective_degree(), 3);
         // The knot's splats come first, then the petals'.
         let (knot, petals) = (0..4700, 4700..8000);

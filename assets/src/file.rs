@@ -1,0 +1,126 @@
+//! Opens the files that a user names: regular files alone, and no more of them than a limit.
+//!
+//! Opening a FIFO waits for its writer, perhaps for ever, and a device such as `/dev/zero` never ends. So a path is looked at
+//! before it is opened, and a whole file is read only up to a limit, however long it says that it is.
+
+use std::fs::{File, FileType};
+use std::io::{Error, ErrorKind, Read, Result};
+use std::path::Path;
+
+/// Opens a regular file for reading.
+///
+/// # Errors
+/// Those of the system, and [`ErrorKind::InvalidInput`] for a folder, a FIFO, a socket or a device.
+pub fn open(path: impl AsRef<Path>) -> Result<File> {
+    let path = path.as_ref();
+    // Before it is opened, since that already blocks for a FIFO; and after, since the path may lead elsewhere by then.
+    require_regular(std::fs::metadata(path)?.file_type())?;
+    let file = File::open(path)?;
+    require_regular(file.metadata()?.file_type())?;
+    Ok(file)
+}
+
+/// Reads a regular file of at most `limit` bytes.
+///
+/// # Errors
+/// Those of [`open`], [`ErrorKind::FileTooLarge`] for a longer file, and [`ErrorKind::OutOfMemory`].
+pub fn read(path: impl AsRef<Path>, limit: u64) -> Result<Vec<u8>> {
+    let file = open(path)?;
+    let length = file.metadata()?.len();
+    let too_large = |found: u64| {
+        let text = format!("expected a file of at most {limit} bytes, found {found} or more");
+        Error::new(ErrorKind::FileTooLarge, text)
+    };
+    if length > limit {
+        return Err(too_large(length));
+    }
+    let mut bytes = Vec::new();
+    // One more, so that the end is found without another allocation.
+    bytes.try_reserve_exact(length as usize + 1)?;
+    // The file may have grown since.
+    file.take(limit + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit {
+        return Err(too_large(bytes.len() as u64));
+    }
+    Ok(bytes)
+}
+
+/// Reads a regular file of at most `limit` bytes as UTF-8 text.
+///
+/// # Errors
+/// Those of [`read`], and [`ErrorKind::InvalidData`] where the bytes are not UTF-8.
+pub fn read_text(path: impl AsRef<Path>, limit: u64) -> Result<String> {
+    String::from_utf8(read(path, limit)?).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        Error::new(ErrorKind::InvalidData, format!("expected UTF-8 text, found another byte at offset {at}"))
+    })
+}
+
+fn require_regular(kind: FileType) -> Result<()> {
+    if kind.is_file() {
+        return Ok(());
+    }
+    let text = format!("expected a regular file, found {}", name(kind));
+    Err(Error::new(ErrorKind::InvalidInput, text))
+}
+
+/// Names a kind of file, with its article.
+fn name(kind: FileType) -> &'static str {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::FileTypeExt;
+        if kind.is_fifo() {
+            return "a FIFO";
+        }
+        if kind.is_socket() {
+            return "a socket";
+        }
+        if kind.is_char_device() || kind.is_block_device() {
+            return "a device";
+        }
+    }
+    if kind.is_dir() { "a folder" } else { "another kind of file" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_read_up_to_its_limit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        std::fs::write(&path, "four").unwrap();
+        assert_eq!(read_text(&path, 4).unwrap(), "four");
+        let said = read(&path, 3).unwrap_err();
+        assert_eq!(said.kind(), ErrorKind::FileTooLarge);
+        assert!(said.to_string().contains("at most 3 bytes, found 4"), "{said}");
+        std::fs::write(&path, b"ab\xFF").unwrap();
+        assert!(
+            read_text(&path, 9)
+                .unwrap_err()
+                .to_string()
+                .contains("UTF-8 text, found another byte at offset 2")
+        );
+    }
+
+    #[test]
+    fn a_folder_is_no_regular_file() {
+        let said = open(".").unwrap_err().to_string();
+        assert_eq!(said, "expected a regular file, found a folder");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_fifo_and_a_device_are_refused_before_anything_waits_for_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let fifo = folder.path().join("fifo");
+        let made = std::process::Command::new("mkfifo").arg(&fifo).status().unwrap();
+        assert!(made.success());
+        assert_eq!(open(&fifo).unwrap_err().to_string(), "expected a regular file, found a FIFO");
+        assert_eq!(read("/dev/zero", 9).unwrap_err().to_string(), "expected a regular file, found a device");
+        let socket = folder.path().join("socket");
+        let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+        assert_eq!(open(&socket).unwrap_err().to_string(), "expected a regular file, found a socket");
+    }
+}

@@ -1,0 +1,209 @@
+//! Asks how much memory this process may still take, so that what cannot fit is refused before any of it is read.
+//!
+//! Three limits hold at once on Linux: the memory that the system can give without evicting what is in use, the limit of the
+//! control group (a container's), and the process's own limit of address space (`ulimit -v`). On other systems the answer is
+//! not known, and an allocation that fails is the error.
+
+use std::alloc::Layout;
+use std::path::Path;
+
+/// The error of a scene that does not fit in the host's memory.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "expected a scene that fits in memory, found {count} splats of degree {degree}, which need {}{}: take fewer splats or a \
+     lower degree of spherical harmonics, or free memory",
+    display(*.needed), available_text(.available)
+)]
+pub struct SceneMemoryError {
+    /// Number of splats.
+    pub count: u64,
+    /// Degree of the stored spherical harmonics.
+    pub degree: u32,
+    /// Bytes that the scene needs.
+    pub needed: u64,
+    /// Bytes that the process may still take, where that is known.
+    pub available: Option<u64>,
+}
+
+impl SceneMemoryError {
+    /// Refuses a scene that needs more than is [`available`] now.
+    pub(crate) fn check(count: u64, degree: u32, needed: u64) -> Result<(), Self> {
+        Self::check_against(count, degree, needed, available())
+    }
+
+    /// Refuses a scene that needs more than `available` bytes, if that number is known.
+    pub(crate) fn check_against(
+        count: u64,
+        degree: u32,
+        needed: u64,
+        available: Option<u64>,
+    ) -> Result<(), Self> {
+        match available {
+            Some(available) if needed > available => {
+                Err(Self { count, degree, needed, available: Some(available) })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+fn available_text(available: &Option<u64>) -> String {
+    available.map(|bytes| format!(", of {} available", display(bytes))).unwrap_or_default()
+}
+
+/// Formats a byte count in the largest binary unit below it: `236.0 MiB`.
+pub fn display(bytes: u64) -> String {
+    let units = [("GiB", 30), ("MiB", 20), ("KiB", 10)];
+    match units.iter().find(|(_, shift)| bytes >> shift > 0) {
+        Some((unit, shift)) => format!("{:.1} {unit}", bytes as f64 / (1u64 << shift) as f64),
+        None => format!("{bytes} bytes"),
+    }
+}
+
+/// Returns the bytes that this process can still allocate; `None` where the system does not say.
+pub fn available() -> Option<u64> {
+    if cfg!(target_os = "linux") { under(Path::new("/")) } else { None }
+}
+
+/// Reads the limits from the files `proc` and `sys/fs/cgroup` under `root`.
+fn under(root: &Path) -> Option<u64> {
+    let text = |path: &str| std::fs::read_to_string(root.join(path)).ok();
+    let system = text("proc/meminfo").and_then(|info| of_system(&info));
+    let address = text("proc/self/limits")
+        .zip(text("proc/self/statm"))
+        .and_then(|(limits, statm)| of_address_space(&limits, &statm));
+    let group = text("proc/self/cgroup").and_then(|groups| of_control_group(root, &groups));
+    [system, address, group].into_iter().flatten().min()
+}
+
+/// Computes the memory that the system can give, swap included.
+fn of_system(meminfo: &str) -> Option<u64> {
+    let field = |name: &str| {
+        let line = meminfo.lines().find_map(|line| line.strip_prefix(name))?;
+        line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+    };
+    Some(field("MemAvailable:")?.saturating_add(field("SwapFree:").unwrap_or(0)))
+}
+
+/// Computes what is left of the limit of address space; `None` if there is no limit.
+fn of_address_space(limits: &str, statm: &str) -> Option<u64> {
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    let limit: u64 = line.split_ascii_whitespace().next()?.parse().ok()?;
+    // In pages. Where they are larger than the smallest, more is taken than is subtracted here, and the allocation fails.
+    let used = statm.split_ascii_whitespace().next()?.parse::<u64>().ok()?.checked_mul(4096)?;
+    Some(limit.saturating_sub(used))
+}
+
+/// Computes what is left in the control group and in all groups around it; `None` if none has a limit.
+fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
+    let mut least: Option<u64> = None;
+    for line in groups.lines() {
+        // `0::/path` in version 2, `9:memory:/path` in version 1.
+        let mut fields = line.splitn(3, ':').skip(1);
+        let (Some(controllers), Some(path)) = (fields.next(), fields.next()) else { continue };
+        let version2 = controllers.is_empty();
+        if !version2 && !controllers.split(',').any(|controller| controller == "memory") {
+            continue;
+        }
+        let (mount, limit, used, cached) = if version2 {
+            ("sys/fs/cgroup", "memory.max", "memory.current", "inactive_file")
+        } else {
+            ("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+        };
+        let mount = root.join(mount);
+        // In a container the path may be that of the host, which is not there: the mount itself is the container's.
+        for folder in Path::new(path.trim_start_matches('/')).ancestors() {
+            let folder = mount.join(folder);
+            let text = |name: &str| std::fs::read_to_string(folder.join(name)).ok();
+            let number = |name: &str| text(name)?.trim().parse::<u64>().ok();
+            let (Some(limit), Some(used)) = (number(limit), number(used)) else { continue };
+            // The group's files in the page cache count as used, and make room when it is needed.
+            let cache = text("memory.stat").and_then(|stat| {
+                let line = stat.lines().find_map(|line| line.strip_prefix(cached)?.strip_prefix(' '));
+                line?.trim().parse::<u64>().ok()
+            });
+            let left = limit.saturating_sub(used.saturating_sub(cache.unwrap_or(0)));
+            least = Some(least.map_or(left, |least| least.min(left)));
+        }
+    }
+    least
+}
+
+/// Allocates `count` zeros of a column; `None` if there is no memory for them.
+///
+/// The system hands out pages of zeros that are first touched by the thread that fills them, which `try_reserve` and a fill by one
+/// thread would not keep.
+pub(crate) fn zeroed<T: bytemuck::Zeroable>(count: usize) -> Option<Vec<T>> {
+    let layout = Layout::array::<T>(count).ok()?;
+    if layout.size() == 0 {
+        return Some(Vec::new());
+    }
+    // SAFETY: the layout's size is not 0.
+    let pointer = unsafe { std::alloc::alloc_zeroed(layout) }.cast::<T>();
+    if pointer.is_null() {
+        return None;
+    }
+    // SAFETY: the global allocator gave the memory for an array of `count` elements, all bytes of it are zero, and zeros are a
+    // value of the type.
+    Some(unsafe { Vec::from_raw_parts(pointer, count, count) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_written_in_binary_units() {
+        assert_eq!(display(236 << 20), "236.0 MiB");
+        assert_eq!(display(3 << 29), "1.5 GiB");
+        assert_eq!(display(1023), "1023 bytes");
+    }
+
+    #[test]
+    fn the_tightest_of_all_limits_counts() {
+        let root = tempfile::tempdir().unwrap();
+        let put = |path: &str, text: &str| {
+            let path = root.path().join(path);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        let available = || under(root.path());
+        assert_eq!(available(), None);
+        put("proc/meminfo", "MemTotal: 900 kB\nMemAvailable:     500 kB\nSwapFree:  12 kB\n");
+        assert_eq!(available(), Some(512 << 10));
+        put("proc/self/statm", "20 5 1 1 0 9 0\n");
+        put(
+            "proc/self/limits",
+            "Limit   Soft Limit  Hard Limit  Units\nMax address space unlimited unlimited bytes\n",
+        );
+        assert_eq!(available(), Some(512 << 10));
+        put("proc/self/limits", "Max address space         491520       unlimited            bytes     \n");
+        assert_eq!(available(), Some(491_520 - 20 * 4096));
+        // Version 2: the group has no limit, the one around it has, and half of what is used can be dropped.
+        put("proc/self/cgroup", "0::/outer/inner\n");
+        put("sys/fs/cgroup/outer/inner/memory.max", "max\n");
+        put("sys/fs/cgroup/outer/inner/memory.current", "90000\n");
+        put("sys/fs/cgroup/outer/memory.max", "100000\n");
+        put("sys/fs/cgroup/outer/memory.current", "90000\n");
+        put("sys/fs/cgroup/outer/memory.stat", "anon 1\ninactive_file 45000\n");
+        assert_eq!(available(), Some(55_000));
+        // Version 1, in a container that does not see its path.
+        put("proc/self/cgroup", "3:cpu:/x\n2:memory:/docker/abc\n");
+        put("sys/fs/cgroup/memory/memory.limit_in_bytes", "70000\n");
+        put("sys/fs/cgroup/memory/memory.usage_in_bytes", "69000\n");
+        assert_eq!(available(), Some(1000));
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn this_system_says_what_is_available() {
+        assert!(available().is_some_and(|bytes| bytes > 1 << 20));
+    }
+
+    #[test]
+    fn an_allocation_that_fails_is_no_abort() {
+        assert_eq!(zeroed::<u32>(3), Some(vec![0; 3]));
+        assert_eq!(zeroed::<u32>(0), Some(Vec::new()));
+        assert!(zeroed::<[f32; 4]>(usize::MAX / 16).is_none());
+    }
+}

@@ -1,0 +1,169 @@
+//! Files that a writer truncates and rewrites while they are read: a scene is whole, or it is an error.
+
+use crate::allocation::alone;
+use crate::long;
+use splatgraph_assets::{LoadError, Scene, SceneError, synth};
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+fn load(path: &Path) -> Result<Scene, LoadError> {
+    Scene::load(path, &|_, _| {})
+}
+
+/// Bytes of a scene file, with the number of the splats' first colour put in for the seed.
+fn written(seed: u64) -> (Vec<u8>, u64) {
+    let scene = synth::generate("uniform", 40_000, seed).expect("it is generated");
+    let mut bytes = Vec::new();
+    scene.write_ply_to(&mut bytes).expect("memory takes it");
+    let read = Scene::parse(&bytes, &|_, _| {}).expect("a whole file");
+    (bytes, read.identity())
+}
+
+/// Writes a file in place in pieces, as trainers do: truncated first, or over the old bytes, which are as many.
+fn rewrite(path: &Path, bytes: &[u8], truncate: bool) {
+    let mut file = match truncate {
+        true => File::create(path),
+        false => OpenOptions::new().write(true).open(path),
+    }
+    .expect("the file is ours");
+    for piece in bytes.chunks(1 << 20) {
+        file.write_all(piece).expect("there is room");
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn a_file_that_is_rewritten_while_it_is_read_is_a_whole_scene_or_an_error() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.ply");
+    let scenes = [written(1), written(2)];
+    fs::write(&path, &scenes[0].0).unwrap();
+    let loads = if long() { 2_000 } else { 40 };
+    let done = AtomicBool::new(false);
+    let (mut whole, mut refused) = ([0, 0], 0);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            for turn in 0u64.. {
+                if done.load(Relaxed) {
+                    break;
+                }
+                let (bytes, _) = &scenes[(turn / 2) as usize % 2];
+                match turn % 5 {
+                    // Shorter than the header promises, for a while.
+                    3 => File::options()
+                        .write(true)
+                        .open(&path)
+                        .unwrap()
+                        .set_len(turn * 9973 % bytes.len() as u64)
+                        .unwrap(),
+                    truncate => rewrite(&path, bytes, truncate % 2 == 0),
+                }
+                std::thread::sleep(Duration::from_millis(turn * 37 % 400));
+            }
+        });
+        for _ in 0..loads {
+            match load(&path) {
+                Ok(scene) => {
+                    let found = scenes.iter().position(|(_, identity)| *identity == scene.identity());
+                    whole[found.expect("half of one scene and half of another")] += 1;
+                }
+                Err(error) => {
+                    refused += 1;
+                    let text = error.to_string();
+                    // What is read of a file at rest may be truncated, and be nothing else.
+                    let expected = matches!(
+                        error.problem,
+                        SceneError::Changed
+                            | SceneError::BecameShorter { .. }
+                            | SceneError::Empty
+                            | SceneError::Truncated { .. }
+                            | SceneError::AbsurdCount { .. }
+                            | SceneError::HeaderUnfinished { .. }
+                    );
+                    assert!(expected, "{text}");
+                }
+            }
+        }
+        done.store(true, Relaxed);
+    });
+    println!("{loads} loads: {whole:?} whole scenes, {refused} errors");
+}
+
+#[test]
+fn a_file_that_is_truncated_between_two_pieces_says_that_it_became_shorter() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.ply");
+    let text = ascii_rows(60_000);
+    for bytes in [&written(3).0, &text] {
+        fs::write(&path, bytes).unwrap();
+        let length = bytes.len() as u64;
+        // The first report of progress comes between the header and the rows.
+        let truncate = |done: u64, _| {
+            if done == 0 {
+                File::options().write(true).open(&path).unwrap().set_len(length / 2).unwrap();
+            }
+        };
+        let said = Scene::load(&path, &truncate).unwrap_err();
+        assert!(
+            matches!(said.problem, SceneError::BecameShorter { expected, found } if (expected, found) == (length, length / 2)),
+            "{said}"
+        );
+        let said = said.to_string();
+        assert!(said.contains("became shorter while it was read: expected"), "{said}");
+    }
+}
+
+#[test]
+fn a_file_that_is_written_over_while_it_is_read_says_so() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.ply");
+    let (bytes, _) = written(4);
+    fs::write(&path, &bytes).unwrap();
+    let touch = |done: u64, _| {
+        if done == 0 {
+            rewrite(&path, &bytes, false);
+        }
+    };
+    let said = Scene::load(&path, &touch).unwrap_err();
+    assert!(matches!(said.problem, SceneError::Changed), "{said}");
+    // A new file in its place is another file: the one that was opened is whole.
+    let replace = |done: u64, _| {
+        if done == 0 {
+            fs::write(folder.path().join("new"), "not a scene").unwrap();
+            fs::rename(folder.path().join("new"), &path).unwrap();
+        }
+    };
+    assert_eq!(Scene::load(&path, &replace).unwrap().count(), 40_000);
+}
+
+/// Makes a text file of `count` splats of degree 0.
+fn ascii_rows(count: usize) -> Vec<u8> {
+    let names = "x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity f_dc_0 f_dc_1 f_dc_2";
+    let properties: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();
+    let header = format!("ply\nformat ascii 1.0\nelement vertex {count}\n{properties}end_header\n");
+    let rows = "0.125 1 2 -3 -3 -3 1 0 0 0 0.5 0.25 0.25 0.25\n".repeat(count);
+    (header + &rows).into_bytes()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_scene_that_is_no_regular_file_is_refused_at_once() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let fifo = folder.path().join("fifo.ply");
+    assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    let started = Instant::now();
+    for (path, kind) in
+        [(fifo.as_path(), "a FIFO"), (Path::new("/dev/zero"), "a device"), (folder.path(), "a folder")]
+    {
+        let said = load(path).unwrap_err().to_string();
+        assert!(said.ends_with(&format!("expected a regular file, found {kind}")), "{said}");
+    }
+    assert!(started.elapsed() < Duration::from_secs(20));
+}

@@ -1,0 +1,287 @@
+//! Damages scene files and camera files at random. A case is its number: the same in every run.
+//!
+//! Whatever a file holds, its reader returns, within a bounded time and a bounded memory.
+
+use crate::allocation::{alone, counted};
+use crate::long;
+use splatgraph_assets::{Camera, Scene, synth};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Damaged files per reader: in the long form, and in the one that everybody runs.
+const CASES: (u64, u64) = (100_000, 1_500);
+
+/// Longest time of a case.
+const LONGEST: Duration = Duration::from_secs(30);
+
+/// A small generator of numbers (SplitMix64).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// Draws a number from 0 to `end`, without it; 0 where there is nothing else.
+    fn below(&mut self, end: usize) -> usize {
+        (self.next() % end.max(1) as u64) as usize
+    }
+
+    fn pick<'a>(&mut self, from: &[&'a str]) -> &'a str {
+        from[self.below(from.len())]
+    }
+}
+
+/// Numbers at the limits of the types that readers use.
+const NUMBERS: [&str; 24] = [
+    "0",
+    "1",
+    "-1",
+    "2",
+    "9",
+    "24",
+    "45",
+    "127",
+    "255",
+    "256",
+    "65535",
+    "65536",
+    "2147483647",
+    "2147483648",
+    "4294967295",
+    "4294967296",
+    "9223372036854775807",
+    "9223372036854775808",
+    "18446744073709551615",
+    "18446744073709551616",
+    "1e40",
+    "-1e-50",
+    "nan",
+    "inf",
+];
+
+/// Words that the formats know.
+const WORDS: [&str; 30] = [
+    "ply",
+    "format",
+    "ascii",
+    "binary_little_endian",
+    "binary_big_endian",
+    "1.0",
+    "element",
+    "vertex",
+    "face",
+    "property",
+    "list",
+    "char",
+    "uchar",
+    "short",
+    "uint",
+    "int",
+    "float",
+    "double",
+    "end_header",
+    "comment",
+    "x",
+    "opacity",
+    "f_rest_0",
+    "rot_3",
+    "position",
+    "rotation",
+    "width",
+    "fx",
+    "[",
+    "}",
+];
+
+/// Damages a file once or twice. Of the cases, two in five hit the first `head` bytes, where the promises stand.
+fn damage(seed: &[u8], head: usize, other: &[u8], random: &mut Random) -> Vec<u8> {
+    let mut bytes = seed.to_vec();
+    for _ in 0..=random.below(2) {
+        let within = if random.below(5) < 2 { head.min(bytes.len()) } else { bytes.len() };
+        let at = random.below(within);
+        let end = (at + 1 + random.below(48)).min(bytes.len());
+        match random.below(12) {
+            _ if bytes.is_empty() => {}
+            0 => bytes.truncate(random.below(bytes.len())),
+            1 => bytes[at] ^= 1 << random.below(8),
+            2 => bytes[at] = random.next() as u8,
+            3 => bytes.insert(at, random.next() as u8),
+            4 => drop(bytes.drain(at..end)),
+            5 => {
+                let copy = bytes[at..end].to_vec();
+                let to = random.below(bytes.len());
+                bytes.splice(to..to, copy);
+            }
+            6 => {
+                let from = random.below(other.len());
+                let piece = &other[from..(from + random.below(200)).min(other.len())];
+                bytes.splice(at..end, piece.iter().copied());
+            }
+            7 | 8 => {
+                let number = random.pick(&NUMBERS);
+                // A number of the file, where there is one behind the place.
+                let digit = bytes[at..].iter().position(u8::is_ascii_digit).map_or(at, |digit| at + digit);
+                replace_word(&mut bytes, digit, number);
+            }
+            9 | 10 => {
+                let word = random.pick(&WORDS);
+                replace_word(&mut bytes, at, word);
+            }
+            _ => {
+                let byte = [0, 0x7F, 0x80, 0xFF][random.below(4)];
+                bytes[at..end].fill(byte);
+            }
+        }
+    }
+    bytes
+}
+
+/// Replaces the word at a place by another.
+fn replace_word(bytes: &mut Vec<u8>, at: usize, word: &str) {
+    let blank = |b: &u8| b.is_ascii_whitespace() || b",:[]{}\"".contains(b);
+    let start = bytes[..at].iter().rposition(blank).map_or(0, |blank| blank + 1);
+    let end = bytes[at..].iter().position(blank).map_or(bytes.len(), |length| at + length);
+    bytes.splice(start..end.max(start), word.bytes());
+}
+
+/// Runs the cases of one reader. `read` returns the first words of its error, if it has one; `memory` is the most bytes that
+/// it may take beyond a multiple of the file's length.
+fn run(name: &str, seeds: &[(Vec<u8>, usize)], memory: usize, read: impl Fn(&[u8]) -> Result<(), String>) {
+    let _alone = alone();
+    // Threads and other things that are made once.
+    for (seed, _) in seeds {
+        assert_eq!(read(seed), Ok(()), "a seed of {name} is whole");
+    }
+    let cases = if long() { CASES.0 } else { CASES.1 };
+    let mut answers: BTreeMap<String, u64> = BTreeMap::new();
+    let (mut most, mut slowest) = (0, Duration::ZERO);
+    for case in 0..cases {
+        let random = &mut Random(case.wrapping_mul(0x2545_F491_4F6C_DD1D));
+        let (seed, head) = &seeds[random.below(seeds.len())];
+        let (other, _) = &seeds[random.below(seeds.len())];
+        let bytes = damage(seed, *head, other, random);
+        let started = Instant::now();
+        let (answer, taken) = counted(|| read(&bytes));
+        let time = started.elapsed();
+        assert!(time < LONGEST, "case {case} of {name} took {time:?}");
+        assert!(
+            taken < memory + 64 * bytes.len(),
+            "case {case} of {name} took {taken} bytes of memory for {} bytes of file",
+            bytes.len()
+        );
+        (most, slowest) = (most.max(taken), slowest.max(time));
+        let kind = answer.map_or_else(|error| error, |()| "read".into());
+        *answers.entry(kind).or_default() += 1;
+    }
+    println!("{name}: {cases} cases, at most {most} bytes and {slowest:?}: {answers:?}");
+    assert!(answers.len() > 2, "{name}: the cases are all alike: {answers:?}");
+}
+
+/// Keeps the words of a message, without numbers and names: its kind.
+fn kind(message: &str) -> String {
+    let words = message.split(' ').filter(|w| w.chars().all(|c| c.is_ascii_lowercase()));
+    words.take(4).collect::<Vec<_>>().join(" ")
+}
+
+/// Makes small scenes in all encodings, with the length of their headers.
+fn scenes() -> Vec<(Vec<u8>, usize)> {
+    let mut seeds = Vec::new();
+    for (generator, count) in [("uniform", 6), ("needles", 9), ("demo", 3)] {
+        let scene = synth::generate(generator, count, 0).expect("it is generated");
+        let mut bytes = Vec::new();
+        scene.write_ply_to(&mut bytes).expect("memory takes it");
+        seeds.push(bytes);
+    }
+    let names = "x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity f_dc_0 f_dc_1 f_dc_2";
+    let face = |name: &str| format!("element {name} 2\nproperty list uchar int l\nproperty uchar flags\n");
+    for (format, kind) in
+        [("ascii", "float"), ("binary_big_endian", "double"), ("binary_little_endian", "uchar")]
+    {
+        let properties: String = names.split(' ').map(|name| format!("property {kind} {name}\n")).collect();
+        let (before, after) = (face("before"), face("after"));
+        let header = format!(
+            "ply\nformat {format} 1.0\ncomment a\nelement nothing 3\n{before}element vertex 5\n{properties}{after}end_header\n"
+        );
+        let header = if format == "ascii" { header.replace("element nothing 3\n", "") } else { header };
+        let mut bytes = header.into_bytes();
+        let faces = |bytes: &mut Vec<u8>| match format {
+            "ascii" => bytes.extend(b"2 7 7 1\n3 7 7 7 1\n"),
+            _ => bytes.extend([2, 0, 0, 0, 7, 0, 0, 0, 7, 1, 0, 1]),
+        };
+        faces(&mut bytes);
+        for row in 0..5 {
+            for column in 0..14 {
+                let value = if column == 6 { 1.0 } else { 0.125 * f64::from(row + column) };
+                match kind {
+                    "float" => bytes.extend(format!("{value} ").bytes()),
+                    "double" => bytes.extend(value.to_be_bytes()),
+                    _ => bytes.push((8.0 * value) as u8),
+                }
+            }
+            if format == "ascii" {
+                bytes.push(b'\n');
+            }
+        }
+        faces(&mut bytes);
+        seeds.push(bytes);
+    }
+    let header = |bytes: &[u8]| bytes.windows(11).position(|w| w == b"end_header\n").map_or(0, |at| at + 11);
+    seeds.into_iter().map(|bytes| (header(&bytes), bytes)).map(|(head, bytes)| (bytes, head)).collect()
+}
+
+#[test]
+fn damaged_scenes_are_read_or_refused() {
+    // A piece for each thread, and the lists of a parallel loop.
+    let memory = 4 << 20;
+    run("scenes", &scenes(), memory, |bytes| match Scene::parse(bytes, &|_, _| {}) {
+        Ok(scene) => {
+            assert_eq!(scene.size_breakdown().sum(), bytes.len() as u64);
+            assert!(scene.count() > 0 && scene.positions().as_flattened().iter().all(|v| v.is_finite()));
+            Ok(())
+        }
+        Err(error) => Err(kind(&error.to_string())),
+    });
+}
+
+#[test]
+fn damaged_cameras_are_read_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cameras.json");
+    Camera::save(&synth::demo_cameras(), &path).unwrap();
+    let pretty = std::fs::read(&path).unwrap();
+    let one = br#"[{"id": 3, "img_name": "a\u0041\ud83d\ude00", "width": 4, "height": 2, "position": [1, 2, 3.5], "lens": {"x": [1, null]},
+        "rotation": [[1,0,0],[0,1,0],[0,0,1]], "fx": 5.0, "fy": 6e0}]"#;
+    let seeds: Vec<_> = [pretty, one.to_vec()].into_iter().map(|bytes| (bytes.len(), bytes)).collect();
+    let seeds: Vec<_> = seeds.into_iter().map(|(head, bytes)| (bytes, head)).collect();
+    run("cameras", &seeds, 1 << 20, |bytes| {
+        let Ok(text) = std::str::from_utf8(bytes) else { return Err("not UTF-8".into()) };
+        match Camera::parse(text, Path::new("c.json")) {
+            Ok(cameras) => {
+                assert!(
+                    cameras
+                        .iter()
+                        .all(|camera| (camera.fx as f32).is_normal()
+                            && (camera.position[0] as f32).is_finite())
+                );
+                Ok(())
+            }
+            Err(error) => Err(kind(&error.to_string())),
+        }
+    });
+}
+
+#[test]
+fn json_nested_without_end_is_refused() {
+    let _alone = alone();
+    for open in ["[", "{\"a\":"] {
+        let nested = format!("[{{\"lens\":{}", open.repeat(1_000_000));
+        let said = Camera::parse(&nested, Path::new("c.json")).unwrap_err().to_string();
+        assert!(said.contains("recursion limit") || said.contains("EOF while parsing"), "{said}");
+    }
+}

@@ -1,0 +1,10 @@
+//! Attacks the readers of this crate: damaged files, and files that change while they are read.
+
+mod allocation;
+mod changing;
+mod fuzz;
+
+/// Returns true for the long forms of tests (`./x test --long`).
+fn long() -> bool {
+    std::env::var_os("SPLATGRAPH_LONG").is_some()
+}
