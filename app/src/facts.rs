@@ -6,7 +6,7 @@
 
 use crate::camera::{CAMERA, CAMERA_BYTES};
 use splatgraph_assets::{ATTRIBUTES, Scene, Splat};
-use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Value};
+use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Value};
 
 /// Default width and height of a picture, in pixels.
 pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
@@ -68,10 +68,17 @@ pub const SUBGROUP_SIZES: [u32; 5] = [4, 8, 16, 32, 64];
 /// Subgroup size of most GPUs.
 pub const USUAL_SUBGROUP_SIZE: u32 = 32;
 
+/// Optional features that the built-in graphs use.
+pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
+    .union(Features::SUBGROUP_VOTE)
+    .union(Features::SUBGROUP_ARITHMETIC)
+    .union(Features::SUBGROUP_BALLOT);
+
 /// Returns the facts of the smallest device that the built-in graphs run on.
 ///
-/// Storage range, workgroup count and shared memory are the minima that Vulkan 1.3 guarantees. Two requirements exceed them:
-/// 256 invocations per workgroup (guaranteed: 128), and [`MAX_STORAGE_BUFFERS`] storage buffers per shader (guaranteed: 4).
+/// Storage range, workgroup count and shared memory are the minima that Vulkan 1.3 guarantees. Three requirements exceed them:
+/// 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per shader (guaranteed: 4), and
+/// [`PORTABLE_FEATURES`] (guaranteed: none but the basic operations of subgroups).
 pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     DeviceFacts {
         subgroup_size,
@@ -80,6 +87,7 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
         shared_bytes: 16 << 10,
         max_invocations: 256,
         rounds_half: false,
+        features: PORTABLE_FEATURES,
     }
 }
 

@@ -5,7 +5,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Request, Value};
+use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Request, Value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Library, SourceMap, render};
@@ -28,6 +28,7 @@ fn facts() -> Facts {
         shared_bytes: 32 << 10,
         max_invocations: 1024,
         rounds_half: true,
+        features: Features::all(),
     };
     Facts { device, host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }
 }

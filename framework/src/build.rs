@@ -12,7 +12,7 @@ use crate::{link, lower, solve};
 ///
 /// ```
 /// use splatgraph_framework::build;
-/// use splatgraph_framework::ir::{Catalog, DeviceFacts, Request};
+/// use splatgraph_framework::ir::{Catalog, DeviceFacts, Features, Request};
 /// use splatgraph_framework::shader::Glslang;
 /// use splatgraph_framework::source::{Library, SourceMap, render};
 ///
@@ -38,6 +38,7 @@ use crate::{link, lower, solve};
 ///     shared_bytes: 16 << 10,
 ///     max_invocations: 256,
 ///     rounds_half: true,
+///     features: Features::empty(),
 /// };
 /// let request =
 ///     Request { graph: "paint", set: &[], facts: &device.into(), catalog: &Catalog::default(), share_memory: true };

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use crate::build;
 use crate::ir::{
-    Attribute, Catalog, DeviceFacts, Facts, Format, HostBuffer, Member, MemberKind, PushBlock,
+    Attribute, Catalog, DeviceFacts, Facts, Features, Format, HostBuffer, Member, MemberKind, PushBlock,
     ReflectedBinding, ReflectedKind, Reflection, Request, Value, Varying,
 };
 use crate::plan::Plan;
@@ -33,6 +33,7 @@ impl ShaderCompiler for ListCompiler {
             inputs: Vec::new(),
             outputs: Vec::new(),
             subgroups: false,
+            features: Features::empty(),
         };
         let text = files.text(request.file).to_string();
         // A draw's two stages share their bindings: number the fragment shader's from 16.
@@ -103,6 +104,7 @@ pub fn facts() -> Facts {
         shared_bytes: u32::MAX,
         max_invocations: u32::MAX,
         rounds_half: false,
+        features: Features::all(),
     };
     Facts { device, host: ints.map(|(k, v)| (k.to_string(), Value::Int(v))).into() }
 }

@@ -1,7 +1,7 @@
 //! Graphs with mistakes, and the diagnostics that a person then reads: `golden/in/*.ron` to `golden/out/*.snap`.
 //!
 //! An input holds many small graphs. A line `//// title` starts each; `// set: name=value` and `// fact: name=value` under it
-//! change a parameter or a fact, `// graph: name` builds another file than this one, and `//// file: path` starts a file of the
+//! change a parameter or a fact, `// without: FEATURE` takes a feature from the device, `// graph: name` builds another file than this one, and `//// file: path` starts a file of the
 //! section's own. The folders `in/pipelines` and `in/shaders` are there for all of them.
 //!
 //! After a change of words, write the outputs anew and read the difference:
@@ -18,7 +18,9 @@ use std::sync::LazyLock;
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, HostBuffer, Request, Value};
+use splatgraph_framework::ir::{
+    Attribute, Catalog, DeviceFacts, Facts, Features, HostBuffer, Request, Value,
+};
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Library, SourceMap, render};
 
@@ -72,6 +74,7 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>) -> Stri
         shared_bytes: u32::MAX,
         max_invocations: u32::MAX,
         rounds_half: true,
+        features: Features::all(),
     };
     let mut facts = Facts { device, host: host.into() };
     let (mut graph, mut set) = (name.to_string(), Vec::new());
@@ -87,6 +90,9 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>) -> Stri
             match line.split_once(": ") {
                 Some(("// set", text)) => set.push(pair(text)),
                 Some(("// graph", text)) => graph = text.to_string(),
+                Some(("// without", text)) => {
+                    facts.device.features.remove(Features::from_name(text).expect("a feature"));
+                }
                 Some(("// fact", text)) => {
                     let (name, value) = pair(text);
                     let value: u32 = value.parse().expect("an integer");
@@ -208,6 +214,8 @@ const NOT_SHOWN: &[&str] = &[
     "shader/compile/log.rs: the shader does not compile",
     "shader/compile/log.rs: a type's name",
     "shader/compile/log.rs: a member's name",
+    // The names of features, of which two are shown.
+    "ir/features.rs",
     // SPIR-V that glslang does not make: shader/reflect/tests.rs.
     "shader/reflect.rs",
     "shader/reflect/",

@@ -2,7 +2,7 @@
 
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestError, TestRng, TestRunner};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, PassId, Request, Value};
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Features, PassId, Request, Value};
 use splatgraph_framework::oracle;
 use splatgraph_framework::oracle::mutate::{mutations, needless};
 use splatgraph_framework::plan::{Barrier, Plan, Step};
@@ -29,6 +29,7 @@ fn facts() -> Facts {
         shared_bytes: u32::MAX,
         max_invocations: u32::MAX,
         rounds_half: false,
+        features: Features::all(),
     };
     Facts { device, host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }
 }

@@ -10,7 +10,8 @@
 //! ```
 
 use splatgraph_framework::ir::{
-    Format, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, ShaderStage, Varying,
+    Features, Format, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection,
+    ShaderStage, Varying,
 };
 use splatgraph_framework::shader::{Compiled, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::source::{Diagnostic, SourceMap};
@@ -46,6 +47,7 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
         inputs: Vec::new(),
         outputs: Vec::new(),
         subgroups: false,
+        features: Features::empty(),
     };
     for line in text.lines().filter_map(|line| line.strip_prefix("//: ")) {
         let words: Vec<&str> = line.split_whitespace().collect();

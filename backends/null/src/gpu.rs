@@ -3,7 +3,7 @@
 use crate::fault::{Fault, Point};
 use crate::journal::{Journal, Object, Owned};
 use splatgraph_api::{BackendError, DeviceInfo};
-use splatgraph_framework::ir::PassId;
+use splatgraph_framework::ir::{Features, PassId};
 use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -63,6 +63,7 @@ pub fn limits() -> Limits {
         independent_blend: true,
         subgroup: SubgroupLimits { size: 32, max_size: 32, selectable: true, max_per_group: 32 },
         rounds_half: true,
+        features: Features::all(),
         timestamp_bits: 64,
         timestamp_period: 1.0,
     }

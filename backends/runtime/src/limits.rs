@@ -1,6 +1,6 @@
 //! The limits of a device that plans can run into.
 
-use splatgraph_framework::ir::DeviceFacts;
+use splatgraph_framework::ir::{DeviceFacts, Features};
 
 /// The limits of a device.
 #[derive(Clone, Debug, Default)]
@@ -43,6 +43,8 @@ pub struct Limits {
     pub subgroup: SubgroupLimits,
     /// Blending rounds its results in half-float images to nearest.
     pub rounds_half: bool,
+    /// Optional features of shaders that are enabled.
+    pub features: Features,
     /// Bits that count in a timestamp; 0 where the queue has no timer.
     pub timestamp_bits: u32,
     /// Nanoseconds per tick of a timestamp.
@@ -72,6 +74,7 @@ impl Limits {
             shared_bytes: self.shared_bytes,
             max_invocations: self.max_invocations,
             rounds_half: self.rounds_half,
+            features: self.features,
         }
     }
 }

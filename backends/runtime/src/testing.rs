@@ -156,6 +156,7 @@ pub(crate) fn reflection(stage: ShaderStage, local_size: [u32; 3], subgroups: bo
         inputs: Vec::new(),
         outputs: Vec::new(),
         subgroups,
+        features: Features::empty(),
     }
 }
 

@@ -5,8 +5,9 @@
 //! features that [`create`] lists.
 
 use crate::error::api;
+use crate::features::OptionalFeatures;
 use crate::instance::{API_VERSION, Instance, NO_DRIVER, offers};
-use ash::{khr, vk};
+use ash::{ext, khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo};
 use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::ffi::{CStr, c_char};
@@ -213,6 +214,7 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         },
         // Cuts the digits off that a half float has no room for.
         rounds_half: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
+        features: OptionalFeatures::of(instance, handle).shaders(),
         timestamp_bits: 0,
         timestamp_period: core.timestamp_period,
     };
@@ -227,46 +229,18 @@ pub(crate) fn create(
     physical: &Physical,
     extensions: &[&CStr],
 ) -> Result<ash::Device, BackendError> {
-    let mut has11 = vk::PhysicalDeviceVulkan11Features::default();
-    let mut has12 = vk::PhysicalDeviceVulkan12Features::default();
-    let mut has13 = vk::PhysicalDeviceVulkan13Features::default();
-    let mut has = vk::PhysicalDeviceFeatures2::default()
-        .push_next(&mut has11)
-        .push_next(&mut has12)
-        .push_next(&mut has13);
-    // SAFETY: the chain holds structures of Vulkan 1.3 only, which the device has.
-    unsafe { instance.raw.get_physical_device_features2(physical.handle, &mut has) };
-    let has10 = has.features;
-
-    // What every device of version 1.3 has is asked for outright. The rest serves shaders that need it: its absence
-    // is an error only when a pipeline is made from such a shader.
-    let core = vk::PhysicalDeviceFeatures {
-        independent_blend: has10.independent_blend,
-        shader_int16: has10.shader_int16,
-        shader_int64: has10.shader_int64,
-        vertex_pipeline_stores_and_atomics: has10.vertex_pipeline_stores_and_atomics,
-        fragment_stores_and_atomics: has10.fragment_stores_and_atomics,
-        shader_storage_buffer_array_dynamic_indexing: has10.shader_storage_buffer_array_dynamic_indexing,
-        ..Default::default()
-    };
-    let mut vulkan11 = vk::PhysicalDeviceVulkan11Features {
-        storage_buffer16_bit_access: has11.storage_buffer16_bit_access,
-        ..Default::default()
-    };
-    let mut vulkan12 = vk::PhysicalDeviceVulkan12Features {
-        host_query_reset: vk::TRUE,
-        shader_float16: has12.shader_float16,
-        scalar_block_layout: has12.scalar_block_layout,
-        vulkan_memory_model: has12.vulkan_memory_model,
-        vulkan_memory_model_device_scope: has12.vulkan_memory_model_device_scope,
-        ..Default::default()
-    };
+    let mut features = OptionalFeatures::of(instance, physical.handle);
+    let OptionalFeatures { core, vulkan11, vulkan12, atomic_float, .. } = &mut features;
+    // What every device of version 1.3 has is asked for outright. The rest serves shaders that need it: a plan with such a
+    // shader is refused where it is absent.
+    vulkan12.host_query_reset = vk::TRUE;
     let mut vulkan13 = vk::PhysicalDeviceVulkan13Features::default()
         .synchronization2(true)
         .dynamic_rendering(true)
         .maintenance4(true)
         // `discard` is a demotion since SPIR-V 1.6.
         .shader_demote_to_helper_invocation(true)
+        .shader_integer_dot_product(true)
         .subgroup_size_control(true)
         .compute_full_subgroups(true);
 
@@ -274,14 +248,18 @@ pub(crate) fn create(
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(physical.family)
         .queue_priorities(&priorities)];
-    let names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
-    let info = vk::DeviceCreateInfo::default()
+    let mut names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
+    let mut info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
-        .enabled_extension_names(&names)
-        .enabled_features(&core)
-        .push_next(&mut vulkan11)
-        .push_next(&mut vulkan12)
+        .enabled_features(core)
+        .push_next(vulkan11)
+        .push_next(vulkan12)
         .push_next(&mut vulkan13);
+    if let Some(atomic_float) = atomic_float {
+        names.push(ext::shader_atomic_float::NAME.as_ptr());
+        info = info.push_next(atomic_float);
+    }
+    info = info.enabled_extension_names(&names);
     // SAFETY: `info` and its chain live until the call returns; the features asked for are mandatory or were found.
     unsafe { instance.raw.create_device(physical.handle, &info, None) }.map_err(api("vkCreateDevice"))
 }

@@ -18,6 +18,7 @@ mod descriptors;
 mod device;
 mod encoder;
 mod error;
+mod features;
 mod gpu;
 mod instance;
 mod lower;

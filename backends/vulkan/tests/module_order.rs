@@ -6,10 +6,11 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 14] = [
+const ORDER: [&str; 15] = [
     "error",
     "surface",
     "instance",
+    "features",
     "device",
     "gpu",
     "lower",

@@ -2,7 +2,7 @@
 
 use serde::{Serialize, Serializer};
 
-use super::Value;
+use super::{Features, Value};
 
 /// Describes a device to graphs and to the linker. The default is a device that can do nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,6 +19,8 @@ pub struct DeviceFacts {
     pub max_invocations: u32,
     /// Blending rounds to the nearest half-precision float. Without it, digits are cut off.
     pub rounds_half: bool,
+    /// Optional features that the device was opened with, or would be.
+    pub features: Features,
 }
 
 impl DeviceFacts {

@@ -6,6 +6,7 @@
 
 mod access;
 mod device;
+mod features;
 mod format;
 mod id;
 mod location;
@@ -18,6 +19,7 @@ mod value;
 
 pub use access::{Accesses, Hazard, Layout, Stages};
 pub use device::DeviceFacts;
+pub use features::Features;
 pub use format::{Blend, Format, Load, Topology};
 pub use id::{BlockId, PassId, ResourceId, ShaderId};
 pub use location::{FileId, Origin, Span};

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::Format;
+use super::{Features, Format};
 
 /// Holds a compiled shader module and the defines that it was compiled with.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,6 +59,8 @@ pub struct Reflection {
     pub outputs: Vec<Varying>,
     /// The module uses subgroup operations (any GroupNonUniform capability).
     pub subgroups: bool,
+    /// Optional features of a device without which the module is not valid.
+    pub features: Features,
 }
 
 /// Describes a block or image that a shader binds.

@@ -203,6 +203,7 @@ impl Linker<'_> {
                     self.shaders.len() - 1
                 });
                 let id = ShaderHandle(at as u32);
+                self.features(id, name.span);
                 self.declared.insert(id, declared);
                 self.compiled.insert(key, id);
                 Some(id)
@@ -211,6 +212,19 @@ impl Linker<'_> {
                 self.errors.extend(errors);
                 None
             }
+        }
+    }
+
+    /// Checks a shader's optional features against those that the device was opened with.
+    fn features(&mut self, id: ShaderHandle, span: Span) {
+        let shader = &self.shaders[id.index()];
+        let missing = shader.reflection.features.difference(self.device.features);
+        if !missing.is_empty() {
+            self.errors.push(Diagnostic::new(
+                format!("`{}` needs {missing}", shader.name),
+                span,
+                "the device does not have this",
+            ));
         }
     }
 

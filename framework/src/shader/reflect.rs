@@ -5,6 +5,7 @@
 //! functions, and this file assembles the result.
 
 mod access;
+mod features;
 mod module;
 #[cfg(test)]
 mod tests;
@@ -59,6 +60,7 @@ pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
         push: push.transpose()?,
         inputs: varyings(&module, StorageClass::Input)?,
         outputs: varyings(&module, StorageClass::Output)?,
+        features: features::features(&module, &accesses)?,
         subgroups: module.capabilities.iter().any(|c| format!("{c:?}").starts_with("GroupNonUniform")),
     })
 }

@@ -302,7 +302,16 @@ impl<'a> Checker<'a> {
                 "shader `{}` has no code (plans that were written to a file keep none)",
                 shader.name
             )),
-            Some(shader) if shader.reflection.stage == stage => Ok(shader),
+            Some(shader) if shader.reflection.stage == stage => {
+                let missing = shader.reflection.features.difference(self.limits.features);
+                if !missing.is_empty() {
+                    let name = &shader.name;
+                    return invalid(format!(
+                        "shader `{name}` needs {missing}, which the device does not have"
+                    ));
+                }
+                Ok(shader)
+            }
             _ => invalid(format!("pass `{user}` names shader {}, which is no {stage:?} shader", id.0)),
         }
     }

@@ -16,6 +16,7 @@ fn limits() -> Limits {
         max_image_size: 16384,
         max_targets: 8,
         rounds_half: true,
+        features: Features::empty(),
         max_storage_buffers: 32,
         max_uniform_buffers: 16,
         max_storage_images: 16,
@@ -96,9 +97,12 @@ fn more_of_anything_than_the_limit_is_refused_with_both_numbers() {
 #[test]
 fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
     type Alteration = fn(&mut Plan);
-    let alterations: [(&str, Alteration); 24] = [
+    let alterations: [(&str, Alteration); 25] = [
         ("pass 9", |plan| plan.frame[0].pass = PassId(9)),
         ("in two steps", |plan| plan.frame[0].pass = PassId(0)),
+        ("needs 64-bit floats (shaderFloat64), which the device does not have", |plan| {
+            plan.shaders[0].reflection.features = Features::FLOAT64;
+        }),
         ("resource 77", |plan| plan.output = ResourceId(77)),
         ("resource 77", |plan| plan.passes[1].bindings[0].resource = ResourceId(77)),
         ("resource 77", |plan| {

@@ -153,6 +153,7 @@ impl Maker {
             inputs: vec![],
             outputs: vec![],
             subgroups: false,
+            features: Features::empty(),
         };
         let defines = vec![("DIGIT_BITS".into(), "4".into())];
         self.shaders.push(Shader { name: file.into(), defines, spirv: Arc::default(), reflection });

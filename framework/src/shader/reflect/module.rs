@@ -90,6 +90,12 @@ pub(super) struct Module {
     pub interface: Vec<Word>,
     pub local_size: [u32; 3],
     pub capabilities: Vec<Capability>,
+    /// Extensions of SPIR-V.
+    pub extensions: Vec<String>,
+    /// Extensions of GLSL that the text required.
+    pub source_extensions: Vec<String>,
+    /// The types of all constants.
+    pub constants: HashMap<Word, Word>,
     pub types: HashMap<Word, TypeInfo>,
     pub variables: Vec<Variable>,
     pub functions: HashMap<Word, Function>,
@@ -159,6 +165,9 @@ impl Module {
             interface: Vec::new(),
             local_size: [1; 3],
             capabilities: Vec::new(),
+            extensions: Vec::new(),
+            source_extensions: Vec::new(),
+            constants: HashMap::new(),
             types: HashMap::new(),
             variables: Vec::new(),
             functions: HashMap::new(),
@@ -221,6 +230,16 @@ impl Module {
                         module.capabilities.push(*capability);
                     }
                 }
+                Op::Extension | Op::SourceExtension => {
+                    if let Some(Operand::LiteralString(name)) = i.operands.first() {
+                        let list = if i.class.opcode == Op::Extension {
+                            &mut module.extensions
+                        } else {
+                            &mut module.source_extensions
+                        };
+                        list.push(name.clone());
+                    }
+                }
                 Op::ExtInstImport => {
                     let name = i.operands.first();
                     if matches!(name, Some(Operand::LiteralString(n)) if n.starts_with("NonSemantic.")) {
@@ -255,6 +274,7 @@ impl Module {
                         workgroup_size = Some([self::id(i, 0)?, self::id(i, 1)?, self::id(i, 2)?]);
                     }
                     constants.add(i, &module);
+                    module.constants.extend(i.result_id.zip(i.result_type));
                 }
                 op if op.is_type() => {
                     // OpTypeForwardPointer has no result; nothing that this is used on can hold such a pointer.

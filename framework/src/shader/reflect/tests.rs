@@ -1,6 +1,7 @@
 use super::super::compile::Glslang;
 use super::super::{ShaderCompiler, ShaderRequest, ShaderStage};
 use super::*;
+use crate::ir::Features;
 use crate::source::{Library, SourceMap, render};
 
 fn compile(stage: ShaderStage, body: &str) -> Result<(Vec<u32>, Reflection), String> {
@@ -240,6 +241,66 @@ fn subgroup_operations_are_noticed() {
     assert!(
         compute(&format!("{with}{IN_OUT}void main() {{ b[0] = subgroupBallot(a[0] > 1).x; }}")).subgroups
     );
+}
+
+#[test]
+fn optional_features_are_those_that_the_code_needs() {
+    let features = |stage, extension: &str, body: &str| {
+        let text = format!("#extension {extension} : require\n{IN_OUT}{body}");
+        reflected(stage, &text).features
+    };
+    let compute = |extension: &str, body: &str| features(ShaderStage::Compute, extension, body);
+    let int64 = "GL_EXT_shader_explicit_arithmetic_types_int64";
+    let atomic64 = "GL_EXT_shader_atomic_int64";
+    let float = "GL_EXT_shader_atomic_float";
+    let longs = "layout(set = 0, binding = 2) buffer Longs { uint64_t longs[]; };\nshared uint64_t total;\n";
+    let floats = "layout(set = 0, binding = 2) buffer Floats { float floats[]; };\nshared float total;\n";
+    let with = |declarations: &str, main: &str| format!("{declarations}void main() {{ {main} }}");
+    assert_eq!(compute(int64, &with("", "b[0] = a[0];")), Features::empty());
+    assert_eq!(compute(int64, &with("", "b[0] = uint(uint64_t(a[0]) >> 3);")), Features::INT64);
+    assert_eq!(compute(int64, &with("", "b[0] = uint(double(a[0]));")), Features::FLOAT64);
+    let needs64 = format!("{atomic64} : require\n#extension {int64}");
+    assert_eq!(
+        compute(&needs64, &with(longs, "atomicAdd(longs[0], uint64_t(a[0]));")),
+        Features::INT64 | Features::BUFFER_INT64_ATOMICS
+    );
+    assert_eq!(
+        compute(&needs64, &with(longs, "atomicMax(total, uint64_t(a[0]));")),
+        Features::INT64 | Features::SHARED_INT64_ATOMICS
+    );
+    assert_eq!(
+        compute(float, &with(floats, "atomicAdd(floats[0], 1.0);")),
+        Features::BUFFER_FLOAT_ATOMIC_ADD
+    );
+    assert_eq!(
+        compute(float, &with(floats, "floats[0] = atomicExchange(total, 1.0);")),
+        Features::SHARED_FLOAT_ATOMICS
+    );
+    assert_eq!(compute("GL_EXT_scalar_block_layout", &with("", "b[0] = a[0];")), Features::SCALAR_LAYOUT);
+    let planes = "layout(set = 0, binding = 2) buffer Planes { uint p[]; } planes[3];\n";
+    assert_eq!(compute(int64, &with(planes, "b[0] = planes[2].p[a[0]];")), Features::empty());
+    assert_eq!(compute(int64, &with(planes, "b[0] = planes[a[0]].p[0];")), Features::STORAGE_BUFFER_INDEXING);
+    let vote = "GL_KHR_shader_subgroup_vote";
+    let body = with("", "b[0] = subgroupAll(a[0] > 1) ? 1 : 0;");
+    let group = Features::SUBGROUP_BASIC | Features::SUBGROUP_VOTE;
+    assert_eq!(compute(vote, &body), group);
+    assert_eq!(
+        features(ShaderStage::Fragment, vote, &body),
+        group | Features::SUBGROUPS_IN_FRAGMENT | Features::FRAGMENT_STORES
+    );
+    assert_eq!(features(ShaderStage::Vertex, vote, &with("", "b[0] = a[0];")), Features::VERTEX_STORES);
+}
+
+#[test]
+fn capabilities_that_no_backend_enables_are_refused() {
+    let error = refused(&format!(
+        "#extension GL_ARB_shader_clock : require\n{IN_OUT}void main() {{ b[0] = clock2x32ARB().x; }}"
+    ));
+    assert!(error.contains("ShaderClockKHR are not supported"), "{error}");
+    let error = refused(&format!(
+        "#extension GL_EXT_shader_atomic_float2 : require\nshared float m;\n{IN_OUT}void main() {{ atomicMax(m, 1.0); }}"
+    ));
+    assert!(error.contains("AtomicFloat32MinMaxEXT are not supported"), "{error}");
 }
 
 #[test]

@@ -1,0 +1,184 @@
+//! Optional features of a device that shaders can use.
+
+use bitflags::bitflags;
+use std::fmt;
+
+bitflags! {
+    /// Lists optional features that a shader uses, or that a device was opened with.
+    ///
+    /// Each stands for the features of Vulkan that [`Features::LIST`] names beside it. What every device of Vulkan 1.3 has is not
+    /// among them, nor is what no backend enables: a shader that declares such a capability is refused when it is compiled.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub struct Features: u64 {
+        /// `int16_t`, `uint16_t`
+        const INT16 = 1;
+        /// `int64_t`, `uint64_t`
+        const INT64 = 1 << 1;
+        /// `int8_t`, `uint8_t`
+        const INT8 = 1 << 2;
+        /// `float16_t`
+        const FLOAT16 = 1 << 3;
+        /// `double`
+        const FLOAT64 = 1 << 4;
+        /// 16-bit members of storage blocks.
+        const STORAGE_16 = 1 << 5;
+        /// 16-bit members of uniform blocks.
+        const UNIFORM_16 = 1 << 6;
+        /// 8-bit members of storage blocks.
+        const STORAGE_8 = 1 << 7;
+        /// 8-bit members of uniform blocks.
+        const UNIFORM_8 = 1 << 8;
+        /// Blocks with `layout(scalar)`.
+        const SCALAR_LAYOUT = 1 << 9;
+        /// Atomic operations on 64-bit integers in storage blocks.
+        const BUFFER_INT64_ATOMICS = 1 << 10;
+        /// Atomic operations on 64-bit integers in shared memory.
+        const SHARED_INT64_ATOMICS = 1 << 11;
+        /// Atomic loads, stores and exchanges of floats in storage blocks.
+        const BUFFER_FLOAT_ATOMICS = 1 << 12;
+        /// Atomic additions to floats in storage blocks.
+        const BUFFER_FLOAT_ATOMIC_ADD = 1 << 13;
+        /// Atomic loads, stores and exchanges of floats in shared memory.
+        const SHARED_FLOAT_ATOMICS = 1 << 14;
+        /// Atomic additions to floats in shared memory.
+        const SHARED_FLOAT_ATOMIC_ADD = 1 << 15;
+        /// Atomic loads, stores and exchanges of pixels of `r32f` images.
+        const IMAGE_FLOAT_ATOMICS = 1 << 16;
+        /// Atomic additions to pixels of `r32f` images.
+        const IMAGE_FLOAT_ATOMIC_ADD = 1 << 17;
+        /// Reads of storage images without a format in the shader.
+        const IMAGE_READ_WITHOUT_FORMAT = 1 << 18;
+        /// Writes to storage images without a format in the shader.
+        const IMAGE_WRITE_WITHOUT_FORMAT = 1 << 19;
+        /// Storage images in formats beyond the basic ones.
+        const IMAGE_EXTENDED_FORMATS = 1 << 20;
+        /// Variable indices into arrays of storage blocks.
+        const STORAGE_BUFFER_INDEXING = 1 << 21;
+        /// Variable indices into arrays of uniform blocks.
+        const UNIFORM_BUFFER_INDEXING = 1 << 22;
+        /// Variable indices into arrays of storage images.
+        const STORAGE_IMAGE_INDEXING = 1 << 23;
+        /// Indices into arrays of storage blocks that differ between the invocations of a subgroup.
+        const STORAGE_BUFFER_NONUNIFORM = 1 << 24;
+        /// Indices into arrays of uniform blocks that differ between the invocations of a subgroup.
+        const UNIFORM_BUFFER_NONUNIFORM = 1 << 25;
+        /// Indices into arrays of storage images that differ between the invocations of a subgroup.
+        const STORAGE_IMAGE_NONUNIFORM = 1 << 26;
+        /// Vertex shaders that write to storage blocks or images.
+        const VERTEX_STORES = 1 << 27;
+        /// Fragment shaders that write to storage blocks or images.
+        const FRAGMENT_STORES = 1 << 28;
+        /// `gl_DrawID`, `gl_BaseVertex`, `gl_BaseInstance`
+        const DRAW_PARAMETERS = 1 << 29;
+        /// `gl_ClipDistance`
+        const CLIP_DISTANCE = 1 << 30;
+        /// `gl_CullDistance`
+        const CULL_DISTANCE = 1 << 31;
+        /// `sample` inputs, `gl_SampleID`
+        const SAMPLE_SHADING = 1 << 32;
+        /// `subgroupElect` and the like, in compute shaders.
+        const SUBGROUP_BASIC = 1 << 33;
+        /// `subgroupAll` and the like.
+        const SUBGROUP_VOTE = 1 << 34;
+        /// `subgroupAdd` and the like.
+        const SUBGROUP_ARITHMETIC = 1 << 35;
+        /// `subgroupBallot` and the like.
+        const SUBGROUP_BALLOT = 1 << 36;
+        /// `subgroupShuffle`
+        const SUBGROUP_SHUFFLE = 1 << 37;
+        /// `subgroupShuffleUp`, `subgroupShuffleDown`
+        const SUBGROUP_SHUFFLE_RELATIVE = 1 << 38;
+        /// `subgroupClusteredAdd` and the like.
+        const SUBGROUP_CLUSTERED = 1 << 39;
+        /// `subgroupQuadBroadcast` and the like.
+        const SUBGROUP_QUAD = 1 << 40;
+        /// Subgroup operations in vertex shaders.
+        const SUBGROUPS_IN_VERTEX = 1 << 41;
+        /// Subgroup operations in fragment shaders.
+        const SUBGROUPS_IN_FRAGMENT = 1 << 42;
+        /// `GL_EXT_maximal_reconvergence`
+        const MAXIMAL_RECONVERGENCE = 1 << 43;
+        /// `GL_EXT_subgroup_uniform_control_flow`
+        const SUBGROUP_UNIFORM_CONTROL_FLOW = 1 << 44;
+    }
+}
+
+impl Features {
+    /// Lists each feature with a description for people, and with its name in Vulkan.
+    #[rustfmt::skip]
+    pub const LIST: [(Features, &str, &str); 45] = [
+        (Features::INT16, "16-bit integers", "shaderInt16"),
+        (Features::INT64, "64-bit integers", "shaderInt64"),
+        (Features::INT8, "8-bit integers", "shaderInt8"),
+        (Features::FLOAT16, "16-bit floats", "shaderFloat16"),
+        (Features::FLOAT64, "64-bit floats", "shaderFloat64"),
+        (Features::STORAGE_16, "16-bit members of storage blocks", "storageBuffer16BitAccess"),
+        (Features::UNIFORM_16, "16-bit members of uniform blocks", "uniformAndStorageBuffer16BitAccess"),
+        (Features::STORAGE_8, "8-bit members of storage blocks", "storageBuffer8BitAccess"),
+        (Features::UNIFORM_8, "8-bit members of uniform blocks", "uniformAndStorageBuffer8BitAccess"),
+        (Features::SCALAR_LAYOUT, "blocks of scalar layout", "scalarBlockLayout"),
+        (Features::BUFFER_INT64_ATOMICS, "64-bit atomics in buffers", "shaderBufferInt64Atomics"),
+        (Features::SHARED_INT64_ATOMICS, "64-bit atomics in shared memory", "shaderSharedInt64Atomics"),
+        (Features::BUFFER_FLOAT_ATOMICS, "atomic floats in buffers", "shaderBufferFloat32Atomics"),
+        (Features::BUFFER_FLOAT_ATOMIC_ADD, "atomic float additions in buffers", "shaderBufferFloat32AtomicAdd"),
+        (Features::SHARED_FLOAT_ATOMICS, "atomic floats in shared memory", "shaderSharedFloat32Atomics"),
+        (Features::SHARED_FLOAT_ATOMIC_ADD, "atomic float additions in shared memory", "shaderSharedFloat32AtomicAdd"),
+        (Features::IMAGE_FLOAT_ATOMICS, "atomic floats in images", "shaderImageFloat32Atomics"),
+        (Features::IMAGE_FLOAT_ATOMIC_ADD, "atomic float additions in images", "shaderImageFloat32AtomicAdd"),
+        (Features::IMAGE_READ_WITHOUT_FORMAT, "reads of images without a format", "shaderStorageImageReadWithoutFormat"),
+        (Features::IMAGE_WRITE_WITHOUT_FORMAT, "writes to images without a format", "shaderStorageImageWriteWithoutFormat"),
+        (Features::IMAGE_EXTENDED_FORMATS, "storage images of extended formats", "shaderStorageImageExtendedFormats"),
+        (Features::STORAGE_BUFFER_INDEXING, "variable indices into arrays of storage blocks", "shaderStorageBufferArrayDynamicIndexing"),
+        (Features::UNIFORM_BUFFER_INDEXING, "variable indices into arrays of uniform blocks", "shaderUniformBufferArrayDynamicIndexing"),
+        (Features::STORAGE_IMAGE_INDEXING, "variable indices into arrays of storage images", "shaderStorageImageArrayDynamicIndexing"),
+        (Features::STORAGE_BUFFER_NONUNIFORM, "non-uniform indices into arrays of storage blocks", "shaderStorageBufferArrayNonUniformIndexing"),
+        (Features::UNIFORM_BUFFER_NONUNIFORM, "non-uniform indices into arrays of uniform blocks", "shaderUniformBufferArrayNonUniformIndexing"),
+        (Features::STORAGE_IMAGE_NONUNIFORM, "non-uniform indices into arrays of storage images", "shaderStorageImageArrayNonUniformIndexing"),
+        (Features::VERTEX_STORES, "vertex shaders that write", "vertexPipelineStoresAndAtomics"),
+        (Features::FRAGMENT_STORES, "fragment shaders that write", "fragmentStoresAndAtomics"),
+        (Features::DRAW_PARAMETERS, "parameters of draws", "shaderDrawParameters"),
+        (Features::CLIP_DISTANCE, "clip distances", "shaderClipDistance"),
+        (Features::CULL_DISTANCE, "cull distances", "shaderCullDistance"),
+        (Features::SAMPLE_SHADING, "shading per sample", "sampleRateShading"),
+        (Features::SUBGROUP_BASIC, "subgroups", "VK_SUBGROUP_FEATURE_BASIC_BIT"),
+        (Features::SUBGROUP_VOTE, "votes of subgroups", "VK_SUBGROUP_FEATURE_VOTE_BIT"),
+        (Features::SUBGROUP_ARITHMETIC, "arithmetic of subgroups", "VK_SUBGROUP_FEATURE_ARITHMETIC_BIT"),
+        (Features::SUBGROUP_BALLOT, "ballots of subgroups", "VK_SUBGROUP_FEATURE_BALLOT_BIT"),
+        (Features::SUBGROUP_SHUFFLE, "shuffles of subgroups", "VK_SUBGROUP_FEATURE_SHUFFLE_BIT"),
+        (Features::SUBGROUP_SHUFFLE_RELATIVE, "relative shuffles of subgroups", "VK_SUBGROUP_FEATURE_SHUFFLE_RELATIVE_BIT"),
+        (Features::SUBGROUP_CLUSTERED, "clustered operations of subgroups", "VK_SUBGROUP_FEATURE_CLUSTERED_BIT"),
+        (Features::SUBGROUP_QUAD, "quad operations of subgroups", "VK_SUBGROUP_FEATURE_QUAD_BIT"),
+        (Features::SUBGROUPS_IN_VERTEX, "subgroup operations in vertex shaders", "supportedStages"),
+        (Features::SUBGROUPS_IN_FRAGMENT, "subgroup operations in fragment shaders", "supportedStages"),
+        (Features::MAXIMAL_RECONVERGENCE, "maximal reconvergence", "shaderMaximalReconvergence"),
+        (Features::SUBGROUP_UNIFORM_CONTROL_FLOW, "subgroup-uniform control flow", "shaderSubgroupUniformControlFlow"),
+    ];
+}
+
+impl fmt::Display for Features {
+    /// Writes for instance `64-bit floats (shaderFloat64), votes of subgroups (VK_SUBGROUP_FEATURE_VOTE_BIT)`.
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let listed = Features::LIST.iter().filter(|(feature, ..)| self.contains(*feature));
+        for (index, (_, words, name)) in listed.enumerate() {
+            write!(f, "{}{words} ({name})", if index == 0 { "" } else { ", " })?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_feature_is_in_the_list_once_and_has_words() {
+        let mut seen = Features::empty();
+        for (feature, words, name) in Features::LIST {
+            assert!(!seen.intersects(feature), "{words} is listed twice");
+            assert!(!words.is_empty() && !name.is_empty());
+            seen |= feature;
+        }
+        assert_eq!(seen, Features::all());
+        assert_eq!(Features::FLOAT64.to_string(), "64-bit floats (shaderFloat64)");
+    }
+}
