@@ -3,6 +3,7 @@
 //! This library joins the parts: a scene from `splatgraph-assets`, a plan that `splatgraph-framework` built from a graph
 //! file, and a device that executes it. The program `splatgraph` ([`cli`]) is a thin layer over it:
 //!
+//! - [`output`]: everything that leaves the program: files, terminal text, signals;
 //! - [`backend`]: the choice of the graphics backend;
 //! - [`builtin`]: the built-in graphs and shaders;
 //! - [`facts`]: the facts and imports of graphs;
@@ -17,6 +18,8 @@
 //! - [`progress`]: progress on standard error.
 
 #![deny(missing_docs)]
+// Tests write files and lines as they like; the program does so through `output` alone.
+#![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
 
 pub mod backend;
 pub mod builtin;
@@ -27,6 +30,7 @@ pub mod facts;
 pub mod image;
 pub mod inspect;
 pub mod metrics;
+pub mod output;
 pub mod planner;
 pub mod progress;
 pub mod session;

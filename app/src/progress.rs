@@ -3,6 +3,7 @@
 //! Tasks of less than a second show nothing. After that, a terminal gets a bar; a file or a pipe, where a bar would be thousands
 //! of lines, gets a plain line every ten seconds.
 
+use crate::output::{one_line, say};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
@@ -25,7 +26,7 @@ impl Progress {
     /// Starts a task. `what` is a short phrase such as `loading biker.ply`.
     pub fn new(what: impl Into<String>) -> Progress {
         Progress {
-            what: what.into(),
+            what: one_line(&what.into()).into_owned(),
             started: Instant::now(),
             said: None,
             bar: None,
@@ -46,12 +47,12 @@ impl Progress {
             });
             bar.set_length(of);
             bar.set_position(done);
-            bar.set_message(detail.to_owned());
+            bar.set_message(one_line(detail).into_owned());
         } else if self.said.is_none_or(|said| said.elapsed() >= PLAIN_INTERVAL) {
             self.said = Some(Instant::now());
             let percent = (100.0 * done as f64 / of.max(1) as f64).floor();
             let space = if detail.is_empty() { "" } else { " " };
-            eprintln!("{}: {percent}%{space}{detail}", self.what);
+            say(format!("{}: {percent}%{space}{}", self.what, one_line(detail)));
         }
     }
 

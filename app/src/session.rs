@@ -15,6 +15,7 @@ use splatgraph_api::{
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::Format;
 use splatgraph_framework::plan::Plan;
+use splatgraph_framework::reload::Wanted;
 
 /// An error of a session.
 #[derive(Debug, thiserror::Error)]
@@ -88,6 +89,11 @@ impl<D: Device> Session<D> {
     /// Returns the scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// Lists the files that the plans were built from.
+    pub fn files(&self) -> Vec<Wanted> {
+        self.planner.wanted()
     }
 
     /// Returns the plan of the last [`Session::prepare`].

@@ -3,6 +3,7 @@
 use super::Outcome;
 use super::{colour, options};
 use crate::facts::{self, SceneFacts};
+use crate::output::{say, say_styled};
 use crate::planner::{GraphErrors, Planner};
 use anyhow::Result;
 use splatgraph_framework::dump;
@@ -44,14 +45,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
             // Not the graph's fault: the solver's.
             Ok(Err(violations)) => {
                 outcome = Outcome::Failed;
-                eprintln!("{violations}");
+                say(violations);
                 options::print(&format!(
                     "{graph}: its barriers do not hold; please report this with the graph"
                 ))?;
             }
             Err(errors) => {
                 outcome = Outcome::Failed;
-                eprintln!("{}", errors.text(colour()).trim_end());
+                say_styled(&format!("{}\n", errors.text(colour()).trim_end()));
                 options::print(&format!(
                     "{graph}: {}",
                     if errors.count == 1 { "an error" } else { "errors" }

@@ -1,8 +1,10 @@
 //! Runs `splatgraph compare`: measures the difference between pictures.
 
 use super::{Outcome, Usage, options};
-use crate::image::{Image, npz_names, split_member};
+use crate::image::{Format, Image, npz_names, split_member};
 use crate::metrics::{self, Comparison};
+use crate::output::names::{self, MAX_NAME_BYTES};
+use crate::output::{Claims, is_standard_output, one_line, say};
 use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -61,15 +63,24 @@ struct Pair {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let (text, outcome) = compare(args)?;
-    options::print(&text)?;
+    let printed = options::print(&text);
     if let Outcome::Failed = outcome {
-        eprintln!("error: PSNR is below the {} dB of --min-psnr", args.min_psnr.unwrap_or_default());
+        say(format!("error: PSNR is below the {} dB of --min-psnr", args.min_psnr.unwrap_or_default()));
     }
-    Ok(outcome)
+    printed.map(|()| outcome)
 }
 
-/// Compares the pictures; returns the output and the outcome.
-fn compare(args: &Args) -> Result<(String, Outcome)> {
+/// The pictures to compare, and the files of their differences.
+pub(super) struct Work {
+    pairs: Vec<Pair>,
+    /// True for folders.
+    folders: bool,
+    /// A file for each pair, or none.
+    diffs: Vec<PathBuf>,
+}
+
+/// Lists the files of the command line; an error if a difference would overwrite a picture.
+pub(super) fn prepare(args: &Args) -> Result<Work> {
     let (a, b) = (Pictures::of(&args.a)?, Pictures::of(&args.b)?);
     let (pairs, folders) = match (a, b) {
         (Pictures::One(a), Pictures::One(b)) => (vec![Pair { name: a.display().to_string(), a, b }], false),
@@ -80,14 +91,50 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
         }
     };
 
+    let diffs = match &args.diff {
+        None => Vec::new(),
+        Some(out) if is_standard_output(out) => {
+            return Err(Usage(
+                "expected a file for --diff, found `-`: standard output has the result".into(),
+            )
+            .into());
+        }
+        Some(out) if folders => {
+            // Names of an archive's arrays are any text.
+            let names: Vec<String> = pairs.iter().map(|pair| pair.name.clone()).collect();
+            let names = names::unique(&names, MAX_NAME_BYTES - ".png".len());
+            names.iter().map(|name| out.join(format!("{name}.png"))).collect()
+        }
+        Some(out) if Format::of(out).is_none() => {
+            return Err(Usage(format!(
+                "expected a picture for --diff (.png, .exr or .npy), found {}",
+                out.display()
+            ))
+            .into());
+        }
+        Some(out) => vec![out.clone()],
+    };
+    let mut claims = Claims::default();
+    for path in pairs.iter().flat_map(|pair| [&pair.a, &pair.b]) {
+        let file = split_member(path).map_or_else(|| path.clone(), |(archive, _)| archive);
+        claims.input("a compared picture", &file).map_err(Usage::from)?;
+    }
+    for path in &diffs {
+        claims.output("--diff", path).map_err(Usage::from)?;
+    }
+    Ok(Work { pairs, folders, diffs })
+}
+
+/// Compares the pictures; returns the output and the outcome.
+fn compare(args: &Args) -> Result<(String, Outcome)> {
+    let Work { pairs, folders, diffs } = prepare(args)?;
     let mut found = Vec::with_capacity(pairs.len());
-    for pair in &pairs {
+    for (index, pair) in pairs.iter().enumerate() {
         let (a, b) = load(pair)?;
         let comparison = metrics::compare(&a, &b)
             .with_context(|| format!("{} and {} cannot be compared", pair.a.display(), pair.b.display()))?;
-        if let Some(out) = &args.diff {
-            let out = if folders { out.join(format!("{}.png", pair.name)) } else { out.clone() };
-            metrics::difference(&a, &b, args.gain).save(&out)?;
+        if let Some(out) = diffs.get(index) {
+            metrics::difference(&a, &b, args.gain).save(out)?;
         }
         found.push(comparison);
     }
@@ -134,7 +181,7 @@ impl Pictures {
             let file = entry.with_context(|| format!("{}: cannot be read", path.display()))?.path();
             let Some(stem) = file.file_stem().and_then(|s| s.to_str()) else { continue };
             // Other files, such as statistics, may lie there too.
-            if crate::image::Format::of(&file).is_none() {
+            if Format::of(&file).is_none() {
                 continue;
             }
             if let Some(other) = pictures.insert(stem.to_owned(), file.clone()) {
@@ -186,7 +233,7 @@ fn numbered(pictures: BTreeMap<String, PathBuf>) -> Result<Keyed> {
                     bail!("{} and {} end in the same number", other.display(), path.display());
                 }
             }
-            Err(_) => eprintln!("skipped: {} (its name does not end in a number)", path.display()),
+            Err(_) => say(format!("skipped: {} (its name does not end in a number)", path.display())),
         }
     }
     Ok(keyed)
@@ -194,8 +241,7 @@ fn numbered(pictures: BTreeMap<String, PathBuf>) -> Result<Keyed> {
 
 fn load(pair: &Pair) -> Result<(Image, Image)> {
     let (a, b) = (Image::load(&pair.a)?, Image::load(&pair.b)?);
-    let eight_bits =
-        [&pair.a, &pair.b].iter().any(|p| crate::image::Format::of(p) == Some(crate::image::Format::Png));
+    let eight_bits = [&pair.a, &pair.b].iter().any(|p| Format::of(p) == Some(Format::Png));
     Ok(if eight_bits { (a.clamped(), b.clamped()) } else { (a, b) })
 }
 
@@ -221,13 +267,14 @@ fn sentence(c: &Comparison) -> String {
 }
 
 fn table(pairs: &[Pair], found: &[Comparison], worst: usize) -> String {
-    let width = pairs.iter().map(|p| p.name.chars().count()).max().unwrap_or(0).max("picture".len());
+    let width =
+        pairs.iter().map(|p| one_line(&p.name).chars().count()).max().unwrap_or(0).max("picture".len());
     let mut text =
         format!("{:width$} {:>10} {:>10} {:>12}  at\n", "picture", "PSNR dB", "SSIM", "worst pixel");
     for (pair, c) in pairs.iter().zip(found) {
         text += &format!(
             "{:width$} {:>10} {:>10} {:>12.6}  ({}, {})\n",
-            pair.name,
+            one_line(&pair.name),
             decibels(c),
             similarity(c),
             c.worst.difference,
@@ -235,7 +282,7 @@ fn table(pairs: &[Pair], found: &[Comparison], worst: usize) -> String {
             c.worst.y
         );
     }
-    text + &format!("worst: {}, {}", pairs[worst].name, sentence(&found[worst]))
+    text + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
 }
 
 /// Serialises an infinite PSNR as `null`.

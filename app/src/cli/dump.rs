@@ -1,13 +1,14 @@
 //! Runs `splatgraph dump`: writes the plan of a graph.
 
 use super::options;
-use super::{Outcome, Usage};
+use super::{Outcome, Usage, claim_graph_files};
 use crate::facts::{self, SceneFacts};
+use crate::output::{Claims, say};
 use crate::planner::Planner;
 use anyhow::Result;
 use clap::ValueEnum;
 use splatgraph_framework::dump::{self, Dump};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 mod times;
 
@@ -61,7 +62,7 @@ pub struct Args {
     size: (u32, u32),
     #[arg(long, value_enum, default_value_t = Form::Text)]
     format: Form,
-    /// Output file [default: standard output]
+    /// Output file [default: standard output, as for `-`]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -79,10 +80,29 @@ enum Form {
     Html,
 }
 
+/// Lists the files of the command line; an error if the output is an input.
+pub(super) fn claims(args: &Args) -> Result<Claims, Usage> {
+    let mut claims = Claims::default();
+    let graphs = [Some(&args.graph), args.diff.as_ref()].into_iter().flatten();
+    for graph in graphs {
+        claims.input("the graph", Path::new(graph))?;
+    }
+    for (what, path) in [("the scene", &args.scene), ("the file of --times", &args.times)] {
+        if let Some(path) = path {
+            claims.input(what, path)?;
+        }
+    }
+    if let Some(path) = &args.output {
+        claims.output("--output", path)?;
+    }
+    Ok(claims)
+}
+
 pub fn run(args: &Args) -> Result<Outcome> {
     if args.diff.is_some() && matches!(args.format, Form::Dot | Form::Html) {
         return Err(Usage("expected --format text or json with --diff; leave out one of them".into()).into());
     }
+    let mut claims = claims(args)?;
     // Before the plan is made, which takes longer to fail.
     let times = args.times.as_deref().map(times::load).transpose()?;
     let (scene, catalog) = match &args.scene {
@@ -117,6 +137,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             Form::Html => dump::html(&a),
         }
     };
+    claim_graph_files(&mut claims, &planner.wanted())?;
     options::write_text(args.output.as_deref(), &text)?;
     Ok(Outcome::Done)
 }
@@ -129,13 +150,13 @@ fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
         anyhow::bail!("the times are of other passes: none of them is in {}", timed.graph);
     }
     if times.pipeline != timed.graph {
-        eprintln!("the times are of {}, the plan is of {}", times.pipeline, timed.graph);
+        say(format!("the times are of {}, the plan is of {}", times.pipeline, timed.graph));
     }
     if missing > 0 || found < times.passes.len() {
-        eprintln!(
+        say(format!(
             "{missing} passes have no time, and {} times have no pass: the file may be of another device or of other parameters",
             times.passes.len() - found
-        );
+        ));
     }
     Ok(timed)
 }
@@ -145,7 +166,6 @@ mod tests {
     use super::*;
     use clap::Parser;
     use serde_json::{Value, json};
-    use std::path::Path;
 
     #[derive(clap::Parser)]
     struct Line {

@@ -1,7 +1,9 @@
 //! Defines the command line, one file per command.
 //!
 //! A command is a struct of arguments, whose documentation is the help text, and a function `run`. Results go to standard
-//! output, everything else to standard error. The exit code is 0 for success, 1 for a failure, 2 for an invalid command line.
+//! output, everything else to standard error. The exit code is 0 for success, 1 for a failure, 2 for an invalid command line, and
+//! 128 and the signal's number after a signal. It says whether the work was done, not whether its lines could be written.
+//! An output that would overwrite an input or another output is an invalid command line, found before anything is drawn.
 
 mod check;
 mod compare;
@@ -11,15 +13,18 @@ mod info;
 mod options;
 mod render;
 mod synth;
+mod threads;
 #[cfg(feature = "window")]
 mod view;
 
 use crate::builtin;
+use crate::output::{self, Claims, say, say_styled, terminal};
 use crate::planner::GraphErrors;
 use crate::session::SessionError;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatgraph_framework::lower::Control;
-use std::io::{ErrorKind, IsTerminal};
+use splatgraph_framework::reload::Wanted;
+use std::io::IsTerminal;
 use std::process::ExitCode;
 
 /// Draw 3D Gaussian Splatting scenes with renderers that are data files, and measure the cost of every choice
@@ -67,19 +72,30 @@ enum Outcome {
 #[error("{0}")]
 struct Usage(String);
 
+impl From<output::claims::Conflict> for Usage {
+    fn from(conflict: output::claims::Conflict) -> Usage {
+        Usage(conflict.to_string())
+    }
+}
+
+/// Adds the files that a plan is built from to the inputs, once they are known.
+fn claim_graph_files(claims: &mut Claims, wanted: &[Wanted]) -> Result<(), Usage> {
+    wanted.iter().try_for_each(|file| Ok(claims.input("a file of the graph", &file.path)?))
+}
+
 /// Prints the validation messages; they are a failure if validation was requested.
 fn validated(asked: bool, messages: &[String]) -> Outcome {
     for message in messages {
-        eprintln!("validation: {message}");
+        say(format!("validation: {message}"));
     }
     match (asked, messages.len()) {
         (false, _) => Outcome::Done,
         (true, 0) => {
-            eprintln!("validation: no messages");
+            say("validation: no messages");
             Outcome::Done
         }
         (true, count) => {
-            eprintln!("error: the validation layer gave {count} messages");
+            say(format!("error: the validation layer gave {count} messages"));
             Outcome::Failed
         }
     }
@@ -87,11 +103,13 @@ fn validated(asked: bool, messages: &[String]) -> Outcome {
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    let matches = command().get_matches();
-    let cli = match Cli::from_arg_matches(&matches) {
+    output::signals::end_cleanly();
+    let parsed = command().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
+    let cli = match parsed {
         Ok(cli) => cli,
-        Err(error) => error.exit(),
+        Err(error) => return ExitCode::from(terminal::say_usage(&error, colour())),
     };
+    threads::build_pool();
     let result = match &cli.command {
         Command::Render(args) => render::run(args),
         #[cfg(feature = "window")]
@@ -160,29 +178,22 @@ fn colour() -> bool {
 
 /// Prints an error with its causes, each once, and returns the exit code.
 fn report(error: &anyhow::Error) -> ExitCode {
-    // A reader that closes standard output early, such as `head`, is no error.
-    let broken_pipe = |e: &(dyn std::error::Error + 'static)| {
-        e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe)
-    };
-    if error.chain().any(broken_pipe) {
-        return ExitCode::SUCCESS;
-    }
     // These are rendered with the source text and need no prefix.
     let graph_errors = |e: &'_ (dyn std::error::Error + 'static)| match e.downcast_ref::<SessionError>() {
         Some(SessionError::Graph(errors)) => Some(errors.text(colour()).to_owned()),
         _ => e.downcast_ref::<GraphErrors>().map(|errors| errors.text(colour()).to_owned()),
     };
     if let Some(text) = error.chain().find_map(graph_errors) {
-        eprintln!("{}", text.trim_end());
+        say_styled(&format!("{}\n", text.trim_end()));
         return ExitCode::from(1);
     }
-    eprintln!("error: {error}");
+    say(format!("error: {error}"));
     let mut said = error.to_string();
     for cause in error.chain().skip(1) {
         let cause = cause.to_string();
         // Some errors repeat their cause in their own text.
         if !said.contains(&cause) {
-            eprintln!("  because: {cause}");
+            say(format!("  because: {cause}"));
         }
         said = cause;
     }

@@ -1,15 +1,16 @@
 //! Defines options and helpers of several commands.
 
+use super::Usage;
 use crate::backend::{Backend, Options, Validation};
 use crate::builtin;
 use crate::demo;
 use crate::facts;
-use crate::image::make_folder_of;
+use crate::output::{self, say};
 use crate::progress::Progress;
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
-use std::io::Write;
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -26,14 +27,23 @@ pub fn setting(text: &str) -> Result<(String, String), String> {
     }
 }
 
+/// Largest width and height of a picture, in pixels: no Vulkan device has larger images.
+pub const MAX_SIDE: u32 = 32_768;
+
 /// Parses `WIDTHxHEIGHT`.
 pub fn size(text: &str) -> Result<(u32, u32), String> {
-    let parse = || {
+    let parse = || -> Option<(u32, u32)> {
         let (width, height) = text.split_once(['x', 'X'])?;
         let (width, height) = (width.trim().parse().ok()?, height.trim().parse().ok()?);
         (width > 0 && height > 0).then_some((width, height))
     };
-    parse().ok_or_else(|| "expected WIDTHxHEIGHT in pixels, for instance 1920x1080".into())
+    match parse() {
+        Some((width, height)) if width.max(height) > MAX_SIDE => {
+            Err(format!("expected at most {MAX_SIDE}x{MAX_SIDE}, the largest images of any device"))
+        }
+        Some(size) => Ok(size),
+        None => Err("expected WIDTHxHEIGHT in pixels, for instance 1920x1080".into()),
+    }
 }
 
 /// Parses `R,G,B`.
@@ -85,7 +95,7 @@ pub fn load_scene(path: &Path) -> Result<Scene> {
         }
     })?;
     if scene.dropped().total() > 0 {
-        eprintln!("{}: {} splats dropped ({})", path.display(), scene.dropped().total(), scene.dropped());
+        say(format!("{}: {} splats dropped ({})", path.display(), scene.dropped().total(), scene.dropped()));
     }
     Ok(scene)
 }
@@ -93,11 +103,11 @@ pub fn load_scene(path: &Path) -> Result<Scene> {
 /// Loads the scene at `path`, or the demo scene with its camera; returns the scene's path with it.
 pub fn scene_or_demo(path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Camera>)> {
     let Some(path) = path else {
-        let path = demo::path();
-        let made = demo::ensure(&path)
-            .with_context(|| format!("the demo scene cannot be written to {}", path.display()))?;
-        if made {
-            eprintln!("the demo scene was generated into {}", path.display());
+        let path = demo::path().context(
+            "the demo scene has no folder: set XDG_CACHE_HOME or HOME to an absolute path, or name a scene",
+        )?;
+        if demo::ensure(&path).context("the demo scene cannot be generated")? {
+            say(format!("the demo scene was generated into {}", path.display()));
         }
         return Ok((load_scene(&path)?, path, demo::camera()));
     };
@@ -205,23 +215,30 @@ impl Drawing {
 
 /// Writes JSON to a file, or to standard output if the name is `-`.
 pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
-    write_text(Some(path).filter(|path| *path != Path::new("-")), &format!("{value:#}\n"))
+    write_text(Some(path), &format!("{value:#}\n"))
 }
 
-/// Prints a line to standard output; unlike `println!`, returns an error if the pipe is closed.
+/// Prints a line that the command is for to standard output; a closed pipe is no error.
 pub fn print(line: &str) -> Result<()> {
-    Ok(writeln!(std::io::stdout().lock(), "{line}")?)
+    write_text(None, &format!("{line}\n"))
 }
 
-/// Writes text to a file, or to standard output.
+/// Writes text to a file, or to standard output, which `-` names too; a closed pipe is no error.
 pub fn write_text(path: Option<&Path>, text: &str) -> Result<()> {
-    match path {
-        Some(path) => {
-            make_folder_of(path)?;
-            std::fs::write(path, text).with_context(|| format!("{} cannot be written", path.display()))
-        }
-        None => Ok(std::io::stdout().lock().write_all(text.as_bytes())?),
+    match path.filter(|path| !output::is_standard_output(path)) {
+        Some(path) => Ok(output::write_bytes(path, output::harmless(text).as_bytes())?),
+        None => Ok(output::print(text)?),
     }
+}
+
+/// Returns an error if binary data for standard output would go to a terminal.
+pub fn refuse_terminal(what: &str) -> Result<(), Usage> {
+    if std::io::stdout().is_terminal() {
+        return Err(Usage(format!(
+            "expected a file or a pipe as standard output for {what}, found a terminal"
+        )));
+    }
+    Ok(())
 }
 
 #[cfg(test)]

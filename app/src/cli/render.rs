@@ -1,10 +1,13 @@
 //! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
-use super::options::{self, DeviceArgs, Drawing};
-use super::{Outcome, Usage};
+use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
+use super::{Outcome, Usage, claim_graph_files};
 use crate::backend::Backend;
+use crate::demo;
 use crate::image::{Format, Image};
 use crate::inspect::{self, Finding};
+use crate::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
+use crate::output::{Claims, is_standard_output, note, one_line, say};
 use crate::progress::Progress;
 use crate::session::{FrameOptions, Session, image_of};
 use crate::stats::CameraStats;
@@ -12,7 +15,7 @@ use anyhow::{Context, Result, bail};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::plan::Plan;
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
@@ -35,11 +38,13 @@ pub struct Args {
     #[command(flatten)]
     drawing: Drawing,
     /// Background colour, display-encoded, 0 to 1
-    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", value_parser = options::colour)]
+    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
     /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder
     ///
     /// A name without one of these extensions is a folder: it gets one picture per camera, named after the camera's img_name.
+    /// What a file name cannot have becomes `_`, and two cameras never share a file: the second gets its index after its name.
+    /// `-` writes the picture of one camera to standard output, in the format of --format. A picture is whole, or not there.
     #[arg(short, long, value_name = "OUT", required_unless_present_any = ["json", "inspect"])]
     output: Option<PathBuf>,
     /// Format of the pictures in a folder [default: png]
@@ -81,53 +86,119 @@ fn inspect_request(text: &str) -> Result<InspectRequest, String> {
     Ok(InspectRequest { resource, pass, file })
 }
 
-pub fn run(args: &Args) -> Result<Outcome> {
-    // Errors of the command line and of the device are reported before a large scene is loaded.
+/// The cameras of a run and its files, known before the device is opened.
+#[derive(Debug)]
+pub(super) struct Work {
+    /// The cameras of the command line; `None` for those of the scene.
+    given: Option<Vec<Camera>>,
+    destination: Option<Destination>,
+    /// A file name for each camera, without extension, unlike all others.
+    stems: Vec<String>,
+    claims: Claims,
+}
+
+/// Reads the cameras and chooses the names of all files; an error if one of them would destroy another, or an input.
+pub(super) fn prepare(args: &Args) -> Result<Work> {
     let destination = Destination::of(args)?;
     let given = args.drawing.cameras()?;
-    if let (Some(Destination::Picture(path)), Some(cameras @ [_, _, ..])) = (&destination, given.as_deref()) {
+    for camera in given.iter().flatten().filter(|_| args.drawing.size.is_none()) {
+        if camera.width.max(camera.height) > MAX_SIDE {
+            bail!(
+                "the camera {} has pictures of {} x {} pixels; no device has images larger than {MAX_SIDE} x {MAX_SIDE}",
+                one_line(&camera.img_name),
+                camera.width,
+                camera.height
+            );
+        }
+    }
+    let own =
+        || args.scene.is_none().then(demo::camera).flatten().map_or_else(|| FRAMING.into(), |c| c.img_name);
+    let names: Vec<String> =
+        given.as_ref().map_or_else(|| vec![own()], |all| all.iter().map(|c| c.img_name.clone()).collect());
+    if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
         let message = format!(
             "expected one camera for the picture {}, found {}: name a folder, or one camera with --cameras FILE#INDEX",
             path.display(),
-            cameras.len()
+            names.len()
         );
         return Err(Usage(message).into());
     }
+    if args.output.as_deref().is_some_and(is_standard_output) {
+        options::refuse_terminal("the picture")?;
+    }
+    let files: Vec<&Path> = args.inspect.iter().filter_map(|request| request.file.as_deref()).collect();
+    // The longest text around a camera's name: that of a picture, or `keys-NAME.npy`.
+    let around =
+        files.iter().map(|file| stem(file).len() + "-.npy".len()).chain([".png".len()]).max().unwrap_or(0);
+    if names.len() > 1 && around + MIN_ROOM_BYTES > MAX_NAME_BYTES {
+        let message = format!(
+            "the file of --inspect has a name of {around} bytes, which leaves no room for the cameras' names"
+        );
+        return Err(Usage(message).into());
+    }
+    let stems = names::unique(&names, MAX_NAME_BYTES.saturating_sub(around));
+
+    let mut claims = Claims::default();
+    let mut claim = || -> Result<(), Usage> {
+        if let Some(path) = &args.scene {
+            claims.input("the scene", path)?;
+        }
+        if let Some(path) = &args.drawing.cameras {
+            claims.input("the cameras", Path::new(path))?;
+            if let Some((path, _)) = path.rsplit_once('#') {
+                claims.input("the cameras", Path::new(path))?;
+            }
+        }
+        claims.input("the graph", Path::new(&args.drawing.pipeline))?;
+        if let Some(path) = &args.json {
+            claims.output("--json", path)?;
+        }
+        for stem in &stems {
+            if let Some(destination) = &destination {
+                claims.output("--output", &destination.path(stem))?;
+            }
+            for file in &files {
+                claims.output("--inspect", &per_camera(file, stem, stems.len()))?;
+            }
+        }
+        Ok(())
+    };
+    claim()?;
+    Ok(Work { given, destination, stems, claims })
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    // Errors of the command line and of the device are reported before a large scene is loaded.
+    let Work { given, destination, stems, mut claims } = prepare(args)?;
     let device = Backend::open(&args.device.options())?;
-    let (scene, cameras) = scene_and_cameras(args, given)?;
+    let (scene, cameras) = scene_and_cameras(args, given, &stems)?;
 
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     if !args.inspect.is_empty() {
         session.keep_contents();
     }
     let mut all = Vec::with_capacity(cameras.len());
-    let json_alone = args.json.as_deref() == Some(Path::new("-"));
+    let stdout = Stdout::of(args);
     let mut progress = Progress::new("drawing");
-    for (index, camera) in cameras.iter().enumerate() {
+    for (index, (camera, stem)) in cameras.iter().zip(&stems).enumerate() {
         progress.set(index as u64, cameras.len() as u64, &camera.img_name);
-        let Drawn { stats, image, requests } = draw(args, &mut session, camera, destination.is_some())?;
-        // JSON on standard output must be alone there.
-        let say = |line: String| {
-            progress.suspend(|| {
-                if json_alone {
-                    eprintln!("{line}");
-                    return Ok(());
-                }
-                options::print(&line)
-            })
-        };
+        let loaded = prepare_plan(&mut session, camera)?;
+        claim_graph_files(&mut claims, &session.files())?;
+        let Drawn { stats, image, requests } =
+            draw(args, &mut session, camera, destination.is_some(), loaded)?;
+        let tell = |line: String| progress.suspend(|| stdout.line(&line));
         match (&destination, image) {
             (Some(destination), Some(image)) => {
-                let path = destination.path(camera);
-                image.save(&path)?;
-                say(format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line()))?;
+                let path = destination.path(stem);
+                image.save_as(destination.format(), &path)?;
+                tell(format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line()))?;
             }
-            _ => say(format!("{}: {}", camera.img_name, stats.line()))?,
+            _ => tell(format!("{}: {}", one_line(&camera.img_name), stats.line()))?,
         }
         for (finding, inspect_request) in stats.inspected.iter().zip(requests) {
-            say(finding.text())?;
+            tell(finding.text())?;
             if let Some(file) = &args.inspect[inspect_request].file {
-                finding.save(&per_camera(file, camera, cameras.len()))?;
+                finding.save(&per_camera(file, stem, cameras.len()))?;
             }
         }
         all.push(stats);
@@ -139,21 +210,60 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::validated(args.device.validate, &session.into_device().close()))
 }
 
+/// The use of standard output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stdout {
+    /// A file is written there, which must be alone; lines go to standard error.
+    File,
+    /// Its lines are all that the command gives.
+    Product,
+    /// Its lines tell of the files that the command is for.
+    Notes,
+}
+
+impl Stdout {
+    fn of(args: &Args) -> Stdout {
+        let files = args.inspect.iter().filter_map(|request| request.file.as_deref());
+        let files: Vec<&Path> =
+            args.output.iter().chain(&args.json).map(PathBuf::as_path).chain(files).collect();
+        match files.iter().any(|file| is_standard_output(file)) {
+            true => Stdout::File,
+            false if files.is_empty() => Stdout::Product,
+            false => Stdout::Notes,
+        }
+    }
+
+    fn line(self, line: &str) -> Result<()> {
+        match self {
+            Stdout::File => say(line),
+            Stdout::Product => return options::print(line),
+            Stdout::Notes => note(line),
+        }
+        Ok(())
+    }
+}
+
+/// Name of the camera that frames the scene.
+const FRAMING: &str = "framing";
+
 /// Loads the scene and its cameras, in the requested size, each with a unique name.
-fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<(Scene, Vec<Camera>)> {
+fn scene_and_cameras(
+    args: &Args,
+    given: Option<Vec<Camera>>,
+    stems: &[String],
+) -> Result<(Scene, Vec<Camera>)> {
     let (scene, _, own) = options::scene_or_demo(args.scene.as_deref())?;
     let mut cameras = given.or(own.map(|own| vec![own])).unwrap_or_else(|| vec![options::framing(&scene)]);
-    let mut taken = BTreeSet::new();
-    for (index, camera) in cameras.iter_mut().enumerate() {
+    let mut uses: HashMap<String, usize> = HashMap::new();
+    for camera in &cameras {
+        *uses.entry(camera.img_name.clone()).or_default() += 1;
+    }
+    for (camera, stem) in cameras.iter_mut().zip(stems) {
         if let Some((width, height)) = args.drawing.size {
             *camera = camera.resized(width, height);
         }
-        if camera.img_name.is_empty() {
-            camera.img_name = format!("camera{index}");
-        }
-        if !taken.insert(camera.img_name.clone()) {
-            camera.img_name = format!("{}-{index}", camera.img_name);
-            taken.insert(camera.img_name.clone());
+        if camera.img_name.is_empty() || uses.get(&camera.img_name).is_some_and(|uses| *uses > 1) {
+            camera.img_name = stem.clone();
         }
     }
     Ok((scene, cameras))
@@ -162,8 +272,8 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<(Scene, 
 /// The destination of pictures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Destination {
-    /// One picture, in the format of its extension.
-    Picture(PathBuf),
+    /// One picture; `-` is standard output.
+    Picture(PathBuf, Format),
     /// One picture per camera.
     Folder(PathBuf, Format),
 }
@@ -171,11 +281,14 @@ enum Destination {
 impl Destination {
     fn of(args: &Args) -> Result<Option<Destination>, Usage> {
         let Some(output) = &args.output else { return Ok(None) };
+        if is_standard_output(output) {
+            return Ok(Some(Destination::Picture(output.clone(), args.format.unwrap_or(Format::Png))));
+        }
         if let Some(format) = Format::of(output) {
             if args.format.is_some_and(|wanted| wanted != format) {
                 return Err(Usage(format!("--format differs from the extension of {}", output.display())));
             }
-            return Ok(Some(Destination::Picture(output.clone())));
+            return Ok(Some(Destination::Picture(output.clone(), format)));
         }
         // `pictures.jpg` is more likely a mistake than a folder.
         if let Some(extension) = output.extension().filter(|_| !output.is_dir() && args.format.is_none()) {
@@ -188,26 +301,30 @@ impl Destination {
     }
 
     /// Returns the path of a camera's picture.
-    fn path(&self, camera: &Camera) -> PathBuf {
+    fn path(&self, stem: &str) -> PathBuf {
         match self {
-            Destination::Picture(path) => path.clone(),
-            Destination::Folder(folder, format) => folder.join(format!("{}.{format}", file_name(camera))),
+            Destination::Picture(path, _) => path.clone(),
+            Destination::Folder(folder, format) => folder.join(format!("{stem}.{format}")),
         }
+    }
+
+    fn format(&self) -> Format {
+        let (Destination::Picture(_, format) | Destination::Folder(_, format)) = self;
+        *format
     }
 }
 
-/// Makes a file name of the camera's name, which may contain a path.
-fn file_name(camera: &Camera) -> String {
-    camera.img_name.replace(['/', '\\'], "_")
+/// Returns a file's name without extension.
+fn stem(file: &Path) -> std::borrow::Cow<'_, str> {
+    file.file_stem().unwrap_or_default().to_string_lossy()
 }
 
-/// Inserts the camera's name into a path if there are several cameras: `keys-NAME.npy`.
-fn per_camera(file: &Path, camera: &Camera, cameras: usize) -> PathBuf {
+/// Inserts the camera's file name into a path if there are several cameras: `keys-NAME.npy`.
+fn per_camera(file: &Path, camera: &str, cameras: usize) -> PathBuf {
     if cameras == 1 {
         return file.to_owned();
     }
-    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-    file.with_file_name(format!("{stem}-{}.npy", file_name(camera)))
+    file.with_file_name(format!("{}-{camera}.npy", stem(file)))
 }
 
 /// The results of one camera.
@@ -218,9 +335,14 @@ struct Drawn {
     requests: Vec<usize>,
 }
 
-/// Draws the frames of one camera.
-fn draw(args: &Args, session: &mut Session<Backend>, camera: &Camera, wanted: bool) -> Result<Drawn> {
-    let loaded = prepare(session, camera)?;
+/// Draws the frames of one camera with the prepared plan, which is `loaded` anew or not.
+fn draw(
+    args: &Args,
+    session: &mut Session<Backend>,
+    camera: &Camera,
+    wanted: bool,
+    loaded: bool,
+) -> Result<Drawn> {
     let plan = session.plan().context("no plan after `prepare`")?.clone();
     let targets: Vec<Inspect> = args
         .inspect
@@ -281,7 +403,7 @@ fn draw(args: &Args, session: &mut Session<Backend>, camera: &Camera, wanted: bo
 }
 
 /// Builds and loads the plan, with progress.
-fn prepare(session: &mut Session<Backend>, camera: &Camera) -> Result<bool> {
+fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<bool> {
     let mut compiling = Progress::new("making pipelines");
     let mut uploading = None;
     let loaded = session.prepare((camera.width, camera.height), &mut |step| match step {
@@ -323,7 +445,10 @@ mod tests {
     #[test]
     fn a_pictures_name_is_a_picture_and_another_name_a_folder() {
         let folder = |format| Some(Destination::Folder("out".into(), format));
-        assert_eq!(destination("render -o out.EXR").unwrap(), Some(Destination::Picture("out.EXR".into())));
+        let picture = |name: &str, format| Some(Destination::Picture(name.into(), format));
+        assert_eq!(destination("render -o out.EXR").unwrap(), picture("out.EXR", Format::Exr));
+        assert_eq!(destination("render -o -").unwrap(), picture("-", Format::Png));
+        assert_eq!(destination("render -o - --format exr").unwrap(), picture("-", Format::Exr));
         assert_eq!(destination("render -o out").unwrap(), folder(Format::Png));
         assert_eq!(destination("render -o out --format npy").unwrap(), folder(Format::Npy));
         assert_eq!(
@@ -337,11 +462,10 @@ mod tests {
 
     #[test]
     fn pictures_in_a_folder_are_named_after_their_photographs() {
-        let camera = Camera { img_name: "day 1/0007.jpg".into(), ..crate::demo::camera().unwrap() };
         let folder = Destination::Folder("out".into(), Format::Exr);
-        assert_eq!(folder.path(&camera), Path::new("out/day 1_0007.jpg.exr"));
-        assert_eq!(per_camera(Path::new("a/keys.npy"), &camera, 2), Path::new("a/keys-day 1_0007.jpg.npy"));
-        assert_eq!(per_camera(Path::new("a/keys.npy"), &camera, 1), Path::new("a/keys.npy"));
+        assert_eq!(folder.path("day 1_0007.jpg"), Path::new("out/day 1_0007.jpg.exr"));
+        assert_eq!(per_camera(Path::new("a/keys.npy"), "b.jpg", 2), Path::new("a/keys-b.jpg.npy"));
+        assert_eq!(per_camera(Path::new("a/keys.npy"), "b.jpg", 1), Path::new("a/keys.npy"));
     }
 
     #[test]

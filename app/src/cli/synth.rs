@@ -2,11 +2,10 @@
 
 use super::Usage;
 use super::{Outcome, options};
-use crate::demo;
-use crate::image::make_folder_of;
-use anyhow::{Context, Result};
+use crate::output::{self, Claims, is_standard_output, note, say};
+use anyhow::Result;
 use splatgraph_assets::grouped;
-use splatgraph_assets::{Camera, synth};
+use splatgraph_assets::synth;
 use std::path::PathBuf;
 
 pub const EXAMPLES: &str = "Examples:
@@ -24,7 +23,7 @@ pub struct Args {
     /// Name of the scene
     #[arg(conflicts_with = "enlarge")]
     name: Option<String>,
-    /// The .ply file to write, in the layout of the reference implementation
+    /// The .ply file to write, in the layout of the reference implementation; `-` is standard output
     #[arg(short, long, value_name = "OUT.ply")]
     output: Option<PathBuf>,
     /// Number of splats [default: as listed]
@@ -33,7 +32,7 @@ pub struct Args {
     /// Seed of the random numbers
     #[arg(long, value_name = "SEED", default_value_t = 0)]
     seed: u64,
-    /// Also write the scene's cameras
+    /// Also write the scene's cameras; `-` is standard output
     #[arg(long, value_name = "CAMERAS.json", conflicts_with = "enlarge")]
     cameras: Option<PathBuf>,
     /// Enlarge this scene to --count splats, with copies scattered inside its splats
@@ -49,7 +48,35 @@ pub fn generator_list() -> String {
     format!("Scenes:\n{}", options::two_columns(synth::generators().iter().map(row).collect()))
 }
 
+/// Checks the files of the command line, before a scene is made.
+pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
+    let mut claims = Claims::default();
+    if let Some(path) = &args.enlarge {
+        claims.input("the scene", path)?;
+    }
+    let Some(output) = &args.output else {
+        return match (&args.name, &args.enlarge) {
+            (None, None) => Ok(()),
+            _ => Err(Usage("missing output file: add -o OUT.ply".into())),
+        };
+    };
+    if is_standard_output(output) {
+        options::refuse_terminal("the scene")?;
+    } else if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
+        return Err(Usage(format!(
+            "expected a file name with the extension .ply, found {}",
+            output.display()
+        )));
+    }
+    claims.output("--output", output)?;
+    if let Some(path) = &args.cameras {
+        claims.output("--cameras", path)?;
+    }
+    Ok(())
+}
+
 pub fn run(args: &Args) -> Result<Outcome> {
+    check_files(args)?;
     let (scene, cameras) = match (&args.name, &args.enlarge, args.count) {
         (None, Some(path), Some(count)) => (synth::enlarge(&options::load_scene(path)?, count)?, None),
         (Some(name), ..) => {
@@ -62,27 +89,20 @@ pub fn run(args: &Args) -> Result<Outcome> {
             return Ok(Outcome::Done);
         }
     };
-    let Some(output) = &args.output else {
-        return Err(Usage("missing output file: add -o OUT.ply".into()).into());
-    };
-    if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
-        return Err(Usage(format!(
-            "expected a file name with the extension .ply, found {}",
-            output.display()
-        ))
-        .into());
-    }
-    demo::write(&scene, output).with_context(|| format!("{} cannot be written", output.display()))?;
-    options::print(&format!(
+    let Some(output) = &args.output else { return Ok(Outcome::Done) };
+    let data_on_stdout =
+        [args.output.as_deref(), args.cameras.as_deref()].into_iter().flatten().any(is_standard_output);
+    let tell = |line: String| if data_on_stdout { say(line) } else { note(line) };
+    output::write(output, |mut out| Ok(scene.write_ply_to(&mut out)?))?;
+    tell(format!(
         "{}: {} splats, {} bytes",
         output.display(),
         grouped(scene.count().into()),
         grouped(scene.size_breakdown().file_bytes)
-    ))?;
+    ));
     if let (Some(path), Some(cameras)) = (&args.cameras, cameras) {
-        make_folder_of(path)?;
-        Camera::save(&cameras, path)?;
-        options::print(&format!("{}: {} cameras", path.display(), cameras.len()))?;
+        options::write_json(path, &serde_json::to_value(&cameras)?)?;
+        tell(format!("{}: {} cameras", path.display(), cameras.len()));
     }
     Ok(Outcome::Done)
 }

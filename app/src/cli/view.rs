@@ -3,16 +3,17 @@
 use super::options::{self, DeviceArgs, Drawing};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
+use crate::image::Format;
+use crate::output::{Claims, Log, is_standard_output};
 use crate::view::events::RendererId;
 use crate::view::paint::Mode;
 use crate::view::shell::Shell;
 use crate::view::viewer;
 use crate::view::window::{self, WindowOptions};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::ValueEnum;
 use indexmap::IndexMap;
 use splatgraph_assets::{Camera, Scene};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
@@ -39,7 +40,7 @@ pub struct Args {
     #[command(flatten)]
     drawing: Drawing,
     /// Background colour, display-encoded, 0 to 1
-    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", value_parser = options::colour)]
+    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
     /// Compare with another graph
     #[arg(long, value_name = "NAME")]
@@ -111,19 +112,47 @@ enum ShowPanel {
     None,
 }
 
+/// Checks the files of the command line, before a window is opened.
+pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
+    let mut claims = Claims::default();
+    if let Some(path) = &args.scene {
+        claims.input("the scene", path)?;
+        if let Some(cameras) = viewer::cameras_of(path) {
+            claims.input("the cameras", &cameras)?;
+        }
+    }
+    if let Some(path) = &args.drawing.cameras {
+        claims.input("the cameras", Path::new(path))?;
+        if let Some((path, _)) = path.rsplit_once('#') {
+            claims.input("the cameras", Path::new(path))?;
+        }
+    }
+    for graph in [Some(&args.drawing.pipeline), args.compare.as_ref()].into_iter().flatten() {
+        claims.input("the graph", Path::new(graph))?;
+    }
+    if let Some(path) = &args.screenshot {
+        if is_standard_output(path) || Format::of(path).is_none() {
+            return Err(Usage(format!(
+                "expected a file for --screenshot with the extension .png, .exr or .npy, found {}",
+                path.display()
+            )));
+        }
+        claims.output("--screenshot", path)?;
+    }
+    if let Some(path) = &args.events {
+        claims.output("--events", path)?;
+    }
+    Ok(())
+}
+
 pub fn run(args: &Args) -> Result<Outcome> {
+    check_files(args)?;
     let cameras = args.drawing.cameras()?;
     if !(0.05..=4.0).contains(&args.scale) {
         return Err(Usage(format!("expected --scale from 0.05 to 4, found {}", args.scale)).into());
     }
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
-    let events: Option<Box<dyn Write>> = match &args.events {
-        None => None,
-        Some(path) if path == Path::new("-") => Some(Box::new(std::io::stdout())),
-        Some(path) => Some(Box::new(
-            std::fs::File::create(path).with_context(|| format!("{} cannot be written", path.display()))?,
-        )),
-    };
+    let events = args.events.as_deref().map(Log::create).transpose()?;
     let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
     let initial = InitialState::of(args);
     let messages = window::run(WindowOptions {

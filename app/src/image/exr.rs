@@ -5,14 +5,16 @@
 //! `comments` for people.
 
 use super::{Image, ImageError, check_size};
+use crate::output::file::Cause;
 use exr::prelude as x;
 use exr::prelude::{ReadChannels, ReadLayers, WritableImage};
+use std::io::{Cursor, Write};
 use std::path::Path;
 
 const ENCODING: &str = "srgb_rec709_display";
 const COMMENT: &str = "Display-encoded (sRGB) values as blended, not linear light; not clamped to 0..1.";
 
-pub(super) fn save(image: &Image, path: &Path) -> Result<(), ImageError> {
+pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     let mut attributes = x::LayerAttributes {
         comments: Some(x::Text::from(COMMENT)),
         software_name: Some(x::Text::from(concat!("splatgraph ", env!("CARGO_PKG_VERSION")))),
@@ -27,7 +29,10 @@ pub(super) fn save(image: &Image, path: &Path) -> Result<(), ImageError> {
     });
     let layer =
         x::Layer::new((image.width, image.height), attributes, x::Encoding::SMALL_FAST_LOSSLESS, channels);
-    x::Image::from_layer(layer).write().to_file(path).map_err(|e| ImageError::because(path, e))
+    // The table of offsets at the start is written last, which a pipe could not do.
+    let mut bytes = Vec::new();
+    x::Image::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes))?;
+    Ok(out.write_all(&bytes)?)
 }
 
 /// Loads the data window of the first layer that has R, G and B.
@@ -63,7 +68,7 @@ mod tests {
     fn the_file_says_that_its_values_are_not_linear() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
-        save(&Image { width: 1, height: 1, rgb: vec![[0.5; 3]] }, &path).unwrap();
+        Image { width: 1, height: 1, rgb: vec![[0.5; 3]] }.save(&path).unwrap();
         let meta = exr::meta::MetaData::read_from_file(&path, true).unwrap();
         let attributes = &meta.headers[0].own_attributes;
         assert_eq!(attributes.comments.as_ref().unwrap().to_string(), COMMENT);

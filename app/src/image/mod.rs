@@ -11,6 +11,7 @@ mod exr;
 mod npy;
 mod png;
 
+use crate::output::{self, OutputError};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -81,16 +82,26 @@ impl Image {
     }
 
     /// Saves a picture in the format of the path's extension, and creates its folder.
+    ///
+    /// # Errors
+    /// The extension is of no format, or the file cannot be written; what stood there before then stays.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         let Some(format) = Format::of(path) else {
             return Err(ImageError::new(path, "expected the extension .png, .exr or .npy"));
         };
-        make_folder_of(path)?;
-        match format {
-            Format::Png => png::save(self, path),
-            Format::Exr => exr::save(self, path),
-            Format::Npy => npy::save(self, path),
-        }
+        self.save_as(format, path)
+    }
+
+    /// Saves a picture in this format under any name; `-` is standard output.
+    ///
+    /// # Errors
+    /// The file cannot be written; what stood there before then stays.
+    pub fn save_as(&self, format: Format, path: &Path) -> Result<(), ImageError> {
+        Ok(output::write(path, |out| match format {
+            Format::Png => png::write(self, out),
+            Format::Exr => exr::write(self, out),
+            Format::Npy => npy::write(self, out),
+        })?)
     }
 }
 
@@ -160,17 +171,14 @@ pub fn split_member(path: &Path) -> Option<(PathBuf, String)> {
     has_extension(Path::new(archive), "npz").then(|| (PathBuf::from(archive), array.to_owned()))
 }
 
-fn has_extension(path: &Path, extension: &str) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
+impl From<OutputError> for ImageError {
+    fn from(error: OutputError) -> ImageError {
+        ImageError { path: error.path, what: format!("cannot be written: {}", error.cause) }
+    }
 }
 
-/// Creates the folder of a file to be written.
-pub fn make_folder_of(path: &Path) -> Result<(), ImageError> {
-    match path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        Some(folder) => std::fs::create_dir_all(folder)
-            .map_err(|e| ImageError::new(folder, format!("the folder cannot be created: {e}"))),
-        None => Ok(()),
-    }
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
 /// Checks the size in a file's header before memory is allocated for it.
@@ -190,6 +198,7 @@ fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize), Im
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::output::file::faults;
 
     fn ramp() -> Image {
         Image::from_fn(7, 5, |x, y| [x as f32 / 3.0 - 0.5, y as f32 / 4.0, 1e-3 * (x * y) as f32])
@@ -203,6 +212,20 @@ mod tests {
             ramp().save(&path).unwrap();
             assert_eq!(Image::load(&path).unwrap(), ramp(), "{name}");
         }
+    }
+
+    #[test]
+    fn a_full_disk_at_any_step_leaves_the_old_picture_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.npy", "a.exr", "a.png"] {
+            let path = folder.path().join(name);
+            let steps = faults::at_every_step(&path, |path| ramp().save(path));
+            assert!(steps >= 4, "{name}: {steps} steps");
+            assert_eq!(Image::load(&path).unwrap().width, 7);
+            std::fs::remove_file(path).unwrap();
+        }
+        let path = folder.path().join("words.npy");
+        faults::at_every_step(&path, |path| save_words(path, &[6], &[1u32; 6]));
     }
 
     #[test]

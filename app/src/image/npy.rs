@@ -3,17 +3,18 @@
 //! Arrays are written as float32, little-endian, shape `[height, width, 3]`. They are read as any float type, or as bytes
 //! of 0 to 255, with 3 channels, or 4 of which the last is ignored.
 
-use super::{Image, ImageError, MAX_PIXELS, check_size, has_extension, make_folder_of};
+use super::{Image, ImageError, MAX_PIXELS, check_size, has_extension};
+use crate::output::{self, file::Cause};
 use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::io::{self, BufReader, Read, Write};
 use std::path::Path;
 use zip::ZipArchive;
 use zip::result::ZipError;
 
-pub(super) fn save(image: &Image, path: &Path) -> Result<(), ImageError> {
+pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     let shape = [image.height as u64, image.width as u64, 3];
-    write(path, &shape, image.rgb.as_flattened().iter().copied())
+    write_array(out, &shape, image.rgb.as_flattened().iter().copied())
 }
 
 /// Writes 32-bit words of a resource as an array of `shape` (uint32 or float32).
@@ -25,24 +26,17 @@ pub fn save_words<T: npyz::AutoSerialize + Copy>(
     if !has_extension(path, "npy") {
         return Err(ImageError::new(path, "expected the extension .npy"));
     }
-    make_folder_of(path)?;
-    write(path, shape, words.iter().copied())
+    Ok(output::write(path, |out| write_array(out, shape, words.iter().copied()))?)
 }
 
-fn write<T: npyz::AutoSerialize>(
-    path: &Path,
+fn write_array<T: npyz::AutoSerialize>(
+    out: &mut dyn Write,
     shape: &[u64],
     values: impl Iterator<Item = T>,
-) -> Result<(), ImageError> {
-    let write = || -> io::Result<()> {
-        let mut file = BufWriter::new(File::create(path)?);
-        let mut npy: NpyWriter<T, _> =
-            WriteOptions::new().default_dtype().shape(shape).writer(&mut file).begin_nd()?;
-        npy.extend(values)?;
-        npy.finish()?;
-        file.flush()
-    };
-    write().map_err(|e| ImageError::because(path, e))
+) -> Result<(), Cause> {
+    let mut npy: NpyWriter<T, _> = WriteOptions::new().default_dtype().shape(shape).writer(out).begin_nd()?;
+    npy.extend(values)?;
+    Ok(npy.finish()?)
 }
 
 pub(super) fn load(path: &Path) -> Result<Image, ImageError> {

@@ -1,8 +1,9 @@
 //! Reads and writes PNG files: 8 bits per channel when written, any colour type and depth when read.
 
 use super::{Image, ImageError, check_size};
+use crate::output::file::Cause;
 use std::fs::File;
-use std::io::{BufReader, BufWriter};
+use std::io::{BufReader, Write};
 use std::path::Path;
 
 /// Converts a value to a byte: clamped to 0..1, scaled to 0..255, halves rounded up. NaN becomes 0.
@@ -11,17 +12,15 @@ fn level(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
-pub(super) fn save(image: &Image, path: &Path) -> Result<(), ImageError> {
-    let fail = |e: png::EncodingError| ImageError::because(path, e);
-    let file = File::create(path).map_err(|e| ImageError::because(path, e))?;
-    let mut encoder = png::Encoder::new(BufWriter::new(file), image.width as u32, image.height as u32);
+pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
+    let mut encoder = png::Encoder::new(out, image.width as u32, image.height as u32);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
     let bytes: Vec<u8> = image.rgb.as_flattened().iter().map(|&v| level(v)).collect();
-    let mut writer = encoder.write_header().map_err(fail)?;
-    writer.write_image_data(&bytes).map_err(fail)?;
-    writer.finish().map_err(fail)
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(&bytes)?;
+    Ok(writer.finish()?)
 }
 
 /// Loads a file and ignores its alpha: pictures here are opaque.

@@ -8,6 +8,7 @@ use super::panels::{Command, Controls};
 use super::shell::{FrameRequest, Shell};
 use super::viewer::Viewer;
 use crate::backend::{Backend, Options};
+use crate::output::{Log, one_line};
 use crate::session::image_of;
 use anyhow::{Context as _, Result, anyhow, bail};
 use egui::RawInput;
@@ -15,7 +16,6 @@ use serde::Serialize;
 use splatgraph_api::{Pixels, Windowed};
 use splatgraph_assets::{Camera, Scene};
 use std::collections::BTreeMap;
-use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -53,7 +53,7 @@ pub struct WindowOptions {
     /// Sets the initial state of the shell.
     pub setup: Setup,
     /// Destination of events, one JSON object per line.
-    pub events: Option<Box<dyn Write>>,
+    pub events: Option<Log>,
     /// File for the window's picture, saved once everything is built; the window then closes.
     pub screenshot: Option<PathBuf>,
     /// Least number of frames before that; without a screenshot, the number of frames after which the window closes.
@@ -285,7 +285,7 @@ impl Running {
             if frame.drawn {
                 log.write_line(&Event::Frame { number: self.frames, busy: self.shell.viewer.busy() })?;
             }
-            log.out.flush()?;
+            log.out.flush();
         }
         Ok(close)
     }
@@ -331,7 +331,7 @@ impl Running {
 }
 
 fn title(scene: &Path) -> String {
-    format!("{} - splatgraph", scene.file_name().unwrap_or_default().to_string_lossy())
+    format!("{} - splatgraph", one_line(&scene.file_name().unwrap_or_default().to_string_lossy()))
 }
 
 /// Finds the first of `NAME-1.png`, `NAME-2.png`, ... that does not exist.
@@ -342,7 +342,7 @@ fn fresh_name(stem: &str) -> PathBuf {
 
 /// A log of events as JSON lines, with changes of the window's size and of the controls' places.
 struct EventLog {
-    out: BufWriter<Box<dyn Write>>,
+    out: Log,
     begun: Instant,
     window: Option<Event>,
     controls: BTreeMap<String, [f32; 4]>,
@@ -357,8 +357,8 @@ struct Line<'a> {
 }
 
 impl EventLog {
-    fn new(out: Box<dyn Write>) -> EventLog {
-        EventLog { out: BufWriter::new(out), begun: Instant::now(), window: None, controls: BTreeMap::new() }
+    fn new(out: Log) -> EventLog {
+        EventLog { out, begun: Instant::now(), window: None, controls: BTreeMap::new() }
     }
 
     fn write(&mut self, mut all: Vec<Event>, controls: &Controls, request: &FrameRequest) -> Result<()> {
@@ -389,7 +389,7 @@ impl EventLog {
 
     fn write_line(&mut self, event: &Event) -> Result<()> {
         let time = self.begun.elapsed().as_secs_f64();
-        serde_json::to_writer(&mut self.out, &Line { time, event })?;
-        Ok(self.out.write_all(b"\n")?)
+        self.out.line(&serde_json::to_string(&Line { time, event })?);
+        Ok(())
     }
 }

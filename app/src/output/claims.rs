@@ -1,0 +1,301 @@
+//! Refuses outputs that would destroy something, before anything is drawn.
+//!
+//! A command lists the files that it reads and those that it will write. Two names of one file, by links or by another spelling of
+//! the path, count as that file. An output must not be an input, nor another output, nor a folder, nor lie inside of a file; and
+//! its name must not be too long for the file system.
+
+use super::file::{folder_of, resolve};
+use super::names::MAX_NAME_BYTES;
+use super::terminal::is_standard_output;
+use std::collections::HashMap;
+use std::ffi::OsString;
+use std::fs::{self, Metadata};
+use std::path::{Component, Path};
+
+/// Longest path that systems take, in bytes, with its end.
+const MAX_PATH_BYTES: usize = 4096;
+
+/// An output that cannot be written, or would destroy something.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Conflict(String);
+
+/// The files that a command reads and writes.
+#[derive(Debug, Default)]
+pub struct Claims {
+    inputs: HashMap<Identity, String>,
+    outputs: HashMap<Identity, String>,
+    /// The folders of outputs that do not exist yet, and the outputs that need them.
+    folders: HashMap<Identity, String>,
+}
+
+/// What makes two paths the same file.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+enum Identity {
+    StandardOutput,
+    /// A file that exists: where and which; its canonical path on systems without such numbers.
+    Existing(Existing),
+    /// A file that does not exist yet: an existing folder, and the path from there.
+    New(Existing, Vec<OsString>),
+}
+
+#[cfg(unix)]
+type Existing = (u64, u64);
+#[cfg(not(unix))]
+type Existing = std::path::PathBuf;
+
+#[cfg(unix)]
+fn existing(_: &Path, found: &Metadata) -> std::io::Result<Existing> {
+    use std::os::unix::fs::MetadataExt;
+    Ok((found.dev(), found.ino()))
+}
+
+#[cfg(not(unix))]
+fn existing(path: &Path, _: &Metadata) -> std::io::Result<Existing> {
+    path.canonicalize()
+}
+
+impl Claims {
+    /// Adds a file that the command reads; what is not there, or is no file, is not the concern of outputs.
+    ///
+    /// # Errors
+    /// An output that was added before is this file.
+    pub fn input(&mut self, what: &str, path: &Path) -> Result<(), Conflict> {
+        let Ok(found) = fs::metadata(path) else { return Ok(()) };
+        let Some(identity) = Some(found)
+            .filter(Metadata::is_file)
+            .and_then(|found| existing(path, &found).ok())
+            .map(Identity::Existing)
+        else {
+            return Ok(());
+        };
+        if let Some(output) = self.outputs.get(&identity) {
+            return Err(overwrites(output, what, path));
+        }
+        self.inputs.entry(identity).or_insert_with(|| what.to_owned());
+        Ok(())
+    }
+
+    /// Adds a file that the command writes; `what` is its option, such as `--json`.
+    ///
+    /// # Errors
+    /// It is an input or another output, or it cannot be written where it is.
+    pub fn output(&mut self, what: &str, path: &Path) -> Result<(), Conflict> {
+        let Some(identity) = place(what, path)? else { return Ok(()) };
+        if let Some(input) = self.inputs.get(&identity) {
+            return Err(overwrites(what, input, path));
+        }
+        let both = |other: &str| match (identity == Identity::StandardOutput, other == what) {
+            (true, _) => Conflict(format!(
+                "{other} and {what} both go to standard output: name a file for one of them"
+            )),
+            (_, true) => Conflict(format!("two outputs of {what} go into one file, {}", path.display())),
+            _ => Conflict(format!("{other} and {what} name one file, {}", path.display())),
+        };
+        if let Some(other) = self.outputs.get(&identity) {
+            return Err(both(other));
+        }
+        if let Some(other) = self.folders.get(&identity) {
+            return Err(Conflict(format!("{what} names {}, which is the folder of {other}", path.display())));
+        }
+        if let Identity::New(root, parts) = &identity {
+            for length in 1..parts.len() {
+                let folder = Identity::New(root.clone(), parts[..length].to_vec());
+                if let Some(other) = self.outputs.get(&folder) {
+                    return Err(Conflict(format!(
+                        "{what} names {}, which is inside of the file of {other}",
+                        path.display()
+                    )));
+                }
+                self.folders.entry(folder).or_insert_with(|| what.to_owned());
+            }
+        }
+        self.outputs.insert(identity, what.to_owned());
+        Ok(())
+    }
+}
+
+fn overwrites(output: &str, input: &str, path: &Path) -> Conflict {
+    Conflict(format!("{output} would overwrite {input}, {}: name another file", path.display()))
+}
+
+/// Finds where an output goes; `None` for a device or a pipe, which any number of outputs may use.
+fn place(what: &str, path: &Path) -> Result<Option<Identity>, Conflict> {
+    if is_standard_output(path) {
+        return Ok(Some(Identity::StandardOutput));
+    }
+    let unreachable = |error: std::io::Error| {
+        Conflict(format!("{what} names {}, which cannot be written: {error}", path.display()))
+    };
+    if path.as_os_str().len() >= MAX_PATH_BYTES {
+        return Err(Conflict(format!(
+            "{what} names a path of {} bytes; expected less than {MAX_PATH_BYTES}",
+            path.as_os_str().len()
+        )));
+    }
+    if let Some(part) = path.iter().find(|part| part.len() > MAX_NAME_BYTES) {
+        return Err(too_long(what, path, part.len(), MAX_NAME_BYTES));
+    }
+    let (target, found) = resolve(path).map_err(unreachable)?;
+    match found {
+        Some(found) if found.is_dir() => {
+            Err(Conflict(format!("{what} names {}, which is a folder; expected a file", path.display())))
+        }
+        Some(found) if found.is_file() => {
+            existing(&target, &found).map(Identity::Existing).map(Some).map_err(unreachable)
+        }
+        Some(_) => Ok(None),
+        None => new(what, path, &target, unreachable).map(Some),
+    }
+}
+
+fn too_long(what: &str, path: &Path, found: usize, most: usize) -> Conflict {
+    Conflict(format!(
+        "{what} names {}, with a part of {found} bytes; the file system takes {most}",
+        path.display()
+    ))
+}
+
+/// Identifies a file that does not exist by the deepest of its folders that does.
+fn new(
+    what: &str,
+    path: &Path,
+    target: &Path,
+    unreachable: impl Fn(std::io::Error) -> Conflict,
+) -> Result<Identity, Conflict> {
+    let mut parts: Vec<OsString> = Vec::new();
+    let mut rest = target;
+    let (root, found) = loop {
+        let Some(Component::Normal(name)) = rest.components().next_back() else {
+            // The file's name is `..` or nothing, or a folder that does not exist is left again.
+            return Err(Conflict(format!("{what} names {}; expected the name of a file", path.display())));
+        };
+        parts.push(spelling(name.to_owned()));
+        rest = folder_of(rest);
+        match fs::metadata(rest) {
+            Ok(found) if found.is_dir() => break (rest, found),
+            Ok(_) => {
+                return Err(Conflict(format!(
+                    "{what} names {}, but {} is no folder",
+                    path.display(),
+                    rest.display()
+                )));
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+            Err(error) => return Err(unreachable(error)),
+        }
+    };
+    let most = longest_name(root);
+    if let Some(part) = parts.iter().find(|part| part.len() > most) {
+        return Err(too_long(what, path, part.len(), most));
+    }
+    parts.reverse();
+    Ok(Identity::New(existing(root, &found).map_err(unreachable)?, parts))
+}
+
+/// Spells a name as it is compared: systems that ignore case are asked without it.
+fn spelling(name: OsString) -> OsString {
+    if cfg!(any(windows, target_vendor = "apple")) { name.to_ascii_lowercase() } else { name }
+}
+
+/// Returns the longest name that the file system of a folder takes, in bytes.
+fn longest_name(folder: &Path) -> usize {
+    #[cfg(unix)]
+    if let Ok(found) = rustix::fs::statvfs(folder) {
+        return (found.f_namemax as usize).clamp(1, MAX_NAME_BYTES);
+    }
+    let _ = folder;
+    MAX_NAME_BYTES
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(claims: &mut Claims, what: &str, path: &Path) -> String {
+        claims.output(what, path).expect_err("it is refused").to_string()
+    }
+
+    #[test]
+    fn an_output_over_an_input_is_refused_under_any_of_its_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("in.ply");
+        fs::write(&scene, "ply").unwrap();
+        let mut names =
+            vec![scene.clone(), folder.path().join("./in.ply"), folder.path().join("new/../in.ply")];
+        fs::create_dir(folder.path().join("new")).unwrap();
+        #[cfg(unix)]
+        {
+            let [hard, soft] = ["hard", "soft"].map(|name| folder.path().join(name));
+            fs::hard_link(&scene, &hard).unwrap();
+            std::os::unix::fs::symlink("in.ply", &soft).unwrap();
+            std::os::unix::fs::symlink(".", folder.path().join("here")).unwrap();
+            names.extend([hard, soft, folder.path().join("here/here/in.ply")]);
+        }
+        for name in names {
+            let mut claims = Claims::default();
+            claims.input("the scene", &scene).unwrap();
+            let text = refused(&mut claims, "--json", &name);
+            assert!(text.starts_with("--json would overwrite the scene, "), "{text}");
+            // The other way round, for files that are known late.
+            let mut claims = Claims::default();
+            claims.output("--json", &name).unwrap();
+            assert!(claims.input("the scene", &scene).is_err(), "{}", name.display());
+        }
+    }
+
+    #[test]
+    fn two_outputs_into_one_file_are_refused_whether_it_exists_or_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("old"), "").unwrap();
+        for (one, other) in [("old", "./old"), ("new", "./new"), ("a/b/new", "a/./b/new")] {
+            let mut claims = Claims::default();
+            claims.output("-o", &at(one)).unwrap();
+            let text = refused(&mut claims, "--json", &at(other));
+            assert!(text.starts_with("-o and --json name one file, "), "{text}");
+        }
+        let mut claims = Claims::default();
+        claims.output("-o", &at("z")).unwrap();
+        assert!(refused(&mut claims, "--json", &at("z/stats.json")).contains("inside of the file of -o"));
+        let mut claims = Claims::default();
+        claims.output("-o", &at("z/a.png")).unwrap();
+        assert!(refused(&mut claims, "--json", &at("z")).contains("the folder of -o"));
+        let mut claims = Claims::default();
+        claims.output("-o", Path::new("-")).unwrap();
+        assert!(refused(&mut claims, "--json", Path::new("-")).contains("standard output"));
+    }
+
+    #[test]
+    fn an_output_that_cannot_be_written_there_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("file"), "").unwrap();
+        for (name, why) in [
+            ("", "is a folder"),
+            ("file/a.png", "is no folder"),
+            ("file/b/a.png", "is no folder"),
+            ("new/..", "the name of a file"),
+            (&"x".repeat(256), "256 bytes; the file system takes 255"),
+            (&format!("{}/a.png", "x".repeat(256)), "256 bytes"),
+            (&"x/".repeat(2048), "expected less than 4096"),
+        ] {
+            let text = refused(&mut Claims::default(), "-o", &at(name));
+            // The system's own words, where it was asked first.
+            assert!(text.contains(why) || text.contains("Not a directory"), "{name}: {text}");
+        }
+        let mut claims = Claims::default();
+        for name in ["a.png", "A.svg", "deep/er/a.png", "deep/er/b.png", "deep/c.png"] {
+            claims.output("-o", &at(name)).unwrap();
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn devices_may_be_used_twice() {
+        let mut claims = Claims::default();
+        for what in ["-o", "--json"] {
+            claims.output(what, Path::new("/dev/null")).unwrap();
+        }
+    }
+}

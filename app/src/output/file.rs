@@ -1,0 +1,624 @@
+//! Writes files so that each is whole, or not there.
+//!
+//! The bytes go into a file without a name in the target's folder (`O_TMPFILE`); when they are all on the disk, the file gets its
+//! name in one step. Whatever ends the program before leaves nothing behind, and a file that stood there stays as it was. Where a
+//! file is replaced, the new one has a hidden name for the moment between two system calls, since no call replaces a file by one
+//! without a name. File systems without such files get a hidden file from the start, which errors and signals remove.
+//!
+//! A replaced file hands on its permissions. A link is followed, not replaced. What is no file (a pipe, a terminal, `/dev/null`)
+//! is written directly.
+
+use super::terminal;
+use std::collections::BTreeSet;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+#[cfg(unix)]
+use std::sync::TryLockError;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// An error of any writer.
+pub type Cause = Box<dyn std::error::Error + Send + Sync>;
+
+/// An error of writing a file: the file as it was named, and the cause.
+#[derive(Debug, thiserror::Error)]
+#[error("{} cannot be written: {cause}", path.display())]
+pub struct OutputError {
+    /// The file that was to be written.
+    pub path: PathBuf,
+    /// The reason.
+    pub cause: Cause,
+}
+
+/// Size of the buffer before the file, in bytes.
+const BUFFER_BYTES: usize = 1 << 17;
+
+/// Largest number of links that are followed to a target, as on Linux.
+const MAX_LINKS: usize = 40;
+
+/// Writes a file, and creates its folder; `-` is standard output.
+///
+/// # Errors
+/// The folder or the file cannot be created or written, or `body` fails. What stood there before then stays.
+pub fn write(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), OutputError> {
+    write_to(path, body).map_err(|cause| OutputError { path: path.to_owned(), cause })
+}
+
+/// Writes these bytes as [`write`] does.
+///
+/// # Errors
+/// Those of [`write`].
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+    write(path, |out| Ok(out.write_all(bytes)?))
+}
+
+fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
+    match Target::of(path)? {
+        Target::StandardOutput => {
+            let mut failed = None;
+            terminal::print_bytes(|out| {
+                let mut out = BufWriter::with_capacity(BUFFER_BYTES, out);
+                match body(&mut out) {
+                    Ok(()) => out.flush(),
+                    Err(cause) => match cause.downcast::<io::Error>() {
+                        Ok(error) => Err(*error),
+                        Err(cause) => {
+                            failed = Some(cause);
+                            Ok(())
+                        }
+                    },
+                }
+            })?;
+            failed.map_or(Ok(()), Err)
+        }
+        Target::Direct(path) => {
+            // Nothing that stands there is truncated or overwritten.
+            let file = OpenOptions::new().append(true).open(path)?;
+            fill(&file, body)
+        }
+        Target::File(target) => {
+            let folder = folder_of(&target);
+            fs::create_dir_all(folder)
+                .map_err(|e| format!("the folder {} cannot be created: {e}", folder.display()))?;
+            let unfinished = Unfinished::create(target)?;
+            fill(&unfinished.file, body)?;
+            Ok(unfinished.finish()?)
+        }
+    }
+}
+
+/// Runs `body` on a buffered file.
+fn fill(file: &File, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
+    let mut out = BufWriter::with_capacity(BUFFER_BYTES, Faulty(file));
+    let filled = body(&mut out).and_then(|()| Ok(out.flush()?));
+    // Dropped otherwise, the buffer would be written once more after a failure.
+    let _ = out.into_parts();
+    filled
+}
+
+/// The file, with the faults that tests inject.
+struct Faulty<'a>(&'a File);
+
+impl Write for Faulty<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        faults::step()?;
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+/// The destination of a path.
+enum Target {
+    StandardOutput,
+    /// No regular file: written as it is.
+    Direct(PathBuf),
+    /// A regular file, or none yet, with all links of its name followed.
+    File(PathBuf),
+}
+
+impl Target {
+    fn of(path: &Path) -> io::Result<Target> {
+        if terminal::is_standard_output(path) {
+            return Ok(Target::StandardOutput);
+        }
+        // These lead to open files. Replacing or truncating what they lead to would lose what others wrote there.
+        match path.to_str() {
+            Some("/dev/stdout" | "/dev/fd/1" | "/proc/self/fd/1") => return Ok(Target::StandardOutput),
+            Some(name)
+                if ["/dev/stderr", "/dev/fd/", "/proc/self/fd/"].iter().any(|p| name.starts_with(p)) =>
+            {
+                return Ok(Target::Direct(path.to_owned()));
+            }
+            _ => {}
+        }
+        match resolve(path)? {
+            (target, None) => Ok(Target::File(target)),
+            (_, Some(found)) if found.is_dir() => Err(io::Error::from(ErrorKind::IsADirectory)),
+            (target, Some(found)) if found.is_file() => Ok(Target::File(target)),
+            (target, Some(_)) => Ok(Target::Direct(target)),
+        }
+    }
+}
+
+/// Follows the links of a path's last part; returns the end of them, and what stands there.
+pub(super) fn resolve(path: &Path) -> io::Result<(PathBuf, Option<fs::Metadata>)> {
+    let mut target = path.to_owned();
+    for _ in 0..MAX_LINKS {
+        match fs::symlink_metadata(&target) {
+            Ok(found) if found.is_symlink() => target = folder_of(&target).join(fs::read_link(&target)?),
+            Ok(found) => return Ok((target, Some(found))),
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok((target, None)),
+            Err(error) => return Err(error),
+        }
+    }
+    Err(io::Error::other("too many links lead to it"))
+}
+
+/// Returns the folder of a path; `.` for a bare name.
+pub(super) fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// The hidden names in use, which a signal removes. Whoever holds the lock gives files their names, or ends the program.
+static HIDDEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn hidden_names() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    HIDDEN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes unfinished files; none is finished as long as the returned guard lives.
+///
+/// `None` if a thread keeps the lock for longer than names take: it waits for the reader of a full pipe.
+#[cfg(unix)]
+pub(super) fn abandon() -> Option<MutexGuard<'static, BTreeSet<PathBuf>>> {
+    for _ in 0..100 {
+        let mut names = match HIDDEN.try_lock() {
+            Ok(names) => names,
+            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
+            Err(TryLockError::WouldBlock) => {
+                std::thread::sleep(std::time::Duration::from_millis(5));
+                continue;
+            }
+        };
+        for name in std::mem::take(&mut *names) {
+            let _ = fs::remove_file(name);
+        }
+        return Some(names);
+    }
+    None
+}
+
+/// Makes a path in `folder` that no other process uses.
+fn hidden_name(folder: &Path) -> PathBuf {
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let number = NEXT.fetch_add(1, Ordering::Relaxed);
+    folder.join(format!(".splatgraph-{}-{number}.tmp", std::process::id()))
+}
+
+/// A file that is being filled.
+struct Unfinished {
+    file: File,
+    target: PathBuf,
+    /// Its hidden name; `None` for a file without a name.
+    hidden: Option<PathBuf>,
+}
+
+impl Unfinished {
+    fn create(target: PathBuf) -> io::Result<Unfinished> {
+        faults::step()?;
+        if let Ok(old) = fs::metadata(&target) {
+            refuse_protected(&target, &old)?;
+        }
+        let folder = folder_of(&target);
+        if let Some(file) = nameless::create(folder)? {
+            return Ok(Unfinished { file, target, hidden: None });
+        }
+        let mut names = hidden_names();
+        loop {
+            let name = hidden_name(folder);
+            match OpenOptions::new().write(true).create_new(true).open(&name) {
+                Ok(file) => {
+                    names.insert(name.clone());
+                    return Ok(Unfinished { file, target, hidden: Some(name) });
+                }
+                // Left by a killed process whose number this one has.
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// Puts the contents on the disk and gives the file its name.
+    fn finish(mut self) -> io::Result<()> {
+        if let Ok(old) = fs::metadata(&self.target) {
+            hand_on_permissions(&old, &self.file);
+        }
+        faults::step()?;
+        synced(self.file.sync_all())?;
+        self.name()?;
+        // The name is on the disk when the folder is.
+        match File::open(folder_of(&self.target)) {
+            Ok(folder) => synced(folder.sync_all()),
+            // A folder that may be written need not be readable.
+            Err(_) => Ok(()),
+        }
+    }
+
+    fn name(&mut self) -> io::Result<()> {
+        let mut names = hidden_names();
+        faults::step()?;
+        if self.hidden.is_none() {
+            match nameless::link(&self.file, &self.target) {
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                linked => return linked,
+            }
+            // The loop ends: every name is tried once.
+            loop {
+                let name = hidden_name(folder_of(&self.target));
+                match nameless::link(&self.file, &name) {
+                    Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                    Err(error) => return Err(error),
+                    Ok(()) => {
+                        names.insert(name.clone());
+                        self.hidden = Some(name);
+                        break;
+                    }
+                }
+            }
+        }
+        if let Some(name) = &self.hidden {
+            faults::step()?;
+            fs::rename(name, &self.target)?;
+            names.remove(name);
+            self.hidden = None;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        if let Some(name) = self.hidden.take() {
+            let mut names = hidden_names();
+            let _ = fs::remove_file(&name);
+            names.remove(&name);
+        }
+    }
+}
+
+/// Returns true for errors that say that the file system knows no such operation.
+fn is_unsupported(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::Unsupported | ErrorKind::InvalidInput)
+}
+
+/// Ignores that a file system cannot sync.
+fn synced(result: io::Result<()>) -> io::Result<()> {
+    result.or_else(|error| if is_unsupported(&error) { Ok(()) } else { Err(error) })
+}
+
+/// Refuses to replace a file that may not be written: its folder alone would allow that.
+#[cfg(unix)]
+fn refuse_protected(target: &Path, _: &fs::Metadata) -> io::Result<()> {
+    Ok(rustix::fs::access(target, rustix::fs::Access::WRITE_OK)?)
+}
+
+#[cfg(not(unix))]
+fn refuse_protected(_: &Path, old: &fs::Metadata) -> io::Result<()> {
+    if old.permissions().readonly() { Err(ErrorKind::PermissionDenied.into()) } else { Ok(()) }
+}
+
+/// Gives the new file the permissions and, where that is allowed, the owner of the old one.
+fn hand_on_permissions(old: &fs::Metadata, file: &File) {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::{MetadataExt, PermissionsExt, fchown};
+        if let Ok(new) = file.metadata()
+            && (new.uid(), new.gid()) != (old.uid(), old.gid())
+        {
+            // Only root may give files away.
+            let _ = fchown(file, Some(old.uid()), Some(old.gid()));
+        }
+        // Without the bits that give a program its owner's rights.
+        let _ = file.set_permissions(fs::Permissions::from_mode(old.permissions().mode() & 0o777));
+    }
+    #[cfg(not(unix))]
+    let _ = file.set_permissions(old.permissions());
+}
+
+/// Files without a name, which Linux has.
+#[cfg(target_os = "linux")]
+mod nameless {
+    use super::{File, Path, io, is_unsupported};
+    use rustix::fs::{AtFlags, CWD, Mode, OFlags, linkat, open};
+    use rustix::io::Errno;
+    use std::os::fd::AsRawFd;
+
+    /// Creates a file without a name; `None` where the file system has none, or `/proc` is not there to name it by.
+    pub fn create(folder: &Path) -> io::Result<Option<File>> {
+        #[cfg(test)]
+        if super::faults::hidden_only() {
+            return Ok(None);
+        }
+        if !Path::new("/proc/self/fd").is_dir() {
+            return Ok(None);
+        }
+        let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
+        match open(folder, flags, Mode::from_raw_mode(0o666)) {
+            Ok(file) => Ok(Some(file.into())),
+            // Kernels and file systems that do not know the flag try to open the folder itself.
+            Err(Errno::ISDIR | Errno::NOENT) => Ok(None),
+            Err(error) if is_unsupported(&error.into()) => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Names the file; an existing file is an error.
+    pub fn link(file: &File, target: &Path) -> io::Result<()> {
+        let handle = format!("/proc/self/fd/{}", file.as_raw_fd());
+        Ok(linkat(CWD, handle, CWD, target, AtFlags::SYMLINK_FOLLOW)?)
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+mod nameless {
+    use super::{ErrorKind, File, Path, io};
+
+    pub fn create(_: &Path) -> io::Result<Option<File>> {
+        Ok(None)
+    }
+
+    pub fn link(_: &File, _: &Path) -> io::Result<()> {
+        Err(ErrorKind::Unsupported.into())
+    }
+}
+
+/// A file of lines that is read while it grows, such as the viewer's events.
+///
+/// It is the one output that is written in place. It grows by whole lines, and a failure ends the log, not the program.
+pub struct Log {
+    out: Option<Box<dyn Write>>,
+    path: PathBuf,
+    pending: Vec<u8>,
+}
+
+impl Log {
+    /// Opens the file, emptied; `-` is standard output.
+    ///
+    /// # Errors
+    /// The folder or the file cannot be created.
+    pub fn create(path: &Path) -> Result<Log, OutputError> {
+        let open = || -> io::Result<Box<dyn Write>> {
+            Ok(match Target::of(path)? {
+                Target::StandardOutput => Box::new(io::stdout()),
+                Target::Direct(path) => Box::new(OpenOptions::new().append(true).open(path)?),
+                Target::File(target) => {
+                    fs::create_dir_all(folder_of(&target))?;
+                    Box::new(File::create(target)?)
+                }
+            })
+        };
+        match open() {
+            Ok(out) => Ok(Log { out: Some(out), path: path.to_owned(), pending: Vec::new() }),
+            Err(error) => Err(OutputError { path: path.to_owned(), cause: error.into() }),
+        }
+    }
+
+    /// Adds a line, without its line break, to the next [`Log::flush`].
+    pub fn line(&mut self, line: &str) {
+        self.pending.extend_from_slice(terminal::harmless(line).as_bytes());
+        self.pending.push(b'\n');
+    }
+
+    /// Writes the added lines. The first failure is reported, and ends the log.
+    pub fn flush(&mut self) {
+        if let Some(out) = &mut self.out {
+            // A signal does not end the program in the middle of a line.
+            let _names = hidden_names();
+            if let Err(error) = out.write_all(&self.pending).and_then(|()| out.flush()) {
+                self.out = None;
+                if error.kind() != ErrorKind::BrokenPipe {
+                    terminal::say(format!(
+                        "error: {} cannot be written further: {error}",
+                        self.path.display()
+                    ));
+                }
+            }
+        }
+        self.pending.clear();
+    }
+}
+
+/// Faults for tests: the nth step of writing files on this thread fails.
+#[cfg(not(test))]
+mod faults {
+    #[inline]
+    pub fn step() -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod faults {
+    use std::cell::Cell;
+    use std::io;
+
+    thread_local! {
+        static LEFT: Cell<Option<u32>> = const { Cell::new(None) };
+        static HIDDEN_ONLY: Cell<bool> = const { Cell::new(false) };
+    }
+
+    pub fn step() -> io::Result<()> {
+        match LEFT.get() {
+            Some(0) => Err(io::ErrorKind::StorageFull.into()),
+            Some(left) => {
+                LEFT.set(Some(left - 1));
+                Ok(())
+            }
+            None => Ok(()),
+        }
+    }
+
+    pub fn hidden_only() -> bool {
+        HIDDEN_ONLY.get()
+    }
+
+    /// Runs `body` as on a file system without files that have no name.
+    pub fn with_hidden_files<T>(body: impl FnOnce() -> T) -> T {
+        HIDDEN_ONLY.set(true);
+        let result = body();
+        HIDDEN_ONLY.set(false);
+        result
+    }
+
+    /// Runs `body` with a disk that is full from this step on.
+    pub fn full_after<T>(steps: u32, body: impl FnOnce() -> T) -> T {
+        LEFT.set(Some(steps));
+        let result = body();
+        LEFT.set(None);
+        result
+    }
+
+    /// Fails each step of `save` in turn, over an old file and over none: the old file stays, and nothing else is left.
+    ///
+    /// Returns the number of steps.
+    pub fn at_every_step<E: std::fmt::Display>(
+        path: &std::path::Path,
+        save: impl Fn(&std::path::Path) -> Result<(), E>,
+    ) -> u32 {
+        let folder = super::folder_of(path);
+        let alone = |old: Option<&[u8]>, step: u32| {
+            let names: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+            match old {
+                Some(old) => {
+                    assert_eq!(std::fs::read(path).unwrap(), old, "step {step}: the old file is damaged");
+                    assert_eq!(names, [path], "step {step}");
+                }
+                None => assert_eq!(names, [] as [std::path::PathBuf; 0], "step {step}"),
+            }
+        };
+        let old: &[u8] = b"the old file";
+        let mut step = 0;
+        loop {
+            let _ = std::fs::remove_file(path);
+            let new = full_after(step, || save(path));
+            if let Err(error) = &new {
+                let error = error.to_string();
+                assert!(error.contains(&path.display().to_string()), "step {step}: {error}");
+                alone(None, step);
+            }
+            std::fs::write(path, old).unwrap();
+            let over = full_after(step, || save(path));
+            match over {
+                Err(_) => alone(Some(old), step),
+                Ok(()) if new.is_ok() => return step,
+                Ok(()) => panic!("step {step}: replacing a file has fewer steps"),
+            }
+            step += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn long(out: &mut dyn Write) -> Result<(), Cause> {
+        for _ in 0..5 {
+            out.write_all(&[7; BUFFER_BYTES])?;
+        }
+        Ok(())
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_full_disk_at_any_step_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.bin");
+        assert!(faults::at_every_step(&path, |path| write(path, long)) >= 7);
+        assert!(faults::with_hidden_files(|| faults::at_every_step(&path, |path| write(path, long))) >= 7);
+        assert_eq!(fs::read(&path).unwrap().len(), 5 * BUFFER_BYTES);
+    }
+
+    #[test]
+    fn a_failing_writer_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        fs::write(&path, "old").unwrap();
+        for hidden in [false, true] {
+            let attempt = || {
+                write(&path, |out| {
+                    long(out)?;
+                    Err("no more".into())
+                })
+            };
+            let error = if hidden { faults::with_hidden_files(attempt) } else { attempt() }.unwrap_err();
+            assert_eq!(error.to_string(), format!("{} cannot be written: no more", path.display()));
+            assert_eq!(
+                (fs::read_to_string(&path).unwrap().as_str(), names(folder.path())),
+                ("old", vec!["a.txt".into()])
+            );
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_replaced_file_hands_on_its_permissions_and_a_link_stays_a_link() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let folder = tempfile::tempdir().unwrap();
+        let [real, link, dangling, found] =
+            ["real", "link", "dangling", "found"].map(|name| folder.path().join(name));
+        fs::write(&real, "old").unwrap();
+        fs::set_permissions(&real, fs::Permissions::from_mode(0o640)).unwrap();
+        symlink("real", &link).unwrap();
+        symlink("found", &dangling).unwrap();
+        write_bytes(&link, b"new").unwrap();
+        write_bytes(&dangling, b"new").unwrap();
+        assert_eq!(fs::read_to_string(&real).unwrap(), "new");
+        assert_eq!(fs::read_to_string(&found).unwrap(), "new");
+        assert_eq!(fs::metadata(&real).unwrap().permissions().mode() & 0o777, 0o640);
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(names(folder.path()), ["dangling", "found", "link", "real"]);
+        symlink("round", folder.path().join("round")).unwrap();
+        assert!(write_bytes(&folder.path().join("round"), b"").is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_file_is_written_directly_and_stays_what_it_is() {
+        use std::os::unix::fs::FileTypeExt;
+        write_bytes(Path::new("/dev/null"), b"gone").unwrap();
+        assert!(fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+        #[cfg(target_os = "linux")]
+        {
+            let error = write_bytes(Path::new("/dev/full"), b"too much").unwrap_err().to_string();
+            assert!(error.starts_with("/dev/full cannot be written: No space left"), "{error}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let error = write_bytes(folder.path(), b"").unwrap_err().to_string();
+        assert!(error.contains("directory"), "{error}");
+    }
+
+    #[test]
+    fn a_log_has_whole_lines_and_creates_its_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/log.jsonl");
+        let mut log = Log::create(&path).unwrap();
+        log.line("one");
+        assert_eq!(fs::read_to_string(&path).unwrap(), "");
+        log.line("t\x1bwo");
+        log.flush();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "one\nt\\u001bwo\n");
+    }
+}

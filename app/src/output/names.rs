@@ -1,0 +1,149 @@
+//! Makes file names of cameras' names, each camera its own.
+//!
+//! The mapping is a function of the list of names: two runs give the same files. Names that are fit for a file stay as they are. In
+//! others, what some system refuses becomes `_`: separators, control characters, `< > : " | ? *`, a leading dot, and the
+//! devices of Windows (`CON`, `NUL`, ...). An empty name becomes `camera` and the camera's index. Of equal names the first that
+//! stood there unchanged keeps its name; the others get `-` and the camera's index, and then a number, until no two are equal in
+//! upper or lower case. A name that is too long is cut, and ends in `~` and eight digits of the hash of the whole name.
+
+use super::terminal::is_harmful;
+use std::collections::HashSet;
+
+/// Largest file name that every usual file system takes, in bytes.
+pub const MAX_NAME_BYTES: usize = 255;
+
+/// Least room for a camera's name in a file name, in bytes: for its hash, its index, and something to recognise.
+pub const MIN_ROOM_BYTES: usize = 48;
+
+/// Makes a file name of each name, without extension, of at most `room` bytes (at least [`MIN_ROOM_BYTES`]).
+pub fn unique(names: &[String], room: usize) -> Vec<String> {
+    let room = room.max(MIN_ROOM_BYTES);
+    let fit: Vec<String> =
+        names.iter().enumerate().map(|(index, name)| shortened(&sanitized(name, index), room)).collect();
+    let mut taken: HashSet<String> = HashSet::with_capacity(names.len());
+    let mut found: Vec<Option<String>> = vec![None; names.len()];
+    // Unchanged names first: whatever the others become, these files are where their names say.
+    for changed in [false, true] {
+        for (index, name) in fit.iter().enumerate() {
+            if (*name != names[index]) == changed && taken.insert(key(name)) {
+                found[index] = Some(name.clone());
+            }
+        }
+    }
+    let mut own = |index: usize| {
+        let suffixes = std::iter::once(format!("-{index}")).chain((2..).map(|n| format!("-{index}-{n}")));
+        let mut candidates = suffixes.map(|suffix| shortened(&fit[index], room - suffix.len()) + &suffix);
+        candidates.find(|name| taken.insert(key(name))).unwrap_or_default()
+    };
+    let mut all = Vec::with_capacity(names.len());
+    for (index, name) in found.into_iter().enumerate() {
+        all.push(name.unwrap_or_else(|| own(index)));
+    }
+    all
+}
+
+/// Maps a name to what a file system without upper and lower case makes of it.
+fn key(name: &str) -> String {
+    name.to_uppercase().to_lowercase()
+}
+
+/// Replaces what a file name cannot have.
+fn sanitized(name: &str, index: usize) -> String {
+    let is_refused = |c: char| {
+        matches!(c, '/' | '\\' | '<' | '>' | ':' | '"' | '|' | '?' | '*' | '\n' | '\t') || is_harmful(c)
+    };
+    let mut name: String = name.chars().map(|c| if is_refused(c) { '_' } else { c }).collect();
+    if name.is_empty() {
+        return format!("camera{index}");
+    }
+    if name.starts_with('.') {
+        name.replace_range(..1, "_");
+    }
+    let stem = name.split('.').next().unwrap_or_default().trim_end().to_ascii_uppercase();
+    let numbered =
+        |device: &str| stem.strip_prefix(device).is_some_and(|rest| matches!(rest.as_bytes(), [b'0'..=b'9']));
+    if ["CON", "PRN", "AUX", "NUL"].contains(&stem.as_str()) || numbered("COM") || numbered("LPT") {
+        name.insert(0, '_');
+    }
+    name
+}
+
+/// Cuts a name to at most `room` bytes; a cut name ends in a hash of the whole.
+fn shortened(name: &str, room: usize) -> String {
+    if name.len() <= room {
+        return name.to_owned();
+    }
+    let hash = format!("~{:08x}", fnv1a(name.as_bytes()));
+    let mut end = room - hash.len();
+    while !name.is_char_boundary(end) {
+        end -= 1;
+    }
+    name[..end].to_owned() + &hash
+}
+
+/// Computes the 32-bit hash FNV-1a (Fowler, Noll and Vo; RFC 9923).
+fn fnv1a(bytes: &[u8]) -> u32 {
+    bytes.iter().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn of(names: &[&str]) -> Vec<String> {
+        unique(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>(), 100)
+    }
+
+    #[test]
+    fn cameras_whose_names_differ_little_or_not_at_all_get_files_of_their_own() {
+        assert_eq!(of(&["a", "b.jpg", "Ü 1"]), ["a", "b.jpg", "Ü 1"]);
+        assert_eq!(of(&["a/b", "a_b"]), ["a_b-0", "a_b"]);
+        assert_eq!(of(&["a-2", "a", "a"]), ["a-2", "a", "a-2-2"]);
+        assert_eq!(of(&["a", "A", "a"]), ["a", "A-1", "a-2"]);
+        assert_eq!(of(&["", "camera0", "camera0"]), ["camera0-0", "camera0", "camera0-2"]);
+    }
+
+    #[test]
+    fn names_that_a_system_refuses_or_hides_are_changed() {
+        assert_eq!(of(&[".", "..", "../../etc/passwd"]), ["_", "_.", "_._.._etc_passwd"]);
+        assert_eq!(of(&["a\nb\x1b[2J", "C:\\x", "nul", "con.jpg"]), ["a_b_[2J", "C__x", "_nul", "_con.jpg"]);
+        assert_eq!(of(&["console", "com", "lpt10"]), ["console", "com", "lpt10"]);
+    }
+
+    #[test]
+    fn long_names_are_cut_between_characters_and_stay_different() {
+        let long = "ä".repeat(300);
+        let names = of(&[&long, &format!("{long}x"), &long]);
+        assert!(names.iter().all(|name| name.len() <= 100), "{names:?}");
+        assert!(names[0].starts_with("ää") && names[0] != names[1] && names[0] != names[2]);
+    }
+
+    fn name() -> impl Strategy<Value = String> {
+        prop_oneof![
+            "[aAbB_/.-]{0,4}",
+            "[aA](-[0-3]){0,2}",
+            Just("a".repeat(60)),
+            "[a-c]{46,60}",
+            any::<String>(),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn any_names_give_files_that_differ_in_more_than_case_and_that_every_system_takes(
+            names in prop::collection::vec(name(), 0..24),
+            room in MIN_ROOM_BYTES..MAX_NAME_BYTES,
+        ) {
+            let found = unique(&names, room);
+            prop_assert_eq!(&found, &unique(&names, room));
+            prop_assert_eq!(found.len(), names.len());
+            let keys: HashSet<String> = found.iter().map(|name| key(name)).collect();
+            prop_assert_eq!(keys.len(), names.len(), "{:?}", found);
+            for name in &found {
+                prop_assert!(!name.is_empty() && name.len() <= room && !name.starts_with('.'), "{}", name);
+                prop_assert!(!name.contains(['/', '\\', '\0', '\n', '\t']) && !name.contains(is_harmful), "{}", name);
+            }
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Writes text to standard output and standard error.
+//!
+//! Names from files (cameras, properties, passes, paths, drivers) reach the terminal through this module alone, with their control
+//! characters spelled out. Nothing here panics: a line that cannot be written is lost, and the work goes on. Only where standard
+//! output is the product of a command is that an error, and then not if the reader has closed the pipe.
+
+use std::borrow::Cow;
+use std::fmt::Display;
+use std::io::{self, ErrorKind, Write};
+use std::path::Path;
+
+/// Returns true for characters that move the cursor, change the terminal, or reorder the text around them.
+///
+/// These are the control characters C0 and C1 and DEL (except the line break and the tabulator), the bidirectional controls of
+/// Unicode, and its line and paragraph separators.
+pub fn is_harmful(c: char) -> bool {
+    match c {
+        '\n' | '\t' => false,
+        '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => true,
+        c => c.is_control(),
+    }
+}
+
+/// Spells out the harmful characters of a text, in the form `\u001b`, which is right inside JSON too.
+pub fn harmless(text: &str) -> Cow<'_, str> {
+    if !text.contains(is_harmful) {
+        return Cow::Borrowed(text);
+    }
+    let mut out = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if is_harmful(c) {
+            out += &format!("\\u{:04x}", u32::from(c));
+        } else {
+            out.push(c);
+        }
+    }
+    Cow::Owned(out)
+}
+
+/// Spells out line breaks and tabulators too: a name stays on its line.
+pub fn one_line(text: &str) -> Cow<'_, str> {
+    match harmless(text) {
+        text if text.contains(['\n', '\t']) => {
+            Cow::Owned(text.replace('\n', "\\u000a").replace('\t', "\\u0009"))
+        }
+        text => text,
+    }
+}
+
+/// Spells out harmful characters, except those of colours (`ESC [ digits m`), which only this program's own renderers make.
+fn harmless_styled(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(at) = rest.find("\x1b[") {
+        let (before, from) = rest.split_at(at);
+        out += &harmless(before);
+        let digits = from[2..].find(|c: char| !c.is_ascii_digit() && c != ';').unwrap_or(from.len() - 2);
+        let end = 2 + digits;
+        if from[end..].starts_with('m') {
+            out += &from[..=end];
+            rest = &from[end + 1..];
+        } else {
+            out += &harmless(&from[..2]);
+            rest = &from[2..];
+        }
+    }
+    out + &harmless(rest)
+}
+
+/// Writes to standard error at once; what cannot be written is lost.
+fn to_standard_error(text: &str) {
+    let mut err = io::stderr().lock();
+    // There is nobody left to tell.
+    let _ = err.write_all(text.as_bytes()).and_then(|()| err.flush());
+}
+
+/// Writes a line to standard error.
+pub fn say(line: impl Display) {
+    to_standard_error(&format!("{}\n", harmless(&line.to_string())));
+}
+
+/// Writes rendered text, which may have colours, to standard error.
+pub fn say_styled(text: &str) {
+    to_standard_error(&harmless_styled(text));
+}
+
+/// Writes a line about the work to standard output; a line that cannot be written is lost.
+pub fn note(line: impl Display) {
+    let line = format!("{}\n", harmless(&line.to_string()));
+    let mut out = io::stdout().lock();
+    let _ = out.write_all(line.as_bytes()).and_then(|()| out.flush());
+}
+
+/// Writes text that is the product of a command to standard output.
+///
+/// # Errors
+/// The text cannot be written, for instance to a full disk. A closed pipe is no error: its reader has had enough.
+pub fn print(text: &str) -> io::Result<()> {
+    print_bytes(|out| out.write_all(harmless(text).as_bytes()))
+}
+
+/// Writes a product to standard output, as [`print`] does, without a change of its bytes.
+pub fn print_bytes(body: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    match body(&mut out).and_then(|()| out.flush()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        Err(error) => {
+            Err(io::Error::new(error.kind(), format!("standard output cannot be written: {error}")))
+        }
+        Ok(()) => Ok(()),
+    }
+}
+
+/// Writes clap's help or its error to the stream where each belongs, and returns the exit code.
+pub fn say_usage(error: &clap::Error, colour: bool) -> u8 {
+    let text = error.render();
+    let text = if colour { text.ansi().to_string() } else { text.to_string() };
+    if error.use_stderr() {
+        say_styled(&text);
+        return 2;
+    }
+    match print_bytes(|out| out.write_all(harmless_styled(&text).as_bytes())) {
+        Ok(()) => 0,
+        Err(error) => {
+            say(format!("error: {error}"));
+            1
+        }
+    }
+}
+
+/// Returns true for `-`, which stands for standard output.
+pub fn is_standard_output(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn escape_sequences_and_bidirectional_overrides_are_spelled_out() {
+        assert_eq!(harmless("plain\n\ttext, ä 日本"), "plain\n\ttext, ä 日本");
+        assert_eq!(
+            harmless("a\x1b[31mb\r\x08\x7f\u{9b}c\u{202e}"),
+            "a\\u001b[31mb\\u000d\\u0008\\u007f\\u009bc\\u202e"
+        );
+        assert_eq!(one_line("a\nerror: b\t"), "a\\u000aerror: b\\u0009");
+        for c in (0..=0x10ffff).filter_map(char::from_u32) {
+            let text = harmless(c.encode_utf8(&mut [0; 4])).into_owned();
+            assert!(!text.contains(is_harmful), "{c:?}");
+        }
+    }
+
+    #[test]
+    fn only_colours_pass_where_colours_are_allowed() {
+        assert_eq!(harmless_styled("\x1b[1;31merror\x1b[0m: a"), "\x1b[1;31merror\x1b[0m: a");
+        assert_eq!(
+            harmless_styled("\x1b[2Ja\x1b]0;title\x07\x1b[\x1b[1"),
+            "\\u001b[2Ja\\u001b]0;title\\u0007\\u001b[\\u001b[1"
+        );
+    }
+
+    #[test]
+    fn text_stays_json_when_it_is_made_harmless() {
+        let name = "a\u{9b}31m\u{202e}\u{7f}\x1b";
+        let text = serde_json::to_string(name).unwrap();
+        let shown = harmless(&text);
+        assert!(!shown.contains(is_harmful));
+        assert_eq!(serde_json::from_str::<String>(&shown).unwrap(), name);
+    }
+}
