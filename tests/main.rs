@@ -4,9 +4,14 @@
 //! failure. Captured scenes and golden images are found through `SPLATGRAPH_DATA`; without it, the tests that need them say
 //! that they did not run.
 
+// Tests write files and lines as they like; the program does so through its module `output` alone.
+#![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
+
 mod commands;
 mod common;
 mod covariance;
+#[cfg(target_os = "linux")]
+mod files;
 mod fuzz;
 mod images;
 mod mistakes;

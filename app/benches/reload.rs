@@ -4,6 +4,8 @@
 //! preset from a copy of the shipped files, without a window, and makes changes. The time is the viewer's own: from the system's
 //! notice of the save to the end of the new plan's first frame on the device. Frames are drawn all the while, and counted.
 
+#![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
+
 use anyhow::{Context, Result, bail};
 use splatgraph::backend::{Backend, Options};
 use splatgraph::view::events::Event;

@@ -25,10 +25,17 @@ pub fn path() -> Option<PathBuf> {
 }
 
 fn cache_folder() -> Option<PathBuf> {
+    // Without the variable HOME, this asks the system's list of users.
+    cache_folder_of(|name| env::var_os(name).map(PathBuf::from), env::home_dir)
+}
+
+fn cache_folder_of(
+    variable: impl Fn(&str) -> Option<PathBuf>,
+    listed_home: impl Fn() -> Option<PathBuf>,
+) -> Option<PathBuf> {
     // The XDG Base Directory Specification has relative paths ignored.
-    let variable = |name| env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    // Without the variable, this asks the system's list of users.
-    let home = || variable("HOME").or_else(env::home_dir).filter(|path| path.is_absolute());
+    let variable = |name| variable(name).filter(|path| path.is_absolute());
+    let home = || variable("HOME").or_else(&listed_home).filter(|path| path.is_absolute());
     if cfg!(windows) {
         variable("LOCALAPPDATA")
     } else if cfg!(target_os = "macos") {
@@ -82,6 +89,20 @@ mod tests {
     fn in_a_checkout_the_scene_lies_among_the_assets() {
         // Tests run in app/.
         assert!(path().is_some_and(|path| path.ends_with("assets/splats/demo.ply")), "{:?}", path());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn without_a_home_there_is_no_folder_that_others_can_foresee() {
+        let with = |set: &'static [(&str, &str)], home: Option<&'static str>| {
+            let variable = |name: &str| set.iter().find(|(n, _)| *n == name).map(|(_, value)| value.into());
+            cache_folder_of(variable, || home.map(PathBuf::from))
+        };
+        assert_eq!(with(&[("XDG_CACHE_HOME", "/cache"), ("HOME", "/me")], None), Some("/cache".into()));
+        assert_eq!(with(&[("XDG_CACHE_HOME", "cache"), ("HOME", "/me")], None), Some("/me/.cache".into()));
+        assert_eq!(with(&[("HOME", "")], Some("/listed")), Some("/listed/.cache".into()));
+        assert_eq!(with(&[("HOME", "."), ("TMPDIR", "/tmp")], None), None);
+        assert_eq!(with(&[], Some("")), None);
     }
 
     #[test]

@@ -9,6 +9,8 @@ mod check;
 mod compare;
 mod devices;
 mod dump;
+#[cfg(all(test, feature = "window"))]
+mod fuzz;
 mod info;
 mod options;
 mod render;

@@ -8,6 +8,9 @@
 //! A replaced file hands on its permissions. A link is followed, not replaced. What is no file (a pipe, a terminal, `/dev/null`)
 //! is written directly.
 
+// What is disallowed elsewhere is done here.
+#![allow(clippy::disallowed_methods)]
+
 use super::terminal;
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};

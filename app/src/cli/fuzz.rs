@@ -1,0 +1,113 @@
+//! Random command lines, parsed and checked as far as no device is needed: none panics, hangs, or changes a file.
+
+#[path = "../../../tests/files/words.rs"]
+mod words;
+
+use super::{Cli, Command, Usage, compare, dump, options, render, synth, view};
+use anyhow::Result;
+use clap::Parser;
+use splatgraph_assets::synth::generate;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Write;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+/// Lines in the long run, and in the one that everybody does.
+const LINES: (u64, u64) = (100_000, 3_000);
+
+/// Makes every check of a command that comes before its work.
+fn check(command: &Command) -> Result<()> {
+    match command {
+        Command::Render(args) => render::prepare(args).map(drop),
+        Command::View(args) => Ok(view::check_files(args)?),
+        Command::Dump(args) => Ok(dump::claims(args).map(drop)?),
+        Command::Compare(args) => compare::prepare(args).map(drop),
+        Command::Synth(args) => Ok(synth::check_files(args)?),
+        Command::Check(_) | Command::Info(_) | Command::Devices(_) => Ok(()),
+    }
+}
+
+/// Fills a folder with the files that the words name.
+fn prepared(folder: &Path) {
+    let at = |name: &str| folder.join(name);
+    let scene = generate("demo", 20, 0).unwrap();
+    let mut bytes = Vec::new();
+    scene.write_ply_to(&mut bytes).unwrap();
+    fs::write(at("scene.ply"), bytes).unwrap();
+    let mut cameras = splatgraph_assets::synth::demo_cameras();
+    for (camera, name) in cameras.iter_mut().zip(["one", "two/three", "two_three", "one"]) {
+        camera.img_name = name.into();
+    }
+    fs::write(at("cameras.json"), serde_json::to_string(&cameras).unwrap()).unwrap();
+    for name in ["stats.json", "graph.ron", "step.comp"] {
+        fs::write(at(name), name).unwrap();
+    }
+    let image = crate::image::Image::from_fn(2, 2, |_, _| [0.5; 3]);
+    for name in ["a.npy", "b.npy", "a.png", "pics/a.png", "pics/b.npy", "more/a.png", "more/b.npy"] {
+        image.save(&at(name)).unwrap();
+    }
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("scene.ply", at("link.ply")).unwrap();
+    fs::hard_link(at("scene.ply"), at("hard.ply")).unwrap();
+}
+
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.append(&mut files(&path));
+        } else {
+            found.insert(path.clone(), fs::read(path).unwrap());
+        }
+    }
+    found
+}
+
+#[test]
+fn no_command_line_panics_before_its_work_or_changes_a_file() {
+    let lines = if std::env::var_os("SPLATGRAPH_LONG").is_some() { LINES.0 } else { LINES.1 };
+    let folder = tempfile::tempdir().unwrap();
+    prepared(folder.path());
+    let before = files(folder.path());
+    let [mut refused, mut usage, mut failed, mut fine] = [0u32; 4];
+    for number in 0..lines {
+        // The working directory is the process's, which other tests use: files are named in full.
+        let words =
+            words::line(&mut words::Random(number)).into_iter().map(|word| in_folder(folder.path(), &word));
+        let words: Vec<String> = ["splatgraph".to_owned()].into_iter().chain(words).collect();
+        let run = || Cli::try_parse_from(&words).map(|cli| check(&cli.command));
+        match catch_unwind(AssertUnwindSafe(run)) {
+            Err(_) => panic!("line {number} panics: {words:?}"),
+            Ok(Err(error)) => {
+                let _ = error.render().to_string();
+                refused += 1;
+            }
+            Ok(Ok(Err(error))) if error.is::<Usage>() => usage += 1,
+            Ok(Ok(Err(_))) => failed += 1,
+            Ok(Ok(Ok(()))) => fine += 1,
+        }
+        if number % 1000 == 999 || number + 1 == lines {
+            assert!(files(folder.path()) == before, "a line up to {number} changes files");
+        }
+    }
+    // Not by `eprintln!`, which is kept back in tests that pass.
+    let _ = writeln!(
+        std::io::stderr(),
+        "command lines: {lines}: {refused} refused by the parser, {usage} by the checks, {failed} failed, {fine} fine"
+    );
+    assert!([refused, usage, failed, fine].iter().all(|count| u64::from(*count) > lines / 100));
+    assert!(options::size("1x1").is_ok());
+}
+
+/// Names the files of a word in this folder; other words stay.
+fn in_folder(folder: &Path, word: &str) -> String {
+    let (option, value) = match word.split_once('=') {
+        Some((option, value)) if option.starts_with('-') => (format!("{option}="), value),
+        _ => (String::new(), word),
+    };
+    let is_file =
+        words::FILES.contains(&value) || value.contains(['.', '/']) && !value.starts_with(['/', '-']);
+    if is_file { format!("{option}{}/{value}", folder.display()) } else { word.to_owned() }
+}

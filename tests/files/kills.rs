@@ -1,0 +1,165 @@
+//! The program is killed at a random moment while it draws twelve cameras: every file that is there is whole.
+
+use super::{DRAW, Place, SIZE};
+use crate::common::long;
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use splatgraph::image::Image;
+use std::fs;
+use std::io::Write;
+use std::os::unix::process::ExitStatusExt;
+use std::process::{ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// Kills in the long run, and in the one that everybody does.
+const KILLS: (u32, u32) = (1_000, 16);
+
+const CAMERAS: usize = 12;
+
+/// Bytes of the words of an inspected array, after a header of some times 64 bytes.
+const ARRAY_BYTES: usize = 4 * 200;
+
+/// Checks the folder: only the expected files, and each is whole. Returns the number of pictures and arrays.
+fn assert_whole(place: &Place, killed: bool, what: &str) -> usize {
+    let files = place.files(".");
+    let mut drawn = 0;
+    for (name, bytes) in &files {
+        let path = place.at(name);
+        let expected_array = |bytes: &[u8]| {
+            bytes.starts_with(b"\x93NUMPY")
+                && bytes.len() % 64 == ARRAY_BYTES % 64
+                && bytes.len() > ARRAY_BYTES
+        };
+        match name.trim_start_matches("./") {
+            "scene.ply" | "cameras.json" => {}
+            "stats.json" => {
+                let stats: Value =
+                    serde_json::from_slice(bytes).unwrap_or_else(|e| panic!("{what}: {name}: {e}"));
+                assert_eq!(stats.as_array().map(Vec::len), Some(CAMERAS), "{what}");
+            }
+            name if name.starts_with("out/camera") && name.ends_with(".png") => {
+                let image = Image::load(&path).unwrap_or_else(|error| panic!("{what}: {error}"));
+                assert_eq!((image.width as u32, image.height as u32), SIZE, "{what}: {name}");
+                drawn += 1;
+            }
+            name if name.starts_with("seen-camera") && name.ends_with(".npy") => {
+                assert!(expected_array(bytes), "{what}: {name} has {} bytes", bytes.len());
+                drawn += 1;
+            }
+            // Between two system calls a file that replaces another has a hidden name. Nothing can remove it after SIGKILL.
+            name if killed && name.contains(".splatgraph-") => {
+                assert!(
+                    expected_array(bytes) || bytes.ends_with(b"IEND\xaeB`\x82"),
+                    "{what}: {name} is not whole"
+                );
+                fs::remove_file(path).expect("removed");
+            }
+            name => panic!("{what}: {name} is left"),
+        }
+    }
+    drawn
+}
+
+/// A signal ends the program by its exit code, or, before that is arranged, by itself; both are the same number in a shell.
+fn number(status: ExitStatus) -> i32 {
+    status.code().or(status.signal().map(|signal| 128 + signal)).unwrap_or(-1)
+}
+
+#[test]
+fn whenever_the_program_is_killed_every_file_is_whole() {
+    let kills = if long() { KILLS.0 } else { KILLS.1 };
+    let place = Place::new();
+    let names: Vec<String> = (0..CAMERAS).map(|index| format!("camera{index}")).collect();
+    place.cameras(&names.iter().map(String::as_str).collect::<Vec<_>>());
+    let args = [&DRAW[..], &["--json", "stats.json", "--inspect", "order@compact=seen.npy"]].concat();
+    let clean = || {
+        for path in ["out", "stats.json"].map(|name| place.at(name)) {
+            let _ = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+        }
+        for name in &names {
+            let _ = fs::remove_file(place.at(&format!("seen-{name}.npy")));
+        }
+    };
+    let begun = Instant::now();
+    let (code, errors) = place.code(&args);
+    assert_eq!((code, assert_whole(&place, false, "the whole run")), (Some(0), 2 * CAMERAS), "{errors}");
+    let whole_run = begun.elapsed();
+
+    let mut random = super::words::Random(1);
+    let (mut ended, mut midway) = (0, 0);
+    for kill in 0..kills {
+        let signal = [Signal::KILL, Signal::TERM, Signal::INT][random.below(3)];
+        // Half of the runs draw over the pictures of the one before.
+        let over = random.below(2) == 0;
+        if !over {
+            clean();
+        }
+        let mut child =
+            place.program(&args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts");
+        let pid = Pid::from_child(&child);
+        // Half at any moment of the run, half among the pictures, which take a small part of it.
+        let begun = Instant::now();
+        if !over && random.below(2) == 0 {
+            let first = place.at(&format!("out/{}.png", names[random.below(CAMERAS)]));
+            while !first.exists() && child.try_wait().expect("asked").is_none() {
+                assert!(begun.elapsed() < Duration::from_secs(300), "the program hangs");
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            std::thread::sleep(Duration::from_micros(random.below(20_000) as u64));
+        } else {
+            std::thread::sleep(whole_run.mul_f64(random.below(1000) as f64 / 1000.0));
+        }
+        // It may have ended by itself.
+        let _ = kill_process(pid, signal);
+        let status = child.wait().expect("it ends");
+        let what =
+            format!("kill {kill} by {signal:?} after {:?}, over the last pictures: {over}", begun.elapsed());
+        let drawn = assert_whole(&place, signal == Signal::KILL, &what);
+        let number = number(status);
+        assert!(number == 0 || number == 128 + signal.as_raw(), "{what}: it ended with {status}");
+        ended += usize::from(number != 0);
+        midway += usize::from(number != 0 && !over && (1..2 * CAMERAS).contains(&drawn));
+        if number == 0 {
+            assert_eq!(drawn, 2 * CAMERAS, "{what}");
+        }
+    }
+    // Not by `eprintln!`, which is kept back in tests that pass.
+    let _ = writeln!(
+        std::io::stderr(),
+        "kills: {kills}, {ended} of them before the end, {midway} between two pictures"
+    );
+    assert!(ended > 0 && midway > 0, "{ended} of {kills} came before the end, {midway} between two pictures");
+}
+
+#[test]
+fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    // Drawn again and again, so that it goes on until the signal.
+    let args = [&DRAW[..], &["--repeat", "1000000"]].concat();
+    for (signal, ignored) in
+        [(Signal::INT, false), (Signal::TERM, false), (Signal::HUP, false), (Signal::HUP, true)]
+    {
+        let mut command = if ignored {
+            let mut command = place.program(&[]);
+            let program = command.get_program().to_owned();
+            command = std::process::Command::new("nohup");
+            command.arg(program).args(&args).current_dir(place.at(".")).stdin(Stdio::null());
+            command
+        } else {
+            place.program(&args)
+        };
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts");
+        let pid = Pid::from_child(&child);
+        std::thread::sleep(Duration::from_millis(700));
+        kill_process(pid, signal).expect("it runs");
+        if ignored {
+            std::thread::sleep(Duration::from_millis(300));
+            assert!(child.try_wait().expect("asked").is_none(), "it ends on a signal that is ignored");
+            kill_process(pid, Signal::TERM).expect("it runs");
+        }
+        let expected = if ignored { Signal::TERM } else { signal };
+        assert_eq!(number(child.wait().expect("it ends")), 128 + expected.as_raw());
+        assert!(place.files("out").is_empty());
+    }
+}

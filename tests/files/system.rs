@@ -1,0 +1,109 @@
+//! Little memory, few processes, and drivers that are none: an error and an exit code.
+
+use super::Place;
+use rustix::process::{Resource, Rlimit, setrlimit};
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
+use std::process::Command;
+
+/// Limits a resource of the program.
+fn limit(command: &mut Command, resource: Resource, most: u64) {
+    let limit = move || Ok(setrlimit(resource, Rlimit { current: Some(most), maximum: Some(most) })?);
+    // SAFETY: the closure makes one system call, which is safe between fork and exec, and allocates nothing.
+    unsafe { command.pre_exec(limit) };
+}
+
+#[test]
+fn a_driver_that_is_none_is_an_error_that_says_so() {
+    let place = Place::new();
+    place.write("garbage.json", b"\x00\xff{ this is no manifest");
+    place.write("library.so", "no library either");
+    place.write("manifest.json", r#"{"file_format_version": "1.0.0", "ICD": {"library_path": "./library.so", "api_version": "1.3.0"}}"#);
+    place.write("huge.json", format!(r#"{{"ICD": {{"library_path": "{}"}}}}"#, "x".repeat(100_000)));
+    for manifest in ["garbage.json", "manifest.json", "huge.json", "missing.json", ".", "scene.ply"] {
+        for args in [&["devices"][..], &["render", "scene.ply", "-o", "a.png"]] {
+            let path = place.at(manifest);
+            let mut command = place.program(args);
+            let output = command
+                .env("VK_DRIVER_FILES", &path)
+                .env("VK_ICD_FILENAMES", &path)
+                .output()
+                .expect("it runs");
+            let errors = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(1), "{manifest}, {args:?}: {errors}");
+            assert!(errors.contains("error: "), "{manifest}, {args:?}: {errors}");
+        }
+    }
+    assert!(!place.at("a.png").exists());
+}
+
+#[test]
+fn few_threads_and_little_memory_are_no_reason_to_panic() {
+    let place = Place::new();
+    splatgraph::image::Image::from_fn(64, 48, |x, y| [x as f32, y as f32, 0.5])
+        .save(&place.at("a.npy"))
+        .expect("written");
+    fs::set_permissions(place.at("."), fs::Permissions::from_mode(0o777)).expect("set");
+    // Root has no limit on processes; nobody must be able to start the program, wherever it was built.
+    let program = place.at("program");
+    let root = rustix::process::geteuid().is_root();
+    fs::copy(env!("CARGO_BIN_EXE_splatgraph"), &program).expect("copied");
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).expect("set");
+    for args in [
+        &["compare", "a.npy", "a.npy"][..],
+        &["info", "scene.ply"],
+        &["synth", "demo", "--count", "1000", "-o", "new.ply"],
+        &["dump", "unsorted"],
+    ] {
+        for (resource, most) in
+            [(Resource::Nproc, 1), (Resource::Nproc, 2), (Resource::Nproc, 3), (Resource::As, 300_000 * 1024)]
+        {
+            let mut command = Command::new(&program);
+            command.args(args).current_dir(place.at(".")).env("RAYON_NUM_THREADS", "64");
+            if root {
+                // A user that has no other processes.
+                command.uid(54_321).gid(54_321);
+            }
+            limit(&mut command, resource, most);
+            let output = command.output().expect("it runs");
+            let errors = String::from_utf8_lossy(&output.stderr);
+            let code = output.status.code();
+            assert!(
+                matches!(code, Some(0 | 1)),
+                "{args:?} with {most} of {resource:?}: {}\n{errors}",
+                output.status
+            );
+            assert!(!errors.contains("panicked"), "{args:?} with {most} of {resource:?}: {errors}");
+            // The others compile shaders, which needs a thread.
+            if ["compare", "synth"].contains(&args[0]) {
+                assert_eq!(code, Some(0), "{args:?} with {most} of {resource:?}: {errors}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_picture_larger_than_any_device_has_is_refused_with_its_camera_and_size() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    let text = fs::read_to_string(place.at("cameras.json")).expect("read");
+    place.write("cameras.json", text.replace("\"width\": 64", "\"width\": 100000"));
+    let (code, errors) = place.code(&["render", "scene.ply", "--cameras", "cameras.json", "-o", "a.png"]);
+    assert_eq!(code, Some(1), "{errors}");
+    assert!(errors.contains("the camera one has pictures of 100000 x 48 pixels"), "{errors}");
+    let (code, errors) = place.code(&["render", "scene.ply", "--size", "100000x48", "-o", "a.png"]);
+    assert_eq!(code, Some(2), "{errors}");
+    assert!(errors.contains("32768x32768"), "{errors}");
+}
+
+#[test]
+fn a_negative_background_needs_no_equals_sign() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    let args = [&super::DRAW[..9], &["a.npy", "--background", "-1,0,0"]].concat();
+    let (code, errors) = place.code(&args);
+    assert_eq!(code, Some(0), "{errors}");
+    let image = splatgraph::image::Image::load(&place.at("a.npy")).expect("a picture");
+    assert!(image.rgb.iter().any(|pixel| pixel[0] < 0.0));
+}

@@ -1,0 +1,248 @@
+//! Random command lines, from words that are right, nearly right, and hostile.
+
+/// A small generator of numbers (SplitMix64), so that a case is its number.
+pub struct Random(pub u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// From 0 to `end`, without it; 0 where there is nothing else.
+    pub fn below(&mut self, end: usize) -> usize {
+        (self.next() % end.max(1) as u64) as usize
+    }
+
+    fn of<'a>(&mut self, words: &[&'a str]) -> &'a str {
+        words[self.below(words.len())]
+    }
+}
+
+/// Files that are there (see `prepared` in the tests), by other names too, and some that are not.
+pub const FILES: [&str; 22] = [
+    "scene.ply",
+    "./scene.ply",
+    "link.ply",
+    "hard.ply",
+    "cameras.json",
+    "stats.json",
+    "graph.ron",
+    "step.comp",
+    "a.npy",
+    "b.npy",
+    "a.png",
+    "pics",
+    "more",
+    ".",
+    "pipe",
+    "scene.ply/x.png",
+    "missing.ply",
+    "cameras.json#0",
+    "cameras.json#one",
+    "cameras.json#99",
+    "arrays.npz#x",
+    "",
+];
+
+/// Names for outputs: new ones, and those of inputs.
+const OUTPUTS: [&str; 30] = [
+    "out.png",
+    "out.exr",
+    "out.npy",
+    "out.ply",
+    "out.json",
+    "out.html",
+    "new/folder/out.png",
+    "out",
+    "out.png/x.npy",
+    "-",
+    "/dev/null",
+    "/dev/full",
+    "new/./out.png",
+    "new/../out.png",
+    "out.jpg",
+    "",
+    ".",
+    "..",
+    "scene.ply",
+    "./scene.ply",
+    "link.ply",
+    "hard.ply",
+    "cameras.json",
+    "stats.json",
+    "graph.ron",
+    "step.comp",
+    "a.npy",
+    "a.png",
+    "pics",
+    "\u{202e}gnp.\x1b[2J.png",
+];
+
+const NUMBERS: [&str; 16] = [
+    "0",
+    "1",
+    "-1",
+    "2",
+    "100",
+    "0.5",
+    "-0.5",
+    "nan",
+    "inf",
+    "1e300",
+    "4294967296",
+    "18446744073709551616",
+    "",
+    "x",
+    "0x10",
+    " 3",
+];
+
+const GRAPHS: [&str; 8] = ["graph.ron", "unsorted", "nope", "scene.ply", "pics", "", "../splat", "pipe"];
+
+/// Makes the words of a command line, without the program's name.
+pub fn line(random: &mut Random) -> Vec<String> {
+    let command = match random.below(30) {
+        0 => random.of(&["help", "rendre", "", "devices"]),
+        _ => random.of(&[
+            "render", "render", "render", "view", "dump", "check", "info", "compare", "compare", "synth",
+            "synth",
+        ]),
+    };
+    let mut words: Vec<String> = vec![command.into()];
+    // The operands of each command, mostly.
+    let operands = match command {
+        "render" | "view" | "info" => random.below(8).min(1),
+        "compare" => [2, 2, 2, 2, 2, 2, 2, 2, 1, 3][random.below(10)],
+        "check" => 1 + random.below(2),
+        "devices" => random.below(20) / 19,
+        _ => [1, 1, 1, 1, 1, 1, 1, 1, 0, 2][random.below(10)],
+    };
+    for _ in 0..operands {
+        let word = match command {
+            "dump" | "check" => random.of(&GRAPHS),
+            "synth" => random.of(&["demo", "demo", "uniform", "uniform", "nope", ""]),
+            _ => random.of(&FILES),
+        };
+        words.push(word.into());
+    }
+    for _ in 0..random.below(4) {
+        option(command, random, &mut words);
+    }
+    if random.below(40) == 0 {
+        let at = random.below(words.len() + 1);
+        words.insert(at, "x".repeat(random.below(6000)));
+    }
+    let output = match command {
+        "render" => Some("-oout.png"),
+        "synth" => Some("-oout.ply"),
+        _ => None,
+    };
+    if let Some(output) = output
+        && !words.iter().any(|word| word.starts_with("-o"))
+        && random.below(4) > 0
+    {
+        words.push(output.into());
+    }
+    if command == "synth" && !words.iter().any(|word| word.starts_with("--count")) {
+        words.push("--count=20".into());
+    }
+    words
+}
+
+/// Adds an option, mostly one of the command's, with a value, mostly of its kind.
+fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
+    let own: &[&str] = match command {
+        "render" => &[
+            "-o",
+            "-o",
+            "--format",
+            "--json",
+            "--json",
+            "--repeat",
+            "--inspect",
+            "--cameras",
+            "--size",
+            "--background",
+            "--set",
+            "--pipeline",
+            "--validate",
+            "--device",
+        ],
+        "view" => &[
+            "--events",
+            "--screenshot",
+            "--cameras",
+            "--size",
+            "--background",
+            "--split",
+            "--gain",
+            "--scale",
+            "--frames",
+            "--inspect",
+            "--show",
+            "--as",
+            "--compare",
+            "--compare-set",
+        ],
+        "dump" => &["-o", "--format", "--diff", "--times", "--scene", "--size", "--set", "--set-b"],
+        "compare" => &["--diff", "--diff", "--gain", "--min-psnr", "--json", "--by-number"],
+        "synth" => &["-o", "-o", "--cameras", "--count", "--seed", "--enlarge"],
+        _ => &["--set", "--json", "--size", "--device", "--cameras"],
+    };
+    let name = match random.below(40) {
+        0 => random.of(&[
+            "-o",
+            "--json",
+            "--inspect",
+            "--",
+            "-",
+            "--nope",
+            "-x",
+            "--help",
+            "--version",
+            "--format",
+        ]),
+        _ => random.of(own),
+    };
+    let hostile = random.below(5) == 0;
+    let mut of = |good: &[&str], bad: &[&str]| random.of(if hostile { bad } else { good }).to_owned();
+    let value = match name {
+        "-o" if command == "synth" => of(&["out.ply", "new/out.ply", "./out.ply"], &OUTPUTS),
+        "-o" | "--diff" if command != "dump" => {
+            of(&["out.png", "out.exr", "new/out.npy", "out", "pics"], &OUTPUTS)
+        }
+        "--screenshot" => of(&["out.png", "new/out.exr"], &OUTPUTS),
+        "-o" | "--events" | "--json" => of(&["out.json", "out.html", "new/out.txt", "-"], &OUTPUTS),
+        "--cameras" if command == "synth" => of(&["out.json", "new/out.json", "-"], &OUTPUTS),
+        "--cameras" => of(&["cameras.json", "cameras.json#0", "cameras.json#one"], &FILES),
+        "--inspect" => of(
+            &["keys@scatter", "keys@scatter=keys.npy", "a@b=new/keys.npy"],
+            &["@", "keys", "a@b=a.npy", "a@b=", "a@b=keys.txt", "=", "a@b==c.npy"],
+        ),
+        "--set" | "--set-b" | "--compare-set" => of(
+            &["digit_bits=4", "cutoff=3"],
+            &["digit_bits=nan", "=", "nope=1", "\x1b[31m=1", "cutoff=1e300", "a"],
+        ),
+        "--size" => of(&["64x48", "1x1"], &["0x1", "64", "4294967295x1", "x", "-1x-1", "64 x 48", "32769x1"]),
+        "--background" => of(&["0,0,0", "-1,0,0"], &["1,2", "nan,0,0", "a,b,c", ",,", "1,2,3,4", "--json"]),
+        "--format" if command == "dump" => of(&["text", "json", "html", "dot"], &["png", "", "yaml"]),
+        "--format" => of(&["png", "exr", "npy"], &["jpg", "text", "", "PNG"]),
+        "--pipeline" | "--compare" => of(&["unsorted", "graph.ron"], &GRAPHS),
+        "--count" => of(&["1", "20"], &["0", "-1", "x", "4294967296"]),
+        "--enlarge" | "--scene" => of(&["scene.ply"], &FILES),
+        "--times" => of(&["stats.json"], &FILES),
+        "--show" => of(&["settings", "graph,none"], &[",", "nope", ""]),
+        "--as" => of(&["split", "difference"], &["nope", ""]),
+        "--device" => of(&["llvmpipe", "0"], &["99", "nope", "\x1b]0;x\x07", ""]),
+        _ => of(&["1", "2", "0.5"], &NUMBERS),
+    };
+    match random.below(20) {
+        0..4 => words.push(format!("{name}={value}")),
+        4 => words.push(name.into()),
+        _ => words.extend([name.into(), value]),
+    }
+}
