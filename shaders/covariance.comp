@@ -23,6 +23,9 @@ layout(set = 0, binding = 0, std430) readonly buffer Scale { Scale3 scale[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Rotation { vec4 rotation[]; };  // w, x, y, z
 layout(set = 0, binding = 2, std430) writeonly buffer Covariance { Covariance3 covariance[]; };
 
+// Larger scales are drawn like this one, which is beyond all that a picture shows: their squares are no floats.
+const float LARGEST = 1e18;
+
 void main() {
     uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
     if (i >= uint(SCENE_COUNT)) {
@@ -32,7 +35,7 @@ void main() {
     // The quaternion was normalised when the scene was loaded, and is not normalised again.
     vec4 q = rotation[i];
     float w = q.x, x = q.y, y = q.z, z = q.w;
-    vec3 s = vec3(scale[i].x, scale[i].y, scale[i].z);
+    vec3 s = min(vec3(scale[i].x, scale[i].y, scale[i].z), LARGEST);
 
     // The rows of M = R S.
     vec3 row0 = vec3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)) * s;

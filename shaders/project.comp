@@ -1,7 +1,5 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
 
 // Projects Gaussians to ellipses on the screen: cull, project, colour. Each invocation takes one splat. A visible splat
 // gets a record and its depth at its own index, an invisible one the depth -1. Every workgroup counts its visible splats,
@@ -40,7 +38,12 @@ const float JACOBIAN_LIMIT = 1.3;
 // Margin of the bounds, in pixels, so that rounding never drops a pixel that the fragment shader would keep.
 const float MARGIN = 1.0 / 64.0;
 
-shared uint visible_in_subgroup[256 / DEVICE_SUBGROUP_SIZE];
+// The largest half axis of a sigma, in pixels: its square is a float, and the picture is a point to it.
+const float LARGEST = 4611686018427387904.0;  // 2^62
+
+// The number of visible splats in the workgroup. It is counted without ballots: invocations leave `project` at different
+// places, and nothing says that a subgroup is whole again after that.
+shared uint visible_count;
 
 // Computes a b - c d and compensates the rounding error of one product (Kahan). Otherwise the difference of two nearly
 // equal products would have no correct digit.
@@ -51,20 +54,47 @@ float difference_of_products(float a, float b, float c, float d) {
     return difference + error;
 }
 
-// The 2D covariance [[xx, xy], [xy, yy]] in square pixels, low pass not yet added, with its determinant.
+// The 2D covariance [[xx, xy], [xy, yy]] in square units, low pass not yet added, with its determinant.
+//
+// A unit is a pixel up to splats of some ten million pixels. The determinant, a fourth power, overflows soon after: there
+// a unit is more pixels, by a power of two, so that all that is rounded is rounded as before.
 struct Ellipse {
     float xx, xy, yy;
     float determinant;
+    int unit_exponent;
 };
+
+// Returns the binary logarithm of a float that is not negative, rounded down; -127 for 0.
+int exponent_of(float x) {
+    return (floatBitsToInt(x) >> 23) - 127;
+}
+
+float power_of_two(int exponent) {
+    return intBitsToFloat((127 + exponent) << 23);
+}
+
+// Returns the exponent of the unit for splats of about 2^`size` pixels.
+int unit_exponent_for(int size) {
+    return size > 24 ? min(size, 62) : 0;
+}
+
+float largest(vec3 v) {
+    return max(max(abs(v.x), abs(v.y)), abs(v.z));
+}
 
 // Projects the covariance of splat `i`. The rows of J W (Jacobian times rotation to the camera) are `t0` and `t1`.
 Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
     Ellipse e;
+    int size = exponent_of(max(largest(t0), largest(t1)));
 #if COVARIANCE == COVARIANCE_FACTORED
     // The covariance is A A^T with A = J W M. By Lagrange's identity its determinant is the squared length of the cross
     // product of A's rows, in which nothing large cancels.
     float m[9] = covariance[i].m;
     mat3 columns = mat3(m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]);
+    size += exponent_of(max(max(largest(columns[0]), largest(columns[1])), largest(columns[2])));
+    e.unit_exponent = unit_exponent_for(size);
+    t0 *= power_of_two(-e.unit_exponent);
+    t1 *= power_of_two(-e.unit_exponent);
     vec3 a0 = t0 * columns;
     vec3 a1 = t1 * columns;
     e.xx = dot(a0, a0);
@@ -77,6 +107,11 @@ Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
 #else
     Covariance3 c = covariance[i];
     mat3 sigma = mat3(c.xx, c.xy, c.xz, c.xy, c.yy, c.yz, c.xz, c.yz, c.zz);
+    // The diagonal holds the largest element; it is a square.
+    size += (exponent_of(largest(vec3(c.xx, c.yy, c.zz))) >> 1) + 1;
+    e.unit_exponent = unit_exponent_for(size);
+    t0 *= power_of_two(-e.unit_exponent);
+    t1 *= power_of_two(-e.unit_exponent);
     vec3 s0 = sigma * t0;
     vec3 s1 = sigma * t1;
     e.xx = max(dot(t0, s0), 0.0);
@@ -127,14 +162,20 @@ float project(uint i) {
 
     // Eigenvalues: the larger as a sum of positive terms, the smaller as determinant / larger. The low pass adds itself
     // to both, and to the determinant only positive terms.
+    float unit = power_of_two(e.unit_exponent);
+    float units_per_pixel = power_of_two(-e.unit_exponent);
+    float low_pass = LOW_PASS * (units_per_pixel * units_per_pixel);
     float mean = 0.5 * (e.xx + e.yy);
     float lean = 0.5 * (e.xx - e.yy);
     float radius = length(vec2(lean, e.xy));
-    float larger = mean + radius + LOW_PASS;
-    float smaller = (e.determinant + LOW_PASS * (2.0 * mean + LOW_PASS)) / larger;
+    float larger = mean + radius + low_pass;
+    float smaller = (e.determinant + low_pass * (2.0 * mean + low_pass)) / larger;
     if (!(smaller > 0.0) || isinf(larger)) {
-        return -1.0;  // no area, or too large for 32-bit floats
+        return -1.0;  // no area, or not a number
     }
+    float most = LARGEST * units_per_pixel;
+    larger = min(larger, most * most);
+    smaller = min(smaller, most * most);
 
     // The eigenvector of the larger one, in the form without cancellation. A circle has no direction; any is right.
     vec2 direction = lean >= 0.0 ? vec2(radius + lean, e.xy) : vec2(e.xy, radius - lean);
@@ -145,14 +186,14 @@ float project(uint i) {
     float extent = min(cutoff, reach);
     Splat splat;
     splat.centre = camera.focal.xy * slope + 0.5 * (camera.viewport.xy - 1.0);
-    splat.major = sqrt(larger) * direction;
-    splat.minor = sqrt(smaller) * vec2(-direction.y, direction.x);
+    splat.major = sqrt(larger) * unit * direction;
+    splat.minor = sqrt(smaller) * unit * vec2(-direction.y, direction.x);
     splat.extent = extent;
     splat.opacity = alpha;
 
     // The smaller of the bounds of the quad and of the ellipse of alpha = 1/255.
     vec2 quad = extent * (abs(splat.major) + abs(splat.minor));
-    vec2 ellipse = reach * sqrt(vec2(e.xx, e.yy) + LOW_PASS);
+    vec2 ellipse = reach * (sqrt(vec2(e.xx, e.yy) + low_pass) * unit);
     vec2 bounds = min(quad, ellipse) + MARGIN;
     if (!covers_a_pixel(splat.centre.x, bounds.x, camera.viewport.x)
         || !covers_a_pixel(splat.centre.y, bounds.y, camera.viewport.y)) {
@@ -166,7 +207,12 @@ float project(uint i) {
 
 void main() {
     uint group = group_index();
-    uint i = group * gl_WorkGroupSize.x + gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID;
+    uint i = group * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
+    if (gl_LocalInvocationIndex == 0u) {
+        visible_count = 0u;
+    }
+    barrier();
+
     float z = -1.0;
     if (i < uint(SCENE_COUNT)) {
         z = project(i);
@@ -177,17 +223,11 @@ void main() {
         }
 #endif
     }
-
-    uvec4 visible = subgroupBallot(z > 0.0);
-    if (gl_SubgroupInvocationID == 0u) {
-        visible_in_subgroup[gl_SubgroupID] = subgroupBallotBitCount(visible);
+    if (z > 0.0) {
+        atomicAdd(visible_count, 1u);
     }
     barrier();
-    if (gl_SubgroupID == 0u && gl_SubgroupInvocationID == 0u && group * gl_WorkGroupSize.x < uint(SCENE_COUNT)) {
-        uint sum = 0u;
-        for (uint s = 0u; s < gl_NumSubgroups; s++) {
-            sum += visible_in_subgroup[s];
-        }
-        block_count[group] = sum;
+    if (gl_LocalInvocationIndex == 0u && group * gl_WorkGroupSize.x < uint(SCENE_COUNT)) {
+        block_count[group] = visible_count;
     }
 }
