@@ -3,7 +3,7 @@
 use crate::common;
 use splatgraph::image::Image;
 use splatgraph::metrics::{self, Comparison};
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::{Gaussian, Rules, Splats, render};
 use std::path::Path;
 
@@ -101,6 +101,57 @@ fn each_rule_broken_on_purpose_fails_the_bound() {
         let worst = found.fold(f64::INFINITY, f64::min);
         println!("{rule} = {value}: {worst:.1} dB");
         assert!(worst < bound, "{rule} = {value}: {worst:.1} dB, expected less than {bound}");
+    }
+}
+
+/// Draws a small cloud behind one splat with these logarithms of scales, with lavapipe and with the reference.
+fn giant(logs: [f32; 3], covariance: &str) -> f64 {
+    let size = (320, 180);
+    let camera =
+        Camera { img_name: "origin".into(), ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, size) };
+    let scene = Scene::generate(9, 0, |i| {
+        let angle = i as f32;
+        let mut sh = [0.0; 48];
+        sh[..3].copy_from_slice(&[0.4 * angle.sin(), 0.3, -0.5]);
+        let cloud = Splat {
+            position: [0.4 * angle.sin(), 0.3 * angle.cos(), 2.0 + 0.1 * angle],
+            scale: [0.1, 0.15, 0.1],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity: 0.6,
+            sh,
+        };
+        if i > 0 {
+            return cloud;
+        }
+        sh[..3].copy_from_slice(&[1.4, -0.4, -1.0]);
+        let rotation = [0.9, 0.2, 0.1, 0.37];
+        Splat { position: [0.3, 0.2, 4.0], scale: logs.map(f32::exp), rotation, opacity: 0.5, sh }
+    });
+    let exact = render(&scene, &camera, [0.0; 3], &Rules::PUBLISHED, &|_, _| {});
+    let exact = Image {
+        width: exact.width as usize,
+        height: exact.height as usize,
+        rgb: exact.color.iter().map(|pixel| pixel.map(|v| v as f32)).collect(),
+    };
+    let drawn = crate::images::draw_scene(scene, &[camera], "splat", [0.0; 3], &[("covariance", covariance)]);
+    metrics::compare(&drawn[0], &exact).expect("images of one size").psnr()
+}
+
+#[test]
+fn splats_of_any_size_are_drawn_like_the_reference_draws_them() {
+    let balls = [6.0, 12.0, 20.0, 30.0, 40.0].map(|log| [log, log, log - 0.5]);
+    for logs in balls {
+        for covariance in ["six", "factored"] {
+            let db = giant(logs, covariance);
+            println!("scales e^{logs:?}, {covariance}: {db:.1} dB");
+            assert!(db > 70.0, "scales e^{logs:?}, {covariance}: {db:.1} dB");
+        }
+    }
+    // Of needles and plates of such ratios, only the factored form keeps the short axes.
+    for logs in [[20.0, -4.0, -4.0], [25.0, 25.0, -3.0], [40.0, -3.0, -3.0]] {
+        let db = giant(logs, "factored");
+        println!("scales e^{logs:?}: {db:.1} dB");
+        assert!(db > 40.0, "scales e^{logs:?}: {db:.1} dB");
     }
 }
 

@@ -78,23 +78,27 @@ impl Bench {
     }
 
     fn sorter(&mut self, sorter: &str, digit_bits: u32, key_bits: u32, capacity: u32) -> Sorter<'_> {
+        let set = [("digit_bits", digit_bits), ("key_bits", key_bits)];
+        self.with(sorter, &set, capacity).unwrap_or_else(|text| panic!("{text}"))
+    }
+
+    /// The sort with these parameters, or the errors of its graph.
+    fn with(&mut self, sorter: &str, set: &[(&str, u32)], capacity: u32) -> Result<Sorter<'_>, String> {
         let host = [("scene.count".into(), Value::Int(capacity.into()))].into();
         let facts = Facts { device: self.device.info().facts, host };
-        let set = [
-            ("sorter", sorter),
-            ("digit_bits", &digit_bits.to_string()),
-            ("key_bits", &key_bits.to_string()),
-        ]
-        .map(|(k, v)| (k.to_string(), v.to_string()));
+        let value = |name| set.iter().find(|(k, _)| *k == name).map_or(0, |(_, v)| *v);
+        let (digit_bits, key_bits) = (value("digit_bits"), value("key_bits"));
+        let set = set.iter().map(|(k, v)| (k.to_string(), v.to_string()));
+        let set: Vec<_> = set.chain([("sorter".to_string(), sorter.to_string())]).collect();
         let catalog = Catalog { uniforms: [("test.run".to_string(), 16)].into(), ..Catalog::default() };
         let graph = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/sort_only.ron");
         let request = Request { graph, set: &set, facts: &facts, catalog: &catalog, share_memory: true };
         let plan = build(&request, &mut self.files, &mut self.compiler)
-            .unwrap_or_else(|e| panic!("{}", render(&self.files, &e, false)));
+            .map_err(|e| render(&self.files, &e, false))?;
         self.device.load(plan.clone(), &NoScene, &mut |_| {}).expect("the plan loads");
         let name =
             format!("{sorter}, {digit_bits}-bit digits of {key_bits}-bit keys, {} lanes", self.lanes());
-        Sorter { device: &mut self.device, plan, key_bits, name }
+        Ok(Sorter { device: &mut self.device, plan, key_bits, name })
     }
 }
 
@@ -222,6 +226,18 @@ fn larger_sorts_are_right_too() {
         }
     }
     println!("{sorts} sorts of up to 2^20 pairs");
+}
+
+/// Lavapipe ends a loop after 65,535 rounds, and the scan of the serial sort loops over the blocks.
+#[test]
+fn the_serial_sort_refuses_blocks_that_are_too_many_to_loop_over_and_is_right_with_the_smallest_others() {
+    let count = 1 << 21;
+    let mut bench = Bench::new();
+    let set = |block_keys| [("digit_bits", 8), ("key_bits", 16), ("block_keys", block_keys)];
+    let refused = bench.with("serial", &set(16), count).err().expect("131,072 blocks are too many");
+    assert!(refused.contains("block_keys") && refused.contains("33"), "{refused}");
+    let mut smallest = bench.with("serial", &set(33), count).unwrap_or_else(|text| panic!("{text}"));
+    smallest.check(Run { count, seed: 5, kind: Kind::Random });
 }
 
 #[test]

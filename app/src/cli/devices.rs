@@ -33,6 +33,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         for (name, value) in device.facts.named() {
             options::print(&format!("     {name} = {value}"))?;
         }
+        if device.unfit.is_none() {
+            options::print(&format!("     {}", device.robustness))?;
+        }
         if let Some(why) = &device.unfit {
             options::print(&format!("     cannot run graphs: {why}"))?;
         }

@@ -177,13 +177,21 @@ pub struct DeviceArgs {
     /// Use Vulkan's validation layer with synchronization validation; exit with code 1 if it reports anything
     #[arg(long)]
     pub validate: bool,
+    /// Leave accesses beyond the ends of buffers and images unchecked, to measure what the checks cost
+    #[arg(long)]
+    pub no_robustness: bool,
 }
 
 impl DeviceArgs {
     /// Converts the arguments to the backend's options.
     pub fn options(&self) -> Options {
         let validation = if self.validate { Validation::Synchronization } else { Validation::Off };
-        Options { device: self.device.clone(), validation, ..Options::default() }
+        Options {
+            device: self.device.clone(),
+            validation,
+            unchecked: self.no_robustness,
+            ..Options::default()
+        }
     }
 }
 

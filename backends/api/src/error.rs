@@ -45,6 +45,14 @@ pub enum BackendError {
         /// The driver's answer.
         answer: String,
     },
+    /// The window's surface is lost, and another for the same window is, too: the window or its display is gone.
+    #[error(
+        "{call} answered that the window's surface is lost: the window was closed, or its display went away"
+    )]
+    SurfaceLost {
+        /// The call that failed.
+        call: &'static str,
+    },
     /// The device has finished nothing for long. What was submitted stays in flight, and can be waited for again.
     #[error("{place} has been running for {seconds} s; it may never end")]
     Stuck {
@@ -85,6 +93,7 @@ impl BackendError {
         match self {
             BackendError::Busy { .. } | BackendError::Stuck { .. } => Recovery::Retry,
             BackendError::Unavailable(_)
+            | BackendError::SurfaceLost { .. }
             | BackendError::Limit(_)
             | BackendError::Unsupported(_)
             | BackendError::OutOfMemory { .. }

@@ -15,6 +15,7 @@ use serde::Serialize;
 use splatgraph_framework::ir::{DeviceFacts, Format, PassId, ResourceId};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
+use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -34,8 +35,48 @@ pub struct DeviceInfo {
     pub driver: String,
     /// The facts that graphs can use; all 0 where the device lacks the API version.
     pub facts: DeviceFacts,
+    /// The bounds of accesses beyond the ends of buffers and images, where the device is opened with them.
+    pub robustness: Robustness,
     /// The reason why it cannot run plans, if it cannot.
     pub unfit: Option<String>,
+}
+
+/// The bounds of a shader's accesses beyond the ends of buffers and images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Robustness {
+    /// The bounds of storage and uniform buffers.
+    pub buffers: Bounds,
+    /// The bounds of storage images.
+    pub images: Bounds,
+}
+
+/// The bound of accesses beyond the end of a resource.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Bounds {
+    /// None: they reach other memory, and can end the device or the program.
+    #[default]
+    None,
+    /// They stay within the memory of the resource, and may read and write any of it.
+    Memory,
+    /// Reads give 0, and writes do nothing.
+    Exact,
+}
+
+impl fmt::Display for Robustness {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let text = |bounds| match bounds {
+            Bounds::None => "unchecked",
+            Bounds::Memory => "kept within the resource's memory",
+            Bounds::Exact => "without effect",
+        };
+        write!(
+            f,
+            "accesses beyond the end of a buffer: {}; of an image: {}",
+            text(self.buffers),
+            text(self.images)
+        )
+    }
 }
 
 /// The choice of a device to open.
@@ -49,6 +90,9 @@ pub struct Options {
     /// The longest time that one pass may run before calls that wait for it give up with [`BackendError::Stuck`]. Without it
     /// 10 seconds, and two minutes where the device is a CPU.
     pub patience: Option<Duration>,
+    /// Leaves accesses beyond the ends of buffers and images unchecked, to measure what the checks cost. See
+    /// [`DeviceInfo::robustness`].
+    pub unchecked: bool,
 }
 
 /// The checks that the API's validation makes.

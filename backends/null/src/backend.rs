@@ -16,10 +16,6 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-fn gone(call: &str) -> BackendError {
-    BackendError::Unavailable(format!("{call} answered that the window's surface is lost"))
-}
-
 impl Gpu for NullGpu {
     type Memory = Memory;
     type Dedicated = ();
@@ -220,7 +216,15 @@ impl Gpu for NullGpu {
     }
 
     fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
+        if self.journal.fails(Point::Surface) {
+            return Err(BackendError::SurfaceLost { call: "window_size" });
+        }
         Ok((told.0 > 0 && told.1 > 0).then_some(told))
+    }
+
+    fn renew_surface(&self) -> Result<(), BackendError> {
+        self.journal.call(Call::RenewSurface);
+        Ok(())
     }
 
     fn create_swapchain(
@@ -236,8 +240,8 @@ impl Gpu for NullGpu {
     fn acquire(&self, swapchain: &mut Swapchain, slot: usize) -> Result<Acquired, BackendError> {
         self.check_lost("acquire")?;
         self.journal.call(Call::Acquire { slot });
-        if self.journal.fails(Point::AcquireGone) {
-            return Err(gone("acquire"));
+        if self.journal.fails(Point::AcquireLost) {
+            return Err(BackendError::SurfaceLost { call: "acquire" });
         }
         if self.journal.fails(Point::AcquireOutOfDate) {
             return Ok(Acquired::OutOfDate);
@@ -246,7 +250,8 @@ impl Gpu for NullGpu {
             return Ok(Acquired::NotReady);
         }
         swapchain.next = (swapchain.next + 1) % 3;
-        Ok(Acquired::Image { index: swapchain.next, suboptimal: false })
+        let suboptimal = self.journal.fails(Point::AcquireSuboptimal);
+        Ok(Acquired::Image { index: swapchain.next, suboptimal })
     }
 
     fn record_blit(
@@ -261,8 +266,15 @@ impl Gpu for NullGpu {
     fn present(&self, show: Show<Self>) -> Result<Presented, BackendError> {
         self.check_lost("present")?;
         self.journal.call(Call::Present { image: show.image });
-        if self.journal.fails(Point::PresentGone) {
-            return Err(gone("present"));
+        if self.journal.fails(Point::Present) {
+            self.journal.lose();
+            self.check_lost("present")?;
+        }
+        if self.journal.fails(Point::PresentLost) {
+            return Err(BackendError::SurfaceLost { call: "present" });
+        }
+        if self.journal.fails(Point::PresentSuboptimal) {
+            return Ok(Presented::Suboptimal);
         }
         Ok(if self.journal.fails(Point::PresentOutOfDate) { Presented::OutOfDate } else { Presented::Shown })
     }

@@ -27,17 +27,25 @@ pub enum Point {
     AcquireOutOfDate,
     /// The window gives no image in time.
     AcquireTimeout,
-    /// The window is gone when an image is acquired.
-    AcquireGone,
+    /// The surface is lost when an image is acquired.
+    AcquireLost,
+    /// An image is acquired, and another swapchain would fit better.
+    AcquireSuboptimal,
     /// The swapchain is out of date when an image is presented.
     PresentOutOfDate,
-    /// The window is gone when an image is presented.
-    PresentGone,
+    /// The surface is lost when an image is presented.
+    PresentLost,
+    /// The image is shown, and another swapchain would fit better.
+    PresentSuboptimal,
+    /// The device is lost when an image is presented.
+    Present,
+    /// The surface cannot be queried, since it is lost.
+    Surface,
 }
 
 impl Point {
     /// Every kind.
-    pub const ALL: [Point; 10] = [
+    pub const ALL: [Point; 14] = [
         Point::Allocate,
         Point::Create,
         Point::Submit,
@@ -45,8 +53,12 @@ impl Point {
         Point::Hang,
         Point::AcquireOutOfDate,
         Point::AcquireTimeout,
-        Point::AcquireGone,
+        Point::AcquireLost,
+        Point::AcquireSuboptimal,
         Point::PresentOutOfDate,
-        Point::PresentGone,
+        Point::PresentLost,
+        Point::PresentSuboptimal,
+        Point::Present,
+        Point::Surface,
     ];
 }

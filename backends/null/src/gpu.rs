@@ -2,7 +2,7 @@
 
 use crate::fault::{Fault, Point};
 use crate::journal::{Journal, Object, Owned};
-use splatgraph_api::{BackendError, DeviceInfo};
+use splatgraph_api::{BackendError, DeviceInfo, Robustness};
 use splatgraph_framework::ir::{Features, PassId};
 use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::collections::HashMap;
@@ -61,7 +61,13 @@ pub fn limits() -> Limits {
         device_memory_types: 1,
         buffer_image_granularity: 64,
         independent_blend: true,
-        subgroup: SubgroupLimits { size: 32, max_size: 32, selectable: true, max_per_group: 32 },
+        subgroup: SubgroupLimits {
+            size: 32,
+            min_size: 32,
+            max_size: 32,
+            selectable: true,
+            max_per_group: 32,
+        },
         rounds_half: true,
         features: Features::all(),
         timestamp_bits: 64,
@@ -79,6 +85,7 @@ impl NullGpu {
             kind: "other".to_string(),
             driver: String::new(),
             facts: config.limits.facts(),
+            robustness: Robustness::default(),
             unfit: None,
         };
         let gpu = NullGpu {

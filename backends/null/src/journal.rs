@@ -132,6 +132,7 @@ pub enum Call {
         blocks: bool,
     },
     WaitIdle,
+    RenewSurface,
     CreateSwapchain {
         size: (u32, u32),
         vsync: bool,

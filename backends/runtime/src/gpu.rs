@@ -164,6 +164,11 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// nothing.
     fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError>;
 
+    /// Makes the surface of the window anew. Its swapchain is gone.
+    ///
+    /// Calls that find the surface lost, of this and of swapchains, answer [`BackendError::SurfaceLost`].
+    fn renew_surface(&self) -> Result<(), BackendError>;
+
     /// Creates a swapchain for the window that the device was opened with. The device is idle, and `former` is not used again.
     fn create_swapchain(
         self: &Arc<Self>,

@@ -56,12 +56,31 @@ pub struct Limits {
 pub struct SubgroupLimits {
     /// Lanes that compute shaders run with.
     pub size: u32,
-    /// The most lanes that the driver may choose where a pipeline does not ask.
+    /// The fewest lanes that the driver may choose where a pipeline does not ask.
+    pub min_size: u32,
+    /// The most lanes that it may choose.
     pub max_size: u32,
     /// A compute pipeline may ask for a size.
     pub selectable: bool,
     /// Subgroups of a workgroup, where a size is asked for.
     pub max_per_group: u32,
+}
+
+impl SubgroupLimits {
+    /// Says whether a compute pipeline with workgroups of this size can ask for subgroups of [`SubgroupLimits::size`] lanes.
+    pub fn can_ask(&self, local_size: [u32; 3]) -> bool {
+        let invocations: u64 = local_size.iter().map(|&n| u64::from(n)).product();
+        self.selectable
+            && self.size > 0
+            && local_size[0].is_multiple_of(self.size)
+            && invocations <= u64::from(self.size) * u64::from(self.max_per_group)
+    }
+
+    /// Says whether workgroups of this size run in subgroups of [`SubgroupLimits::size`] lanes for certain.
+    pub fn is_certain(&self, local_size: [u32; 3]) -> bool {
+        let only_one = self.min_size == self.max_size && self.size == self.max_size;
+        only_one || self.can_ask(local_size)
+    }
 }
 
 impl Limits {

@@ -28,6 +28,10 @@ pub(crate) struct Swapchain<G: Gpu> {
     stale: bool,
     /// An image was acquired and not presented yet.
     acquired: bool,
+    /// The swapchain was made because the one before could have fitted better: if this one could, too, it stays.
+    is_best: bool,
+    /// The surface is lost: the swapchain must be dropped, and the surface made anew.
+    surface_lost: bool,
     gpu: Arc<G>,
 }
 
@@ -35,21 +39,33 @@ impl<G: Gpu> Swapchain<G> {
     /// Creates a swapchain for the window that the device was opened with, which has `size` pixels. A window that cannot be drawn in
     /// is refused.
     pub fn new(gpu: &Arc<G>, size: (u32, u32)) -> Result<Self, BackendError> {
-        let mut swapchain =
-            Swapchain { raw: None, told: size, vsync: true, stale: true, acquired: false, gpu: gpu.clone() };
+        let mut swapchain = Swapchain {
+            raw: None,
+            told: size,
+            vsync: true,
+            stale: true,
+            acquired: false,
+            is_best: false,
+            surface_lost: false,
+            gpu: gpu.clone(),
+        };
         swapchain.renew()?;
         Ok(swapchain)
     }
 
     /// See [`splatgraph_api::Windowed::resize_window`].
     pub fn resize(&mut self, size: (u32, u32)) {
-        self.stale |= size != self.told;
+        if size != self.told {
+            (self.stale, self.is_best) = (true, false);
+        }
         self.told = size;
     }
 
     /// See [`splatgraph_api::Windowed::set_vsync`].
     pub fn set_vsync(&mut self, vsync: bool) {
-        self.stale |= vsync != self.vsync;
+        if vsync != self.vsync {
+            (self.stale, self.is_best) = (true, false);
+        }
         self.vsync = vsync;
     }
 
@@ -78,8 +94,31 @@ impl<G: Gpu> Swapchain<G> {
         self.acquired = false;
         let gpu = self.gpu.clone();
         let Some(show) = self.show(image, slot) else { return Ok(()) };
-        self.stale |= gpu.present(show)? != Presented::Shown;
+        match gpu.present(show) {
+            Ok(Presented::Shown) => {}
+            Ok(Presented::Suboptimal) => self.fits_badly(),
+            Ok(Presented::OutOfDate) => self.fits_no_more(),
+            // The frame is drawn. The next one has another surface.
+            Err(BackendError::SurfaceLost { .. }) => self.lose_surface(),
+            Err(error) => return Err(error),
+        }
         Ok(())
+    }
+
+    /// Notes that another swapchain would fit better, as some window systems say of every swapchain.
+    fn fits_badly(&mut self) {
+        self.stale |= !self.is_best;
+        self.is_best = true;
+    }
+
+    /// Notes that the swapchain cannot be used any more.
+    fn fits_no_more(&mut self) {
+        (self.stale, self.is_best) = (true, false);
+    }
+
+    fn lose_surface(&mut self) {
+        self.fits_no_more();
+        self.surface_lost = true;
     }
 
     /// Acquires an image; none if the window shows nothing now.
@@ -88,25 +127,45 @@ impl<G: Gpu> Swapchain<G> {
         self.stale |= self.acquired;
         // The window may change its size between the two calls, once; if it goes on, the next frame will fit.
         for _ in 0..2 {
-            if self.stale {
-                self.renew()?;
+            match self.renew() {
+                Ok(()) => {}
+                // It was found out just now. If another is lost at once, the window is gone.
+                Err(BackendError::SurfaceLost { .. }) if !self.surface_lost => {
+                    self.lose_surface();
+                    continue;
+                }
+                Err(error) => return Err(error),
             }
             let Some(swapchain) = self.raw.as_mut().filter(|_| !self.stale) else { return Ok(None) };
-            match self.gpu.acquire(swapchain, slot)? {
-                Acquired::Image { index, suboptimal } => {
+            match self.gpu.acquire(swapchain, slot) {
+                Ok(Acquired::Image { index, suboptimal }) => {
                     self.acquired = true;
-                    self.stale |= suboptimal;
+                    if suboptimal {
+                        self.fits_badly();
+                    }
                     return Ok(Some(index));
                 }
-                Acquired::OutOfDate => self.stale = true,
-                Acquired::NotReady => return Ok(None),
+                Ok(Acquired::OutOfDate) => self.fits_no_more(),
+                Ok(Acquired::NotReady) => return Ok(None),
+                Err(BackendError::SurfaceLost { .. }) => self.lose_surface(),
+                Err(error) => return Err(error),
             }
         }
         Ok(None)
     }
 
-    /// Replaces the swapchain by one that fits the window, unless the window has no pixels.
+    /// Replaces a swapchain that is stale by one that fits the window, unless the window has no pixels.
     fn renew(&mut self) -> Result<(), BackendError> {
+        if !self.stale {
+            return Ok(());
+        }
+        if self.surface_lost {
+            if !self.gpu.wait_idle(PATIENCE) {
+                return Ok(());
+            }
+            self.raw = None;
+            self.gpu.renew_surface()?;
+        }
         let Some(size) = self.gpu.window_size(self.told)? else { return Ok(()) };
         // Nothing may use the former swapchain when it is destroyed. This waits for more than it must, but only when a window
         // changes. While the device has other things to do for long, frames are drawn and not shown.
@@ -117,6 +176,7 @@ impl<G: Gpu> Swapchain<G> {
         let former = self.raw.take();
         self.raw = Some(self.gpu.create_swapchain(size, self.vsync, former.as_ref())?);
         self.stale = false;
+        self.surface_lost = false;
         self.acquired = false;
         Ok(())
     }

@@ -10,7 +10,7 @@ use crate::pipelines::Pipelines;
 use crate::swapchain::{self, Swapchain};
 use crate::{device, lower, queue};
 use ash::{khr, vk};
-use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Progress, Validation};
+use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Progress, Robustness, Validation};
 use splatgraph_framework::ir::{Binding, Format, PassId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
@@ -49,7 +49,11 @@ impl Gpu for VulkanGpu {
         };
         let physical = device::choose(device::all(&instance)?, options.device.as_deref())?;
         let gpu = VulkanGpu::new(instance, &physical, extensions, options)?;
-        Ok((physical.info, Arc::new(gpu)))
+        let mut info = physical.info;
+        if options.unchecked {
+            info.robustness = Robustness::default();
+        }
+        Ok((info, Arc::new(gpu)))
     }
 
     fn limits(&self) -> &Limits {
@@ -204,6 +208,15 @@ impl Gpu for VulkanGpu {
 
     fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
         swapchain::window_size(self, told)
+    }
+
+    fn renew_surface(&self) -> Result<(), BackendError> {
+        self.instance.renew_surface()?;
+        // A window that is gone has surfaces, and nothing can be asked of them.
+        match self.instance.surface() {
+            Some(surface) if surface.can_show(self.physical, self.family) => Ok(()),
+            _ => Err(BackendError::SurfaceLost { call: "vkGetPhysicalDeviceSurfaceSupportKHR" }),
+        }
     }
 
     fn create_swapchain(

@@ -7,8 +7,9 @@
 use crate::error::api;
 use crate::features::OptionalFeatures;
 use crate::instance::{API_VERSION, Instance, NO_DRIVER, offers};
+use crate::robustness::RobustnessFeatures;
 use ash::{ext, khr, vk};
-use splatgraph_api::{BackendError, DeviceInfo};
+use splatgraph_api::{BackendError, DeviceInfo, Robustness};
 use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::ffi::{CStr, c_char};
 use std::time::Duration;
@@ -100,6 +101,7 @@ fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Ph
     let mut unfit = None;
     let mut limits = Limits::default();
     let mut driver = String::new();
+    let mut robustness = Robustness::default();
     if basic.api_version < API_VERSION {
         unfit = Some(format!(
             "it offers Vulkan {}.{}, and 1.3 is needed",
@@ -108,13 +110,15 @@ fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Ph
         ));
     } else {
         (limits, driver) = query(instance, handle);
+        robustness = RobustnessFeatures::of(instance, handle).bounds();
         match &family {
             Ok((_, properties)) => limits.timestamp_bits = properties.timestamp_valid_bits,
             Err(why) => unfit = Some(why.to_string()),
         }
     }
     let facts = limits.facts();
-    let info = DeviceInfo { index, name, kind: kind_name(kind).to_string(), driver, facts, unfit };
+    let info =
+        DeviceInfo { index, name, kind: kind_name(kind).to_string(), driver, facts, robustness, unfit };
     Physical { handle, family: family.map_or(0, |f| f.0), info, limits, kind }
 }
 
@@ -125,9 +129,9 @@ fn queue_family(
     // SAFETY: `handle` is one of the instance's.
     let families = unsafe { instance.raw.get_physical_device_queue_family_properties(handle) };
     let flags: Vec<vk::QueueFlags> = families.iter().map(|family| family.queue_flags).collect();
-    let index = match &instance.surface {
+    let index = match instance.surface() {
         None => fit_family(&flags, |_| true)?,
-        Some(_) if !has_swapchains(instance, handle) => return Err(NO_PRESENTING),
+        Some(_) if !has_extension(instance, handle, khr::swapchain::NAME) => return Err(NO_PRESENTING),
         Some(surface) => fit_family(&flags, |family| surface.can_show(handle, family))?,
     };
     Ok((index, families[index as usize]))
@@ -145,10 +149,10 @@ fn fit_family(families: &[vk::QueueFlags], presents: impl Fn(u32) -> bool) -> Re
     able.map(|(index, _)| index).find(|&index| presents(index)).ok_or(NO_PRESENTING)
 }
 
-fn has_swapchains(instance: &Instance, handle: vk::PhysicalDevice) -> bool {
+fn has_extension(instance: &Instance, handle: vk::PhysicalDevice, name: &CStr) -> bool {
     // SAFETY: `handle` is one of the instance's.
     let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
-    extensions.is_ok_and(|extensions| offers(&extensions, khr::swapchain::NAME))
+    extensions.is_ok_and(|extensions| offers(&extensions, name))
 }
 
 /// Limits and the driver's name, of a device of version 1.3 or later.
@@ -208,6 +212,7 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         subgroup: SubgroupLimits {
             // Some drivers give a default outside of what they let a pipeline ask for.
             size: subgroups.subgroup_size.clamp(control.min_subgroup_size, control.max_subgroup_size),
+            min_size: control.min_subgroup_size,
             max_size: control.max_subgroup_size,
             selectable: control.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_per_group: control.max_compute_workgroup_subgroups,
@@ -224,16 +229,24 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
 }
 
 /// Creates the logical device, with `extensions` (a swapchain's, for instance) besides what this crate uses.
+///
+/// Accesses beyond the ends of buffers and images are bounded as strictly as the device can, unless they are to be `unchecked`.
 pub(crate) fn create(
     instance: &Instance,
     physical: &Physical,
     extensions: &[&CStr],
+    unchecked: bool,
 ) -> Result<ash::Device, BackendError> {
     let mut features = OptionalFeatures::of(instance, physical.handle);
     let OptionalFeatures { core, vulkan11, vulkan12, atomic_float, .. } = &mut features;
     // What every device of version 1.3 has is asked for outright. The rest serves shaders that need it: a plan with such a
     // shader is refused where it is absent.
     vulkan12.host_query_reset = vk::TRUE;
+    let mut robust = RobustnessFeatures::default();
+    if !unchecked {
+        robust = RobustnessFeatures::of(instance, physical.handle);
+    }
+    core.robust_buffer_access = robust.buffers;
     let mut vulkan13 = vk::PhysicalDeviceVulkan13Features::default()
         .synchronization2(true)
         .dynamic_rendering(true)
@@ -243,18 +256,25 @@ pub(crate) fn create(
         .shader_integer_dot_product(true)
         .subgroup_size_control(true)
         .compute_full_subgroups(true);
+    vulkan13.robust_image_access = robust.images;
 
     let priorities = [1.0];
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(physical.family)
         .queue_priorities(&priorities)];
     let mut names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
+    if robust.two.is_some() {
+        names.push(ext::robustness2::NAME.as_ptr());
+    }
     let mut info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_features(core)
         .push_next(vulkan11)
         .push_next(vulkan12)
         .push_next(&mut vulkan13);
+    if let Some(two) = &mut robust.two {
+        info = info.push_next(two);
+    }
     if let Some(atomic_float) = atomic_float {
         names.push(ext::shader_atomic_float::NAME.as_ptr());
         info = info.push_next(atomic_float);
@@ -276,6 +296,7 @@ mod tests {
             kind: kind_name(kind).to_string(),
             driver: String::new(),
             facts: DeviceFacts::default(),
+            robustness: Robustness::default(),
             unfit: unfit.map(str::to_string),
         };
         Physical { handle: vk::PhysicalDevice::null(), family: 0, info, limits: Limits::default(), kind }

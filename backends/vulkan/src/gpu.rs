@@ -48,7 +48,7 @@ impl VulkanGpu {
         extensions: &[&CStr],
         options: &Options,
     ) -> Result<VulkanGpu, BackendError> {
-        let device = device::create(&instance, physical, extensions)?;
+        let device = device::create(&instance, physical, extensions, options.unchecked)?;
         // SAFETY: the device was created with one queue of this family.
         let queue = unsafe { device.get_device_queue(physical.family, 0) };
         let labels = instance.labels.then(|| ext::debug_utils::Device::new(&instance.raw, &device));

@@ -9,7 +9,7 @@ use ash::{ext, vk};
 use splatgraph_api::{BackendError, Validation};
 use splatgraph_runtime::{Messages, Window};
 use std::ffi::{CStr, c_char, c_void};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -28,16 +28,36 @@ pub(crate) struct Instance {
     pub labels: bool,
     pub messages: Arc<Messages>,
     /// The surface of the window that it was made for.
-    pub surface: Option<Surface>,
+    surface: Mutex<Option<Arc<Surface>>>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
 }
 
 impl Instance {
     /// An instance that can show pictures in `window`.
     pub fn in_window(validation: Validation, window: Arc<dyn Window>) -> Result<Instance, BackendError> {
-        let mut instance = Instance::new(validation, &surface::extensions(&*window)?)?;
-        instance.surface = Some(Surface::new(loader()?, &instance.raw, window)?);
+        let instance = Instance::new(validation, &surface::extensions(&*window)?)?;
+        let surface = Surface::new(loader()?, &instance.raw, window)?;
+        *instance.lock_surface() = Some(Arc::new(surface));
         Ok(instance)
+    }
+
+    fn lock_surface(&self) -> MutexGuard<'_, Option<Arc<Surface>>> {
+        self.surface.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the surface of the window that it was made for.
+    pub fn surface(&self) -> Option<Arc<Surface>> {
+        self.lock_surface().clone()
+    }
+
+    /// Makes the surface anew, for the same window. No swapchain of the former is left.
+    pub fn renew_surface(&self) -> Result<(), BackendError> {
+        let mut surface = self.lock_surface();
+        let Some(window) = surface.as_ref().map(|surface| surface.window.clone()) else { return Ok(()) };
+        // A window has one at a time. If no other can be made, the window is gone.
+        *surface = None;
+        *surface = Some(Arc::new(Surface::new(loader()?, &self.raw, window)?));
+        Ok(())
     }
 
     /// An instance with `extensions` (a window system's, for instance) besides what this crate uses itself.
@@ -100,7 +120,7 @@ impl Instance {
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => BackendError::Unavailable(NO_DRIVER.to_string()),
             _ => api("vkCreateInstance")(answer),
         })?;
-        let mut instance = Instance { raw, labels, messages, surface: None, messenger: None };
+        let mut instance = Instance { raw, labels, messages, surface: Mutex::default(), messenger: None };
         if validation != Validation::Off && labels {
             instance.listen(entry)?;
         }
@@ -126,7 +146,7 @@ impl Instance {
 
 impl Drop for Instance {
     fn drop(&mut self) {
-        self.surface = None;
+        *self.surface.get_mut().unwrap_or_else(PoisonError::into_inner) = None;
         // SAFETY: whatever was made from the instance holds it alive, so nothing is left; `messages`, to which the
         // destruction itself may still report, is dropped after this.
         unsafe {

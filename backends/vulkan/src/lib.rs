@@ -25,6 +25,7 @@ mod lower;
 mod memory;
 mod pipelines;
 mod queue;
+mod robustness;
 mod surface;
 mod swapchain;
 #[cfg(test)]

@@ -133,12 +133,9 @@ pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgrou
     if !shader.subgroups || limits.size == 0 {
         return Subgroups::default();
     }
-    let invocations: u64 = shader.local_size.iter().map(|&n| n as u64).product();
-    let whole = shader.local_size[0].is_multiple_of(limits.size);
-    let fits = invocations <= limits.size as u64 * limits.max_per_group as u64;
     // With a size asked for, x must be a multiple of it and the subgroups must not be too many. With none asked for,
     // a SPIR-V 1.6 shader may get any size, so that full subgroups need a multiple of the largest.
-    let selected = limits.selectable && fits && whole;
+    let selected = limits.can_ask(shader.local_size);
     let full = selected || (limits.max_size > 0 && shader.local_size[0].is_multiple_of(limits.max_size));
     Subgroups { size: selected.then_some(limits.size), full }
 }
@@ -219,7 +216,7 @@ mod tests {
     use splatgraph_framework::ir::ShaderStage;
 
     const LIMITS: SubgroupLimits =
-        SubgroupLimits { size: 32, max_size: 64, selectable: true, max_per_group: 8 };
+        SubgroupLimits { size: 32, min_size: 32, max_size: 64, selectable: true, max_per_group: 8 };
 
     #[test]
     fn passes_of_one_shader_and_state_share_a_pipeline() {

@@ -27,7 +27,7 @@ pub(crate) struct Surface {
     pub raw: vk::SurfaceKHR,
     functions: khr::surface::Instance,
     // Dropped after the surface is destroyed.
-    _window: Arc<dyn Window>,
+    pub window: Arc<dyn Window>,
 }
 
 impl Surface {
@@ -43,7 +43,7 @@ impl Surface {
         // the instance drops the surface first.
         let raw = unsafe { ash_window::create_surface(entry, instance, display, handle, None) };
         let raw = raw.map_err(api("vkCreate*SurfaceKHR"))?;
-        Ok(Surface { raw, functions: khr::surface::Instance::new(entry, instance), _window: window })
+        Ok(Surface { raw, functions: khr::surface::Instance::new(entry, instance), window })
     }
 
     /// Says whether queues of this family can present to the window.
@@ -86,10 +86,7 @@ impl Drop for Surface {
 /// For `map_err`: the error of a Vulkan call of this name that has to do with the window.
 pub(crate) fn window(call: &'static str) -> impl Fn(vk::Result) -> BackendError {
     move |answer| match answer {
-        vk::Result::ERROR_SURFACE_LOST_KHR => BackendError::Unavailable(format!(
-            "{call} answered that the window's surface is lost: the window was closed, or its display went away; nothing can \
-             be shown in it any more"
-        )),
+        vk::Result::ERROR_SURFACE_LOST_KHR => BackendError::SurfaceLost { call },
         vk::Result::ERROR_NATIVE_WINDOW_IN_USE_KHR => BackendError::Unavailable(format!(
             "{call} answered that something else draws in this window already"
         )),

@@ -27,6 +27,8 @@ const PATIENCE: u64 = 2_000_000_000;
 /// The images of a window and the objects that go with them. The device must be idle when it is dropped.
 pub struct Swapchain {
     raw: vk::SwapchainKHR,
+    // Outlives the swapchain.
+    _surface: Arc<Surface>,
     functions: khr::swapchain::Device,
     extent: vk::Extent2D,
     images: Vec<vk::Image>,
@@ -39,9 +41,10 @@ pub struct Swapchain {
 }
 
 /// Returns the surface of the window that the device was opened with.
-fn window_surface(gpu: &VulkanGpu) -> Result<&Surface, BackendError> {
-    let none = || BackendError::Invalid("this device was not opened in a window".to_string());
-    gpu.instance.surface.as_ref().ok_or_else(none)
+fn window_surface(gpu: &VulkanGpu) -> Result<Arc<Surface>, BackendError> {
+    let none =
+        || BackendError::Unavailable("this device was not opened in a window, or that is gone".to_string());
+    gpu.instance.surface().ok_or_else(none)
 }
 
 /// Returns the size of the window's images, given the size that the program was told; none while the window has no pixels.
@@ -95,8 +98,16 @@ impl Swapchain {
         // SAFETY: `info` has what the surface offers, and the former swapchain was made of the same surface.
         let raw = unsafe { functions.create_swapchain(&info, None) };
         let raw = raw.map_err(surface::window("vkCreateSwapchainKHR"))?;
-        let mut swapchain =
-            Swapchain { raw, functions, extent, images: Vec::new(), acquired, finished: Vec::new(), blits };
+        let mut swapchain = Swapchain {
+            raw,
+            _surface: surface,
+            functions,
+            extent,
+            images: Vec::new(),
+            acquired,
+            finished: Vec::new(),
+            blits,
+        };
         // SAFETY: the swapchain was just created.
         let images = unsafe { swapchain.functions.get_swapchain_images(raw) };
         swapchain.images = images.map_err(surface::window("vkGetSwapchainImagesKHR"))?;

@@ -6,11 +6,12 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 15] = [
+const ORDER: [&str; 16] = [
     "error",
     "surface",
     "instance",
     "features",
+    "robustness",
     "device",
     "gpu",
     "lower",

@@ -138,10 +138,18 @@ fn every_fault_at_every_call_is_told_leaves_the_device_in_order_and_leaks_nothin
 fn check(fault: Fault, outcome: &Outcome, sound: &Outcome) {
     let text = format!("{fault:?}: {:?}", outcome.errors);
     let expected = match fault.point {
-        Point::AcquireOutOfDate | Point::AcquireTimeout | Point::PresentOutOfDate => None,
-        Point::Submit | Point::Execute => Some(Recovery::DeviceEnded),
+        Point::AcquireOutOfDate
+        | Point::AcquireTimeout
+        | Point::AcquireSuboptimal
+        | Point::AcquireLost
+        | Point::PresentOutOfDate
+        | Point::PresentSuboptimal
+        | Point::PresentLost => None,
+        // The surface of a device that is opened has not been there before, and is not made anew.
+        Point::Surface if fault.after > 0 => None,
+        Point::Submit | Point::Execute | Point::Present => Some(Recovery::DeviceEnded),
         Point::Hang => Some(Recovery::Retry),
-        Point::Allocate | Point::Create | Point::AcquireGone | Point::PresentGone => Some(Recovery::User),
+        Point::Allocate | Point::Create | Point::Surface => Some(Recovery::User),
     };
     let first = outcome.errors.first();
     // A frame that nobody waits for hangs unnoticed.

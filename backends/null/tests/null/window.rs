@@ -114,13 +114,59 @@ fn a_window_that_gives_no_image_in_time_skips_the_frame() {
     finish(null, &journal);
 }
 
+/// The same fault at the first `count` calls.
+fn always(point: Point, count: u64) -> Vec<Fault> {
+    (0..count).map(|after| Fault { point, after }).collect()
+}
+
+fn renewed(calls: &[Call]) -> usize {
+    calls.iter().filter(|call| matches!(call, Call::RenewSurface)).count()
+}
+
+#[test]
+fn a_lost_surface_is_made_anew_and_the_same_frame_is_shown() {
+    let (mut null, journal) = window(&always(Point::AcquireLost, 1));
+    frame(&mut null, &presented());
+    let calls = journal.take();
+    assert_eq!((renewed(&calls), made(&calls).len(), shown(&calls)), (1, 1, 1));
+    finish(null, &journal);
+    // Found when the frame is handed over, it is the next frame that has another.
+    let (mut null, journal) = window(&always(Point::PresentLost, 1));
+    frame(&mut null, &presented());
+    assert_eq!(renewed(&journal.take()), 0);
+    frame(&mut null, &presented());
+    let calls = journal.take();
+    assert_eq!((renewed(&calls), made(&calls).len(), shown(&calls)), (1, 1, 1));
+    finish(null, &journal);
+}
+
 #[test]
 fn a_window_that_is_gone_is_an_error_and_frames_are_drawn_without_it() {
-    for point in [Point::AcquireGone, Point::PresentGone] {
-        let (mut null, journal) = window(&[Fault { point, after: 0 }]);
-        let error = error_of(null.submit(&presented()));
-        assert!(matches!(error, BackendError::Unavailable(_)), "{error}");
-        frame(&mut null, &inputs());
+    // The first query is that of the device's opening.
+    let gone: Vec<Fault> = (1..40).map(|after| Fault { point: Point::Surface, after }).collect();
+    let (mut null, journal) = window(&gone);
+    null.resize_window(80, 40);
+    let error = error_of(null.submit(&presented()));
+    assert!(matches!(error, BackendError::SurfaceLost { .. }), "{error}");
+    frame(&mut null, &inputs());
+    finish(null, &journal);
+}
+
+#[test]
+fn a_window_for_which_no_swapchain_is_the_best_gets_one_more_and_keeps_it() {
+    for point in [Point::AcquireSuboptimal, Point::PresentSuboptimal] {
+        let (mut null, journal) = window(&always(point, 100));
+        let mut swapchains = 0;
+        for _ in 0..20 {
+            frame(&mut null, &presented());
+            let calls = journal.take();
+            assert_eq!(shown(&calls), 1);
+            swapchains += made(&calls).len();
+        }
+        assert_eq!(swapchains, 1, "{point:?}");
+        null.resize_window(80, 40);
+        frame(&mut null, &presented());
+        assert_eq!(made(&journal.take()), [((80, 40), true)]);
         finish(null, &journal);
     }
 }

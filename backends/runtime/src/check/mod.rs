@@ -11,6 +11,9 @@ use splatgraph_framework::ir::ShaderStage;
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashSet;
 
+/// Invocations of a pass that no device ends in a reasonable time: the fastest need ten seconds to start as many.
+const MOST_INVOCATIONS: u64 = 1 << 40;
+
 /// The axes of dispatches.
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -237,8 +240,16 @@ impl<'a> Checker<'a> {
             Work::Draw { vertex, fragment, call, targets, .. } => {
                 self.shader(*vertex, ShaderStage::Vertex, name)?;
                 self.shader(*fragment, ShaderStage::Fragment, name)?;
-                if let DrawCall::Indirect { buffer, offset } = *call {
-                    self.indirect(buffer, offset, 16, name)?;
+                match *call {
+                    DrawCall::Indirect { buffer, offset } => self.indirect(buffer, offset, 16, name)?,
+                    DrawCall::Direct { vertices, instances } => {
+                        let all = u64::from(vertices).saturating_mul(instances.into());
+                        within_count(
+                            || format!("the number of vertices of pass `{name}`"),
+                            all,
+                            MOST_INVOCATIONS,
+                        )?;
+                    }
                 }
                 self.targets(targets, name)
             }
@@ -328,15 +339,50 @@ impl<'a> Checker<'a> {
         within_count(what, invocations, self.limits.max_invocations)?;
         let what = || format!("the shared memory of shader `{name}`");
         within_bytes(what, shader.reflection.shared_bytes.into(), self.limits.shared_bytes.into())?;
+        self.subgroups(shader)?;
         match groups {
-            Groups::Direct(groups) => (0..3).try_for_each(|axis| {
-                let what = || {
-                    format!("the number of workgroups {groups:?} of pass `{}` in {}", pass.name, AXES[axis])
-                };
-                within_count(what, groups[axis], self.limits.max_groups[axis])
-            }),
+            Groups::Direct(groups) => {
+                let all = groups.iter().fold(invocations, |product, &n| product.saturating_mul(n.into()));
+                within_count(
+                    || format!("the number of invocations of pass `{}`", pass.name),
+                    all,
+                    MOST_INVOCATIONS,
+                )?;
+                (0..3).try_for_each(|axis| {
+                    let what = || {
+                        format!(
+                            "the number of workgroups {groups:?} of pass `{}` in {}",
+                            pass.name, AXES[axis]
+                        )
+                    };
+                    within_count(what, groups[axis], self.limits.max_groups[axis])
+                })
+            }
             Groups::Indirect { buffer, offset } => self.indirect(buffer, offset, 12, &pass.name),
         }
+    }
+
+    /// Refuses a shader with subgroup operations whose subgroups may have other sizes than the graph was told.
+    fn subgroups(&self, shader: &Shader) -> Result<(), BackendError> {
+        let (limits, local) = (&self.limits.subgroup, shader.reflection.local_size);
+        if !shader.reflection.subgroups || limits.is_certain(local) {
+            return Ok(());
+        }
+        let lanes = limits.size;
+        let remedy = if limits.selectable {
+            format!(
+                "a fixed size needs workgroups whose size in x is a multiple of {lanes}, with at most {} invocations; this \
+                 one has {local:?}",
+                u64::from(lanes) * u64::from(limits.max_per_group)
+            )
+        } else {
+            "this device lets no pipeline ask for a size".to_string()
+        };
+        Err(BackendError::Unsupported(format!(
+            "shader `{}` uses subgroup operations and was compiled for subgroups of {lanes} lanes, but the driver may run it \
+             with {} to {}: {remedy}",
+            shader.name, limits.min_size, limits.max_size
+        )))
     }
 
     fn indirect(&self, buffer: ResourceId, offset: u64, bytes: u64, user: &str) -> Result<(), BackendError> {

@@ -24,7 +24,7 @@ fn limits() -> Limits {
         device_memory_types: 1,
         buffer_image_granularity: 64,
         independent_blend: true,
-        subgroup: SubgroupLimits { size: 8, max_size: 8, selectable: true, max_per_group: 32 },
+        subgroup: SubgroupLimits { size: 8, min_size: 8, max_size: 8, selectable: true, max_per_group: 32 },
         timestamp_bits: 64,
         timestamp_period: 1.0,
     }
@@ -92,6 +92,54 @@ fn more_of_anything_than_the_limit_is_refused_with_both_numbers() {
     let what = "the number of storage buffers bound by pass `splat`";
     refused(|_, l| l.max_storage_buffers = 1, what, 1, 2);
     refused(|_, l| l.max_targets = 0, "the number of targets of pass `splat`", 0, 1);
+}
+
+#[test]
+fn work_that_no_device_ends_in_a_reasonable_time_is_refused() {
+    let huge = said(|plan, _| {
+        let shader = plan.passes.iter().find_map(|pass| match pass.work {
+            Work::Dispatch { shader, .. } => Some(shader),
+            _ => None,
+        });
+        plan.passes[1].work =
+            Work::Dispatch { shader: shader.expect("a dispatch"), groups: Groups::Direct([65535, 65535, 8]) };
+    });
+    assert!(huge.starts_with("the number of invocations of pass `scan[0]` exceeds"), "{huge}");
+    assert!(huge.contains("at most 1099511627776"), "{huge}");
+    let vertices = said(|plan, _| {
+        let draw = plan.passes.iter_mut().find_map(|pass| match &mut pass.work {
+            Work::Draw { call, .. } => Some(call),
+            _ => None,
+        });
+        *draw.expect("a draw") = DrawCall::Direct { vertices: u32::MAX, instances: u32::MAX };
+    });
+    assert!(vertices.starts_with("the number of vertices of pass `splat` exceeds"), "{vertices}");
+}
+
+#[test]
+fn a_shader_with_subgroups_whose_size_is_not_certain_is_refused_with_what_would_help() {
+    let several = SubgroupLimits { size: 32, min_size: 32, max_size: 64, selectable: true, max_per_group: 8 };
+    let with = |limits: SubgroupLimits, local_size: [u32; 3]| {
+        said(|plan, own| {
+            own.subgroup = limits;
+            for shader in &mut plan.shaders {
+                if shader.reflection.stage == ShaderStage::Compute {
+                    (shader.reflection.subgroups, shader.reflection.local_size) = (true, local_size);
+                }
+            }
+        })
+    };
+    assert_eq!(with(several, [64, 1, 1]), "");
+    let odd = with(several, [16, 16, 1]);
+    assert!(odd.contains("subgroups of 32 lanes, but the driver may run it with 32 to 64"), "{odd}");
+    assert!(odd.contains("multiple of 32") && odd.contains("[16, 16, 1]"), "{odd}");
+    let too_many = with(several, [512, 1, 1]);
+    assert!(too_many.contains("at most 256 invocations"), "{too_many}");
+    let fixed = SubgroupLimits { selectable: false, ..several };
+    assert!(with(fixed, [64, 1, 1]).contains("lets no pipeline ask"), "{}", with(fixed, [64, 1, 1]));
+    // Where there is one size, nobody has to ask.
+    let one = SubgroupLimits { max_size: 32, ..fixed };
+    assert_eq!(with(one, [16, 16, 1]), "");
 }
 
 #[test]

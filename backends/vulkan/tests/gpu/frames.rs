@@ -1,9 +1,10 @@
 //! Frames one after another: the prologue, uniforms, frames in flight and what lives across them.
 
 use crate::build::*;
-use splatgraph_api::{Device, FrameId, FrameInputs, Inspect};
+use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect};
 use splatgraph_framework::{ir::*, plan::*};
-use splatgraph_vulkan::Vulkan;
+use splatgraph_vulkan::{Options, Validation, Vulkan};
+use std::time::Duration;
 
 /// The prologue sets a word to 0 and adds 100 to it; each frame adds 1.
 fn counter() -> (Plan, ResourceId) {
@@ -191,4 +192,51 @@ fn devices_in_several_threads_do_not_disturb_one_another() {
     for thread in threads {
         finish(thread.join().expect("the thread ends well"));
     }
+}
+
+/// A pass that takes long: more rounds than lavapipe ends in a second or so, in two loops, since it cuts a single one short.
+const SLOW: &str = "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) buffer Words { uint words[]; };
+void main() {
+    uint x = words[0];
+    for (uint i = 0; i < 60000; i++) {
+        for (uint j = 0; j < 12000; j++) {
+            x = x * 1664525u + 1013904223u;
+        }
+        x ^= x >> 7;
+    }
+    words[0] = x;
+}";
+
+#[test]
+fn a_pass_that_runs_for_long_is_named_while_it_runs_and_its_frame_can_be_waited_for_again() {
+    let mut build = Build::new();
+    let words_ = build.words("words", 1);
+    build.fill(Run::Frame, "fill", words_, 7);
+    let slow = build.shader("slow.comp", SLOW);
+    build.dispatch(Run::Frame, "slow", slow, 1, &[(words_, 0, BOTH)]);
+    let plan = show(build, words_);
+    let options = Options {
+        validation: Validation::Synchronization,
+        patience: Some(Duration::from_millis(100)),
+        ..Options::default()
+    };
+    let mut vulkan = Vulkan::open(&options).expect("a device");
+    load(&mut vulkan, plan);
+    let id = vulkan.submit(&with_output()).expect("the frame is submitted");
+    assert_eq!(vulkan.try_wait(id).expect("no error").map(|_| ()), None);
+    let error = vulkan.wait(id).map(|_| ()).expect_err("it takes longer than that");
+    let BackendError::Stuck { place, .. } = &error else { panic!("{error}") };
+    assert_eq!(place, "pass `slow` of `hand-made`");
+    assert!(vulkan.running().is_some_and(|running| running.time >= Duration::from_millis(100)));
+    let result = loop {
+        match vulkan.wait(id) {
+            Err(BackendError::Stuck { .. }) => {}
+            other => break other.expect("it ends"),
+        }
+    };
+    assert_eq!(result.output.expect("it was asked for").bytes.len(), 4);
+    assert_eq!(vulkan.running(), None);
+    finish(vulkan);
 }

@@ -3,6 +3,7 @@
 //! Every test opens a device of its own and ends with [`build::finish`], which closes it and wants no message: not of
 //! the frames, and not of the closing. Those of windows ([`screen`]) start an X server besides.
 
+mod bounds;
 mod build;
 mod calibration;
 mod compute;
