@@ -106,6 +106,40 @@ fn flat(format: Format, size: [u32; 2], colour: [u8; 3]) -> Option<Shown> {
     picture(format, size, |_, _| colour.map(|v| f32::from(v) / 255.0))
 }
 
+/// A picture on the device comes in parts, one from the host in one.
+#[test]
+fn a_picture_in_parts_is_shown_like_one_in_one() {
+    let mut window = Window::open([300, 300]);
+    let mut scene = window.device.new_context().expect("there can be another");
+    let graph = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/gray_scott/graph.ron");
+    let facts = facts::facts(&SceneFacts::NOMINAL, &scene.info().facts, (16, 16));
+    let set = [("side", "270"), ("step_pairs", "1")].map(|(k, v)| (k.to_string(), v.to_string()));
+    let plan = Planner::default().plan(graph, &set, &facts, &Catalog::default());
+    let plan = plan.unwrap_or_else(|errors| panic!("{errors}"));
+    let inputs = FrameInputs { live: plan.live_bytes(), read_output: true, show: true, ..Default::default() };
+    scene.load(plan, &NoScene, &mut |_| {}).expect("loads");
+    let frame = scene.submit(&inputs).expect("submitted");
+    let pixels = scene.wait(frame).expect("drawn").output.expect("asked for");
+    let on_device = Shown::from(scene.picture().expect("shown"));
+    let on_host = Shown { pixels: BufferContents::Bytes(Arc::new(pixels.bytes)), ..on_device.clone() };
+    let composed = |shown| composition([300, 300], [10, 20, 270, 270], Mode::A, Some(shown), None);
+    let (one, parts) = (window.compose(&composed(on_host)), window.compose(&composed(on_device.clone())));
+    assert!(one.pixels == parts.pixels);
+    // B is like A, and the same picture in both has no difference.
+    let difference = composition(
+        [300, 300],
+        [10, 20, 270, 270],
+        Mode::Difference,
+        Some(on_device.clone()),
+        Some(on_device),
+    );
+    let difference = window.compose(&difference);
+    assert!((20..290).all(|y| difference.row(y)[10..280].iter().all(|pixel| *pixel == [0; 3])));
+    assert!(one.row(290 - 1)[10..280].iter().any(|pixel| *pixel != BACKGROUND));
+    drop(scene);
+    window.close();
+}
+
 #[test]
 fn pictures_of_every_format_stand_in_the_view_pixel_by_pixel() {
     let mut window = Window::open([12, 7]);

@@ -2,36 +2,54 @@
 #extension GL_GOOGLE_include_directive : require
 
 // Draws the scene's part of the window: picture A, or A and B with a line between them, or their difference. Pictures are
-// buffers, row 0 at the top, with pixels packed in their format.
+// buffers, row 0 at the top, with pixels packed in their format. Each has four parts of whole rows.
 
 #include "window.glsl"
 
-layout(set = 0, binding = 0, std430) readonly buffer PictureA { uint picture_a[]; };
-layout(set = 0, binding = 1, std430) readonly buffer PictureB { uint picture_b[]; };
+layout(set = 0, binding = 0, std430) readonly buffer PictureA0 { uint picture_a0[]; };
+layout(set = 0, binding = 1, std430) readonly buffer PictureA1 { uint picture_a1[]; };
+layout(set = 0, binding = 2, std430) readonly buffer PictureA2 { uint picture_a2[]; };
+layout(set = 0, binding = 3, std430) readonly buffer PictureA3 { uint picture_a3[]; };
+layout(set = 0, binding = 4, std430) readonly buffer PictureB0 { uint picture_b0[]; };
+layout(set = 0, binding = 5, std430) readonly buffer PictureB1 { uint picture_b1[]; };
+layout(set = 0, binding = 6, std430) readonly buffer PictureB2 { uint picture_b2[]; };
+layout(set = 0, binding = 7, std430) readonly buffer PictureB3 { uint picture_b3[]; };
 
 layout(location = 0) out vec4 shown;
 
-uint word(bool b, uint i) {
-    return b ? picture_b[i] : picture_a[i];
+// Reads a word of a part: 0 to 3 of picture A, 4 to 7 of B.
+uint word(uint part, uint i) {
+    switch (part) {
+    case 0u: return picture_a0[i];
+    case 1u: return picture_a1[i];
+    case 2u: return picture_a2[i];
+    case 3u: return picture_a3[i];
+    case 4u: return picture_b0[i];
+    case 5u: return picture_b1[i];
+    case 6u: return picture_b2[i];
+    default: return picture_b3[i];
+    }
 }
 
 // Reads a pixel, clamped to 0..1 as on a display; beyond the border, the nearest one.
 vec3 texel(bool b, uvec4 picture, ivec2 at) {
     at = clamp(at, ivec2(0), ivec2(picture.xy) - 1);
-    uint i = uint(at.y) * picture.x + uint(at.x);
+    uint part = uint(at.y) / picture.w;
+    uint i = (uint(at.y) - part * picture.w) * picture.x + uint(at.x);
+    part += b ? 4u : 0u;
     vec3 colour;
     switch (picture.z) {
     case FORMAT_RGBA8:
-        colour = unpackUnorm4x8(word(b, i)).rgb;
+        colour = unpackUnorm4x8(word(part, i)).rgb;
         break;
     case FORMAT_RGBA16F:
-        colour = vec3(unpackHalf2x16(word(b, 2u * i)), unpackHalf2x16(word(b, 2u * i + 1u)).x);
+        colour = vec3(unpackHalf2x16(word(part, 2u * i)), unpackHalf2x16(word(part, 2u * i + 1u)).x);
         break;
     case FORMAT_RGBA32F:
-        colour = uintBitsToFloat(uvec3(word(b, 4u * i), word(b, 4u * i + 1u), word(b, 4u * i + 2u)));
+        colour = uintBitsToFloat(uvec3(word(part, 4u * i), word(part, 4u * i + 1u), word(part, 4u * i + 2u)));
         break;
     default:
-        colour = vec3(uintBitsToFloat(word(b, i)));
+        colour = vec3(uintBitsToFloat(word(part, i)));
         break;
     }
     return clamp(colour, 0.0, 1.0);

@@ -36,8 +36,14 @@ pub const CLIPS: &str = "frame.ui_clips";
 pub const TEXELS: &str = "frame.ui_texels";
 /// Name of the buffer with the arguments of the indirect draw.
 pub const DRAW: &str = "frame.ui_draw";
-/// Names of the buffers with the pictures' pixels, packed.
-pub const PICTURES: [&str; 2] = ["frame.picture_a", "frame.picture_b"];
+/// Names of the buffers with the pixels of picture A and B, packed. Each has parts of so many rows that no part is larger than
+/// a storage binding may be.
+pub const PICTURES: [[&str; PARTS]; 2] = [
+    ["frame.picture_a0", "frame.picture_a1", "frame.picture_a2", "frame.picture_a3"],
+    ["frame.picture_b0", "frame.picture_b1", "frame.picture_b2", "frame.picture_b3"],
+];
+/// Number of parts of a picture.
+pub const PARTS: usize = 4;
 
 /// A vertex, in the shader's layout.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -73,9 +79,8 @@ pub fn offer(catalog: &mut Catalog) {
         (CLIPS, HostBuffer { stride: size_of::<Clip>() as u64, least: 1 }),
         (TEXELS, words),
         (DRAW, HostBuffer { stride: 4, least: 4 }),
-        (PICTURES[0], words),
-        (PICTURES[1], words),
     ];
+    catalog.buffers.extend(PICTURES.as_flattened().iter().map(|name| ((*name).to_owned(), words)));
     catalog.buffers.extend(buffers.map(|(name, buffer)| (name.to_owned(), buffer)));
     catalog.uniforms.insert(WINDOW.to_owned(), WINDOW_BYTES);
 }

@@ -169,7 +169,20 @@ pub enum BufferContents {
     Bytes(Arc<Vec<u8>>),
     /// The output of another plan, row 0 at the top, rows tightly packed, pixels as its format has them.
     Picture(Picture),
+    /// Some rows of such an output, for one that is larger than a storage binding may be. They are bound as a buffer, and cannot be
+    /// arguments of indirect calls.
+    Rows {
+        /// The output.
+        picture: Picture,
+        /// The first row. Its place in bytes must be a multiple of [`ROWS_ALIGNMENT`].
+        first: u32,
+        /// The number of rows, at least one.
+        count: u32,
+    },
 }
+
+/// The alignment in bytes of the first row of [`BufferContents::Rows`]: the largest that any device asks for.
+pub const ROWS_ALIGNMENT: u64 = 256;
 
 /// The output of a frame that was submitted with [`FrameInputs::show`], on the device.
 ///

@@ -144,7 +144,7 @@ impl Gpu for NullGpu {
         let used = Used::Bindings(bindings.owned.number, pass.0, copy);
         self.journal.check_unused(used, || format!("a binding of pass `{name}` is written"));
         let (object, bytes) = match target {
-            BindingTarget::Buffer(buffer, bytes) => (&buffer.raw, Some(bytes)),
+            BindingTarget::Buffer(buffer, bytes) => (&buffer.raw, Some(bytes.end - bytes.start)),
             BindingTarget::Image(image) => (&image.raw, None),
         };
         self.journal.call(Call::WriteBinding {

@@ -391,8 +391,8 @@ impl<G: Gpu> Image<G> {
 
 /// The object that a binding points to.
 pub enum BindingTarget<'a, G: Gpu> {
-    /// So many bytes of a buffer, from the first on.
-    Buffer(&'a Buffer<G>, u64),
+    /// A range of bytes of a buffer.
+    Buffer(&'a Buffer<G>, Range<u64>),
     /// A whole image, as a storage image.
     Image(&'a Image<G>),
 }

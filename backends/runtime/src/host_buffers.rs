@@ -12,9 +12,10 @@ use crate::gpu::{Buffer, BufferDesc, Gpu, Location};
 use crate::outputs::SharedOutput;
 use crate::shared::Shared;
 use crate::usage::usage;
-use splatgraph_api::{BackendError, BufferContents};
-use splatgraph_framework::ir::Shape;
+use splatgraph_api::{BackendError, BufferContents, Picture, ROWS_ALIGNMENT};
+use splatgraph_framework::ir::{Shape, Usage};
 use splatgraph_framework::plan::Resource;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// The contents of a resource for the frame in one slot.
@@ -31,14 +32,14 @@ pub(crate) struct HostBuffer<G: Gpu> {
     written: Contents,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 enum Contents {
     #[default]
     Nothing,
     /// So many bytes of the buffer for bytes.
     Bytes(u64),
-    /// The shared output with this id. (Ids are never used twice, so that it is the same buffer.)
-    Output(u64),
+    /// A range of bytes of the shared output with this id. (Ids are never used twice, so that it is the same buffer.)
+    Output(u64, Range<u64>),
 }
 
 impl<G: Gpu> Default for HostBuffer<G> {
@@ -73,7 +74,7 @@ impl<G: Gpu> HostBuffer<G> {
                 self.output = None;
                 self.holds = Contents::Bytes(bytes.len() as u64);
             }
-            BufferContents::Picture(picture) => {
+            BufferContents::Picture(picture) | BufferContents::Rows { picture, .. } => {
                 let Some(found) = shared.outputs.find(picture) else {
                     return invalid(format!(
                         "host buffer `{}` was given the picture {}, which does not exist: its executor has shared another \
@@ -81,8 +82,12 @@ impl<G: Gpu> HostBuffer<G> {
                         resource.name, picture.id
                     ));
                 };
-                check_length(resource, found.buffer.bytes, most)?;
-                self.holds = Contents::Output(picture.id);
+                let range = match *contents {
+                    BufferContents::Rows { first, count, .. } => rows(resource, picture, first, count)?,
+                    _ => 0..found.buffer.bytes,
+                };
+                check_length(resource, range.end - range.start, most)?;
+                self.holds = Contents::Output(picture.id, range);
                 self.output = Some(found);
             }
         }
@@ -113,12 +118,12 @@ impl<G: Gpu> HostBuffer<G> {
         Ok(())
     }
 
-    /// Returns the buffer that the frame reads and how many bytes of it; none before its contents came.
-    pub fn held(&self) -> Option<(&Buffer<G>, u64)> {
-        match self.holds {
+    /// Returns the buffer that the frame reads and which bytes of it; none before its contents came.
+    pub fn held(&self) -> Option<(&Buffer<G>, Range<u64>)> {
+        match &self.holds {
             Contents::Nothing => None,
-            Contents::Bytes(bytes) => Some((self.own.as_ref()?, bytes)),
-            Contents::Output(_) => self.output.as_ref().map(|held| (&held.buffer, held.buffer.bytes)),
+            Contents::Bytes(bytes) => Some((self.own.as_ref()?, 0..*bytes)),
+            Contents::Output(_, range) => self.output.as_ref().map(|held| (&held.buffer, range.clone())),
         }
     }
 
@@ -129,7 +134,7 @@ impl<G: Gpu> HostBuffer<G> {
 
     /// Notes that the slot's bindings were written.
     pub fn set_written(&mut self) {
-        self.written = self.holds;
+        self.written = self.holds.clone();
     }
 
     /// Takes the shared output, to be kept until the frame is done.
@@ -155,6 +160,26 @@ fn check_length(resource: &Resource, bytes: u64, most: u64) -> Result<(), Backen
     within_bytes(|| format!("the size of the contents of host buffer `{name}`"), bytes, most)
 }
 
+/// Returns the bytes of rows of a picture; refuses those that cannot be bound to the resource.
+fn rows(resource: &Resource, picture: &Picture, first: u32, count: u32) -> Result<Range<u64>, BackendError> {
+    let row = u64::from(picture.width) * u64::from(picture.format.bytes_per_pixel());
+    let (from, to) = (u64::from(first) * row, (u64::from(first) + u64::from(count)) * row);
+    let name = &resource.name;
+    if count == 0 || to > u64::from(picture.height) * row {
+        return invalid(format!(
+            "host buffer `{name}` was given {count} rows from row {first} on, of a picture of {} rows",
+            picture.height
+        ));
+    }
+    if !from.is_multiple_of(ROWS_ALIGNMENT) || resource.usage.contains(Usage::INDIRECT) && from > 0 {
+        return invalid(format!(
+            "host buffer `{name}` was given rows from byte {from} of a picture on: expected a multiple of {ROWS_ALIGNMENT}, and \
+             0 for arguments of indirect calls"
+        ));
+    }
+    Ok(from..to)
+}
+
 /// Returns the size of a buffer for `bytes` bytes, on a device whose buffers may have `most`.
 fn capacity(bytes: u64, most: u64) -> u64 {
     bytes.checked_next_power_of_two().map_or(bytes, |capacity| capacity.min(most.max(bytes)))
@@ -172,6 +197,24 @@ mod tests {
         assert_eq!(capacity(4097, 1 << 30), 8192);
         assert_eq!(capacity(4097, 5000), 5000);
         assert_eq!(capacity(u64::MAX - 1, u64::MAX), u64::MAX - 1);
+    }
+
+    #[test]
+    fn rows_of_a_picture_are_within_it_and_begin_at_a_place_that_can_be_bound() {
+        let mut resource = plan().resources[SPLATS.index()].clone();
+        resource.usage = Usage::STORAGE;
+        let format = splatgraph_framework::ir::Format::Rgba32Float;
+        let picture = Picture { id: 1, format, width: 4, height: 40 };
+        assert_eq!(rows(&resource, &picture, 4, 36), Ok(256..2560));
+        assert_eq!(rows(&resource, &picture, 0, 1), Ok(0..64));
+        let said = |first, count| rows(&resource, &picture, first, count).err().map(|e| e.to_string());
+        assert!(
+            said(4, 37).is_some_and(|text| text.contains("37 rows from row 4 on, of a picture of 40 rows"))
+        );
+        assert!(said(u32::MAX, u32::MAX).is_some() && said(0, 0).is_some());
+        assert!(said(3, 1).is_some_and(|text| text.contains("from byte 192")));
+        resource.usage |= Usage::INDIRECT;
+        assert!(rows(&resource, &picture, 4, 1).is_err() && rows(&resource, &picture, 0, 1).is_ok());
     }
 
     #[test]

@@ -30,7 +30,10 @@ pub(crate) fn buffers<G: Gpu>(
         check_contents(compiled, inspect, last)?;
         let bytes = match compiled.resources.image(inspect.resource) {
             Some(image) => image.bytes(),
-            None => compiled.resources.part(inspect.resource, slot).1,
+            None => {
+                let range = compiled.resources.part(inspect.resource, slot).1;
+                range.end - range.start
+            }
         };
         Buffer::to_host(gpu, "inspection", bytes)
     };

@@ -49,9 +49,9 @@ impl<G: Gpu> SharedOutputs<G> {
             return Ok(current.clone());
         }
         let bytes = image.bytes();
-        // A reader binds the whole of it.
+        // A reader may bind less than the whole of it.
         let what = || format!("the size of a shared output of {width} x {height} pixels");
-        within_bytes(what, bytes, gpu.limits().max_storage_bytes)?;
+        within_bytes(what, bytes, gpu.limits().max_buffer_bytes)?;
         let picture = Picture { id: self.next.fetch_add(1, Ordering::Relaxed), format, width, height };
         let usage = Usage::STORAGE | Usage::INDIRECT | Usage::COPY_SOURCE | Usage::COPY_TARGET;
         let buffer = Buffer::new(gpu, &BufferDesc { name: "picture", bytes, usage }, Location::Device)?;

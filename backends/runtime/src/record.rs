@@ -210,8 +210,8 @@ impl<G: Gpu> Recorder<'_, G> {
         match image {
             Some(image) => self.encoder.copy_image(image, target),
             None => {
-                let (source, bytes) = resources.part(inspect.resource, self.slot);
-                self.encoder.copy_buffer((source, 0), (target, 0), bytes);
+                let (source, range) = resources.part(inspect.resource, self.slot);
+                self.encoder.copy_buffer((source, range.start), (target, 0), range.end - range.start);
             }
         }
         self.encoder.full_barrier(change(copied, layout));

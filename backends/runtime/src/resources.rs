@@ -14,6 +14,7 @@ use crate::usage::usage;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 enum Held<G: Gpu> {
@@ -82,12 +83,12 @@ impl<G: Gpu> Resources<G> {
         self.part(id, slot).0
     }
 
-    /// Returns the buffer, and how many of its bytes belong to the resource, from the first on.
+    /// Returns the buffer, and which of its bytes belong to the resource.
     ///
     /// # Panics
     /// On an image, and on a host buffer before its contents have come. [`crate::check::check`] made sure that resources used as
     /// buffers are buffers, and [`crate::inputs::take_host_buffers`] that a frame has all its host buffers.
-    pub fn part(&self, id: ResourceId, slot: usize) -> (&Buffer<G>, u64) {
+    pub fn part(&self, id: ResourceId, slot: usize) -> (&Buffer<G>, Range<u64>) {
         let buffer = match &self.held[id.index()] {
             Held::Transient(Transient::Buffer(buffer)) | Held::Plane(buffer) => buffer,
             Held::PerFrame(copies) => &copies[slot],
@@ -99,7 +100,7 @@ impl<G: Gpu> Resources<G> {
                 unreachable!("images are not used as buffers in a checked plan")
             }
         };
-        (buffer, buffer.bytes)
+        (buffer, 0..buffer.bytes)
     }
 
     /// Returns the target of bindings of a resource, for the frame in this slot.
@@ -110,8 +111,8 @@ impl<G: Gpu> Resources<G> {
         match self.image(id) {
             Some(image) => BindingTarget::Image(image),
             None => {
-                let (buffer, bytes) = self.part(id, slot);
-                BindingTarget::Buffer(buffer, bytes)
+                let (buffer, range) = self.part(id, slot);
+                BindingTarget::Buffer(buffer, range)
             }
         }
     }

@@ -73,7 +73,10 @@ impl DescriptorSets {
                 write.image_info(&image)
             }
             BindingTarget::Buffer(bound, bytes) => {
-                buffer = [vk::DescriptorBufferInfo::default().buffer(*bound.raw).range(bytes)];
+                buffer = [vk::DescriptorBufferInfo::default()
+                    .buffer(*bound.raw)
+                    .offset(bytes.start)
+                    .range(bytes.end - bytes.start)];
                 write.buffer_info(&buffer)
             }
         };

@@ -1,8 +1,8 @@
 //! Defines the pictures below the user interface: their place and their comparison.
 
-use super::PICTURES;
+use super::{PARTS, PICTURES};
 use bytemuck::{Pod, Zeroable};
-use splatgraph_api::{BufferContents, FrameInputs, Picture};
+use splatgraph_api::{BufferContents, FrameInputs, Picture, ROWS_ALIGNMENT};
 use splatgraph_framework::ir::Format;
 use std::sync::Arc;
 
@@ -111,20 +111,43 @@ impl Composition {
     /// Adds the block and the pictures to a frame's inputs.
     pub fn give(&self, inputs: &mut FrameInputs) {
         inputs.uniforms.insert(WINDOW.to_owned(), self.bytes());
-        for (name, picture) in PICTURES.into_iter().zip([&self.a, &self.b]) {
-            // A missing picture is one word, which the shader does not read.
-            let given = match picture {
-                Some(picture) => picture.pixels.clone(),
-                None => BufferContents::Bytes(Arc::new(vec![0; 4])),
-            };
-            inputs.buffers.insert(name.to_owned(), given);
+        for (names, picture) in PICTURES.into_iter().zip([&self.a, &self.b]) {
+            for (part, name) in (0..).zip(names) {
+                // A missing part is one word, which the shader does not read.
+                let given = picture.as_ref().and_then(|picture| picture.part(part));
+                let given = given.unwrap_or_else(|| BufferContents::Bytes(Arc::new(vec![0; 4])));
+                inputs.buffers.insert(name.to_owned(), given);
+            }
         }
     }
 }
 
-/// Packs width, height and format for the shader. An empty picture has format 0, none.
+impl Shown {
+    /// Returns the rows of each part but the last. Pixels from the host are one part.
+    fn rows_per_part(&self) -> u32 {
+        match self.pixels {
+            BufferContents::Bytes(_) => self.height,
+            // Whole multiples of the alignment, whatever the width and the format: pixels have four bytes or more.
+            _ => self.height.div_ceil(PARTS as u32).next_multiple_of(ROWS_ALIGNMENT as u32 / 4),
+        }
+    }
+
+    /// Returns the contents of a part; none for one that the picture does not need.
+    fn part(&self, part: u32) -> Option<BufferContents> {
+        let rows = self.rows_per_part();
+        let first = part.checked_mul(rows).filter(|first| *first < self.height)?;
+        Some(match self.pixels {
+            BufferContents::Picture(picture) => {
+                BufferContents::Rows { picture, first, count: rows.min(self.height - first) }
+            }
+            ref other => other.clone(),
+        })
+    }
+}
+
+/// Packs width, height, format and rows of a part for the shader. An empty picture has format 0, none.
 fn shape(picture: &Option<Shown>) -> [u32; 4] {
-    let Some(Shown { format, width, height, .. }) = picture else { return [0; 4] };
+    let Some(shown @ Shown { format, width, height, .. }) = picture else { return [0; 4] };
     let format = match format {
         _ if *width == 0 || *height == 0 => 0,
         Format::R32Uint => 0,
@@ -133,5 +156,5 @@ fn shape(picture: &Option<Shown>) -> [u32; 4] {
         Format::Rgba32Float => 3,
         Format::R32Float => 4,
     };
-    [*width, *height, format, 0]
+    [*width, *height, format, shown.rows_per_part().max(1)]
 }

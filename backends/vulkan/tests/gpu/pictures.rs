@@ -282,3 +282,62 @@ fn a_picture_is_its_executors_memory_until_it_has_another_and_then_of_the_frames
     assert_eq!(total(&window), before);
     finish(window);
 }
+
+/// 2,900 x 2,900 pixels of 16 bytes are a little more than the 128 MiB that lavapipe, and every device, can bind.
+#[test]
+fn a_picture_larger_than_a_storage_binding_is_read_by_its_rows() {
+    const SIDE: u32 = 2900;
+    let mut build = Build::new();
+    let image = build.image("large", Format::Rgba32Float, SIDE, SIDE, Usage::STORAGE);
+    let shader = build.shader(
+        "corner.comp",
+        "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0, rgba32f) writeonly uniform image2D image;
+void main() { imageStore(image, ivec2(7, 2899), vec4(0.25, 0.5, 0.75, 1.0)); }",
+    );
+    build.dispatch(Run::Frame, "corner", shader, 1, &[(image, 0, WRITE)]);
+    let large = build.export(image);
+
+    let mut build = Build::new();
+    let rows = build.given("frame.rows", 4, 1);
+    let found = build.words("found", 5);
+    let shader = build.shader(
+        "read.comp",
+        "#version 460
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) readonly buffer Rows { uint rows[]; };
+layout(set = 0, binding = 1) buffer Found { uint found[]; };
+void main() {
+    for (uint i = 0; i < 4; i++) found[i] = rows[4 * (3 * 2900 + 7) + i];
+    found[4] = rows.length();
+}",
+    );
+    build.dispatch(Run::Frame, "read", shader, 1, &[(rows, 0, READ), (found, 1, BOTH)]);
+    let read = show(build, found);
+
+    let mut window = open();
+    let mut scene = new_context(&window);
+    load(&mut scene, large);
+    load(&mut window, read);
+    let shown =
+        scene.submit(&FrameInputs { show: true, ..Default::default() }).expect("the frame is submitted");
+    scene.wait(shown).expect("the frame is done");
+    let picture = scene.picture().expect("it was shown");
+    let give =
+        |contents| FrameInputs { buffers: [("frame.rows".to_string(), contents)].into(), ..with_output() };
+    // As a whole it is more than this device can bind, and nothing else has failed.
+    if window.info().facts.max_storage_bytes < 16 * u64::from(SIDE) * u64::from(SIDE) {
+        let error = window.submit(&give(BufferContents::Picture(picture)));
+        assert!(matches!(error, Err(BackendError::Limit(_))), "{error:?}");
+    }
+    // A row is 181.25 times the alignment, so that every sixteenth can be the first.
+    let last = give(BufferContents::Rows { picture, first: 2896, count: 4 });
+    let seen = frame(&mut window, &last).output.expect("it was asked for");
+    let floats = [0.25f32, 0.5, 0.75, 1.0].map(f32::to_bits);
+    assert_eq!(words(&seen.bytes), [floats.as_slice(), &[4 * 4 * SIDE]].concat());
+    let odd = error_of(window.submit(&give(BufferContents::Rows { picture, first: 2899, count: 1 })));
+    assert!(odd.contains("multiple of 256"), "{odd}");
+    drop(scene);
+    finish(window);
+}
