@@ -73,7 +73,7 @@ impl<G: Gpu> Drop for Shared<G> {
         let abandoned = std::mem::take(&mut *self.abandoned());
         if !abandoned.is_empty() {
             // Neither is ever freed, nor is the device closed.
-            std::mem::forget((abandoned, self.gpu.clone()));
+            Box::leak(Box::new((abandoned, self.gpu.clone())));
         }
     }
 }
