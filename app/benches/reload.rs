@@ -78,9 +78,9 @@ fn main() -> Result<()> {
     let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], Arc::new(|| {}))?;
     until_swapped(&mut viewer, args.size)?;
     for _ in 0..200.min(20 * args.runs) {
-        viewer.frame(args.size)?;
+        viewer.frame(args.size);
     }
-    viewer.finish()?;
+    viewer.finish(PATIENCE)?;
     let quantiles = |q: Option<splatgraph::view::history::Quantiles>| q.unwrap_or_default();
     let (gpu, cpu) = (quantiles(viewer.a.history.total()), quantiles(viewer.a.history.record()));
     println!(
@@ -111,7 +111,7 @@ fn main() -> Result<()> {
                 }
             }
             let (swap, asked) = until_swapped(&mut viewer, args.size)?;
-            viewer.finish()?;
+            viewer.finish(PATIENCE)?;
             let drawn = viewer.a.history.frames() - before;
             if drawn != asked {
                 bail!("{drawn} of {asked} frames were drawn");
@@ -138,7 +138,7 @@ fn until_swapped(viewer: &mut Viewer<Backend>, size: (u32, u32)) -> Result<([f64
     let begun = Instant::now();
     let mut frames = 0;
     while begun.elapsed() < PATIENCE {
-        viewer.frame(size)?;
+        viewer.frame(size);
         frames += u64::from(viewer.a.renderer.plan().is_some());
         for event in viewer.take_events() {
             match event {

@@ -12,17 +12,19 @@ const CRATE: [&str; 15] = [
 ];
 
 /// The modules of the viewer, from the ground up.
-const VIEW: [&str; 11] = [
+const VIEW: [&str; 13] = [
     "profile",
     "history",
     "navigation",
     "paint",
     "renderer",
+    "opening",
     "events",
     "viewport",
     "viewer",
     "panels",
     "shell",
+    "recovery",
     "window",
 ];
 

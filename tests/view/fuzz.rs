@@ -18,7 +18,6 @@ use splatgraph::planner::Planner;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::paint;
 use splatgraph::view::renderer::{Cause, Renderer};
-use splatgraph_api::Device;
 use splatgraph_framework::ir::{Catalog, Facts, Origin, Value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::{Validation, Vulkan};
@@ -274,7 +273,7 @@ fn key(who: RendererId) -> &'static str {
 impl Beside {
     fn new(viewer: &TestShell) -> Beside {
         let folder = super::twin::copy_of_shipped_files();
-        let device = &viewer.shell.window().device().info().facts;
+        let device = &viewer.shell.window().info().facts;
         let scene = viewer.shell.viewer.scene();
         let mut window = Catalog::default();
         paint::offer(&mut window);

@@ -292,6 +292,6 @@ fn sorted_keys_are_found_sorted_and_the_prologue_can_be_looked_at() {
     twin.frames(3);
     let inspection = twin.viewer.a.inspection.as_ref().expect("something is looked at");
     assert!(matches!(&inspection.found, Some(Err(error)) if error.contains("no resource `nothing`")));
-    common::assert_silent(twin.viewer.a.renderer.device_mut(), "inspection");
+    common::assert_silent(twin.device(), "inspection");
     twin.close();
 }

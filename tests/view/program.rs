@@ -22,7 +22,7 @@ pub struct Program {
     read: usize,
     folder: tempfile::TempDir,
     // After the process: it is stopped last.
-    _screen: Screen,
+    screen: Option<Screen>,
 }
 
 impl Program {
@@ -37,6 +37,16 @@ impl Program {
 
     /// Starts it, once its folder is arranged.
     pub fn launch(splats: u32, args: &[&str], arrange: impl FnOnce(&Path)) -> Program {
+        Program::launch_with(splats, args, |_| {}, arrange)
+    }
+
+    /// Does the same after a change of its command.
+    pub fn launch_with(
+        splats: u32,
+        args: &[&str],
+        change: impl FnOnce(&mut Command),
+        arrange: impl FnOnce(&Path),
+    ) -> Program {
         let screen = Screen::start(1280, 800);
         let folder = copy_of_shipped_files();
         let at = |name: &str| folder.path().join(name);
@@ -48,7 +58,8 @@ impl Program {
         arrange(folder.path());
         let errors = File::create(at("errors.txt")).expect("a file");
         let window = Window::on(&screen);
-        let process = Command::new(env!("CARGO_BIN_EXE_splatgraph"))
+        let mut command = Command::new(env!("CARGO_BIN_EXE_splatgraph"));
+        command
             .args(["view", "scene.ply", "--events", "events.jsonl", "--device", "llvmpipe", "--validate"])
             .args(args)
             .current_dir(folder.path())
@@ -56,10 +67,15 @@ impl Program {
             .env_remove("WAYLAND_DISPLAY")
             .env_remove("WAYLAND_SOCKET")
             .env("WINIT_X11_SCALE_FACTOR", "1")
-            .stderr(errors)
-            .spawn()
-            .expect("the program starts");
-        Program { process, window, events: Vec::new(), read: 0, folder, _screen: screen }
+            .stderr(errors);
+        change(&mut command);
+        let process = command.spawn().expect("the program starts");
+        Program { process, window, events: Vec::new(), read: 0, folder, screen: Some(screen) }
+    }
+
+    /// Ends the X server that it is connected to.
+    pub fn lose_display(&mut self) {
+        self.screen = None;
     }
 
     /// A file of its folder.
@@ -268,7 +284,12 @@ impl Program {
     }
 
     /// Waits for the program's end, and gives it with what it said on its standard error.
-    pub fn end(mut self) -> (ExitStatus, String) {
+    pub fn end(self) -> (ExitStatus, String) {
+        self.end_before(|| {})
+    }
+
+    /// Does the same, and looks at its folder before that is gone.
+    pub fn end_before(mut self, look: impl FnOnce()) -> (ExitStatus, String) {
         let mut ended = None;
         comes(|| {
             ended = self.process.try_wait().expect("the program can be asked");
@@ -276,6 +297,7 @@ impl Program {
         });
         self.now();
         let status = ended.unwrap_or_else(|| panic!("the program goes on {}", self.account()));
+        look();
         (status, fs::read_to_string(self.path("errors.txt")).expect("it can be read"))
     }
 }

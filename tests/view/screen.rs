@@ -161,6 +161,13 @@ impl Window {
         (size.width.into(), size.height.into())
     }
 
+    /// The title.
+    pub fn title(&self) -> String {
+        let (name, utf8) = (self.atom("_NET_WM_NAME"), self.atom("UTF8_STRING"));
+        let asked = self.connection.get_property(false, self.id, name, utf8, 0, 1024).expect("asked");
+        String::from_utf8_lossy(&asked.reply().expect("answered").value).into_owned()
+    }
+
     /// When this returns, the window has its new size.
     pub fn resize(&self, width: u32, height: u32) {
         let size = ConfigureWindowAux::new().width(width).height(height);

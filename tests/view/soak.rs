@@ -20,10 +20,10 @@
 //! `SPLATGRAPH_SOAK_BARE` leaves the validation layers out, whose own memory is then not in the numbers.
 
 mod deeds;
-mod process;
+pub mod process;
 
 use super::dice::Dice;
-use super::whole::TestShell;
+use super::whole::{PATIENCE, TestShell};
 use crate::common;
 use deeds::{DEEDS, GRAPHS};
 use egui::Event as Input;
@@ -171,6 +171,10 @@ impl std::fmt::Display for Reference {
     }
 }
 
+fn device_memory(viewer: &TestShell) -> DeviceMemory {
+    viewer.shell.window().device().expect("the device is not lost").device_memory()
+}
+
 struct Soak {
     viewer: TestShell,
     dice: Dice,
@@ -276,7 +280,7 @@ impl Soak {
             self.rows = self.viewer.calls / ROW;
             let lost = self.lost();
             let (files, threads) = (open_files(), threads().len());
-            let memory = self.viewer.shell.window().device().device_memory().used;
+            let memory = device_memory(&self.viewer).used;
             if let Some(table) = &mut self.table {
                 let seconds = self.begun.elapsed().as_secs_f64();
                 let (calls, plans, failures) = (self.viewer.calls, self.plans, self.failures);
@@ -346,13 +350,13 @@ impl Soak {
 
     /// Measures the reference state, and compares its pictures with the first ones.
     fn reference(&mut self) -> Reference {
-        self.viewer.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        self.viewer.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let shell = &self.viewer.shell;
-        let b = shell.viewer.b.as_ref().map(|b| b.renderer.device());
+        let b = shell.viewer.b.as_ref().and_then(|b| b.renderer.device());
         let lists = [
-            shell.viewer.a.renderer.device().memory(),
+            shell.viewer.a.renderer.device().map(Device::memory).unwrap_or_default(),
             b.map(|b| b.memory()).unwrap_or_default(),
-            shell.window().device().memory(),
+            shell.window().device().map(Device::memory).unwrap_or_default(),
         ];
         let is_texels = |name: &str| name == "ui_texels";
         let sum = |list: &[(String, u64)], wanted: &dyn Fn(&str) -> bool| {
@@ -362,7 +366,7 @@ impl Soak {
             call: self.viewer.calls,
             listed: [0, 1, 2].map(|i: usize| sum(&lists[i], &|name| !is_texels(name))),
             texels: sum(&lists[2], &is_texels),
-            device: shell.window().device().device_memory(),
+            device: device_memory(&self.viewer),
             rss: resident(),
             files: open_files(),
             threads: settled_threads(),

@@ -42,6 +42,8 @@ impl Twin {
         let mut viewer = Viewer::new(common::device(), (scene, path), &graph, &set, Arc::new(|| {}))
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
+        // No frame is left out, however slow the machine is.
+        viewer.a.renderer.patience = PATIENCE;
         Twin { viewer, events: Vec::new(), size: SIZE, folder }
     }
 
@@ -74,9 +76,19 @@ impl Twin {
 
     /// Draws a frame, and collects what happened.
     pub fn frame(&mut self) {
-        self.viewer.frame(self.size).unwrap_or_else(|error| panic!("a frame is drawn: {error}"));
+        self.viewer.frame(self.size);
+        let renderers = [Some(&self.viewer.a), self.viewer.b.as_ref()].into_iter().flatten();
+        for renderer in renderers.map(|viewport| &viewport.renderer) {
+            assert!(renderer.lost().is_none(), "{:?}", renderer.lost());
+            assert!(renderer.trouble().is_none(), "a frame is drawn: {:?}", renderer.trouble());
+        }
         self.events.extend(self.viewer.take_events());
-        common::assert_silent(self.viewer.a.renderer.device_mut(), "a frame");
+        common::assert_silent(self.device(), "a frame");
+    }
+
+    /// Returns A's device.
+    pub fn device(&mut self) -> &mut Vulkan {
+        self.viewer.a.renderer.device_mut().expect("the device is not lost")
     }
 
     /// Draws frames.
@@ -130,12 +142,13 @@ impl Twin {
     pub fn picture(&mut self, who: RendererId) -> Image {
         self.viewer.viewport(who).expect("there is such a viewport").want_picture();
         self.frame();
-        self.viewer.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        self.viewer.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let pixels = self
             .viewer
             .viewport(who)
             .and_then(|viewport| viewport.take_picture())
-            .expect("the picture is there");
+            .expect("the picture is there")
+            .unwrap_or_else(|error| panic!("the picture is read: {error}"));
         image_of(&pixels).expect("it has colours")
     }
 
@@ -146,14 +159,14 @@ impl Twin {
 
     /// Frames of A that were drawn and are done.
     pub fn drawn(&mut self) -> u64 {
-        self.viewer.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        self.viewer.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         self.viewer.a.history.frames()
     }
 
     /// Closes it; the validation layers must have had nothing to say.
     pub fn close(mut self) {
-        self.viewer.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
-        let messages = self.viewer.into_device().close();
+        self.viewer.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let messages = self.viewer.into_device().expect("the device is not lost").close();
         assert!(messages.is_empty(), "{}", messages.join("\n"));
     }
 }

@@ -21,7 +21,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 /// Nothing takes so long, on whatever machine.
-const PATIENCE: Duration = Duration::from_secs(120);
+pub const PATIENCE: Duration = Duration::from_secs(120);
 
 /// As long as nothing is new, a frame is drawn this often.
 const REST: Duration = Duration::from_millis(20);
@@ -74,8 +74,11 @@ impl TestShell {
         let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], wake())
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
-        let shell = Shell::with_graph(viewer, canvas, &window.to_string_lossy(), wake())
+        // No frame is left out, however slow the machine is.
+        viewer.a.renderer.patience = PATIENCE;
+        let mut shell = Shell::with_graph(viewer, canvas, &window.to_string_lossy(), wake())
             .unwrap_or_else(|error| panic!("the shell opens: {error}"));
+        shell.window_mut().patience = PATIENCE;
         let shipped =
             splatgraph::builtin::FILES.iter().map(|(name, text)| (name.to_string(), text.to_string()));
         TestShell {
@@ -138,7 +141,12 @@ impl TestShell {
         self.calls += 1;
         let window = self.shell.window().plan().is_some();
         let ask = FrameRequest { size: self.size, pixels_per_point: PIXELS_PER_POINT, present: false, read };
-        let frame = self.shell.frame(input, ask).unwrap_or_else(|error| panic!("a frame is drawn: {error}"));
+        let frame = self.shell.frame(input, ask);
+        assert!(frame.lost.is_none(), "{:?}", frame.lost);
+        let viewports = [Some(&self.shell.viewer.a), self.shell.viewer.b.as_ref()].into_iter().flatten();
+        for renderer in viewports.map(|viewport| &viewport.renderer).chain([self.shell.window()]) {
+            assert!(renderer.trouble().is_none(), "a frame is drawn: {:?}", renderer.trouble());
+        }
         self.undrawn_windows += u64::from(window && !frame.drawn);
         let viewer = &self.shell.viewer;
         let shown_b = viewer.b.as_ref().filter(|_| viewer.compare != Mode::A);
@@ -147,13 +155,13 @@ impl TestShell {
             viewports.into_iter().flatten().filter(|viewport| viewport.renderer.plan().is_some()).count()
                 as u64;
         self.events.extend(self.shell.take_events());
-        common::assert_silent(self.shell.canvas_mut(), "a frame");
+        common::assert_silent(self.shell.canvas_mut().expect("the device is not lost"), "a frame");
         frame
     }
 
     /// Frames of A and B that were drawn and are done.
     pub fn drawn(&mut self) -> u64 {
-        self.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let viewer = &self.shell.viewer;
         [Some(&viewer.a), viewer.b.as_ref()]
             .into_iter()
@@ -220,9 +228,11 @@ impl TestShell {
     pub fn picture(&mut self, who: RendererId) -> Image {
         self.shell.viewer.viewport(who).expect("there is such a viewport").want_picture();
         self.frame();
-        self.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
+        self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let pixels = self.shell.viewer.viewport(who).and_then(|viewport| viewport.take_picture());
-        image_of(&pixels.expect("the picture is there")).expect("it has colours")
+        let pixels = pixels.expect("the picture is there");
+        let pixels = pixels.unwrap_or_else(|error| panic!("the picture is read: {error}"));
+        image_of(&pixels).expect("it has colours")
     }
 
     /// Returns the picture of the window's next frame.
@@ -233,8 +243,8 @@ impl TestShell {
 
     /// Closes it; the validation layers must have had nothing to say.
     pub fn close(mut self) {
-        self.shell.finish().unwrap_or_else(|error| panic!("the frames end: {error}"));
-        let messages = self.shell.into_device().close();
+        self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let messages = self.shell.into_device().expect("the device is not lost").close();
         assert!(messages.is_empty(), "{}", messages.join("\n"));
     }
 }

@@ -14,6 +14,7 @@ use anyhow::Result;
 use clap::ValueEnum;
 use indexmap::IndexMap;
 use splatgraph_assets::{Camera, Scene};
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
@@ -82,6 +83,9 @@ pub struct Args {
     frames: Option<u64>,
 }
 
+/// Largest width and height of a window, in pixels. Window systems go a little further, and no display does.
+const LARGEST: u32 = 16_384;
+
 /// Window width below which two panels leave no room for a picture, in pixels.
 const SMALL: u32 = 900;
 
@@ -89,6 +93,35 @@ impl Args {
     /// Returns the size of the window's content, in pixels.
     fn size(&self) -> (u32, u32) {
         self.drawing.size.unwrap_or((1600, 900))
+    }
+
+    /// Refuses values that have no meaning, before anything is loaded.
+    fn check(&self) -> Result<(), Usage> {
+        let within = |name: &str, value: f32, range: RangeInclusive<f32>| match range.contains(&value) {
+            true => Ok(()),
+            false => Err(Usage(format!(
+                "expected {name} from {} to {}, found {value}",
+                range.start(),
+                range.end()
+            ))),
+        };
+        within("--scale", self.scale, 0.05..=4.0)?;
+        within("--split", self.split, 0.0..=1.0)?;
+        within("--gain", self.gain, 0.0..=65_536.0)?;
+        for value in self.background {
+            within("the channels of --background", value, 0.0..=1.0)?;
+        }
+        let (width, height) = self.size();
+        if width.max(height) > LARGEST {
+            return Err(Usage(format!("expected --size up to {LARGEST}x{LARGEST}, found {width}x{height}")));
+        }
+        if self.frames == Some(0) {
+            return Err(Usage("expected --frames of at least 1, found 0".to_owned()));
+        }
+        if self.show.contains(&ShowPanel::None) && self.show.len() > 1 {
+            return Err(Usage("expected --show none alone, found other panels with it".to_owned()));
+        }
+        Ok(())
     }
 }
 
@@ -147,10 +180,8 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
+    args.check()?;
     let cameras = args.drawing.cameras()?;
-    if !(0.05..=4.0).contains(&args.scale) {
-        return Err(Usage(format!("expected --scale from 0.05 to 4, found {}", args.scale)).into());
-    }
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     let events = args.events.as_deref().map(Log::create).transpose()?;
     let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
@@ -161,9 +192,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         set,
         cameras,
         size: args.size(),
+        // A script asks for the picture's size.
+        exact_size: args.drawing.size.is_some() && args.screenshot.is_some(),
         device: args.device.options(),
         vsync: !args.no_vsync,
-        setup: Box::new(move |shell| initial.apply(shell)),
+        setup: Box::new(move |shell, size| initial.apply(shell, size)),
         events,
         screenshot: args.screenshot.clone(),
         frames: args.frames,
@@ -206,20 +239,21 @@ impl InitialState {
         InitialState {
             background: args.background,
             compare,
-            split: args.split.clamp(0.0, 1.0),
-            gain: args.gain.max(0.0),
+            split: args.split,
+            gain: args.gain,
             scale: args.scale,
-            show: match args.show.as_slice() {
-                [] if args.size().0 < SMALL => vec![ShowPanel::Settings],
-                [] => vec![ShowPanel::Settings, ShowPanel::Performance],
-                show => show.to_vec(),
-            },
+            show: args.show.clone(),
             inspect: args.inspect.clone(),
         }
     }
 
-    fn apply(self, shell: &mut Shell<Backend>) -> Result<()> {
-        let has = |panel| self.show.contains(&panel);
+    fn apply(self, shell: &mut Shell<Backend>, (width, _): (u32, u32)) -> Result<()> {
+        let show = match self.show.as_slice() {
+            [] if width < SMALL => vec![ShowPanel::Settings],
+            [] => vec![ShowPanel::Settings, ShowPanel::Performance],
+            show => show.to_vec(),
+        };
+        let has = |panel| show.contains(&panel);
         shell.panels.settings = has(ShowPanel::Settings);
         shell.panels.performance = has(ShowPanel::Performance);
         shell.panels.graph = has(ShowPanel::Graph) || self.inspect.is_some();

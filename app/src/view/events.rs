@@ -93,6 +93,28 @@ pub enum Event {
         /// The file.
         path: PathBuf,
     },
+    /// The device, or its window, ended. Everything on it is lost; the scene stays in the memory of the host.
+    DeviceLost {
+        /// The answer of the device.
+        error: String,
+    },
+    /// A device was opened in place of the one that was lost.
+    DeviceOpened {
+        /// Name of the device.
+        name: String,
+        /// Attempts until it could be opened.
+        attempts: u32,
+    },
+    /// Something that was asked for cannot be done; everything else goes on.
+    Problem {
+        /// The problem.
+        text: String,
+    },
+    /// The device has worked on one pass for more than a second; pictures come when it is done.
+    Slow {
+        /// The pass, with its plan.
+        place: String,
+    },
     /// A and B were compared.
     Compared {
         /// PSNR in decibels.
@@ -184,6 +206,13 @@ impl fmt::Display for Event {
                 if error.contains(&name) { f.write_str(error) } else { write!(f, "{name}: {error}") }
             }
             Event::Cameras { path, count } => write!(f, "{}: {count} cameras", path.display()),
+            Event::DeviceLost { error } => write!(f, "{error}"),
+            Event::Problem { text } => f.write_str(text),
+            Event::Slow { place } => write!(f, "{place} has been running for more than a second"),
+            Event::DeviceOpened { name, attempts: 1 } => write!(f, "{name} was opened again"),
+            Event::DeviceOpened { name, attempts } => {
+                write!(f, "{name} was opened again at attempt {attempts}")
+            }
             Event::Screenshot { path } => write!(f, "{} written", path.display()),
             Event::Compared { psnr, ssim, worst } => {
                 write!(f, "A against B: {psnr:.2} dB PSNR, worst pixel {worst:.4}")?;

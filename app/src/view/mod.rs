@@ -3,10 +3,12 @@
 //! From the lowest layer to the highest:
 //!
 //! - [`renderer`]: a device with a graph, whose plan is rebuilt in the background when files, parameters or inputs change;
+//! - [`opening`]: scenes and cameras that are read on other threads;
 //! - [`viewport`]: a renderer of the scene with its frame times ([`history`]) and its inspection;
 //! - [`viewer`]: the scene, the camera ([`navigation`]), and one or two viewports;
 //! - [`panels`]: the user interface around the pictures;
 //! - [`paint`] and [`shell`]: the graph of the window itself, which draws the pictures and the user interface over them;
+//! - [`recovery`]: another device in place of one that was lost;
 //! - [`window`]: winit's events in, frames out.
 //!
 //! Only [`window`] depends on a window system. Tests run everything else.
@@ -14,9 +16,11 @@
 pub mod events;
 pub mod history;
 pub mod navigation;
+pub mod opening;
 pub mod paint;
 pub mod panels;
 pub mod profile;
+pub mod recovery;
 pub mod renderer;
 pub mod shell;
 #[cfg(test)]

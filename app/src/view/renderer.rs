@@ -6,16 +6,20 @@
 //! go to the device with the next frame.
 //!
 //! One plan is built at a time; changes during a build are combined into the next one.
+//!
+//! No error ends a renderer. A frame that cannot be drawn is tried again ([`RETRY`]), as is a build that lacked memory; both are
+//! shown meanwhile. A frame that the device does not finish in time is waited for with the next one ([`Renderer::patience`]). A lost
+//! device is given up with [`Renderer::release`], and its successor comes with [`Renderer::give`].
 
+mod device;
 mod events;
+mod frames;
 mod job;
 
-use super::profile::zone;
+use device::ends_device;
 use indexmap::IndexMap;
 use job::{Built, Job, builder};
-use splatgraph_api::{
-    BackendError, Device, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult, Inspect, Loader,
-};
+use splatgraph_api::{BackendError, Device, DeviceInfo, FrameId, FrameResult, Inspect, Loader, Running};
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::{Catalog, ParamBinding, Value};
 use splatgraph_framework::lower::{Control, parse_value};
@@ -25,9 +29,15 @@ use splatgraph_framework::reload::{
 };
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 pub use events::{Cause, Failure, RendererEvent, Swap};
+
+/// Interval of attempts to draw, or to build, what failed for want of something that may come back.
+pub const RETRY: Duration = Duration::from_millis(250);
+
+/// Default of [`Renderer::patience`]: a window that answers ten times per second still feels alive.
+const PATIENCE: Duration = Duration::from_millis(100);
 
 /// A callback for new content to draw; any thread calls it.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;
@@ -75,9 +85,12 @@ pub struct FinishedFrame {
 
 struct FrameInFlight {
     frame: FrameId,
+    submitted: Instant,
     plan: Arc<Plan>,
     inspected: Vec<Inspect>,
     first: Option<PendingSwap>,
+    /// The result, once it was waited for.
+    result: Option<FrameResult>,
 }
 
 /// A swap before the end of its first frame.
@@ -94,11 +107,33 @@ struct PendingBuild {
     attempt: Attempt,
 }
 
+/// A failure to draw with the current plan.
+struct Trouble {
+    error: BackendError,
+    /// Time of the next attempt.
+    retry: Instant,
+}
+
 type Ready<D> = <<D as Device>::Loader as Loader>::Ready;
 
 /// A device with a graph; see the module's documentation.
 pub struct Renderer<D: Device> {
-    device: D,
+    /// The longest wait for a frame before [`Renderer::submit`] gives up for now.
+    pub patience: Duration,
+    /// True to draw no frames for now.
+    pub(super) paused: bool,
+    /// The device; none between [`Renderer::release`] and [`Renderer::give`].
+    device: Option<D>,
+    info: DeviceInfo,
+    /// Counts the devices.
+    epoch: u64,
+    /// The device's loss, or that of its window.
+    lost: Option<BackendError>,
+    /// True if no plan is built before a change, because the device was lost again and again.
+    held: bool,
+    trouble: Option<Trouble>,
+    /// Time of the next attempt to build what failed for want of memory.
+    rebuild: Option<Instant>,
     graph: String,
     set: IndexMap<String, String>,
     strict: bool,
@@ -113,12 +148,18 @@ pub struct Renderer<D: Device> {
     size: (u32, u32),
     pending_swap: Option<PendingSwap>,
     in_flight: VecDeque<FrameInFlight>,
+    /// The work that the device did not finish within the patience.
+    stalled: Option<Running>,
+    /// True if a frame ended without results.
+    forgot: bool,
     done: Vec<FinishedFrame>,
     events: Vec<RendererEvent>,
     /// The last reported failure.
     failed: Option<String>,
     /// The attempt of the current build.
     building: Option<Attempt>,
+    /// The device of each build that is not taken yet, in order.
+    jobs: VecDeque<u64>,
     progress: Arc<Mutex<String>>,
 }
 
@@ -138,7 +179,15 @@ impl<D: Device> Renderer<D> {
         let now = Instant::now();
         let build = PendingBuild { cause: Cause::Start, asked: now, attempt: state.asked(now) };
         Ok(Renderer {
-            device,
+            patience: PATIENCE,
+            paused: false,
+            info: device.info().clone(),
+            device: Some(device),
+            epoch: 0,
+            lost: None,
+            held: false,
+            trouble: None,
+            rebuild: None,
             graph: graph.to_owned(),
             set: set.iter().cloned().collect(),
             strict: true,
@@ -152,22 +201,33 @@ impl<D: Device> Renderer<D> {
             size: (0, 0),
             pending_swap: None,
             in_flight: VecDeque::new(),
+            stalled: None,
+            forgot: false,
             done: Vec::new(),
             events: Vec::new(),
             failed: None,
             building: None,
+            jobs: VecDeque::new(),
             progress: Arc::default(),
         })
     }
 
-    /// Returns the device.
-    pub fn device(&self) -> &D {
-        &self.device
+    /// Returns what the device has worked on for longer than the patience, as of the last frame.
+    pub fn stalled(&self) -> Option<&Running> {
+        self.stalled.as_ref()
     }
 
-    /// Returns the device for changes that concern no plan.
-    pub fn device_mut(&mut self) -> &mut D {
-        &mut self.device
+    /// Returns the error of the last attempt to draw a frame, if it failed.
+    pub fn trouble(&self) -> Option<&BackendError> {
+        self.trouble.as_ref().map(|trouble| &trouble.error)
+    }
+
+    /// Describes what is wrong, as for a terminal: the failure of the newest build and that of the last frame; none if nothing is.
+    pub fn problem(&self, colour: bool) -> Option<String> {
+        let mut texts: Vec<String> = self.failure().map(|failure| failure.text(colour)).into_iter().collect();
+        texts.extend(self.trouble().map(|error| Failure::Backend(error.clone()).text(colour)));
+        texts.dedup();
+        if texts.is_empty() { None } else { Some(texts.join("\n")) }
     }
 
     /// Returns the requested name of the graph.
@@ -203,6 +263,11 @@ impl<D: Device> Renderer<D> {
     /// Returns true while a plan is being built or waits for it.
     pub fn busy(&self) -> bool {
         self.pending_build.is_some() || self.building.is_some() || self.state.due(self.now).is_some()
+    }
+
+    /// Returns true if no build is running.
+    pub(super) fn is_idle(&self) -> bool {
+        !self.builder.busy()
     }
 
     /// Describes the current step of the build; empty if unknown.
@@ -267,41 +332,49 @@ impl<D: Device> Renderer<D> {
     }
 
     /// Takes a finished plan, and starts a build if something changed. Must be called before every frame.
-    pub fn poll(&mut self, inputs: &PlanInputs, now: Instant) -> Result<(), BackendError> {
+    pub fn poll(&mut self, inputs: &PlanInputs, now: Instant) {
         self.now = now;
-        while let Some(output) = self.builder.poll() {
-            match output {
-                Ok(built) => self.take(built)?,
-                Err(panicked) => self.fail(Failure::Panicked(panicked.message)),
-            }
-        }
+        self.take_builds();
         if let Some(FileChange { files, first_seen }) = self.watcher.take() {
             self.want(Cause::Files(files), first_seen);
         }
-        if let Some(cause) = self.asked.as_ref().and_then(|former| inputs.differs(former)) {
+        if let Some(cause) = self.asked.as_ref().and_then(|former| inputs.differs(former))
+            && (!self.held || cause == Cause::Scene)
+        {
             self.want(cause, now);
+        }
+        if self.rebuild.is_some_and(|time| time <= now) && self.building.is_none() {
+            self.rebuild = None;
+            self.want(Cause::Retry, now);
         }
         // An empty size has no pictures, so the former plan stays until there is one.
         let drawable = inputs.size.0 > 0 && inputs.size.1 > 0;
         if drawable
             && self.building.is_none()
+            && let Some(device) = &self.device
             && let Some(PendingBuild { cause, asked, attempt }) = self.pending_build.take()
         {
             self.asked = Some(inputs.clone());
             self.building = Some(attempt);
-            self.builder.submit(Job {
+            self.held = false;
+            self.rebuild = None;
+            let replaced = self.builder.submit(Job {
                 graph: self.graph.clone(),
                 set: self.set.iter().map(|(name, value)| (name.clone(), value.clone())).collect(),
                 strict: self.strict,
                 inputs: inputs.clone(),
-                device: self.device.info().facts,
-                loader: self.device.loader(),
+                device: device.info().facts,
+                loader: device.loader(),
                 cause,
                 asked,
                 progress: self.progress.clone(),
             });
+            if replaced.is_some() {
+                self.jobs.pop_back();
+            }
+            self.jobs.push_back(self.epoch);
         }
-        let failure = self.state.error(now).map(|failure| failure.text(false));
+        let failure = self.problem(false);
         match (&failure, &self.failed) {
             (Some(new), Some(old)) if new == old => {}
             (Some(new), _) => self.events.push(RendererEvent::Failed(new.clone())),
@@ -309,16 +382,34 @@ impl<D: Device> Renderer<D> {
             (None, None) => {}
         }
         self.failed = failure;
-        Ok(())
+    }
+
+    /// Takes the finished builds, and drops those for a device that is lost.
+    fn take_builds(&mut self) {
+        while let Some(output) = self.builder.poll() {
+            if self.jobs.pop_front() != Some(self.epoch) {
+                continue;
+            }
+            match output {
+                Ok(built) => self.take(built),
+                Err(panicked) => self.fail(Failure::Panicked(panicked.message)),
+            }
+        }
     }
 
     fn fail(&mut self, failure: Failure) {
+        if let Failure::Backend(error) = &failure
+            && ends_device(error)
+        {
+            self.lost = Some(error.clone());
+        }
+        self.rebuild = failure.may_pass().then(|| self.now + RETRY);
         if let Some(attempt) = self.building.take() {
             self.state.failed(attempt, failure);
         }
     }
 
-    fn take(&mut self, built: Built<Ready<D>>) -> Result<(), BackendError> {
+    fn take(&mut self, built: Built<Ready<D>>) {
         self.watcher.watch(&built.wanted);
         if !built.dropped.is_empty() {
             for name in &built.dropped {
@@ -328,12 +419,14 @@ impl<D: Device> Renderer<D> {
         }
         let (plan, controls, ready) = match built.outcome {
             Ok(made) => made,
-            Err(failure) => {
-                self.fail(failure);
-                return Ok(());
-            }
+            Err(failure) => return self.fail(failure),
         };
-        self.device.swap(ready)?;
+        let Some(device) = &mut self.device else { return };
+        if let Err(error) = device.swap(ready) {
+            return self.fail(Failure::Backend(error));
+        }
+        // A new plan may draw where the former could not.
+        self.trouble = None;
         self.strict = false;
         self.size = built.inputs.size;
         self.controls = controls;
@@ -350,7 +443,6 @@ impl<D: Device> Renderer<D> {
             self.state.succeeded(attempt, Arc::new(plan));
         }
         self.apply_set();
-        Ok(())
     }
 
     /// Applies settings that changed since the plan was requested.
@@ -363,57 +455,9 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Draws a frame, if there is a plan; returns true if it did. The live parameters in `inputs` are replaced.
-    pub fn submit(&mut self, inputs: FrameInputs) -> Result<bool, BackendError> {
-        let Some(plan) = self.state.good().cloned() else { return Ok(false) };
-        if self.in_flight.len() == FRAMES_IN_FLIGHT {
-            self.wait_for_oldest()?;
-        }
-        zone!("submit");
-        let inspected = inputs.inspect.clone();
-        let inputs = FrameInputs {
-            live: plan.live_bytes_of(self.controls.iter().map(|control| &control.param)),
-            ..inputs
-        };
-        let frame = self.device.submit(&inputs)?;
-        let first = self.pending_swap.take();
-        let is_first = first.is_some();
-        self.in_flight.push_back(FrameInFlight { frame, plan, inspected, first });
-        if is_first {
-            // Waits once per swap, so that its latency is exact.
-            self.finish()?;
-        }
-        Ok(true)
-    }
-
-    /// Waits for the frames in flight.
-    pub fn finish(&mut self) -> Result<(), BackendError> {
-        while !self.in_flight.is_empty() {
-            self.wait_for_oldest()?;
-        }
-        Ok(())
-    }
-
-    fn wait_for_oldest(&mut self) -> Result<(), BackendError> {
-        let Some(frame) = self.in_flight.pop_front() else { return Ok(()) };
-        let result = self.device.wait(frame.frame)?;
-        let first = frame.first.is_some();
-        if let Some(PendingSwap { swap, asked }) = frame.first {
-            let latency_ms = asked.elapsed().as_secs_f64() * 1e3;
-            self.events.push(RendererEvent::Swapped(Swap { latency_ms, ..swap }));
-        }
-        self.done.push(FinishedFrame { result, plan: frame.plan, first, inspected: frame.inspected });
-        Ok(())
-    }
-
     /// Returns true if the next frame is the first of its plan, which runs the prologue.
     pub fn is_first_next(&self) -> bool {
         self.pending_swap.is_some()
-    }
-
-    /// Returns the device.
-    pub fn into_device(self) -> D {
-        self.device
     }
 
     /// Takes the frames finished since the last call, in the order of submission.

@@ -6,16 +6,19 @@
 
 use super::events::{Event, RendererId};
 use super::history::History;
-use super::paint::{self, Composition, Painted, Painter};
-use super::panels::{Command, PanelOutput, Panels};
+use super::paint::{self, Composition, Mode, Painted, Painter};
+use super::panels::{Command, Panels};
 use super::profile::{self, zone};
 use super::renderer::{Failure, PlanInputs, Renderer, Wake};
 use super::viewer::{Viewer, ViewerError};
 use egui::{Context, FontDefinitions, FontFamily, RawInput, Rect};
-use splatgraph_api::{BackendError, Device, FrameInputs, Pixels};
+use splatgraph_api::{BackendError, Device, FrameInputs, Pixels, Running};
 use splatgraph_framework::ir::Catalog;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// The longest wait for a picture of the window that is read back.
+const READING: Duration = Duration::from_secs(10);
 
 /// The size and destination of a frame.
 #[derive(Clone, Copy, Debug, Default)]
@@ -40,6 +43,8 @@ pub struct Frame {
     pub drawn: bool,
     /// Pixels of the window, if requested and drawn.
     pub picture: Option<Pixels>,
+    /// The error that ended the device or its window. Nothing more is drawn until [`Shell::release`] and [`Shell::give`].
+    pub lost: Option<BackendError>,
 }
 
 /// The viewer with its panels and its window's graph.
@@ -100,8 +105,13 @@ impl<D: Device> Shell<D> {
         &self.canvas
     }
 
-    /// Returns the device of the window.
-    pub fn canvas_mut(&mut self) -> &mut D {
+    /// Returns the renderer of the window, for changes of its patience.
+    pub fn window_mut(&mut self) -> &mut Renderer<D> {
+        &mut self.canvas
+    }
+
+    /// Returns the device of the window; `None` while it is lost.
+    pub fn canvas_mut(&mut self) -> Option<&mut D> {
         self.canvas.device_mut()
     }
 
@@ -110,49 +120,90 @@ impl<D: Device> Shell<D> {
         if self.canvas.plan().is_some() { None } else { self.canvas.failure() }
     }
 
+    /// Describes what prevents that the requested state is shown, without colours; none if nothing does.
+    ///
+    /// These are the problems of A, of B if it is shown, of A's inspection, and of the window itself.
+    pub fn problem(&self) -> Option<String> {
+        let Viewer { a, b, compare, .. } = &self.viewer;
+        let b = b.as_ref().filter(|_| *compare != Mode::A);
+        let viewports = [Some(&a.renderer), b.map(|b| &b.renderer), Some(&self.canvas)];
+        let drawn = viewports.into_iter().flatten().find_map(|renderer| renderer.problem(false));
+        let inspected =
+            a.inspection.as_ref().and_then(|inspection| inspection.found.as_ref()?.as_ref().err());
+        drawn.or_else(|| inspected.map(|error| format!("error: {error}")))
+    }
+
     /// Applies the input and draws the pictures and the window.
-    pub fn frame(&mut self, input: RawInput, request: FrameRequest) -> Result<Frame, ViewerError> {
+    pub fn frame(&mut self, input: RawInput, request: FrameRequest) -> Frame {
         zone!("window frame");
         for file in &input.dropped_files {
             self.viewer.open(file.path());
         }
-        let failure = self.canvas.failure().map(|failure| failure.text(true));
-        let mut shown: Option<Result<PanelOutput, ViewerError>> = None;
+        let ready = self.is_ready(self.canvas.patience);
+        for renderer in self.renderers() {
+            renderer.paused = !ready;
+        }
+        let problem = self.canvas.problem(true);
+        let (mut view, mut commands) = (Rect::ZERO, Vec::new());
         let output = self.ctx.run_ui(input, |ui| {
             let (panels, viewer) = (&mut self.panels, &mut self.viewer);
             let window = (&self.history, self.canvas.plan().map(|plan| plan.as_ref()));
-            shown = Some(panels.show(ui, viewer, window, failure.as_deref()));
+            let shown = panels.show(ui, viewer, window, problem.as_deref());
+            // The closure may run twice, the first time only for the layout.
+            view = shown.view;
+            commands.extend(shown.commands);
         });
         let pixels_per_point = output.pixels_per_point;
         let primitives = self.ctx.tessellate(output.shapes, pixels_per_point);
         let painted = self.painter.paint(output.textures_delta, &primitives, pixels_per_point);
-        let Some(shown) = shown.transpose()? else { unreachable!("the closure runs at least once") };
 
         let pixel = |v: f32| (v * request.pixels_per_point).round().max(0.0) as u32;
-        let Rect { min, max } = shown.view;
+        let Rect { min, max } = view;
         let (left, top) = (pixel(min.x), pixel(min.y));
         let view = [left, top, pixel(max.x).saturating_sub(left), pixel(max.y).saturating_sub(top)];
-        let size = (view[2], view[3]);
-        self.viewer.frame(size)?;
+        self.viewer.frame((view[2], view[3]));
         for event in self.viewer.take_events() {
-            self.panels.log_event(&event);
-            self.events.push(event);
+            self.report(event);
         }
-        let (drawn, picture) = self.paint(request, view, &painted)?;
+        let (drawn, picture) = self.paint(request, view, &painted);
         profile::frame();
-        Ok(Frame { platform: output.platform_output, commands: shown.commands, drawn, picture })
+        let lost = self.viewer.lost().or_else(|| self.canvas.lost()).cloned();
+        Frame { platform: output.platform_output, commands, drawn, picture, lost }
+    }
+
+    fn renderers(&mut self) -> impl Iterator<Item = &mut Renderer<D>> {
+        let b = self.viewer.b.as_mut().map(|b| &mut b.renderer);
+        [Some(&mut self.viewer.a.renderer), b, Some(&mut self.canvas)].into_iter().flatten()
+    }
+
+    /// Returns true if frames can be submitted without a wait for one that runs for long.
+    ///
+    /// Where [reads block](Renderer::reads_block), waits for the newest frame of all and takes the results of the others only
+    /// then.
+    fn is_ready(&mut self, patience: Duration) -> bool {
+        if !self.canvas.reads_block() {
+            return true;
+        }
+        if let Some(newest) = self.renderers().max_by_key(|renderer| renderer.newest()) {
+            match newest.wait_for_newest(patience) {
+                Ok(true) => {}
+                Ok(false) => return false,
+                Err(error) => newest.report(error),
+            }
+        }
+        for renderer in self.renderers() {
+            if let Err(error) = renderer.collect_all() {
+                renderer.report(error);
+            }
+        }
+        true
     }
 
     /// Draws the window.
-    fn paint(
-        &mut self,
-        request: FrameRequest,
-        view: [u32; 4],
-        painted: &Painted,
-    ) -> Result<(bool, Option<Pixels>), BackendError> {
+    fn paint(&mut self, request: FrameRequest, view: [u32; 4], painted: &Painted) -> (bool, Option<Pixels>) {
         let inputs =
             PlanInputs { scene: None, catalog: self.catalog.clone(), size: request.size, share_memory: true };
-        self.canvas.poll(&inputs, Instant::now())?;
+        self.canvas.poll(&inputs, Instant::now());
         let [a, b] = self.viewer.pictures().map(|picture| picture.map(Into::into));
         let composition = Composition {
             window: [request.size.0, request.size.1],
@@ -168,10 +219,15 @@ impl<D: Device> Shell<D> {
             FrameInputs { present: request.present, read_output: request.read, ..FrameInputs::default() };
         composition.give(&mut inputs);
         painted.give(&mut inputs.buffers);
-        let drawn = self.canvas.submit(inputs)?;
-        if request.read {
-            self.canvas.finish()?;
+        let mut drawn = self.canvas.submit(inputs);
+        if request.read && matches!(drawn, Ok(true)) {
+            // The picture comes with this frame or not at all.
+            drawn = self.canvas.finish(READING).map(|()| true);
         }
+        let drawn = drawn.unwrap_or_else(|error| {
+            self.canvas.report(error);
+            false
+        });
         let mut picture = None;
         for mut done in self.canvas.take_done() {
             if done.first {
@@ -181,11 +237,9 @@ impl<D: Device> Shell<D> {
             picture = done.result.output.take().or(picture);
         }
         for event in self.canvas.take_events() {
-            let event = Event::of(RendererId::Window, event);
-            self.panels.log_event(&event);
-            self.events.push(event);
+            self.report(Event::of(RendererId::Window, event));
         }
-        Ok((drawn, picture))
+        (drawn, picture)
     }
 
     /// Takes the events since the last call.
@@ -200,13 +254,57 @@ impl<D: Device> Shell<D> {
     }
 
     /// Waits for the frames in flight.
-    pub fn finish(&mut self) -> Result<(), BackendError> {
-        self.viewer.finish()?;
-        self.canvas.finish()
+    ///
+    /// # Errors
+    /// As [`Renderer::finish`].
+    pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
+        if !self.is_ready(within) {
+            let place = self.stalled().map_or_else(String::new, |running| running.place.clone());
+            return Err(BackendError::Stuck { place, seconds: within.as_secs() });
+        }
+        self.viewer.finish(within)?;
+        self.canvas.finish(within)
     }
 
-    /// Returns the device of the window, after everything else is closed.
-    pub fn into_device(self) -> D {
+    /// Waits for the builds that are running, at most until `end`; returns true if none is left.
+    pub fn is_idle(&mut self, end: Instant) -> bool {
+        loop {
+            let idle = self.viewer.is_idle() && self.canvas.is_idle();
+            if idle || Instant::now() >= end {
+                return idle;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Returns what the device has worked on for longer than the patience of the renderers.
+    pub fn stalled(&self) -> Option<&Running> {
+        self.viewer.stalled().or_else(|| self.canvas.stalled())
+    }
+
+    /// Drops the device and all that is on it.
+    pub fn release(&mut self) {
+        self.viewer.release();
+        self.canvas.release();
+    }
+
+    /// Returns true if nothing of the dropped device is in use by a build.
+    pub fn is_released(&mut self) -> bool {
+        let viewer = self.viewer.is_released();
+        self.canvas.is_released() && viewer
+    }
+
+    /// Continues on another device. `canvas` draws the window, as in [`Shell::new`], and `device` the scene.
+    ///
+    /// # Errors
+    /// As [`Viewer::give`].
+    pub fn give(&mut self, canvas: D, device: D) -> Result<(), BackendError> {
+        self.canvas.give(canvas);
+        self.viewer.give(device)
+    }
+
+    /// Returns the device of the window, after everything else is closed; `None` if it is lost.
+    pub fn into_device(self) -> Option<D> {
         let Shell { viewer, canvas, .. } = self;
         drop(viewer);
         canvas.into_device()

@@ -6,6 +6,7 @@
 
 use super::events::{Event, RendererId};
 use super::navigation::{self, Navigation};
+use super::opening::{Content, Opened, Opening};
 use super::paint::Mode;
 use super::profile::zone;
 use super::renderer::{PlanInputs, Renderer, Wake};
@@ -14,14 +15,16 @@ use crate::facts;
 use crate::metrics;
 use crate::session::image_of;
 use indexmap::IndexMap;
-use splatgraph_api::{BackendError, Device, Picture};
+use splatgraph_api::{BackendError, Device, Picture, Running};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::reload::WatchError;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+pub use super::opening::cameras_of;
 
 /// An error of opening the viewer.
 #[derive(Debug, thiserror::Error)]
@@ -32,12 +35,19 @@ pub enum ViewerError {
     /// Files cannot be watched.
     #[error(transparent)]
     Watch(#[from] WatchError),
+    /// The device is lost, and not opened again yet.
+    #[error("the device is lost")]
+    NoDevice,
 }
 
-/// A result of another thread.
-enum Finished {
-    Scene { path: PathBuf, load_ms: f64, scene: Result<Box<Scene>, String> },
-    Compared(Result<Event, String>),
+/// The progress of a comparison of both pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Comparing {
+    No,
+    /// The pictures are read back.
+    Reading,
+    /// Another thread computes the differences.
+    Computing,
 }
 
 /// A scene, a camera and one or two viewports; see the module's documentation.
@@ -65,9 +75,13 @@ pub struct Viewer<D: Device> {
     pub background: [f32; 3],
     /// Pixels of the picture per pixel of the window, across and down.
     pub scale: f32,
-    loading: Option<PathBuf>,
-    comparing: bool,
-    finished: (Sender<Finished>, Receiver<Finished>),
+    /// Size of the picture that the last frame asked for, in pixels.
+    asked: (u32, u32),
+    opening: Opening,
+    /// Number of the request of the cameras, if they were opened by themselves.
+    cameras_number: u64,
+    comparing: Comparing,
+    compared: (Sender<Result<Event, String>>, Receiver<Result<Event, String>>),
     events: Vec<Event>,
     wake: Wake,
 }
@@ -98,9 +112,11 @@ impl<D: Device> Viewer<D> {
             gain: 8.0,
             background: [0.0; 3],
             scale: 1.0,
-            loading: None,
-            comparing: false,
-            finished: channel(),
+            asked: (0, 0),
+            opening: Opening::new(wake.clone()),
+            cameras_number: 0,
+            comparing: Comparing::No,
+            compared: channel(),
             events: Vec::new(),
             wake,
         })
@@ -118,7 +134,7 @@ impl<D: Device> Viewer<D> {
 
     /// Returns the file that is being loaded.
     pub fn loading(&self) -> Option<&Path> {
-        self.loading.as_deref()
+        self.opening.scene()
     }
 
     /// Returns a viewport; `None` for the window, and for B before the first comparison.
@@ -133,19 +149,34 @@ impl<D: Device> Viewer<D> {
     /// Returns true while anything is being built, loaded or compared.
     pub fn busy(&self) -> bool {
         let b = self.b.as_ref().is_some_and(|b| self.compare != Mode::A && b.renderer.busy());
-        self.a.renderer.busy() || b || self.loading.is_some() || self.comparing
+        self.a.renderer.busy() || b || self.opening.busy() || self.comparing != Comparing::No
     }
 
     /// Shows A alone, or both. B starts as a copy of A.
+    ///
+    /// # Errors
+    /// B cannot be created; A then stays alone.
     pub fn set_compare(&mut self, compare: Mode) -> Result<(), ViewerError> {
-        self.compare = compare;
         if compare != Mode::A && self.b.is_none() {
             let a = &self.a.renderer;
+            let device = match a.device() {
+                Some(device) => device.new_context()?,
+                None => return Err(ViewerError::NoDevice),
+            };
             let set: Vec<_> = a.set().iter().map(|(name, value)| (name.clone(), value.clone())).collect();
-            let device = a.device().new_context()?;
-            self.b = Some(Viewport::new(Renderer::new(device, a.graph(), &set, self.wake.clone())?));
+            let mut b = Renderer::new(device, a.graph(), &set, self.wake.clone())?;
+            b.patience = a.patience;
+            self.b = Some(Viewport::new(b));
         }
+        self.compare = compare;
         Ok(())
+    }
+
+    /// Does the same, and reports an error as an event.
+    pub fn choose_compare(&mut self, compare: Mode) {
+        if let Err(error) = self.set_compare(compare) {
+            self.events.push(Event::Problem { text: format!("B cannot be shown: {error}") });
+        }
     }
 
     /// Exchanges A and B.
@@ -169,37 +200,27 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Loads a scene on another thread; the former stays until then.
+    /// Loads a scene on another thread; the former stays until then. Of several, the last is shown.
     pub fn open_scene(&mut self, path: &Path) {
-        let (path, done, wake) = (path.to_owned(), self.finished.0.clone(), self.wake.clone());
-        self.loading = Some(path.clone());
-        std::thread::spawn(move || {
-            let begun = Instant::now();
-            let scene = Scene::load(&path, &|_, _| {}).map_err(|error| error.to_string()).inspect(|scene| {
-                // Computed here, off the frame's thread, and cached.
-                scene.identity();
-            });
-            let load_ms = begun.elapsed().as_secs_f64() * 1e3;
-            // The viewer may be closed by now.
-            let _ = done.send(Finished::Scene { path, load_ms, scene: scene.map(Box::new) });
-            wake();
-        });
+        if let Err(error) = self.opening.open_scene(path) {
+            self.events.push(Event::SceneFailed { path: path.to_owned(), error });
+        }
     }
 
-    /// Loads cameras and selects the first.
+    /// Loads cameras on another thread and selects the first.
     pub fn open_cameras(&mut self, path: &Path) {
-        match Camera::load(path) {
-            Ok(cameras) if cameras.is_empty() => self.events.push(Event::FileFailed {
-                path: path.to_owned(),
-                error: "expected at least one camera, found none".into(),
-            }),
+        if let Err(error) = self.opening.open_cameras(path) {
+            self.events.push(Event::FileFailed { path: path.to_owned(), error });
+        }
+    }
+
+    fn take_cameras(&mut self, path: PathBuf, cameras: Result<Vec<Camera>, String>) {
+        match cameras {
             Ok(cameras) => {
-                self.events.push(Event::Cameras { path: path.to_owned(), count: cameras.len() });
+                self.events.push(Event::Cameras { path, count: cameras.len() });
                 self.set_cameras(cameras);
             }
-            Err(error) => {
-                self.events.push(Event::FileFailed { path: path.to_owned(), error: error.to_string() });
-            }
+            Err(error) => self.events.push(Event::FileFailed { path, error }),
         }
     }
 
@@ -223,18 +244,27 @@ impl<D: Device> Viewer<D> {
 
     /// Compares the next pictures of A and B; the result is an event.
     pub fn measure(&mut self) {
-        if let (Some(b), false) = (&mut self.b, self.comparing) {
-            self.comparing = true;
+        if let (Some(b), Comparing::No) = (&mut self.b, self.comparing) {
+            self.comparing = Comparing::Reading;
             self.a.want_picture();
             b.want_picture();
         }
     }
 
     /// Takes finished results and draws. `size` is the view's, in pixels of the window.
-    pub fn frame(&mut self, size: (u32, u32)) -> Result<(), BackendError> {
+    ///
+    /// Errors are the renderers': see [`Renderer::problem`] and [`Viewer::lost`].
+    pub fn frame(&mut self, size: (u32, u32)) {
         zone!("pictures");
-        while let Ok(finished) = self.finished.1.try_recv() {
-            self.take(finished);
+        while let Some(opened) = self.opening.take() {
+            self.take(opened);
+        }
+        while let Ok(compared) = self.compared.1.try_recv() {
+            self.comparing = Comparing::No;
+            match compared {
+                Ok(event) => self.events.push(event),
+                Err(error) => self.cannot_compare(&error),
+            }
         }
         let now = Instant::now();
         let scaled = |length: u32| match length {
@@ -242,6 +272,7 @@ impl<D: Device> Viewer<D> {
             _ => ((length as f32 * self.scale).round() as u32).max(1),
         };
         let size = (scaled(size.0), scaled(size.1));
+        self.asked = size;
         let camera = self.navigation.camera(size.0.max(1), size.1.max(1));
         let shown_b = self.b.as_mut().filter(|_| self.compare != Mode::A);
         let viewports = [Some((RendererId::A, &mut self.a)), shown_b.map(|b| (RendererId::B, b))];
@@ -252,18 +283,66 @@ impl<D: Device> Viewer<D> {
                 size,
                 share_memory: viewport.inspection.is_none(),
             };
-            viewport.renderer.poll(&inputs, now)?;
-            viewport.draw(&self.scene, &camera, self.background)?;
+            viewport.renderer.poll(&inputs, now);
+            viewport.draw(&self.scene, &camera, self.background);
             let events = viewport.renderer.take_events();
             self.events.extend(events.into_iter().map(|event| Event::of(id, event)));
         }
         self.compare_pictures();
+    }
+
+    /// Returns the error that ended the device, if any did.
+    pub fn lost(&self) -> Option<&BackendError> {
+        self.a.renderer.lost().or_else(|| self.b.as_ref()?.renderer.lost())
+    }
+
+    /// Drops the device and all that is on it. The scene stays in the memory of the host.
+    pub fn release(&mut self) {
+        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+            viewport.renderer.release();
+            viewport.collect();
+        }
+    }
+
+    /// Builds nothing before a change; see [`Renderer::hold`].
+    pub fn hold(&mut self, loss: &str) {
+        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+            viewport.renderer.hold(loss);
+        }
+    }
+
+    /// Returns true if nothing of the dropped device is in use by a build.
+    pub fn is_released(&mut self) -> bool {
+        let b = self.b.as_mut().is_none_or(|b| b.renderer.is_released());
+        self.a.renderer.is_released() && b
+    }
+
+    /// Continues on another device.
+    ///
+    /// # Errors
+    /// Of B: it is not shown then.
+    pub fn give(&mut self, device: D) -> Result<(), BackendError> {
+        let b = self.b.as_ref().map(|_| device.new_context()).transpose();
+        self.a.renderer.give(device);
+        match (&mut self.b, b) {
+            (Some(viewport), Ok(Some(device))) => viewport.renderer.give(device),
+            (_, Ok(_)) => {}
+            (_, Err(error)) => {
+                (self.b, self.compare) = (None, Mode::A);
+                return Err(error);
+            }
+        }
         Ok(())
+    }
+
+    /// Returns true if the view of the last frame had no pixels.
+    pub fn is_empty(&self) -> bool {
+        self.asked.0 == 0 || self.asked.1 == 0
     }
 
     /// Returns the newest pictures.
     pub fn pictures(&self) -> [Option<Picture>; 2] {
-        let of = |viewport: &Viewport<D>| viewport.renderer.device().picture();
+        let of = |viewport: &Viewport<D>| viewport.renderer.device().and_then(Device::picture);
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [of(&self.a), b.and_then(of)]
     }
@@ -273,71 +352,110 @@ impl<D: Device> Viewer<D> {
         std::mem::take(&mut self.events)
     }
 
-    /// Returns A's device, after everything else is closed.
-    pub fn into_device(self) -> D {
+    /// Returns A's device, after everything else is closed; `None` if it is lost.
+    pub fn into_device(self) -> Option<D> {
         let Viewer { a, b, .. } = self;
         drop(b);
         a.renderer.into_device()
     }
 
     /// Waits for the frames in flight.
-    pub fn finish(&mut self) -> Result<(), BackendError> {
+    ///
+    /// # Errors
+    /// As [`Renderer::finish`].
+    pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
         for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
-            viewport.renderer.finish()?;
+            viewport.renderer.finish(within)?;
             viewport.collect();
         }
         Ok(())
     }
 
-    fn take(&mut self, finished: Finished) {
-        match finished {
-            Finished::Scene { path, load_ms, scene } => {
-                if self.loading.as_ref() == Some(&path) {
-                    self.loading = None;
-                }
-                match scene {
-                    Ok(scene) => {
-                        let splats = scene.count();
-                        self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
-                        self.catalog = Arc::new(facts::catalog(&scene));
-                        self.cameras.clear();
-                        self.camera = None;
-                        self.navigation = at_start(&scene);
-                        self.scene = Arc::new(*scene);
-                        if let Some(cameras) = cameras_of(&path) {
-                            self.open_cameras(&cameras);
-                        }
-                        self.scene_path = path;
+    /// Returns true if no build is running.
+    pub(super) fn is_idle(&self) -> bool {
+        self.a.renderer.is_idle() && self.b.as_ref().is_none_or(|b| b.renderer.is_idle())
+    }
+
+    /// Returns what the device has worked on for longer than the patience.
+    pub fn stalled(&self) -> Option<&Running> {
+        self.a.renderer.stalled().or_else(|| self.b.as_ref()?.renderer.stalled())
+    }
+
+    fn take(&mut self, opened: Opened) {
+        let Opened { path, load_ms, number, content } = opened;
+        match content {
+            Content::Scene(Ok(scene), cameras) => {
+                let splats = scene.count();
+                self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
+                self.catalog = Arc::new(facts::catalog(&scene));
+                self.navigation = at_start(&scene);
+                self.scene = Arc::new(*scene);
+                self.scene_path = path;
+                // Cameras that were opened after the scene stay.
+                if self.cameras_number > number {
+                    let cameras = std::mem::take(&mut self.cameras);
+                    self.set_cameras(cameras);
+                } else {
+                    self.set_cameras(Vec::new());
+                    if let Some((file, cameras)) = cameras {
+                        self.take_cameras(file, cameras);
                     }
-                    Err(error) => self.events.push(Event::SceneFailed { path, error }),
                 }
             }
-            Finished::Compared(compared) => {
-                self.comparing = false;
-                self.events.push(compared.unwrap_or_else(|error| Event::FileFailed {
-                    path: self.scene_path.clone(),
-                    error: format!("A and B cannot be compared: {error}"),
-                }));
+            Content::Scene(Err(error), _) => self.events.push(Event::SceneFailed { path, error }),
+            Content::Cameras(cameras) => {
+                self.cameras_number = number;
+                self.take_cameras(path, cameras);
             }
         }
     }
 
+    fn cannot_compare(&mut self, why: &str) {
+        self.comparing = Comparing::No;
+        self.events.push(Event::Problem { text: format!("A and B cannot be compared: {why}") });
+    }
+
     /// Compares both pictures of [`Viewer::measure`] on another thread, once they are read back.
     fn compare_pictures(&mut self) {
-        let Some(b) = self.b.as_mut().filter(|_| self.comparing) else { return };
-        let (true, true) = (self.a.has_picture(), b.has_picture()) else { return };
-        let (Some(a), Some(b)) = (self.a.take_picture(), b.take_picture()) else { return };
-        let (done, wake) = (self.finished.0.clone(), self.wake.clone());
-        std::thread::spawn(move || {
+        if self.comparing != Comparing::Reading {
+            return;
+        }
+        let pictures = match self.b.as_mut().filter(|_| self.compare != Mode::A) {
+            None => Err("B is not shown".to_owned()),
+            Some(b) if self.a.has_picture() && b.has_picture() => {
+                let (Some(a), Some(b)) = (self.a.take_picture(), b.take_picture()) else { return };
+                a.and_then(|a| Ok((a, b?)))
+            }
+            // A picture that cannot be drawn is not waited for.
+            Some(b) => match [&self.a, b].into_iter().find_map(|viewport| viewport.renderer.problem(false)) {
+                Some(problem) => Err(problem.lines().next().unwrap_or_default().to_owned()),
+                None => return,
+            },
+        };
+        let (a, b) = match pictures {
+            Ok(pictures) => pictures,
+            Err(why) => {
+                for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+                    viewport.forget_picture();
+                }
+                return self.cannot_compare(&why);
+            }
+        };
+        self.comparing = Comparing::Computing;
+        let (done, wake) = (self.compared.0.clone(), self.wake.clone());
+        let work = move || {
             let compare = || {
                 let image = |pixels| image_of(pixels).ok_or("the output has no colours");
                 let (a, b) = (image(&a)?.clamped(), image(&b)?.clamped());
                 let found = metrics::compare(&a, &b).map_err(|error| error.to_string())?;
                 Ok(Event::Compared { psnr: found.psnr(), ssim: found.ssim, worst: found.worst.difference })
             };
-            let _ = done.send(Finished::Compared(compare().map_err(|error: String| error)));
+            let _ = done.send(compare().map_err(|error: String| error));
             wake();
-        });
+        };
+        if let Err(error) = std::thread::Builder::new().name("compare".to_owned()).spawn(work) {
+            self.cannot_compare(&format!("no thread can be started: {error}"));
+        }
     }
 }
 
@@ -346,17 +464,4 @@ fn at_start(scene: &Scene) -> Navigation {
     let (width, height) = facts::DEFAULT_SIZE;
     let camera = Camera::framing(scene, width, height);
     Navigation::new(&scene.robust_bounds(), &camera, navigation::DEFAULT_UP)
-}
-
-/// Finds the cameras of a scene, as the reference implementation places them.
-///
-/// They are `NAME.cameras.json`, or `cameras.json` in its folder or, for `point_cloud/iteration_N/point_cloud.ply`, up to three
-/// folders above.
-pub fn cameras_of(scene: &Path) -> Option<PathBuf> {
-    let own = scene.with_extension("cameras.json");
-    if own.is_file() {
-        return Some(own);
-    }
-    let folders = scene.parent()?.ancestors().take(if scene.ends_with("point_cloud.ply") { 4 } else { 1 });
-    folders.map(|folder| folder.join("cameras.json")).find(|file| file.is_file())
 }

@@ -5,7 +5,7 @@ use super::profile::GpuTrack;
 use super::renderer::{Cause, Renderer};
 use crate::camera;
 use crate::inspect::{self, Finding};
-use splatgraph_api::{BackendError, Device, FrameInputs, Inspect, Pixels};
+use splatgraph_api::{BackendError, Device, FrameInputs, Inspect, Pixels, Recovery};
 use splatgraph_assets::{Camera, Scene};
 use std::time::Instant;
 
@@ -36,6 +36,20 @@ impl Inspection {
     }
 }
 
+/// The progress of reading a picture back.
+#[derive(Debug, Default)]
+enum Reading {
+    /// None is wanted.
+    #[default]
+    Idle,
+    /// The next frame is to be read.
+    Wanted,
+    /// A frame in flight is read.
+    InFlight,
+    /// The picture, or the reason why there is none.
+    Done(Result<Pixels, String>),
+}
+
 /// A renderer of the scene with its history and inspection.
 pub struct Viewport<D: Device> {
     /// The renderer.
@@ -46,9 +60,8 @@ pub struct Viewport<D: Device> {
     pub inspection: Option<Inspection>,
     /// The graph's statistics of the newest finished frame.
     pub stats: Vec<(String, u32)>,
-    /// True to read the next picture back; see [`Viewport::take_picture`].
-    wants_picture: bool,
-    picture: Option<Pixels>,
+    /// The progress of reading a picture back; see [`Viewport::take_picture`].
+    reading: Reading,
     frames: u32,
     readings: u64,
     track: GpuTrack,
@@ -61,8 +74,7 @@ impl<D: Device> Viewport<D> {
             history: History::default(),
             inspection: None,
             stats: Vec::new(),
-            wants_picture: false,
-            picture: None,
+            reading: Reading::Idle,
             frames: 0,
             readings: 0,
             track: GpuTrack::default(),
@@ -76,18 +88,28 @@ impl<D: Device> Viewport<D> {
 
     /// Requests the next frame's picture.
     pub fn want_picture(&mut self) {
-        self.wants_picture = true;
-        self.picture = None;
+        self.reading = Reading::Wanted;
     }
 
-    /// Takes the requested picture, once it is read back.
-    pub fn take_picture(&mut self) -> Option<Pixels> {
-        self.picture.take()
+    /// Takes the requested picture once it is read back, or the reason why it cannot be.
+    pub fn take_picture(&mut self) -> Option<Result<Pixels, String>> {
+        match std::mem::take(&mut self.reading) {
+            Reading::Done(picture) => Some(picture),
+            other => {
+                self.reading = other;
+                None
+            }
+        }
     }
 
-    /// Returns true once the requested picture is read back.
+    /// Returns true once the requested picture can be taken.
     pub fn has_picture(&self) -> bool {
-        self.picture.is_some()
+        matches!(self.reading, Reading::Done(_))
+    }
+
+    /// Gives a requested picture up.
+    pub(super) fn forget_picture(&mut self) {
+        self.reading = Reading::Idle;
     }
 
     /// Inspects a resource after a pass, by their names.
@@ -107,37 +129,58 @@ impl<D: Device> Viewport<D> {
         self.readings
     }
 
-    /// Submits a frame, if there is a plan; returns true if it did.
-    pub(super) fn draw(
-        &mut self,
-        scene: &Scene,
-        camera: &Camera,
-        background: [f32; 3],
-    ) -> Result<bool, BackendError> {
+    /// Draws a frame, if it can be drawn now; errors are noted by the renderer.
+    pub(super) fn draw(&mut self, scene: &Scene, camera: &Camera, background: [f32; 3]) {
         let (width, height) = self.renderer.size();
-        if width == 0 || height == 0 {
-            return Ok(false);
-        }
-        let camera = camera.resized(width, height);
-        let uniforms = camera::frame_uniforms(&camera, &scene.bounds(), background, self.frames);
-        self.frames = self.frames.wrapping_add(1);
-        let inputs = FrameInputs {
-            uniforms,
-            read_output: std::mem::take(&mut self.wants_picture),
-            inspect: self.due().into_iter().collect(),
-            show: true,
-            ..FrameInputs::default()
-        };
-        let drawn = match self.renderer.submit(inputs.clone()) {
-            // A failed inspection must not prevent the frame.
-            Err(BackendError::Invalid(why)) if !inputs.inspect.is_empty() => {
-                self.set_found(Err(why));
-                self.renderer.submit(FrameInputs { inspect: Vec::new(), ..inputs })?
+        if width > 0 && height > 0 {
+            let camera = camera.resized(width, height);
+            let uniforms = camera::frame_uniforms(&camera, &scene.bounds(), background, self.frames);
+            let inspect = self.due();
+            let mut inputs = FrameInputs {
+                uniforms,
+                read_output: matches!(self.reading, Reading::Wanted),
+                inspect: inspect.into_iter().collect(),
+                show: true,
+                ..FrameInputs::default()
+            };
+            match self.submit(&mut inputs) {
+                Ok(true) => self.note(&inputs),
+                Ok(false) => {}
+                Err(error) => self.renderer.report(error),
             }
-            other => other?,
-        };
+        }
         self.collect();
-        Ok(drawn)
+    }
+
+    /// Submits a frame. If it fails, leaves out the inspection and the picture's reading, so that these cannot prevent it.
+    fn submit(&mut self, inputs: &mut FrameInputs) -> Result<bool, BackendError> {
+        loop {
+            let error = match self.renderer.submit(inputs.clone()) {
+                Err(error) if matches!(error.recovery(), Recovery::User | Recovery::Defect) => error,
+                other => return other,
+            };
+            if !inputs.inspect.is_empty() {
+                inputs.inspect.clear();
+                self.set_asked(false);
+                self.set_found(Err(error.to_string()));
+            } else if inputs.read_output {
+                inputs.read_output = false;
+                self.reading = Reading::Done(Err(error.to_string()));
+            } else {
+                return Err(error);
+            }
+        }
+    }
+
+    /// Notes what a submitted frame reads.
+    fn note(&mut self, inputs: &FrameInputs) {
+        self.frames = self.frames.wrapping_add(1);
+        if inputs.read_output {
+            self.reading = Reading::InFlight;
+        }
+        if !inputs.inspect.is_empty() {
+            self.set_asked(false);
+        }
     }
 
     /// Returns the inspection to read in the next frame.
@@ -153,10 +196,7 @@ impl<D: Device> Viewport<D> {
                 }
                 None
             }
-            Ok(target) => {
-                inspection.asked = false;
-                Some(target)
-            }
+            Ok(target) => Some(target),
             Err(error) => {
                 inspection.asked = false;
                 self.set_found(Err(error.to_string()));
@@ -171,16 +211,33 @@ impl<D: Device> Viewport<D> {
         }
     }
 
+    fn set_asked(&mut self, asked: bool) {
+        if let Some(inspection) = &mut self.inspection {
+            inspection.asked = asked;
+        }
+    }
+
     /// Takes the results of finished frames.
     pub(super) fn collect(&mut self) {
+        if self.renderer.take_forgot() {
+            // What the frames without results were to read is read again.
+            if matches!(self.reading, Reading::InFlight) {
+                self.reading = Reading::Wanted;
+            }
+            if self.inspection.as_ref().is_some_and(|inspection| inspection.found.is_none()) {
+                self.set_asked(true);
+            }
+        }
         for mut done in self.renderer.take_done() {
             if done.first {
                 self.history.next_plan();
             }
             self.history.push(&done.plan, &done.result);
             self.track.push(&done.plan.name, &done.plan, &done.result);
-            if let Some(picture) = done.result.output.take() {
-                self.picture = Some(picture);
+            if let Some(picture) = done.result.output.take()
+                && matches!(self.reading, Reading::InFlight)
+            {
+                self.reading = Reading::Done(Ok(picture));
             }
             self.stats = done.result.stats;
             let visible = self.stat("visible").map(u64::from);

@@ -2,27 +2,34 @@
 //!
 //! The window draws continuously, at the display's rate or, without vsync, the device's, so that the shown times are those of a
 //! busy device. While it is minimised or covered, it does not draw.
+//!
+//! While nothing can be drawn in the window, its title says why: the device was lost, is busy with one pass, or cannot draw the
+//! window itself. Closing never waits for longer than [`CLOSING`].
+
+mod display;
+mod event_log;
 
 use super::events::Event;
-use super::panels::{Command, Controls};
+use super::panels::Command;
+use super::recovery::Recovery;
 use super::shell::{FrameRequest, Shell};
 use super::viewer::Viewer;
 use crate::backend::{Backend, Options};
-use crate::output::{Log, one_line};
+use crate::output::{Log, one_line, say};
 use crate::session::image_of;
 use anyhow::{Context as _, Result, anyhow, bail};
 use egui::RawInput;
-use serde::Serialize;
-use splatgraph_api::{Pixels, Windowed};
+use event_log::EventLog;
+use splatgraph_api::{BackendError, Device, Pixels, Windowed};
 use splatgraph_assets::{Camera, Scene};
-use std::collections::BTreeMap;
+use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::{StartCause, WindowEvent};
-use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
 use winit::window::{Fullscreen, Window, WindowId};
 
 /// Interval of checks for a hidden window to reappear.
@@ -31,8 +38,20 @@ const IDLE: Duration = Duration::from_millis(100);
 /// Interval of frames before the first plan, whose build needs the processor.
 const BUILDING: Duration = Duration::from_millis(10);
 
-/// A function that sets the initial state of the shell.
-pub type Setup = Box<dyn FnOnce(&mut Shell<Backend>) -> Result<()>>;
+/// The longest wait, when the window closes, for the device and for a build. What still runs then ends with the process.
+const CLOSING: Duration = Duration::from_secs(3);
+
+/// The time after which the program ends if the window's own graph never had enough memory.
+const BLIND: Duration = Duration::from_secs(3);
+
+/// The time of one pass after which the window's title names it.
+const SLOW: Duration = Duration::from_secs(1);
+
+/// Frames after which a view without pixels stays so.
+const MANY: u64 = 30;
+
+/// A function that sets the initial state of the shell in a window of this size.
+pub type Setup = Box<dyn FnOnce(&mut Shell<Backend>, (u32, u32)) -> Result<()>>;
 
 /// The options of the window.
 pub struct WindowOptions {
@@ -44,8 +63,10 @@ pub struct WindowOptions {
     pub set: Vec<(String, String)>,
     /// Selectable cameras.
     pub cameras: Vec<Camera>,
-    /// Size of the window's content, in pixels.
+    /// Size of the window's content, in pixels. The window is smaller if the display is.
     pub size: (u32, u32),
+    /// True for this size on any display.
+    pub exact_size: bool,
     /// The device, and its validation.
     pub device: Options,
     /// True to wait for the display's refresh.
@@ -66,16 +87,20 @@ pub struct WindowOptions {
 /// There is no display, no device that can present on it, or the device fails.
 pub fn run(options: WindowOptions) -> Result<Vec<String>> {
     super::profile::start();
-    let events = EventLoop::new().map_err(|error| {
-        // The text before it is a place in winit's source.
-        let error = error.to_string();
-        let why = error.rsplit(": ").next().unwrap_or_default().trim_end_matches('.');
-        anyhow!("there is no display to open a window on ({why}); `splatgraph render` draws without one")
-    })?;
+    let events = display::event_loop()?;
     let mut app =
         App { proxy: events.create_proxy(), options: Some(options), running: None, outcome: Ok(Vec::new()) };
-    events.run_app(&mut app)?;
-    app.outcome
+    match display::guarded(|| events.run_app(&mut app)) {
+        Ok(ended) => {
+            ended?;
+            app.outcome
+        }
+        Err(error) => {
+            // Its objects belong to a display that is gone: nothing can be closed in order.
+            let _ = ManuallyDrop::new(app.running.take());
+            Err(error)
+        }
+    }
 }
 
 struct App {
@@ -87,6 +112,7 @@ struct App {
 
 struct Running {
     shell: Shell<Backend>,
+    recovery: Recovery<Backend>,
     input: egui_winit::State,
     window: Arc<Window>,
     covered: bool,
@@ -97,6 +123,12 @@ struct Running {
     frames: u64,
     closing: Closing,
     log: Option<EventLog>,
+    /// The window's title.
+    title: String,
+    /// Start of a time in which the window's own graph could not be built.
+    blind: Option<Instant>,
+    /// The pass that the last event of a slow one named.
+    slow: Option<String>,
     /// File for the next frame's picture.
     save: Option<PathBuf>,
     /// File for the next picture of A.
@@ -111,24 +143,37 @@ struct Closing {
 
 impl App {
     fn open(&mut self, target: &ActiveEventLoop, options: WindowOptions) -> Result<()> {
+        let size = match options.exact_size {
+            true => options.size,
+            false => display::at_most(target, options.size),
+        };
+        let title = title(&options.scene.1);
         let attributes = Window::default_attributes()
-            .with_title(title(&options.scene.1))
-            .with_inner_size(PhysicalSize::new(options.size.0, options.size.1));
+            .with_title(&title)
+            .with_inner_size(PhysicalSize::new(size.0, size.1));
         let window = Arc::new(target.create_window(attributes).context("the window cannot be opened")?);
         let size = window.inner_size();
-        let mut canvas = Backend::open_in_window(&options.device, window.clone(), (size.width, size.height))?;
-        canvas.set_vsync(options.vsync);
+        let size = (size.width, size.height);
+        let mut recovery = Recovery::new(Box::new({
+            let (device, window) = (options.device, window.clone());
+            move |size, vsync| {
+                let mut canvas = Backend::open_in_window(&device, window.clone(), size)?;
+                canvas.set_vsync(vsync);
+                let device = canvas.new_context()?;
+                Ok((canvas, device))
+            }
+        }));
+        let (canvas, device) = recovery.open(size, options.vsync)?;
         let proxy = self.proxy.clone();
         // An event loop that has ended need not wake up.
         let wake: super::renderer::Wake = Arc::new(move || {
             let _ = proxy.send_event(());
         });
-        let device = splatgraph_api::Device::new_context(&canvas)?;
         let mut viewer = Viewer::new(device, options.scene, &options.pipeline, &options.set, wake.clone())?;
         viewer.set_cameras(options.cameras);
         let mut shell = Shell::new(viewer, canvas, wake)?;
         shell.panels.vsync = options.vsync;
-        (options.setup)(&mut shell)?;
+        (options.setup)(&mut shell, size)?;
         let input = egui_winit::State::new(
             shell.context().clone(),
             egui::ViewportId::ROOT,
@@ -140,6 +185,7 @@ impl App {
         window.request_redraw();
         self.running = Some(Running {
             shell,
+            recovery,
             input,
             window,
             covered: false,
@@ -148,6 +194,9 @@ impl App {
             frames: 0,
             closing: Closing { screenshot: options.screenshot, frames: options.frames },
             log: options.events.map(EventLog::new),
+            title,
+            blind: None,
+            slow: None,
             save: None,
             save_a: None,
         });
@@ -156,8 +205,8 @@ impl App {
 
     /// Ends the program, with an error or without.
     fn end(&mut self, target: &ActiveEventLoop, result: Result<()>) {
-        let closed = self.running.take().map(Running::close).transpose();
-        self.outcome = result.and(closed.map(Option::unwrap_or_default));
+        let messages = self.running.take().map(|running| running.close(result.is_err())).unwrap_or_default();
+        self.outcome = result.map(|()| messages);
         target.exit();
     }
 }
@@ -184,7 +233,9 @@ impl ApplicationHandler<()> for App {
         match event {
             WindowEvent::CloseRequested => self.end(target, Ok(())),
             WindowEvent::Resized(size) => {
-                running.shell.canvas_mut().resize_window(size.width, size.height);
+                if let Some(canvas) = running.shell.canvas_mut() {
+                    canvas.resize_window(size.width, size.height);
+                }
                 running.window.request_redraw();
             }
             WindowEvent::Occluded(covered) => running.covered = covered,
@@ -217,10 +268,11 @@ impl ApplicationHandler<()> for App {
     }
 
     fn exiting(&mut self, _: &ActiveEventLoop) {
-        if let Some(running) = self.running.take()
-            && let (Ok(messages), Ok(outcome)) = (running.close(), &mut self.outcome)
-        {
-            outcome.extend(messages);
+        if let Some(running) = self.running.take() {
+            let messages = running.close(self.outcome.is_err());
+            if let Ok(outcome) = &mut self.outcome {
+                outcome.extend(messages);
+            }
         }
     }
 }
@@ -231,7 +283,9 @@ impl Running {
             self.minimised = (self.window.is_minimized() == Some(true), Instant::now());
         }
         let size = self.window.inner_size();
-        self.covered || self.minimised.0 || size.width == 0 || size.height == 0
+        // A picture of the window needs no display.
+        let hidden = (self.covered || self.minimised.0) && self.closing.screenshot.is_none();
+        hidden || size.width == 0 || size.height == 0
     }
 
     /// Draws a frame; returns true if the window must close.
@@ -241,10 +295,8 @@ impl Running {
         }
         let size = self.window.inner_size();
         let input: RawInput = self.input.take_egui_input(&self.window);
-        // Everything is built, so the frame shows the requested state.
-        let settled = self.frames >= self.closing.frames.unwrap_or(3) && !self.shell.viewer.busy();
-        let mut close = settled && (self.closing.screenshot.is_some() || self.closing.frames.is_some());
-        if settled && let Some(path) = &self.closing.screenshot {
+        let close = self.must_close()?;
+        if close && let Some(path) = &self.closing.screenshot {
             self.save = Some(path.clone());
         }
         let request = FrameRequest {
@@ -253,10 +305,13 @@ impl Running {
             present: true,
             read: self.save.is_some(),
         };
-        let frame = self.shell.frame(input, request)?;
-        if let Some(failure) = self.shell.is_blind() {
-            bail!("the window's own graph cannot be drawn\n{}", failure.text(false));
-        }
+        let frame = self.recovery.frame(&mut self.shell, input, request)?;
+        self.show_state()?;
+        let Some(frame) = frame else {
+            self.drawn = false;
+            self.write_events(&request, false);
+            return Ok(false);
+        };
         self.input.handle_platform_output(&self.window, frame.platform);
         if let Some(pixels) = frame.picture
             && let Some(path) = self.save.take()
@@ -267,27 +322,94 @@ impl Running {
             }
         }
         if let Some(path) = self.save_a.clone()
-            && let Some(pixels) = self.shell.viewer.a.take_picture()
+            && let Some(picture) = self.shell.viewer.a.take_picture()
         {
             self.save_a = None;
-            // The window shows the error.
-            let _ = self.save_picture(&pixels, &path);
+            match picture {
+                // The window shows the error.
+                Ok(pixels) => _ = self.save_picture(&pixels, &path),
+                Err(error) => self.shell.report(Event::FileFailed { path, error }),
+            }
         }
-        close &= self.save.is_none();
         for command in frame.commands {
             self.apply(command);
         }
         self.drawn = frame.drawn;
         self.frames += u64::from(frame.drawn);
-        let events = self.shell.take_events();
-        if let Some(log) = &mut self.log {
-            log.write(events, &self.shell.panels.controls, &request)?;
-            if frame.drawn {
-                log.write_line(&Event::Frame { number: self.frames, busy: self.shell.viewer.busy() })?;
-            }
-            log.out.flush();
+        self.write_events(&request, frame.drawn);
+        Ok(close && self.save.is_none())
+    }
+
+    /// Returns true if this frame is the last: everything is built, so that it shows the requested state.
+    ///
+    /// # Errors
+    /// The requested state cannot be shown.
+    fn must_close(&self) -> Result<bool> {
+        if self.closing.screenshot.is_none() && self.closing.frames.is_none() {
+            return Ok(false);
         }
-        Ok(close)
+        let viewer = &self.shell.viewer;
+        if viewer.is_empty() && self.frames >= MANY {
+            bail!(
+                "what was asked for cannot be shown\nerror: the window has no room for a picture beside its panels"
+            );
+        }
+        let reads = viewer.a.inspection.as_ref().is_some_and(|inspection| inspection.found.is_none());
+        let problem = self.shell.problem();
+        let settled = !viewer.busy() && (!reads || problem.is_some());
+        if self.frames < self.closing.frames.unwrap_or(3) || !settled {
+            return Ok(false);
+        }
+        match problem {
+            None => Ok(true),
+            Some(problem) => bail!("what was asked for cannot be shown\n{problem}"),
+        }
+    }
+
+    /// Names in the title what prevents that the window shows something new.
+    ///
+    /// # Errors
+    /// The window's own graph cannot be drawn, and never was.
+    fn show_state(&mut self) -> Result<()> {
+        if let Some(failure) = self.shell.is_blind() {
+            let since = *self.blind.get_or_insert_with(Instant::now);
+            if self.frames == 0 && (!failure.may_pass() || since.elapsed() > BLIND) {
+                bail!("the window's own graph cannot be drawn\n{}", failure.text(false));
+            }
+        } else {
+            self.blind = None;
+        }
+        let slow = self.shell.stalled().filter(|running| running.time >= SLOW).cloned();
+        let state = match (&slow, self.recovery.loss()) {
+            (_, Some(loss)) => Some(format!("{loss}; opening the device again")),
+            (Some(slow), _) => Some(format!("{} has been running for {} s", slow.place, slow.time.as_secs())),
+            (None, None) => self.shell.window().problem(false),
+        };
+        let slow = slow.map(|slow| slow.place);
+        if slow != self.slow {
+            if let Some(place) = slow.clone() {
+                self.shell.report(Event::Slow { place });
+            }
+            self.slow = slow;
+        }
+        let name = title(self.shell.viewer.scene_path());
+        let title = match state {
+            Some(state) => format!("{} - {name}", one_line(state.lines().next().unwrap_or_default())),
+            None => name,
+        };
+        if title != self.title {
+            self.window.set_title(&title);
+            self.title = title;
+        }
+        Ok(())
+    }
+
+    /// Writes the events of a frame.
+    fn write_events(&mut self, request: &FrameRequest, drawn: bool) {
+        let events = self.shell.take_events();
+        let Some(log) = &mut self.log else { return };
+        let frame = Event::Frame { number: self.frames, busy: self.shell.viewer.busy() };
+        log.write(events, &self.shell.panels.controls, request, drawn.then_some(frame));
     }
 
     fn apply(&mut self, command: Command) {
@@ -297,7 +419,11 @@ impl Running {
                 self.shell.viewer.a.want_picture();
                 self.save_a = Some(fresh_name("splatgraph"));
             }
-            Command::Vsync(vsync) => self.shell.canvas_mut().set_vsync(vsync),
+            Command::Vsync(vsync) => {
+                if let Some(canvas) = self.shell.canvas_mut() {
+                    canvas.set_vsync(vsync);
+                }
+            }
             Command::Fullscreen => {
                 let full = self.window.fullscreen().is_none();
                 self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
@@ -324,9 +450,23 @@ impl Running {
         saved
     }
 
-    fn close(mut self) -> Result<Vec<String>> {
-        self.shell.finish()?;
-        Ok(self.shell.into_device().close())
+    /// Closes the device, and returns the validation messages. What does not end in time is left to the end of the process.
+    fn close(mut self, failed: bool) -> Vec<String> {
+        let end = Instant::now() + CLOSING;
+        let finished = self.shell.finish(CLOSING);
+        let still = match finished {
+            Err(BackendError::Stuck { place, .. }) if !place.is_empty() => Some(place),
+            Err(BackendError::Stuck { .. }) => Some("a frame".to_owned()),
+            // A device that failed has nothing left to wait for.
+            Ok(()) | Err(_) => (!self.shell.is_idle(end)).then(|| "a build".to_owned()),
+        };
+        if let Some(still) = still {
+            let _ = ManuallyDrop::new(self);
+            say(format!("closed while {still} was still running"));
+            display::end_soon(i32::from(failed));
+            return Vec::new();
+        }
+        self.shell.into_device().map(Backend::close).unwrap_or_default()
     }
 }
 
@@ -338,58 +478,4 @@ fn title(scene: &Path) -> String {
 fn fresh_name(stem: &str) -> PathBuf {
     let name = |number: u32| PathBuf::from(format!("{stem}-{number}.png"));
     (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
-}
-
-/// A log of events as JSON lines, with changes of the window's size and of the controls' places.
-struct EventLog {
-    out: Log,
-    begun: Instant,
-    window: Option<Event>,
-    controls: BTreeMap<String, [f32; 4]>,
-}
-
-#[derive(Serialize)]
-struct Line<'a> {
-    /// Seconds since the window was opened.
-    time: f64,
-    #[serde(flatten)]
-    event: &'a Event,
-}
-
-impl EventLog {
-    fn new(out: Log) -> EventLog {
-        EventLog { out, begun: Instant::now(), window: None, controls: BTreeMap::new() }
-    }
-
-    fn write(&mut self, mut all: Vec<Event>, controls: &Controls, request: &FrameRequest) -> Result<()> {
-        let FrameRequest { size: (width, height), pixels_per_point, .. } = *request;
-        let window = Event::Window { width, height, pixels_per_point };
-        if self.window.as_ref() != Some(&window) {
-            self.window = Some(window.clone());
-            all.push(window);
-        }
-        self.controls.retain(|name, _| {
-            let there = controls.find(name).is_some();
-            if !there {
-                all.push(Event::ControlGone { name: name.clone() });
-            }
-            there
-        });
-        for (name, rect) in controls.iter() {
-            let place =
-                [rect.min.x, rect.min.y, rect.max.x, rect.max.y].map(|v| (v * pixels_per_point).round());
-            if self.controls.get(name) != Some(&place) {
-                self.controls.insert(name.to_owned(), place);
-                let [left, top, right, bottom] = place;
-                all.push(Event::Control { name: name.to_owned(), left, top, right, bottom });
-            }
-        }
-        all.iter().try_for_each(|event| self.write_line(event))
-    }
-
-    fn write_line(&mut self, event: &Event) -> Result<()> {
-        let time = self.begun.elapsed().as_secs_f64();
-        self.out.line(&serde_json::to_string(&Line { time, event })?);
-        Ok(())
-    }
 }

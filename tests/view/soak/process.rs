@@ -4,7 +4,7 @@ use std::fs;
 use std::time::{Duration, Instant};
 
 /// Returns the bytes of memory that this process has in RAM.
-pub(super) fn resident() -> u64 {
+pub fn resident() -> u64 {
     let text = fs::read_to_string("/proc/self/statm").expect("there is a /proc");
     let pages: u64 = text.split(' ').nth(1).and_then(|pages| pages.parse().ok()).expect("a number of pages");
     pages * 4096

@@ -14,7 +14,7 @@ mod presets;
 use super::events::{Event, RendererId};
 use super::history::History;
 use super::paint::Mode;
-use super::viewer::{Viewer, ViewerError};
+use super::viewer::Viewer;
 use egui::{Align2, CentralPanel, Color32, Context, Frame, Panel, Rect, RichText, Ui};
 use presets::{Presets, file_name};
 use splatgraph_api::Device;
@@ -96,6 +96,8 @@ pub struct Panels {
     pub controls: Controls,
     /// True to show the list of keys.
     pub help: bool,
+    /// Text over the picture until it is dismissed.
+    notice: Option<String>,
     presets: Presets,
     log: VecDeque<String>,
     graph_state: graph::State,
@@ -122,6 +124,7 @@ impl Default for Panels {
             selected: RendererId::A,
             controls: Controls::default(),
             help: false,
+            notice: None,
             presets: Presets::new(),
             log: VecDeque::new(),
             graph_state: graph::State::default(),
@@ -146,6 +149,11 @@ impl Panels {
         }
     }
 
+    /// Shows a text over the picture until it is dismissed.
+    pub fn show_notice(&mut self, text: String) {
+        self.notice = Some(text);
+    }
+
     /// Draws the panels and applies the user's input to the viewer.
     pub fn show<D: Device>(
         &mut self,
@@ -153,7 +161,7 @@ impl Panels {
         viewer: &mut Viewer<D>,
         (window, window_plan): (&History, Option<&Plan>),
         window_failure: Option<&str>,
-    ) -> Result<PanelOutput, ViewerError> {
+    ) -> PanelOutput {
         self.controls.now.clear();
         let mut commands = Vec::new();
         self.time(viewer.a.history.frames());
@@ -162,7 +170,7 @@ impl Panels {
             self.selected = RendererId::A;
         }
         if !self.hidden {
-            Panel::top("menu").show(ui, |ui| self.menu(ui, viewer, &mut commands)).inner?;
+            Panel::top("menu").show(ui, |ui| self.menu(ui, viewer, &mut commands));
             Panel::bottom("status").show(ui, |ui| self.status(ui, viewer));
             if self.graph {
                 Panel::bottom("graph")
@@ -204,8 +212,9 @@ impl Panels {
         }
         let view = CentralPanel::no_frame().show(ui, |ui| self.view(ui, viewer)).inner;
         self.mistakes(ui.ctx(), viewer, window_failure, view);
+        self.notice(ui.ctx(), view);
         self.help_window(ui.ctx());
-        Ok(PanelOutput { view, commands })
+        PanelOutput { view, commands }
     }
 
     /// Records the time since the last frame.
@@ -254,12 +263,7 @@ impl Panels {
         }
     }
 
-    fn menu<D: Device>(
-        &mut self,
-        ui: &mut Ui,
-        viewer: &mut Viewer<D>,
-        commands: &mut Vec<Command>,
-    ) -> Result<(), ViewerError> {
+    fn menu<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
         let mut compare = viewer.compare;
         ui.horizontal_wrapped(|ui| {
             for (name, open) in [
@@ -313,9 +317,8 @@ impl Panels {
                 self.help = !self.help;
             }
         });
-        match compare == viewer.compare {
-            true => Ok(()),
-            false => viewer.set_compare(compare),
+        if compare != viewer.compare {
+            viewer.choose_compare(compare);
         }
     }
 
@@ -431,11 +434,15 @@ impl Panels {
         let mut goes_on = "Drawing with the last good plan";
         for id in [RendererId::A, RendererId::B] {
             let Some(renderer) = viewer.viewport(id).map(|viewport| &viewport.renderer) else { continue };
-            if let Some(failure) = renderer.failure() {
-                texts.push(failure.text(true));
-                if renderer.plan().is_none() {
-                    goes_on = "No plan yet";
-                }
+            let Some(problem) = renderer.problem(true) else { continue };
+            // Both may have the same problem.
+            if !texts.contains(&problem) {
+                texts.push(problem);
+            }
+            if renderer.plan().is_none() {
+                goes_on = "No plan yet";
+            } else if renderer.trouble().is_some() {
+                goes_on = "The last picture stays, and drawing is tried again";
             }
         }
         texts.extend(window_failure.map(str::to_owned));
@@ -462,6 +469,29 @@ impl Panels {
                     });
                 });
                 self.controls.see("mistakes", shown.response.rect);
+            });
+    }
+
+    /// Shows what happened and cannot be undone, until it is dismissed.
+    fn notice(&mut self, ctx: &Context, view: Rect) {
+        let Some(text) = self.notice.clone() else { return };
+        let frame = Frame::popup(&ctx.global_style()).fill(Color32::from_rgba_unmultiplied(30, 26, 12, 240));
+        egui::Area::new(egui::Id::unique("notice"))
+            .fixed_pos(view.center_top() + egui::vec2(0.0, 12.0))
+            .pivot(Align2::CENTER_TOP)
+            .constrain_to(view)
+            .order(egui::Order::Foreground)
+            .show(ctx, |ui| {
+                let shown = frame.show(ui, |ui| {
+                    ui.set_max_width((view.width() - 48.0).clamp(0.0, 560.0));
+                    ui.label(RichText::new(text).color(Color32::from_rgb(255, 226, 160)));
+                    let dismiss = ui.button("Dismiss");
+                    self.controls.see("notice:dismiss", dismiss.rect);
+                    if dismiss.clicked() {
+                        self.notice = None;
+                    }
+                });
+                self.controls.see("notice", shown.response.rect);
             });
     }
 

@@ -31,7 +31,7 @@ pub fn show<D: Device>(
     plotted: &mut Option<String>,
 ) {
     let (window, window_plan) = window;
-    let info = viewport.renderer.device().info();
+    let info = viewport.renderer.info();
     ui.label(RichText::new(&info.name).strong()).on_hover_text(&info.driver);
     let interval = median(frame_ms.to_vec()).filter(|ms| *ms > 0.0);
     let (total, record) = (viewport.history.total(), viewport.history.record());
@@ -73,7 +73,7 @@ pub fn show<D: Device>(
         });
     }
     ui.separator();
-    memory(ui, &viewport.renderer.device().memory());
+    memory(ui, &viewport.renderer.device().map(Device::memory).unwrap_or_default());
 }
 
 fn colour(index: usize) -> Color32 {

@@ -2,7 +2,7 @@
 
 use crate::planner::GraphErrors;
 use serde::{Serialize, Serializer};
-use splatgraph_api::BackendError;
+use splatgraph_api::{BackendError, Recovery};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -25,6 +25,10 @@ pub enum Cause {
     Memory,
     /// The prologue must run again, for an inspection of its results.
     Prologue,
+    /// The device was lost and opened again.
+    Device,
+    /// The last attempt failed for want of something that may be there by now, such as memory.
+    Retry,
 }
 
 impl fmt::Display for Cause {
@@ -42,6 +46,8 @@ impl fmt::Display for Cause {
             Cause::Scene => f.write_str("another scene"),
             Cause::Memory => f.write_str("memory sharing"),
             Cause::Prologue => f.write_str("the prologue"),
+            Cause::Device => f.write_str("another device"),
+            Cause::Retry => f.write_str("another attempt"),
         }
     }
 }
@@ -61,6 +67,8 @@ pub enum Failure {
     Backend(BackendError),
     /// The build panicked, which is a bug of this program.
     Panicked(String),
+    /// The device was lost again and again with this graph, which therefore waits for a change.
+    Held(String),
 }
 
 impl Failure {
@@ -72,6 +80,20 @@ impl Failure {
             Failure::Panicked(message) => {
                 format!("error: internal error while building the plan: {message}")
             }
+            Failure::Held(loss) => format!(
+                "error: {loss}\nThe device was lost again and again. This graph is drawn again after the next change of its \
+                 files, its parameters or the scene."
+            ),
+        }
+    }
+
+    /// Returns true if the same build may succeed later without a change of files or parameters.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Failure::Backend(error) => {
+                matches!(error, BackendError::OutOfMemory { .. }) || error.recovery() == Recovery::Retry
+            }
+            Failure::Graph(_) | Failure::Panicked(_) | Failure::Held(_) => false,
         }
     }
 }
@@ -98,9 +120,9 @@ pub struct Swap {
 pub enum RendererEvent {
     /// A new plan draws the frames.
     Swapped(Swap),
-    /// The build failed; the former plan stays. The text is without colours.
+    /// The build or a frame failed; the former plan and picture stay. The text is without colours.
     Failed(String),
-    /// A plan builds again after a failure.
+    /// The graph is drawn again after a failure.
     Mended,
     /// Settings were dropped because the graph does not have these parameters.
     Dropped(Vec<String>),
@@ -114,6 +136,7 @@ impl Cause {
             (Cause::Files(a), Cause::Files(b)) => Cause::Files(joined(a, b)),
             (Cause::Start, _) => Cause::Start,
             (Cause::Graph, _) | (_, Cause::Graph) => Cause::Graph,
+            (Cause::Retry, other) | (other, Cause::Retry) => other,
             // Users wait for edits of files.
             (Cause::Files(files), _) | (_, Cause::Files(files)) => Cause::Files(files),
             (_, other) => other,
@@ -145,5 +168,6 @@ mod tests {
         assert_eq!(Cause::Size.and(params(&["a"])), params(&["a"]));
         assert_eq!(Cause::Start.and(files(&["x"])), Cause::Start);
         assert_eq!(files(&["x"]).and(Cause::Graph), Cause::Graph);
+        assert_eq!(Cause::Retry.and(Cause::Size), Cause::Size);
     }
 }

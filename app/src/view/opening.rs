@@ -1,0 +1,238 @@
+//! Reads scenes and cameras on other threads. The last request of each kind wins.
+//!
+//! A request cancels the one before it, so that a slow file never replaces one that was opened after it. A load is cancelled at
+//! its next report of progress; until then its thread goes on, and its result is dropped.
+
+use super::renderer::Wake;
+use splatgraph_assets::{Camera, Scene};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Instant;
+
+/// A file that was read, or could not be.
+pub struct Opened {
+    /// The file.
+    pub path: PathBuf,
+    /// Milliseconds of reading.
+    pub load_ms: f64,
+    /// Place of the request among all, from 1.
+    pub number: u64,
+    /// The content, or the error.
+    pub content: Content,
+}
+
+/// The content of a file.
+pub enum Content {
+    /// A scene, and the cameras that belong to it, with their file.
+    Scene(Result<Box<Scene>, String>, Option<(PathBuf, Result<Vec<Camera>, String>)>),
+    /// Cameras.
+    Cameras(Result<Vec<Camera>, String>),
+}
+
+/// A file that is being read.
+struct Request {
+    number: u64,
+    path: PathBuf,
+    cancelled: Arc<AtomicBool>,
+}
+
+impl Drop for Request {
+    fn drop(&mut self) {
+        self.cancelled.store(true, Ordering::Relaxed);
+    }
+}
+
+/// The files that are being read.
+pub struct Opening {
+    next: u64,
+    scene: Option<Request>,
+    cameras: Option<Request>,
+    finished: (Sender<Opened>, Receiver<Opened>),
+    wake: Wake,
+}
+
+/// The payload of the unwinding that ends a cancelled load.
+struct Cancelled;
+
+impl Opening {
+    /// Creates a reader that calls `wake` when a file was read.
+    pub fn new(wake: Wake) -> Opening {
+        Opening { next: 1, scene: None, cameras: None, finished: channel(), wake }
+    }
+
+    /// Returns the scene that is being read.
+    pub fn scene(&self) -> Option<&Path> {
+        self.scene.as_ref().map(|request| request.path.as_path())
+    }
+
+    /// Returns true while a file is being read.
+    pub fn busy(&self) -> bool {
+        self.scene.is_some() || self.cameras.is_some()
+    }
+
+    /// Reads a scene, and its cameras if there are some; cancels the scene that is being read.
+    ///
+    /// # Errors
+    /// The system starts no thread.
+    pub fn open_scene(&mut self, path: &Path) -> Result<(), String> {
+        self.scene = None;
+        let request = self.start(path, |path, cancelled| {
+            let progress = |_, _| {
+                if cancelled.load(Ordering::Relaxed) {
+                    // Without the message of a panic.
+                    resume_unwind(Box::new(Cancelled));
+                }
+            };
+            let scene = Scene::load(path, &progress).map(Box::new).map_err(|error| error.to_string());
+            if let Ok(scene) = &scene {
+                // Computed here, off the frame's thread, and cached.
+                scene.identity();
+            }
+            let cameras = scene.as_ref().ok().and_then(|_| cameras_of(path));
+            Content::Scene(scene, cameras.map(|file| (file.clone(), load_cameras(&file))))
+        })?;
+        self.scene = Some(request);
+        Ok(())
+    }
+
+    /// Reads cameras; cancels the cameras that are being read.
+    ///
+    /// # Errors
+    /// The system starts no thread.
+    pub fn open_cameras(&mut self, path: &Path) -> Result<(), String> {
+        self.cameras = None;
+        self.cameras = Some(self.start(path, |path, _| Content::Cameras(load_cameras(path)))?);
+        Ok(())
+    }
+
+    /// Takes the next file that was read and not cancelled.
+    pub fn take(&mut self) -> Option<Opened> {
+        loop {
+            let opened = self.finished.1.try_recv().ok()?;
+            for request in [&mut self.scene, &mut self.cameras] {
+                if request.as_ref().is_some_and(|request| request.number == opened.number) {
+                    *request = None;
+                    return Some(opened);
+                }
+            }
+        }
+    }
+
+    fn start(
+        &mut self,
+        path: &Path,
+        read: impl FnOnce(&Path, &AtomicBool) -> Content + Send + 'static,
+    ) -> Result<Request, String> {
+        let (number, cancelled) = (self.next, Arc::new(AtomicBool::new(false)));
+        self.next += 1;
+        let request = Request { number, path: path.to_owned(), cancelled: cancelled.clone() };
+        let (path, done, wake) = (path.to_owned(), self.finished.0.clone(), self.wake.clone());
+        let work = move || {
+            let begun = Instant::now();
+            let content = match catch_unwind(AssertUnwindSafe(|| read(&path, &cancelled))) {
+                Ok(content) => content,
+                Err(payload) if payload.is::<Cancelled>() || cancelled.load(Ordering::Relaxed) => return,
+                // A panic is a defect of this program, and no reason to end it.
+                Err(payload) => Content::Scene(Err(format!("internal error: {}", message(&*payload))), None),
+            };
+            let load_ms = begun.elapsed().as_secs_f64() * 1e3;
+            // The viewer may be closed by now.
+            let _ = done.send(Opened { path, load_ms, number, content });
+            wake();
+        };
+        let thread = std::thread::Builder::new().name("open".to_owned()).spawn(work);
+        thread.map(|_| request).map_err(|error| format!("no thread can be started to read it: {error}"))
+    }
+}
+
+fn message(payload: &(dyn Any + Send)) -> String {
+    let text = payload.downcast_ref::<String>().map(String::as_str);
+    text.or(payload.downcast_ref::<&str>().copied()).unwrap_or("a panic without a message").to_owned()
+}
+
+fn load_cameras(path: &Path) -> Result<Vec<Camera>, String> {
+    match Camera::load(path) {
+        Ok(cameras) if cameras.is_empty() => Err("expected at least one camera, found none".to_owned()),
+        Ok(cameras) => Ok(cameras),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// Finds the cameras of a scene, as the reference implementation places them.
+///
+/// They are `NAME.cameras.json`, or `cameras.json` in its folder or, for `point_cloud/iteration_N/point_cloud.ply`, up to three
+/// folders above.
+pub fn cameras_of(scene: &Path) -> Option<PathBuf> {
+    let own = scene.with_extension("cameras.json");
+    if own.is_file() {
+        return Some(own);
+    }
+    let folders = scene.parent()?.ancestors().take(if scene.ends_with("point_cloud.ply") { 4 } else { 1 });
+    folders.map(|folder| folder.join("cameras.json")).find(|file| file.is_file())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+    use std::time::Duration;
+
+    fn waited(opening: &mut Opening) -> Opened {
+        let begun = Instant::now();
+        loop {
+            if let Some(opened) = opening.take() {
+                return opened;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(60), "nothing is opened");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    #[test]
+    fn of_two_scenes_the_last_is_opened_also_if_the_first_takes_longer() {
+        let folder = tempfile::tempdir().unwrap();
+        let (slow, fast) = (folder.path().join("slow.ply"), folder.path().join("fast.ply"));
+        synth::generate("demo", 200_000, 0).unwrap().write_ply(&slow).unwrap();
+        synth::generate("demo", 100, 0).unwrap().write_ply(&fast).unwrap();
+        let mut opening = Opening::new(Arc::new(|| {}));
+        opening.open_scene(&slow).unwrap();
+        opening.open_scene(&fast).unwrap();
+        assert_eq!(opening.scene(), Some(fast.as_path()));
+        let opened = waited(&mut opening);
+        assert_eq!(opened.path, fast);
+        assert!(matches!(opened.content, Content::Scene(Ok(scene), None) if scene.count() == 100));
+        assert!(!opening.busy());
+        // Nor does the slow one come later.
+        std::thread::sleep(Duration::from_millis(300));
+        assert!(opening.take().is_none());
+    }
+
+    #[test]
+    fn folders_pipes_and_devices_are_refused_and_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe.ply");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let mut opening = Opening::new(Arc::new(|| {}));
+        for (path, expected) in [
+            (folder.path().to_owned(), "folder"),
+            (pipe, "FIFO"),
+            (PathBuf::from("/dev/zero"), "device"),
+            (folder.path().join("nothing.ply"), "No such file"),
+        ] {
+            opening.open_scene(&path).unwrap();
+            let Content::Scene(Err(error), None) = waited(&mut opening).content else {
+                panic!("{} is a scene", path.display());
+            };
+            assert!(error.contains(expected), "{error}");
+            opening.open_cameras(&path).unwrap();
+            let Content::Cameras(Err(error)) = waited(&mut opening).content else {
+                panic!("{} has cameras", path.display());
+            };
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! Opens the device again after its loss.
+//!
+//! A driver ends a device when a pass runs for too long, when the GPU is reset or unplugged; a window's surface can be lost, too.
+//! A [`Recovery`] draws the frames of a [`Shell`] and takes note of a loss: everything on the device is given up, another is opened,
+//! and the scene, which is still in the memory of the host, is uploaded again. Contents of histories are lost.
+//!
+//! A graph that loses the device again soon after is the likely cause. It then waits for a change instead of a third loss.
+
+use super::events::Event;
+use super::shell::{Frame, FrameRequest, Shell};
+use egui::RawInput;
+use splatgraph_api::{BackendError, Device};
+use std::time::{Duration, Instant};
+
+/// Interval of attempts to open a device.
+const INTERVAL: Duration = Duration::from_millis(500);
+
+/// Attempts until it is given up.
+const ATTEMPTS: u32 = 20;
+
+/// The longest wait for a build that still uses the lost device.
+const BUILDS: Duration = Duration::from_secs(5);
+
+/// A loss so soon after another is one of the same cause.
+const SOON: Duration = Duration::from_secs(30);
+
+/// A function that opens a device for a window of this size, with or without vsync: one for the window, and one for the scene.
+pub type Open<D> = Box<dyn FnMut((u32, u32), bool) -> Result<(D, D), BackendError>>;
+
+/// The device could not be opened again.
+#[derive(Debug, thiserror::Error)]
+#[error("{loss}; no device can be opened in its place: {error}")]
+pub struct Unrecovered {
+    /// The loss.
+    pub loss: BackendError,
+    /// The error of the last attempt.
+    pub error: BackendError,
+}
+
+/// A loss that is not mended yet.
+struct Loss {
+    error: BackendError,
+    since: Instant,
+    attempts: u32,
+    next: Instant,
+    /// True if the device was lost shortly before.
+    again: bool,
+}
+
+/// A device that is opened again after its loss; see the module's documentation.
+pub struct Recovery<D> {
+    open: Open<D>,
+    loss: Option<Loss>,
+    /// Time at which a device was opened again.
+    opened: Option<Instant>,
+}
+
+impl<D: Device> Recovery<D> {
+    /// Creates a recovery that opens devices with `open`.
+    pub fn new(open: Open<D>) -> Recovery<D> {
+        Recovery { open, loss: None, opened: None }
+    }
+
+    /// Opens the first device; see [`Open`].
+    ///
+    /// # Errors
+    /// Those of the device.
+    pub fn open(&mut self, size: (u32, u32), vsync: bool) -> Result<(D, D), BackendError> {
+        (self.open)(size, vsync)
+    }
+
+    /// Returns the loss that is not mended yet.
+    pub fn loss(&self) -> Option<&BackendError> {
+        self.loss.as_ref().map(|loss| &loss.error)
+    }
+
+    /// Draws a frame of the shell; `None` while there is no device.
+    ///
+    /// # Errors
+    /// After [`ATTEMPTS`] in vain to open another device.
+    pub fn frame(
+        &mut self,
+        shell: &mut Shell<D>,
+        input: RawInput,
+        request: FrameRequest,
+    ) -> Result<Option<Frame>, Unrecovered> {
+        if !self.reopen(shell, request.size)? {
+            return Ok(None);
+        }
+        let frame = shell.frame(input, request);
+        if let Some(error) = &frame.lost {
+            self.lose(shell, error.clone());
+        }
+        Ok(Some(frame))
+    }
+
+    fn lose(&mut self, shell: &mut Shell<D>, error: BackendError) {
+        shell.release();
+        shell.report(Event::DeviceLost { error: error.to_string() });
+        let again = matches!(error, BackendError::DeviceLost(_))
+            && self.opened.is_some_and(|opened| opened.elapsed() < SOON);
+        let now = Instant::now();
+        self.loss = Some(Loss { error, since: now, attempts: 0, next: now, again });
+    }
+
+    /// Tries to open another device, if one was lost; returns true if there is one.
+    fn reopen(&mut self, shell: &mut Shell<D>, size: (u32, u32)) -> Result<bool, Unrecovered> {
+        let Some(loss) = &mut self.loss else { return Ok(true) };
+        // A build holds the former device, and some window systems allow one at a time.
+        let released = shell.is_released() || loss.since.elapsed() > BUILDS;
+        if !released || Instant::now() < loss.next {
+            return Ok(false);
+        }
+        loss.attempts += 1;
+        let attempts = loss.attempts;
+        let (canvas, device) = match (self.open)(size, shell.panels.vsync) {
+            Ok(devices) => devices,
+            Err(error) if attempts >= ATTEMPTS => {
+                return Err(Unrecovered { loss: loss.error.clone(), error });
+            }
+            Err(_) => {
+                loss.next = Instant::now() + INTERVAL;
+                return Ok(false);
+            }
+        };
+        let name = device.info().name.clone();
+        if let Err(error) = shell.give(canvas, device) {
+            shell.report(Event::Problem { text: format!("B is closed: {error}") });
+        }
+        shell.report(Event::DeviceOpened { name, attempts });
+        if loss.again {
+            shell.viewer.hold(&loss.error.to_string());
+        }
+        shell.panels.show_notice(format!(
+            "{}. The device was opened again and the scene uploaded; contents of histories began anew.",
+            loss.error
+        ));
+        self.opened = Some(Instant::now());
+        self.loss = None;
+        Ok(true)
+    }
+}

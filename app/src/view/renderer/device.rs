@@ -1,0 +1,84 @@
+//! The device of a renderer, its loss, and its successor.
+
+use super::events::{Cause, Failure};
+use super::{LastGood, Renderer};
+use splatgraph_api::{BackendError, Device, DeviceInfo, Recovery};
+use std::time::Instant;
+
+/// Returns true for the loss of the device and of its window: another device is needed.
+pub(super) fn ends_device(error: &BackendError) -> bool {
+    let window = matches!(error, BackendError::Unavailable(_) | BackendError::SurfaceLost { .. });
+    error.recovery() == Recovery::DeviceEnded || window
+}
+
+impl<D: Device> Renderer<D> {
+    /// Returns the device; `None` while it is lost.
+    pub fn device(&self) -> Option<&D> {
+        self.device.as_ref()
+    }
+
+    /// Returns the device for changes that concern no plan; `None` while it is lost.
+    pub fn device_mut(&mut self) -> Option<&mut D> {
+        self.device.as_mut()
+    }
+
+    /// Describes the device, also after its loss.
+    pub fn info(&self) -> &DeviceInfo {
+        &self.info
+    }
+
+    /// Returns true if looking at an older frame blocks until newer ones are done.
+    ///
+    /// Mesa's Vulkan driver on the CPU waits for everything that was submitted before it returns a timestamp.
+    pub(in crate::view) fn reads_block(&self) -> bool {
+        self.info.kind == "cpu"
+    }
+
+    /// Returns the error that ended the device, or its window, if any did.
+    pub fn lost(&self) -> Option<&BackendError> {
+        self.lost.as_ref()
+    }
+
+    /// Drops the device with its plan and its frames in flight, whose results are lost. Graph, settings and failures stay.
+    pub fn release(&mut self) {
+        self.device = None;
+        self.epoch += 1;
+        self.lost = None;
+        self.trouble = None;
+        self.rebuild = None;
+        self.forgot |= !self.in_flight.is_empty();
+        self.in_flight.clear();
+        self.stalled = None;
+        self.pending_swap = None;
+        self.pending_build = None;
+        self.building = None;
+        self.size = (0, 0);
+        self.state = LastGood::new();
+        self.want(Cause::Device, Instant::now());
+    }
+
+    /// Returns true if nothing of the dropped device is in use by a build.
+    pub fn is_released(&mut self) -> bool {
+        self.take_builds();
+        self.device.is_none() && self.jobs.is_empty()
+    }
+
+    /// Continues on another device.
+    pub fn give(&mut self, device: D) {
+        self.info = device.info().clone();
+        self.device = Some(device);
+    }
+
+    /// Builds nothing before a change of files, parameters, graph or scene; `loss` is shown as the reason.
+    pub fn hold(&mut self, loss: &str) {
+        self.pending_build = None;
+        self.held = true;
+        let attempt = self.state.asked(self.now);
+        self.state.failed(attempt, Failure::Held(loss.to_owned()));
+    }
+
+    /// Returns the device, unless it is lost.
+    pub fn into_device(self) -> Option<D> {
+        self.device
+    }
+}

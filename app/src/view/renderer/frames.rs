@@ -1,0 +1,152 @@
+//! Frames of a renderer in flight: submission, waits that end, and results.
+
+use super::device::ends_device;
+use super::{FinishedFrame, FrameInFlight, PendingSwap, RETRY, Renderer, RendererEvent, Swap, Trouble};
+use crate::view::profile::zone;
+use splatgraph_api::{BackendError, Device, FRAMES_IN_FLIGHT, FrameInputs, Recovery, Running};
+use std::time::{Duration, Instant};
+
+/// Pauses between looks at a frame that is not done: these limit what the wait adds to it.
+const FIRST_PAUSE: Duration = Duration::from_micros(50);
+const LONGEST_PAUSE: Duration = Duration::from_micros(400);
+
+impl<D: Device> Renderer<D> {
+    /// Draws a frame; returns true if it did. The live parameters in `inputs` are replaced.
+    ///
+    /// Draws none without a plan, before the next attempt after a [`Renderer::trouble`], and while the device does not finish an
+    /// older frame within the patience.
+    ///
+    /// # Errors
+    /// Those of the device. The caller passes them to [`Renderer::report`], unless it tries again with other inputs.
+    pub fn submit(&mut self, inputs: FrameInputs) -> Result<bool, BackendError> {
+        let Some(plan) = self.state.good().cloned() else { return Ok(false) };
+        let waits = self.trouble.as_ref().is_some_and(|trouble| self.now < trouble.retry);
+        if waits || self.paused || self.lost.is_some() {
+            return Ok(false);
+        }
+        if self.in_flight.len() == FRAMES_IN_FLIGHT && !self.wait_for_oldest(self.patience)? {
+            return Ok(false);
+        }
+        zone!("submit");
+        let Some(device) = &mut self.device else { return Ok(false) };
+        let inspected = inputs.inspect.clone();
+        let inputs = FrameInputs {
+            live: plan.live_bytes_of(self.controls.iter().map(|control| &control.param)),
+            ..inputs
+        };
+        let frame = device.submit(&inputs)?;
+        self.trouble = None;
+        let first = self.pending_swap.take();
+        let is_first = first.is_some();
+        let submitted = Instant::now();
+        self.in_flight.push_back(FrameInFlight { frame, submitted, plan, inspected, first, result: None });
+        if is_first {
+            // Waits once per swap, so that its latency is exact.
+            let end = Instant::now() + self.patience;
+            while !self.in_flight.is_empty()
+                && self.wait_for_oldest(end.saturating_duration_since(Instant::now()))?
+            {}
+        }
+        Ok(true)
+    }
+
+    /// Takes note of an error of [`Renderer::submit`], and plans the next attempt.
+    pub fn report(&mut self, error: BackendError) {
+        if ends_device(&error) {
+            self.lost = Some(error);
+        } else {
+            self.trouble = Some(Trouble { error, retry: self.now + RETRY });
+        }
+    }
+
+    /// Waits for the frames in flight.
+    ///
+    /// # Errors
+    /// [`BackendError::Stuck`] if the device is not done within this time, and the errors of the device.
+    pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
+        let end = Instant::now() + within;
+        while !self.in_flight.is_empty() {
+            if !self.wait_for_oldest(end.saturating_duration_since(Instant::now()))? {
+                let place = self.stalled.as_ref().map_or_else(String::new, |running| running.place.clone());
+                return Err(BackendError::Stuck { place, seconds: within.as_secs() });
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the time of the newest submission in flight.
+    pub(in crate::view) fn newest(&self) -> Option<Instant> {
+        self.in_flight.back().map(|frame| frame.submitted)
+    }
+
+    /// Waits for the newest frame in flight; returns true if it is done.
+    pub(in crate::view) fn wait_for_newest(&mut self, patience: Duration) -> Result<bool, BackendError> {
+        self.wait_for(self.in_flight.len().saturating_sub(1), patience)
+    }
+
+    /// Takes the results of the frames in flight, all of which are done.
+    pub(in crate::view) fn collect_all(&mut self) -> Result<(), BackendError> {
+        while !self.in_flight.is_empty() && self.wait_for_oldest(Duration::ZERO)? {}
+        Ok(())
+    }
+
+    /// Waits for the oldest frame in flight; returns true if it is done.
+    fn wait_for_oldest(&mut self, patience: Duration) -> Result<bool, BackendError> {
+        if !self.wait_for(0, patience)? {
+            return Ok(false);
+        }
+        let Some(FrameInFlight { plan, inspected, first, result: Some(result), .. }) =
+            self.in_flight.pop_front()
+        else {
+            return Ok(true);
+        };
+        let is_first = first.is_some();
+        if let Some(PendingSwap { swap, asked }) = first {
+            let latency_ms = asked.elapsed().as_secs_f64() * 1e3;
+            self.events.push(RendererEvent::Swapped(Swap { latency_ms, ..swap }));
+        }
+        self.done.push(FinishedFrame { result, plan, first: is_first, inspected });
+        Ok(true)
+    }
+
+    /// Waits for a frame in flight by its place, and keeps its result there; returns true if it is done.
+    fn wait_for(&mut self, index: usize, patience: Duration) -> Result<bool, BackendError> {
+        let reads_block = self.reads_block();
+        let (Some(device), Some(frame)) = (&mut self.device, self.in_flight.get_mut(index)) else {
+            return Ok(true);
+        };
+        let end = Instant::now() + patience;
+        let mut pause = FIRST_PAUSE;
+        while frame.result.is_none() {
+            match device.try_wait(frame.frame) {
+                Ok(Some(result)) => frame.result = Some(result),
+                Ok(None) if Instant::now() >= end => {
+                    let place = format!("a frame of `{}`", frame.plan.name);
+                    let whole = Running { place, time: frame.submitted.elapsed() };
+                    self.stalled = if reads_block { Some(whole) } else { device.running() };
+                    return Ok(false);
+                }
+                Ok(None) => {
+                    std::thread::sleep(pause);
+                    pause = (2 * pause).min(LONGEST_PAUSE);
+                }
+                Err(error) => {
+                    // After these it may still be waited for; otherwise its results are lost.
+                    let stays = matches!(error, BackendError::OutOfMemory { .. });
+                    if !stays && error.recovery() != Recovery::Retry {
+                        self.in_flight.remove(index);
+                        self.forgot = true;
+                    }
+                    return Err(error);
+                }
+            }
+        }
+        self.stalled = None;
+        Ok(true)
+    }
+
+    /// Returns true once if frames since the last call ended without results.
+    pub fn take_forgot(&mut self) -> bool {
+        std::mem::take(&mut self.forgot)
+    }
+}

@@ -1,0 +1,61 @@
+//! Every call of the device fails once in turn during a visit to the viewer.
+//!
+//! Whatever fails, the visit goes on to its end: nothing panics, hangs or leaks, and the last frame and the state after it are those
+//! of a visit without faults. `SPLATGRAPH_LONG` lets every call of every kind fail; without it, some of each kind do.
+
+use super::script::{Outcome, Script, arrange, check_no_panic, loses};
+use crate::view::events::Event;
+use splatgraph_null::{Fault, Point};
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Faults of each kind without `SPLATGRAPH_LONG`.
+const SOME: u64 = 4;
+
+/// Visits at a time.
+const THREADS: usize = 6;
+
+fn visit(faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<Point, u64>) {
+    let folder = tempfile::tempdir().expect("a folder");
+    arrange(folder.path());
+    let mut script = Script::open(folder.path(), faults);
+    script.visit();
+    script.close(faults)
+}
+
+#[test]
+fn whatever_call_of_the_device_fails_the_viewer_goes_on_and_ends_in_the_same_state() {
+    let (sound, events, counts) = visit(&[]);
+    check_no_panic(&events);
+    assert!(!loses(&events), "{events:#?}");
+    println!("calls of a visit: {counts:?}");
+    let mut faults = Vec::new();
+    for (point, count) in counts {
+        let step =
+            if std::env::var_os("SPLATGRAPH_LONG").is_some() { 1 } else { count.div_ceil(SOME).max(1) };
+        faults.extend((0..count).step_by(step as usize).map(|after| Fault { point, after }));
+    }
+    // A visit waits most of the time: for files to be quiet, and for the next attempt.
+    let (next, reached, lost) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
+    let work = || {
+        while let Some(fault) = faults.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let (outcome, events, counts) = visit(&[*fault]);
+            check_no_panic(&events);
+            assert_eq!(outcome, sound, "after {fault:?}: {events:#?}");
+            // Times decide how many frames are drawn: the last calls of one visit may not be made in another.
+            reached.fetch_add(usize::from(counts[&fault.point] > fault.after), Ordering::Relaxed);
+            lost.fetch_add(usize::from(loses(&events)), Ordering::Relaxed);
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..THREADS {
+            scope.spawn(work);
+        }
+    });
+    println!(
+        "{} visits, {} with a fault; in {} the device or the window was lost and opened again",
+        faults.len(),
+        reached.into_inner(),
+        lost.into_inner()
+    );
+}

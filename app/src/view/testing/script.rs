@@ -1,0 +1,435 @@
+//! A person's visit to the viewer on a device that executes nothing: open, reload, resize, inspect, compare, close.
+
+use crate::view::events::Event;
+use crate::view::paint::Mode;
+use crate::view::recovery::Recovery;
+use crate::view::shell::{Frame, FrameRequest, Shell};
+use crate::view::viewer::Viewer;
+use egui::{Pos2, RawInput, Rect, Vec2};
+use splatgraph_api::{Device, Windowed};
+use splatgraph_assets::{Camera, Scene, synth};
+use splatgraph_framework::ir::Value;
+use splatgraph_null::{Call, Config, Fault, Journal, Null, open};
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// No step takes so long, on whatever machine.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+const SIZE: (u32, u32) = (320, 180);
+
+const GRAPH: &str = r#"Graph(
+  version: 1,
+  summary: "Three passes over a scene",
+  params: {
+    "digits": Const(Int(default: 4, range: (1, 8))),
+    "shade": Live(Float(default: 0.5, range: (0.0, 1.0))),
+  },
+  let: { "n": "scene.count" },
+  imports: { "position": Import(from: "scene.position") },
+  resources: {
+    "table": Buffer(stride: 4, count: "64 << digits"),
+    "keys": Buffer(stride: 4, count: "n"),
+    "color": Image(format: "rgba8", size: ("viewport.width", "viewport.height")),
+  },
+  passes: [
+    Dispatch(name: "once", run: Once, shader: "once.comp", size: Threads("64 << digits"), bind: { "Table": "table" }),
+    Dispatch(
+      name: "key", shader: "key.comp", size: Threads("n"), bind: { "Position": "position", "Table": "table", "Keys": "keys" },
+    ),
+    Dispatch(name: "shade", shader: "shade.comp", size: Threads(64), bind: { "Keys": "keys", "color": "color" }),
+  ],
+  output: "color",
+)
+"#;
+
+const HEAD: &str =
+    "#version 460\n#extension GL_GOOGLE_include_directive : require\nlayout(local_size_x = 64) in;\n";
+
+const SHADERS: [(&str, &str); 3] = [
+    (
+        "once.comp",
+        "layout(set = 0, binding = 0, std430) writeonly buffer Table { uint table[]; };\n\
+         void main() { table[gl_GlobalInvocationID.x] = gl_GlobalInvocationID.x; }\n",
+    ),
+    (
+        "key.comp",
+        "struct Point { float x, y, z; };\n\
+         layout(set = 0, binding = 0, std430) readonly buffer Position { Point position[]; };\n\
+         layout(set = 0, binding = 1, std430) readonly buffer Table { uint table[]; };\n\
+         layout(set = 0, binding = 2, std430) writeonly buffer Keys { uint keys[]; };\n\
+         void main() {\n    uint i = gl_GlobalInvocationID.x;\n    if (i >= SCENE_COUNT) return;\n    \
+         keys[i] = table[uint(position[i].x) % 64u];\n}\n",
+    ),
+    (
+        "shade.comp",
+        "#include \"live.glsl\"\n\
+         layout(set = 0, binding = 0, std430) readonly buffer Keys { uint keys[]; };\n\
+         layout(set = 0, binding = 1, rgba8) writeonly uniform image2D color;\n\
+         void main() { imageStore(color, ivec2(gl_GlobalInvocationID.x, 0), vec4(shade * float(keys[0]))); }\n",
+    ),
+];
+
+/// The devices that were opened, each with a context that takes its messages at the end.
+#[derive(Default)]
+struct Devices {
+    opened: Vec<(Option<Null>, Journal)>,
+}
+
+/// The end of a visit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// The commands of the last frame of A and of the window, without numbers that depend on time.
+    pub last: Vec<String>,
+    /// The memory that A lists.
+    pub memory: Vec<(String, u64)>,
+    /// Everything else that the visit has changed.
+    pub state: Vec<String>,
+}
+
+/// A visit; see the module's documentation.
+pub struct Script {
+    shell: Shell<Null>,
+    recovery: Recovery<Null>,
+    devices: Rc<RefCell<Devices>>,
+    size: (u32, u32),
+    pub events: Vec<Event>,
+    calls: u64,
+    folder: PathBuf,
+}
+
+/// Writes the files of a visit into a folder.
+pub fn arrange(folder: &Path) {
+    let write = |name: &str, text: &str| fs::write(folder.join(name), text).expect("a file is written");
+    write("graph.ron", GRAPH);
+    for (name, text) in SHADERS {
+        write(name, &format!("{HEAD}{text}"));
+    }
+    for (name, splats) in [("first.ply", 100), ("second.ply", 200)] {
+        let scene = synth::generate("uniform", splats, 0).expect("the scene is generated");
+        scene.write_ply(folder.join(name)).expect("the scene is written");
+    }
+    let scene = synth::generate("uniform", 100, 0).expect("the scene is generated");
+    Camera::save(&[Camera::framing(&scene, 64, 36)], folder.join("cameras.json"))
+        .expect("cameras are written");
+}
+
+impl Script {
+    /// Opens the viewer. The first device has the faults.
+    pub fn open(folder: &Path, faults: &[Fault]) -> Script {
+        let devices = Rc::new(RefCell::new(Devices::default()));
+        let mut faults = faults.to_vec();
+        let opened = devices.clone();
+        let mut recovery = Recovery::new(Box::new(move |size, vsync| {
+            let config = Config {
+                window: Some(size),
+                faults: std::mem::take(&mut faults),
+                patience: Duration::from_millis(20),
+                ..Config::default()
+            };
+            let (canvas, journal) = open(&config);
+            let entry = opened.borrow().opened.len();
+            opened.borrow_mut().opened.push((None, journal));
+            let mut canvas = canvas?;
+            canvas.set_vsync(vsync);
+            let device = canvas.new_context()?;
+            opened.borrow_mut().opened[entry].0 = Some(canvas.new_context()?);
+            Ok((canvas, device))
+        }));
+        let first = recovery.open(SIZE, true);
+        // The program says why and ends; a person starts it again.
+        let (canvas, device) = first.or_else(|_| recovery.open(SIZE, true)).expect("the second device opens");
+        let scene = Scene::load(folder.join("first.ply"), &|_, _| {}).expect("the scene is loaded");
+        let graph = folder.join("graph.ron");
+        let wake: crate::view::renderer::Wake = Arc::new(|| {});
+        let mut viewer = Viewer::new(
+            device,
+            (scene, folder.join("first.ply")),
+            &graph.to_string_lossy(),
+            &[],
+            wake.clone(),
+        )
+        .expect("the viewer opens");
+        viewer.navigation.set_animated(false);
+        viewer.a.renderer.patience = Duration::from_millis(5);
+        let mut shell = Shell::new(viewer, canvas, wake).expect("the shell opens");
+        shell.window_mut().patience = Duration::from_millis(5);
+        // Letters of an interface fill textures, which is slow here.
+        shell.panels.hidden = true;
+        let folder = folder.to_owned();
+        Script { shell, recovery, devices, size: SIZE, events: Vec::new(), calls: 0, folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// Gives the window another size.
+    pub fn resize(&mut self, size: (u32, u32)) {
+        self.size = size;
+        if let Some(canvas) = self.shell.canvas_mut() {
+            canvas.resize_window(size.0, size.1);
+        }
+    }
+
+    pub fn viewer(&mut self) -> &mut Viewer<Null> {
+        &mut self.shell.viewer
+    }
+
+    fn frame(&mut self, read: bool) -> Option<Frame> {
+        let (width, height) = self.size;
+        let input = RawInput {
+            screen_rect: Some(Rect::from_min_size(Pos2::ZERO, Vec2::new(width as f32, height as f32))),
+            time: Some(self.calls as f64 / 60.0),
+            focused: true,
+            ..RawInput::default()
+        };
+        self.calls += 1;
+        let request = FrameRequest { size: self.size, pixels_per_point: 1.0, present: true, read };
+        let frame = self.recovery.frame(&mut self.shell, input, request).expect("another device opens");
+        self.events.extend(self.shell.take_events());
+        frame
+    }
+
+    /// Lets a device that hangs go on, once the viewer said that it does.
+    fn resume(&mut self) {
+        let stuck = |text: String| text.contains("has been running");
+        let said = self.shell.problem().is_some_and(stuck)
+            || self.viewer().a.inspection.as_ref().is_some_and(|i| matches!(&i.found, Some(Err(_))));
+        if self.shell.stalled().is_some() || said {
+            self.devices.borrow().opened.iter().for_each(|(_, journal)| journal.resume());
+        }
+    }
+
+    /// Draws frames until something is so.
+    fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut Script) -> bool) {
+        let begun = Instant::now();
+        loop {
+            self.frame(false);
+            if is_so(self) {
+                return;
+            }
+            self.resume();
+            assert!(
+                begun.elapsed() < PATIENCE,
+                "waiting for {what}; {:?}; so far: {:#?}",
+                self.shell.problem(),
+                self.events
+            );
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// Draws frames until everything that was asked for is built and drawn.
+    pub fn settle(&mut self) {
+        // The first frame asks for what the others are to show.
+        self.frame(false);
+        self.until("the end of all building", |script| {
+            let Script { shell, size, recovery, .. } = script;
+            let viewer = &shell.viewer;
+            let b = viewer.b.as_ref().filter(|_| viewer.compare != Mode::A);
+            let plans = [Some(&viewer.a), b].into_iter().flatten().all(|v| v.renderer.plan().is_some());
+            recovery.loss().is_none()
+                && !viewer.busy()
+                && plans
+                && shell.problem().is_none()
+                && shell.window().size() == *size
+                && !shell.window().busy()
+        });
+    }
+
+    /// Does an action until it has its effect; one that was refused is done again.
+    fn insist(&mut self, what: &str, act: impl Fn(&mut Script), is_done: impl Fn(&Script, &[Event]) -> bool) {
+        let begun = Instant::now();
+        loop {
+            let seen = self.events.len();
+            act(self);
+            let mut done = false;
+            self.until(what, |script| {
+                let new = &script.events[seen..];
+                done = is_done(script, new);
+                let refusal =
+                    |event: &Event| matches!(event, Event::Problem { .. } | Event::DeviceLost { .. });
+                done || new.iter().any(refusal)
+            });
+            self.settle();
+            if done {
+                return;
+            }
+            assert!(begun.elapsed() < PATIENCE, "{what} is refused: {:#?}", self.events);
+        }
+    }
+
+    /// The steps of the visit.
+    pub fn visit(&mut self) {
+        self.settle();
+        // A constant parameter, and a live one.
+        self.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+        self.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
+        self.settle();
+        // Another text of a shader, a mistake in the graph, and its mending.
+        let shader = self.path("shade.comp");
+        let text = fs::read_to_string(&shader).expect("it can be read");
+        let former = self.viewer().a.renderer.plan().cloned();
+        fs::write(&shader, format!("{text}// edited\n")).expect("it can be written");
+        self.until("the edited shader", |script| {
+            let (plan, former) = (script.viewer().a.renderer.plan(), former.as_ref());
+            plan.zip(former).is_some_and(|(plan, former)| !Arc::ptr_eq(plan, former))
+        });
+        self.settle();
+        let graph = self.path("graph.ron");
+        fs::write(&graph, GRAPH.replace("\"Table\": \"table\" }", "\"Table\": \"tabel\" }"))
+            .expect("written");
+        let mistake = |event: &Event| matches!(event, Event::Failed { text, .. } if text.contains("tabel"));
+        self.until("the mistake", |script| script.events.iter().any(mistake));
+        fs::write(&graph, GRAPH).expect("it can be written");
+        self.settle();
+        // Sizes, none among them.
+        for size in [(400, 200), (0, 0), (250, 250), SIZE] {
+            self.resize(size);
+            if size.0 == 0 {
+                for _ in 0..3 {
+                    self.frame(false);
+                }
+            } else {
+                self.settle();
+            }
+        }
+        // What a pass of a frame left, and one of the prologue.
+        for (resource, pass) in [("keys", "key"), ("table", "once")] {
+            self.viewer().a.look_at(resource, pass);
+            let mut asked = Instant::now();
+            self.until("the contents", |script| {
+                let inspection = script.viewer().a.inspection.as_mut().expect("there is an inspection");
+                let failed = matches!(inspection.found, Some(Err(_)));
+                let again = failed && asked.elapsed() > Duration::from_millis(20);
+                if again {
+                    asked = Instant::now();
+                    inspection.ask();
+                }
+                matches!(inspection.found, Some(Ok(_)))
+            });
+        }
+        self.viewer().a.inspection = None;
+        self.settle();
+        // Two graphs beside each other, and numbers about them.
+        self.insist(
+            "B",
+            |script| script.viewer().choose_compare(Mode::Split),
+            |script, _| script.shell.viewer.b.as_ref().is_some_and(|b| b.renderer.plan().is_some()),
+        );
+        if let Some(b) = &mut self.viewer().b {
+            b.renderer.patience = Duration::from_millis(5);
+        }
+        self.settle();
+        self.insist(
+            "the comparison",
+            |script| script.viewer().measure(),
+            |_, new| new.iter().any(|event| matches!(event, Event::Compared { .. })),
+        );
+        self.viewer().exchange();
+        self.viewer().choose_compare(Mode::Difference);
+        self.settle();
+        self.viewer().choose_compare(Mode::A);
+        self.settle();
+        // Other files.
+        let (scene, cameras) = (self.path("second.ply"), self.path("cameras.json"));
+        self.viewer().open(&scene);
+        self.settle();
+        self.viewer().open(&cameras);
+        self.settle();
+        if let Some(canvas) = self.shell.canvas_mut() {
+            canvas.set_vsync(false);
+        }
+        self.shell.panels.vsync = false;
+        // A picture of the window.
+        let mut read = false;
+        self.until("a picture of the window", |script| {
+            read |= script.frame(true).is_some_and(|frame| frame.picture.is_some());
+            read
+        });
+        self.settle();
+    }
+
+    /// Draws a last frame, notes the state, and closes everything: nothing may be left.
+    pub fn close(mut self, faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<splatgraph_null::Point, u64>) {
+        // A frame that nobody waited for may hang unnoticed.
+        self.devices.borrow().opened.iter().for_each(|(_, journal)| journal.resume());
+        self.shell.finish(PATIENCE).expect("the frames end");
+        let journal = self.devices.borrow().opened.last().expect("a device").1.clone();
+        journal.take();
+        let mut drawn = false;
+        for _ in 0..100 {
+            journal.take();
+            drawn = self.frame(false).is_some_and(|frame| frame.drawn);
+            if drawn {
+                break;
+            }
+            self.devices.borrow().opened.iter().for_each(|(_, journal)| journal.resume());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        assert!(drawn, "no last frame: {:?}", self.shell.problem());
+        let last = journal.take().iter().filter_map(command).collect();
+        journal.resume();
+        self.shell.finish(PATIENCE).expect("the frames end");
+        let viewer = &self.shell.viewer;
+        assert!(viewer.pictures()[0].is_some(), "A shows nothing");
+        let device = viewer.a.renderer.device().expect("a device");
+        let state = vec![
+            format!("{:?}", viewer.a.renderer.set()),
+            format!("{:?}", viewer.a.renderer.size()),
+            format!("{:?} {:?} {:?}", viewer.compare, viewer.camera, viewer.cameras.len()),
+            format!("{} {:?}", viewer.scene().count(), viewer.scene_path().file_name()),
+            format!("{:?}", viewer.navigation.camera(64, 36)),
+            format!("{:?} {:?}", viewer.b.is_some(), viewer.a.inspection.is_some()),
+        ];
+        let outcome = Outcome { last, memory: device.memory(), state };
+        let idle = self.shell.is_idle(Instant::now() + PATIENCE);
+        assert!(idle, "a build does not end");
+        let Script { shell, recovery, devices, events, .. } = self;
+        drop(recovery);
+        drop(shell.into_device());
+        let mut reached = BTreeMap::new();
+        for (index, (probe, journal)) in devices.take().opened.into_iter().enumerate() {
+            let messages = probe.map(Null::close).unwrap_or_default();
+            assert_eq!(messages, Vec::<String>::new(), "device {index} under {faults:?}");
+            assert_eq!(journal.alive(), BTreeMap::new(), "left on device {index} under {faults:?}");
+            if index == 0 {
+                let all = splatgraph_null::Point::ALL;
+                reached = all.map(|point| (point, journal.reached(point))).into();
+            }
+        }
+        (outcome, events, reached)
+    }
+}
+
+/// Returns the command of a frame; none for calls whose order or number depends on time.
+fn command(call: &Call) -> Option<String> {
+    match call {
+        Call::BindPass { pass, .. } => Some(format!("pass {pass}")),
+        Call::Dispatch(_)
+        | Call::DispatchIndirect { .. }
+        | Call::Draw { .. }
+        | Call::DrawIndirect { .. }
+        | Call::CopyImage { .. }
+        | Call::Barriers { .. } => Some(format!("{call:?}")),
+        Call::Present { .. } => Some("present".to_owned()),
+        _ => None,
+    }
+}
+
+/// Returns true for an error of the device, which is opened again after it.
+pub fn loses(events: &[Event]) -> bool {
+    events.iter().any(|event| matches!(event, Event::DeviceLost { .. }))
+}
+
+/// Fails if something panicked on another thread.
+pub fn check_no_panic(events: &[Event]) {
+    let internal = |event: &&Event| format!("{event:?}").contains("internal error");
+    assert_eq!(events.iter().find(internal), None);
+}

@@ -1,0 +1,137 @@
+//! What can go wrong around the real window: command lines, displays that are not there or vanish, and passes that run for long.
+
+use super::program::Program;
+use super::screen::comes;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+/// Runs `splatgraph view` without a display; gives the exit code and the messages.
+fn view(args: &[&str], change: impl FnOnce(&mut Command)) -> (Option<i32>, String) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_splatgraph"));
+    command.arg("view").args(args).current_dir(folder.path());
+    for variable in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"] {
+        command.env_remove(variable);
+    }
+    change(&mut command);
+    let output = command.output().expect("the program runs");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn values_without_a_meaning_are_refused_before_anything_is_loaded() {
+    for (args, expected) in [
+        (&["--split", "2"][..], "expected --split from 0 to 1, found 2"),
+        (&["--split", "nan"], "expected --split from 0 to 1, found NaN"),
+        (&["--gain", "nan"], "expected --gain from 0 to 65536, found NaN"),
+        (&["--gain=-1"], "expected --gain from 0 to 65536, found -1"),
+        (&["--gain", "inf"], "expected --gain from 0 to 65536, found inf"),
+        (&["--scale", "0"], "expected --scale from 0.05 to 4, found 0"),
+        (&["--scale", "nan"], "expected --scale from 0.05 to 4, found NaN"),
+        (&["--size", "4294967295x1"], "expected --size up to 16384x16384, found 4294967295x1"),
+        (&["--frames", "0"], "expected --frames of at least 1, found 0"),
+        (&["--show", "none,graph"], "expected --show none alone"),
+        (&["--background", "0,2,0"], "expected the channels of --background from 0 to 1, found 2"),
+    ] {
+        // A scene that is not there would be the next error.
+        let args: Vec<&str> = ["nothing.ply"].into_iter().chain(args.iter().copied()).collect();
+        let (code, errors) = view(&args, |_| {});
+        assert_eq!(code, Some(2), "{args:?}: {errors}");
+        assert!(errors.contains(expected), "{args:?}: {errors}");
+        assert_eq!(errors.trim().lines().count(), 1, "{args:?}: {errors}");
+    }
+}
+
+#[test]
+fn a_script_is_told_that_what_it_asked_for_cannot_be_shown() {
+    for (args, expected) in [
+        (&["--pipeline", "broken.ron"][..], "broken.ron:1:"),
+        (&["--compare", "nope"], "`nope`"),
+        (&["--inspect", "nope@nope"], "no pass `nope` runs"),
+        (&["--show", "settings,graph", "--size", "320x100"], "the window has no room for a picture"),
+    ] {
+        let mut all = vec!["--size", "320x200", "--show", "none", "--screenshot", "shot.png"];
+        all.extend(args);
+        if args[0] == "--show" {
+            all.drain(..4);
+        }
+        let program = Program::launch(100, &all, |folder| {
+            std::fs::write(folder.join("broken.ron"), "Graph(").expect("a file");
+        });
+        let picture = program.path("shot.png");
+        let (status, errors) = program.end_before(|| assert!(!picture.exists(), "{args:?} writes a picture"));
+        assert_eq!(status.code(), Some(1), "{args:?}: {errors}");
+        assert!(errors.contains(expected) && !errors.contains("panicked"), "{args:?}: {errors}");
+    }
+}
+
+#[test]
+fn without_a_display_the_program_says_so_and_with_one_of_two_it_takes_that() {
+    let nowhere = |command: &mut Command| {
+        command.env("WAYLAND_DISPLAY", "wayland-nowhere").env("XDG_RUNTIME_DIR", std::env::temp_dir());
+    };
+    let program = Program::launch_with(100, &["--frames", "3"], nowhere, |_| {});
+    let (status, errors) = program.end();
+    assert!(status.success(), "{status}\n{errors}");
+
+    let scene = tempfile::tempdir().expect("a folder");
+    let path = scene.path().join("scene.ply");
+    splatgraph_assets::synth::generate("uniform", 10, 0)
+        .expect("generated")
+        .write_ply(&path)
+        .expect("written");
+    let path = path.to_string_lossy();
+    for change in [|_: &mut Command| {}, |command: &mut Command| _ = command.env("DISPLAY", ":4711")] {
+        let (code, errors) = view(&[&path], |command| {
+            nowhere(command);
+            change(command);
+        });
+        assert_eq!(code, Some(1), "{errors}");
+        assert!(errors.starts_with("error: there is no display to open a window on"), "{errors}");
+    }
+}
+
+#[test]
+fn a_window_is_no_larger_than_the_display_and_ends_with_it() {
+    let mut program = Program::launch(100, &[], |_| {});
+    assert!(program.window.appears(), "no window came");
+    assert_eq!(program.window.size(), (1280, 736));
+    program.frames(3);
+    program.lose_display();
+    let (status, errors) = program.end();
+    assert_eq!(status.code(), Some(1), "{errors}");
+    assert!(!errors.contains("panicked"), "{errors}");
+}
+
+#[test]
+fn while_a_pass_runs_for_long_the_window_says_so_and_can_be_closed() {
+    let args = ["--pipeline", "slow.ron", "--size", "320x200", "--show", "none"];
+    let graph = |groups: u32| {
+        format!(
+            "Graph(version: 1, summary: \"\", output: \"color\", \
+             resources: {{ \"color\": Image(format: \"rgba8\", size: (64, 64)) }}, \
+             passes: [Dispatch(name: \"slow\", shader: \"slow.comp\", size: Groups({groups}), bind: {{ \"color\": \"color\" }})])"
+        )
+    };
+    let shader = "#version 460\nlayout(local_size_x = 64) in;\n\
+                  layout(set = 0, binding = 0, rgba8) writeonly uniform image2D color;\n\
+                  void main() {\n    float slow = 1.0;\n    \
+                  for (int i = 0; i < 60000; i++) slow = sin(slow) + float(i);\n    \
+                  imageStore(color, ivec2(gl_GlobalInvocationID.x, 0), vec4(slow));\n}\n";
+    let mut program = Program::launch(100, &args, |folder| {
+        std::fs::write(folder.join("slow.ron"), graph(1)).expect("a file");
+        std::fs::write(folder.join("slow.comp"), shader).expect("a file");
+    });
+    assert!(program.window.appears(), "no window came");
+    program.settle();
+    program.write("slow.ron", &graph(60_000));
+    let named = comes(|| program.window.title().contains("has been running for"));
+    assert!(named, "the title is {}", program.window.title());
+    program.until(0, "the slow pass", |event| event["event"] == "slow");
+    let begun = Instant::now();
+    program.window.ask_to_close();
+    let (status, errors) = program.end();
+    assert!(begun.elapsed() < Duration::from_secs(30), "closing takes {:?}", begun.elapsed());
+    assert!(status.success(), "{status}\n{errors}");
+    assert!(errors.contains("closed while") && errors.contains("was still running"), "{errors}");
+}
