@@ -85,6 +85,11 @@ fn a_picture_or_a_scene_on_standard_output_is_alone_there() {
     let output = place.run(&args);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(output.stdout.starts_with(b"\x89PNG") && output.stdout.ends_with(b"IEND\xaeB`\x82"));
+    // The reader of a large one has enough before its end.
+    let scene = ["synth", "demo", "--count", "20000", "-o", "-"];
+    assert_eq!(into_closed_pipe(place.program(&scene)).0, Some(0));
+    let picture = [&DRAW[..9], &["-", "--format", "exr", "--size", "640x480"]].concat();
+    assert_eq!(into_closed_pipe(place.program(&picture)).0, Some(0));
     let made = place.run(&["synth", "demo", "--count", "10", "-o", "-"]);
     assert!(made.stdout.starts_with(b"ply\n") && made.stdout.len() > 2480, "{} bytes", made.stdout.len());
 }

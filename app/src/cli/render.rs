@@ -183,7 +183,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for (index, (camera, stem)) in cameras.iter().zip(&stems).enumerate() {
         progress.set(index as u64, cameras.len() as u64, &camera.img_name);
         let loaded = prepare_plan(&mut session, camera)?;
-        claim_graph_files(&mut claims, &session.files())?;
+        if loaded {
+            claim_graph_files(&mut claims, &session.files())?;
+        }
         let Drawn { stats, image, requests } =
             draw(args, &mut session, camera, destination.is_some(), loaded)?;
         let tell = |line: String| progress.suspend(|| stdout.line(&line));

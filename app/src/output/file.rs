@@ -26,12 +26,16 @@ pub type Cause = Box<dyn std::error::Error + Send + Sync>;
 
 /// An error of writing a file: the file as it was named, and the cause.
 #[derive(Debug, thiserror::Error)]
-#[error("{} cannot be written: {cause}", path.display())]
+#[error("{} cannot be written: {cause}", shown(path))]
 pub struct OutputError {
     /// The file that was to be written.
     pub path: PathBuf,
     /// The reason.
     pub cause: Cause,
+}
+
+fn shown(path: &Path) -> std::path::Display<'_> {
+    if terminal::is_standard_output(path) { Path::new("standard output").display() } else { path.display() }
 }
 
 /// Size of the buffer before the file, in bytes.
@@ -59,45 +63,59 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
 fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
     match Target::of(path)? {
         Target::StandardOutput => {
-            let mut failed = None;
-            terminal::print_bytes(|out| {
-                let mut out = BufWriter::with_capacity(BUFFER_BYTES, out);
-                match body(&mut out) {
-                    Ok(()) => out.flush(),
-                    Err(cause) => match cause.downcast::<io::Error>() {
-                        Ok(error) => Err(*error),
-                        Err(cause) => {
-                            failed = Some(cause);
-                            Ok(())
-                        }
-                    },
-                }
-            })?;
-            failed.map_or(Ok(()), Err)
+            let mut pipe = Pipe { closed: false };
+            match fill(&mut pipe, body) {
+                Err(_) if pipe.closed => Ok(()),
+                filled => filled,
+            }
         }
         Target::Direct(path) => {
             // Nothing that stands there is truncated or overwritten.
             let file = OpenOptions::new().append(true).open(path)?;
-            fill(&file, body)
+            fill(&mut Faulty(&file), body)
         }
         Target::File(target) => {
             let folder = folder_of(&target);
             fs::create_dir_all(folder)
                 .map_err(|e| format!("the folder {} cannot be created: {e}", folder.display()))?;
             let unfinished = Unfinished::create(target)?;
-            fill(&unfinished.file, body)?;
+            fill(&mut Faulty(&unfinished.file), body)?;
             Ok(unfinished.finish()?)
         }
     }
 }
 
-/// Runs `body` on a buffered file.
-fn fill(file: &File, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
-    let mut out = BufWriter::with_capacity(BUFFER_BYTES, Faulty(file));
+/// Runs `body` on a buffer before a writer.
+fn fill(writer: &mut dyn Write, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
+    let mut out = BufWriter::with_capacity(BUFFER_BYTES, writer);
     let filled = body(&mut out).and_then(|()| Ok(out.flush()?));
     // Dropped otherwise, the buffer would be written once more after a failure.
     let _ = out.into_parts();
     filled
+}
+
+/// Standard output, whose reader may have had enough: libraries wrap that error in their own.
+struct Pipe {
+    closed: bool,
+}
+
+impl Pipe {
+    fn noted<T>(&mut self, result: io::Result<T>) -> io::Result<T> {
+        self.closed |= result.as_ref().is_err_and(|error| error.kind() == ErrorKind::BrokenPipe);
+        result
+    }
+}
+
+impl Write for Pipe {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = io::stdout().lock().write(bytes);
+        self.noted(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let flushed = io::stdout().lock().flush();
+        self.noted(flushed)
+    }
 }
 
 /// The file, with the faults that tests inject.
@@ -115,7 +133,7 @@ impl Write for Faulty<'_> {
 }
 
 /// The destination of a path.
-enum Target {
+pub(super) enum Target {
     StandardOutput,
     /// No regular file: written as it is.
     Direct(PathBuf),
@@ -124,7 +142,8 @@ enum Target {
 }
 
 impl Target {
-    fn of(path: &Path) -> io::Result<Target> {
+    /// Finds what a path leads to.
+    pub(super) fn of(path: &Path) -> io::Result<Target> {
         if terminal::is_standard_output(path) {
             return Ok(Target::StandardOutput);
         }
@@ -169,7 +188,7 @@ pub(super) fn folder_of(path: &Path) -> &Path {
 /// The hidden names in use, which a signal removes. Whoever holds the lock gives files their names, or ends the program.
 static HIDDEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-fn hidden_names() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+pub(super) fn hidden_names() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     HIDDEN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -379,62 +398,6 @@ mod nameless {
     }
 }
 
-/// A file of lines that is read while it grows, such as the viewer's events.
-///
-/// It is the one output that is written in place. It grows by whole lines, and a failure ends the log, not the program.
-pub struct Log {
-    out: Option<Box<dyn Write>>,
-    path: PathBuf,
-    pending: Vec<u8>,
-}
-
-impl Log {
-    /// Opens the file, emptied; `-` is standard output.
-    ///
-    /// # Errors
-    /// The folder or the file cannot be created.
-    pub fn create(path: &Path) -> Result<Log, OutputError> {
-        let open = || -> io::Result<Box<dyn Write>> {
-            Ok(match Target::of(path)? {
-                Target::StandardOutput => Box::new(io::stdout()),
-                Target::Direct(path) => Box::new(OpenOptions::new().append(true).open(path)?),
-                Target::File(target) => {
-                    fs::create_dir_all(folder_of(&target))?;
-                    Box::new(File::create(target)?)
-                }
-            })
-        };
-        match open() {
-            Ok(out) => Ok(Log { out: Some(out), path: path.to_owned(), pending: Vec::new() }),
-            Err(error) => Err(OutputError { path: path.to_owned(), cause: error.into() }),
-        }
-    }
-
-    /// Adds a line, without its line break, to the next [`Log::flush`].
-    pub fn line(&mut self, line: &str) {
-        self.pending.extend_from_slice(terminal::harmless(line).as_bytes());
-        self.pending.push(b'\n');
-    }
-
-    /// Writes the added lines. The first failure is reported, and ends the log.
-    pub fn flush(&mut self) {
-        if let Some(out) = &mut self.out {
-            // A signal does not end the program in the middle of a line.
-            let _names = hidden_names();
-            if let Err(error) = out.write_all(&self.pending).and_then(|()| out.flush()) {
-                self.out = None;
-                if error.kind() != ErrorKind::BrokenPipe {
-                    terminal::say(format!(
-                        "error: {} cannot be written further: {error}",
-                        self.path.display()
-                    ));
-                }
-            }
-        }
-        self.pending.clear();
-    }
-}
-
 /// Faults for tests: the nth step of writing files on this thread fails.
 #[cfg(not(test))]
 mod faults {
@@ -611,17 +574,5 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let error = write_bytes(folder.path(), b"").unwrap_err().to_string();
         assert!(error.contains("directory"), "{error}");
-    }
-
-    #[test]
-    fn a_log_has_whole_lines_and_creates_its_folder() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("new/log.jsonl");
-        let mut log = Log::create(&path).unwrap();
-        log.line("one");
-        assert_eq!(fs::read_to_string(&path).unwrap(), "");
-        log.line("t\x1bwo");
-        log.flush();
-        assert_eq!(fs::read_to_string(&path).unwrap(), "one\nt\\u001bwo\n");
     }
 }

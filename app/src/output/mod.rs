@@ -7,10 +7,12 @@
 
 pub mod claims;
 pub mod file;
+pub mod log;
 pub mod names;
 pub mod signals;
 pub mod terminal;
 
 pub use claims::Claims;
-pub use file::{Log, OutputError, write, write_bytes};
+pub use file::{OutputError, write, write_bytes};
+pub use log::Log;
 pub use terminal::{harmless, is_standard_output, note, one_line, print, say, say_styled};

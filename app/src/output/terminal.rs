@@ -96,13 +96,13 @@ pub fn note(line: impl Display) {
 /// # Errors
 /// The text cannot be written, for instance to a full disk. A closed pipe is no error: its reader has had enough.
 pub fn print(text: &str) -> io::Result<()> {
-    print_bytes(|out| out.write_all(harmless(text).as_bytes()))
+    print_raw(&harmless(text))
 }
 
-/// Writes a product to standard output, as [`print`] does, without a change of its bytes.
-pub fn print_bytes(body: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+/// Writes text as [`print`] does, without a change.
+fn print_raw(text: &str) -> io::Result<()> {
     let mut out = io::stdout().lock();
-    match body(&mut out).and_then(|()| out.flush()) {
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
         Err(error) => {
             Err(io::Error::new(error.kind(), format!("standard output cannot be written: {error}")))
@@ -119,7 +119,7 @@ pub fn say_usage(error: &clap::Error, colour: bool) -> u8 {
         say_styled(&text);
         return 2;
     }
-    match print_bytes(|out| out.write_all(harmless_styled(&text).as_bytes())) {
+    match print_raw(&harmless_styled(&text)) {
         Ok(()) => 0,
         Err(error) => {
             say(format!("error: {error}"));
