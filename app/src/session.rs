@@ -146,9 +146,9 @@ impl<D: Device> Session<D> {
 pub(crate) struct Upload<'a>(pub Option<&'a Scene>);
 
 impl SceneData for Upload<'_> {
-    fn write(&self, attribute: &str, plane: u32, target: &mut [u8]) -> Result<(), String> {
+    fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
         match self.0 {
-            Some(scene) => scene.write_attribute(attribute, plane, target),
+            Some(scene) => scene.write_attribute(attribute, plane, offset, target),
             None => Err(format!("expected a scene with `{attribute}`, found none")),
         }
     }

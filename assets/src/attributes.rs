@@ -7,6 +7,7 @@
 use crate::error::nearest;
 use crate::scene::{CHUNK, Scene, sh_floats};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// The memory layout of an attribute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,11 +41,13 @@ impl Scene {
         Some(AttributeInfo { stride, planes })
     }
 
-    /// Writes one plane of an attribute. `out` has `stride` times [`Scene::count`] bytes.
+    /// Writes a piece of one plane of an attribute: the bytes from `offset` on, as many as `out` has.
+    ///
+    /// A plane has `stride` times [`Scene::count`] bytes; a piece has whole entries of it.
     ///
     /// # Errors
-    /// The name, the plane or the length does not fit; the text says which.
-    pub fn write_attribute(&self, name: &str, plane: u32, out: &mut [u8]) -> Result<(), String> {
+    /// The name, the plane or the piece does not fit; the text says which.
+    pub fn write_attribute(&self, name: &str, plane: u32, offset: u64, out: &mut [u8]) -> Result<(), String> {
         let info = self.attribute(name).ok_or_else(|| {
             let near = nearest(name, ATTRIBUTES).map(|n| format!("; did you mean {n}?")).unwrap_or_default();
             format!("there is no attribute {name} (there are {}){near}", ATTRIBUTES.join(", "))
@@ -53,35 +56,40 @@ impl Scene {
         if plane >= planes {
             return Err(format!("{name} has no plane {plane}; the last is {}", planes - 1));
         }
-        let expected = info.stride * u64::from(self.count());
-        if out.len() as u64 != expected {
+        let bytes = info.stride * u64::from(self.count());
+        let length = out.len() as u64;
+        let whole = offset.is_multiple_of(info.stride) && length.is_multiple_of(info.stride);
+        if !whole || offset.checked_add(length).is_none_or(|end| end > bytes) {
             return Err(format!(
-                "{name} takes {expected} bytes ({} splats of {}), not {}",
+                "{name} has {bytes} bytes ({} splats of {}), and no piece of {length} at {offset}",
                 self.count(),
                 info.stride,
-                out.len()
             ));
         }
+        let first = (offset / info.stride) as usize;
+        let here = first..first + (length / info.stride) as usize;
         match name {
-            "scene.position" => write_floats(self.positions(), out),
-            "scene.scale" => write_floats(self.scales(), out),
-            "scene.rotation" => write_floats(self.rotations(), out),
-            "scene.opacity" => write_floats(self.opacities(), out),
-            _ => self.write_sh_plane(plane, out),
+            "scene.position" => write_floats(&self.positions()[here], out),
+            "scene.scale" => write_floats(&self.scales()[here], out),
+            "scene.rotation" => write_floats(&self.rotations()[here], out),
+            "scene.opacity" => write_floats(&self.opacities()[here], out),
+            _ => self.write_sh_plane(plane, here, out),
         }
         Ok(())
     }
 
-    fn write_sh_plane(&self, plane: u32, out: &mut [u8]) {
+    fn write_sh_plane(&self, plane: u32, splats: Range<usize>, out: &mut [u8]) {
         let floats = sh_floats(self.stored_degree());
         let first = (4 * plane as usize).min(floats);
         let here = first..floats.min(first + 4);
-        out.par_chunks_mut(16 * CHUNK).zip(self.sh().par_chunks(floats * CHUNK)).for_each(|(out, sh)| {
+        let sh = &self.sh()[splats.start * floats..splats.end * floats];
+        out.par_chunks_mut(16 * CHUNK).zip(sh.par_chunks(floats * CHUNK)).for_each(|(out, sh)| {
             for (out, sh) in out.chunks_exact_mut(16).zip(sh.chunks_exact(floats)) {
-                out.fill(0);
-                for (out, value) in out.chunks_exact_mut(4).zip(&sh[here.clone()]) {
+                let mut entry = [0; 16];
+                for (out, value) in entry.chunks_exact_mut(4).zip(&sh[here.clone()]) {
                     out.copy_from_slice(&value.to_le_bytes());
                 }
+                out.copy_from_slice(&entry);
             }
         });
     }
@@ -145,7 +153,10 @@ mod tests {
     fn floats(scene: &Scene, name: &str, plane: u32) -> Vec<f32> {
         let stride = scene.attribute(name).unwrap().stride as usize;
         let mut bytes = vec![0xAA; stride * scene.count() as usize];
-        scene.write_attribute(name, plane, &mut bytes).unwrap();
+        // In two pieces.
+        let (first, second) = bytes.split_at_mut(stride * (scene.count() as usize / 3));
+        scene.write_attribute(name, plane, 0, first).unwrap();
+        scene.write_attribute(name, plane, first.len() as u64, second).unwrap();
         bytes.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect()
     }
 
@@ -182,12 +193,19 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_said() {
         let scene = Scene::generate(4, 3, splat);
-        let error =
-            |name: &str, plane, bytes| scene.write_attribute(name, plane, &mut vec![0; bytes]).unwrap_err();
+        let piece = |name: &str, plane, offset, bytes| {
+            scene.write_attribute(name, plane, offset, &mut vec![0; bytes]).unwrap_err()
+        };
+        let error = |name: &str, plane, bytes| piece(name, plane, 0, bytes);
+        assert!(piece("scene.scale", 0, 4, 12).contains("no piece of 12 at 4"));
+        assert!(piece("scene.scale", 0, 36, 24).contains("no piece of 24 at 36"));
+        assert!(piece("scene.scale", 0, u64::MAX - 3, 12).contains("has 48 bytes"));
         assert!(error("scene.positions", 0, 48).contains("did you mean scene.position?"));
         assert!(error("scene.scale", 1, 48).contains("no plane 1"));
         assert!(error("scene.sh", 12, 64).contains("the last is 11"));
-        assert!(error("scene.scale", 0, 47).contains("takes 48 bytes"));
+        assert!(
+            error("scene.scale", 0, 47).contains("has 48 bytes (4 splats of 12), and no piece of 47 at 0")
+        );
     }
 
     #[test]

@@ -95,8 +95,8 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
 struct Upload<'a>(&'a Scene, u64);
 
 impl SceneData for Upload<'_> {
-    fn write(&self, attribute: &str, plane: u32, target: &mut [u8]) -> Result<(), String> {
-        self.0.write_attribute(attribute, plane, target)
+    fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
+        self.0.write_attribute(attribute, plane, offset, target)
     }
 
     fn identity(&self) -> u64 {

@@ -32,7 +32,7 @@ pub struct Bench {
 struct NoScene(u64);
 
 impl SceneData for NoScene {
-    fn write(&self, attribute: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
+    fn write(&self, attribute: &str, _: u32, _: u64, _: &mut [u8]) -> Result<(), String> {
         Err(format!("no {attribute}"))
     }
 

@@ -3,6 +3,7 @@
 use super::{Outcome, options};
 use crate::backend::Backend;
 use anyhow::{Result, bail};
+use splatgraph_assets::memory::display;
 
 /// List this machine's Vulkan devices
 ///
@@ -36,6 +37,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
         if device.unfit.is_none() {
             options::print(&format!("     {}", device.robustness))?;
         }
+        let available = device.heap.available.map(|bytes| format!(", {} available", display(bytes)));
+        options::print(&format!(
+            "     memory: {}{}",
+            display(device.heap.bytes),
+            available.unwrap_or_default()
+        ))?;
         if let Some(why) = &device.unfit {
             options::print(&format!("     cannot run graphs: {why}"))?;
         }

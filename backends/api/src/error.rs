@@ -15,7 +15,7 @@ pub enum BackendError {
     #[error("{0}")]
     Unsupported(String),
     /// Memory could not be allocated.
-    #[error("out of memory for `{name}` ({}): {reason}", display_bytes(*bytes))]
+    #[error("out of memory for {} ({}): {reason}", quoted(name), display_bytes(*bytes))]
     OutOfMemory {
         /// The resource, or the call that failed.
         name: String,
@@ -72,6 +72,11 @@ pub enum BackendError {
         /// The driver's answer.
         answer: String,
     },
+}
+
+/// Quotes the name of a resource or a call; what has a quoted name in it stays as it is.
+fn quoted(name: &str) -> String {
+    if name.contains('`') { name.to_string() } else { format!("`{name}`") }
 }
 
 /// The class of a [`BackendError`], by the action that can mend it.

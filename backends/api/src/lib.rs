@@ -37,6 +37,8 @@ pub struct DeviceInfo {
     pub facts: DeviceFacts,
     /// The bounds of accesses beyond the ends of buffers and images, where the device is opened with them.
     pub robustness: Robustness,
+    /// The largest of its memory heaps.
+    pub heap: Heap,
     /// The reason why it cannot run plans, if it cannot.
     pub unfit: Option<String>,
 }
@@ -79,6 +81,16 @@ impl fmt::Display for Robustness {
     }
 }
 
+/// A heap of a device's own memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Heap {
+    /// Its size in bytes.
+    pub bytes: u64,
+    /// Bytes that this process could still allocate of it when it was asked, as the driver estimates, the needs of other programs
+    /// considered (in Vulkan by `VK_EXT_memory_budget`). `None` where the driver does not say.
+    pub available: Option<u64>,
+}
+
 /// The choice of a device to open.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
@@ -118,12 +130,14 @@ pub struct DeviceMemory {
 
 /// Reads the bytes of the scene's attributes, as a plan asks for them.
 pub trait SceneData: Sync {
-    /// Writes plane `plane` of `attribute`, whole, into `target`, whose length in bytes is the plan's stride * count. Called once
-    /// per plane while loading.
+    /// Writes a piece of plane `plane` of `attribute` into `target`: the bytes from `offset` on.
+    ///
+    /// The plane has the plan's stride * count bytes. Its pieces are asked for while loading, each once, in ascending order;
+    /// `offset` and the length of `target` are multiples of the stride. `target` may be memory that is slow to read.
     ///
     /// # Errors
     /// The reason, in words, why the scene cannot supply it.
-    fn write(&self, attribute: &str, plane: u32, target: &mut [u8]) -> Result<(), String>;
+    fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String>;
 
     /// Returns a number that differs whenever the data does: planes uploaded under the same identity are kept.
     fn identity(&self) -> u64;
@@ -133,7 +147,7 @@ pub trait SceneData: Sync {
 pub struct NoScene;
 
 impl SceneData for NoScene {
-    fn write(&self, attribute: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
+    fn write(&self, attribute: &str, _: u32, _: u64, _: &mut [u8]) -> Result<(), String> {
         Err(format!("`{attribute}`: there is no scene"))
     }
 
@@ -369,6 +383,9 @@ pub trait Device: Sized {
     /// piece of memory is listed once, so that the sum is the allocated memory: resources that share one are one entry, under their
     /// names joined by ` + `; a resource that exists once per frame in flight is one entry.
     fn memory(&self) -> Vec<(String, u64)>;
+
+    /// Describes the largest heap of the device's own memory, as it is now.
+    fn heap(&self) -> Heap;
 
     /// Returns the validation messages since the last call; none when validation is off.
     fn take_messages(&mut self) -> Vec<String>;

@@ -50,6 +50,10 @@ impl Gpu for NullGpu {
         DeviceMemory { used, reserved: used }
     }
 
+    fn available(&self) -> Option<u64> {
+        Some(self.budget?.saturating_sub(self.used.load(Ordering::Relaxed)))
+    }
+
     fn format_support(&self, _: Format) -> FormatSupport {
         FormatSupport { storage: true, target: true, blend: true, blit: true }
     }

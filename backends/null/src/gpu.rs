@@ -2,7 +2,7 @@
 
 use crate::fault::{Fault, Point};
 use crate::journal::{Journal, Object, Owned};
-use splatgraph_api::{BackendError, DeviceInfo, Robustness};
+use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
 use splatgraph_framework::ir::{Features, PassId};
 use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::collections::HashMap;
@@ -17,6 +17,8 @@ pub struct Config {
     pub limits: Limits,
     /// The size in pixels of the window that frames are shown in, if there is one.
     pub window: Option<(u32, u32)>,
+    /// Bytes of the device's memory that can be allocated in all, as its driver says; it grants more.
+    pub budget: Option<u64>,
     /// The calls that fail.
     pub faults: Vec<Fault>,
     /// See [`splatgraph_api::Options::patience`].
@@ -25,13 +27,20 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Config {
-        Config { limits: limits(), window: None, faults: Vec::new(), patience: Duration::from_millis(20) }
+        Config {
+            limits: limits(),
+            window: None,
+            budget: None,
+            faults: Vec::new(),
+            patience: Duration::from_millis(20),
+        }
     }
 }
 
 /// An opened device that executes nothing; see [`crate::Null`].
 pub struct NullGpu {
     pub(crate) limits: Limits,
+    pub(crate) budget: Option<u64>,
     pub(crate) patience: Duration,
     pub(crate) journal: Journal,
     /// Bytes of memory that are allocated.
@@ -86,10 +95,12 @@ impl NullGpu {
             driver: String::new(),
             facts: config.limits.facts(),
             robustness: Robustness::default(),
+            heap: Heap { bytes: config.limits.heap_bytes, available: config.budget },
             unfit: None,
         };
         let gpu = NullGpu {
             limits: config.limits.clone(),
+            budget: config.budget,
             patience: config.patience,
             used: Arc::default(),
             tick: AtomicU64::new(1),

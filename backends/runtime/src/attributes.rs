@@ -4,8 +4,8 @@
 //! The [`AttributeCache`] finds those that some plan holds. A plane enters it when its upload is complete, not before, and only
 //! one plan uploads at a time: another that lacks a plane waits for its turn and looks again.
 
-use splatgraph_framework::ir::Source;
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::ir::{Shape, Source};
+use splatgraph_framework::plan::{Plan, Resource};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
@@ -16,6 +16,8 @@ pub(crate) struct PlaneKey {
     pub identity: u64,
     pub attribute: String,
     pub plane: u32,
+    /// Bytes of an entry.
+    pub stride: u64,
     pub bytes: u64,
 }
 
@@ -24,13 +26,17 @@ pub(crate) type Planes<B> = HashMap<PlaneKey, Arc<B>>;
 
 /// Lists the planes that `plan` reads of the scene with this identity.
 pub(crate) fn keys(plan: &Plan, identity: u64) -> Vec<PlaneKey> {
-    let key = |source: &Source, bytes| match source {
-        Source::Scene { attribute, plane } => {
-            Some(PlaneKey { identity, attribute: attribute.clone(), plane: *plane, bytes })
-        }
-        _ => None,
+    plan.resources.iter().filter_map(|resource| key(resource, identity)).collect()
+}
+
+/// Returns the key of a resource, if it is a plane of the scene with this identity.
+pub(crate) fn key(resource: &Resource, identity: u64) -> Option<PlaneKey> {
+    let (Source::Scene { attribute, plane }, Shape::Buffer { stride, .. }) =
+        (&resource.source, resource.shape)
+    else {
+        return None;
     };
-    plan.resources.iter().filter_map(|resource| key(&resource.source, resource.bytes())).collect()
+    Some(PlaneKey { identity, attribute: attribute.clone(), plane: *plane, stride, bytes: resource.bytes() })
 }
 
 /// The uploaded planes of a device; `B` is a buffer.
@@ -82,7 +88,7 @@ mod tests {
     use super::*;
 
     fn key(plane: u32) -> PlaneKey {
-        PlaneKey { identity: 1, attribute: "scene.sh".to_string(), plane, bytes: 4 }
+        PlaneKey { identity: 1, attribute: "scene.sh".to_string(), plane, stride: 4, bytes: 4 }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! It is made beside the frames, on any thread ([`CompiledPlan::new`]), and becomes the current one when it
 //! [follows](CompiledPlan::follow) the plan before it. Only then is it known which histories that one leaves.
 
-use crate::attributes;
+use crate::attributes::{self, PlaneKey};
 use crate::bindings::Bindings;
 use crate::check;
 use crate::gpu::{Buffer, Gpu, Memory};
@@ -12,7 +12,7 @@ use crate::resources::Resources;
 use crate::shared::Shared;
 use crate::timing::queries;
 use crate::upload::upload;
-use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress, SceneData};
+use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress, SceneData, display_bytes};
 use splatgraph_framework::{ir::*, plan::*};
 use std::sync::Arc;
 
@@ -62,6 +62,8 @@ impl<G: Gpu> CompiledPlan<G> {
         let pipelines = gpu.create_pipelines(&plan, progress)?;
         // Where planes are missing this may wait, so it comes after the pipelines.
         let (mut planes, turn) = shared.attributes.find(&attributes::keys(&plan, identity));
+        let absent = |key: &PlaneKey| !planes.contains_key(key);
+        within_budget(&plan, gpu.available(), attributes::keys(&plan, identity).into_iter().filter(absent))?;
         let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes)?;
         let bindings = Bindings::new(gpu, &plan, &pipelines, &resources)?;
         let slots = [PlanSlot::new(gpu, &plan)?, PlanSlot::new(gpu, &plan)?];
@@ -164,6 +166,29 @@ impl<G: Gpu> PlanSlot<G> {
     fn new(gpu: &Arc<G>, plan: &Plan) -> Result<Self, BackendError> {
         let timestamps = gpu.create_timestamps(queries(plan.prologue.len() + plan.frame.len()))?;
         Ok(PlanSlot { timestamps: timestamps.map(Arc::new), output: None })
+    }
+}
+
+/// Refuses a plan whose resources, with the planes that it still lacks, need more than the `available` bytes of the device.
+///
+/// The driver's number is an estimate. Without this, memory would be taken piece by piece until one fails, or until other programs
+/// lose theirs.
+fn within_budget(
+    plan: &Plan,
+    available: Option<u64>,
+    absent: impl Iterator<Item = PlaneKey>,
+) -> Result<(), BackendError> {
+    let needed = absent.fold(plan.transient_bytes(), |sum, key| sum.saturating_add(key.bytes));
+    match available {
+        Some(available) if needed > available => Err(BackendError::OutOfMemory {
+            name: format!("the plan `{}`", plan.name),
+            bytes: needed,
+            reason: format!(
+                "expected at most {} of the device's memory, which the driver says this process can still take",
+                display_bytes(available)
+            ),
+        }),
+        _ => Ok(()),
     }
 }
 

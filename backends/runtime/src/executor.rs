@@ -12,7 +12,7 @@ use crate::window::Swapchain;
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle};
 use splatgraph_api::{
     BackendError, Device, DeviceInfo, DeviceMemory, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult,
-    Options, Picture, Running, Windowed,
+    Heap, Options, Picture, Running, Windowed,
 };
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -335,6 +335,10 @@ impl<G: Gpu> Device for Executor<G> {
             memory.push((IN_FLIGHT.to_string(), other.values().sum()));
         }
         memory
+    }
+
+    fn heap(&self) -> Heap {
+        Heap { bytes: self.shared.gpu.limits().heap_bytes, available: self.shared.gpu.available() }
     }
 
     fn take_messages(&mut self) -> Vec<String> {

@@ -72,6 +72,10 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Reports the memory of the whole device.
     fn memory(&self) -> DeviceMemory;
 
+    /// Returns the bytes that can still be allocated of the largest heap of the device's own memory, as the driver estimates now;
+    /// none where it does not say.
+    fn available(&self) -> Option<u64>;
+
     /// Says for what the device supports images of a format.
     fn format_support(&self, format: Format) -> FormatSupport;
 

@@ -6,7 +6,7 @@
 //! ([`crate::attributes`]), and histories by plans that follow one another ([`crate::history`]).
 
 use crate::aliasing::{self, Member, Transient};
-use crate::attributes::{PlaneKey, Planes};
+use crate::attributes::{self, PlaneKey, Planes};
 use crate::gpu::{BindingTarget, Buffer, BufferDesc, Gpu, Image, ImageDesc, Location};
 use crate::host_buffers::HostBuffer;
 use crate::outputs::SharedOutput;
@@ -51,8 +51,10 @@ impl<G: Gpu> Resources<G> {
                     Some(transient) => Held::Transient(transient),
                     None => unreachable!("every transient of a checked plan is in a block"),
                 },
-                Source::Scene { attribute, plane } => {
-                    let key = PlaneKey { identity, attribute: attribute.clone(), plane: *plane, bytes };
+                Source::Scene { .. } => {
+                    let Some(key) = attributes::key(resource, identity) else {
+                        unreachable!("every plane of a checked plan is a buffer")
+                    };
                     if !planes.contains_key(&key) {
                         missing.push(key.clone());
                         planes.insert(key.clone(), Arc::new(Buffer::new(gpu, &desc, Location::Device)?));

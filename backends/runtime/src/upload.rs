@@ -1,7 +1,7 @@
 //! Uploads of the scene, in chunks through staging memory.
 //!
-//! The staging memory has two halves: while the device copies out of one, the host fills the other. However large the scene, no
-//! more than twice [`CHUNK`] bytes are mapped, and progress is reported after every chunk.
+//! The staging memory has two halves: while the device copies out of one, the scene writes into the other. However large the scene, no
+//! more than twice [`CHUNK`] bytes are mapped, nothing else is allocated, and progress is reported after every chunk.
 
 use crate::attributes::{PlaneKey, Planes};
 use crate::gpu::{Buffer, BufferDesc, Encoder, Gpu, Location};
@@ -9,8 +9,9 @@ use crate::shared::Shared;
 use crate::watch::{Submission, Ticket};
 use splatgraph_api::{BackendError, Progress, SceneData};
 use splatgraph_framework::ir::Usage;
+use std::ops::Range;
 
-/// Bytes of one copy at most.
+/// Bytes of one copy at most; less where that is not a whole number of entries.
 const CHUNK: u64 = 16 << 20;
 
 /// Reads the planes `missing` from the scene and uploads them. When this returns, also with an error, the device uses none of
@@ -53,7 +54,8 @@ impl<'a, G: Gpu> Uploader<'a, G> {
     ) -> Result<Self, BackendError> {
         let gpu = &shared.gpu;
         let total: u64 = missing.iter().map(|key| key.bytes).sum();
-        let desc = BufferDesc { name: "staging", bytes: total.min(CHUNK), usage: Usage::COPY_SOURCE };
+        let longest = missing.iter().map(|key| key.stride).max().unwrap_or(0).max(CHUNK);
+        let desc = BufferDesc { name: "staging", bytes: total.min(longest), usage: Usage::COPY_SOURCE };
         let half = || -> Result<Half<G>, BackendError> {
             Ok(Half {
                 staging: Buffer::new(gpu, &desc, Location::Upload)?,
@@ -71,21 +73,17 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<(), BackendError> {
         progress(Progress::Upload { done_bytes: 0, of_bytes: self.total });
-        let mut bytes = Vec::new();
         let mut next = 0;
         for key in missing {
-            bytes.clear();
-            bytes.resize(key.bytes as usize, 0);
-            scene.write(&key.attribute, key.plane, &mut bytes).map_err(|reason| BackendError::Scene {
-                attribute: key.attribute.clone(),
-                plane: key.plane,
-                reason,
-            })?;
-            let target = &self.planes[key];
-            for (index, chunk) in bytes.chunks(CHUNK as usize).enumerate() {
-                self.send(next, chunk, target, index as u64 * CHUNK)?;
+            // An entry is some words; one that is longer than a chunk goes as one.
+            let chunk = (CHUNK / key.stride.max(1)).max(1) * key.stride.max(1);
+            let mut offset = 0;
+            while offset < key.bytes {
+                let bytes = chunk.min(key.bytes - offset);
+                self.send(next, scene, key, offset..offset + bytes)?;
                 next = 1 - next;
-                self.done += chunk.len() as u64;
+                offset += bytes;
+                self.done += bytes;
                 progress(Progress::Upload { done_bytes: self.done, of_bytes: self.total });
             }
         }
@@ -93,21 +91,24 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         self.wait(1)
     }
 
-    /// Copies `chunk` to byte `offset` of `target` through one of the halves.
+    /// Writes the bytes `range` of a plane into one of the halves, and copies them to the plane's buffer.
     fn send(
         &mut self,
         half: usize,
-        chunk: &[u8],
-        target: &Buffer<G>,
-        offset: u64,
+        scene: &dyn SceneData,
+        key: &PlaneKey,
+        range: Range<u64>,
     ) -> Result<(), BackendError> {
         self.wait(half)?;
         let Half { staging, encoder, busy } = &mut self.halves[half];
-        let bytes = chunk.len() as u64;
-        staging.mapped_mut()[..chunk.len()].copy_from_slice(chunk);
+        let (target, bytes) = (&self.planes[key], range.end - range.start);
+        let memory = &mut staging.mapped_mut()[..bytes as usize];
+        scene.write(&key.attribute, key.plane, range.start, memory).map_err(|reason| {
+            BackendError::Scene { attribute: key.attribute.clone(), plane: key.plane, reason }
+        })?;
         encoder.begin()?;
-        encoder.copy_buffer((staging, 0), (target, offset), bytes);
-        encoder.after_copy(target, offset..offset + bytes);
+        encoder.copy_buffer((staging, 0), (target, range.start), bytes);
+        encoder.after_copy(target, range);
         encoder.end()?;
         self.shared.gpu.submit(encoder, None)?;
         *busy = Some(self.shared.watch.enter(Submission { frame: None }));

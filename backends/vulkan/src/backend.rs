@@ -72,6 +72,13 @@ impl Gpu for VulkanGpu {
         })
     }
 
+    fn available(&self) -> Option<u64> {
+        let memory = self.memory();
+        // The allocator's unused pieces count as used by the driver, and are there to be used.
+        let available = device::heap(&self.instance, self.physical, self.budget).available?;
+        Some(available.saturating_add(memory.reserved.saturating_sub(memory.used)))
+    }
+
     fn format_support(&self, format: Format) -> FormatSupport {
         let features = self.format_features(lower::format(format));
         FormatSupport {

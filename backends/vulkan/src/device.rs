@@ -9,7 +9,7 @@ use crate::features::OptionalFeatures;
 use crate::instance::{API_VERSION, Instance, NO_DRIVER, offers};
 use crate::robustness::RobustnessFeatures;
 use ash::{ext, khr, vk};
-use splatgraph_api::{BackendError, DeviceInfo, Robustness};
+use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
 use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::ffi::{CStr, c_char};
 use std::time::Duration;
@@ -21,6 +21,8 @@ pub(crate) struct Physical {
     pub family: u32,
     pub info: DeviceInfo,
     pub limits: Limits,
+    /// It has `VK_EXT_memory_budget`.
+    pub budget: bool,
     kind: vk::PhysicalDeviceType,
 }
 
@@ -117,9 +119,11 @@ fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Ph
         }
     }
     let facts = limits.facts();
-    let info =
-        DeviceInfo { index, name, kind: kind_name(kind).to_string(), driver, facts, robustness, unfit };
-    Physical { handle, family: family.map_or(0, |f| f.0), info, limits, kind }
+    let budget = has_extension(instance, handle, ext::memory_budget::NAME);
+    let heap = if unfit.is_none() { heap(instance, handle, budget) } else { Heap::default() };
+    let kind_name = kind_name(kind).to_string();
+    let info = DeviceInfo { index, name, kind: kind_name, driver, facts, robustness, heap, unfit };
+    Physical { handle, family: family.map_or(0, |f| f.0), info, limits, budget, kind }
 }
 
 fn queue_family(
@@ -153,6 +157,30 @@ fn has_extension(instance: &Instance, handle: vk::PhysicalDevice, name: &CStr) -
     // SAFETY: `handle` is one of the instance's.
     let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
     extensions.is_ok_and(|extensions| offers(&extensions, name))
+}
+
+/// Describes the largest device-local heap; with `budget`, of a device that has `VK_EXT_memory_budget`, also what is left of it.
+pub(crate) fn heap(instance: &Instance, handle: vk::PhysicalDevice, budget: bool) -> Heap {
+    let mut left = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
+    let mut answer = vk::PhysicalDeviceMemoryProperties2::default();
+    if budget {
+        answer = answer.push_next(&mut left);
+    }
+    // SAFETY: `handle` is one of the instance's, of version 1.1 or later, and the chain holds what it supports.
+    unsafe { instance.raw.get_physical_device_memory_properties2(handle, &mut answer) };
+    let memory = answer.memory_properties;
+    let Some(index) = largest_heap(&memory) else { return Heap::default() };
+    let available = left.heap_budget[index].saturating_sub(left.heap_usage[index]);
+    // A budget of 0 is that of a heap that the driver says nothing of.
+    let known = budget && left.heap_budget[index] > 0;
+    Heap { bytes: memory.memory_heaps[index].size, available: known.then_some(available) }
+}
+
+/// Finds the largest device-local heap.
+fn largest_heap(memory: &vk::PhysicalDeviceMemoryProperties) -> Option<usize> {
+    let heaps = &memory.memory_heaps[..memory.memory_heap_count as usize];
+    let local = (0..heaps.len()).filter(|&i| heaps[i].flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+    local.max_by_key(|&index| heaps[index].size)
 }
 
 /// Limits and the driver's name, of a device of version 1.3 or later.
@@ -196,12 +224,7 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         max_storage_buffers: core.max_per_stage_descriptor_storage_buffers,
         max_uniform_buffers: core.max_per_stage_descriptor_uniform_buffers,
         max_storage_images: core.max_per_stage_descriptor_storage_images,
-        heap_bytes: memory.memory_heaps[..memory.memory_heap_count as usize]
-            .iter()
-            .filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
-            .map(|heap| heap.size)
-            .max()
-            .unwrap_or(0),
+        heap_bytes: largest_heap(&memory).map_or(0, |index| memory.memory_heaps[index].size),
         device_memory_types: memory.memory_types[..memory.memory_type_count as usize]
             .iter()
             .enumerate()
@@ -266,6 +289,9 @@ pub(crate) fn create(
     if robust.two.is_some() {
         names.push(ext::robustness2::NAME.as_ptr());
     }
+    if physical.budget {
+        names.push(ext::memory_budget::NAME.as_ptr());
+    }
     let mut info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_features(core)
@@ -297,9 +323,11 @@ mod tests {
             driver: String::new(),
             facts: DeviceFacts::default(),
             robustness: Robustness::default(),
+            heap: Heap::default(),
             unfit: unfit.map(str::to_string),
         };
-        Physical { handle: vk::PhysicalDevice::null(), family: 0, info, limits: Limits::default(), kind }
+        let limits = Limits::default();
+        Physical { handle: vk::PhysicalDevice::null(), family: 0, info, limits, budget: false, kind }
     }
 
     fn machine() -> Vec<Physical> {

@@ -28,6 +28,8 @@ pub struct VulkanGpu {
     pub(crate) family: u32,
     pub(crate) limits: Limits,
     pub(crate) physical: vk::PhysicalDevice,
+    /// It has `VK_EXT_memory_budget`.
+    pub(crate) budget: bool,
     /// Kept across loads: a plan that is rebuilt finds the pipelines that did not change.
     pub(crate) pipeline_cache: vk::PipelineCache,
     /// `None` once the device is being destroyed.
@@ -58,6 +60,7 @@ impl VulkanGpu {
             family: physical.family,
             limits: physical.limits.clone(),
             physical: physical.handle,
+            budget: physical.budget,
             pipeline_cache: vk::PipelineCache::null(),
             allocator: Mutex::new(None),
             fences: Mutex::default(),

@@ -17,11 +17,12 @@ pub fn finish(null: Null, journal: &Journal) {
     assert_eq!(journal.alive(), Default::default(), "objects are left");
 }
 
-/// A scene of zeros, that counts how often it was asked.
+/// A scene of zeros, that counts how many planes it was asked for, and the bytes of the largest piece.
 #[derive(Default)]
 pub struct Zeros {
     pub identity: u64,
     pub asked: AtomicUsize,
+    pub largest: AtomicUsize,
 }
 
 impl Zeros {
@@ -31,8 +32,9 @@ impl Zeros {
 }
 
 impl SceneData for Zeros {
-    fn write(&self, _: &str, _: u32, target: &mut [u8]) -> Result<(), String> {
-        self.asked.fetch_add(1, Ordering::Relaxed);
+    fn write(&self, _: &str, _: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
+        self.asked.fetch_add(usize::from(offset == 0), Ordering::Relaxed);
+        self.largest.fetch_max(target.len(), Ordering::Relaxed);
         target.fill(0);
         Ok(())
     }

@@ -4,7 +4,7 @@ use crate::common::*;
 use crate::testing::{SPLATS, plan};
 use splatgraph_api::{BackendError, Device, Progress, SceneData};
 use splatgraph_framework::ir::Shape;
-use splatgraph_null::Call;
+use splatgraph_null::{Call, Config};
 
 /// The offsets and sizes of the copies to a plane.
 fn copies(calls: &[Call]) -> Vec<(u64, u64)> {
@@ -22,7 +22,8 @@ fn a_plane_larger_than_a_chunk_goes_in_chunks_and_each_half_is_waited_for_before
     let mut large = plan();
     large.resources[SPLATS.index()].shape = Shape::Buffer { stride: 4, count: 10_000_000 };
     let mut told = Vec::new();
-    null.load(large, &Zeros::default(), &mut |progress| {
+    let scene = Zeros::default();
+    null.load(large, &scene, &mut |progress| {
         if let Progress::Upload { done_bytes, .. } = progress {
             told.push(done_bytes);
         }
@@ -31,6 +32,8 @@ fn a_plane_larger_than_a_chunk_goes_in_chunks_and_each_half_is_waited_for_before
     let calls = journal.take();
     assert_eq!(copies(&calls), [(0, CHUNK), (CHUNK, CHUNK), (2 * CHUNK, 40_000_000 - 2 * CHUNK)]);
     assert_eq!(told, [0, CHUNK, 2 * CHUNK, 40_000_000]);
+    // No more of a plane is on the host than the staging memory holds.
+    assert_eq!(scene.largest.into_inner() as u64, CHUNK);
     // Submissions and waits by turns: two chunks are on their way, then the first is waited for.
     let order: String = calls
         .iter()
@@ -41,6 +44,44 @@ fn a_plane_larger_than_a_chunk_goes_in_chunks_and_each_half_is_waited_for_before
         })
         .collect();
     assert_eq!(order, "sswsww");
+    finish(null, &journal);
+}
+
+#[test]
+fn a_chunk_has_whole_entries_of_its_plane() {
+    let (mut null, journal) = device();
+    let mut large = plan();
+    large.resources[SPLATS.index()].shape = Shape::Buffer { stride: 12, count: 2_000_000 };
+    null.load(large, &Zeros::default(), &mut |_| {}).expect("the plan loads");
+    let chunk = (16 << 20) / 12 * 12;
+    assert_eq!(copies(&journal.take()), [(0, chunk), (chunk, 24_000_000 - chunk)]);
+    finish(null, &journal);
+}
+
+#[test]
+fn a_plan_beyond_the_budget_is_refused_before_anything_is_made_and_the_former_goes_on() {
+    let config = Config { budget: Some(30 << 20), ..Config::default() };
+    let (null, journal) = splatgraph_null::open(&config);
+    let mut null = null.expect("it opens");
+    load(&mut null, plan());
+    let before = submit(&mut null);
+    let _ = journal.take();
+    let mut large = plan();
+    large.resources[SPLATS.index()].shape = Shape::Buffer { stride: 16, count: 2_000_000 };
+    let scene = Zeros { identity: 7, ..Zeros::default() };
+    let error = error_of(null.load(large, &scene, &mut |_| {}));
+    let text = error.to_string();
+    assert!(matches!(&error, BackendError::OutOfMemory { .. }), "{text}");
+    assert!(
+        text.contains("out of memory for the plan `test` (30.5 MiB)")
+            && text.contains("expected at most 30.0 MiB of the device"),
+        "{text}"
+    );
+    let made = |call: &Call| matches!(call, Call::Create { object: splatgraph_null::Object::Memory, .. });
+    assert!(!journal.take().iter().any(made), "nothing was allocated");
+    assert_eq!(scene.asked(), 0);
+    null.wait(before).expect("the frame is done");
+    frame(&mut null, &inputs());
     finish(null, &journal);
 }
 
@@ -65,7 +106,7 @@ fn a_plane_is_uploaded_once_for_all_executors_as_long_as_some_plan_has_it() {
 fn a_scene_without_the_attribute_is_named_and_the_former_plan_goes_on() {
     struct Bare;
     impl SceneData for Bare {
-        fn write(&self, _: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
+        fn write(&self, _: &str, _: u32, _: u64, _: &mut [u8]) -> Result<(), String> {
             Err("it has none".to_string())
         }
         fn identity(&self) -> u64 {

@@ -96,11 +96,11 @@ impl Scene {
 }
 
 impl SceneData for Scene {
-    fn write(&self, attribute: &str, plane: u32, target: &mut [u8]) -> Result<(), String> {
+    fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
         self.asked.fetch_add(1, Ordering::Relaxed);
         let key = (attribute.to_string(), plane);
         let bytes = self.planes.get(&key).ok_or(format!("plane {plane} of `{attribute}`"))?;
-        target.copy_from_slice(bytes);
+        target.copy_from_slice(&bytes[offset as usize..][..target.len()]);
         Ok(())
     }
 

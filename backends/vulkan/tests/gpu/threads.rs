@@ -213,7 +213,7 @@ struct Broken {
 }
 
 impl SceneData for Broken {
-    fn write(&self, _: &str, _: u32, _: &mut [u8]) -> Result<(), String> {
+    fn write(&self, _: &str, _: u32, _: u64, _: &mut [u8]) -> Result<(), String> {
         assert!(!self.panics, "the scene breaks on purpose");
         Err("any of it".to_string())
     }
