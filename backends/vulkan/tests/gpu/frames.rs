@@ -194,19 +194,18 @@ fn devices_in_several_threads_do_not_disturb_one_another() {
     }
 }
 
-/// A pass that takes long: more rounds than lavapipe ends in a second or so, in two loops, since it cuts a single one short.
+/// A pass that takes long, in many short invocations: lavapipe cuts the loops of a single one short.
 const SLOW: &str = "#version 460
 layout(local_size_x = 1) in;
 layout(set = 0, binding = 0) buffer Words { uint words[]; };
 void main() {
-    uint x = words[0];
+    uint x = words[0] + gl_WorkGroupID.x;
     for (uint i = 0; i < 60000; i++) {
-        for (uint j = 0; j < 12000; j++) {
-            x = x * 1664525u + 1013904223u;
-        }
-        x ^= x >> 7;
+        x = (x ^ (x >> 7)) * 1664525u + 1013904223u;
     }
-    words[0] = x;
+    if (x == 0u) {
+        words[0] = 8u;
+    }
 }";
 
 #[test]
@@ -215,7 +214,7 @@ fn a_pass_that_runs_for_long_is_named_while_it_runs_and_its_frame_can_be_waited_
     let words_ = build.words("words", 1);
     build.fill(Run::Frame, "fill", words_, 7);
     let slow = build.shader("slow.comp", SLOW);
-    build.dispatch(Run::Frame, "slow", slow, 1, &[(words_, 0, BOTH)]);
+    build.dispatch(Run::Frame, "slow", slow, 16_000, &[(words_, 0, BOTH)]);
     let plan = show(build, words_);
     let options = Options {
         validation: Validation::Synchronization,

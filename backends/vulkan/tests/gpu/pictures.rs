@@ -301,6 +301,7 @@ void main() { imageStore(image, ivec2(7, 2899), vec4(0.25, 0.5, 0.75, 1.0)); }",
 
     let mut build = Build::new();
     let rows = build.given("frame.rows", 4, 1);
+    build.plan.resources[rows.index()].usage = Usage::STORAGE;
     let found = build.words("found", 5);
     let shader = build.shader(
         "read.comp",
