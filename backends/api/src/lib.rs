@@ -100,7 +100,8 @@ pub struct Options {
     /// The checks of the API's validation.
     pub validation: Validation,
     /// The longest time that one pass may run before calls that wait for it give up with [`BackendError::Stuck`]. Without it
-    /// 10 seconds, and two minutes where the device is a CPU.
+    /// 10 seconds, and ten minutes where the device is a CPU. Where the device does not tell its passes apart while it runs, as
+    /// lavapipe does not, it is the time of a frame.
     pub patience: Option<Duration>,
     /// Leaves accesses beyond the ends of buffers and images unchecked, to measure what the checks cost. See
     /// [`DeviceInfo::robustness`].

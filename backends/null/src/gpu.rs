@@ -80,6 +80,7 @@ pub fn limits() -> Limits {
         rounds_half: true,
         features: Features::all(),
         timestamp_bits: 64,
+        live_timestamps: true,
         timestamp_period: 1.0,
     }
 }

@@ -47,6 +47,8 @@ pub struct Limits {
     pub features: Features,
     /// Bits that count in a timestamp; 0 where the queue has no timer.
     pub timestamp_bits: u32,
+    /// Timestamps can be read while the device runs, without waiting for it.
+    pub live_timestamps: bool,
     /// Nanoseconds per tick of a timestamp.
     pub timestamp_period: f32,
 }

@@ -6,8 +6,8 @@
 //!
 //! The executors of a device share its queue, so that a frame may wait for a pass of another executor's. Therefore every submission
 //! is [entered](Watch::enter) in the order of the queue. The device runs the first whose timestamps are not all written, in the pass
-//! after the last one whose timestamp is. Submissions without timestamps (uploads, and all where the queue has no timer) tell nothing,
-//! and are named only by those who wait for them.
+//! after the last one whose timestamp is. Submissions without timestamps (uploads, and all where the queue has no timer, or one that
+//! cannot be read while the device runs) tell nothing, and are named only by those who wait for them.
 
 use crate::gpu::Gpu;
 use crate::timing::Times;
@@ -122,7 +122,8 @@ pub(crate) fn stuck(running: Running) -> BackendError {
 impl<G: Gpu> State<G> {
     /// Finds the first submission that is not done, `own` at the latest, and says in words where the device is in it.
     fn first_unfinished(&self, gpu: &G, own: u64) -> (Point, String) {
-        for (&number, submission) in self.submitted.range(..=own) {
+        let live = gpu.limits().live_timestamps;
+        for (&number, submission) in self.submitted.range(..=own).filter(|_| live) {
             let Some(frame) = &submission.frame else { continue };
             let passes = frame.passes.len();
             let Ok(times) = Times::read(gpu, frame.timestamps.as_deref(), passes) else { continue };
@@ -135,7 +136,9 @@ impl<G: Gpu> State<G> {
         }
         let done = self.submitted.get(&own).and_then(|submission| submission.frame.as_ref());
         let place = match done {
-            Some(frame) if frame.timestamps.is_some() => format!("the end of a frame of `{}`", frame.plan),
+            Some(frame) if live && frame.timestamps.is_some() => {
+                format!("the end of a frame of `{}`", frame.plan)
+            }
             Some(frame) => format!("a frame of `{}`", frame.plan),
             None => "the upload of the scene".to_string(),
         };

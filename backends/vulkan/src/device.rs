@@ -29,7 +29,7 @@ pub(crate) struct Physical {
 impl Physical {
     /// The time that one pass may run where the program does not say. A CPU is slow at what GPUs do in an instant.
     pub fn patience(&self) -> Duration {
-        let seconds = if self.kind == vk::PhysicalDeviceType::CPU { 120 } else { 10 };
+        let seconds = if self.kind == vk::PhysicalDeviceType::CPU { 600 } else { 10 };
         Duration::from_secs(seconds)
     }
 }
@@ -244,6 +244,8 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         rounds_half: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
         features: OptionalFeatures::of(instance, handle).shaders(),
         timestamp_bits: 0,
+        // Reading them waits for all that was submitted.
+        live_timestamps: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
         timestamp_period: core.timestamp_period,
     };
     let text = |s: Result<&CStr, _>| s.map(CStr::to_string_lossy).unwrap_or_default().into_owned();

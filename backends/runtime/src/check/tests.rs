@@ -26,6 +26,7 @@ fn limits() -> Limits {
         independent_blend: true,
         subgroup: SubgroupLimits { size: 8, min_size: 8, max_size: 8, selectable: true, max_per_group: 32 },
         timestamp_bits: 64,
+        live_timestamps: true,
         timestamp_period: 1.0,
     }
 }
