@@ -146,8 +146,7 @@ fn every_preset_passes_its_check_and_every_command_teaches() {
     assert_eq!(verdicts.len(), splatgraph::builtin::names().len() + 1, "{text}");
     assert!(verdicts.iter().all(|line| line.ends_with(": OK")), "{text}");
     for line in widths {
-        let removals =
-            line.split_once("0 hazards, and each of ").and_then(|(_, rest)| rest.split_once(" removals"));
+        let removals = line.split_once("any bit of one (").and_then(|(_, rest)| rest.split_once(" ways)"));
         assert!(
             removals.is_some_and(|(count, _)| count.parse::<u32>().is_ok_and(|count| count > 0)),
             "{line}"
@@ -163,6 +162,137 @@ fn every_preset_passes_its_check_and_every_command_teaches() {
     for command in ["view", "render", "dump", "check", "info", "compare", "synth", "devices"] {
         let help = done(folder.path(), &[command, "--help"]);
         assert!(help.contains("Examples:"), "{command} has no examples:\n{help}");
+    }
+}
+
+/// Shaders for graphs with mistakes: `next.comp` counts in place, `half.vert` reads what `half.frag` writes.
+const SHADERS: [(&str, &str); 6] = [
+    (
+        "next.comp",
+        "layout(local_size_x = 64) in;
+        layout(set = 0, binding = 0, std430) buffer Words { uint words[]; };
+        void main() { words[gl_LocalInvocationIndex] += 1; }",
+    ),
+    (
+        "copy.comp",
+        "layout(local_size_x = 64) in;
+        layout(set = 0, binding = 0, std430) readonly buffer From { uint from[]; };
+        layout(set = 0, binding = 1, std430) writeonly buffer To { uint to[]; };
+        void main() { to[gl_LocalInvocationIndex] = from[gl_LocalInvocationIndex]; }",
+    ),
+    (
+        "show.comp",
+        "layout(local_size_x = 64) in;
+        layout(set = 0, binding = 0, std430) readonly buffer Words { uint words[]; };
+        layout(set = 0, binding = 1, rgba8) uniform writeonly image2D Image;
+        void main() { imageStore(Image, ivec2(gl_LocalInvocationIndex % 8, gl_LocalInvocationIndex / 8), vec4(words[0])); }",
+    ),
+    (
+        "half.vert",
+        "layout(set = 0, binding = 0, std430) readonly buffer Words { uint words[]; };
+        void main() { gl_Position = vec4(words[gl_VertexIndex]); }",
+    ),
+    ("flat.vert", "void main() { gl_Position = vec4(gl_VertexIndex); }"),
+    (
+        "half.frag",
+        "layout(set = 0, binding = 0, std430) buffer Words { uint words[]; };
+        layout(location = 0) out vec4 color;
+        void main() { color = vec4(1); words[0] = 1; }",
+    ),
+];
+
+/// Checks a graph of these passes, over the buffers `words` and `past`, the ping-pong buffer `keys` and the image `image`.
+fn checked(passes: &str, output: &str) -> (tempfile::TempDir, Output) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: String| std::fs::write(folder.path().join(name), text).expect("writable");
+    for (name, text) in SHADERS {
+        write(name, format!("#version 460\n{text}\n"));
+    }
+    write(
+        "graph.ron",
+        format!(
+            r#"Graph(version: 1, summary: "a mistake", output: "{output}",
+    resources: {{
+        "words": Buffer(stride: 4, count: 64),
+        "past": Buffer(stride: 4, count: 64, history: true),
+        "keys": Buffer(stride: 4, count: 64, ping_pong: true),
+        "image": Image(format: "rgba8", size: (8, 8), history: true),
+    }},
+    passes: [{passes}],
+)"#
+        ),
+    );
+    write(
+        "copies.ron",
+        r#"Graph(version: 1, summary: "copies", ports: { "data": Buffer(stride: 4, ping_pong: true) }, passes: [
+    Dispatch(name: "copy", shader: "copy.comp", size: Threads(64), bind: { "From": "front(data)", "To": "back(data)" }),
+])"#
+        .to_string(),
+    );
+    let output = splatgraph(folder.path(), &["check", "graph.ron"]);
+    (folder, output)
+}
+
+const CLEAR: &str = r#"Fill(name: "clear", buffer: "words", value: 1),"#;
+const SHOW: &str = r#"Dispatch(name: "show", shader: "show.comp", size: Threads(64), bind: { "Words": "words", "Image": "image" }),"#;
+
+#[test]
+fn check_refuses_what_no_barrier_can_mend_and_results_of_another_frame() {
+    let draw = |vertex: &str, call: &str| {
+        format!(
+            r#"{CLEAR} Draw(name: "draw", vertex: "{vertex}.vert", fragment: "half.frag", topology: TriangleList, call: {call},
+                bind: {{ "Words": "words" }}, targets: [Target(image: "image", load: Clear(0, 0, 0, 0), blend: Replace)]),"#
+        )
+    };
+    let next = r#"Dispatch(name: "next", shader: "next.comp", size: Indirect("words", 0), bind: { "Words": "words" }),"#;
+    let last = SHOW.replace("\"Words\": \"words\"", "\"Words\": \"last(past)\"");
+    let cases = [
+        (format!("{CLEAR} {next} {SHOW}"), "image", "which its own arguments are in"),
+        (draw("flat", r#"Indirect("words", 16)"#), "image", "which its own arguments are in"),
+        (
+            draw("half", "Direct(vertices: 3, instances: 1)"),
+            "image",
+            "`half.vert` reads `Words` while `half.frag`",
+        ),
+        (format!("{CLEAR} {SHOW}"), "last(image)", "a frame's results are what it leaves itself"),
+        (last, "image", "`show` reads `past`, which no pass writes"),
+    ];
+    for (passes, output, expected) in cases {
+        let (folder, found) = checked(&passes, output);
+        let text = String::from_utf8_lossy(&found.stderr).into_owned();
+        assert_eq!(found.status.code(), Some(1), "{passes}: {text}");
+        assert!(text.contains(expected), "{passes}: {text}");
+        // A dump says the same, and no more.
+        let dump = splatgraph(folder.path(), &["dump", "graph.ron"]);
+        let text = String::from_utf8_lossy(&dump.stderr).into_owned();
+        assert_eq!((dump.status.code(), text.contains(expected)), (Some(1), true), "{passes}: {text}");
+    }
+}
+
+#[test]
+fn check_and_dump_count_what_is_left_out_and_warn_where_a_result_was_asked_for() {
+    let fill = r#"Fill(name: "clear", buffer: "keys", value: 1), Include(graph: "copies.ron", name: "sort", with: { "data": "keys" }),"#;
+    let passes = format!("{fill} {}", SHOW.replace("\"words\"", "\"keys\""));
+    let (folder, found) = checked(&passes, "image");
+    let [out, err] = [&found.stdout, &found.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
+    assert!(found.status.success(), "{err}");
+    assert_eq!(err.matches("warning: a pass is left out of the include `sort`").count(), 1, "{err}");
+    assert!(err.contains("is a `Swap` missing?"), "{err}");
+    assert!(out.contains("; 1 pass left out: nothing reads what it writes"), "{out}");
+    let text = done(folder.path(), &["dump", "graph.ron"]);
+    assert!(text.contains("\n1 pass left out: nothing reads what it writes\nwarning: a pass"), "{text}");
+    let json: Value =
+        serde_json::from_str(&done(folder.path(), &["dump", "graph.ron", "--format", "json"])).expect("JSON");
+    assert_eq!(json["left_out"].as_array().map(Vec::len), Some(1));
+    assert!(json["warnings"][0]["help"][0].as_str().is_some_and(|help| help.contains("Swap")), "{json}");
+
+    let next =
+        r#"Dispatch(name: "next", shader: "next.comp", size: Threads(64), bind: { "Words": "words" }),"#;
+    for (clear, warnings) in [("", 1), (CLEAR, 0)] {
+        let (_, found) = checked(&format!("{clear} {next} {SHOW}"), "image");
+        let text = String::from_utf8_lossy(&found.stderr).into_owned();
+        assert!(found.status.success(), "{text}");
+        assert_eq!(text.matches("`next` reads and writes `words`").count(), warnings, "{text}");
     }
 }
 

@@ -7,7 +7,7 @@ use splatgraph_framework::lower::{self, Control};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::Glslang;
-use splatgraph_framework::source::{Diagnostic, SourceMap, render};
+use splatgraph_framework::source::{Diagnostic, SourceMap, render, render_warnings};
 use std::fmt;
 
 /// A builder of plans with a cache of compiled shaders.
@@ -36,6 +36,12 @@ impl Planner {
         let request = Request { graph, set, facts, catalog, share_memory: self.share_memory };
         build(&request, &mut self.files, &mut self.compiler)
             .map_err(|found| GraphErrors::new(&self.files, &found))
+    }
+
+    /// Renders the warnings of a plan that was built since [`Planner::forget_files`], with the source text; empty if it has none.
+    pub fn warnings(&self, plan: &Plan, colour: bool) -> String {
+        let found: Vec<Diagnostic> = plan.warnings.iter().map(|w| w.diagnostic.clone()).collect();
+        render_warnings(&self.files, &found, colour)
     }
 
     /// Lists the parameters of `graph` with the values that `set` gives them.

@@ -16,6 +16,7 @@ use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::Format;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
+use std::io::Write;
 
 /// An error of a session.
 #[derive(Debug, thiserror::Error)]
@@ -38,6 +39,8 @@ pub struct Session<D> {
     pipeline: String,
     set: Vec<(String, String)>,
     planner: Planner,
+    /// Warnings about the graph were printed.
+    warned: bool,
     loaded: Option<(Plan, (u32, u32))>,
     frame: u32,
 }
@@ -64,6 +67,7 @@ impl<D: Device> Session<D> {
             pipeline: pipeline.to_owned(),
             set: set.to_vec(),
             planner: Planner::default(),
+            warned: false,
             loaded: None,
             frame: 0,
         }
@@ -103,7 +107,7 @@ impl<D: Device> Session<D> {
 
     /// Builds and loads the plan for pictures of this size, unless it is loaded already.
     ///
-    /// Returns true if it did; the next frame then runs the plan's prologue.
+    /// Returns true if it did; the next frame then runs the plan's prologue. Warnings about the graph go to standard error, once.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -115,6 +119,10 @@ impl<D: Device> Session<D> {
         let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
         let catalog = facts::catalog(&self.scene);
         let plan = self.planner.plan(&self.pipeline, &self.set, &facts, &catalog)?;
+        if !plan.warnings.is_empty() && !std::mem::replace(&mut self.warned, true) {
+            // A warning that cannot be written is no reason to stop.
+            let _ = std::io::stderr().write_all(self.planner.warnings(&plan, false).as_bytes());
+        }
         self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress)?;
         self.loaded = Some((plan, size));
         Ok(true)

@@ -14,6 +14,7 @@ use crate::ir::{
     Accesses, BlockId, Culled, Domain, Hazard, Layout, Origin, Param, ParamBinding, Pass, PassId, ResourceId,
     Shader, ShaderId, Shape, Source, Stages, Stat, Usage, Value,
 };
+use crate::source::Diagnostic;
 
 /// Holds everything that a backend executes. See the module's documentation.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,6 +45,8 @@ pub struct Plan {
     pub frame: Vec<Step>,
     /// Passes of the file that are not in the plan because nothing reads what they write, or their `when` is false.
     pub culled: Vec<Culled>,
+    /// What is allowed in the graph, and probably not meant.
+    pub warnings: Vec<Warning>,
     /// The image that is shown or saved. A [`Work::Export`] pass at the end of the frame leaves it in
     /// [`Layout::TransferSource`], readable by [`Stages::COPY`].
     pub output: ResourceId,
@@ -120,6 +123,15 @@ impl Plan {
     }
 }
 
+/// Points out something in a graph that is allowed, and probably not meant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Warning {
+    /// The message, with its places in the files that the plan was built from.
+    pub diagnostic: Diagnostic,
+    /// The place that it is about.
+    pub origin: Origin,
+}
+
 /// Describes a buffer or an image. Ping-pong resources appear as two, named `keys#0` and `keys#1`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resource {
@@ -134,7 +146,7 @@ pub struct Resource {
     /// The memory of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
     /// The name under which its contents are kept from frame to frame, and from one plan to the next that has a history of the
-    /// same name and shape. (Of a ping-pong resource, only the half that the frame ends with as its front has it.)
+    /// same name and shape, unless a pass of the prologue writes it: then each plan starts it anew. (Of a ping-pong resource, only the half that the frame ends with as its front has it.)
     pub history: Option<String>,
     /// The declaration.
     pub origin: Origin,
@@ -191,7 +203,7 @@ pub struct Barrier {
 }
 
 /// Changes an image's layout. `old` is [`Layout::Undefined`] where the contents are not needed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Transition {
     /// The image.
     pub image: ResourceId,

@@ -1,7 +1,7 @@
 //! For the tests of this crate: a compiler whose shaders are lists of accesses, so that graphs can be tested by the
 //! thousand and without C++.
 //!
-//! A shader's text is a line for each block: `r Keys 4` (reads a storage buffer with elements of 4 bytes), `w`, `rw`, `uniform Camera
+//! A shader's text is a line for each block: `r Keys 4` (reads a storage buffer with elements of 4 bytes), `w`, `rw`, `rwa` (by atomics), `uniform Camera
 //! 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`, `varying 0 vec4`. Anything else is ignored.
 
 use std::collections::BTreeMap;
@@ -51,10 +51,11 @@ impl ShaderCompiler for ListCompiler {
                     kind,
                     reads: how.contains('r'),
                     writes: how.contains('w'),
+                    atomics_only: how.contains('a'),
                 });
             };
             match words[..] {
-                [how @ ("r" | "w" | "rw"), name, stride] => {
+                [how @ ("r" | "w" | "rw" | "rwa"), name, stride] => {
                     let stride = stride.parse().ok();
                     bind(name, how, ReflectedKind::StorageBuffer { stride, fixed_bytes: 0 }, number);
                 }
@@ -167,8 +168,8 @@ pub const SHADERS: &[(&str, &str)] = &[
     ("pair.comp", "w Out 4\nw Out2 4"),
     ("paint.comp", "image w Color rgba16f"),
     ("camera.comp", "uniform Camera 256\nw Out 4"),
-    ("count.vert", "rw Count 4"),
-    ("count.frag", "rw Count 4\nout color"),
+    ("count.vert", "rwa Count 4"),
+    ("count.frag", "rwa Count 4\nout color"),
     ("push.comp", "w Out 4\npush shift"),
     ("quad.vert", "r In 4"),
     ("quad.frag", "out color"),

@@ -22,7 +22,7 @@ use splatgraph_framework::ir::{
     Attribute, Catalog, DeviceFacts, Facts, Features, HostBuffer, Request, Value,
 };
 use splatgraph_framework::shader::Glslang;
-use splatgraph_framework::source::{Library, SourceMap, render};
+use splatgraph_framework::source::{Diagnostic, Library, SourceMap, render, render_warnings};
 
 fn folder(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
@@ -112,6 +112,11 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>) -> Stri
     let request =
         Request { graph: &graph, set: &set, facts: &facts, catalog: &catalog(), share_memory: true };
     match build(&request, &mut files, &mut Glslang::new()) {
+        Ok(plan) if !plan.warnings.is_empty() => {
+            let found: Vec<Diagnostic> =
+                plan.warnings.into_iter().map(|warning| warning.diagnostic).collect();
+            render_warnings(&files, &found, false)
+        }
         Ok(_) => panic!("no mistake is found in\n{section}"),
         Err(diagnostics) => render(&files, &diagnostics, false),
     }

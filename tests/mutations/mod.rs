@@ -11,9 +11,9 @@ use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::Planner;
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameInputs, SceneData};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::DeviceFacts;
-use splatgraph_framework::oracle::mutate::{Mutation, apply, mutations, needless};
-use splatgraph_framework::oracle::{Replay, replay};
+use splatgraph_framework::ir::{DeviceFacts, Hazard, PassId, Stages, Work};
+use splatgraph_framework::oracle::mutate::{Mutation, apply, mutations, needless, needless_by};
+use splatgraph_framework::oracle::{Replay, Rules, replay};
 use splatgraph_framework::plan::{Barrier, Plan};
 use splatgraph_vulkan::Vulkan;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -89,6 +89,69 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
+    const DRAWING: Stages =
+        Stages::INDIRECT.union(Stages::VERTEX).union(Stages::FRAGMENT).union(Stages::COLOR_OUTPUT);
+    let scene = scene();
+    let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+    let facts = facts::facts(&SceneFacts::of(&scene), &device, SIZE);
+    let (catalog, mut planner) = (facts::catalog(&scene), Planner::default());
+    let settings = [
+        ("sort", "false"),
+        ("order_of", "last_frame"),
+        ("blend", "front_to_back"),
+        ("blend", "front_to_back_naive"),
+        ("blend", "back_to_front"),
+    ];
+    let mut waits = 0;
+    for (name, value) in settings {
+        let set = [(name.to_string(), value.to_string())];
+        let plan = planner.plan("splat", &set, &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
+        let draws = |id: &PassId| matches!(plan.pass(*id).work, Work::Draw { .. });
+        let args = plan.find_resource("args").expect("the draw has arguments");
+        for barrier in builds::calls(&plan).flatten() {
+            let after_draw = barrier.dependencies.iter().any(|dependency| {
+                dependency.resource == args
+                    && dependency.hazard == Hazard::WriteAfterRead
+                    && dependency.after.iter().any(draws)
+            });
+            if after_draw {
+                waits += 1;
+                assert!(
+                    barrier.source_stages.intersects(DRAWING),
+                    "{name}={value}\n{}",
+                    builds::shown(&plan)
+                );
+            }
+        }
+        assert_eq!(replay(&plan, &Replay::default()), [], "{name}={value}");
+        assert_eq!(needless(&plan), [], "{name}={value}");
+    }
+    assert!(waits > 0, "no barrier is for the arguments of a draw");
+}
+
+/// Counts the writes among the targets of a plan's barriers, and those of them that could go if a write after a write needed
+/// availability alone.
+pub fn target_writes(plan: &Plan) -> (usize, usize) {
+    let all = mutations(plan).into_iter().filter(Mutation::clears_a_written_target).count();
+    let spare = needless_by(plan, Rules::AVAILABILITY);
+    (all, spare.iter().filter(|mutation| mutation.clears_a_written_target()).count())
+}
+
+#[test]
+fn target_writes_of_presets_that_could_go_by_availability_alone_are_counted() {
+    say("availability: preset, target writes, could go");
+    let (mut all, mut spare) = (0, 0);
+    for plan in plans(&scene(), &facts::portable_device(facts::USUAL_SUBGROUP_SIZE)) {
+        let (here, could_go) = target_writes(&plan);
+        say(&format!("availability: {:22} {here:4} {could_go:4}", plan.name));
+        (all, spare) = (all + here, spare + could_go);
+    }
+    say(&format!("availability: {:22} {all:4} {spare:4}", "all"));
+    assert!(spare < all);
 }
 
 /// A scene that is another one for every plan, so that no history goes on from the plan before and all prologues run.

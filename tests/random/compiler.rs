@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! //: local 16                    workgroup size
-//! //: buffer 0 In0 r 4            binding, block, how it is accessed, bytes of an element
+//! //: buffer 0 In0 r 4            binding, block, how it is accessed (`rwa`: by atomics), bytes of an element
 //! //: image 1 Out0 rw r32ui       likewise, format
 //! //: push c                      a push constant, a uint
 //! //: in 0 tone uint flat         a stage input; `out` likewise
@@ -71,6 +71,7 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
                 },
                 reads: words[3].contains('r'),
                 writes: words[3].contains('w'),
+                atomics_only: words[3].contains('a'),
             }),
             way @ ("in" | "out") => {
                 let varyings = if way == "in" { &mut reflection.inputs } else { &mut reflection.outputs };

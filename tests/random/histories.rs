@@ -15,12 +15,14 @@ const GRAPH: &str = r#"Graph(
     "sum": Buffer(stride: 4, count: 16, history: true),
     "trail": Image(format: "r32ui", size: (16, 8), history: true),
     "far": Buffer(stride: 4, count: 16, ping_pong: true, history: true),
+    "part": Buffer(stride: 4, count: 16, history: true),
     "seen": Buffer(stride: 4, count: 16),
     "output": Image(format: "r32ui", size: (16, 8)),
   },
   passes: [
     Dispatch(name: "look back", shader: "look.comp", size: Threads(16), bind: { "Far": "last(far)", "Sum": "last(sum)", "Seen": "seen" }),
     Dispatch(name: "count", shader: "count.comp", size: Threads(16), bind: { "Sum": "sum" }, push: { "steps": "steps" }),
+    Dispatch(name: "part", shader: "part.comp", size: Threads(16), bind: { "Sum": "sum", "Part": "part" }),
     Fill(name: "clear", buffer: "far", value: 3),
     Repeat(var: "i", count: "steps", body: [
       Dispatch(name: "step", shader: "step.comp", size: Threads(16), bind: { "In": "front(far)", "Out": "back(far)" }, push: { "i": "i" }),
@@ -28,13 +30,20 @@ const GRAPH: &str = r#"Graph(
     ]),
     Dispatch(name: "mark", when: "flag", shader: "mark.comp", size: Threads(128), bind: { "Trail": "trail", "Sum": "sum" }),
     Dispatch(name: "show", shader: "show.comp", size: Threads(128),
-      bind: { "Sum": "sum", "Far": "front(far)", "Seen": "seen", "Trail": "trail", "Shown": "output" }),
+      bind: { "Sum": "sum", "Far": "front(far)", "Seen": "seen", "Trail": "trail", "Part": "part", "Shown": "output" }),
   ],
   output: "output",
 )
 "#;
 
-const SHADERS: [(&str, &str); 5] = [
+const SHADERS: [(&str, &str); 6] = [
+    // Writes one word of sixteen, another in each frame, and reads none: the others stay.
+    (
+        "part.comp",
+        "layout(set = 0, binding = 0, std430) readonly buffer Sum { uint sum[]; };
+        layout(set = 0, binding = 1, std430) writeonly buffer Part { uint part[]; };
+        void main() { if (gl_GlobalInvocationID.x == 0) part[sum[0] % 16] = sum[0]; }",
+    ),
     (
         "look.comp",
         "layout(set = 0, binding = 0, std430) readonly buffer Far { uint far[]; };
@@ -72,10 +81,11 @@ const SHADERS: [(&str, &str); 5] = [
         layout(set = 0, binding = 2, std430) readonly buffer Seen { uint seen[]; };
         layout(set = 0, binding = 3, r32ui) uniform readonly uimage2D Trail;
         layout(set = 0, binding = 4, r32ui) uniform writeonly uimage2D Shown;
+        layout(set = 0, binding = 5, std430) readonly buffer Part { uint part[]; };
         void main() {
             uint i = gl_GlobalInvocationID.x;
             ivec2 at = ivec2(i % 16, i / 16);
-            uint shown = sum[i % 16] + far[i % 16] * 1000 + seen[i % 16] * 7919 + imageLoad(Trail, at).x * 104729;
+            uint shown = sum[i % 16] + far[i % 16] * 1000 + seen[i % 16] * 7919 + imageLoad(Trail, at).x * 104729 + part[i % 16] * 31;
             if (i < 128) imageStore(Shown, at, uvec4(shown));
         }",
     ),
@@ -86,6 +96,7 @@ const SHADERS: [(&str, &str); 5] = [
 struct Model {
     sum: [u32; 16],
     far: [u32; 16],
+    part: [u32; 16],
     trail: [[u32; 16]; 8],
 }
 
@@ -97,6 +108,7 @@ impl Model {
         for (i, sum) in self.sum.iter_mut().enumerate() {
             *sum += 1 + i as u32 + settings.steps;
         }
+        self.part[self.sum[0] as usize % 16] = self.sum[0];
         self.far = [3; 16];
         for step in 0..settings.steps {
             let from = self.far;
@@ -111,7 +123,8 @@ impl Model {
             let far = self.far[at].wrapping_mul(1000);
             let seen = seen[at].wrapping_mul(7919);
             let trail = row[at].wrapping_mul(104_729);
-            self.sum[at].wrapping_add(far).wrapping_add(seen).wrapping_add(trail)
+            let part = self.part[at].wrapping_mul(31);
+            self.sum[at].wrapping_add(far).wrapping_add(seen).wrapping_add(trail).wrapping_add(part)
         };
         self.trail.iter().flat_map(|row| (0..16).map(move |at| (row, at))).map(shown).collect()
     }

@@ -6,9 +6,11 @@
 
 pub mod builds;
 mod compiler;
+mod contents;
 pub mod gpu;
 mod histories;
 mod orders;
+mod races;
 mod recipe;
 mod render;
 mod sketch;
@@ -18,7 +20,7 @@ use recipe::{LARGE, SMALL};
 use render::{Style, render};
 use sketch::Sketch;
 use splatgraph_framework::ir::{Origin, Run, ShaderStage, Source};
-use splatgraph_framework::oracle;
+use splatgraph_framework::oracle::{self, Rules, mutate};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::{Glslang, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::solve::reorder;
@@ -86,6 +88,7 @@ fn nameless(plan: &Plan) -> Plan {
         pass.phase.clear();
     });
     plan.culled.iter_mut().for_each(|left_out| left_out.pass.clear());
+    plan.warnings.clear();
     plan
 }
 
@@ -129,6 +132,7 @@ fn passes_without_readers_decide_nothing() {
 fn placeless(plan: &Plan) -> Plan {
     let mut plan = plan.clone();
     plan.culled.clear();
+    plan.warnings.clear();
     let nowhere = Origin { file: String::new(), line: 0, column: 0 };
     plan.params.iter_mut().for_each(|param| param.origin = nowhere.clone());
     plan.resources.iter_mut().for_each(|resource| resource.origin = nowhere.clone());
@@ -186,6 +190,38 @@ fn tenants_take_turns(plan: &Plan) -> Result<(), String> {
         }
     }
     Ok(())
+}
+
+#[test]
+fn a_mutant_is_judged_alike_from_its_mutation_on_and_from_the_start() {
+    for_all("trials", SMALL, 150, |case| {
+        for rules in [Rules::HAZARDS, Rules::NECESSARY, Rules::AVAILABILITY] {
+            let needless = mutate::needless_by(&case.plan, rules);
+            for mutation in mutate::mutations(&case.plan) {
+                let found = oracle::has_violation_by(&mutate::apply(&case.plan, &mutation), rules);
+                if found == needless.contains(&mutation) {
+                    let text = mutation.describe(&case.plan);
+                    return Err(format!("{text}: {found} from the start\n{}", shown(&case.plan)));
+                }
+            }
+        }
+        Ok(())
+    });
+}
+
+#[test]
+fn target_writes_of_random_graphs_that_could_go_by_availability_alone_are_counted() {
+    let (all, spare) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    for_all("availability", LARGE, 500, |case| {
+        let (here, could_go) = crate::mutations::target_writes(&case.plan);
+        all.fetch_add(here, Relaxed);
+        spare.fetch_add(could_go, Relaxed);
+        Ok(())
+    });
+    let [all, spare] = [all, spare].map(AtomicUsize::into_inner);
+    let _ =
+        writeln!(std::io::stderr(), "random graphs: {all} target writes, {spare} could go by availability");
+    assert!(spare * 4 < all);
 }
 
 #[test]

@@ -262,7 +262,13 @@ impl Writer<'_> {
                 let (word, var) = if bind.writes { ("Out", "out_") } else { ("In", "in_") };
                 *counter += 1;
                 let digit = *counter - 1;
-                Slot { number, bind: *bind, block: format!("{word}{digit}"), var: format!("{var}{digit}") }
+                Slot {
+                    number,
+                    bind: *bind,
+                    block: format!("{word}{digit}"),
+                    var: format!("{var}{digit}"),
+                    atomic: bind.writes && matches!(pass.work, Work::Draw { .. }),
+                }
             })
             .collect();
         let bind: String = slots
@@ -328,7 +334,8 @@ impl Writer<'_> {
             for (number, of) in pass.binds.iter().enumerate() {
                 let (reads, writes) = (true, false);
                 let bound = Bind { reads, writes, ..*of };
-                let slot = Slot { number, bind: bound, block: format!("In{number}"), var: String::new() };
+                let (block, var, atomic) = (format!("In{number}"), String::new(), false);
+                let slot = Slot { number, bind: bound, block, var, atomic };
                 text += &header(sketch, &slot);
                 bind += &format!("\"{}\": \"{}\", ", slot.block, style.named(of.what));
             }
@@ -379,6 +386,8 @@ struct Slot {
     bind: Bind,
     block: String,
     var: String,
+    /// Accessed by atomics alone.
+    atomic: bool,
 }
 
 /// Elements of a buffer, pixels of an image.
@@ -396,6 +405,7 @@ fn elements(sketch: &Sketch, slot: &Slot) -> u32 {
 fn header(sketch: &Sketch, slot: &Slot) -> String {
     let Slot { number, bind, block, .. } = slot;
     let access = match (bind.reads, bind.writes) {
+        (true, true) if slot.atomic => "rwa",
         (true, true) => "rw",
         (true, false) => "r",
         (false, _) => "w",
@@ -408,7 +418,7 @@ fn header(sketch: &Sketch, slot: &Slot) -> String {
 
 /// The declaration of a binding.
 fn declaration(sketch: &Sketch, slot: &Slot) -> String {
-    let Slot { number, bind, block, var } = slot;
+    let Slot { number, bind, block, var, .. } = slot;
     let qualifier = match (bind.reads, bind.writes) {
         (true, true) => "",
         (true, false) => "readonly ",

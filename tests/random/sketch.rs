@@ -376,12 +376,14 @@ impl Sketch {
                     let writers = past.writers.get(&real).copied().unwrap_or(0);
                     let carried = self.history(what.of) && is_final(real, &runs.fronts);
                     match (what.half, once) {
+                        // What nothing ever writes is not read.
+                        (Half::Last, _) if writers == 0 => false,
                         (Half::Last, true) => !past.once.contains(&real),
                         // The frame's writers follow those who read what the last frame left.
                         (Half::Last, false) => !framed.contains(&real),
                         (_, true) => written.contains(&real),
                         // A single writer runs before its readers, wherever in the file it stands.
-                        (_, false) => written.contains(&real) || carried && (writers != 1 || sole),
+                        (_, false) => written.contains(&real) || carried && (writers > 1 || sole),
                     }
                 };
                 for (number, bind) in pass.binds.iter().enumerate().filter(|(_, bind)| bind.reads) {
@@ -423,7 +425,8 @@ impl Sketch {
         }
         let stats = self.stats.len();
         let carried = |real: Real| {
-            self.history(real.0) && is_final(real, &runs.fronts) && past.writers.get(&real) != Some(&1)
+            let several = past.writers.get(&real).is_some_and(|writers| *writers > 1);
+            self.history(real.0) && is_final(real, &runs.fronts) && several
         };
         let kept = |(what, _): &(Ref, u32)| {
             let real = real(*what, &runs.fronts, &runs.fronts);

@@ -9,6 +9,7 @@ use anyhow::Result;
 use splatgraph_framework::dump;
 use splatgraph_framework::oracle::{self, Replay, mutate};
 use splatgraph_framework::plan::Plan;
+use std::io::Write;
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph check                        # every built-in graph
@@ -63,30 +64,62 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome)
 }
 
+/// A plan that was verified, with the widths of subgroups that it is for.
+struct Verified {
+    lanes: Vec<String>,
+    plan: Plan,
+    line: String,
+}
+
 /// Builds a graph for every subgroup size, because graphs may depend on it, and verifies each plan.
 ///
 /// Returns a line for the sizes with equal counts, or the violations of the first size that has any; and the errors of the first
-/// size that has any.
+/// size that has any. Warnings are printed once each.
 fn check(
     planner: &mut Planner,
     graph: &str,
     set: &[(String, String)],
 ) -> Result<Result<String, String>, GraphErrors> {
     let catalog = options::nominal_catalog();
-    let mut found: Vec<(Vec<String>, String)> = Vec::new();
+    let mut found: Vec<Verified> = Vec::new();
+    let mut warned = Vec::new();
     for lanes in facts::SUBGROUP_SIZES {
         let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
         let plan = planner.plan(graph, set, &facts, &catalog)?;
-        match verify(&plan) {
-            Ok(line) => match found.iter_mut().find(|(_, other)| *other == line) {
-                Some((widths, _)) => widths.push(lanes.to_string()),
-                None => found.push((vec![lanes.to_string()], line)),
+        let warnings = planner.warnings(&plan, colour());
+        if !warnings.is_empty() && !warned.contains(&warnings) {
+            let _ = writeln!(std::io::stderr(), "{}", warnings.trim_end());
+            warned.push(warnings);
+        }
+        // Barriers depend on passes and resources, not on shaders or facts.
+        let same = |other: &Verified| is_same(&other.plan, &plan);
+        let line = match found.iter().find(|other| same(other)) {
+            Some(other) => other.line.clone(),
+            None => match verify(&plan) {
+                Ok(line) => line,
+                Err(violations) => {
+                    return Ok(Err(format!("with subgroups of {lanes} lanes:\n{violations}")));
+                }
             },
-            Err(violations) => return Ok(Err(format!("with subgroups of {lanes} lanes:\n{violations}"))),
+        };
+        match found.iter_mut().find(|other| other.line == line) {
+            Some(other) => other.lanes.push(lanes.to_string()),
+            None => found.push(Verified { lanes: vec![lanes.to_string()], plan, line }),
         }
     }
-    let line = |(widths, line): &(Vec<String>, String)| format!("\n  {} lanes: {line}", widths.join(", "));
+    let line = |verified: &Verified| format!("\n  {} lanes: {}", verified.lanes.join(", "), verified.line);
     Ok(Ok(found.iter().map(line).collect()))
+}
+
+/// Returns true if two plans have the same passes, memory and barriers.
+fn is_same(a: &Plan, b: &Plan) -> bool {
+    let uses = |plan: &Plan| -> Vec<_> { plan.passes.iter().map(|p| (p.run, p.uses.clone())).collect() };
+    (&a.prologue, &a.handover, &a.frame, &a.resources, &a.blocks, &a.stats, &a.culled)
+        == (&b.prologue, &b.handover, &b.frame, &b.resources, &b.blocks, &b.stats, &b.culled)
+        && a.shaders.len() == b.shaders.len()
+        && a.shaders.iter().zip(&b.shaders).all(|(a, b)| a.reflection.bindings == b.reflection.bindings)
+        && uses(a) == uses(b)
+        && a.passes.iter().zip(&b.passes).all(|(a, b)| a.work == b.work)
 }
 
 /// Replays the plan with the oracle and tries every mutation; returns the counts, or the violations and the needless parts.
@@ -100,17 +133,22 @@ fn verify(plan: &Plan) -> Result<String, String> {
     if !problems.is_empty() {
         return Err(problems.join("\n"));
     }
-    let totals = dump::dump(plan).totals;
-    Ok(format!(
-        "{} passes once and {} every frame, {} shaders; {} barriers in {} calls: 0 hazards, and each of {} removals and \
-         cleared bits causes one",
+    let dump = dump::dump(plan);
+    let frame = &dump.totals.frame;
+    let mut line = format!(
+        "{} passes once and {} every frame, {} shaders; {} barriers in {} calls: they leave no hazard, and taking away any \
+         barrier or any bit of one ({} ways) leaves one",
         plan.prologue.len(),
         plan.frame.len(),
         plan.shaders.len(),
-        totals.frame.barriers,
-        totals.frame.calls,
+        frame.barriers,
+        frame.calls,
         mutate::mutations(plan).len(),
-    ))
+    );
+    if !dump.left_out.is_empty() {
+        line += &format!("; {}", dump::left_out_counts(&dump));
+    }
+    Ok(line)
 }
 
 #[cfg(test)]

@@ -295,6 +295,7 @@ mod tests {
             frame: (0..3).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),
             passes,
             culled: vec![],
+            warnings: vec![],
             output: ResourceId(2),
             stats: vec![],
         }

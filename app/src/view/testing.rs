@@ -31,6 +31,7 @@ pub fn plan(passes: &[(&str, &str)]) -> Plan {
         frame: (0..passes.len() as u32).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),
         passes: passes.iter().map(pass).collect(),
         culled: vec![],
+        warnings: vec![],
         output: ResourceId(0),
         stats: vec![],
     }

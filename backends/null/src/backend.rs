@@ -5,7 +5,7 @@ use crate::fault::Point;
 use crate::gpu::{Bindings, Config, Memory, NullGpu, Swapchain, Timestamps};
 use crate::journal::{Call, Hung, Object, Owned, Used};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Progress};
-use splatgraph_framework::ir::{Binding, Format, PassId};
+use splatgraph_framework::ir::{Binding, Format, PassId, Stages};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
     Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, MemoryKind,
@@ -262,8 +262,9 @@ impl Gpu for NullGpu {
         &self,
         show: Show<Self>,
         output: &splatgraph_runtime::Image<Self>,
+        waiting: Stages,
     ) -> Result<(), BackendError> {
-        self.journal.call(Call::RecordBlit { output: output.raw.name.clone(), image: show.image });
+        self.journal.call(Call::RecordBlit { output: output.raw.name.clone(), image: show.image, waiting });
         Ok(())
     }
 

@@ -1,7 +1,7 @@
 //! The journal: every call, the objects that are alive, and the submissions that have not completed.
 
 use crate::fault::{Fault, Point};
-use splatgraph_framework::ir::{DescriptorKind, Layout};
+use splatgraph_framework::ir::{DescriptorKind, Layout, Stages};
 use splatgraph_runtime::{Location, Messages};
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
@@ -143,6 +143,7 @@ pub enum Call {
     RecordBlit {
         output: String,
         image: u32,
+        waiting: Stages,
     },
     Present {
         image: u32,

@@ -10,7 +10,7 @@ use crate::record::Recorder;
 use crate::shared::Shared;
 use crate::timing::Times;
 use crate::watch::{self, Submission, Ticket};
-use crate::window::Swapchain;
+use crate::window::{Swapchain, waiting_for_copies};
 use crate::{inputs, inspect};
 use splatgraph_api::{BackendError, FrameId, FrameInputs, FrameResult, Pixels};
 use splatgraph_framework::ir::{PassId, Shape};
@@ -85,7 +85,9 @@ impl<G: Gpu> Slot<G> {
         let recorded = recorder.record()?;
         let waiting = Instant::now();
         let image = match (&mut swapchain, compiled.resources.image(compiled.plan.output)) {
-            (Some(swapchain), Some(output)) => swapchain.prepare(output, slot)?,
+            (Some(swapchain), Some(output)) => {
+                swapchain.prepare(output, waiting_for_copies(&compiled.plan), slot)?
+            }
             _ => None,
         };
         let waited = waiting.elapsed();

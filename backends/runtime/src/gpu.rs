@@ -185,8 +185,14 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// at most.
     fn acquire(&self, swapchain: &mut Self::Swapchain, slot: usize) -> Result<Acquired, BackendError>;
 
-    /// Records the blit of a frame's output into an acquired image, scaled to its size.
-    fn record_blit(&self, show: Show<Self>, output: &Image<Self>) -> Result<(), BackendError>;
+    /// Records the blit of a frame's output into an acquired image, scaled to its size. `waiting` lists the stages whose later
+    /// work waits for it: those that the plan lets wait for the export's copies.
+    fn record_blit(
+        &self,
+        show: Show<Self>,
+        output: &Image<Self>,
+        waiting: Stages,
+    ) -> Result<(), BackendError>;
 
     /// Presents an image whose blit was submitted.
     fn present(&self, show: Show<Self>) -> Result<Presented, BackendError>;

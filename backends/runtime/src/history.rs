@@ -2,8 +2,8 @@
 //!
 //! Where a plan and the one before it both have a history of the same name and shape, for the same scene, they share the buffer
 //! or the image, and the new plan leaves out the [`Work::Start`] that would have zeroed it. A history goes on only if it has
-//! contents, if it has its memory to itself in both plans, and if it was made for every use that the new plan makes of it;
-//! otherwise it starts from zeros.
+//! contents, if it has its memory to itself in both plans, if it was made for every use that the new plan makes of it, and if no
+//! pass of the new plan's prologue writes it; otherwise it starts from zeros.
 //!
 //! A plan is made ready some time before it becomes the current one, and frames of other plans are drawn meanwhile. So every plan
 //! is made with memory of its own. When it is swapped in ([`crate::compiled::CompiledPlan::follow`]), it is bound to the histories
@@ -41,8 +41,12 @@ pub(crate) fn find<'a, G: Gpu>(
 ) -> Option<&'a History<G>> {
     let name = name(plan, id)?;
     let resource = plan.resource(id);
-    // Without a pass to leave out, the plan does not count on it.
-    let starts = plan.prologue.iter().any(|step| plan.pass(step.pass).work == Work::Start { resource: id });
+    // Without a pass to leave out, the plan does not count on it; and what another pass writes once starts anew.
+    let prologue = || plan.prologue.iter().map(|step| plan.pass(step.pass));
+    let start = Work::Start { resource: id };
+    let writes = |pass: &Pass| pass.uses.iter().any(|t| t.resource == id && t.accesses.writes());
+    let starts = prologue().any(|pass| pass.work == start)
+        && !prologue().any(|pass| pass.work != start && writes(pass));
     former.iter().find(|history| {
         let made_for = match &history.transient {
             Transient::Buffer(buffer) => buffer.usage,

@@ -55,3 +55,4 @@ pub use gpu::{
 pub use limits::{Limits, SubgroupLimits};
 pub use loader::{Loader, Ready};
 pub use messages::Messages;
+pub use window::waiting_for_copies;

@@ -91,6 +91,7 @@ pub(crate) fn plan() -> Plan {
         handover: Vec::new(),
         frame: vec![step(1), step(2), step(3), step(4), step(5)],
         culled: Vec::new(),
+        warnings: Vec::new(),
         output: COLOR,
         stats: vec![Stat { name: "visible".to_string(), buffer: ARGS, offset: 20 }],
     }

@@ -11,7 +11,7 @@ use crate::swapchain::{self, Swapchain};
 use crate::{device, lower, queue};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Progress, Robustness, Validation};
-use splatgraph_framework::ir::{Binding, Format, PassId};
+use splatgraph_framework::ir::{Binding, Format, PassId, Stages};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
     Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, Messages,
@@ -243,8 +243,9 @@ impl Gpu for VulkanGpu {
         &self,
         show: Show<Self>,
         output: &splatgraph_runtime::Image<Self>,
+        waiting: Stages,
     ) -> Result<(), BackendError> {
-        show.swapchain.record_blit(self, show.slot, show.image, output)
+        show.swapchain.record_blit(self, show.slot, show.image, output, waiting)
     }
 
     fn present(&self, show: Show<Self>) -> Result<Presented, BackendError> {

@@ -8,7 +8,7 @@
 //! when its frame, blit included, is done. The one that says a blit is done belongs to the *image*: the window system waits for it,
 //! and is known to be through with it only when it gives the image back.
 
-use crate::barriers::{ImageBarrier, Scope};
+use crate::barriers::{self, ImageBarrier, Scope};
 use crate::encoder::{image_barrier, pipeline_barrier};
 use crate::gpu::{Owned, VulkanGpu};
 use crate::lower;
@@ -17,6 +17,7 @@ use crate::queue::{self, Blit};
 use crate::surface::{self, Surface};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
+use splatgraph_framework::ir::Stages;
 use splatgraph_runtime::{Acquired, Image, Presented};
 use std::sync::Arc;
 
@@ -142,13 +143,15 @@ impl Swapchain {
         }
     }
 
-    /// Records the blit of `output`, which its frame's export leaves as a transfer's source, into an acquired image.
+    /// Records the blit of `output`, which its frame's export leaves as a transfer's source, into an acquired image. `waiting` lists
+    /// the stages whose later work waits for it.
     pub(crate) fn record_blit(
         &self,
         gpu: &VulkanGpu,
         slot: usize,
         image: u32,
         output: &Image<VulkanGpu>,
+        waiting: Stages,
     ) -> Result<(), BackendError> {
         let (pool, commands) = &self.blits[slot];
         let (image, commands) = (self.images[image as usize], *commands);
@@ -176,7 +179,7 @@ impl Swapchain {
                 filter,
             );
         }
-        barrier(gpu, commands, AFTER, image);
+        barrier(gpu, commands, after(waiting), image);
         gpu.end_label(commands);
         queue::end(gpu, commands)
     }
@@ -235,6 +238,10 @@ const BEFORE: Around = Around {
 
 /// The next frame waits for the blit as it does for the export's copies. The window's image is
 /// handed over by a semaphore, which needs no barrier's second half.
+fn after(waiting: Stages) -> Around {
+    Around { output: [AFTER.output[0], (barriers::stages(waiting), vk::AccessFlags2::NONE)], ..AFTER }
+}
+
 const AFTER: Around = Around {
     output: [
         (vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::NONE),
@@ -277,11 +284,12 @@ mod tests {
     #[test]
     fn the_blit_takes_its_place_between_the_exports_copies_and_whatever_waits_for_them() {
         // The second half is beyond what the validation layer compares between submissions.
-        let [(after, _), (blit, access)] = BEFORE.output;
-        assert_eq!((after, blit), (vk::PipelineStageFlags2::COPY, vk::PipelineStageFlags2::BLIT));
+        let [(copies, _), (blit, access)] = BEFORE.output;
+        assert_eq!((copies, blit), (vk::PipelineStageFlags2::COPY, vk::PipelineStageFlags2::BLIT));
         assert_eq!(access, vk::AccessFlags2::TRANSFER_READ);
-        let [(blit, _), (before, _)] = AFTER.output;
-        assert_eq!((blit, before), (vk::PipelineStageFlags2::BLIT, vk::PipelineStageFlags2::COPY));
+        let [(blit, _), (before, _)] = after(Stages::COPY | Stages::COMPUTE).output;
+        let waiting = vk::PipelineStageFlags2::COPY | vk::PipelineStageFlags2::COMPUTE_SHADER;
+        assert_eq!((blit, before), (vk::PipelineStageFlags2::BLIT, waiting));
     }
 
     #[test]

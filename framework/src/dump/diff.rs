@@ -263,7 +263,10 @@ fn uses(uses: &[DumpTouch]) -> String {
 }
 
 fn resource_properties(dump: &Dump, resource: &DumpResource) -> Properties {
-    let mut aliases = resource.aliases.clone();
+    let block = resource.block.and_then(|block| dump.blocks.get(block as usize));
+    let aliases = block.into_iter().flat_map(|block| &block.aliases);
+    let mut aliases: Vec<&str> =
+        aliases.map(String::as_str).filter(|alias| *alias != resource.name).collect();
     aliases.sort();
     let name = |i: usize| dump.passes.get(i).map_or("?", |p| p.name.as_str());
     let lifetime = match resource.lifetime {

@@ -3,6 +3,7 @@
 use super::text::{dependency_line, subject};
 use super::{Dump, DumpBarrier};
 use crate::ir::Hazard;
+use std::collections::HashMap;
 
 /// A DOT graph. Edges are the dependencies of barriers, from the passes that are waited for to the one that waits;
 /// dashed ones only keep passes apart, or come from the frame before. Who reads what a barrier made visible to an earlier
@@ -12,12 +13,10 @@ pub fn dot(dump: &Dump) -> String {
         "digraph {} {{\n  rankdir=TB;\n  node [shape=box, style=\"rounded,filled\", fontname=\"sans-serif\"];\n  edge [fontname=\"sans-serif\", fontsize=9];\n",
         quote(&dump.graph)
     );
-    let mut phases: Vec<&str> = Vec::new();
+    let mut phases: HashMap<&str, usize> = HashMap::new();
     for pass in &dump.passes {
-        if !phases.contains(&pass.phase.as_str()) {
-            phases.push(&pass.phase);
-        }
-        let phase = phases.iter().position(|p| *p == pass.phase).unwrap_or(0);
+        let next = phases.len();
+        let phase = *phases.entry(&pass.phase).or_insert(next);
         // Hues a golden angle apart are easily told from each other, however many there are.
         let hue = (phase as f64 * 0.381_966).fract();
         let mut lines = vec![pass.name.clone(), format!("{} {}", pass.kind, pass.size).trim_end().into()];

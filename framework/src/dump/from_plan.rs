@@ -3,13 +3,14 @@
 use super::{
     BarrierTotals, DUMP_VERSION, Define, Dump, DumpBarrier, DumpBinding, DumpBlock, DumpDependency,
     DumpLeftOut, DumpParameter, DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader, DumpStat,
-    DumpTarget, DumpTouch, DumpTransition, Lifetime, Masks, Place, Totals, repeats,
+    DumpTarget, DumpTouch, DumpTransition, DumpWarning, Lifetime, Masks, Place, Totals, repeats,
 };
 use crate::ir::{
-    Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, ShaderId, Shape, Source,
-    Stages, Value, Work,
+    Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
+    Source, Stages, Value, Work,
 };
-use crate::plan::{Barrier, Dependency, Plan, Step};
+use crate::plan::{Barrier, Dependency, Plan, Step, Warning};
+use std::collections::HashMap;
 
 /// The plan with names in place of numbers.
 pub fn dump(plan: &Plan) -> Dump {
@@ -31,7 +32,9 @@ pub fn dump(plan: &Plan) -> Dump {
         passes.push(pass_of(plan, step.pass, barriers(&step.barriers, Some(step.pass))));
     }
     let repeats = repeats::find(&mut passes);
-    let resources = (0..plan.resources.len() as u32).map(|i| resource_of(plan, ResourceId(i))).collect();
+    let lifetimes = lifetimes(plan);
+    let resources = (0..plan.resources.len() as u32).map(|i| resource_of(plan, ResourceId(i), &lifetimes));
+    let resources = resources.collect();
     Dump {
         version: DUMP_VERSION,
         graph: plan.name.clone(),
@@ -50,6 +53,7 @@ pub fn dump(plan: &Plan) -> Dump {
             .iter()
             .map(|l| DumpLeftOut { pass: l.pass.clone(), why: l.why.clone(), declared: l.origin.clone() })
             .collect(),
+        warnings: plan.warnings.iter().map(warning_of).collect(),
         output: plan.resource(plan.output).name.clone(),
         stats: plan
             .stats
@@ -67,6 +71,15 @@ pub fn dump(plan: &Plan) -> Dump {
 /// The canonical form.
 pub fn json(dump: &Dump) -> serde_json::Value {
     serde_json::to_value(dump).expect("a dump is plain data with string keys")
+}
+
+fn warning_of(warning: &Warning) -> DumpWarning {
+    let Warning { diagnostic, origin } = warning;
+    DumpWarning {
+        message: diagnostic.message.clone(),
+        help: diagnostic.help.clone(),
+        declared: origin.clone(),
+    }
 }
 
 fn parameter_of(param: &crate::ir::Param) -> DumpParameter {
@@ -135,18 +148,18 @@ fn blocks(plan: &Plan) -> Vec<DumpBlock> {
 
 fn phases(passes: &[DumpPass]) -> Vec<DumpPhase> {
     let mut phases: Vec<DumpPhase> = Vec::new();
+    let mut known: HashMap<(&str, bool), usize> = HashMap::new();
     for pass in passes {
-        match phases.iter_mut().find(|p| p.name == pass.phase && p.run == pass.run) {
-            Some(phase) => phase.passes += 1,
-            None => {
-                phases.push(DumpPhase { name: pass.phase.clone(), run: pass.run, passes: 1, gpu_ms: None })
-            }
-        }
+        let at = *known.entry((&pass.phase, pass.run == Run::Once)).or_insert_with(|| {
+            phases.push(DumpPhase { name: pass.phase.clone(), run: pass.run, passes: 0, gpu_ms: None });
+            phases.len() - 1
+        });
+        phases[at].passes += 1;
     }
     phases
 }
 
-fn resource_of(plan: &Plan, id: ResourceId) -> DumpResource {
+fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>]) -> DumpResource {
     let resource = plan.resource(id);
     let (source, from) = match &resource.source {
         Source::Transient => ("transient", None),
@@ -168,32 +181,37 @@ fn resource_of(plan: &Plan, id: ResourceId) -> DumpResource {
         bytes: resource.bytes(),
         usage: flags(resource.usage.iter_names()),
         block: resource.block.map(|b| b.0),
-        aliases: plan.aliases(id).map(|other| plan.resource(other).name.clone()).collect(),
-        lifetime: lifetime(plan, id),
+        lifetime: lifetimes[id.index()],
         history: resource.history.clone(),
         declared: resource.origin.clone(),
     }
 }
 
-/// The span of the frame from the first pass that touches it to the last. What the prologue touches, what has a history, and
-/// what the frame finds already written, lives longer.
-fn lifetime(plan: &Plan, id: ResourceId) -> Option<Lifetime> {
-    let resource = plan.resource(id);
-    let uses = |step: &&Step| plan.pass(step.pass).uses.iter().any(|t| t.resource == id);
-    if resource.source != Source::Transient
-        || resource.history.is_some()
-        || plan.prologue.iter().any(|step| uses(&step))
-    {
-        return None;
+/// The span of the frame from the first pass that touches each resource to the last. What the prologue touches, what has a history,
+/// and what the frame finds already written, lives longer.
+fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
+    let mut found: Vec<Option<Lifetime>> = vec![None; plan.resources.len()];
+    let mut longer: Vec<bool> =
+        plan.resources.iter().map(|r| r.source != Source::Transient || r.history.is_some()).collect();
+    let prologue = plan.prologue.iter().flat_map(|step| &plan.pass(step.pass).uses);
+    prologue.for_each(|touch| longer[touch.resource.index()] = true);
+    for (at, step) in plan.frame.iter().enumerate() {
+        // In the dump the prologue's passes are in front.
+        let at = plan.prologue.len() + at;
+        let uses = &plan.pass(step.pass).uses;
+        for touch in uses {
+            let resource = touch.resource;
+            match &mut found[resource.index()] {
+                Some(lifetime) => lifetime.last = at,
+                none => {
+                    let writes = |t: &crate::ir::Use| t.resource == resource && t.accesses.writes();
+                    longer[resource.index()] |= !uses.iter().any(writes);
+                    *none = Some(Lifetime { first: at, last: at });
+                }
+            }
+        }
     }
-    let first = plan.frame.iter().position(|step| uses(&step))?;
-    let last = plan.frame.iter().rposition(|step| uses(&step))?;
-    let mut beginning = plan.pass(plan.frame[first].pass).uses.iter().filter(|t| t.resource == id);
-    if !beginning.any(|t| t.accesses.writes()) {
-        return None;
-    }
-    // In the dump the prologue's passes are in front.
-    Some(Lifetime { first: plan.prologue.len() + first, last: plan.prologue.len() + last })
+    found.into_iter().zip(longer).map(|(lifetime, longer)| lifetime.filter(|_| !longer)).collect()
 }
 
 fn pass_of(plan: &Plan, id: PassId, barriers: Vec<DumpBarrier>) -> DumpPass {

@@ -30,10 +30,10 @@ pub use diff_text::diff_text;
 pub use dot::dot;
 pub use from_plan::{dump, json};
 pub use html::html;
-pub use text::{barrier_line, bytes, dependency_line, text};
+pub use text::{barrier_line, bytes, dependency_line, left_out_counts, text};
 
 /// Numbers the JSON form; raised when a field changes its meaning or is removed.
-pub const DUMP_VERSION: u32 = 3;
+pub const DUMP_VERSION: u32 = 4;
 
 /// Holds a plan with names in place of numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,6 +64,8 @@ pub struct Dump {
     pub handover: Vec<DumpBarrier>,
     /// Passes of the graph that are not in the plan.
     pub left_out: Vec<DumpLeftOut>,
+    /// What is allowed in the graph, and probably not meant.
+    pub warnings: Vec<DumpWarning>,
     /// The image that is shown or saved.
     pub output: String,
     /// Numbers that the host reads after each frame.
@@ -159,10 +161,8 @@ pub struct DumpResource {
     pub bytes: u64,
     /// For instance `STORAGE`, `INDIRECT`.
     pub usage: Vec<String>,
-    /// The block that a transient resource stands in.
+    /// The block that a transient resource stands in, which names the others in it.
     pub block: Option<u32>,
-    /// Other resources in the same block.
-    pub aliases: Vec<String>,
     /// `None` for what lives longer than a frame.
     pub lifetime: Option<Lifetime>,
     /// Name under which its contents are kept from frame to frame and from plan to plan.
@@ -409,6 +409,17 @@ pub struct DumpLeftOut {
     pub declared: Origin,
 }
 
+/// Something in the graph that is allowed, and probably not meant.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DumpWarning {
+    /// A sentence.
+    pub message: String,
+    /// What to do about it.
+    pub help: Vec<String>,
+    /// Position of what it is about.
+    pub declared: Origin,
+}
+
 /// A number that the GPU computes: a 32-bit word of a buffer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpStat {
@@ -428,9 +439,13 @@ impl Dump {
         for pass in &mut self.passes {
             pass.gpu_ms = by_name.get(pass.name.as_str()).copied();
         }
+        let mut of_phase: BTreeMap<(&str, bool), Vec<&DumpPass>> = BTreeMap::new();
+        for pass in &self.passes {
+            of_phase.entry((&pass.phase, pass.run == Run::Once)).or_default().push(pass);
+        }
         for phase in &mut self.phases {
-            let passes = self.passes.iter().filter(|p| p.phase == phase.name && p.run == phase.run);
-            phase.gpu_ms = sum(passes);
+            let passes = of_phase.get(&(phase.name.as_str(), phase.run == Run::Once));
+            phase.gpu_ms = passes.and_then(|passes| sum(passes.iter().copied()));
         }
         self.gpu_ms = sum(self.passes.iter().filter(|p| p.run == Run::Frame));
         let found = self.passes.iter().filter(|p| p.gpu_ms.is_some()).count();

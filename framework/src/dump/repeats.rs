@@ -5,7 +5,7 @@
 //! back here keeps repeats out of what a backend has to know.
 
 use super::{DumpPass, DumpRepeat, Iteration};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 
 /// A pass's name taken apart.
 #[derive(Debug, PartialEq, Eq)]
@@ -50,6 +50,7 @@ pub fn single_index(name: &str) -> Option<(String, u32)> {
 /// index does not fall: where it does, another repeat of the same scope has begun. What runs only once is no repeat.
 pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
     let mut repeats: Vec<DumpRepeat> = Vec::new();
+    let mut taken = HashMap::new();
     let mut first = 0;
     while first < passes.len() {
         let Some(head) = parts(&passes[first].name) else {
@@ -72,7 +73,7 @@ pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
         let count = members.len();
         if iterations.len() > 1 {
             let wanted = if scope.is_empty() { members[0].0.clone() } else { scope };
-            let name = unique(wanted, &repeats);
+            let name = unique(wanted, &mut taken);
             let iterations = iterations.len();
             repeats.push(DumpRepeat { name: name.clone(), iterations, first, passes: count });
             for (pass, (member, index)) in passes[first..].iter_mut().zip(members) {
@@ -85,13 +86,17 @@ pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
 }
 
 /// `sort`, or `sort (2)` where there is a `sort` already.
-fn unique(wanted: String, repeats: &[DumpRepeat]) -> String {
-    let taken = |name: &str| repeats.iter().any(|r| r.name == name);
-    if !taken(&wanted) {
-        return wanted;
+///
+/// `taken` has the names so far, each with the number that the next one of the name is tried with.
+fn unique(wanted: String, taken: &mut HashMap<String, u32>) -> String {
+    let mut name = wanted.clone();
+    while taken.contains_key(&name) {
+        let number = taken.entry(wanted.clone()).or_insert(2);
+        name = format!("{wanted} ({number})");
+        *number += 1;
     }
-    let numbered = (2..).map(|n| format!("{wanted} ({n})"));
-    numbered.into_iter().find(|name| !taken(name)).unwrap_or(wanted)
+    taken.insert(name.clone(), 2);
+    name
 }
 
 #[cfg(test)]

@@ -50,6 +50,14 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
             phases.filter_map(|p| Some(format!("{} {:.3}", p.name, p.gpu_ms?))).collect();
         writeln!(out, "{ms:.3} ms on the GPU: {}", phases.join(", "))?;
     }
+    if !dump.left_out.is_empty() {
+        writeln!(out, "{}", left_out_counts(dump))?;
+    }
+    for warning in &dump.warnings {
+        let origin = &warning.declared;
+        writeln!(out, "warning: {} ({}:{})", warning.message, origin.file, origin.line)?;
+        warning.help.iter().try_for_each(|help| writeln!(out, "  {help}"))?;
+    }
     writeln!(out, "\nresources")?;
     dump.resources.iter().try_for_each(|r| write_resource(out, dump, r))?;
     let shared: Vec<_> = dump.blocks.iter().filter(|b| b.aliases.len() > 1).collect();
@@ -129,6 +137,25 @@ pub(super) fn shader_files(pass: &DumpPass) -> String {
 fn write_barrier(out: &mut String, barrier: &DumpBarrier) -> fmt::Result {
     writeln!(out, "    | {}", barrier_line(barrier))?;
     barrier.dependencies.iter().try_for_each(|d| writeln!(out, "    |   {}", dependency_line(barrier, d)))
+}
+
+/// `15 passes left out: 13 (nothing reads what it writes), 2 (its condition is false)`.
+pub fn left_out_counts(dump: &Dump) -> String {
+    let mut reasons: Vec<(&str, usize)> = Vec::new();
+    for left_out in &dump.left_out {
+        // Not the condition itself, which the list shows.
+        let why = left_out.why.split(": ").next().unwrap_or_default();
+        match reasons.iter_mut().find(|(known, _)| *known == why) {
+            Some((_, count)) => *count += 1,
+            None => reasons.push((why, 1)),
+        }
+    }
+    let count = |n: usize| if n == 1 { "1 pass".to_string() } else { format!("{n} passes") };
+    let reasons: Vec<String> = match &reasons[..] {
+        [(why, _)] => vec![why.to_string()],
+        _ => reasons.iter().map(|(why, n)| format!("{n} ({why})")).collect(),
+    };
+    format!("{} left out: {}", count(dump.left_out.len()), reasons.join(", "))
 }
 
 /// `14 barriers (12 on all memory, 2 on images) in 12 calls, for 20 dependencies`.

@@ -9,7 +9,7 @@ bitflags! {
     /// Lists pipeline stages, after `VkPipelineStageFlagBits2`.
     ///
     /// Some follow each other within a command, and barriers know it: `INDIRECT`, `VERTEX`, `FRAGMENT`, `COLOR_OUTPUT` for
-    /// draws, and `INDIRECT`, `COMPUTE` for dispatches. `COPY`, `CLEAR` and `HOST` stand alone. See
+    /// draws, and `INDIRECT`, `COMPUTE` for dispatches. (What a draw does at `INDIRECT` is not before `COMPUTE`.) `COPY`, `CLEAR` and `HOST` stand alone. See
     /// [`Barrier`](crate::plan::Barrier).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Stages: u32 {
@@ -72,7 +72,7 @@ impl Accesses {
 }
 
 /// Names the layout of an image at one point of the frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Layout {
     /// Contents need not be kept.
     Undefined,

@@ -80,6 +80,8 @@ pub struct ReflectedBinding {
     pub reads: bool,
     /// The code stores to it (likewise).
     pub writes: bool,
+    /// Every load and store is an atomic: invocations may make them at the same time.
+    pub atomics_only: bool,
 }
 
 /// Describes the type and layout of a binding.

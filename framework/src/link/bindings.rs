@@ -5,7 +5,7 @@ use crate::ir::{
     Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding, ReflectedKind, Run,
     Shape, Source, Span, Stages, Use, Value,
 };
-use crate::lower::{LoweredBind, LoweredPass, LoweredWork, ResourceHandle};
+use crate::lower::{LoweredBind, LoweredPass, ResourceHandle};
 use crate::source::{Diagnostic, nearest};
 
 impl Linker<'_> {
@@ -27,21 +27,14 @@ impl Linker<'_> {
                     used[i] = true;
                     (pass.bind[i].resources.clone(), pass.bind[i].resource_span)
                 } else {
-                    self.unbound(pass, *shader, block);
+                    self.unbound(pass, stages, *shader, block);
                     continue;
                 };
                 let Some(kind) = self.fits(*shader, block, &resources, span) else { continue };
-                let changes = resources.iter().any(|id| self.resource(*id).source.is_per_frame());
-                if pass.run == Run::Once && changes {
+                if pass.run == Run::Once && self.changes_every_frame(&resources) {
                     let shader = &self.shaders[shader.index()].name;
-                    self.errors.push(
-                        Diagnostic::new(
-                            format!("`{}` runs once, and reads what changes with every frame", pass.name),
-                            span,
-                            format!("`{}` of `{shader}`", block.name),
-                        )
-                        .with_help("let it run every frame, or give it constants"),
-                    );
+                    let label = format!("`{}` of `{shader}`", block.name);
+                    self.errors.push(once_every_frame(pass, span, label));
                 }
                 self.describe_touches(block, kind, &resources, *stage, uses);
                 for (element, resource) in resources.iter().enumerate() {
@@ -80,7 +73,14 @@ impl Linker<'_> {
     }
 
     /// A block that the shader touches and the graph does not bind.
-    fn unbound(&mut self, pass: &LoweredPass, shader: ShaderHandle, block: &ReflectedBinding) {
+    fn unbound(
+        &mut self,
+        pass: &LoweredPass,
+        stages: &[(ShaderHandle, Stages)],
+        shader: ShaderHandle,
+        block: &ReflectedBinding,
+    ) {
+        let known = |name: &str| stages.iter().any(|(shader, _)| self.declares(*shader, name));
         let shader = &self.shaders[shader.index()].name;
         let what = match block.kind {
             ReflectedKind::StorageImage { .. } => "image",
@@ -91,8 +91,13 @@ impl Linker<'_> {
             pass.span,
             "in this pass",
         );
-        let unknown: Vec<&str> = pass.bind.iter().map(|b| b.block.as_str()).collect();
-        self.errors.push(match nearest(&block.name, unknown) {
+        // What is bound to no block of the pass may be meant for this one.
+        let stray: Vec<&str> = pass.bind.iter().map(|b| b.block.as_str()).filter(|b| !known(b)).collect();
+        let near = nearest(&block.name, stray.iter().copied()).or(match stray[..] {
+            [only] => Some(only),
+            _ => None,
+        });
+        self.errors.push(match near {
             Some(near) => diagnostic.with_help(format!("`bind` has `{near}`: is `{}` meant?", block.name)),
             None => {
                 diagnostic.with_help(format!("add `\"{}\": \"name of a resource\"` to `bind`", block.name))
@@ -100,12 +105,24 @@ impl Linker<'_> {
         });
     }
 
+    /// Returns true if a shader declares a block of this name, whether or not its code uses it.
+    fn declares(&self, shader: ShaderHandle, block: &str) -> bool {
+        let used = |b: &ReflectedBinding| b.name == block;
+        self.declared[&shader].contains(block)
+            || self.shaders[shader.index()].reflection.bindings.iter().any(used)
+    }
+
+    /// Returns true if the host gives every frame its own contents of one of these.
+    pub(super) fn changes_every_frame(&self, resources: &[ResourceHandle]) -> bool {
+        resources.iter().any(|id| self.resource(*id).source.is_per_frame())
+    }
+
     /// Reports an entry of `bind` that no shader of the pass uses.
     ///
     /// It is no error if a shader declares the block and its code does not use it with the current constants: then nothing
     /// is bound.
     fn unknown(&mut self, stages: &[(ShaderHandle, Stages)], bind: &LoweredBind) {
-        if stages.iter().any(|(shader, _)| self.declared[shader].contains(&bind.block)) {
+        if stages.iter().any(|(shader, _)| self.declares(*shader, &bind.block)) {
             return;
         }
         let names: Vec<&str> = stages.iter().map(|(s, _)| self.shaders[s.index()].name.as_str()).collect();
@@ -342,60 +359,12 @@ impl Linker<'_> {
         }
         bytes
     }
+}
 
-    /// A resource must not be bound twice to a pass that writes it: its invocations run in any order.
-    pub(super) fn conflicts(&mut self, pass: &LoweredPass, uses: &[Use<ResourceHandle>]) {
-        // What the frame before left in a resource stands in the resource itself.
-        let real = |id: &ResourceHandle| self.lowered.real(*id);
-        for (i, bind) in pass.bind.iter().enumerate() {
-            for id in &bind.resources {
-                let written = uses.iter().any(|t| real(&t.resource) == real(id) && t.accesses.writes());
-                let twice =
-                    pass.bind[..i].iter().find(|b| b.resources.iter().any(|other| real(other) == real(id)));
-                if let (true, Some(other)) = (written, twice) {
-                    let name = &self.resource(real(id)).name;
-                    let diagnostic = Diagnostic::new(
-                        format!("`{name}` is written and bound twice"),
-                        bind.resource_span,
-                        "bound here",
-                    )
-                    .with_label(other.resource_span, "and here");
-                    let mut bound =
-                        other.resources.iter().chain([id]).filter(|other| real(other) == real(id));
-                    let last = bound.find(|id| self.resource(**id).previous_frame_of.is_some());
-                    self.errors.push(match last.map(|id| &self.resource(*id).name) {
-                        // Halves of a ping-pong buffer are numbered.
-                        Some(last) if name.contains('#') => diagnostic.with_help(format!(
-                            "`{last}` is `{name}`, the half in front at the end of a frame; with an even number of swaps in \
-                             a frame, its first pass can read `{last}` and write the back"
-                        )),
-                        Some(last) => diagnostic.with_help(format!(
-                            "`{last}` is `{name}` before the first write of a frame; write another buffer, and copy it \
-                             to `{name}` in a later pass"
-                        )),
-                        None => diagnostic,
-                    });
-                }
-            }
-        }
-        if let LoweredWork::Draw { targets, .. } = &pass.work {
-            for (target, span) in targets {
-                if let Some(bind) =
-                    pass.bind.iter().find(|b| b.resources.iter().any(|id| real(id) == target.image))
-                {
-                    let name = &self.resource(target.image).name;
-                    self.errors.push(
-                        Diagnostic::new(
-                            format!("`{name}` is drawn to and bound in the same pass"),
-                            *span,
-                            "drawn to here",
-                        )
-                        .with_label(bind.resource_span, "bound here"),
-                    );
-                }
-            }
-        }
-    }
+/// Describes a pass of the prologue that reads what the host gives to every frame.
+pub(super) fn once_every_frame(pass: &LoweredPass, span: Span, label: impl Into<String>) -> Diagnostic {
+    let message = format!("`{}` runs once, and reads what changes with every frame", pass.name);
+    Diagnostic::new(message, span, label).with_help("let it run every frame, or give it constants")
 }
 
 fn kind_name(kind: MemberKind) -> &'static str {

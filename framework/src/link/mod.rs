@@ -6,10 +6,11 @@
 
 mod bindings;
 mod draws;
+mod races;
 
 use crate::ir::{
-    Accesses, DeviceFacts, DrawCall, FileId, Groups, Layout, Pass, Request, Shader, ShaderStage, Shape, Span,
-    Stages, Use, Work,
+    Accesses, DeviceFacts, DrawCall, FileId, Groups, Layout, Pass, Request, Run, Shader, ShaderStage, Shape,
+    Span, Stages, Use, Work,
 };
 use crate::lower::{
     Lowered, LoweredPass, LoweredResource, LoweredSize, LoweredWork, ResourceHandle, ShaderName,
@@ -38,6 +39,8 @@ pub struct LinkedPass {
     pub pass: Pass<ResourceHandle, ShaderHandle>,
     /// Its name in the file.
     pub span: Span,
+    /// The include that it comes from, as an index into [`Lowered::includes`].
+    pub include: Option<usize>,
 }
 
 /// Indexes [`Linked::shaders`].
@@ -154,7 +157,13 @@ impl Linker<'_> {
         };
         let bindings = self.bindings(pass, &stages, &mut uses);
         let push = self.push(pass, &stages);
-        self.conflicts(pass, &uses);
+        self.races(pass, &stages, &uses);
+        if let Some((buffer, span)) = races::arguments(pass)
+            && pass.run == Run::Once
+            && self.changes_every_frame(&[buffer])
+        {
+            self.errors.push(bindings::once_every_frame(pass, span, "its arguments"));
+        }
         let linked = Pass {
             name: pass.name.clone(),
             phase: pass.phase.clone(),
@@ -165,7 +174,11 @@ impl Linker<'_> {
             uses,
             origin: self.files.origin(pass.span),
         };
-        (self.errors.len() == before).then_some(LinkedPass { pass: linked, span: pass.span })
+        (self.errors.len() == before).then_some(LinkedPass {
+            pass: linked,
+            span: pass.span,
+            include: pass.include,
+        })
     }
 
     /// Compiles a shader, or finds it among those compiled for other passes.
@@ -250,6 +263,18 @@ impl Linker<'_> {
 
     fn groups(&mut self, id: ShaderHandle, size: LoweredSize, span: Span) -> Option<Groups<ResourceHandle>> {
         let local = self.shaders[id.index()].reflection.local_size;
+        if let (LoweredSize::Threads(_), [x, y, z]) = (size, local)
+            && y * z > 1
+        {
+            let message =
+                format!("`Threads` divides by `local_size_x` alone, and a workgroup here is {x} x {y} x {z}");
+            self.errors.push(
+                Diagnostic::new(message, span, "too many invocations would run").with_help(
+                    "give the shader a `local_size_x` alone, or count its workgroups with `Groups`",
+                ),
+            );
+            return None;
+        }
         let groups = match size {
             LoweredSize::Indirect { buffer, offset } => return Some(Groups::Indirect { buffer, offset }),
             LoweredSize::Groups(groups) => groups,

@@ -2,9 +2,11 @@
 
 use indexmap::IndexMap;
 
+use super::LoweredInclude;
 use super::document::{self, MAX_DEPTH, Opened};
 use super::params;
 use super::passes::{Head, Level, Lowering};
+use super::resources::Handle;
 use super::scope::{Names, Place};
 use crate::ir::{Param, Run};
 use crate::schema::{Number, ParamDecl, Reference};
@@ -42,9 +44,16 @@ impl Lowering<'_> {
             }
         };
         let (names, params) = self.include_params(level, &opened, set, place)?;
-        let prefix = format!("{}{name}{}.", level.prefix, level.suffix);
+        let full = format!("{}{name}{}", level.prefix, level.suffix);
+        let span = place.field("name").span();
+        if let Some(first) = self.include_names.insert(full.clone(), span) {
+            let message = format!("two includes are called `{full}`");
+            return Err(Diagnostic::new(message, span, "the second").with_label(first, "the first"));
+        }
+        let prefix = format!("{full}.");
         let before = self.errors.len();
         let mut inner = self.level(&opened, names, &params, prefix);
+        let mut include = LoweredInclude { name: full, span, parent: level.include, given: Vec::new() };
         for (port_name, port) in &opened.graph.ports {
             let Some(given) = with.get(port_name) else {
                 let span = opened.outline.key(&Path::root().field("ports").key(port_name));
@@ -63,6 +72,12 @@ impl Lowering<'_> {
                     return Err(at.error("a port takes a whole resource", "not the front or the back of one"));
                 }
             };
+            let resources = match &handle {
+                Some(Handle::PingPong(index)) => self.ping_pongs[*index].halves.to_vec(),
+                Some(Handle::Plain(ids)) => ids.clone(),
+                None => Vec::new(),
+            };
+            include.given.push((given.text.clone(), resources));
             let stride =
                 Place::new(&opened.outline, Path::root().field("ports").key(port_name)).field("stride");
             let handle = match handle {
@@ -94,6 +109,8 @@ impl Lowering<'_> {
                 .with_label(graph_place.span(), "included here"));
             }
         }
+        inner.include = Some(self.included.len());
+        self.included.push(include);
         self.declare(&mut inner);
         if self.errors.len() > before {
             return Ok(());

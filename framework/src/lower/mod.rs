@@ -46,6 +46,8 @@ pub struct Lowered {
     pub culled: Vec<Culled>,
     /// Uses that a `when` removed together with their pass.
     pub unwritten: Vec<RemovedUse>,
+    /// Graphs that were included, those that include others before these.
+    pub includes: Vec<LoweredInclude>,
     /// The image that is shown.
     pub output: ResourceHandle,
     /// The output's name in the file.
@@ -99,6 +101,19 @@ pub struct LoweredResource {
     pub span: Span,
 }
 
+/// Describes a graph that was included.
+#[derive(Clone, Debug)]
+pub struct LoweredInclude {
+    /// Unique in the graph.
+    pub name: String,
+    /// Its `name` in the file.
+    pub span: Span,
+    /// The include that it stands in, as an index into [`Lowered::includes`].
+    pub parent: Option<usize>,
+    /// What its ports are given: the name, and the resources that it stands for; both halves of a ping-pong buffer.
+    pub given: Vec<(String, Vec<ResourceHandle>)>,
+}
+
 /// Names a use that went with its pass.
 #[derive(Clone, Debug)]
 pub struct RemovedUse {
@@ -123,6 +138,8 @@ pub struct LoweredPass {
     pub file: FileId,
     /// Its `name` in the file.
     pub span: Span,
+    /// The include that it comes from, as an index into [`Lowered::includes`].
+    pub include: Option<usize>,
     /// The command.
     pub work: LoweredWork,
     /// The entries of `bind`.
@@ -164,6 +181,8 @@ pub enum LoweredWork {
         topology: Topology,
         /// The number of vertices and instances.
         call: DrawCall<ResourceHandle>,
+        /// The `call` in the file.
+        call_span: Span,
         /// The colour attachments, with their names in the file.
         targets: Vec<(Target<ResourceHandle>, Span)>,
     },

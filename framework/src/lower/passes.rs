@@ -10,8 +10,8 @@ use super::params;
 use super::resources::{Handle, History, PingPong};
 use super::scope::{Names, Place};
 use super::{
-    Lowered, LoweredBind, LoweredPass, LoweredPush, LoweredResource, LoweredSize, LoweredWork, RemovedUse,
-    ResourceHandle, ShaderName,
+    Lowered, LoweredBind, LoweredInclude, LoweredPass, LoweredPush, LoweredResource, LoweredSize,
+    LoweredWork, RemovedUse, ResourceHandle, ShaderName,
 };
 use crate::ir::{
     Culled, DrawCall, EXPORT, FileId, HOST, LIVE_BLOCK, Param, Request, Run, Shape, Source, Span, Stat,
@@ -40,11 +40,14 @@ pub(super) struct Lowering<'a> {
     steps: usize,
     /// Name and place of every pass, to refuse one used twice.
     pass_names: BTreeMap<String, Option<Span>>,
+    /// Name and place of every include, likewise.
+    pub include_names: BTreeMap<String, Span>,
     culled: Vec<Culled>,
     pub histories: Vec<History>,
     unwritten: Vec<RemovedUse>,
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
+    pub included: Vec<LoweredInclude>,
 }
 
 /// One graph file in the walk: the root, or an include.
@@ -59,6 +62,8 @@ pub(super) struct Level {
     pub prefix: String,
     /// Behind the names of passes: the indices of the repeats.
     pub suffix: String,
+    /// Index into [`Lowering::included`]; `None` for the root.
+    pub include: Option<usize>,
     defines: Rc<Vec<(String, String)>>,
 }
 
@@ -83,10 +88,12 @@ impl<'a> Lowering<'a> {
             steps: 0,
             // The frame's last passes, which the solver adds.
             pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
+            include_names: BTreeMap::new(),
             culled: Vec::new(),
             histories: Vec::new(),
             unwritten: Vec::new(),
             includes: Vec::new(),
+            included: Vec::new(),
         }
     }
 
@@ -127,6 +134,7 @@ impl<'a> Lowering<'a> {
                 passes: self.passes,
                 culled: self.culled,
                 unwritten: self.unwritten,
+                includes: self.included,
                 output,
                 output_span,
                 stats,
@@ -179,6 +187,7 @@ impl<'a> Lowering<'a> {
             handles: IndexMap::new(),
             prefix,
             suffix: String::new(),
+            include: None,
             defines: Rc::new(defines),
         }
     }
@@ -212,7 +221,7 @@ impl<'a> Lowering<'a> {
                     Size::Threads(n) => LoweredSize::Threads(level.names.natural(n, &size_place.index(0))?),
                     Size::Groups(n) => LoweredSize::Groups(level.names.natural(n, &size_place.index(0))?),
                     Size::Indirect(buffer, offset) => {
-                        match self.indirect(level, buffer, offset, 12, &size_place)? {
+                        match self.arguments(level, (buffer, offset), 12, &size_place)? {
                             Some((buffer, offset)) => LoweredSize::Indirect { buffer, offset },
                             None => return Ok(()),
                         }
@@ -255,7 +264,7 @@ impl<'a> Lowering<'a> {
                         }
                     }
                     Call::Indirect(buffer, offset) => {
-                        match self.indirect(level, buffer, offset, 16, &call_place)? {
+                        match self.arguments(level, (buffer, offset), 16, &call_place)? {
                             Some((buffer, offset)) => DrawCall::Indirect { buffer, offset },
                             None => return Ok(()),
                         }
@@ -274,6 +283,7 @@ impl<'a> Lowering<'a> {
                     fragment: shader(fragment, "fragment"),
                     topology: *topology,
                     call,
+                    call_span: call_place.span(),
                     targets: resolved,
                 };
                 self.emit(level, &head, work, bind, push, define)
@@ -353,12 +363,25 @@ impl<'a> Lowering<'a> {
         Ok(false)
     }
 
-    fn indirect(
+    /// The arguments of an indirect command.
+    fn arguments(
         &self,
         level: &Level,
-        buffer: &Reference,
-        offset: &Number,
+        named: (&Reference, &Number),
         bytes: u64,
+        at: &Place,
+    ) -> Result<Option<(ResourceHandle, u64)>, Diagnostic> {
+        let what = format!("{bytes} bytes of arguments do not stand");
+        self.words(level, named, (bytes, &what), at)
+    }
+
+    /// The buffer and the byte offset of some words of it, whose names stand at `at`. `what` says in an error that they are not
+    /// there.
+    fn words(
+        &self,
+        level: &Level,
+        (buffer, offset): (&Reference, &Number),
+        (bytes, what): (u64, &str),
         at: &Place,
     ) -> Result<Option<(ResourceHandle, u64)>, Diagnostic> {
         let Some(id) = self.look_up_one(level, buffer, &at.index(0))? else { return Ok(None) };
@@ -368,11 +391,12 @@ impl<'a> Lowering<'a> {
         if !matches!(resource.shape, Shape::Buffer { .. }) {
             return Err(at
                 .index(0)
-                .error(format!("`{}` is an image", buffer.text), "the arguments are in a buffer"));
+                .error(format!("`{}` is an image", buffer.text), "the name of a buffer is needed here"));
         }
-        if offset % 4 != 0 || offset + bytes > resource.shape.bytes() {
+        let end = offset.checked_add(bytes);
+        if offset % 4 != 0 || end.is_none_or(|end| end > resource.shape.bytes()) {
             return Err(offset_place.error(
-                format!("{bytes} bytes of arguments do not stand at offset {offset} of `{}`", buffer.text),
+                format!("{what} at offset {offset} of `{}`", buffer.text),
                 format!("it has {} bytes, and offsets are multiples of 4", resource.shape.bytes()),
             ));
         }
@@ -450,6 +474,7 @@ impl<'a> Lowering<'a> {
             run: head.run,
             file: level.file,
             span,
+            include: level.include,
             work,
             bind: binds,
             push: pushes,
@@ -513,7 +538,7 @@ impl<'a> Lowering<'a> {
             return None;
         };
         let at = root.field("output");
-        match self.look_up_one(level, name, &at) {
+        match self.look_up_one(level, name, &at).and_then(|id| self.of_this_frame(id, &at)) {
             Ok(Some(id)) if matches!(self.resources[id.index()].shape, Shape::Image { .. }) => {
                 Some((id, at.span()))
             }
@@ -529,11 +554,33 @@ impl<'a> Lowering<'a> {
         }
     }
 
+    /// Refuses the contents of the previous frame where a frame's results are named: by then this frame has written over them.
+    fn of_this_frame(
+        &self,
+        id: Option<ResourceHandle>,
+        at: &Place,
+    ) -> Result<Option<ResourceHandle>, Diagnostic> {
+        match id.and_then(|id| self.histories.iter().find(|history| history.previous_frame == id)) {
+            None => Ok(id),
+            Some(history) => Err(at
+                .error("a frame's results are what it leaves itself", "contents of the previous frame")
+                .with_help(format!(
+                    "name `{0}`, or copy `last({0})` to another resource in a pass",
+                    history.name
+                ))),
+        }
+    }
+
     fn stats(&mut self, level: &Level) -> Vec<Stat<ResourceHandle>> {
         let mut stats = Vec::new();
         for (name, (buffer, offset)) in &level.graph.stats {
             let at = Place::new(&level.outline, Path::root().field("stats").key(name));
-            match self.indirect(level, buffer, offset, 4, &at) {
+            let word = format!("the word of `{name}` does not stand");
+            let found = self.words(level, (buffer, offset), (4, &word), &at).and_then(|found| {
+                self.of_this_frame(found.map(|(id, _)| id), &at.index(0))?;
+                Ok(found)
+            });
+            match found {
                 Ok(Some((buffer, offset))) => stats.push(Stat { name: name.clone(), buffer, offset }),
                 Ok(None) => {}
                 Err(diagnostic) => self.errors.push(diagnostic),

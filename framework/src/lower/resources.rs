@@ -27,7 +27,7 @@ pub(super) struct PingPong {
 /// A resource that was declared with a history.
 #[derive(Clone, Debug)]
 pub(super) struct History {
-    name: String,
+    pub name: String,
     pub previous_frame: ResourceHandle,
     of: Handle,
 }
@@ -155,7 +155,7 @@ impl Lowering<'_> {
                 } else {
                     Handle::Plain(vec![add(full.clone())])
                 };
-                if *history {
+                if level.names.truth(history, &place.field("history"))? {
                     self.add_history(full, shape, &handle, place.key());
                 }
                 Ok(handle)
@@ -174,7 +174,7 @@ impl Lowering<'_> {
                 let shape = Shape::Image { format, width, height };
                 let handle =
                     Handle::Plain(vec![self.add(full.clone(), shape, Source::Transient, place.key())]);
-                if *history {
+                if level.names.truth(history, &place.field("history"))? {
                     self.add_history(full, shape, &handle, place.key());
                 }
                 Ok(handle)

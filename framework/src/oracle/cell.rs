@@ -9,6 +9,7 @@
 //! it: any chain that starts at the newer one extends the older one's. So does a read for an older read at the same
 //! stage. (If it was not properly ordered, the violation is already reported.)
 
+use super::Rules;
 use super::stages::{Pairs, with_earlier, with_later};
 use super::violation::{Actor, Missing, ViolationKind, When};
 use crate::ir::{Accesses, ResourceId, Stages};
@@ -17,7 +18,7 @@ use crate::plan::{Barrier, Transition};
 /// Expands the masks of a barrier.
 pub struct Scope {
     pub image: Option<Transition>,
-    /// The source stages of the mask, which count for memory, and those with all earlier ones, which count for order.
+    /// The source stages of the mask, which count for memory, and those with all earlier ones, which count for chains.
     source: Stages,
     source_reach: Stages,
     source_accesses: Accesses,
@@ -42,9 +43,10 @@ impl Scope {
         self.image.filter(|image| image.old != image.new)
     }
 
-    /// Returns true if an access at `stage`, ordered before `ordered`, is in the source scope: itself, or by a chain.
-    fn waits_for(&self, stage: Stages, ordered: Stages) -> bool {
-        self.source_reach.intersects(stage | ordered)
+    /// Returns true if an access that `named_by` stand for, ordered before `ordered`, is in the source scope: itself, or by a
+    /// chain.
+    fn waits_for(&self, named_by: Stages, ordered: Stages) -> bool {
+        self.source.intersects(named_by) || self.source_reach.intersects(ordered)
     }
 
     /// Returns true if the memory dependency covers accesses through `resource`.
@@ -52,12 +54,16 @@ impl Scope {
         self.image.is_none_or(|transition| transition.image == resource)
     }
 
+    /// Returns true if the source names the write, and so makes it available.
+    fn names(&self, write: &Write) -> bool {
+        self.concerns(write.resource)
+            && self.source.intersects(write.stage)
+            && self.source_accesses.intersects(write.access)
+    }
+
     /// Returns true if the write is available when the target starts, made so here or earlier in the chain.
     fn finds_available(&self, write: &Write) -> bool {
-        let here = self.concerns(write.resource)
-            && self.source.intersects(write.stage)
-            && self.source_accesses.intersects(write.access);
-        here || self.source_reach.intersects(write.chain)
+        self.names(write) || self.source_reach.intersects(write.chain)
     }
 }
 
@@ -68,18 +74,22 @@ pub struct Read {
     pub resource: ResourceId,
     pub time: u32,
     pub stage: Stages,
+    /// Stages that stand for it in a source mask.
+    pub named_by: Stages,
     /// Stages whose later accesses are ordered after this one.
     pub ordered: Stages,
 }
 
 impl Read {
-    fn pass_through(&mut self, scopes: &[Scope]) {
+    /// Applies the barriers of one call; returns true if that changed the record.
+    fn pass_through(&mut self, scopes: &[Scope]) -> bool {
         let ordered = self.ordered;
         for scope in scopes {
-            if scope.waits_for(self.stage, ordered) {
+            if scope.waits_for(self.named_by, ordered) {
                 self.ordered |= scope.target_reach;
             }
         }
+        self.ordered != ordered
     }
 }
 
@@ -102,11 +112,12 @@ pub struct Write {
 }
 
 impl Write {
-    fn pass_through(&mut self, scopes: &[Scope]) {
+    /// Applies the barriers of one call; returns true if that changed the record.
+    fn pass_through(&mut self, scopes: &[Scope]) -> bool {
         // Barriers of one call do not chain: all of them see the record as it was before the call.
         let before = self.clone();
         for scope in scopes {
-            if scope.waits_for(before.stage, before.ordered) {
+            if scope.waits_for(with_later(before.stage), before.ordered) {
                 self.ordered |= scope.target_reach;
             }
             if scope.finds_available(&before) {
@@ -118,6 +129,8 @@ impl Write {
                 }
             }
         }
+        (self.ordered, self.chain, self.visible, self.visible_through_own)
+            != (before.ordered, before.chain, before.visible, before.visible_through_own)
     }
 
     /// Returns the first guarantee that an access lacks towards this write.
@@ -175,16 +188,20 @@ pub struct Cell {
 impl Cell {
     pub const FRESH: Cell = Cell { reads: Vec::new(), writes: Vec::new(), contents: Contents::NEVER };
 
-    pub fn reset(&mut self) {
-        self.reads.clear();
-        self.writes.clear();
-        self.contents = Contents::NEVER;
-    }
-
     /// Applies the barriers of one call.
     pub fn pass_through(&mut self, scopes: &[Scope]) {
-        self.reads.iter_mut().for_each(|read| read.pass_through(scopes));
-        self.writes.iter_mut().for_each(|write| write.pass_through(scopes));
+        for read in &mut self.reads {
+            read.pass_through(scopes);
+        }
+        for write in &mut self.writes {
+            write.pass_through(scopes);
+        }
+    }
+
+    /// Returns true if the barriers of a call would change a record.
+    pub fn is_changed_by(&self, scopes: &[Scope]) -> bool {
+        self.reads.iter().any(|read| read.clone().pass_through(scopes))
+            || self.writes.iter().any(|write| write.clone().pass_through(scopes))
     }
 
     pub fn check_read(
@@ -206,6 +223,7 @@ impl Cell {
         stage: Stages,
         access: Accesses,
         through: ResourceId,
+        rules: Rules,
         mut conflict: impl FnMut(Conflict),
     ) {
         for read in &self.reads {
@@ -219,6 +237,12 @@ impl Cell {
                 self.reads.iter().any(|read| read.time > write.time && read.ordered.contains(stage));
             match write.lacks(stage, access, through) {
                 Some(Missing::Visibility(..)) if settled => {}
+                Some(Missing::Visibility(..)) if !rules.writes_see_writes => {
+                    if !write.chain.contains(stage) {
+                        let missing = Missing::Availability;
+                        conflict((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing));
+                    }
+                }
                 Some(missing) => {
                     conflict((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing))
                 }
@@ -228,16 +252,31 @@ impl Cell {
     }
 
     /// Checks a layout change, which happens between a barrier's two scopes and sees all available data.
-    pub fn check_transition(&self, scope: &Scope, mut conflict: impl FnMut(Conflict)) {
+    ///
+    /// A change of the frame is the same in the first frame, which may follow another write, of the prologue.
+    pub fn check_transition(
+        &self,
+        scope: &Scope,
+        rules: Rules,
+        when: When,
+        mut conflict: impl FnMut(Conflict),
+    ) {
         for read in &self.reads {
-            if !scope.waits_for(read.stage, read.ordered) {
+            if !scope.waits_for(read.named_by, read.ordered) {
                 conflict((ViolationKind::WriteAfterRead, read.actor, read.resource, Missing::Order));
             }
         }
         for write in &self.writes {
-            let missing = if !scope.waits_for(write.stage, write.ordered) {
+            let missing = if !scope.waits_for(with_later(write.stage), write.ordered) {
                 Missing::Order
             } else if !scope.finds_available(write) {
+                Missing::Availability
+            } else if rules.changes_name_writes
+                && !write.stage.is_empty()
+                && !(matches!(when, When::Frame(_)) && write.actor.when() == When::Prologue)
+                && !scope.names(write)
+                && self.reads.iter().all(|read| read.time <= write.time)
+            {
                 Missing::Availability
             } else {
                 continue;
@@ -256,7 +295,8 @@ impl Cell {
     }
 
     pub fn record_read(&mut self, read: Read) {
-        match self.reads.iter_mut().find(|old| old.stage == read.stage) {
+        let same = |old: &&mut Read| (old.stage, old.named_by) == (read.stage, read.named_by);
+        match self.reads.iter_mut().find(same) {
             Some(old) => *old = read,
             None => self.reads.push(read),
         }

@@ -1,18 +1,30 @@
 //! Walks the prologue, the handover and the frames, as they are submitted to one queue.
 //!
 //! An access that violates the model takes place all the same, so that one mistake is reported once.
+//!
+//! A replay is a walk over [`At`]s. It can be left at any of them for a trial of another plan and taken up again, so that a mutant
+//! shares the walk up to its mutation. Barriers concern all memory, so they are put down in a history ([`Calls`]), and a cell is
+//! brought up to date when it is next touched.
 
-use super::Replay;
+use super::calls::Calls;
 use super::cell::{Cell, Conflict, Contents, Read, Scope, State, Write};
 use super::stages::Pairs;
 use super::trace::{Access, Clash, Trace};
 use super::violation::{Actor, Findings, Missing, Violation, ViolationKind, When};
+use super::{Replay, Rules};
 use crate::ir::{Accesses, Layout, PassId, ResourceId, Shape, Stages, Work};
 use crate::plan::{Barrier, Plan, Step, Transition};
+use std::collections::HashSet;
 
 /// Holds the state of all memory and of all image layouts during a replay.
 pub struct MemoryState {
     cells: Vec<Cell>,
+    /// The calls of barriers so far, and of each cell, how many it has passed through.
+    calls: Calls,
+    passed: Vec<u32>,
+    /// The cells that a trial has touched, as they were before, and those that it has touched.
+    before_trial: Option<BeforeTrial>,
+    rules: Rules,
     /// The layout of each resource; meaningless for buffers.
     layouts: Vec<Layout>,
     /// Passes that are skipped because a former plan did their work.
@@ -20,9 +32,44 @@ pub struct MemoryState {
     /// Counts passes, calls of barriers and preparations by the host.
     time: u32,
     copies: u32,
-    /// The barriers of the current call; kept to reuse the allocation.
-    scopes: Vec<Scope>,
     pub findings: Findings,
+}
+
+/// The state that a trial returns to.
+struct BeforeTrial {
+    cells: Vec<(usize, Cell, u32)>,
+    touched: HashSet<usize>,
+    layouts: Vec<Layout>,
+    time: u32,
+    calls: usize,
+}
+
+/// A position in a replay.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum At {
+    /// Before a step of the prologue.
+    Prologue(usize),
+    Handover,
+    /// Before a frame, whose first is number 0.
+    Begin(u32),
+    /// Before a step of a frame.
+    Frame(u32, usize),
+}
+
+impl At {
+    /// Returns the position after this one; `None` at the end.
+    pub fn after(at: At, plan: &Plan, replay: &Replay) -> Option<At> {
+        let frame = |frame| (frame < replay.frames).then_some(At::Begin(frame));
+        match at {
+            At::Prologue(step) if step + 1 < plan.prologue.len() => Some(At::Prologue(step + 1)),
+            At::Prologue(_) => Some(At::Handover),
+            At::Handover => frame(0),
+            At::Begin(number) if plan.frame.is_empty() => frame(number + 1),
+            At::Begin(number) => Some(At::Frame(number, 0)),
+            At::Frame(number, step) if step + 1 < plan.frame.len() => Some(At::Frame(number, step + 1)),
+            At::Frame(number, _) => frame(number + 1),
+        }
+    }
 }
 
 /// Carries a resource with a history over to the next plan.
@@ -35,29 +82,61 @@ pub struct Carried {
 
 impl MemoryState {
     /// Creates the state of fresh memory.
-    pub fn new(trace: &Trace, first_only: bool) -> MemoryState {
+    pub fn new(trace: &Trace, rules: Rules, first_only: bool) -> MemoryState {
         let mut memory = MemoryState {
             cells: vec![Cell::FRESH; trace.cells.len()],
+            calls: Calls::default(),
+            passed: vec![0; trace.cells.len()],
+            before_trial: None,
+            rules,
             layouts: vec![Layout::Undefined; trace.places.len()],
             skipped: Vec::new(),
             time: 0,
             copies: 1,
-            scopes: Vec::new(),
             findings: Findings { violations: Vec::new(), first_only },
         };
-        memory.reset(trace);
+        for (index, place) in trace.places.iter().enumerate().filter(|(_, place)| place.uploaded) {
+            memory.fill(place.cells(0), ResourceId(index as u32));
+        }
         memory
     }
 
-    /// Restores the state that [`MemoryState::new`] returns.
-    pub fn reset(&mut self, trace: &Trace) {
-        self.cells.iter_mut().for_each(Cell::reset);
-        self.layouts.fill(Layout::Undefined);
-        self.skipped.clear();
-        self.findings.violations.clear();
-        for (index, place) in trace.places.iter().enumerate().filter(|(_, place)| place.uploaded) {
-            self.fill(place.cells(0), ResourceId(index as u32));
+    /// Returns a cell that has passed through all calls so far, to be looked at or changed.
+    fn cell(&mut self, number: usize) -> &mut Cell {
+        let (cell, passed) = (&mut self.cells[number], &mut self.passed[number]);
+        if let Some(before) = &mut self.before_trial
+            && before.touched.insert(number)
+        {
+            before.cells.push((number, cell.clone(), *passed));
         }
+        self.calls.pass(cell, passed);
+        cell
+    }
+
+    /// Runs another plan from `at` on, up to its first violation, and returns whether there is one. The state is the same after it.
+    pub fn trial(&mut self, plan: &Plan, trace: &Trace, replay: &Replay, at: At) -> bool {
+        self.before_trial = Some(BeforeTrial {
+            cells: Vec::new(),
+            touched: HashSet::new(),
+            layouts: self.layouts.clone(),
+            time: self.time,
+            calls: self.calls.len(),
+        });
+        let mut next = Some(at);
+        while let Some(at) = next.filter(|_| !self.findings.enough()) {
+            self.advance(plan, trace, replay, at);
+            next = At::after(at, plan, replay);
+        }
+        let found = !self.findings.violations.is_empty();
+        self.findings.violations.clear();
+        if let Some(before) = self.before_trial.take() {
+            for (number, cell, passed) in before.cells {
+                (self.cells[number], self.passed[number]) = (cell, passed);
+            }
+            (self.layouts, self.time) = (before.layouts, before.time);
+            self.calls.truncate(before.calls);
+        }
+        found
     }
 
     /// Marks cells as written before the plan and visible everywhere.
@@ -75,6 +154,9 @@ impl MemoryState {
             let lives_on =
                 |old: &&Carried| resource.history.as_ref() == Some(&old.name) && resource.shape == old.shape;
             let Some(old) = carried.iter().find(lives_on) else { continue };
+            if writes_once(plan, id) {
+                continue;
+            }
             if old.contents {
                 self.fill(trace.place(id).cells(0), id);
             }
@@ -111,33 +193,40 @@ impl MemoryState {
 
     /// Runs the replay, up to the first violation if one is enough.
     pub fn run(&mut self, plan: &Plan, trace: &Trace, replay: &Replay) {
+        let mut next = Some(self.start(plan, trace, replay));
+        while let Some(at) = next.filter(|_| !self.findings.enough()) {
+            self.advance(plan, trace, replay, at);
+            next = At::after(at, plan, replay);
+        }
+    }
+
+    /// Prepares the first frame, with which the prologue is submitted, and returns where to begin.
+    pub fn start(&mut self, plan: &Plan, trace: &Trace, replay: &Replay) -> At {
         self.copies = replay.copies.max(1);
         self.prepare(trace, replay, 0);
-        for step in &plan.prologue {
-            match plan.pass(step.pass).work {
-                // Its image is in the layout that the pass would have left; the call's other barriers may serve other passes.
-                Work::Start { resource } if self.skipped.contains(&step.pass) => {
-                    let others = step.barriers.iter().filter(|b| b.image.is_none_or(|t| t.image != resource));
-                    let others: Vec<Barrier> = others.cloned().collect();
-                    self.call(trace, &others, When::Prologue, Some(step.pass));
-                }
-                _ => self.step(trace, step, When::Prologue),
-            }
-            if self.findings.enough() {
-                return;
-            }
-        }
-        self.call(trace, &plan.handover, When::Handover, None);
-        for frame in 0..replay.frames {
-            if frame > 0 {
-                self.prepare(trace, replay, frame);
-            }
-            for step in &plan.frame {
-                self.step(trace, step, When::Frame(frame));
-                if self.findings.enough() {
-                    return;
+        if plan.prologue.is_empty() { At::Handover } else { At::Prologue(0) }
+    }
+
+    /// Does what stands at a position.
+    pub fn advance(&mut self, plan: &Plan, trace: &Trace, replay: &Replay, at: At) {
+        match at {
+            At::Prologue(step) => {
+                let step = &plan.prologue[step];
+                match plan.pass(step.pass).work {
+                    // Its image is in the layout that the pass would have left; the call's other barriers may serve other passes.
+                    Work::Start { resource } if self.skipped.contains(&step.pass) => {
+                        let others =
+                            step.barriers.iter().filter(|b| b.image.is_none_or(|t| t.image != resource));
+                        let others: Vec<Barrier> = others.cloned().collect();
+                        self.call(trace, &others, When::Prologue, Some(step.pass));
+                    }
+                    _ => self.step(trace, step, When::Prologue),
                 }
             }
+            At::Handover => self.call(trace, &plan.handover, When::Handover, None),
+            At::Begin(0) => {}
+            At::Begin(frame) => self.prepare(trace, replay, frame),
+            At::Frame(frame, step) => self.step(trace, &plan.frame[step], When::Frame(frame)),
         }
     }
 
@@ -151,24 +240,24 @@ impl MemoryState {
         self.time += 1;
         let finished = |actor: Actor| actor.when().frame().saturating_add(replay.in_flight.max(1)) <= frame;
         let copy = self.copy(When::Frame(frame));
-        let MemoryState { cells, findings, time, .. } = self;
+        let time = self.time;
         for (index, place) in trace.places.iter().enumerate().filter(|(_, place)| place.per_frame()) {
             for number in place.cells(copy) {
-                let cell = &mut cells[number];
+                let cell = self.cell(number);
                 cell.fence(finished);
                 if !place.host_writes {
                     continue;
                 }
                 let host = Actor::Host { frame };
                 let resource = ResourceId(index as u32);
-                for read in cell.reads.iter().filter(|read| !finished(read.actor)) {
-                    let conflict = (ViolationKind::WriteAfterRead, read.actor, read.resource, Missing::Order);
-                    findings.add(violation(trace, conflict, host, resource, number));
-                }
+                let running = cell.reads.iter().filter(|read| !finished(read.actor));
+                let overtaken: Vec<Conflict> = running
+                    .map(|read| (ViolationKind::WriteAfterRead, read.actor, read.resource, Missing::Order))
+                    .collect();
                 cell.record_write(Write {
                     actor: host,
                     resource,
-                    time: *time,
+                    time,
                     stage: Stages::empty(),
                     access: Accesses::empty(),
                     ordered: Stages::all(),
@@ -177,6 +266,9 @@ impl MemoryState {
                     visible_through_own: Pairs::NONE,
                 });
                 cell.contents = Contents { state: State::Written(resource), by: Some(host) };
+                for conflict in overtaken {
+                    self.findings.add(violation(trace, conflict, host, resource, number));
+                }
             }
         }
     }
@@ -192,9 +284,7 @@ impl MemoryState {
             return;
         }
         self.time += 1;
-        let mut scopes = std::mem::take(&mut self.scopes);
-        scopes.clear();
-        scopes.extend(barriers.iter().map(Scope::new));
+        let scopes: Vec<Scope> = barriers.iter().map(Scope::new).collect();
 
         for (index, scope) in scopes.iter().enumerate() {
             let Some(image) = scope.image else { continue };
@@ -205,23 +295,24 @@ impl MemoryState {
                 self.check_siblings(trace, &scopes[..index], image, actor);
             }
         }
-        for cell in &mut self.cells {
-            cell.pass_through(&scopes);
-        }
+        self.calls.add(barriers);
         for scope in &scopes {
             if let Some(image) = scope.transition() {
                 self.transition(trace, scope, image, Actor::Transition { when, image: image.image, before });
             }
         }
-        self.scopes = scopes;
     }
 
     fn check_transition(&mut self, trace: &Trace, scope: &Scope, image: Transition, actor: Actor) {
-        let MemoryState { cells, findings, .. } = self;
         for number in trace.place(image.image).cells(0) {
-            cells[number].check_transition(scope, |conflict| {
-                findings.add(violation(trace, conflict, actor, image.image, number));
+            let mut conflicts = Vec::new();
+            let rules = self.rules;
+            self.cell(number).check_transition(scope, rules, actor.when(), |conflict| {
+                conflicts.push(conflict);
             });
+            for conflict in conflicts {
+                self.findings.add(violation(trace, conflict, actor, image.image, number));
+            }
         }
     }
 
@@ -240,12 +331,13 @@ impl MemoryState {
     }
 
     fn transition(&mut self, trace: &Trace, scope: &Scope, change: Transition, actor: Actor) {
+        let time = self.time;
         for number in trace.place(change.image).cells(0) {
-            let cell = &mut self.cells[number];
+            let cell = self.cell(number);
             cell.record_write(Write {
                 actor,
                 resource: change.image,
-                time: self.time,
+                time,
                 stage: Stages::empty(),
                 access: Accesses::empty(),
                 ordered: scope.target_reach,
@@ -315,12 +407,14 @@ impl MemoryState {
             self.record_write(trace, access, actor, copy);
         }
         for access in actions.accesses.iter().filter(|access| !access.writes()) {
+            let time = self.time;
             for number in access.cells(copy) {
-                self.cells[number].record_read(Read {
+                self.cell(number).record_read(Read {
                     actor,
                     resource: access.resource,
-                    time: self.time,
+                    time,
                     stage: access.stage,
+                    named_by: access.named_by,
                     ordered: Stages::empty(),
                 });
             }
@@ -328,25 +422,29 @@ impl MemoryState {
     }
 
     fn check(&mut self, trace: &Trace, access: &Access, actor: Actor, copy: u32) {
-        let MemoryState { cells, findings, .. } = self;
         let Access { resource, stage, access: bit, needs_contents, .. } = *access;
         let fresh = trace.place(resource).fresh.then_some(actor.when());
+        let rules = self.rules;
         for number in access.cells(copy) {
-            let cell = &cells[number];
-            let report = |conflict| findings.add(violation(trace, conflict, actor, resource, number));
+            let mut conflicts = Vec::new();
+            let cell = self.cell(number);
             if access.writes() {
-                cell.check_write(stage, bit, resource, report);
+                cell.check_write(stage, bit, resource, rules, |conflict| conflicts.push(conflict));
             } else {
-                cell.check_read(stage, bit, resource, report);
+                cell.check_read(stage, bit, resource, |conflict| conflicts.push(conflict));
             }
-            if needs_contents && !cell.contents.hold(resource, fresh) {
-                let through = match cell.contents.state {
+            let contents = cell.contents;
+            for conflict in conflicts {
+                self.findings.add(violation(trace, conflict, actor, resource, number));
+            }
+            if needs_contents && !contents.hold(resource, fresh) {
+                let through = match contents.state {
                     State::Never => resource,
                     State::Written(by) | State::Discarded(by) => by,
                 };
-                findings.add(Violation {
+                self.findings.add(Violation {
                     kind: ViolationKind::Unwritten,
-                    first: cell.contents.by,
+                    first: contents.by,
                     second: actor,
                     resource,
                     through: Some(through).filter(|through| *through != resource),
@@ -359,12 +457,13 @@ impl MemoryState {
     }
 
     fn record_write(&mut self, trace: &Trace, access: &Access, actor: Actor, copy: u32) {
+        let time = self.time;
         for number in access.cells(copy) {
-            let cell = &mut self.cells[number];
+            let cell = self.cell(number);
             cell.record_write(Write {
                 actor,
                 resource: access.resource,
-                time: self.time,
+                time,
                 stage: access.stage,
                 access: access.access,
                 ordered: Stages::empty(),
@@ -376,6 +475,13 @@ impl MemoryState {
         }
         self.spoil_layouts(trace, access.resource);
     }
+}
+
+/// Returns true if the prologue writes a resource, other than by zeroing it: a plan starts such a history anew.
+fn writes_once(plan: &Plan, id: ResourceId) -> bool {
+    let passes = plan.prologue.iter().map(|step| plan.pass(step.pass));
+    let writers = passes.filter(|pass| !matches!(pass.work, Work::Start { .. }));
+    writers.flat_map(|pass| &pass.uses).any(|touch| touch.resource == id && touch.accesses.writes())
 }
 
 fn violation(

@@ -20,16 +20,19 @@
 //! Together, over all mutations of every preset and of 100,000 random graphs, this is strong testing; it is no proof.
 //!
 //! The files: `stages` holds the logical order of pipeline stages; `trace` lists the accesses of each pass by their
-//! bytes; `cell` holds the records of a few bytes, and how barriers and accesses change them; `memory_state` walks the plan.
+//! bytes; `cell` holds the records of a few bytes, and how barriers and accesses change them; `calls` puts the barriers down until a
+//! cell is next touched; `memory_state` walks the plan.
 //!
 //! # Where the model stops
 //!
-//! A shader that writes a resource is taken to write all of it. Within one pass, accesses to the same
-//! resource never conflict: shaders synchronise themselves. A fence orders only what exists once per frame in flight,
+//! A shader that writes a resource is taken to write all of it. Within one stage of one pass, accesses to the same
+//! resource never conflict: shaders synchronise themselves. (Those of two stages do, unless both are atomics, and so do the
+//! arguments of a command and what it writes itself.) A fence orders only what exists once per frame in flight,
 //! so that barriers have to hold whatever the pace of the host.
 
 use crate::plan::Plan;
 
+mod calls;
 mod cell;
 mod memory_state;
 pub mod mutate;
@@ -62,13 +65,33 @@ impl Default for Replay {
     }
 }
 
+/// Chooses among readings of the specification, and among the reasons for a bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rules {
+    /// A write after a write needs the first to be visible to the second, as validation has it. Otherwise it is enough that the
+    /// first is available, as in the memory model (Vulkan 1.3, appendix B).
+    pub writes_see_writes: bool,
+    /// A layout change names the write before it in its own source, if nothing has read that since, also where an earlier barrier
+    /// made it available. The specification does not ask for this; validation layers do.
+    pub changes_name_writes: bool,
+}
+
+impl Rules {
+    /// The rules by which a plan is judged.
+    pub const HAZARDS: Rules = Rules { writes_see_writes: true, changes_name_writes: false };
+    /// The rules by which a part of a barrier is needed: the solver places bits for layout changes that only layers ask for.
+    pub const NECESSARY: Rules = Rules { writes_see_writes: true, changes_name_writes: true };
+    /// The same, with availability alone for writes after writes.
+    pub const AVAILABILITY: Rules = Rules { writes_see_writes: false, changes_name_writes: true };
+}
+
 /// Replays a plan and returns its violations. One that recurs between the same two passes, for instance in every frame, is
 /// reported once.
 ///
 /// The ids in the plan must be valid, as they are in every plan that was solved.
 pub fn replay(plan: &Plan, replay: &Replay) -> Vec<Violation> {
     let trace = Trace::new(plan, replay.copies);
-    let mut memory = MemoryState::new(&trace, false);
+    let mut memory = MemoryState::new(&trace, Rules::HAZARDS, false);
     memory.run(plan, &trace, replay);
     memory.findings.violations
 }
@@ -85,7 +108,7 @@ pub fn replay_swap(plans: &[(&Plan, u32)]) -> Vec<Violation> {
     for (index, (plan, frames)) in plans.iter().enumerate() {
         let replay = Replay { frames: *frames, ..Replay::default() };
         let trace = Trace::new(plan, replay.copies);
-        let mut memory = MemoryState::new(&trace, false);
+        let mut memory = MemoryState::new(&trace, Rules::HAZARDS, false);
         memory.adopt(plan, &trace, &carried);
         memory.run(plan, &trace, &replay);
         carried = memory.carry(plan, &trace);
@@ -97,9 +120,14 @@ pub fn replay_swap(plans: &[(&Plan, u32)]) -> Vec<Violation> {
 
 /// Returns true if four frames show a violation. Stops at the first.
 pub fn has_violation(plan: &Plan) -> bool {
+    has_violation_by(plan, Rules::HAZARDS)
+}
+
+/// Returns true if four frames show a violation by these rules.
+pub fn has_violation_by(plan: &Plan, rules: Rules) -> bool {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);
-    let mut memory = MemoryState::new(&trace, true);
+    let mut memory = MemoryState::new(&trace, rules, true);
     memory.run(plan, &trace, &replay);
     !memory.findings.violations.is_empty()
 }

@@ -1,9 +1,9 @@
 //! Tests whether barriers are necessary: removes each of them, and each bit of their masks, and replays the plan.
 
-use super::Replay;
-use super::memory_state::MemoryState;
+use super::memory_state::{At, MemoryState};
 use super::trace::Trace;
 use super::violation::flag_names;
+use super::{Replay, Rules};
 use crate::ir::{Accesses, Stages};
 use crate::plan::{Barrier, Plan};
 
@@ -172,22 +172,46 @@ fn put_back(plan: &mut Plan, mutation: &Mutation, before: Barrier) {
     }
 }
 
-/// Returns the mutations that cause no violation within four frames. The plan itself must have none.
+/// Returns the mutations that cause no violation within four frames, by the rules of [`Rules::NECESSARY`]. The plan itself must have
+/// none.
 pub fn needless(plan: &Plan) -> Vec<Mutation> {
+    needless_by(plan, Rules::NECESSARY)
+}
+
+/// Returns the mutations that cause no violation within four frames, by these rules. The plan itself must have none.
+pub fn needless_by(plan: &Plan, rules: Rules) -> Vec<Mutation> {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);
-    let mut memory = MemoryState::new(&trace, true);
-    // One copy serves all mutants.
+    let mut memory = MemoryState::new(&trace, rules, true);
+    // One copy serves all mutants. Each shares the walk of the plan up to the mutation.
     let mut mutant = plan.clone();
     let mut needless = Vec::new();
-    for mutation in mutations(plan) {
-        let before = take_away(&mut mutant, &mutation);
-        memory.reset(&trace);
-        memory.run(&mutant, &trace, &replay);
-        if memory.findings.violations.is_empty() {
-            needless.push(mutation);
+    let all = mutations(plan);
+    let mut left = all.iter().peekable();
+    let mut next = Some(memory.start(plan, &trace, &replay));
+    while let Some(at) = next.filter(|_| left.peek().is_some()) {
+        let place = match at {
+            At::Prologue(step) => Some(Place::Prologue(step)),
+            At::Handover => Some(Place::Handover),
+            At::Begin(_) => None,
+            At::Frame(_, step) => Some(Place::Frame(step)),
+        };
+        while let Some(mutation) = left.next_if(|mutation| Some(mutation.at().0) == place) {
+            let before = take_away(&mut mutant, mutation);
+            if !memory.trial(&mutant, &trace, &replay, at) {
+                needless.push(*mutation);
+            }
+            put_back(&mut mutant, mutation, before);
         }
-        put_back(&mut mutant, &mutation, before);
+        memory.advance(plan, &trace, &replay, at);
+        next = At::after(at, plan, &replay);
     }
     needless
+}
+
+impl Mutation {
+    /// Returns true if it clears a write among the accesses that a barrier makes writes visible to.
+    pub fn clears_a_written_target(&self) -> bool {
+        matches!(self, Mutation::Clear { what: Bit::TargetAccess(access), .. } if access.writes())
+    }
 }

@@ -36,6 +36,20 @@ pub fn with_later(stages: Stages) -> Stages {
     scope
 }
 
+/// Returns the stages that stand for what a command did at `stage` if a source mask names one: that stage, and the later ones
+/// of the command's own pipeline.
+///
+/// `INDIRECT` is the one stage that two pipelines have. That a later stage stands for it is said of the pipeline that a command
+/// runs; whether `COMPUTE` stands for the reading of a draw's arguments is open, and a driver with queues of its own for
+/// dispatches and draws (PanVK) does not wait for it. So it does not count.
+pub fn stood_for_by(stage: Stages, dispatch: bool) -> Stages {
+    match stage {
+        Stages::INDIRECT if dispatch => Stages::INDIRECT | Stages::COMPUTE,
+        Stages::INDIRECT => Stages::INDIRECT | Stages::VERTEX | Stages::FRAGMENT | Stages::COLOR_OUTPUT,
+        _ => with_later(stage),
+    }
+}
+
 /// Returns the accesses that one stage can perform (Vulkan 1.3, table "Supported access types").
 pub fn performed_by(stage: Stages) -> Accesses {
     match stage {

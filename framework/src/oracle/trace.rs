@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use super::stages::performed_by;
+use super::stages::{performed_by, stood_for_by};
 use crate::ir::{
     Accesses, DrawCall, Groups, Layout, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
 };
@@ -16,9 +16,13 @@ use crate::plan::Plan;
 pub struct Access {
     pub resource: ResourceId,
     pub stage: Stages,
+    /// Stages that stand for it in a source mask.
+    pub named_by: Stages,
     pub access: Accesses,
     /// It reads data written before the pass.
     pub needs_contents: bool,
+    /// Every access of the shader to the resource is an atomic.
+    atomic: bool,
     /// In the first copy.
     cells: Range<usize>,
     /// From one copy to the next; 0 where there is one.
@@ -36,7 +40,8 @@ impl Access {
     }
 }
 
-/// Pairs two accesses of one pass through different resources in the same memory, which no barrier can order.
+/// Pairs two accesses of one pass to the same memory which no barrier can order: through different resources, or at different
+/// stages.
 #[derive(Clone)]
 pub struct Clash {
     pub first: Access,
@@ -112,8 +117,13 @@ impl Trace {
             passes[extent.pass].accesses.push(Access {
                 resource: extent.resource,
                 stage: extent.stage,
+                named_by: stood_for_by(
+                    extent.stage,
+                    matches!(plan.passes[extent.pass].work, Work::Dispatch { .. }),
+                ),
                 access: extent.access,
                 needs_contents: extent.needs_contents,
+                atomic: is_atomic(plan, extent),
                 cells: covered(&cells, &place.all, &extent.bytes),
                 stride: place.stride,
             });
@@ -227,11 +237,14 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u
 
     let mut cells: Vec<Range<u64>> = Vec::new();
     let mut starts = Vec::new();
+    // Of each memory, the resources in it.
+    let mut tenants: Vec<Vec<usize>> = vec![Vec::new(); memories];
+    memory_of.iter().enumerate().for_each(|(resource, memory)| tenants[*memory].push(resource));
     for (memory, bounds) in bounds.iter_mut().enumerate() {
         bounds.sort_unstable();
         bounds.dedup();
         starts.push(cells.len());
-        let alone = memory_of.iter().position(|m| *m == memory).map(|i| &plan.resources[i].source);
+        let alone = tenants[memory].first().map(|i| &plan.resources[*i].source);
         let per_frame = alone.is_some_and(|source| source.is_per_frame());
         for _ in 0..if per_frame { copies } else { 1 } {
             cells.extend(bounds.windows(2).map(|pair| pair[0]..pair[1]));
@@ -244,9 +257,7 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u
             let count = bounds[memory].len() - 1;
             let all = starts[memory]..starts[memory] + count;
             let image = |other: &usize| matches!(plan.resources[*other].shape, Shape::Image { .. });
-            let others = (0..memory_of.len())
-                .filter(|other| *other != index && memory_of[*other] == memory)
-                .filter(image);
+            let others = tenants[memory].iter().copied().filter(|other| *other != index).filter(image);
             let per_frame = resource.source.is_per_frame();
             Place {
                 own: covered(&cells, &all, &(0..resource.bytes())),
@@ -263,13 +274,31 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u
     (places, cells)
 }
 
-/// Finds accesses of one pass that meet in memory through different resources, one of them a write.
+/// Returns true if the shader of an access makes every access to the resource by an atomic, under each name that it is bound to.
+fn is_atomic(plan: &Plan, extent: &Extent) -> bool {
+    let pass = &plan.passes[extent.pass];
+    let shader = match (&pass.work, extent.stage) {
+        (Work::Dispatch { shader, .. }, Stages::COMPUTE) => shader,
+        (Work::Draw { vertex, .. }, Stages::VERTEX) => vertex,
+        (Work::Draw { fragment, .. }, Stages::FRAGMENT) => fragment,
+        _ => return false,
+    };
+    let Some(shader) = plan.shaders.get(shader.index()) else { return false };
+    let bound = |number: u32| {
+        pass.bindings.iter().any(|bound| bound.binding == number && bound.resource == extent.resource)
+    };
+    shader.reflection.bindings.iter().filter(|block| bound(block.binding)).all(|block| block.atomics_only)
+}
+
+/// Finds accesses of one pass that meet in memory, one of them a write: through different resources, or at different stages, except
+/// by atomics.
 fn clashes(accesses: &[Access]) -> Vec<Clash> {
     let mut clashes = Vec::new();
     for (index, first) in accesses.iter().enumerate() {
         for second in &accesses[index + 1..] {
             let meet = first.cells.start.max(second.cells.start) < first.cells.end.min(second.cells.end);
-            if meet && first.resource != second.resource && (first.writes() || second.writes()) {
+            let apart = first.stage != second.stage && !(first.atomic && second.atomic);
+            if meet && (first.resource != second.resource || apart) && (first.writes() || second.writes()) {
                 clashes.push(Clash { first: first.clone(), second: second.clone() });
             }
         }

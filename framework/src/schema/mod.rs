@@ -95,6 +95,10 @@ pub enum Number {
     Expression(Expression),
 }
 
+fn no() -> Number {
+    Number::Literal(Value::Bool(false))
+}
+
 impl<'de> Deserialize<'de> for Number {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Any;
@@ -243,9 +247,9 @@ pub enum ResourceDecl {
         /// Two buffers, of which one is the front; `Swap` exchanges them. Each frame starts at the same front.
         #[serde(default)]
         ping_pong: bool,
-        /// Keeps the contents from frame to frame: `last(name)` reads those of the previous frame. Zeros at first.
-        #[serde(default)]
-        history: bool,
+        /// Keeps the contents from frame to frame, if true: `last(name)` reads those of the previous frame. Zeros at first.
+        #[serde(default = "no")]
+        history: Number,
     },
     /// A two-dimensional image.
     Image {
@@ -254,8 +258,8 @@ pub enum ResourceDecl {
         /// Width and height in pixels.
         size: (Number, Number),
         /// As for buffers. An image of another size starts from zeros again.
-        #[serde(default)]
-        history: bool,
+        #[serde(default = "no")]
+        history: Number,
     },
 }
 

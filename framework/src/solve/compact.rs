@@ -145,6 +145,7 @@ pub(super) fn compact(
         handover: Vec::new(),
         frame: Vec::new(),
         culled: lowered.culled,
+        warnings: Vec::new(),
     }
 }
 

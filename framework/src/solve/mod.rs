@@ -4,13 +4,15 @@
 //! write-after-write), culls passes whose results are unused, and sorts the rest; ties follow the order of the file, so that
 //! the same file always gives the same plan. `compact` drops the resources that no remaining pass uses and numbers the others
 //! with the plan's ids; `usage` records the uses of each. `memory` lets resources share blocks. `barriers` walks the sorted
-//! passes with a model of the state of memory, and places a barrier exactly where there would otherwise be a hazard.
+//! passes with a model of the state of memory, and places a barrier exactly where there would otherwise be a hazard. `warnings` points out
+//! what is allowed and probably not meant.
 
 mod barriers;
 mod compact;
 mod memory;
 mod order;
 mod usage;
+mod warnings;
 
 use crate::ir::{
     Accesses, EXPORT, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
@@ -26,14 +28,16 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
     passes.extend(end(&mut lowered, files));
     let output_span = lowered.output_span;
 
-    forget_unread(&passes.iter().collect::<Vec<_>>(), &mut lowered);
+    forget_overwritten(&passes.iter().collect::<Vec<_>>(), &mut lowered);
     let order = order::order(&passes, &lowered, files)?;
+    let warnings = warnings::warnings(&passes, &order, &lowered, files);
     lowered.culled.extend(order.culled);
     // The plan holds the passes as they run: the prologue's first.
     let sorted: Vec<&LinkedPass> = order.once.iter().chain(&order.frame).map(|i| &passes[*i]).collect();
-    forget_unread(&sorted, &mut lowered);
+    forget_overwritten(&sorted, &mut lowered);
     let mut plan = compact::compact(lowered, shaders, &sorted, files);
-    let starts = starts(&plan.passes, &plan.resources);
+    plan.warnings = warnings;
+    let starts = starts(&plan.resources);
     let split = starts.len() + order.once.len();
     plan.passes.splice(..0, starts);
     usage::note(&mut plan);
@@ -93,6 +97,7 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
             origin: files.origin(span),
         },
         span,
+        include: None,
     };
     let output = Some(Layout::TransferSource);
     let mut uses = vec![touch(lowered.output, Stages::COPY, Accesses::TRANSFER_READ, output)];
@@ -118,30 +123,57 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     vec![pass(EXPORT, Work::Export, uses), pass(HOST, Work::Host, vec![read])]
 }
 
-/// Drops the histories that no later frame reads: with `last(name)`, or by reading a resource before it is written.
-fn forget_unread(passes: &[&LinkedPass], lowered: &mut Lowered) {
-    let uses = |p: &LinkedPass, handle| p.pass.uses.iter().any(|t| t.resource == handle);
+/// Drops the histories whose contents no pass can find: none reads them by `last(name)` or runs once, and every frame starts by
+/// writing over the whole of them.
+///
+/// A fill and a target that is cleared write the whole; of a shader this is not known. Everything else that is declared as a history
+/// keeps its contents, whether a frame reads them by `last(name)`, reads and writes them in place, or writes a part and leaves the
+/// rest.
+fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
+    let mut users: Vec<Vec<&LinkedPass>> = vec![Vec::new(); lowered.resources.len()];
+    let mut used_once = vec![false; lowered.resources.len()];
+    for pass in passes {
+        for touch in &pass.pass.uses {
+            if pass.pass.run == Run::Once {
+                used_once[touch.resource.index()] = true;
+                continue;
+            }
+            let users = &mut users[touch.resource.index()];
+            // A pass may use a resource in several stages.
+            if !users.last().is_some_and(|last| std::ptr::eq(*last, *pass)) {
+                users.push(pass);
+            }
+        }
+    }
     for previous in (0..lowered.resources.len() as u32).map(ResourceHandle) {
         let Some(real) = lowered.resource(previous).previous_frame_of else { continue };
-        let first = passes.iter().filter(|p| p.pass.run == Run::Frame).find(|p| uses(p, real));
-        let reads = |p: &&LinkedPass| p.pass.uses.iter().any(|t| t.resource == real && t.accesses.reads());
-        if !passes.iter().any(|p| uses(p, previous)) && !first.is_some_and(reads) {
+        let writes = |p: &&&LinkedPass| p.pass.uses.iter().any(|t| t.resource == real && t.accesses.writes());
+        let mut writers = users[real.index()].iter().filter(writes);
+        // A single writer runs first, wherever it stands.
+        let first = match (writers.next(), writers.next()) {
+            (Some(only), None) => Some(only),
+            _ => users[real.index()].first(),
+        };
+        let once = used_once[real.index()] || used_once[previous.index()];
+        if !once && users[previous.index()].is_empty() && first.is_none_or(|p| writes_all(p, real)) {
             lowered.resources[real.index()].history = None;
         }
     }
 }
 
-/// The passes that zero what has a history, where no `Once` pass writes it anyway.
-fn starts(passes: &[Pass], resources: &[Resource]) -> Vec<Pass> {
+/// Returns true if a pass is known to write the whole of a resource, and to read nothing of it.
+fn writes_all(pass: &LinkedPass, resource: ResourceHandle) -> bool {
+    let mut uses = pass.pass.uses.iter().filter(|touch| touch.resource == resource);
+    let fills = matches!(pass.pass.work, Work::Fill { .. });
+    uses.all(|touch| !touch.accesses.reads() && (fills || touch.discards))
+}
+
+/// The passes that zero what has a history. A `Once` pass that writes it follows them, since it may write a part.
+fn starts(resources: &[Resource]) -> Vec<Pass> {
     let mut starts = Vec::new();
     for (index, resource) in resources.iter().enumerate() {
         let id = ResourceId(index as u32);
-        let written_once =
-            |p: &Pass| p.run == Run::Once && p.uses.iter().any(|t| t.resource == id && t.accesses.writes());
         let Some(name) = &resource.history else { continue };
-        if passes.iter().any(written_once) {
-            continue;
-        }
         let layout = match resource.shape {
             Shape::Buffer { .. } => None,
             Shape::Image { .. } => Some(Layout::TransferTarget),

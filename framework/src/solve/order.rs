@@ -21,6 +21,10 @@ pub(super) struct Order {
     pub once: Vec<usize>,
     pub frame: Vec<usize>,
     pub culled: Vec<Culled>,
+    /// One flag per pass: it is in the plan.
+    pub live: Vec<bool>,
+    /// Passes that are the first to touch a resource, and read it as well as write it.
+    pub unwritten: Vec<(usize, ResourceHandle)>,
 }
 
 /// Passes, and between two of them the resource for which one follows the other.
@@ -34,7 +38,8 @@ pub(super) fn order(
 ) -> Result<Order, Vec<Diagnostic>> {
     let mut errors = Vec::new();
     let users = users(passes, lowered.resources.len());
-    let needs = needs(passes, lowered, &users, &mut errors);
+    let mut unwritten = Vec::new();
+    let needs = needs(passes, lowered, &users, &mut errors, &mut unwritten);
     if !errors.is_empty() {
         return Err(errors);
     }
@@ -55,7 +60,7 @@ pub(super) fn order(
     // Sorted with the dead ones still in, which keep apart what is on their two sides.
     let sorted = sort(&needs, passes).into_iter().filter(|i| live[*i]);
     let (once, frame) = sorted.partition(|i| passes[*i].pass.run == Run::Once);
-    Ok(Order { once, frame, culled })
+    Ok(Order { once, frame, culled, live, unwritten })
 }
 
 /// A pass that touches a resource, and how.
@@ -81,12 +86,14 @@ fn users(passes: &[LinkedPass], resources: usize) -> Vec<Vec<User>> {
     users
 }
 
-/// The edges, from the pass that comes first to the one that follows. Also finds what is read and never written.
+/// The edges, from the pass that comes first to the one that follows. Also finds what is read and never written, and the passes
+/// that read and write what nothing wrote before.
 fn needs(
     passes: &[LinkedPass],
     lowered: &Lowered,
     users: &[Vec<User>],
     errors: &mut Vec<Diagnostic>,
+    unwritten: &mut Vec<(usize, ResourceHandle)>,
 ) -> Needs {
     let mut graph = Needs::with_capacity(passes.len(), passes.len() * 4);
     for i in 0..passes.len() {
@@ -102,9 +109,9 @@ fn needs(
         let mut edge = |from: usize, to: usize| {
             graph.add_edge(NodeIndex::new(from), NodeIndex::new(to), id);
         };
+        let writes_once = writers.iter().any(|w| passes[*w].pass.run == Run::Once);
         if let Some(writer) = writers.iter().find(|w| passes[**w].pass.run == Run::Frame) {
-            let written_before = writers.iter().any(|w| passes[*w].pass.run == Run::Once);
-            for early in users.iter().filter(|u| !written_before && passes[u.pass].pass.run == Run::Once) {
+            for early in users.iter().filter(|u| !writes_once && passes[u.pass].pass.run == Run::Once) {
                 errors.push(
                     Diagnostic::new(
                         format!("`{}` runs once, before any frame", passes[early.pass].pass.name),
@@ -122,6 +129,8 @@ fn needs(
                     edge(writer, user.pass);
                 } else if user.accesses.contains(Accesses::COLOR_READ) && !history {
                     errors.push(never_written(writer, id, &[], passes, lowered));
+                } else if user.accesses.reads() && !history {
+                    unwritten.push((writer, id));
                 }
             }
             continue;
@@ -133,8 +142,14 @@ fn needs(
             if accesses.reads() {
                 // Shaders may read what they wrote themselves; a target that is kept is read before.
                 let needs_contents = !accesses.writes() || accesses.contains(Accesses::COLOR_READ);
-                if written.is_none() && needs_contents && passes[*pass].pass.run == Run::Frame && !history {
+                // A history starts from zeros. It is a mistake all the same if nothing else is ever written to it.
+                let found = written.is_some() || history && !writers.is_empty();
+                // A pass that runs once, and reads what only frames write, is refused above.
+                let early = passes[*pass].pass.run == Run::Once && !writers.is_empty() && !writes_once;
+                if !found && needs_contents && !early {
                     errors.push(never_written(*pass, id, &writers, passes, lowered));
+                } else if !found && !needs_contents {
+                    unwritten.push((*pass, id));
                 }
                 written.iter().for_each(|w| edge(*w, *pass));
             }
@@ -152,6 +167,11 @@ fn needs(
     // What the frame before left is read before this frame writes over it.
     for (readers, resource) in users.iter().zip(&lowered.resources) {
         let Some(real) = resource.previous_frame_of else { continue };
+        if let (Some(reader), false) =
+            (readers.first(), users[real.index()].iter().any(|u| u.accesses.writes()))
+        {
+            errors.push(never_written(reader.pass, real, &[], passes, lowered));
+        }
         let writes = |u: &&User| u.accesses.writes() && passes[u.pass].pass.run == Run::Frame;
         for reader in readers {
             for writer in users[real.index()].iter().filter(writes).filter(|w| w.pass != reader.pass) {

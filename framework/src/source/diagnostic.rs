@@ -17,7 +17,7 @@ pub struct Label {
     pub text: String,
 }
 
-/// Describes an error in a file. There are no warnings.
+/// Describes an error in a file, or a warning about one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
     /// The error, as a sentence without a full stop that starts in lower case.
@@ -86,19 +86,33 @@ impl std::error::Error for Diagnostic {}
 /// Any span can be drawn: what is beyond the text, inside a character or the wrong way round is moved to the
 /// nearest place that exists. `colour` adds ANSI escapes.
 pub fn render(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
+    render_as(Level::ERROR, files, diagnostics, colour)
+}
+
+/// Draws diagnostics as [`render`] does, as warnings.
+pub fn render_warnings(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
+    render_as(Level::WARNING, files, diagnostics, colour)
+}
+
+fn render_as(level: Level<'static>, files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
     let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
     let mut out = String::new();
     for diagnostic in diagnostics {
         if !out.is_empty() {
             out.push('\n');
         }
-        out.push_str(&render_one(files, diagnostic, &renderer));
+        out.push_str(&render_one(&level, files, diagnostic, &renderer));
         out.push('\n');
     }
     out
 }
 
-fn render_one(files: &SourceMap, diagnostic: &Diagnostic, renderer: &Renderer) -> String {
+fn render_one(
+    level: &Level<'static>,
+    files: &SourceMap,
+    diagnostic: &Diagnostic,
+    renderer: &Renderer,
+) -> String {
     // One snippet per file, that of the primary label first, the others as they come.
     let mut snippets: Vec<(FileId, Vec<(AnnotationKind, &Label)>)> = Vec::new();
     let primary = (AnnotationKind::Primary, &diagnostic.primary);
@@ -111,7 +125,7 @@ fn render_one(files: &SourceMap, diagnostic: &Diagnostic, renderer: &Renderer) -
     }
     // No file may send escape sequences to the terminal. Of what is printed, only source lines and titles are
     // made harmless by the renderer itself.
-    let mut group = Group::with_title(Level::ERROR.primary_title(diagnostic.message.as_str()));
+    let mut group = Group::with_title(level.clone().primary_title(diagnostic.message.as_str()));
     for (file, labels) in &snippets {
         let text = files.text(*file);
         let mut snippet = Snippet::source(text).path(normalize_untrusted_str(files.path(*file)));
@@ -147,9 +161,9 @@ fn drawable(text: &str, span: Span) -> Range<usize> {
 const LONGEST_NAME: usize = 256;
 
 /// The candidate that was probably meant by `name`: the nearest by Damerau-Levenshtein distance (a change, an
-/// insertion, a removal or a swap of neighbours each count one), the first of equally near ones. `None` if
-/// more than a third of the name, and more than one character, would have to change, or if nothing of it
-/// would stay.
+/// insertion, a removal or a swap of neighbours each count one), the first of equally near ones; before all of them, one that
+/// differs only in its capitals. `None` if more than a third of the name, and more than one character, would have to change,
+/// or if nothing of it would stay.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let length = name.chars().count();
     if length > LONGEST_NAME {
@@ -158,6 +172,10 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     let limit = (length / 3).max(1);
     let mut best: Option<(usize, &str)> = None;
     for candidate in candidates {
+        // The same in other capitals.
+        if candidate != name && candidate.to_lowercase() == name.to_lowercase() {
+            return Some(candidate);
+        }
         let candidate_length = candidate.chars().count();
         // The distance is at least the difference in length.
         if candidate_length.abs_diff(length) > limit {

@@ -25,7 +25,7 @@ mod tests;
 mod token;
 
 pub use content::{Content, Wanted};
-pub use diagnostic::{Diagnostic, Label, nearest, render};
+pub use diagnostic::{Diagnostic, Label, nearest, render, render_warnings};
 pub use files::{Kind, Library, NotFound, SourceMap};
 pub use outline::{Outline, Path};
 pub use ron_error::ron_error;

@@ -57,6 +57,11 @@ impl State {
             dump.totals.transient_bytes >> 10,
             dump.totals.saved_bytes >> 10,
         ));
+        for warning in &dump.warnings {
+            let place = format!("{}:{}", warning.declared.file, warning.declared.line);
+            ui.colored_label(ui.visuals().warn_fg_color, format!("warning: {} ({place})", warning.message))
+                .on_hover_text(warning.help.join("\n"));
+        }
         let mut clicked = Clicked::default();
         let open = self.open.clone();
         ScrollArea::both().auto_shrink(false).show(ui, |ui| {

@@ -3,7 +3,7 @@
 use crate::common::*;
 use crate::testing::{WORDS, plan};
 use splatgraph_api::{Device, Loader as _};
-use splatgraph_framework::ir::*;
+use splatgraph_framework::{ir::*, plan::Step};
 use splatgraph_null::{Call, Null, Object};
 
 /// The buffers and images that a frame's passes start from zeros.
@@ -90,6 +90,39 @@ fn a_history_starts_from_zeros_where_its_name_shape_scene_or_neighbours_differ()
     null.load(histories(), &scene, &mut |_| {}).expect("the plan loads");
     frame(&mut null, &inputs());
     assert_eq!(started(&journal.take()), ["words", "color"], "another scene");
+    finish(null, &journal);
+}
+
+#[test]
+fn a_history_that_a_pass_writes_once_starts_anew_with_each_plan() {
+    let seeded = || {
+        let mut plan = histories();
+        let write = Use {
+            resource: WORDS,
+            stages: Stages::CLEAR,
+            accesses: Accesses::TRANSFER_WRITE,
+            layout: None,
+            discards: false,
+        };
+        plan.passes.push(Pass {
+            name: "seed".to_string(),
+            work: Work::Fill { buffer: WORDS, value: 7 },
+            uses: vec![write],
+            ..plan.passes[0].clone()
+        });
+        let pass = PassId(plan.passes.len() as u32 - 1);
+        plan.prologue.push(Step { barriers: Vec::new(), pass });
+        plan
+    };
+    let (mut null, journal) = device();
+    load(&mut null, seeded());
+    frame(&mut null, &inputs());
+    assert_eq!(started(&journal.take()), ["words", "color"]);
+    load(&mut null, seeded());
+    frame(&mut null, &inputs());
+    let calls = journal.take();
+    assert_eq!(started(&calls), ["words"]);
+    assert!(last_frame(&calls).contains(&Call::Fill { buffer: "words".to_string(), value: 7 }));
     finish(null, &journal);
 }
 

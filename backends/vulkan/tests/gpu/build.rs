@@ -138,6 +138,7 @@ impl Build {
                 handover: Vec::new(),
                 frame: Vec::new(),
                 culled: Vec::new(),
+                warnings: Vec::new(),
                 output: ResourceId(0),
                 stats: Vec::new(),
             },

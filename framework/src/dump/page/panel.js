@@ -188,6 +188,7 @@ function resourcePanel(resource) {
     b.dependencies.some((d) => d.resource.name === resource.name || d.alias?.name === resource.name),
   );
   const block = dump.blocks.find((b) => b.id === resource.block);
+  const aliases = block ? block.aliases.filter((name) => name !== resource.name) : [];
   const sources = {
     transient: "the plan's own",
     scene: `the scene's ${resource.from}`,
@@ -210,9 +211,7 @@ function resourcePanel(resource) {
       row("bytes", `${resource.bytes.toLocaleString("en")} (${bytes(resource.bytes)})`),
       row("memory", sources[resource.source]),
       block ? row("block", `${block.id}, ${bytes(block.bytes)}`) : null,
-      resource.aliases.length > 0
-        ? row("shared with", ...joined(resource.aliases.map((name) => link("resource", name))))
-        : null,
+      aliases.length > 0 ? row("shared with", ...joined(aliases.map((name) => link("resource", name)))) : null,
       resource.lifetime
         ? row(
             "lifetime",
@@ -300,6 +299,12 @@ function overviewPanel() {
       counts("handover", total.handover),
       counts("frame", total.frame),
     ),
+    ...(dump.warnings.length > 0
+      ? [
+          h("h3", {}, "warnings"),
+          ...dump.warnings.map((w) => h("p", {}, `${w.message}; ${w.help.join("; ")} `, origin(w.declared))),
+        ]
+      : []),
     h("h3", {}, "memory"),
     table(
       row("without sharing", bytes(total.unshared_bytes)),
@@ -324,7 +329,7 @@ function overviewPanel() {
       : []),
     ...(dump.left_out.length > 0
       ? [
-          h("h3", {}, "left out"),
+          h("h3", {}, `left out: ${dump.left_out.length} passes`),
           ...dump.left_out.map((l) =>
             h("p", {}, h("span", { class: "mono" }, l.pass), `: ${l.why} `, origin(l.declared)),
           ),

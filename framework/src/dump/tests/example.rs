@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::ir::{Member, MemberKind, PushBlock, Reflection, ShaderStage};
+use crate::source::Diagnostic;
 use crate::{ir::*, plan::*};
 
 /// A plan under construction.
@@ -251,6 +252,15 @@ impl Maker {
                 pass: "front_to_back".into(),
                 why: "its `when` is false".into(),
                 origin: origin(99),
+            }],
+            warnings: vec![Warning {
+                diagnostic: Diagnostic::new(
+                    "`key` reads and writes `table`, which nothing has written before it",
+                    Span { file: FileId(0), start: 0, end: 1 },
+                    "",
+                )
+                .with_help("fill it in an earlier pass"),
+                origin: origin(98),
             }],
             output,
             stats: vec![Stat { name: "visible".into(), buffer: args, offset: 12 }],

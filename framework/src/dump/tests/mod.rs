@@ -63,7 +63,6 @@ fn totals_count_every_barrier_and_dependency() {
 fn resources_in_one_block_know_each_other_and_live_one_after_another() {
     let dump = dump(&example::splat(4, 1000));
     let depth = resource(&dump, "depth");
-    assert_eq!(depth.aliases, ["sort.table", "color"]);
     let block = &dump.blocks[depth.block.expect("it is transient") as usize];
     assert_eq!(block.aliases, ["depth", "sort.table", "color"]);
     let lifetimes: Vec<Lifetime> =

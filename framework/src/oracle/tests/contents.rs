@@ -25,7 +25,7 @@ fn a_shader_may_read_what_it_writes() {
     let mut sketch = Sketch::new();
     let (a, b) = (sketch.buffer("a"), sketch.buffer("b"));
     sketch.frame("both", &[], &[touch(a, COMPUTE, BOTH)]);
-    sketch.frame("draw", &[], &[touch(b, VERTEX, WRITE), touch(b, FRAGMENT, READ)]);
+    sketch.frame_work("draw", &[], draw(), &[touch(b, FRAGMENT, BOTH)]);
     assert_eq!(sketch.found(), NOTHING);
 }
 

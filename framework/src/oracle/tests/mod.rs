@@ -39,6 +39,7 @@ impl Sketch {
             handover: vec![],
             frame: vec![],
             culled: vec![],
+            warnings: vec![],
             output: ResourceId(0),
             stats: vec![],
         };
@@ -173,6 +174,17 @@ const NOTHING: [&str; 0] = [];
 
 fn dispatch() -> Work {
     Work::Dispatch { shader: ShaderId(0), groups: Groups::Direct([1; 3]) }
+}
+
+/// A draw by the shaders 0 and 1.
+fn draw() -> Work {
+    Work::Draw {
+        vertex: ShaderId(0),
+        fragment: ShaderId(1),
+        topology: Topology::TriangleList,
+        call: DrawCall::Direct { vertices: 3, instances: 1 },
+        targets: vec![],
+    }
 }
 
 fn touch(resource: ResourceId, stages: Stages, accesses: Accesses) -> Use {

@@ -20,13 +20,23 @@ fn order_of(write: Stages, barriers: &[&[Barrier]], read: (Stages, Accesses)) ->
 const UNORDERED: [&str; 1] = ["ReadAfterWrite: first, second: a: Order"];
 const UNAVAILABLE: [&str; 1] = ["ReadAfterWrite: first, second: a: Availability"];
 
-/// Reads of a buffer, then a write at another stage.
+/// Reads of a buffer, then a write at another stage. Only dispatches have the stage `COMPUTE`.
 fn write_after_read(read: (Stages, Accesses), barrier: Barrier, write: (Stages, Accesses)) -> Vec<String> {
+    let work = if read.0 == COMPUTE { dispatch() } else { draw() };
+    write_after_read_of(work, read, barrier, write)
+}
+
+fn write_after_read_of(
+    reader: Work,
+    read: (Stages, Accesses),
+    barrier: Barrier,
+    write: (Stages, Accesses),
+) -> Vec<String> {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
     let ready = super::barrier((CLEAR, Accesses::TRANSFER_WRITE), read);
     sketch.frame("fill", &[], &[fills(a)]);
-    sketch.frame("first", &[ready], &[touch(a, read.0, read.1)]);
+    sketch.frame_work("first", &[ready], reader, &[touch(a, read.0, read.1)]);
     sketch.frame("second", &[barrier], &[touch(a, write.0, write.1)]);
     // The fill, two passes ago, is objected to as well; here it is about the reader.
     sketch.found().into_iter().filter(|line| !line.contains("fill")).collect()
@@ -62,12 +72,117 @@ fn a_barrier_from_the_vertex_stage_does_not_order_the_fragment_stage() {
 }
 
 #[test]
-fn a_barrier_from_any_shader_orders_indirect_arguments() {
+fn a_barrier_from_a_later_stage_of_the_same_command_orders_its_arguments() {
     let (read, write) = ((Stages::INDIRECT, Accesses::INDIRECT_READ), (CLEAR, Accesses::TRANSFER_WRITE));
-    for stage in [VERTEX, FRAGMENT, COMPUTE] {
-        assert_eq!(write_after_read(read, order(stage, CLEAR), write), NOTHING);
+    let found = |work: Work, stage| write_after_read_of(work, read, order(stage, CLEAR), write);
+    for stage in [Stages::INDIRECT, VERTEX, FRAGMENT, Stages::COLOR_OUTPUT] {
+        assert_eq!(found(draw(), stage), NOTHING);
     }
-    assert_eq!(write_after_read(read, order(COPY, CLEAR), write), OVERTAKEN);
+    for stage in [Stages::INDIRECT, COMPUTE] {
+        assert_eq!(found(dispatch(), stage), NOTHING);
+    }
+    // A dispatch has no such stage, and a draw does not have `COMPUTE`.
+    assert_eq!(found(draw(), COMPUTE), OVERTAKEN);
+    for stage in [VERTEX, FRAGMENT, Stages::COLOR_OUTPUT, COPY] {
+        assert_eq!(found(dispatch(), stage), OVERTAKEN);
+    }
+    assert_eq!(found(draw(), COPY), OVERTAKEN);
+}
+
+#[test]
+fn a_chain_goes_on_from_what_an_earlier_barrier_let_wait_for_the_arguments_of_a_draw() {
+    let mut sketch = Sketch::new();
+    let (a, b) = (sketch.buffer("a"), sketch.buffer("b"));
+    let ready = barrier((CLEAR, Accesses::TRANSFER_WRITE), (Stages::INDIRECT, Accesses::INDIRECT_READ));
+    sketch.frame("fill", &[], &[fills(a)]);
+    let arguments = touch(a, Stages::INDIRECT, Accesses::INDIRECT_READ);
+    sketch.frame_work("first", &[ready], draw(), &[arguments]);
+    sketch.frame("between", &[order(Stages::INDIRECT, COMPUTE)], &[writes(b)]);
+    sketch.frame("second", &[order(COMPUTE, COMPUTE)], &[writes(a)]);
+    assert_eq!(
+        sketch.found().into_iter().filter(|line| line.contains(" a:") && !line.contains("fill")).count(),
+        0
+    );
+}
+
+#[test]
+fn two_stages_of_one_pass_race_where_one_of_them_writes() {
+    let found = |work: Work, uses: &dyn Fn(ResourceId) -> Vec<Use>| {
+        let mut sketch = Sketch::new();
+        let a = sketch.buffer("a");
+        sketch.frame("fill", &[], &[fills(a)]);
+        let all = barrier((CLEAR, Accesses::TRANSFER_WRITE), (Stages::all(), Accesses::all()));
+        sketch.frame_work("pass", &[all], work, &uses(a));
+        sketch.found()
+    };
+    let race = |kind: &str| vec![format!("{kind}: pass, pass: a: Order")];
+    let reads_and_writes = |a| vec![touch(a, VERTEX, READ), touch(a, FRAGMENT, WRITE)];
+    assert_eq!(found(draw(), &reads_and_writes), race("WriteAfterRead"));
+    assert_eq!(
+        found(draw(), &|a| vec![touch(a, VERTEX, WRITE), touch(a, FRAGMENT, READ)]),
+        race("ReadAfterWrite")
+    );
+    assert_eq!(found(draw(), &|a| vec![touch(a, VERTEX, READ), touch(a, FRAGMENT, READ)]), NOTHING);
+    // A shader orders its own reads and writes.
+    assert_eq!(found(dispatch(), &|a| vec![touch(a, COMPUTE, BOTH)]), NOTHING);
+    // A dispatch that writes the words of its own arguments, or others.
+    for (offset, expected) in [(0, race("WriteAfterRead")), (8, race("WriteAfterRead"))] {
+        let mut sketch = Sketch::new();
+        let a = sketch.buffer("a");
+        sketch.frame("fill", &[], &[fills(a)]);
+        let all = barrier((CLEAR, Accesses::TRANSFER_WRITE), (Stages::all(), Accesses::all()));
+        let work = Work::Dispatch { shader: ShaderId(0), groups: Groups::Indirect { buffer: a, offset } };
+        let arguments = touch(a, Stages::INDIRECT, Accesses::INDIRECT_READ);
+        sketch.frame_work("pass", &[all], work, &[arguments, writes(a)]);
+        assert_eq!(sketch.found(), expected);
+    }
+}
+
+#[test]
+fn two_stages_that_access_by_atomics_alone_do_not_race() {
+    let mut sketch = Sketch::new();
+    let a = sketch.buffer("a");
+    sketch.frame("fill", &[], &[fills(a)]);
+    let all = barrier((CLEAR, Accesses::TRANSFER_WRITE), (Stages::all(), Accesses::all()));
+    sketch.frame_work("pass", &[all], draw(), &[touch(a, VERTEX, BOTH), touch(a, FRAGMENT, BOTH)]);
+    let binding = Binding {
+        name: "Count".into(),
+        binding: 3,
+        element: 0,
+        kind: DescriptorKind::StorageBuffer,
+        resource: a,
+    };
+    sketch.plan.passes[1].bindings = vec![binding];
+    let shader = |stage, atomics_only| Shader {
+        name: "count".into(),
+        defines: vec![],
+        spirv: Default::default(),
+        reflection: Reflection {
+            stage,
+            local_size: [1; 3],
+            shared_bytes: 0,
+            bindings: vec![ReflectedBinding {
+                name: "Count".into(),
+                set: 0,
+                binding: 3,
+                count: 1,
+                kind: ReflectedKind::StorageBuffer { stride: Some(4), fixed_bytes: 0 },
+                reads: true,
+                writes: true,
+                atomics_only,
+            }],
+            push: None,
+            inputs: vec![],
+            outputs: vec![],
+            subgroups: false,
+            features: Default::default(),
+        },
+    };
+    for (vertex, fragment, races) in [(true, true, false), (true, false, true), (false, true, true)] {
+        let shaders = vec![shader(ShaderStage::Vertex, vertex), shader(ShaderStage::Fragment, fragment)];
+        sketch.plan.shaders = shaders;
+        assert_eq!(!sketch.found().is_empty(), races, "{vertex} {fragment}");
+    }
 }
 
 #[test]
@@ -227,15 +342,15 @@ fn every_stage_of_a_touch_counts_for_itself() {
 }
 
 #[test]
-fn what_one_pass_does_to_a_resource_is_its_own_affair() {
+fn what_one_stage_does_to_a_resource_is_its_own_affair() {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
-    sketch.frame("draw", &[], &[touch(a, VERTEX, WRITE), touch(a, FRAGMENT, BOTH)]);
+    sketch.frame_work("draw", &[], draw(), &[touch(a, FRAGMENT, BOTH)]);
     assert_eq!(sketch.found(), NOTHING);
     // But the next pass has to wait for all of it.
     sketch.frame("fill", &[barrier((VERTEX, WRITE), (CLEAR, Accesses::TRANSFER_WRITE))], &[fills(a)]);
     let expected = ["WriteAfterRead: draw, fill: a: Order", "WriteAfterWrite: draw, fill: a: Order"];
     assert_eq!(sketch.found(), expected);
-    sketch.plan.frame[1].barriers = vec![barrier((FRAGMENT, WRITE), (CLEAR, Accesses::TRANSFER_WRITE))];
+    sketch.plan.frame[1].barriers = vec![order(FRAGMENT, CLEAR)];
     assert_eq!(sketch.found(), ["WriteAfterWrite: draw, fill: a: Availability"]);
 }

@@ -18,6 +18,9 @@ use super::module::{Module, Type, id};
 pub(super) struct Accesses {
     pub reads: HashSet<Word>,
     pub writes: HashSet<Word>,
+    /// Loaded from or stored to by atomics, and by anything else.
+    pub atomics: HashSet<Word>,
+    pub plain: HashSet<Word>,
     /// Mentioned at all; asking for an array's length or an image's size is neither a read nor a write.
     pub touched: HashSet<Word>,
 }
@@ -179,6 +182,10 @@ fn note(module: &Module, i: &Instruction, roots: &Roots, accesses: &mut Accesses
         }
         if matches!(effect, Effect::Write | Effect::Both) {
             accesses.writes.extend(targets);
+        }
+        if effect != Effect::Nothing {
+            let atomic = format!("{opcode:?}").starts_with("Atomic");
+            if atomic { accesses.atomics.extend(targets) } else { accesses.plain.extend(targets) }
         }
     }
     Ok(())

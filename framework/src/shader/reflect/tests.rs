@@ -47,6 +47,21 @@ fn a_buffer_without_qualifier_that_is_only_read_is_only_read() {
 }
 
 #[test]
+fn accesses_by_atomics_alone_are_told_from_others() {
+    let atomics_only = |body: &str| {
+        let image = "layout(set = 0, binding = 2, r32ui) uniform uimage2D image;";
+        let r = compute(&format!("{IN_OUT}{image}\nvoid main() {{ {body} }}"));
+        r.bindings.iter().map(|binding| binding.atomics_only).collect::<Vec<_>>()
+    };
+    assert_eq!(atomics_only("atomicAdd(b[0], 1); atomicMax(b[1], b.length());"), [true]);
+    assert_eq!(atomics_only("atomicAdd(b[0], 1); b[1] = 2;"), [false]);
+    assert_eq!(atomics_only("if (b[1] == 2) atomicAdd(b[0], 1);"), [false]);
+    assert_eq!(atomics_only("imageAtomicAdd(image, ivec2(0), atomicAdd(b[0], a[0]));"), [false, true, true]);
+    assert_eq!(atomics_only("b[0] = imageLoad(image, ivec2(0)).x;"), [false, false]);
+    assert_eq!(atomics_only("if (b.length() > 3) imageAtomicAdd(image, ivec2(0), 1);"), [false, true]);
+}
+
+#[test]
 fn what_unreachable_functions_touch_is_left_out() {
     let r = compute(&format!("{IN_OUT}void never() {{ b[0] = a[0]; }}\nvoid main() {{ b[1] = 3; }}"));
     assert_eq!(r.bindings.len(), 1);

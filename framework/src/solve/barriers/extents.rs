@@ -20,6 +20,8 @@ pub(super) struct Access {
 pub(super) struct Group {
     pub resource: ResourceId,
     pub accesses: Vec<Access>,
+    /// The pass is a dispatch.
+    pub dispatch: bool,
 }
 
 impl Group {
@@ -76,6 +78,7 @@ impl Extents {
         };
         let group = |pass: &Pass| {
             let mut groups: Vec<Group> = Vec::new();
+            let dispatch = matches!(pass.work, Work::Dispatch { .. });
             for touch in &pass.uses {
                 // Uniform blocks are written by the host before the frame is submitted, which needs no barrier.
                 if touch.accesses == Accesses::UNIFORM_READ {
@@ -85,7 +88,7 @@ impl Extents {
                 let access = Access { touch: *touch, cells };
                 match groups.iter_mut().find(|group| group.resource == touch.resource) {
                     Some(group) => group.accesses.push(access),
-                    None => groups.push(Group { resource: touch.resource, accesses: vec![access] }),
+                    None => groups.push(Group { resource: touch.resource, accesses: vec![access], dispatch }),
                 }
             }
             groups

@@ -1,6 +1,6 @@
 //! Requirements of a pass on the barriers before it, and the smallest barrier that meets one.
 
-use super::scopes::{Masks, Time, with_earlier, with_later};
+use super::scopes::{Masks, Time, with_later};
 use crate::ir::{Accesses, Hazard, PassId, ResourceId, Stages};
 use crate::plan::{Barrier, Dependency};
 
@@ -28,7 +28,8 @@ pub(super) struct Requirement {
     /// to anybody of use here.
     pub from: Stages,
     pub flush: Accesses,
-    /// Stages to wait for that have the same effect as flushing: a chain with earlier barriers.
+    /// Stages of which waiting for one has the same effect as flushing: a chain with earlier barriers. With a stage, those that
+    /// follow it in a pipeline are among them.
     pub via: Stages,
     /// The stage that is about to do something, and the access that must see it; no access where order is enough.
     pub to: Stages,
@@ -56,7 +57,7 @@ impl Requirement {
         let flushes = !self.flush.is_empty()
             && masks.source_stages.contains(self.from)
             && masks.source_accesses.contains(self.flush);
-        flushes || with_earlier(masks.source_stages).intersects(self.via)
+        flushes || masks.source_stages.intersects(self.via)
     }
 
     /// Returns whether the execution order of an image barrier alone meets it.

@@ -16,8 +16,8 @@ const ACCESSES: usize = Accesses::all().bits().count_ones() as usize;
 /// The pass that is walked as number `n` happens at time `2 n`, the barriers before it at `2 n - 1`. 0 is before everything.
 pub(super) type Time = u32;
 
-/// A time for each stage: of what that stage did, all up to then.
-type Since = [Time; STAGES];
+/// A time for each origin: of what happened there, all up to then.
+type Since = [Time; ORIGINS];
 
 /// The position of a single stage's or access's bit.
 pub(super) fn index(bit: u32) -> usize {
@@ -27,25 +27,50 @@ pub(super) fn index(bit: u32) -> usize {
 const DRAW: [Stages; 4] = [Stages::INDIRECT, Stages::VERTEX, Stages::FRAGMENT, Stages::COLOR_OUTPUT];
 const DISPATCH: [Stages; 2] = [Stages::INDIRECT, Stages::COMPUTE];
 
-/// The stages, and those that come before them in a draw or a dispatch: what a barrier with this source waits for.
-pub(super) fn with_earlier(stages: Stages) -> Stages {
-    closure(stages, |pipeline, at| &pipeline[..at])
-}
-
-/// The stages, and those that come after them: what waits for a barrier with this target.
+/// The stages, and those that come after them in a draw or a dispatch: what waits for a barrier with this target.
 pub(super) fn with_later(stages: Stages) -> Stages {
-    closure(stages, |pipeline, at| &pipeline[at + 1..])
+    stages | later_in(&DRAW, stages) | later_in(&DISPATCH, stages)
 }
 
-fn closure(stages: Stages, implied: impl Fn(&'static [Stages], usize) -> &'static [Stages]) -> Stages {
-    let pipelines: [&'static [Stages]; 2] = [&DRAW, &DISPATCH];
-    let mut all = stages;
-    for pipeline in pipelines {
-        for (at, _) in pipeline.iter().enumerate().filter(|(_, stage)| stages.contains(**stage)) {
-            all |= implied(pipeline, at).iter().fold(Stages::empty(), |all, stage| all | *stage);
-        }
+/// The first of these stages in a pipeline, and all that follow it.
+fn later_in(pipeline: &[Stages], stages: Stages) -> Stages {
+    pipeline.iter().skip_while(|stage| !stages.contains(**stage)).copied().collect()
+}
+
+/// Number of [`Origin`]s.
+pub(super) const ORIGINS: usize = STAGES + 1;
+
+/// The stage of a command where an access happens.
+///
+/// Draws and dispatches both read their arguments at [`Stages::INDIRECT`], and other stages follow it in the one than in the
+/// other. A barrier waits for the stages that it names and for those before them *in the same pipeline*: one after `COMPUTE`
+/// does not wait for the arguments of a draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Origin(usize);
+
+impl Origin {
+    pub fn new(stage: Stages, dispatch: bool) -> Origin {
+        Origin(if dispatch && stage == Stages::INDIRECT { STAGES } else { index(stage.bits()) })
     }
-    all
+
+    pub fn all() -> impl Iterator<Item = Origin> {
+        (0..ORIGINS).map(Origin)
+    }
+
+    pub fn index(self) -> usize {
+        self.0
+    }
+
+    pub fn stage(self) -> Stages {
+        if self.0 == STAGES { Stages::INDIRECT } else { Stages::from_bits_truncate(1 << self.0) }
+    }
+
+    /// The stages of which a barrier's source must have one to wait for it: its own, and those that follow in the command.
+    pub fn named_by(self) -> Stages {
+        let stage = self.stage();
+        let pipeline: &[Stages] = if self.0 == STAGES { &DISPATCH } else { &DRAW };
+        stage | later_in(pipeline, stage)
+    }
 }
 
 /// The access by which a stage writes.
@@ -149,18 +174,18 @@ impl Scopes {
         }
     }
 
-    /// The stages that a barrier may wait for in place of `stage`, so as to be after what that did up to `time`.
-    pub fn after(&self, stage: Stages, time: Time) -> Stages {
-        stage | reached(&self.ordered, stage, time)
+    /// The stages of which a barrier's source must have one, so as to be after what happened at `origin` up to `time`.
+    pub fn after(&self, origin: Origin, time: Time) -> Stages {
+        origin.named_by() | reached(&self.ordered, origin, time)
     }
 
     /// The stages that a barrier may wait for so as to be after what `stage` wrote at `time` was made available.
     pub fn available(&self, stage: Stages, time: Time) -> Stages {
-        reached(&self.available, stage, time)
+        reached(&self.available, Origin::new(stage, false), time)
     }
 
-    pub fn is_ordered(&self, from: Stages, time: Time, to: Stages) -> bool {
-        self.ordered[index(to.bits())][index(from.bits())] >= time
+    pub fn is_ordered(&self, from: Origin, time: Time, to: Stages) -> bool {
+        self.ordered[index(to.bits())][from.index()] >= time
     }
 
     /// Returns whether the writes of `from` at `time` are visible to an access of `to`.
@@ -179,16 +204,18 @@ impl Scopes {
         // Barriers of one call do not chain with each other: each starts from what was before the call.
         let (ordered, available) = (self.ordered, self.available);
         for (masks, memory) in call {
-            let (source, target) = (with_earlier(masks.source_stages), with_later(masks.target_stages));
-            for from in Stages::all().iter() {
-                let at = index(from.bits());
+            let target = with_later(masks.target_stages);
+            for from in Origin::all() {
+                let at = from.index();
+                // What is before an earlier stage is before those that follow it as well.
                 let chained = |table: &[Since; STAGES]| {
-                    source.iter().map(|x| table[index(x.bits())][at]).max().unwrap_or(0)
+                    masks.source_stages.iter().map(|x| table[index(x.bits())][at]).max().unwrap_or(0)
                 };
-                let before = if source.contains(from) { time } else { chained(&ordered) };
+                let waits = masks.source_stages.intersects(from.named_by());
+                let before = if waits { time } else { chained(&ordered) };
                 let flushed = memory
-                    && masks.source_stages.contains(from)
-                    && masks.source_accesses.contains(write_access(from));
+                    && masks.source_stages.contains(from.stage())
+                    && masks.source_accesses.contains(write_access(from.stage()));
                 let flushed = if flushed { time } else { chained(&available) };
                 for to in target.iter() {
                     raise(&mut self.ordered[index(to.bits())][at], before);
@@ -214,8 +241,7 @@ fn raise(known: &mut Time, time: Time) {
     *known = (*known).max(time);
 }
 
-/// The stages for which the table says of `from` at least `time`.
-fn reached(table: &[Since; STAGES], from: Stages, time: Time) -> Stages {
-    let at = index(from.bits());
-    Stages::all().iter().filter(|to| table[index(to.bits())][at] >= time).collect()
+/// The stages for which the table says of `from` at least `time`; with a stage, those that follow it are among them.
+fn reached(table: &[Since; STAGES], from: Origin, time: Time) -> Stages {
+    Stages::all().iter().filter(|to| table[index(to.bits())][from.index()] >= time).collect()
 }

@@ -2,7 +2,7 @@
 
 use super::extents::{Access, Extents, Group};
 use super::needs::{self, Reason, Requirement};
-use super::scopes::{Masks, STAGES, Scopes, Time, index, with_later, write_access};
+use super::scopes::{Masks, ORIGINS, Origin, Scopes, Time, with_later, write_access};
 use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Source, Stages, Work};
 use crate::plan::{Barrier, Plan, Step, Transition};
 use std::ops::Range;
@@ -113,8 +113,8 @@ impl Call {
 #[derive(Clone, Debug, Default)]
 struct Cell {
     write: Option<Write>,
-    /// The latest read by each stage.
-    reads: [Option<Event>; STAGES],
+    /// The latest read at each origin.
+    reads: [Option<Event>; ORIGINS],
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -258,7 +258,7 @@ impl World {
             match change {
                 Some(barrier) => {
                     let masks = Masks::of(barrier);
-                    self.change_needs(group.resource, id, inputs, &mut needs);
+                    self.change_needs(group.resource, id, inputs, false, &mut needs);
                     needs.retain(|need| !need.source_is_met_by(&masks));
                     // The change waits for its source stages: what comes before these comes before it.
                     if let Some(stage) = barrier.source_stages.iter().next() {
@@ -308,7 +308,7 @@ impl World {
             target.target_accesses |= touch.accesses;
         }
         let mut needs = Vec::new();
-        self.change_needs(group.resource, id, inputs, &mut needs);
+        self.change_needs(group.resource, id, inputs, true, &mut needs);
         let hazard = needs.first().map_or(Hazard::LayoutChange, |need| {
             match (target.target_accesses.reads() && !fresh, need.reason.hazard) {
                 // The change itself writes; what the pass does says what it is for.
@@ -325,21 +325,34 @@ impl World {
     /// Lists the requirements of a change of this image's layout. Targets are left empty.
     pub fn change_needs_of(&self, image: ResourceId, before: PassId, inputs: &Inputs) -> Vec<Requirement> {
         let mut needs = Vec::new();
-        self.change_needs(image, before, inputs, &mut needs);
+        self.change_needs(image, before, inputs, true, &mut needs);
         needs
     }
 
-    /// Adds the requirements of a layout change, which counts as a write. Targets are left empty.
-    fn change_needs(&self, image: ResourceId, id: PassId, inputs: &Inputs, needs: &mut Vec<Requirement>) {
+    /// Adds the requirements of a layout change, which counts as a write. Targets are left empty. If `named`, a chain with an earlier
+    /// barrier does not do for a write: the change names it.
+    fn change_needs(
+        &self,
+        image: ResourceId,
+        id: PassId,
+        inputs: &Inputs,
+        named: bool,
+        needs: &mut Vec<Requirement>,
+    ) {
         let at = At { pass: id, resource: image, scopes: &self.scopes };
         let to = (Stages::empty(), Accesses::empty());
         for cell in &self.cells[inputs.cells(image)] {
             // After the reads of the last write it is after the write as well.
             if let Some(write) = cell.write.filter(|_| !cell.is_read()) {
+                let known = needs.len();
                 self.memory(at, Hazard::WriteAfterWrite, write, to, needs);
+                // An earlier barrier may have made the write available, and a chain with it would do. The change names the write all
+                // the same, because validation layers look for it there (docs/barriers.md).
+                let writes = needs[known..].iter_mut().filter(|need| named && !need.flush.is_empty());
+                writes.for_each(|need| need.via = Stages::empty());
             }
-            for (stage, read) in cell.reads() {
-                add(needs, self.order(at, stage, read, to.0));
+            for (origin, read) in cell.reads() {
+                add(needs, self.order(at, origin, read, to.0));
             }
         }
     }
@@ -358,9 +371,9 @@ impl World {
                         let hazard = if writes { Hazard::WriteAfterWrite } else { Hazard::ReadAfterWrite };
                         self.memory(at, hazard, write, (to, access), needs);
                     }
-                    for (stage, read) in cell.reads().filter(|_| writes) {
-                        if !scopes.is_ordered(stage, read.time, to) {
-                            add(needs, self.order(at, stage, read, to));
+                    for (origin, read) in cell.reads().filter(|_| writes) {
+                        if !scopes.is_ordered(origin, read.time, to) {
+                            add(needs, self.order(at, origin, read, to));
                         }
                     }
                 }
@@ -395,7 +408,9 @@ impl World {
                 let seen = stages.contains(to) && accesses.contains(access)
                     || scopes.is_shown(reached, time, to, access);
                 if to.is_empty() || !seen {
-                    let via = reached.iter().fold(reached, |via, stage| via | scopes.after(stage, time));
+                    let via = reached
+                        .iter()
+                        .fold(reached, |via, stage| via | scopes.after(Origin::new(stage, false), time));
                     let from = stages.iter().next().unwrap_or(Stages::empty());
                     add(needs, Requirement { reason, from, flush: Accesses::empty(), via, to, access });
                 }
@@ -404,10 +419,17 @@ impl World {
     }
 
     /// That `to` comes after a read.
-    fn order(&self, at: At, from: Stages, read: Event, to: Stages) -> Requirement {
+    fn order(&self, at: At, origin: Origin, read: Event, to: Stages) -> Requirement {
         let reason = self.reason(at, Hazard::WriteAfterRead, read);
-        let via = at.scopes.after(from, read.time);
-        Requirement { reason, from, flush: Accesses::empty(), via, to, access: Accesses::empty() }
+        let via = at.scopes.after(origin, read.time);
+        Requirement {
+            reason,
+            from: origin.stage(),
+            flush: Accesses::empty(),
+            via,
+            to,
+            access: Accesses::empty(),
+        }
     }
 
     fn reason(&self, at: At, hazard: Hazard, event: Event) -> Reason {
@@ -448,7 +470,7 @@ impl World {
         for Access { touch, cells } in group.accesses(false) {
             for cell in cells.clone().into_iter().flatten() {
                 for stage in touch.stages.iter() {
-                    self.cells[cell].reads[index(stage.bits())] = Some(event);
+                    self.cells[cell].reads[Origin::new(stage, group.dispatch).index()] = Some(event);
                 }
             }
         }
@@ -493,7 +515,7 @@ impl Cell {
         self.write.is_some_and(|w| self.reads().any(|(_, read)| read.time > w.event.time))
     }
 
-    fn reads(&self) -> impl Iterator<Item = (Stages, Event)> + '_ {
-        Stages::all().iter().zip(&self.reads).filter_map(|(stage, read)| Some((stage, (*read)?)))
+    fn reads(&self) -> impl Iterator<Item = (Origin, Event)> + '_ {
+        Origin::all().zip(&self.reads).filter_map(|(origin, read)| Some((origin, (*read)?)))
     }
 }

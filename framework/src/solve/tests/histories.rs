@@ -148,18 +148,112 @@ fn only_what_was_declared_so_lives_on_and_it_can_only_be_read() {
     assert!(text.contains("written and bound twice"), "{text}");
 }
 
+/// The resource of a name, with whether its contents are kept and whether it shares memory.
+fn kept_and_shared(plan: &Plan, name: &str) -> (bool, bool) {
+    let id = plan.find_resource(name).expect("it is used");
+    (plan.resource(id).history.is_some(), plan.aliases(id).next().is_some())
+}
+
 #[test]
-fn a_history_without_readers_is_none() {
+fn a_history_that_frames_write_in_part_keeps_the_rest() {
+    // Of a shader it is not known whether it writes the whole: `make` may leave a part as it was.
+    let passes = [
+        dispatch("first", "make.comp", r#""Out": "a""#),
+        dispatch("second", "copy.comp", r#""In": "a", "Out": "b""#),
+        dispatch("make", "copy.comp", r#""In": "b", "Out": "past""#),
+        dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
+    ];
+    let plan = plan(&with_history(&passes), &[]).unwrap();
+    assert_eq!(kept_and_shared(&plan, "past"), (true, false), "{}", shown(&plan));
+    assert_eq!(plan.pass(plan.prologue[0].pass).name, "start(past)");
+    // The same buffer without the word is one like any other.
+    let plain = with_history(&passes).replace(
+        "past\": Buffer(stride: 4, count: 64, history: true)",
+        "past\": Buffer(stride: 4, count: 64)",
+    );
+    let plain = super::plan(&plain, &[]).unwrap();
+    assert_eq!(kept_and_shared(&plain, "past"), (false, true), "{}", shown(&plain));
+    assert_eq!(plain.prologue, []);
+}
+
+#[test]
+fn a_history_that_every_frame_writes_over_before_it_reads_is_none() {
+    let overwritten = [
+        r#"Fill(name: "clear", buffer: "past", value: 0),"#.into(),
+        dispatch("count", "change.comp", r#""Out": "past""#),
+        draw("draw", "Clear(0, 0, 0, 0)").replace("color", "trail"),
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("mix", "filter.comp", r#""Color": "trail", "Image": "image""#),
+        dispatch("show", "mix.comp", r#""In": "past", "Image": "image""#),
+    ];
+    let plan = plan(&with_history(&overwritten), &[]).unwrap();
+    assert!(plan.resources.iter().all(|r| r.history.is_none()), "{}", shown(&plan));
+    assert_eq!(plan.prologue, []);
+    // The same with what keeps something: a fill that is not the first, and a target that is not cleared.
+    let mut kept = overwritten.clone();
+    kept.swap(0, 1);
+    kept[2] = kept[2].replace("Clear(0, 0, 0, 0)", "Keep");
+    let plan = super::plan(&with_history(&kept), &[]).unwrap();
+    assert_eq!([kept_and_shared(&plan, "past"), kept_and_shared(&plan, "trail")], [(true, false); 2]);
+}
+
+#[test]
+fn a_history_with_a_single_writer_is_written_over_before_it_is_read_wherever_that_stands() {
+    let passes = [
+        dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
+        r#"Fill(name: "clear", buffer: "past", value: 0),"#.into(),
+    ];
+    let plan = plan(&with_history(&passes), &[]).unwrap();
+    assert_eq!(frame(&plan), ["clear", "show", "export"]);
+    assert_eq!((kept_and_shared(&plan, "past").0, plan.prologue.len()), (false, 0));
+}
+
+#[test]
+fn a_pass_that_runs_once_and_writes_a_part_of_a_history_finds_zeros() {
+    let passes = [
+        r#"Dispatch(name: "seed", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "past"}),"#.into(),
+        dispatch("step", "change.comp", r#""Out": "past""#),
+        dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
+    ];
+    let plan = plan(&with_history(&passes), &[]).unwrap();
+    let prologue: Vec<&str> = plan.prologue.iter().map(|step| plan.pass(step.pass).name.as_str()).collect();
+    assert_eq!(prologue, ["start(past)", "seed"], "{}", shown(&plan));
+}
+
+#[test]
+fn whether_contents_are_kept_may_depend_on_a_constant() {
+    let passes = [
+        dispatch("make", "make.comp", r#""Out": "past""#),
+        dispatch("use", "copy.comp", r#""In": "keep ? 'last(past)' : 'past'", "Out": "a""#),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ];
+    let text = with_history(&passes)
+        .replace(
+            "\"past\": Buffer(stride: 4, count: 64, history: true)",
+            "\"past\": Buffer(stride: 4, count: 64, history: \"keep\")",
+        )
+        .replace("params: {", "params: {\"keep\": Const(Bool(default: true)),");
+    assert_eq!(frame(&plan(&text, &[]).unwrap()), ["use", "make", "show", "export"]);
+    let plan = plan(&text, &[("keep", "false")]).unwrap();
+    assert_eq!(
+        (frame(&plan), kept_and_shared(&plan, "past").0),
+        (vec!["make", "use", "show", "export"], false)
+    );
+}
+
+#[test]
+fn a_history_without_readers_goes_with_its_passes() {
     let plan = plan(
         &with_history(&[
             dispatch("make", "make.comp", r#""Out": "past""#),
             dispatch("spare", "copy.comp", r#""In": "last(past)", "Out": "b""#),
-            dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
+            dispatch("other", "make.comp", r#""Out": "a""#),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
         ]),
         &[],
     )
     .unwrap();
-    assert_eq!(frame(&plan), ["make", "show", "export"]);
+    assert_eq!(frame(&plan), ["other", "show", "export"]);
     assert_eq!(plan.prologue, []);
     assert!(plan.resources.iter().all(|r| r.history.is_none()));
 }

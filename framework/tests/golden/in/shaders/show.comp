@@ -1,5 +1,5 @@
 #version 460
-layout(local_size_x = 8, local_size_y = 8) in;
+layout(local_size_x = 64) in;
 layout(set = 0, binding = 0, std430) readonly buffer In { uint i[]; };
 layout(set = 0, binding = 1, rgba16f) uniform writeonly image2D Image;
-void main() { imageStore(Image, ivec2(gl_GlobalInvocationID.xy), vec4(i[0])); }
+void main() { imageStore(Image, ivec2(gl_LocalInvocationIndex % 8, gl_LocalInvocationIndex / 8), vec4(i[0])); }

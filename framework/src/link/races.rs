@@ -1,0 +1,174 @@
+//! Checks for races inside one pass.
+//!
+//! Barriers stand between passes: two accesses of one pass to the same memory have no order, and where one of them writes, no
+//! plan can be right. Such a pass is refused here:
+//!
+//! - a resource that is written and bound twice, or drawn to and bound;
+//! - a dispatch or a draw that writes the buffer that its own arguments are in;
+//! - a draw whose one stage accesses what the other writes, except by atomics in both.
+//!
+//! Between the invocations of one stage there is no order either, and it is the shader that has to see to it: by atomics, by a
+//! barrier of the workgroup, or by keeping to elements of its own. Whether it does cannot be told from its accesses.
+
+use super::{Linker, ShaderHandle};
+use crate::ir::{DrawCall, ReflectedBinding, Span, Stages, Use};
+use crate::lower::{LoweredBind, LoweredPass, LoweredSize, LoweredWork, ResourceHandle};
+use crate::source::Diagnostic;
+
+impl Linker<'_> {
+    pub(super) fn races(
+        &mut self,
+        pass: &LoweredPass,
+        stages: &[(ShaderHandle, Stages)],
+        uses: &[Use<ResourceHandle>],
+    ) {
+        self.bound_twice(pass, uses);
+        self.drawn_and_bound(pass);
+        self.arguments(pass, stages);
+        self.between_stages(pass, stages);
+    }
+
+    /// A resource must not be bound twice to a pass that writes it: its invocations run in any order.
+    fn bound_twice(&mut self, pass: &LoweredPass, uses: &[Use<ResourceHandle>]) {
+        // What the frame before left in a resource stands in the resource itself.
+        let real = |id: &ResourceHandle| self.lowered.real(*id);
+        for (i, bind) in pass.bind.iter().enumerate() {
+            for id in &bind.resources {
+                let written = uses.iter().any(|t| real(&t.resource) == real(id) && t.accesses.writes());
+                let twice =
+                    pass.bind[..i].iter().find(|b| b.resources.iter().any(|other| real(other) == real(id)));
+                if let (true, Some(other)) = (written, twice) {
+                    let name = &self.resource(real(id)).name;
+                    let diagnostic = Diagnostic::new(
+                        format!("`{name}` is written and bound twice"),
+                        bind.resource_span,
+                        "bound here",
+                    )
+                    .with_label(other.resource_span, "and here");
+                    let mut bound =
+                        other.resources.iter().chain([id]).filter(|other| real(other) == real(id));
+                    let last = bound.find(|id| self.resource(**id).previous_frame_of.is_some());
+                    self.errors.push(match last.map(|id| &self.resource(*id).name) {
+                        // Halves of a ping-pong buffer are numbered.
+                        Some(last) if name.contains('#') => diagnostic.with_help(format!(
+                            "`{last}` is `{name}`, the half in front at the end of a frame; with an even number of swaps in \
+                             a frame, its first pass can read `{last}` and write the back"
+                        )),
+                        Some(last) => diagnostic.with_help(format!(
+                            "`{last}` is `{name}` before the first write of a frame; write another buffer, and copy it \
+                             to `{name}` in a later pass"
+                        )),
+                        None => diagnostic,
+                    });
+                }
+            }
+        }
+    }
+
+    /// An attachment must not be read or written by other means in the same pass.
+    fn drawn_and_bound(&mut self, pass: &LoweredPass) {
+        let LoweredWork::Draw { targets, .. } = &pass.work else { return };
+        for (target, span) in targets {
+            let binds =
+                |b: &&LoweredBind| b.resources.iter().any(|id| self.lowered.real(*id) == target.image);
+            if let Some(bind) = pass.bind.iter().find(binds) {
+                let name = &self.resource(target.image).name;
+                self.errors.push(
+                    Diagnostic::new(
+                        format!("`{name}` is drawn to and bound in the same pass"),
+                        *span,
+                        "drawn to here",
+                    )
+                    .with_label(bind.resource_span, "bound here"),
+                );
+            }
+        }
+    }
+
+    /// The arguments of a command must not be written by its own shaders: which words a shader writes is not known, so this
+    /// holds for the whole buffer.
+    fn arguments(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) {
+        let Some((buffer, span)) = arguments(pass) else { return };
+        for bind in &pass.bind {
+            let same = bind.resources.iter().any(|id| self.lowered.real(*id) == self.lowered.real(buffer));
+            let writer = self.blocks(stages, &bind.block).find(|(_, block)| block.writes);
+            let (true, Some((shader, _))) = (same, writer) else { continue };
+            let diagnostic = Diagnostic::new(
+                format!(
+                    "`{}` writes the buffer `{}`, which its own arguments are in",
+                    pass.name,
+                    self.resource(buffer).name
+                ),
+                bind.resource_span,
+                format!("written by `{}`", self.shaders[shader.index()].name),
+            );
+            self.errors.push(diagnostic.with_label(span, "the arguments").with_help(
+                "no barrier can stand between a command's arguments and its shaders: write another buffer",
+            ));
+        }
+    }
+
+    /// What one stage of a draw writes, the other must not access: the stages of different primitives overlap.
+    fn between_stages(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) {
+        if stages.len() < 2 {
+            return;
+        }
+        for bind in &pass.bind {
+            let blocks: Vec<(ShaderHandle, &ReflectedBinding)> = self.blocks(stages, &bind.block).collect();
+            let [(vertex, a), (fragment, b)] = blocks[..] else { continue };
+            if !(a.writes || b.writes)
+                || !(a.reads || a.writes)
+                || !(b.reads || b.writes)
+                || a.atomics_only && b.atomics_only
+            {
+                continue;
+            }
+            let does = |block: &ReflectedBinding| match (block.reads, block.writes) {
+                (true, true) => "reads and writes",
+                (_, true) => "writes",
+                _ => "reads",
+            };
+            let name = |shader: ShaderHandle| &self.shaders[shader.index()].name;
+            let diagnostic = Diagnostic::new(
+                format!(
+                    "`{}` {} `{}` while `{}` {} it",
+                    name(vertex),
+                    does(a),
+                    bind.block,
+                    name(fragment),
+                    does(b)
+                ),
+                bind.resource_span,
+                "by both stages of this draw",
+            );
+            self.errors.push(diagnostic.with_help(
+                "no barrier can stand between the stages of a draw: bind two buffers, or use atomics in both stages",
+            ));
+        }
+    }
+
+    /// The shaders that use a block of this name.
+    fn blocks<'s>(
+        &'s self,
+        stages: &'s [(ShaderHandle, Stages)],
+        name: &'s str,
+    ) -> impl Iterator<Item = (ShaderHandle, &'s ReflectedBinding)> {
+        stages.iter().filter_map(move |(shader, _)| {
+            let bindings = &self.shaders[shader.index()].reflection.bindings;
+            Some((*shader, bindings.iter().find(|block| block.name == name)?))
+        })
+    }
+}
+
+/// The buffer of a pass's indirect arguments, and the place that names it.
+pub(super) fn arguments(pass: &LoweredPass) -> Option<(ResourceHandle, Span)> {
+    match &pass.work {
+        LoweredWork::Dispatch { size: LoweredSize::Indirect { buffer, .. }, size_span, .. } => {
+            Some((*buffer, *size_span))
+        }
+        LoweredWork::Draw { call: DrawCall::Indirect { buffer, .. }, call_span, .. } => {
+            Some((*buffer, *call_span))
+        }
+        _ => None,
+    }
+}

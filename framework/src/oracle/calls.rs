@@ -1,0 +1,81 @@
+//! Puts down the calls of barriers, for cells that pass through them later.
+//!
+//! A barrier concerns all memory, and a graph may have thousands of calls and of cells. But most calls are like others, and what
+//! they give to a record only ever grows, so that few calls change it. So equal calls are of one kind, and a cell that passes
+//! through many calls goes from one that changes it to the next.
+
+use std::collections::HashMap;
+
+use super::cell::{Cell, Scope};
+use crate::ir::{Accesses, Stages};
+use crate::plan::{Barrier, Transition};
+
+/// The masks of a call's barriers.
+type Key = Vec<(Option<Transition>, Stages, Accesses, Stages, Accesses)>;
+
+/// Holds the calls of a replay so far.
+#[derive(Default)]
+pub struct Calls {
+    /// The kind of each call.
+    calls: Vec<u32>,
+    kinds: Vec<Kind>,
+    numbers: HashMap<Key, u32>,
+}
+
+struct Kind {
+    scopes: Vec<Scope>,
+    /// The calls of this kind, in order.
+    calls: Vec<u32>,
+}
+
+/// Calls that a cell passes through one by one: looking for those that change it would take longer.
+const FEW: usize = 8;
+
+impl Calls {
+    pub fn len(&self) -> usize {
+        self.calls.len()
+    }
+
+    pub fn add(&mut self, barriers: &[Barrier]) {
+        let masks =
+            |b: &Barrier| (b.image, b.source_stages, b.source_accesses, b.target_stages, b.target_accesses);
+        let kinds = &mut self.kinds;
+        let kind = *self.numbers.entry(barriers.iter().map(masks).collect()).or_insert_with(|| {
+            kinds.push(Kind { scopes: barriers.iter().map(Scope::new).collect(), calls: Vec::new() });
+            kinds.len() as u32 - 1
+        });
+        self.kinds[kind as usize].calls.push(self.calls.len() as u32);
+        self.calls.push(kind);
+    }
+
+    /// Forgets all but the first calls.
+    pub fn truncate(&mut self, len: usize) {
+        for kind in self.calls.drain(len..) {
+            self.kinds[kind as usize].calls.pop();
+        }
+    }
+
+    /// Lets a cell pass through the calls that it has not passed through yet.
+    pub fn pass(&self, cell: &mut Cell, passed: &mut u32) {
+        let end = self.calls.len() as u32;
+        if cell.reads.is_empty() && cell.writes.is_empty() {
+            *passed = end;
+        }
+        while *passed < end {
+            let left = (end - *passed) as usize;
+            let next =
+                if left <= FEW.max(self.kinds.len()) { Some(*passed) } else { self.change(cell, *passed) };
+            let Some(next) = next else { break };
+            cell.pass_through(&self.kinds[self.calls[next as usize] as usize].scopes);
+            *passed = next + 1;
+        }
+        *passed = end;
+    }
+
+    /// Finds the first call from `passed` on that changes the cell.
+    fn change(&self, cell: &Cell, passed: u32) -> Option<u32> {
+        let kinds = self.kinds.iter().filter(|kind| cell.is_changed_by(&kind.scopes));
+        let next = |kind: &Kind| kind.calls.get(kind.calls.partition_point(|call| *call < passed)).copied();
+        kinds.filter_map(next).min()
+    }
+}

@@ -1,0 +1,106 @@
+//! Warnings: what a graph may do, and probably does not mean.
+//!
+//! Two things look right in a file and are not. A pass that reads and writes a resource in place finds nothing in particular there if
+//! nothing wrote it before. And an included graph may work for nothing: if it leaves its result in the half of a ping-pong
+//! buffer that nobody looks at, then all of it is left out, and the picture is made of what was there before.
+
+use super::order::Order;
+use crate::ir::Span;
+use crate::link::LinkedPass;
+use crate::lower::{Lowered, ResourceHandle};
+use crate::plan::Warning;
+use crate::source::{Diagnostic, SourceMap};
+use std::collections::{HashMap, HashSet};
+
+/// Lists the warnings about passes that are in the plan, and about includes that are not.
+pub(super) fn warnings(
+    passes: &[LinkedPass],
+    order: &Order,
+    lowered: &Lowered,
+    files: &SourceMap,
+) -> Vec<Warning> {
+    let unwritten = order.unwritten.iter().filter(|(pass, _)| order.live[*pass]);
+    let mut found: Vec<Diagnostic> = Vec::new();
+    let mut spans = HashSet::new();
+    for (pass, resource) in unwritten {
+        // Once for all iterations of a repeat.
+        if spans.insert(passes[*pass].span) {
+            found.push(first_touch(&passes[*pass], *resource, lowered));
+        }
+    }
+    found.extend(idle_includes(passes, &order.live, lowered));
+    let warning =
+        |diagnostic: Diagnostic| Warning { origin: files.origin(diagnostic.primary.span), diagnostic };
+    found.into_iter().map(warning).collect()
+}
+
+/// Describes a pass that changes in place what nothing wrote before it.
+fn first_touch(pass: &LinkedPass, resource: ResourceHandle, lowered: &Lowered) -> Diagnostic {
+    let resource = lowered.resource(resource);
+    let message = format!(
+        "`{}` reads and writes `{}`, which nothing has written before it",
+        pass.pass.name, resource.name
+    );
+    Diagnostic::new(message, pass.span, "finds undefined contents, unless its shader writes them first")
+        .with_label(resource.span, "declared here")
+        .with_help(
+            "fill it in an earlier pass, or declare it with `history: true` to go on from the previous frame",
+        )
+}
+
+/// Describes the includes that are left out, or some of whose passes are, though a pass elsewhere reads what they were given to
+/// write.
+fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Diagnostic> {
+    // Of each include, the passes that are left out, those of its own includes among them.
+    let mut idle: Vec<Vec<usize>> = vec![Vec::new(); lowered.includes.len()];
+    // Of each resource, the passes of the plan that read it.
+    let mut readers: HashMap<ResourceHandle, Vec<usize>> = HashMap::new();
+    for (number, pass) in passes.iter().enumerate() {
+        if live[number] {
+            let reads = pass.pass.uses.iter().filter(|touch| touch.accesses.reads());
+            reads.for_each(|t| readers.entry(lowered.real(t.resource)).or_default().push(number));
+        } else {
+            includes_of(pass, lowered).for_each(|include| idle[include].push(number));
+        }
+    }
+    let mut found = Vec::new();
+    let mut told: HashSet<usize> = HashSet::new();
+    for (number, include) in lowered.includes.iter().enumerate() {
+        // Of includes in includes, the outermost is told of.
+        if idle[number].is_empty() || idle[number].iter().all(|pass| told.contains(pass)) {
+            continue;
+        }
+        let writes = |given: &[ResourceHandle]| {
+            let uses = idle[number].iter().flat_map(|pass| &passes[*pass].pass.uses);
+            uses.filter(|t| t.accesses.writes()).any(|t| given.contains(&lowered.real(t.resource)))
+        };
+        let outside = |pass: &&usize| includes_of(&passes[**pass], lowered).all(|include| include != number);
+        let asked = include.given.iter().find_map(|(name, given)| {
+            let reader = given.iter().flat_map(|id| readers.get(id).into_iter().flatten()).find(outside)?;
+            writes(given).then_some((name, given, *reader))
+        });
+        let Some((name, given, reader)) = asked else { continue };
+        told.extend(&idle[number]);
+        let reader_span: Span = passes[reader].span;
+        let count = match idle[number].len() {
+            1 => "a pass is".to_string(),
+            count => format!("{count} passes are"),
+        };
+        let diagnostic = Diagnostic::new(
+            format!("{count} left out of the include `{}`: nothing reads the results", include.name),
+            include.span,
+            format!("`{name}` is given to it"),
+        )
+        .with_label(reader_span, format!("reads `{name}` all the same"));
+        found.push(diagnostic.with_help(match given.len() {
+            2 => "they write the half that is not read: is a `Swap` missing?",
+            _ => "where several passes write a resource, the order of the file holds: does the reader stand above?",
+        }));
+    }
+    found
+}
+
+/// The include that a pass comes from, and those around it.
+fn includes_of(pass: &LinkedPass, lowered: &Lowered) -> impl Iterator<Item = usize> {
+    std::iter::successors(pass.include, |include| lowered.includes[*include].parent)
+}

@@ -1,0 +1,3 @@
+#version 460
+layout(set = 0, binding = 0, std430) buffer Count { uint count[]; };
+void main() { gl_Position = vec4(atomicAdd(count[0], 1)); }

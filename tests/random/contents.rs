@@ -1,0 +1,148 @@
+//! The contents that graphs declare to be kept, and those that a presented output has.
+
+use splatgraph_framework::ir::{
+    Accesses, Layout, Load, Pass, PassId, ResourceId, Run, Stages, Use, Work as PlanWork,
+};
+use splatgraph_framework::oracle;
+use splatgraph_framework::plan::{Barrier, Plan, Step};
+use std::io::Write;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+use super::builds::{for_all, shown};
+use super::recipe::{LARGE, Role};
+use super::sketch::{Half, Target};
+
+/// Returns true if the first pass of the frame that uses a resource writes the whole of it and reads nothing.
+fn starts_anew(plan: &Plan, id: ResourceId) -> bool {
+    let uses = |pass: &&Pass| pass.uses.iter().any(|touch| touch.resource == id);
+    let Some(first) = plan.frame.iter().map(|step| plan.pass(step.pass)).find(uses) else { return false };
+    match &first.work {
+        PlanWork::Fill { buffer, .. } => *buffer == id,
+        PlanWork::Draw { targets, .. } => {
+            targets.iter().any(|target| target.image == id && matches!(target.load, Load::Clear(..)))
+        }
+        _ => false,
+    }
+}
+
+#[test]
+fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
+    let (kept, dropped, shared) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
+    for_all("histories", LARGE, 1000, |case| {
+        let (plan, sketch) = (&case.plan, &case.sketch);
+        let buffers = sketch.buffers.iter().enumerate().map(|(at, b)| (Target::Buffer(at), b.history));
+        let images = sketch.images.iter().enumerate().map(|(at, i)| (Target::Image(at), i.history));
+        for (of, _) in buffers.chain(images).filter(|(_, history)| *history) {
+            let names = match of {
+                Target::Buffer(at) if sketch.buffers[at].role == Role::PingPong => {
+                    vec![format!("b{at:02}#0"), format!("b{at:02}#1")]
+                }
+                Target::Buffer(at) => vec![format!("b{at:02}")],
+                Target::Image(at) => vec![format!("i{at:02}")],
+            };
+            // Whether some pass reads the previous frame's contents cannot be told from a plan.
+            let reads_last = sketch
+                .passes
+                .iter()
+                .any(|pass| pass.uses().any(|(what, _)| what.of == of && what.half == Half::Last));
+            let once = |id: &ResourceId| {
+                let passes = plan.prologue.iter().map(|step| plan.pass(step.pass));
+                let passes = passes.filter(|pass| !matches!(pass.work, PlanWork::Start { .. }));
+                passes.flat_map(|pass| &pass.uses).any(|touch| touch.resource == *id)
+            };
+            let halves: Vec<ResourceId> = names.iter().filter_map(|name| plan.find_resource(name)).collect();
+            let live = halves.iter().filter(|id| plan.resource(**id).history.is_some()).count();
+            // Of a ping-pong buffer, the half that the frame ends with is the history. It may be in no use.
+            let free =
+                halves.iter().all(|id| starts_anew(plan, *id) && !once(id)) || halves.len() < names.len();
+            match live {
+                0 if halves.is_empty() => {}
+                0 if names.len() == 2 && halves.iter().any(|id| starts_anew(plan, *id) && !once(id)) => {}
+                0 if free => _ = dropped.fetch_add(1, Relaxed),
+                0 => return Err(format!("`{}` is not kept in\n{}", names[0], shown(plan))),
+                _ => {
+                    let id = *halves.iter().find(|id| plan.resource(**id).history.is_some()).expect("live");
+                    if starts_anew(plan, id) && !reads_last && !once(&id) {
+                        return Err(format!("`{}` is kept for nothing in\n{}", names[0], shown(plan)));
+                    }
+                    if plan.aliases(id).next().is_some() {
+                        return Err(format!("`{}` is kept and shares memory in\n{}", names[0], shown(plan)));
+                    }
+                    let starts = |pass: &Pass| pass.work == PlanWork::Start { resource: id };
+                    if !plan.prologue.iter().any(|step| starts(plan.pass(step.pass))) {
+                        return Err(format!("`{}` does not start from zeros in\n{}", names[0], shown(plan)));
+                    }
+                    kept.fetch_add(1, Relaxed);
+                }
+            }
+            shared.fetch_add(halves.iter().filter(|id| plan.aliases(**id).next().is_some()).count(), Relaxed);
+        }
+        Ok(())
+    });
+    let [kept, dropped, shared] = [kept, dropped, shared].map(AtomicUsize::into_inner);
+    let _ = writeln!(
+        std::io::stderr(),
+        "random graphs: {kept} histories kept, {dropped} not, {shared} resources share their memory"
+    );
+    assert!(kept > 200 && dropped > 5, "too few histories");
+}
+
+/// The plan with a blit of its output behind each frame, as the runtime submits it: a read at the stage of copies, and then a call
+/// that lets `waiting` wait for it.
+fn presented(plan: &Plan, waiting: Stages) -> Plan {
+    let mut plan = plan.clone();
+    let pass = |name: &str, uses| Pass {
+        name: name.into(),
+        phase: "window".into(),
+        run: Run::Frame,
+        work: PlanWork::Export,
+        bindings: Vec::new(),
+        push: Vec::new(),
+        uses,
+        origin: plan.passes[0].origin.clone(),
+    };
+    let read = Use {
+        resource: plan.output,
+        stages: Stages::COPY,
+        accesses: Accesses::TRANSFER_READ,
+        layout: Some(Layout::TransferSource),
+        discards: false,
+    };
+    let (blit, after) = (pass("blit", vec![read]), pass("after", Vec::new()));
+    let waits = Barrier {
+        image: None,
+        source_stages: Stages::COPY,
+        source_accesses: Accesses::empty(),
+        target_stages: waiting,
+        target_accesses: Accesses::empty(),
+        dependencies: Vec::new(),
+    };
+    for (pass, barriers) in [(blit, Vec::new()), (after, vec![waits])] {
+        plan.frame.push(Step { barriers, pass: PassId(plan.passes.len() as u32) });
+        plan.passes.push(pass);
+    }
+    plan
+}
+
+#[test]
+fn a_plan_with_statistics_can_be_presented() {
+    let (held, needed) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    for_all("presented", LARGE, 500, |case| {
+        let waiting = splatgraph_runtime::waiting_for_copies(&case.plan);
+        let plan = presented(&case.plan, waiting);
+        if let Some(violation) = oracle::replay(&plan, &oracle::Replay::default()).first() {
+            return Err(format!("{}\n{}", violation.describe(&plan), shown(&plan)));
+        }
+        held.fetch_add(1, Relaxed);
+        // The plan's own wait for copies may stand before the blit.
+        let bare = presented(&case.plan, Stages::COPY);
+        needed.fetch_add(usize::from(oracle::has_violation(&bare)), Relaxed);
+        Ok(())
+    });
+    let [held, needed] = [held, needed].map(AtomicUsize::into_inner);
+    let _ = writeln!(
+        std::io::stderr(),
+        "random graphs: {held} presented, {needed} need more than a wait for copies"
+    );
+    assert!(needed > 10, "too few plans whose own wait comes before the blit");
+}
