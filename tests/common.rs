@@ -1,6 +1,7 @@
 //! Shares an opened device, the data folder, and the choice of long runs among the tests.
 
 use splatgraph_api::Device;
+use splatgraph_framework::shader::Worker;
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::io::Write;
 use std::path::PathBuf;
@@ -50,6 +51,11 @@ pub fn data(test: &str) -> Option<PathBuf> {
 pub fn not_run(test: &str, needs: &str) {
     // Not by `eprintln!`, which is kept back in tests that pass.
     let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs {needs}");
+}
+
+/// Names the program that compiles shaders which may crash the compiler.
+pub fn worker() -> Worker {
+    Worker::new(env!("CARGO_BIN_EXE_splatgraph"))
 }
 
 /// Returns true if `./x test --long` asked for the whole cross products.

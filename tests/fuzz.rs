@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-use crate::common::long;
+use crate::common::{self, long};
 
 /// Broken files in the long run, and in the one that everybody does.
 const CASES: (usize, usize) = (10_000, 1_000);
@@ -163,7 +163,7 @@ struct Outcome {
 
 /// Builds as the live program does, with a compiler that is kept.
 fn builder(folder: PathBuf) -> impl FnMut(Build) -> Outcome {
-    let mut compiler = Glslang::default();
+    let mut compiler = Glslang::in_worker(common::worker());
     let mut catalog = facts::nominal_catalog();
     paint::offer(&mut catalog);
     move |job| {
@@ -235,7 +235,7 @@ impl Workshop {
         let root = folder.path().to_path_buf();
         let (sender, wakes) = channel();
         let rebuilder = Rebuilder::new(
-            move || builder(root.clone()),
+            move |_| builder(root.clone()),
             move || {
                 let _ = sender.send(());
             },

@@ -243,3 +243,43 @@ fn an_argument_that_is_no_text_is_no_panic() {
         Command::new(env!("CARGO_BIN_EXE_splatgraph")).arg("info").arg(name).output().expect("it runs");
     assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
 }
+
+#[test]
+fn a_shader_includes_no_file_of_the_system() {
+    let changes = [("make.comp", "\"hash.glsl\"", "\"/etc/passwd\"")];
+    let refused = shown(&changes, &["check", "graph.ron"]);
+    assert_eq!(refused.code, 1, "{}", refused.errors);
+    assert!(
+        refused.errors.contains("/etc/passwd lies outside of the graph's folder, "),
+        "{}",
+        refused.errors
+    );
+    // With the folder allowed it is read, and is no GLSL.
+    let allowed = shown(&changes, &["check", "graph.ron", "--include-root", "/etc"]);
+    assert!(allowed.code == 1 && !allowed.errors.contains("lies outside"), "{}", allowed.errors);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_in_the_place_of_a_graph_is_refused_at_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pipe = folder.path().join("pipe.ron");
+    assert!(Command::new("mkfifo").arg(&pipe).status().expect("mkfifo runs").success());
+    let output = Command::new(env!("CARGO_BIN_EXE_splatgraph")).arg("check").arg(&pipe).output();
+    let output = output.expect("the program runs");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && errors.contains("is a pipe, not a file"), "{errors}");
+}
+
+#[test]
+fn macros_that_grow_without_end_are_an_error_at_the_shader() {
+    let lines: String = (1..40).map(|i| format!("#define M{i} M{0} + M{0}\n", i - 1)).collect();
+    let bomb = format!("#define M0 x\n{lines}uint bomb(uint x) {{ return M39; }}\n#if 1\n");
+    let text = std::fs::read_to_string(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/graphs/two_steps/hash.glsl"),
+    );
+    let text = text.expect("a text");
+    let shown = shown(&[("hash.glsl", &text, &format!("{bomb}{text}#endif\n"))], &["check", "graph.ron"]);
+    assert_eq!(shown.code, 1, "{}", shown.errors);
+    assert!(shown.errors.contains("the compiler ran out of its "), "{}", shown.errors);
+}

@@ -6,9 +6,28 @@ use splatgraph_framework::ir::{Catalog, Facts, Request};
 use splatgraph_framework::lower::{self, Control};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
-use splatgraph_framework::shader::Glslang;
-use splatgraph_framework::source::{Diagnostic, SourceMap, render, render_warnings};
+use splatgraph_framework::shader::{Cancel, Glslang, Worker};
+use splatgraph_framework::source::{Diagnostic, Library, SourceMap, render, render_warnings};
 use std::fmt;
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+/// Says how planners compile shaders, and which files graphs may name.
+#[derive(Clone, Debug, Default)]
+pub struct Settings {
+    /// The program that compiles shaders. Without one they are compiled in this process, which a broken shader can end.
+    pub worker: Option<Worker>,
+    /// Folders that the files of a graph may lie in besides its own.
+    pub include_roots: Vec<PathBuf>,
+}
+
+static SETTINGS: OnceLock<Settings> = OnceLock::new();
+
+/// Gives all planners that [`Planner::default`] makes these settings. The first call counts.
+pub fn configure(settings: Settings) {
+    // A second call comes from a second test in one process, with the same settings.
+    let _ = SETTINGS.set(settings);
+}
 
 /// A builder of plans with a cache of compiled shaders.
 pub struct Planner {
@@ -16,15 +35,28 @@ pub struct Planner {
     pub share_memory: bool,
     files: SourceMap,
     compiler: Glslang,
+    settings: Settings,
 }
 
 impl Default for Planner {
+    /// Makes a planner with the settings of [`configure`].
     fn default() -> Planner {
-        Planner { share_memory: true, files: builtin::source_map(), compiler: Glslang::default() }
+        Planner::new(SETTINGS.get().cloned().unwrap_or_default())
     }
 }
 
 impl Planner {
+    /// Makes a planner with an empty cache.
+    pub fn new(settings: Settings) -> Planner {
+        let compiler = settings.worker.clone().map_or_else(Glslang::new, Glslang::in_worker);
+        Planner { share_memory: true, files: files(&settings), compiler, settings }
+    }
+
+    /// Makes builds end early when `cancel` asks for it.
+    pub fn set_cancel(&mut self, cancel: Cancel) {
+        self.compiler.set_cancel(cancel);
+    }
+
     /// Builds the plan of `graph`, a preset's name or a path, with the parameters in `set`; later entries win.
     pub fn plan(
         &mut self,
@@ -60,13 +92,18 @@ impl Planner {
 
     /// Drops the files in memory, so that the next plan reads them again. Unchanged shaders are not recompiled.
     pub fn forget_files(&mut self) {
-        self.files = builtin::source_map();
+        self.files = files(&self.settings);
     }
 
     /// Lists the files that the plans since [`Planner::forget_files`] depend on.
     pub fn wanted(&self) -> Vec<Wanted> {
         self.files.wanted()
     }
+}
+
+fn files(settings: &Settings) -> SourceMap {
+    let include_roots = settings.include_roots.clone();
+    SourceMap::new(Library { builtin: builtin::FILES, include_roots, ..Library::default() })
 }
 
 /// The errors of a graph and its shaders, rendered with the source text.

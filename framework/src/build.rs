@@ -2,7 +2,7 @@
 
 use crate::ir::Request;
 use crate::plan::Plan;
-use crate::shader::ShaderCompiler;
+use crate::shader::{CANCELLED, ShaderCompiler};
 use crate::source::{Diagnostic, SourceMap};
 use crate::{link, lower, solve};
 
@@ -57,5 +57,9 @@ pub fn build(
 ) -> Result<Plan, Vec<Diagnostic>> {
     let lowered = lower::lower(request, files)?;
     let linked = link::link(lowered, request, files, compiler)?;
+    if compiler.is_cancelled() {
+        let span = linked.lowered.output_span;
+        return Err(vec![Diagnostic::new(CANCELLED, span, "")]);
+    }
     solve::solve(linked, request.share_memory, files)
 }

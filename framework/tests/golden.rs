@@ -21,7 +21,7 @@ use splatgraph_framework::build;
 use splatgraph_framework::ir::{
     Attribute, Catalog, DeviceFacts, Facts, Features, HostBuffer, Request, Value,
 };
-use splatgraph_framework::shader::Glslang;
+use splatgraph_framework::shader::{Glslang, Limits, Worker, serve_if_asked};
 use splatgraph_framework::source::{Diagnostic, Library, SourceMap, render, render_warnings};
 
 fn folder(name: &str) -> PathBuf {
@@ -63,8 +63,22 @@ fn catalog() -> Catalog {
     }
 }
 
+/// The compiler in a process that is this program, asked for the test that serves: some sections crash it.
+fn compiler() -> Glslang {
+    let program = std::env::current_exe().expect("this program");
+    let arguments = ["--exact", "the_worker_of_the_other_tests_serves_when_it_is_asked", "--nocapture"];
+    let arguments = arguments.map(Into::into).into();
+    Glslang::in_worker(Worker { program, arguments, limits: Limits::default() })
+}
+
+/// Runs in the worker's process only; elsewhere nobody asks.
+#[test]
+fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
+    serve_if_asked();
+}
+
 /// Renders the diagnostics of one section of the input `name`.
-fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>) -> String {
+fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compiler: &mut Glslang) -> String {
     let host = [("scene.count", 1000), ("viewport.width", 64), ("viewport.height", 32)]
         .map(|(name, value)| (name.to_string(), Value::Int(value)));
     let device = DeviceFacts {
@@ -111,7 +125,7 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>) -> Stri
     let mut files = SourceMap::new(Library { memory, ..Library::default() });
     let request =
         Request { graph: &graph, set: &set, facts: &facts, catalog: &catalog(), share_memory: true };
-    match build(&request, &mut files, &mut Glslang::new()) {
+    match build(&request, &mut files, compiler) {
         Ok(plan) if !plan.warnings.is_empty() => {
             let found: Vec<Diagnostic> =
                 plan.warnings.into_iter().map(|warning| warning.diagnostic).collect();
@@ -141,9 +155,10 @@ fn outputs() -> BTreeMap<String, String> {
                 None => joined.push(part.to_string()),
             }
         }
+        let mut compiler = compiler();
         let shown = joined.iter().map(|section| {
             let (title, text) = section.split_once('\n').unwrap_or((section, ""));
-            format!("//// {title}\n\n{}", printed(&name, text, &shared))
+            format!("//// {title}\n\n{}", printed(&name, text, &shared, &mut compiler))
         });
         (name.trim_end_matches(".ron").to_string(), shown.collect::<Vec<_>>().join("\n"))
     };
@@ -171,8 +186,8 @@ const NOT_SHOWN: &[&str] = &[
     // Parts of logs and of generated texts, which are no messages.
     "lower/params.rs: {kind} {};",
     "lower/params.rs: // ",
-    "shader/compile.rs: #define ",
-    "shader/compile.rs: ERROR: {",
+    "shader/compile/generate.rs: #define ",
+    "shader/compile/generate.rs: ERROR: {",
     "shader/compile/log.rs: INTERNAL ERROR: ",
     "shader/compile/log.rs: UNKNOWN ERROR: ",
     "shader/compile/log.rs: ' : ",
@@ -189,6 +204,9 @@ const NOT_SHOWN: &[&str] = &[
     "source/files.rs: the {} `{}` cannot be used",
     "source/files.rs: (looked for {})",
     "source/files.rs: <unknown file>",
+    "source/content.rs",
+    "source/files.rs: is {what}, not a file",
+    "source/files.rs: lies outside of",
     "source/files.rs: is larger than {} MiB",
     "source/files.rs: cannot be read ({error})",
     "source/files.rs: is not UTF-8 text",
@@ -206,16 +224,19 @@ const NOT_SHOWN: &[&str] = &[
     "source/ron_error.rs: `Some(...)` or `None`",
     "source/ron_error.rs: more, but the file ends",
     "source/token.rs: the text ends here",
-    // Limits that take long texts or a long time to pass: shader/compile/tests.rs and shader/compile/guard.rs.
+    // Limits that take long texts or a long time to pass: shader/compile/tests.rs.
     "shader/compile.rs: a shader and its includes can have",
     "shader/compile.rs: the limit is passed",
-    "shader/compile.rs: includes are nested deeper than",
     "shader/compile.rs: the included files together",
-    "shader/compile.rs: the compiler does not come to an end",
     // The compiler and its log never gave cause for these.
     "shader/compile.rs: the include of `{}` is not understood",
-    "shader/compile.rs: cannot start a thread",
-    "shader/compile.rs: ERROR: glslang does not start",
+    "shader/compile.rs: ERROR: cannot start a thread",
+    "shader/compile/generate.rs: ERROR: glslang does not start",
+    "shader/compile/generate.rs: ERROR: the shader compiles to more than",
+    // The process of the compiler: shader/compile/tests.rs.
+    "shader/compile/serve.rs",
+    "shader/compile/worker.rs",
+    "shader/mod.rs: the build was cancelled",
     "shader/compile/log.rs: the shader does not compile",
     "shader/compile/log.rs: a type's name",
     "shader/compile/log.rs: a member's name",

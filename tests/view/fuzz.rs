@@ -14,7 +14,7 @@ use super::dice::Dice;
 use super::whole::TestShell;
 use crate::common;
 use splatgraph::facts::{self, SceneFacts};
-use splatgraph::planner::Planner;
+use splatgraph::planner::{Planner, Settings};
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::paint;
 use splatgraph::view::renderer::{Cause, Renderer};
@@ -288,7 +288,7 @@ impl Beside {
                 _ => facts::facts(&SceneFacts::of(scene), device, size),
             };
             let building = Building {
-                planner: Planner::default(),
+                planner: Planner::new(Settings { worker: Some(common::worker()), ..Settings::default() }),
                 graph: folder.path().join(graph).to_string_lossy().into_owned(),
                 set: set.into_iter().map(|(name, bits)| (name.to_owned(), bits.to_string())).collect(),
                 facts,

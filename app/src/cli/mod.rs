@@ -21,12 +21,14 @@ mod view;
 
 use crate::builtin;
 use crate::output::{self, Claims, say, say_styled, terminal};
-use crate::planner::GraphErrors;
+use crate::planner::{self, GraphErrors};
 use crate::session::SessionError;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::reload::Wanted;
+use splatgraph_framework::shader::Worker;
 use std::io::IsTerminal;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Draw 3D Gaussian Splatting scenes with renderers that are data files, and measure the cost of every choice
@@ -45,6 +47,11 @@ use std::process::ExitCode;
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// Let graphs and shaders also name files in this folder; may be repeated
+    ///
+    /// The files that a graph names lie in its own folder and in the folders pipelines/ and shaders/ beside it, or are built in.
+    #[arg(long, value_name = "DIR", global = true)]
+    include_root: Vec<PathBuf>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -112,6 +119,9 @@ pub fn main() -> ExitCode {
         Err(error) => return ExitCode::from(terminal::say_usage(&error, colour())),
     };
     threads::build_pool();
+    // A program that does not know its own file compiles in its own process.
+    let worker = Worker::this_program().ok();
+    planner::configure(planner::Settings { worker, include_roots: cli.include_root });
     let result = match &cli.command {
         Command::Render(args) => render::run(args),
         #[cfg(feature = "window")]

@@ -30,4 +30,4 @@ pub use resource::{Shape, Source, Usage};
 pub use shader::{
     Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Shader, ShaderStage, Varying,
 };
-pub use value::{Domain, Param, ParamBinding, Value};
+pub use value::{Domain, Param, ParamBinding, Value, to_f32};

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use super::{Features, Format};
 
 /// Holds a compiled shader module and the defines that it was compiled with.
@@ -18,7 +20,7 @@ pub struct Shader {
 }
 
 /// Names the pipeline stage of a shader.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum ShaderStage {
     /// `.vert`
     Vertex,

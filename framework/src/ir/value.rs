@@ -31,6 +31,12 @@ impl fmt::Display for Value {
     }
 }
 
+/// Rounds a number to a 32-bit float. Returns `None` where that would be infinite, or zero for a number that is not.
+pub fn to_f32(v: f64) -> Option<f32> {
+    let rounded = v as f32;
+    (rounded.is_finite() && (rounded != 0.0 || v == 0.0)).then_some(rounded)
+}
+
 /// Describes a parameter that the graph declares, with its value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Param {

@@ -3,7 +3,7 @@
 use super::{Linker, ShaderHandle, describe, touch};
 use crate::ir::{
     Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding, ReflectedKind, Run,
-    Shape, Source, Span, Stages, Use, Value,
+    Shape, Source, Span, Stages, Use, Value, to_f32,
 };
 use crate::lower::{LoweredBind, LoweredPass, ResourceHandle};
 use crate::source::{Diagnostic, nearest};
@@ -332,7 +332,7 @@ impl Linker<'_> {
                     (MemberKind::Uint, Value::Int(v)) => u32::try_from(*v).ok().map(u32::to_le_bytes),
                     (MemberKind::Uint, Value::Bool(v)) => Some(u32::from(*v).to_le_bytes()),
                     (MemberKind::Int, Value::Int(v)) => i32::try_from(*v).ok().map(i32::to_le_bytes),
-                    (MemberKind::Float, Value::Float(v)) => Some((*v as f32).to_le_bytes()),
+                    (MemberKind::Float, Value::Float(v)) => to_f32(*v).map(f32::to_le_bytes),
                     (MemberKind::Float, Value::Int(v)) => Some((*v as f32).to_le_bytes()),
                     _ => None,
                 };

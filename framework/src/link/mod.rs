@@ -15,9 +15,9 @@ use crate::ir::{
 use crate::lower::{
     Lowered, LoweredPass, LoweredResource, LoweredSize, LoweredWork, ResourceHandle, ShaderName,
 };
-use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
+use crate::shader::{CANCELLED, Compiled, ShaderCompiler, ShaderRequest};
 use crate::source::{Diagnostic, Kind, SourceMap};
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::rc::Rc;
 use std::sync::Arc;
 
@@ -61,12 +61,14 @@ pub fn link(
     files: &mut SourceMap,
     compiler: &mut dyn ShaderCompiler,
 ) -> Result<Linked, Vec<Diagnostic>> {
+    count_compilations(&lowered.passes)?;
     let mut linker = Linker {
         device: request.facts.device,
         generated: vec![("live.glsl".to_string(), lowered.live_glsl.clone())],
         shaders: Vec::new(),
         declared: HashMap::new(),
         compiled: HashMap::new(),
+        found: HashMap::new(),
         errors: Vec::new(),
         files,
         compiler,
@@ -79,6 +81,10 @@ pub fn link(
         }
         // A mistake in a repeated pass or in a shared include is one mistake.
         if linker.errors.len() >= 20 {
+            break;
+        }
+        if linker.compiler.is_cancelled() {
+            linker.errors.push(Diagnostic::new(CANCELLED, pass.span, ""));
             break;
         }
     }
@@ -97,6 +103,33 @@ pub fn link(
     Ok(Linked { lowered, shaders, passes })
 }
 
+/// Compilations of shaders that a graph may need: far beyond any use, and short of keeping a processor busy for minutes.
+const MOST_COMPILATIONS: usize = 500;
+
+/// Refuses a graph that needs too many different compilations, before the first is begun.
+fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagnostic>> {
+    let mut different = HashSet::new();
+    let mut passed = None;
+    for pass in passes {
+        let shaders = match &pass.work {
+            LoweredWork::Dispatch { shader, .. } => vec![shader],
+            LoweredWork::Draw { vertex, fragment, .. } => vec![vertex, fragment],
+            LoweredWork::Fill { .. } => Vec::new(),
+        };
+        for shader in shaders {
+            different.insert((pass.file, &shader.name, &pass.defines));
+            if different.len() > MOST_COMPILATIONS {
+                passed.get_or_insert(shader.span);
+            }
+        }
+    }
+    let Some(span) = passed else { return Ok(()) };
+    let message = format!("this graph needs {} different compilations of its shaders", different.len());
+    let diagnostic =
+        Diagnostic::new(message, span, format!("the limit of {MOST_COMPILATIONS} is passed here"));
+    Err(vec![diagnostic.with_help("give what differs from pass to pass as a push constant, not as a define")])
+}
+
 type Defines = Vec<(String, String)>;
 
 struct Linker<'a> {
@@ -109,7 +142,9 @@ struct Linker<'a> {
     /// The names of the blocks that each shader declares: see [`Compiled::declared`].
     declared: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
     /// Shaders compiled so far, by file and list of defines; the passes of a repeat share theirs.
-    compiled: HashMap<(FileId, *const Defines), ShaderHandle>,
+    compiled: HashMap<(FileId, Rc<Defines>), ShaderHandle>,
+    /// Files of shaders, by the graph that names them and their name there.
+    found: HashMap<(FileId, String), FileId>,
     errors: Vec<Diagnostic>,
 }
 
@@ -196,18 +231,27 @@ impl Linker<'_> {
             ));
             return None;
         }
-        let file = match self.files.find(Some(pass.file), &name.name, Kind::Shader) {
+        let known = self.found.get(&(pass.file, name.name.clone())).copied();
+        let file = match known.map_or_else(|| self.files.find(Some(pass.file), &name.name, Kind::Shader), Ok)
+        {
             Ok(file) => file,
             Err(error) => {
                 self.errors.push(error.at(name.span));
                 return None;
             }
         };
-        let key = (file, Rc::as_ptr(&pass.defines));
+        self.found.insert((pass.file, name.name.clone()), file);
+        let key = (file, pass.defines.clone());
         if let Some(id) = self.compiled.get(&key) {
             return Some(*id);
         }
-        let request = ShaderRequest { file, stage, defines: &pass.defines, generated: &self.generated };
+        let request = ShaderRequest {
+            file,
+            stage,
+            defines: &pass.defines,
+            unfit: &pass.unfit,
+            generated: &self.generated,
+        };
         match self.compiler.compile(self.files, &request) {
             Ok(Compiled { spirv, defines, reflection, declared }) => {
                 let shader = Shader { name: name.name.clone(), defines, spirv, reflection };
@@ -281,11 +325,8 @@ impl Linker<'_> {
             LoweredSize::Threads(threads) => threads.div_ceil(local[0].max(1) as u64),
         };
         let limit = u64::from(self.device.max_groups_x.max(1));
-        if groups <= limit {
-            return Some(Groups::Direct([groups as u32, 1, 1]));
-        }
         // Rows as short as they can be for their number, so that few groups are idle.
-        let rows = groups.div_ceil(limit);
+        let rows = groups.div_ceil(limit).max(1);
         if rows > limit {
             self.errors.push(Diagnostic::new(
                 "this dispatch is larger than the device can do at once",
@@ -294,7 +335,21 @@ impl Linker<'_> {
             ));
             return None;
         }
-        Some(Groups::Direct([groups.div_ceil(rows) as u32, rows as u32, 1]))
+        let width = groups.div_ceil(rows);
+        // Indices of invocations, or of groups where groups are counted, are `uint`s in shaders.
+        let each = if matches!(size, LoweredSize::Threads(_)) { u64::from(local[0].max(1)) } else { 1 };
+        let counted = (width * rows).saturating_mul(each);
+        if counted > 1 << 32 {
+            let found =
+                format!("expected at most 4294967296, those of unfinished rows included, found {counted}");
+            self.errors.push(Diagnostic::new(
+                "this dispatch has more indices than 32 bits hold",
+                span,
+                found,
+            ));
+            return None;
+        }
+        Some(Groups::Direct([width as u32, rows as u32, 1]))
     }
 }
 

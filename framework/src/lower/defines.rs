@@ -1,16 +1,25 @@
 //! Preprocessor defines for a graph's constants.
 
 use super::scope::Names;
-use crate::ir::{Domain, Param, Value};
+use crate::ir::{Domain, Param, Value, to_f32};
 
-/// Lists the defines of every value that fits a 32-bit literal, by its name in capitals.
+/// The constants of a graph, as its shaders know them: by their names in capitals.
+#[derive(Debug, Default)]
+pub(super) struct Constants {
+    /// Names and texts of those that are 32-bit literals.
+    pub defines: Vec<(String, String)>,
+    /// Names and values of those that are numbers beyond 32 bits. A shader that mentions one is in error.
+    pub unfit: Vec<(String, String)>,
+}
+
+/// Lists every constant by its name in capitals.
 ///
 /// The names of a choice become constants too, so that a shader can write `#if BLEND == BLEND_BACK_TO_FRONT`.
-pub(super) fn defines(names: &Names, params: &[Param]) -> Vec<(String, String)> {
+pub(super) fn defines(names: &Names, params: &[Param]) -> Constants {
     let capital = |name: &str| -> String {
         name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
     };
-    let mut defines = Vec::new();
+    let Constants { mut defines, mut unfit } = Constants::default();
     for (name, value) in &names.values {
         let choices = params.iter().find(|p| p.name == *name).and_then(|p| match &p.domain {
             Domain::Choice(of) => Some(of),
@@ -25,9 +34,11 @@ pub(super) fn defines(names: &Names, params: &[Param]) -> Vec<(String, String)> 
             }
         } else if let Some(text) = define_text(value) {
             defines.push((capital(name), text));
+        } else if matches!(value, Value::Int(_) | Value::Float(_)) {
+            unfit.push((capital(name), value.to_string()));
         }
     }
-    defines
+    Constants { defines, unfit }
 }
 
 /// A value as a GLSL literal; `None` where it is none or does not fit 32 bits.
@@ -36,7 +47,7 @@ pub(super) fn define_text(value: &Value) -> Option<String> {
         Value::Bool(v) => Some(i32::from(*v).to_string()),
         Value::Int(v) if i32::try_from(*v).is_ok() => Some(v.to_string()),
         Value::Int(v) => u32::try_from(*v).ok().map(|v| format!("{v}u")),
-        Value::Float(v) if v.is_finite() => Some(format!("{v:?}")),
-        Value::Float(_) | Value::Text(_) => None,
+        Value::Float(v) => to_f32(*v).map(|_| format!("{v:?}")),
+        Value::Text(_) => None,
     }
 }

@@ -69,7 +69,11 @@ pub(super) fn follow(files: &mut SourceMap, mut file: FileId) -> Result<Opened, 
                 }
                 let next =
                     files.find(Some(file), &preset.graph, Kind::Graph).map_err(|e| vec![e.at(base)])?;
-                if chain.iter().any(|(seen, _)| *seen == next) || chain.len() > MAX_DEPTH {
+                if chain.len() > MAX_DEPTH {
+                    let message = format!("presets are based on one another deeper than {MAX_DEPTH}");
+                    return Err(vec![Diagnostic::new(message, base, "the limit is passed here")]);
+                }
+                if chain.iter().any(|(seen, _)| *seen == next) {
                     let mut diagnostic =
                         Diagnostic::new("these presets are based on each other", base, "leads back");
                     for (_, span) in &chain[..chain.len() - 1] {

@@ -1,6 +1,7 @@
 //! Includes: lowers another graph's passes with the includer's resources and parameters.
 
 use indexmap::IndexMap;
+use std::rc::Rc;
 
 use super::LoweredInclude;
 use super::document::{self, MAX_DEPTH, Opened};
@@ -9,7 +10,7 @@ use super::passes::{Head, Level, Lowering};
 use super::resources::Handle;
 use super::scope::{Names, Place};
 use crate::ir::{Param, Run};
-use crate::schema::{Number, ParamDecl, Reference};
+use crate::schema::{Graph, Number, ParamDecl, Reference};
 use crate::source::{Diagnostic, Kind, Path};
 
 impl Lowering<'_> {
@@ -32,17 +33,28 @@ impl Lowering<'_> {
         let graph_place = place.field("graph");
         let file =
             self.files.find(Some(level.file), graph, Kind::Graph).map_err(|e| e.at(graph_place.span()))?;
-        if self.includes.contains(&file) || self.includes.len() > MAX_DEPTH {
+        if self.includes.contains(&file) {
             return Err(graph_place
                 .error("these graphs include each other", "leads back to a graph that includes this one"));
         }
-        let opened = match document::follow(self.files, file) {
-            Ok(opened) => opened,
-            Err(errors) => {
-                self.errors.extend(errors);
-                return Ok(());
-            }
+        if self.includes.len() > MAX_DEPTH {
+            return Err(graph_place
+                .error(format!("includes are nested deeper than {MAX_DEPTH}"), "the limit is passed here"));
+        }
+        let opened = match self.opened.get(&file) {
+            Some(opened) => opened.clone(),
+            None => match document::follow(self.files, file) {
+                Ok(opened) => self.opened.entry(file).or_insert(Rc::new(opened)).clone(),
+                Err(errors) => {
+                    self.errors.extend(errors);
+                    return Ok(());
+                }
+            },
         };
+        let Graph { params, lets, imports, resources, .. } = &*opened.graph;
+        if !self.count(params.len() + lets.len() + imports.len() + resources.len(), place) {
+            return Ok(());
+        }
         let (names, params) = self.include_params(level, &opened, set, place)?;
         let full = format!("{}{name}{}", level.prefix, level.suffix);
         let span = place.field("name").span();

@@ -148,6 +148,8 @@ pub struct LoweredPass {
     pub push: Vec<LoweredPush>,
     /// Names and values of the defines: the constants of the scope and the pass's own.
     pub defines: Rc<Vec<(String, String)>>,
+    /// Names, as defines would have them, and values of the constants of the scope that are numbers beyond 32 bits.
+    pub unfit: Rc<Vec<(String, String)>>,
 }
 
 /// Holds a shader's name as written.

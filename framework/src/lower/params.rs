@@ -135,12 +135,23 @@ fn domain(
 ) -> Result<(Domain, Value, Option<Value>), Diagnostic> {
     let value =
         |number: &Number, field: &str, domain: &Domain| given(number, domain, names, &place.field(field));
+    // Parameters reach shaders as 32-bit numbers, so their ranges do.
+    let too_wide = |at: Place, v: &dyn std::fmt::Display, kind: &str, from: &str, to: &str| {
+        at.error(format!("a parameter is {kind} of 32 bits"), format!("expected {from} to {to}, found {v}"))
+    };
     let bound = |number: &Number, index: usize| -> Result<f64, Diagnostic> {
         let at = place.field("range").index(index);
-        match names.evaluate(number, &at)? {
-            Value::Int(v) => Ok(v as f64),
-            Value::Float(v) => Ok(v),
-            other => Err(at.error("a range is between numbers", format!("this is {}", describe(&other)))),
+        let v = match names.evaluate(number, &at)? {
+            Value::Int(v) => v as f64,
+            Value::Float(v) => v,
+            other => {
+                return Err(at.error("a range is between numbers", format!("this is {}", describe(&other))));
+            }
+        };
+        if (v as f32).is_finite() {
+            Ok(v)
+        } else {
+            Err(too_wide(at, &format!("{v:?}"), "a float", "-3.4e38", "3.4e38"))
         }
     };
     let empty = |at: Place| Err(at.error("this range is empty", "its end is below its start"));
@@ -148,8 +159,15 @@ fn domain(
         ParamKind::Bool { default, exact, .. } => (Domain::Bool, default, exact),
         ParamKind::Int { default, range, exact, .. } => {
             let at = place.field("range");
-            let min = names.integer(&range.0, &at.index(0))?;
-            let max = names.integer(&range.1, &at.index(1))?;
+            let bound = |number: &Number, index: usize| {
+                let v = names.integer(number, &at.index(index))?;
+                if i32::try_from(v).is_err() {
+                    let (from, to) = (i32::MIN.to_string(), i32::MAX.to_string());
+                    return Err(too_wide(at.index(index), &v, "an integer", &from, &to));
+                }
+                Ok(v)
+            };
+            let (min, max) = (bound(&range.0, 0)?, bound(&range.1, 1)?);
             if max < min {
                 return empty(at);
             }
@@ -163,8 +181,11 @@ fn domain(
             let step = match step {
                 None => (max - min) / 100.0,
                 Some(number) => match names.evaluate(number, &place.field("step"))? {
-                    Value::Int(v) => v as f64,
-                    Value::Float(v) => v,
+                    Value::Int(v) if v > 0 => v as f64,
+                    Value::Float(v) if v > 0.0 => v,
+                    Value::Int(_) | Value::Float(_) => {
+                        return Err(place.field("step").error("a step is above 0", "this is not"));
+                    }
                     other => return Err(place.field("step").error("a step is a number", describe(&other))),
                 },
             };

@@ -1,10 +1,10 @@
 //! The walk over the passes: conditions, repeats, swaps and includes.
 
 use indexmap::IndexMap;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
-use super::defines::{define_text, defines};
+use super::defines::{Constants, define_text, defines};
 use super::document::{self, Opened};
 use super::params;
 use super::resources::{Handle, History, PingPong};
@@ -14,8 +14,8 @@ use super::{
     LoweredWork, RemovedUse, ResourceHandle, ShaderName,
 };
 use crate::ir::{
-    Culled, DrawCall, EXPORT, FileId, HOST, LIVE_BLOCK, Param, Request, Run, Shape, Source, Span, Stat,
-    Target, Value,
+    Culled, DrawCall, EXPORT, FileId, Format, HOST, LIVE_BLOCK, Load, Param, Request, Run, Shape, Source,
+    Span, Stat, Target, Value,
 };
 use crate::schema::{Call, Graph, Number, Part, PassDecl, Reference, ResourceName, Size};
 use crate::source::{Diagnostic, Outline, Path, SourceMap};
@@ -23,8 +23,14 @@ use crate::source::{Diagnostic, Outline, Path, SourceMap};
 /// Passes that a graph may have after its repeats: far beyond any use, and short of exhausting memory by a typing error.
 const MAX_PASSES: usize = 20_000;
 
-/// Declarations that the walk may meet, those that are left out and the insides of repeats included.
-const MAX_STEPS: usize = 10 * MAX_PASSES;
+/// Limits the work of the walk. Each declaration that it meets counts, with the entries that it has, and each turn of a repeat.
+const MAX_STEPS: usize = 25 * MAX_PASSES;
+
+/// Bytes of the name of a pass, in the file.
+const LONGEST_NAME: usize = 256;
+
+/// Errors after which the walk ends: the rest would hardly be read.
+const MAX_ERRORS: usize = 20;
 
 /// The state of the walk.
 pub(super) struct Lowering<'a> {
@@ -36,8 +42,10 @@ pub(super) struct Lowering<'a> {
     pub resource_names: BTreeMap<String, Span>,
     pub ping_pongs: Vec<PingPong>,
     passes: Vec<LoweredPass>,
-    /// Declarations met so far.
+    /// Counts towards [`MAX_STEPS`].
     steps: usize,
+    /// Included graphs, each read once.
+    pub opened: HashMap<FileId, Rc<Opened>>,
     /// Name and place of every pass, to refuse one used twice.
     pass_names: BTreeMap<String, Option<Span>>,
     /// Name and place of every include, likewise.
@@ -65,6 +73,7 @@ pub(super) struct Level {
     /// Index into [`Lowering::included`]; `None` for the root.
     pub include: Option<usize>,
     defines: Rc<Vec<(String, String)>>,
+    unfit: Rc<Vec<(String, String)>>,
 }
 
 /// The fields that all kinds of passes share.
@@ -86,6 +95,7 @@ impl<'a> Lowering<'a> {
             ping_pongs: Vec::new(),
             passes: Vec::new(),
             steps: 0,
+            opened: HashMap::new(),
             // The frame's last passes, which the solver adds.
             pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
             include_names: BTreeMap::new(),
@@ -168,7 +178,7 @@ impl<'a> Lowering<'a> {
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
-        let defines = defines(&names, params);
+        let Constants { defines, unfit } = defines(&names, params);
         let mut seen = BTreeMap::new();
         for (name, value) in &defines {
             if seen.insert(name, value).is_some_and(|other| other != value) {
@@ -189,17 +199,35 @@ impl<'a> Lowering<'a> {
             suffix: String::new(),
             include: None,
             defines: Rc::new(defines),
+            unfit: Rc::new(unfit),
         }
+    }
+
+    /// Counts work, and returns false when it is too much; the first time with an error at `place`.
+    pub(super) fn count(&mut self, steps: usize, place: &Place) -> bool {
+        let before = self.steps;
+        self.steps = before.saturating_add(steps);
+        if before <= MAX_STEPS && self.steps > MAX_STEPS {
+            let message = format!("this graph has over {MAX_STEPS} steps, its repeats counted");
+            self.errors.push(place.error(message, "while walking this one"));
+        }
+        self.steps <= MAX_STEPS
     }
 
     pub(super) fn walk(&mut self, level: &mut Level, passes: &[PassDecl], at: &Place) {
         for (i, pass) in passes.iter().enumerate() {
-            self.steps += 1;
-            if self.steps == MAX_STEPS {
-                let message = format!("this graph has over {MAX_STEPS} steps, its repeats counted");
-                self.errors.push(at.index(i).error(message, "while walking this one"));
-            }
-            if self.steps >= MAX_STEPS || self.passes.len() > MAX_PASSES {
+            let entries = match pass {
+                PassDecl::Dispatch { bind, push, define, .. } => bind.len() + push.len() + define.len(),
+                PassDecl::Draw { bind, push, define, targets, .. } => {
+                    bind.len() + push.len() + define.len() + targets.len()
+                }
+                PassDecl::Include { with, set, .. } => with.len() + set.len(),
+                PassDecl::Fill { .. } | PassDecl::Repeat { .. } | PassDecl::Swap(_) => 0,
+            };
+            if !self.count(1 + entries, &at.index(i))
+                || self.passes.len() > MAX_PASSES
+                || self.errors.len() >= MAX_ERRORS
+            {
                 return;
             }
             if let Err(diagnostic) = self.pass(level, pass, &at.index(i)) {
@@ -274,6 +302,7 @@ impl<'a> Lowering<'a> {
                 for (i, target) in targets.iter().enumerate() {
                     let at = place.field("targets").index(i).field("image");
                     let Some(image) = self.look_up_one(level, &target.image, &at)? else { return Ok(()) };
+                    self.clear(image, target.load, &place.field("targets").index(i).field("load"))?;
                     resolved.push((Target { image, load: target.load, blend: target.blend }, at.span()));
                 }
                 let shader =
@@ -363,6 +392,26 @@ impl<'a> Lowering<'a> {
         Ok(false)
     }
 
+    /// Checks the colour that a target is cleared to.
+    fn clear(&self, image: ResourceHandle, load: Load, at: &Place) -> Result<(), Diagnostic> {
+        let Load::Clear(r, g, b, a) = load else { return Ok(()) };
+        let integers =
+            matches!(self.resources[image.index()].shape, Shape::Image { format: Format::R32Uint, .. });
+        for v in [r, g, b, a] {
+            if !v.is_finite() {
+                return Err(
+                    at.error("a target is cleared to finite numbers of 32 bits", format!("found {v}"))
+                );
+            }
+            // Floats from 2^32 on are no `uint`s, and the largest below it is one.
+            if integers && !(v.fract() == 0.0 && (0.0..4_294_967_296.0).contains(&v)) {
+                let found = format!("expected an integer from 0 to 4294967295, found {v}");
+                return Err(at.error("a target of the format r32ui is cleared to integers", found));
+            }
+        }
+        Ok(())
+    }
+
     /// The arguments of an indirect command.
     fn arguments(
         &self,
@@ -414,6 +463,10 @@ impl<'a> Lowering<'a> {
     ) -> Result<(), Diagnostic> {
         let name = format!("{}{}{}", level.prefix, head.name, level.suffix);
         let span = head.place.field("name").span();
+        if head.name.len() > LONGEST_NAME {
+            let found = format!("expected at most {LONGEST_NAME} bytes, found {}", head.name.len());
+            return Err(Diagnostic::new("the name of this pass is too long", span, found));
+        }
         if let Some(first) = self.pass_names.insert(name.clone(), Some(span)) {
             let diagnostic = Diagnostic::new(format!("two passes are called `{name}`"), span, "the second");
             return Err(match first {
@@ -479,6 +532,7 @@ impl<'a> Lowering<'a> {
             bind: binds,
             push: pushes,
             defines,
+            unfit: level.unfit.clone(),
         });
         if self.passes.len() > MAX_PASSES {
             return Err(Diagnostic::new(
@@ -514,6 +568,9 @@ impl<'a> Lowering<'a> {
         let errors = self.errors.len();
         let suffix = level.suffix.clone();
         for i in 0..count {
+            if !self.count(1, place) {
+                break;
+            }
             level.names.values.insert(var.into(), Value::Int(i as i64));
             level.suffix = format!("{suffix}[{i}]");
             self.walk(level, body, &place.field("body"));

@@ -1,15 +1,23 @@
 //! Builds on a thread of its own, so that drawing never waits.
 //!
-//! At most one job waits: a newer one replaces it. A job that was begun is finished, and every output is returned, in order:
-//! an older one may be the last without an error.
+//! At most one job waits: a newer one replaces it. A job that was begun is finished if it takes less than [`PATIENCE`], even where a
+//! newer one waits, and every output is returned, in order: an older one may be the last without an error. A job that takes longer
+//! is asked to end, by the [`Cancel`] that its function was made with, as soon as a newer one waits or the rebuilder is dropped.
 
 use std::any::Any;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
 
-/// Builds on a thread of its own. Dropping it waits for the job that is being built; one that waits is dropped undone.
+use crate::shader::Cancel;
+
+/// Time that a job has although a newer one waits: long enough for most plans, so that a slider that moves shows its way.
+pub const PATIENCE: Duration = Duration::from_millis(500);
+
+/// Builds on a thread of its own. Dropping it asks the job that is being built to end, and waits for that; one that waits is dropped
+/// undone.
 #[derive(Debug)]
 pub struct Rebuilder<Job, Output> {
     shared: Arc<Shared<Job, Output>>,
@@ -34,9 +42,17 @@ struct Shared<Job, Output> {
 #[derive(Debug)]
 struct State<Job, Output> {
     waiting: Option<Job>,
-    building: bool,
+    /// Since when a job is being built.
+    building: Option<Instant>,
     done: VecDeque<Result<Output, Panicked>>,
     ending: bool,
+}
+
+impl<Job, Output> State<Job, Output> {
+    /// Returns true if nobody waits for the job that is being built.
+    fn is_cancelled(&self) -> bool {
+        self.ending || self.waiting.is_some() && self.building.is_some_and(|begun| begun.elapsed() > PATIENCE)
+    }
 }
 
 impl<Job, Output> Shared<Job, Output> {
@@ -48,17 +64,20 @@ impl<Job, Output> Shared<Job, Output> {
 
 impl<Job: Send + 'static, Output: Send + 'static> Rebuilder<Job, Output> {
     /// Starts the thread. `make` is called there before the first job and again after a panic, and returns the function that
-    /// does a job; the function may own data that must stay on its thread. `wake` is called there when an output is ready.
+    /// does a job; the function may own data that must stay on its thread, and should ask the [`Cancel`] now and then while it works.
+    /// `wake` is called there when an output is ready.
     pub fn new<Build: FnMut(Job) -> Output>(
-        make: impl FnMut() -> Build + Send + 'static,
+        mut make: impl FnMut(Cancel) -> Build + Send + 'static,
         wake: impl Fn() + Send + 'static,
     ) -> std::io::Result<Self> {
-        let state = State { waiting: None, building: false, done: VecDeque::new(), ending: false };
+        let state = State { waiting: None, building: None, done: VecDeque::new(), ending: false };
         let shared = Arc::new(Shared { state: Mutex::new(state), called: Condvar::new() });
         let builder = thread::Builder::new().name("rebuild".into());
         let thread = builder.spawn({
             let shared = shared.clone();
-            move || work(&shared, make, wake)
+            let asked = shared.clone();
+            let cancel = Cancel::new(move || asked.state().is_cancelled());
+            move || work(&shared, || make(cancel.clone()), wake)
         })?;
         Ok(Rebuilder { shared, thread: Some(thread) })
     }
@@ -80,7 +99,7 @@ impl<Job, Output> Rebuilder<Job, Output> {
     /// Returns true while a job waits or runs.
     pub fn busy(&self) -> bool {
         let state = self.shared.state();
-        state.building || state.waiting.is_some()
+        state.building.is_some() || state.waiting.is_some()
     }
 }
 
@@ -110,7 +129,7 @@ fn work<Job, Output, Build: FnMut(Job) -> Output>(
                     return;
                 }
                 if let Some(job) = state.waiting.take() {
-                    state.building = true;
+                    state.building = Some(Instant::now());
                     break job;
                 }
                 state = shared.called.wait(state).unwrap_or_else(PoisonError::into_inner);
@@ -124,7 +143,7 @@ fn work<Job, Output, Build: FnMut(Job) -> Output>(
             Panicked { message: message(payload) }
         });
         let mut state = shared.state();
-        state.building = false;
+        state.building = None;
         state.done.push_back(output);
         drop(state);
         wake();
@@ -150,10 +169,10 @@ mod tests {
 
     /// A rebuilder, and what its `wake` sends.
     fn started<Job: Send + 'static, Output: Send + 'static, Build: FnMut(Job) -> Output>(
-        make: impl FnMut() -> Build + Send + 'static,
+        mut make: impl FnMut() -> Build + Send + 'static,
     ) -> (Rebuilder<Job, Output>, Receiver<()>) {
         let (woken, wakes) = channel();
-        let rebuilder = Rebuilder::new(make, move || _ = woken.send(())).expect("a thread");
+        let rebuilder = Rebuilder::new(move |_| make(), move || _ = woken.send(())).expect("a thread");
         (rebuilder, wakes)
     }
 
@@ -248,6 +267,33 @@ mod tests {
             wakes.recv().expect("woken");
             assert!(rebuilder.poll().expect("an output").is_err());
         }
+    }
+
+    #[test]
+    fn a_long_job_is_asked_to_end_when_a_newer_one_waits_or_the_rebuilder_is_dropped() {
+        let (begun, begins) = channel();
+        let (woken, wakes) = channel();
+        let make = move |cancel: Cancel| {
+            let begun = begun.clone();
+            move |job: u32| {
+                begun.send(()).expect("the test listens");
+                let since = Instant::now();
+                while !cancel.is_asked() && since.elapsed() < Duration::from_secs(60) {
+                    thread::sleep(Duration::from_millis(1));
+                }
+                (job, since.elapsed())
+            }
+        };
+        let rebuilder = Rebuilder::new(make, move || _ = woken.send(())).expect("a thread");
+        rebuilder.submit(1);
+        begins.recv().expect("begun");
+        rebuilder.submit(2);
+        wakes.recv().expect("woken");
+        let (job, took) = rebuilder.poll().expect("an output").expect("no panic");
+        assert!(job == 1 && took >= PATIENCE && took < Duration::from_secs(60), "{took:?}");
+        begins.recv().expect("begun");
+        drop(rebuilder);
+        wakes.recv().expect("the second ended too");
     }
 
     #[test]

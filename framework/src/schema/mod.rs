@@ -119,6 +119,9 @@ impl<'de> Deserialize<'de> for Number {
                     .map_err(|_| E::custom(format!("{v} does not fit 64 bits with a sign")))
             }
             fn visit_f64<E: Error>(self, v: f64) -> Result<Number, E> {
+                if !v.is_finite() {
+                    return Err(E::custom(format!("expected a finite number, found {v}")));
+                }
                 Ok(Number::Literal(Value::Float(v)))
             }
             fn visit_str<E: Error>(self, v: &str) -> Result<Number, E> {

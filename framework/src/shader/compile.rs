@@ -6,35 +6,32 @@
 //!    tells which of the graph's defines they mention at all; a parameter that a shader does not mention does not make
 //!    it compile again;
 //! 2. *look up*: texts, defines and stage together are the key of a cache;
-//! 3. *compile*: glslang preprocesses (asking for the included texts again, this time only for those that its `#if`s let
-//!    through), parses, links and generates, on a thread of its own;
+//! 3. *compile* ([`generate`]): glslang preprocesses (asking for the included texts again, this time only for those that its
+//!    `#if`s let through), parses, links and generates;
 //! 4. *reflect*: see [`reflect`].
 //!
-//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`MOST_BYTES`]
-//! of text, [`MOST_DEPTH`] nested includes, a large stack ([`STACK_BYTES`]: its passes recurse). It is left at its default
-//! to stop at the first error: set to go on, it crashes on one broken shader in some ten thousand, otherwise on far
-//! fewer. Those crashes are caught: see [`guard`].
+//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`MOST_BYTES`] of text, [`MOST_DEPTH`]
+//! nested includes, a large stack (its passes recurse). It is left at its default to stop at the first error: set to go on, it
+//! crashes on one broken shader in some ten thousand, otherwise on far fewer. For texts that are not trusted it runs in a process
+//! of its own: see [`worker`].
 
-mod guard;
+mod generate;
 mod log;
 mod scan;
+mod serve;
 #[cfg(test)]
 mod tests;
+mod worker;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 use std::sync::Arc;
 
-use glslang::error::GlslangError;
-use glslang::include::{IncludeHandler, IncludeResult, IncludeType};
-use glslang::{
-    Compiler, CompilerOptions, GlslProfile, Shader, ShaderInput, ShaderMessage, ShaderSource, SourceLanguage,
-    SpirvVersion, Target, VulkanVersion,
-};
+use generate::{Failure, IncludeFailure, IncludeProblem, Key};
+pub use serve::serve_if_asked;
+pub use worker::{Limits, Worker};
 
-use guard::Lost;
-
-use super::{Compiled, ShaderCompiler, ShaderRequest, ShaderStage, reflect};
+use super::{CANCELLED, Cancel, Compiled, ShaderCompiler, ShaderRequest, reflect};
 use crate::ir::{FileId, Span};
 use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
 
@@ -48,9 +45,6 @@ const INCLUDE_BYTES: usize = 256;
 const MOST_DEPTH: usize = 32;
 /// Files that one shader can include.
 const MOST_FILES: usize = 256;
-/// Stack of the compiler's thread. glslang recurses once per operand of a sum: this holds for [`MOST_BYTES`] of it. Only
-/// what is used takes memory.
-const STACK_BYTES: usize = 256 << 20;
 /// Limits the cached shaders. Beyond, all are dropped: that many come only from sweeps over parameters.
 const MOST_CACHED: usize = 1024;
 /// Diagnostics that one compilation gives.
@@ -60,27 +54,32 @@ const MOST_DIAGNOSTICS: usize = 10;
 ///
 /// `#include` needs `#extension GL_GOOGLE_include_directive : require`, as in any GLSL, and is allowed to bring a file
 /// twice; a file that brings itself without end is an error.
+///
+/// [`Glslang::new`] compiles in this process, which a broken shader can end: for texts that are trusted. [`Glslang::in_worker`]
+/// compiles in another.
 #[derive(Debug, Default)]
 pub struct Glslang {
     cache: HashMap<Arc<Key>, Compiled>,
     compiled: usize,
-}
-
-/// Identifies a compilation by all its inputs.
-#[derive(Debug, PartialEq, Eq, Hash)]
-struct Key {
-    stage: ShaderStage,
-    defines: Vec<(String, String)>,
-    /// In the order in which they were first named, the shader itself first; as the compiler gets them.
-    texts: Vec<String>,
-    /// Per text, the names that it includes and which texts these are.
-    includes: Vec<BTreeMap<String, Option<usize>>>,
+    worker: Option<worker::Parent>,
+    cancel: Cancel,
 }
 
 impl Glslang {
-    /// Returns a compiler with an empty cache.
+    /// Returns a compiler with an empty cache that runs in this process.
     pub fn new() -> Self {
         Glslang::default()
+    }
+
+    /// Returns a compiler with an empty cache that runs in a process of its own, where neither a crash nor the memory and time
+    /// that a text takes can hurt. The process starts with the first compilation and ends with this value.
+    pub fn in_worker(worker: Worker) -> Self {
+        Glslang { worker: Some(worker::Parent::new(worker)), ..Glslang::default() }
+    }
+
+    /// Makes compilations, and builds that use this compiler, end early when `cancel` asks for it.
+    pub fn set_cancel(&mut self, cancel: Cancel) {
+        self.cancel = cancel;
     }
 
     /// Returns the number of compilations that were run: those that the cache did not hold.
@@ -97,7 +96,9 @@ impl ShaderCompiler for Glslang {
         request: &ShaderRequest,
     ) -> Result<Compiled, Vec<Diagnostic>> {
         let sources = Sources::gather(files, request)?;
-        if let Some(diagnostic) = sources.taken_name(files, request) {
+        if let Some(diagnostic) =
+            sources.taken_name(files, request).or_else(|| sources.too_large(files, request))
+        {
             return Err(vec![diagnostic]);
         }
         let defines = request.defines.iter().filter(|(name, _)| sources.identifiers.contains(name));
@@ -118,7 +119,11 @@ impl ShaderCompiler for Glslang {
             return Ok(compiled.clone());
         }
         self.compiled += 1;
-        let spirv = generate(key.clone()).map_err(|failure| match failure {
+        let spirv = self.generate(&key).map_err(|failure| match failure {
+            Failure::Cancelled => {
+                let span = Span { file: request.file, start: 0, end: 0 };
+                vec![Diagnostic::new(CANCELLED, span, "")]
+            }
             Failure::Log(log) => log::diagnose(files, request, &sources, &log),
             Failure::Includes(failures) => {
                 failures.iter().take(MOST_DIAGNOSTICS).map(|f| f.diagnose(files, request, &sources)).collect()
@@ -137,6 +142,20 @@ impl ShaderCompiler for Glslang {
         self.cache.insert(key, compiled.clone());
         Ok(compiled)
     }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancel.is_asked()
+    }
+}
+
+impl Glslang {
+    fn generate(&mut self, key: &Key) -> Result<Vec<u32>, Failure> {
+        match &mut self.worker {
+            Some(worker) => worker.generate(key, &self.cancel),
+            None => serve::on_large_stack(|| generate::generate(key))
+                .unwrap_or_else(|| Err(Failure::Log("ERROR: cannot start a thread to compile on".into()))),
+        }
+    }
 }
 
 /// Holds a shader and all files that it includes, scanned.
@@ -147,6 +166,8 @@ struct Sources {
     identifiers: BTreeSet<String>,
     /// The names that the units `#define`.
     macros: BTreeSet<String>,
+    /// The names in their `#if`s.
+    conditions: BTreeSet<String>,
     /// The names of the blocks and images that the units declare.
     bindings: BTreeSet<String>,
 }
@@ -182,6 +203,7 @@ impl Sources {
             units: Vec::new(),
             identifiers: BTreeSet::new(),
             macros: BTreeSet::new(),
+            conditions: BTreeSet::new(),
             bindings: BTreeSet::new(),
         };
         let mut origins = vec![UnitOrigin::File(request.file)];
@@ -227,6 +249,7 @@ impl Sources {
             }
             sources.identifiers.extend(scan.identifiers.iter().map(|name| name.to_string()));
             sources.macros.extend(scan.macros.iter().map(|name| name.to_string()));
+            sources.conditions.extend(scan.conditions.iter().map(|name| name.to_string()));
             sources.bindings.extend(scan.bindings.iter().map(|name| name.to_string()));
             let mut includes = BTreeMap::new();
             for (name, place) in scan.includes {
@@ -288,6 +311,27 @@ impl Sources {
     }
 }
 
+impl Sources {
+    /// A constant of the graph that the shader mentions, and that it cannot have because shaders know numbers of 32 bits, and
+    /// `#if` those of 32 bits with a sign.
+    fn too_large(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
+        let unfit = request.unfit.iter().find(|(name, _)| self.identifiers.contains(name));
+        let (name, value, limit) = match unfit {
+            Some((name, value)) => (name, value.as_str(), "a number of 32 bits"),
+            None => {
+                let unsigned = |(name, value): &&(String, String)| {
+                    value.ends_with('u') && self.conditions.contains(name)
+                };
+                let (name, value) = request.defines.iter().find(unsigned)?;
+                (name, value.trim_end_matches('u'), "the `int` of an `#if`")
+            }
+        };
+        let span = log::find_quoted(files, request, self, &format!("`{name}`"));
+        let message = format!("`{name}` is {value} in the graph, which does not fit {limit}");
+        Some(Diagnostic::new(message, span, "used here"))
+    }
+}
+
 impl UnitOrigin {
     /// The file to show a diagnostic in. A generated text becomes one when it is first needed.
     fn file(self, files: &mut SourceMap, request: &ShaderRequest) -> FileId {
@@ -305,32 +349,6 @@ impl UnitOrigin {
             }
         }
     }
-}
-
-/// Explains why there is no SPIR-V.
-enum Failure {
-    /// The log of glslang.
-    Log(String),
-    /// Includes that cannot be followed.
-    Includes(Vec<IncludeFailure>),
-}
-
-/// An include that cannot be followed.
-#[derive(Clone, PartialEq)]
-struct IncludeFailure {
-    /// The unit that includes.
-    unit: usize,
-    /// The name that it gives.
-    name: String,
-    why: IncludeProblem,
-}
-
-#[derive(Clone, PartialEq)]
-enum IncludeProblem {
-    Missing,
-    /// The units that were being included when the depth ran out, from the shader itself to the last.
-    TooDeep(Vec<usize>),
-    TooMuch,
 }
 
 impl IncludeFailure {
@@ -369,98 +387,4 @@ impl IncludeFailure {
             }
         }
     }
-}
-
-/// Gives glslang the included texts. Units are named by their number, so that the log is easy to read back.
-struct Includes<'a> {
-    key: &'a Key,
-    /// The units that are being included now, the shader itself first.
-    chain: Vec<usize>,
-    bytes: usize,
-    failures: Vec<IncludeFailure>,
-}
-
-impl IncludeHandler for Includes<'_> {
-    fn include(&mut self, _: IncludeType, name: &str, includer: &str, depth: usize) -> Option<IncludeResult> {
-        // glslang calls the shader itself "".
-        let unit = if includer.is_empty() { 0 } else { includer.parse().ok()? };
-        self.chain.truncate(depth);
-        let failure = |why| IncludeFailure { unit, name: name.to_string(), why };
-        let target = self.key.includes.get(unit).and_then(|names| names.get(name)).copied().flatten();
-        let why = match target {
-            None => Some(IncludeProblem::Missing),
-            Some(_) if depth > MOST_DEPTH => Some(IncludeProblem::TooDeep(self.chain.clone())),
-            Some(target) => {
-                self.bytes += self.key.texts[target].len() + INCLUDE_BYTES;
-                (self.bytes > MOST_INCLUDED_BYTES).then_some(IncludeProblem::TooMuch)
-            }
-        };
-        if let Some(why) = why {
-            // A name in quotes that is refused is asked for again as if it stood in angle brackets.
-            let failure = failure(why);
-            if !self.failures.contains(&failure) {
-                self.failures.push(failure);
-            }
-            return None;
-        }
-        let target = target?;
-        self.chain.push(target);
-        Some(IncludeResult { name: target.to_string(), data: self.key.texts[target].clone() })
-    }
-}
-
-/// Runs glslang, guarded, on a thread with a large stack.
-fn generate(key: Arc<Key>) -> Result<Vec<u32>, Failure> {
-    guard::run(STACK_BYTES, move || generate_here(&key)).unwrap_or_else(|lost| {
-        let why = match lost {
-            Lost::NotStarted => "cannot start a thread to compile on",
-            Lost::Panicked | Lost::Crashed => {
-                "the compiler crashed on this shader (a name that is declared twice does that)"
-            }
-            Lost::TookTooLong => {
-                "the compiler does not come to an end with this shader (macros that grow do that)"
-            }
-        };
-        Err(Failure::Log(format!("ERROR: {why}")))
-    })
-}
-
-fn generate_here(key: &Key) -> Result<Vec<u32>, Failure> {
-    let failed = |error: GlslangError| match error {
-        GlslangError::PreprocessError(log)
-        | GlslangError::ParseError(log)
-        | GlslangError::MapIoError(log)
-        | GlslangError::LinkError(log) => Failure::Log(log.log),
-        other => Failure::Log(format!("ERROR: {other}")),
-    };
-    let compiler = Compiler::acquire().ok_or_else(|| Failure::Log("ERROR: glslang does not start".into()))?;
-    let stage = match key.stage {
-        ShaderStage::Vertex => glslang::ShaderStage::Vertex,
-        ShaderStage::Fragment => glslang::ShaderStage::Fragment,
-        ShaderStage::Compute => glslang::ShaderStage::Compute,
-    };
-    let options = CompilerOptions {
-        source_language: SourceLanguage::GLSL,
-        target: Target::Vulkan { version: VulkanVersion::Vulkan1_3, spirv_version: SpirvVersion::SPIRV1_6 },
-        version_profile: Some((460, GlslProfile::None)),
-        messages: ShaderMessage::SPV_RULES
-            | ShaderMessage::VULKAN_RULES
-            | ShaderMessage::SUPPRESS_WARNINGS
-            | ShaderMessage::DISPLAY_ERROR_COLUMN,
-    };
-    let source = ShaderSource::from(key.texts[0].as_str());
-    let mut includes = Includes { key, chain: vec![0], bytes: 0, failures: Vec::new() };
-    let input =
-        ShaderInput::new(&source, stage, &options, None::<&[(&str, Option<&str>)]>, Some(&mut includes))
-            .map_err(failed)?;
-    let mut builder = Shader::new(compiler, input);
-    // The preamble is a text of its own before the shader, so lines keep their numbers.
-    let preamble: String =
-        key.defines.iter().map(|(name, value)| format!("#define {name} {value}\n")).collect();
-    builder.preamble(&preamble);
-    let spirv = builder.parse().and_then(|shader| shader.compile());
-    if !includes.failures.is_empty() {
-        return Err(Failure::Includes(includes.failures));
-    }
-    spirv.map_err(failed)
 }

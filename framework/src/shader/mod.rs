@@ -15,7 +15,7 @@ mod compile;
 #[cfg(feature = "glslang")]
 mod reflect;
 #[cfg(feature = "glslang")]
-pub use compile::Glslang;
+pub use compile::{Glslang, Limits, Worker, serve_if_asked};
 #[cfg(feature = "glslang")]
 pub use reflect::reflect;
 
@@ -29,6 +29,9 @@ pub struct ShaderRequest<'a> {
     /// Every define that the graph offers, name and value. Only those whose name occurs as an identifier in the
     /// shader or its includes are used, and only these are in [`Compiled::defines`].
     pub defines: &'a [(String, String)],
+    /// Names and values of constants of the graph that are numbers beyond 32 bits and so have no define. A shader that mentions
+    /// one is in error.
+    pub unfit: &'a [(String, String)],
     /// Files that exist only in memory, found by `#include` before anything else: name and text (`live.glsl`).
     pub generated: &'a [(String, String)],
 }
@@ -56,4 +59,34 @@ pub trait ShaderCompiler {
         files: &mut SourceMap,
         request: &ShaderRequest,
     ) -> Result<Compiled, Vec<Diagnostic>>;
+
+    /// Returns true if nobody waits for the build any more.
+    fn is_cancelled(&self) -> bool {
+        false
+    }
+}
+
+/// The message of a build that ended early because nobody waited for it.
+pub const CANCELLED: &str = "the build was cancelled";
+
+/// Asks whether a build should end early. The default never does.
+#[derive(Clone, Default)]
+pub struct Cancel(Option<Arc<dyn Fn() -> bool + Send + Sync>>);
+
+impl Cancel {
+    /// Asks `wanted_no_more`, often and from any thread.
+    pub fn new(wanted_no_more: impl Fn() -> bool + Send + Sync + 'static) -> Cancel {
+        Cancel(Some(Arc::new(wanted_no_more)))
+    }
+
+    /// Returns true if the build should end.
+    pub fn is_asked(&self) -> bool {
+        self.0.as_ref().is_some_and(|asked| asked())
+    }
+}
+
+impl std::fmt::Debug for Cancel {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str("Cancel")
+    }
 }

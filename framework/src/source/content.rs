@@ -1,6 +1,6 @@
 //! The contents of paths, as hashes: they tell later whether a build would read the same again.
 
-use std::fs::{self, Metadata};
+use std::fs::{self, File, Metadata, OpenOptions};
 use std::hash::{DefaultHasher, Hasher};
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ pub(super) const LARGEST_FILE: u64 = 16 << 20;
 pub enum Content {
     /// No file. A folder counts as none: it does not end a search either.
     Missing,
-    /// Something that cannot be read, or not twice (a pipe), or that is too large to be meant.
+    /// Something that cannot be read, that is no file (a pipe, a device), or that is too large to be meant.
     Unusable,
     /// A file of `length` bytes. The hash is SipHash with fixed keys, 64 bits; it means nothing outside of this process.
     Bytes {
@@ -43,18 +43,12 @@ impl Content {
 
     /// Identifies the contents of `path`. Links are followed.
     pub fn at(path: &Path) -> Content {
-        match file_at(path) {
-            Ok(Some(metadata)) if metadata.is_file() => {}
-            Ok(None) => return Content::Missing,
-            Ok(Some(_)) | Err(_) => return Content::Unusable,
-        }
-        match read(path) {
-            Ok(Some(bytes)) => Content::of(&bytes),
-            Ok(None) => Content::Unusable,
-            // It went away since.
-            Err(error) if is_missing(error.kind()) => Content::Missing,
-            Err(_) => Content::Unusable,
-        }
+        let read = open(path).and_then(|found| match found {
+            Found::Nothing => Ok(Content::Missing),
+            Found::Other(_) => Ok(Content::Unusable),
+            Found::File(file) => Ok(read(file)?.map_or(Content::Unusable, |bytes| Content::of(&bytes))),
+        });
+        read.unwrap_or(Content::Unusable)
     }
 
     /// No file, or one without a byte in it: what editors leave for a moment while they save.
@@ -63,20 +57,62 @@ impl Content {
     }
 }
 
-/// Returns the metadata of a file at `path`, links followed; `None` where there is none or a folder.
-pub(super) fn file_at(path: &Path) -> std::io::Result<Option<Metadata>> {
-    match fs::metadata(path) {
-        Ok(metadata) if metadata.is_dir() => Ok(None),
-        Ok(metadata) => Ok(Some(metadata)),
-        Err(error) if is_missing(error.kind()) => Ok(None),
+/// What is at a path, links followed.
+pub(super) enum Found {
+    /// Nothing, or a folder, which does not end a search.
+    Nothing,
+    /// A regular file.
+    File(File),
+    /// Something that cannot be read as a file, in words: a pipe, say.
+    Other(&'static str),
+}
+
+/// Opens a regular file. Nothing else is opened: a pipe would wait for its other end, and opening a device can have effects.
+pub(super) fn open(path: &Path) -> std::io::Result<Found> {
+    let looked = |result: std::io::Result<Metadata>| match result {
+        Ok(metadata) if metadata.is_file() => Ok(None),
+        Ok(metadata) if metadata.is_dir() => Ok(Some(Found::Nothing)),
+        Ok(metadata) => Ok(Some(Found::Other(kind(&metadata)))),
+        Err(error) if is_missing(error.kind()) => Ok(Some(Found::Nothing)),
         Err(error) => Err(error),
+    };
+    if let Some(found) = looked(fs::metadata(path))? {
+        return Ok(found);
     }
+    let mut options = OpenOptions::new();
+    options.read(true);
+    // The path can hold something else by now.
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK | libc::O_NOCTTY);
+    let file = match options.open(path) {
+        Ok(file) => file,
+        Err(error) if is_missing(error.kind()) => return Ok(Found::Nothing),
+        Err(error) => return Err(error),
+    };
+    Ok(looked(file.metadata())?.unwrap_or(Found::File(file)))
+}
+
+fn kind(metadata: &Metadata) -> &'static str {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::FileTypeExt;
+        let kind = metadata.file_type();
+        if kind.is_fifo() {
+            return "a pipe";
+        } else if kind.is_socket() {
+            return "a socket";
+        } else if kind.is_char_device() || kind.is_block_device() {
+            return "a device";
+        }
+    }
+    let _ = metadata;
+    "something else"
 }
 
 /// The bytes of a file; `None` if they are more than [`LARGEST_FILE`].
-pub(super) fn read(path: &Path) -> std::io::Result<Option<Vec<u8>>> {
+pub(super) fn read(file: File) -> std::io::Result<Option<Vec<u8>>> {
     let mut bytes = Vec::new();
-    fs::File::open(path)?.take(LARGEST_FILE + 1).read_to_end(&mut bytes)?;
+    file.take(LARGEST_FILE + 1).read_to_end(&mut bytes)?;
     Ok((bytes.len() as u64 <= LARGEST_FILE).then_some(bytes))
 }
 

@@ -1,5 +1,6 @@
 //! Errors with their places and suggestions, drawn under the source text as rustc does.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::ops::Range;
 
@@ -123,25 +124,44 @@ fn render_one(
             None => snippets.push((label.span.file, vec![(kind, label)])),
         }
     }
-    // No file may send escape sequences to the terminal. Of what is printed, only source lines and titles are
-    // made harmless by the renderer itself.
-    let mut group = Group::with_title(level.clone().primary_title(diagnostic.message.as_str()));
-    for (file, labels) in &snippets {
-        let text = files.text(*file);
-        let mut snippet = Snippet::source(text).path(normalize_untrusted_str(files.path(*file)));
+    let texts: Vec<Cow<str>> = snippets.iter().map(|(file, _)| harmless(files.text(*file))).collect();
+    // No file may send escape sequences to the terminal, or look like another line of the message.
+    let mut group = Group::with_title(level.clone().primary_title(one_line(&diagnostic.message)));
+    for ((file, labels), text) in snippets.iter().zip(&texts) {
+        let mut snippet = Snippet::source(&**text).path(one_line(files.path(*file)));
         for (kind, label) in labels {
             let annotation = kind.span(drawable(text, label.span));
             snippet = snippet.annotation(match label.text.as_str() {
                 "" => annotation,
-                text => annotation.label(normalize_untrusted_str(text)),
+                text => annotation.label(one_line(text)),
             });
         }
         group = group.element(snippet);
     }
     for help in &diagnostic.help {
-        group = group.element(Level::HELP.message(normalize_untrusted_str(help)));
+        group = group.element(Level::HELP.message(one_line(help)));
     }
     renderer.render(&[group])
+}
+
+/// Replaces the characters that terminals act on and `annotate_snippets` leaves as they are: the control characters of the
+/// second block (some terminals take U+009B for an escape sequence's start), and marks that turn the direction of a line or break
+/// it. Each becomes one of as many bytes, so that places stay.
+fn harmless(text: &str) -> Cow<'_, str> {
+    let replaced = |c: char| match c {
+        '\u{80}'..='\u{9f}' | '\u{61c}' => Some('\u{bf}'),
+        '\u{200e}' | '\u{200f}' | '\u{2028}' | '\u{2029}' => Some(char::REPLACEMENT_CHARACTER),
+        _ => None,
+    };
+    if !text.contains(|c| replaced(c).is_some()) {
+        return text.into();
+    }
+    text.chars().map(|c| replaced(c).unwrap_or(c)).collect()
+}
+
+/// A text for one line of a message, without characters that terminals act on.
+fn one_line(text: &str) -> String {
+    normalize_untrusted_str(&harmless(text)).replace('\n', "\u{240a}")
 }
 
 /// The part of a span that exists in the text, on character boundaries.

@@ -4,13 +4,17 @@
 //! among the files built into the binary. In memory and in the binary, paths are those of the repository:
 //! graphs in `pipelines/`, shaders in `shaders/`. On disk the two folders are looked for around the file that
 //! names another, so that a graph finds its shaders wherever the pair of folders was copied to.
+//!
+//! A graph comes from anyone, and what it names is read, and quoted in diagnostics. So the files that it names, and those that these
+//! name, lie in the graph's own folders ([`Roots`]) once links are followed, or in one of [`Library::include_roots`].
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::{fmt, fs};
 
-use super::content::{self, Content, LARGEST_FILE, Wanted};
+use super::content::{self, Content, Found, LARGEST_FILE, Wanted};
 use super::{Diagnostic, nearest};
 use crate::ir::{FileId, Origin, Span};
 
@@ -48,7 +52,12 @@ pub struct Library {
     pub builtin: &'static [(&'static str, &'static str)],
     /// Path and text of files that exist only in memory; they come before those on disk.
     pub memory: BTreeMap<String, String>,
+    /// Folders on disk that files may lie in besides those of the graph that names them.
+    pub include_roots: Vec<PathBuf>,
 }
+
+/// The folders, with links followed, that the files of a graph lie in.
+type Roots = Arc<Vec<PathBuf>>;
 
 /// Finds files by name, and keeps those that were opened. See the module's documentation for the search.
 ///
@@ -77,8 +86,17 @@ struct File {
     text: Cow<'static, str>,
     /// Offset at which each line starts; the first is 0.
     lines: Vec<usize>,
-    /// The content read, for files on disk.
-    content: Option<Content>,
+    /// For files on disk.
+    disk: Option<OnDisk>,
+}
+
+/// A file on disk.
+#[derive(Clone, Debug)]
+struct OnDisk {
+    /// The content read.
+    content: Content,
+    /// Where the files that it names may lie: as for the graph that led to it.
+    roots: Roots,
 }
 
 /// The identity of a file: two names with equal identities are one file.
@@ -150,6 +168,8 @@ impl SourceMap {
     pub fn new(mut library: Library) -> Self {
         let memory = std::mem::take(&mut library.memory);
         library.memory = memory.into_iter().map(|(path, text)| (normalised(&path), text)).collect();
+        let roots = library.include_roots.iter().map(|root| canonical(root));
+        library.include_roots = roots.collect();
         SourceMap { library, ..SourceMap::default() }
     }
 
@@ -168,8 +188,8 @@ impl SourceMap {
     ///    beside the one that `from` is in. Without a `from`: at `name`, then in that folder;
     /// 3. built in, with the same paths as in memory.
     ///
-    /// A graph's name may lack its `.ron`. A file that exists and cannot be read, or is no UTF-8 text, ends
-    /// the search.
+    /// A graph's name may lack its `.ron`. A file that exists and cannot be read, is no UTF-8 text, or lies outside of the folders
+    /// that the graph may use, ends the search.
     pub fn find(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Result<FileId, NotFound> {
         let mut tried = Vec::new();
         for spelling in spellings(name, kind) {
@@ -214,7 +234,7 @@ impl SourceMap {
 
     /// Lists every opened file with its path, and whether it is on disk, where it can change.
     pub fn opened(&self) -> impl Iterator<Item = (FileId, &str, bool)> {
-        self.files.iter().enumerate().map(|(i, f)| (FileId(i as u32), f.path.as_str(), f.content.is_some()))
+        self.files.iter().enumerate().map(|(i, f)| (FileId(i as u32), f.path.as_str(), f.disk.is_some()))
     }
 
     /// Every path on disk that [`SourceMap::find`] looked at, sorted: files that were read, files that could not be, and
@@ -228,9 +248,9 @@ impl SourceMap {
         self.files.get(file.0 as usize)
     }
 
-    fn insert(&mut self, path: String, text: Cow<'static, str>, content: Option<Content>) -> FileId {
+    fn insert(&mut self, path: String, text: Cow<'static, str>, disk: Option<OnDisk>) -> FileId {
         let lines = std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect();
-        self.files.push(File { path, text, lines, content });
+        self.files.push(File { path, text, lines, disk });
         FileId(self.files.len() as u32 - 1)
     }
 
@@ -257,7 +277,7 @@ impl SourceMap {
         for folder in self.disk_folders(from, kind) {
             let path = Path::new(&folder).join(name);
             push_new(tried, displayed(&path));
-            if let Some(file) = self.open(&path)? {
+            if let Some(file) = self.open(from, &path)? {
                 return Ok(Some(file));
             }
         }
@@ -298,7 +318,7 @@ impl SourceMap {
     /// The folders on disk in which a name may be, nearest first.
     fn disk_folders(&self, from: Option<FileId>, kind: Kind) -> Vec<String> {
         let Some(from) = from else { return vec![String::new(), kind.folder().to_string()] };
-        let Some(file) = self.file(from).filter(|f| f.content.is_some()) else { return Vec::new() };
+        let Some(file) = self.file(from).filter(|f| f.disk.is_some()) else { return Vec::new() };
         let folder = parent(&file.path);
         let mut folders = vec![folder.to_string()];
         if let Some((root, _)) = root_and_rest(folder) {
@@ -309,40 +329,61 @@ impl SourceMap {
     }
 
     /// Reads a file from disk, unless it was read before. `None` if there is none.
-    fn open(&mut self, path: &Path) -> Result<Option<FileId>, String> {
-        let (content, found) = self.look(path);
+    fn open(&mut self, from: Option<FileId>, path: &Path) -> Result<Option<FileId>, String> {
+        let (content, found) = self.look(from, path);
         // A path that held something else a moment ago has changed since, whatever it holds now.
         self.looked.entry(path.to_path_buf()).or_insert(content);
         found
     }
 
-    fn look(&mut self, path: &Path) -> (Content, Result<Option<FileId>, String>) {
-        let metadata = match content::file_at(path) {
-            Ok(Some(metadata)) => metadata,
-            Ok(None) => return (Content::Missing, Ok(None)),
-            Err(error) => return (Content::Unusable, Err(cannot_be_read(&error))),
+    fn look(&mut self, from: Option<FileId>, path: &Path) -> (Content, Result<Option<FileId>, String>) {
+        let opened = match content::open(path) {
+            Ok(Found::Nothing) => return (Content::Missing, Ok(None)),
+            Ok(Found::File(file)) => Ok(file),
+            Ok(Found::Other(what)) => Err(format!("is {what}, not a file")),
+            Err(error) => Err(cannot_be_read(&error)),
         };
-        // What is no regular file (a pipe, say) has no other name that matters.
-        let identity = Identity::Disk(fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf()));
+        let canonical = canonical(path);
+        let roots = match from.and_then(|from| self.file(from)).and_then(|file| file.disk.as_ref()) {
+            Some(disk) => disk.roots.clone(),
+            None => Arc::new(own_roots(path)),
+        };
+        if from.is_some() && !self.allows(&roots, &canonical) {
+            let folder = roots.first().map_or("it".into(), |root| root.display().to_string());
+            let why =
+                format!("lies outside of the graph's folder, {folder} (`--include-root` allows others)");
+            return (Content::at(path), Err(why));
+        }
+        let file = match opened {
+            Ok(file) => file,
+            Err(why) => return (Content::Unusable, Err(why)),
+        };
+        let identity = Identity::Disk(canonical);
         if let Some(file) = self.known.get(&identity) {
-            let content = self.file(*file).and_then(|f| f.content);
+            let content = self.file(*file).and_then(|f| f.disk.as_ref()).map(|disk| disk.content);
             return (content.unwrap_or(Content::Unusable), Ok(Some(*file)));
         }
-        let bytes = match content::read(path) {
+        let bytes = match content::read(file) {
             Ok(Some(bytes)) => bytes,
             Ok(None) => {
                 return (Content::Unusable, Err(format!("is larger than {} MiB", LARGEST_FILE >> 20)));
             }
             Err(error) => return (Content::Unusable, Err(cannot_be_read(&error))),
         };
-        let content = if metadata.is_file() { Content::of(&bytes) } else { Content::Unusable };
+        let content = Content::of(&bytes);
         let text = match as_text(bytes) {
             Ok(text) => text,
             Err(why) => return (content, Err(why)),
         };
-        let file = self.insert(displayed(path), Cow::Owned(text), Some(content));
+        let disk = OnDisk { content, roots };
+        let file = self.insert(displayed(path), Cow::Owned(text), Some(disk));
         self.known.insert(identity, file);
         (content, Ok(Some(file)))
+    }
+
+    /// Returns true if files of a graph with these roots may lie at `path`, which is canonical.
+    fn allows(&self, roots: &Roots, path: &Path) -> bool {
+        roots.iter().chain(&self.library.include_roots).any(|root| path.starts_with(root))
     }
 
     /// Finds the existing name that is most like `name`.
@@ -368,6 +409,10 @@ impl SourceMap {
             let within = name.rsplit_once('/').map(|(within, _)| within);
             let listed = within.map_or(PathBuf::from(&folder), |within| Path::new(&folder).join(within));
             let listed = if listed.as_os_str().is_empty() { Path::new(".") } else { &listed };
+            let disk = from.and_then(|from| self.file(from)).and_then(|file| file.disk.as_ref());
+            if disk.is_some_and(|disk| !self.allows(&disk.roots, &canonical(listed))) {
+                continue;
+            }
             let Ok(entries) = fs::read_dir(listed) else { continue };
             for entry in entries.flatten().take(MOST_LISTED) {
                 let Ok(file) = entry.file_name().into_string() else { continue };
@@ -399,6 +444,26 @@ fn spellings(name: &str, kind: Kind) -> Vec<String> {
     // `splat` is a graph's short name, even where a file or a program called `splat` lies about. `splat.old`
     // is a file.
     if last.contains('.') { vec![name.to_string(), full] } else { vec![full, name.to_string()] }
+}
+
+/// A path with links followed; the path itself where it leads to nothing.
+fn canonical(path: &Path) -> PathBuf {
+    fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
+}
+
+/// The folders that the files of the graph at `path` may lie in, its own first: those that [`SourceMap::find`] looks in.
+fn own_roots(path: &Path) -> Vec<PathBuf> {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
+        _ => PathBuf::from("."),
+    };
+    let text = folder.to_string_lossy();
+    let around = root_and_rest(&text).map(|(root, _)| if root.is_empty() { "." } else { root });
+    let pairs = [Some(Path::new(&*text).join("..")), around.map(PathBuf::from)].into_iter().flatten();
+    let pairs = pairs.flat_map(|root| [Kind::Graph, Kind::Shader].map(|kind| root.join(kind.folder())));
+    let existing =
+        std::iter::once(folder.clone()).chain(pairs).filter_map(|root| fs::canonicalize(root).ok());
+    existing.collect()
 }
 
 fn cannot_be_read(error: &std::io::Error) -> String {

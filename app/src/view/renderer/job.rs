@@ -10,6 +10,7 @@ use splatgraph_api::{Loader, Progress};
 use splatgraph_framework::ir::DeviceFacts;
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::Cancel;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -40,8 +41,9 @@ pub(super) struct Built<R> {
 }
 
 /// Makes the function of the building thread, with its cache of compiled shaders.
-pub(super) fn builder<L: Loader>() -> impl FnMut(Job<L>) -> Built<L::Ready> {
+pub(super) fn builder<L: Loader>(cancel: Cancel) -> impl FnMut(Job<L>) -> Built<L::Ready> {
     let mut planner = Planner::default();
+    planner.set_cancel(cancel);
     move |job| build(&mut planner, job)
 }
 

@@ -222,7 +222,7 @@ impl Build {
         let mut files = SourceMap::new(Library::default());
         let file = files.add(name, glsl);
         let stage = ShaderStage::of_file(name).expect("a shader's extension");
-        let request = ShaderRequest { file, stage, defines: &[], generated: &[] };
+        let request = ShaderRequest { file, stage, defines: &[], unfit: &[], generated: &[] };
         let compiled = Glslang::new().compile(&mut files, &request);
         let compiled = compiled.unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)));
         self.plan.shaders.push(Shader {

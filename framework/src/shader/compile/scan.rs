@@ -146,6 +146,8 @@ pub(super) struct Scan<'t> {
     pub includes: Vec<(&'t str, Range<usize>)>,
     /// The names that follow `#define`.
     pub macros: HashSet<&'t str>,
+    /// The names in `#if` and `#elif`.
+    pub conditions: HashSet<&'t str>,
     /// Names that follow the name of a type, as those of variables and constants do, and where they stand.
     pub declared: Vec<(&'t str, Range<usize>)>,
     /// Names of blocks, and of what else is declared `uniform`; not those of push constants.
@@ -162,6 +164,7 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
         identifiers: HashSet::new(),
         includes: Vec::new(),
         macros: HashSet::new(),
+        conditions: HashSet::new(),
         declared: Vec::new(),
         bindings: Vec::new(),
         version: None,
@@ -188,6 +191,10 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
                 let argument = words.next();
                 match directive.map(|t| t.of(text)) {
                     Some("include") => scan.includes.extend(directive.and_then(|t| header_name(text, t.end))),
+                    Some("if" | "elif") => {
+                        let rest = argument.into_iter().chain(words);
+                        scan.conditions.extend(rest.map(|token| token.of(text)));
+                    }
                     Some("define") => scan.macros.extend(argument.map(|t| t.of(text))),
                     Some("version") if scan.version.is_none() => {
                         let number = argument.map_or(token.range(), Token::range);

@@ -1,5 +1,7 @@
 use super::*;
+use crate::ir::ShaderStage;
 use crate::source::{Library, render};
+use std::time::Duration;
 
 /// Files in memory, and a compiler that remembers.
 struct Bench {
@@ -12,6 +14,15 @@ impl Bench {
     fn new(files: &[(&str, &str)]) -> Bench {
         let memory = files.iter().map(|(path, text)| (path.to_string(), text.to_string())).collect();
         Bench { files: SourceMap::new(Library { memory, ..Library::default() }), compiler: Glslang::new() }
+    }
+
+    /// Compiles in a worker: this program of tests, which is asked for the test that serves.
+    fn in_worker(mut self, limits: Limits) -> Bench {
+        let program = std::env::current_exe().expect("this program");
+        let test = "shader::compile::tests::the_worker_of_the_other_tests_serves_when_it_is_asked";
+        let arguments = ["--exact", test, "--nocapture"].map(Into::into).into();
+        self.compiler = Glslang::in_worker(Worker { program, arguments, limits });
+        self
     }
 
     fn compile(&mut self, name: &str, defines: &[(&str, &str)]) -> Result<Compiled, String> {
@@ -38,7 +49,14 @@ impl Bench {
         };
         let file = self.files.find(None, name, Kind::Shader).expect("the shader is there");
         let stage = ShaderStage::of_file(name).unwrap_or(ShaderStage::Compute);
-        let request = ShaderRequest { file, stage, defines: &owned(defines), generated: &owned(generated) };
+        let (defines, generated) = (owned(defines), owned(generated));
+        let request = ShaderRequest {
+            file,
+            stage,
+            defines: &defines,
+            unfit: &[("BIG".to_string(), "5000000000".to_string())],
+            generated: &generated,
+        };
         self.compiler.compile(&mut self.files, &request)
     }
 }
@@ -144,7 +162,8 @@ fn what_follows_an_error_in_its_line_is_left_out() {
                ERROR: 0:8:25: '' : compilation terminated \nERROR: 2 compilation errors.  No code generated.\n\n";
     let mut bench = Bench::new(&[("shaders/a.comp", &format!("{HEAD}\nx = y;\n"))]);
     let file = bench.files.find(None, "a.comp", Kind::Shader).unwrap();
-    let request = ShaderRequest { file, stage: ShaderStage::Compute, defines: &[], generated: &[] };
+    let request =
+        ShaderRequest { file, stage: ShaderStage::Compute, defines: &[], unfit: &[], generated: &[] };
     let sources = Sources::gather(&mut bench.files, &request).unwrap();
     let found = log::diagnose(&mut bench.files, &request, &sources, log);
     assert_eq!(found.iter().map(|d| d.message.as_str()).collect::<Vec<_>>(), ["`x`: undeclared identifier"]);
@@ -318,12 +337,98 @@ fn a_byte_order_mark_and_foreign_comments_are_allowed() {
     assert_eq!(errors("uint \0;").len(), 1);
 }
 
+/// Runs in the worker's process only; elsewhere nobody asks.
+#[test]
+fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
+    serve_if_asked();
+}
+
+/// Compiles other texts with a bench's compiler.
+fn next(bench: &mut Bench, body: &str) -> Result<Compiled, String> {
+    bench.files = Bench::new(&[("shaders/a.comp", &format!("{HEAD}{body}"))]).files;
+    bench.compile("a.comp", &[])
+}
+
+const SOUND: &str = "void main() { o[0] = 1; }";
+/// A shared array with the name of a block.
+const CRASH: &str = "shared uint Out[64];\nvoid main() { Out[0] = 1; }";
+
+/// A sum of 2^`doublings` terms.
+fn bomb(doublings: usize) -> String {
+    let lines: String = (1..=doublings).map(|i| format!("#define M{i} M{0} + M{0}\n", i - 1)).collect();
+    format!("#define M0 o[1]\n{lines}void main() {{ o[0] = M{doublings}; }}")
+}
+
 #[test]
 fn a_shader_that_crashes_the_compiler_is_an_error() {
-    // A shared array with the name of a block.
-    let found = errors("shared uint Out[64];\nvoid main() { Out[0] = 1; }");
-    assert!(found[0].contains("the compiler crashed on this shader"), "{found:?}");
-    assert!(errors("void main() { x = 1; }")[0].contains("undeclared"), "and the next one is compiled");
+    let mut bench = Bench::new(&[]).in_worker(Limits::default());
+    for _ in 0..2 {
+        let error = next(&mut bench, CRASH).unwrap_err();
+        assert!(error.contains("the compiler crashed on this shader"), "{error}");
+        next(&mut bench, SOUND).expect("the next one is compiled");
+        let error = next(&mut bench, "void main() { x = 1; }").unwrap_err();
+        assert!(error.contains("undeclared"), "{error}");
+    }
+}
+
+#[test]
+fn a_shader_that_takes_too_much_memory_or_time_is_an_error() {
+    let little = Limits { memory_bytes: 64 << 20, time: Duration::from_secs(60) };
+    let mut bench = Bench::new(&[]).in_worker(little);
+    // With long names there is more memory than time to each.
+    let error = next(&mut bench, &bomb(40).replace("o[1]", &"o".repeat(1000))).unwrap_err();
+    assert!(error.contains("the compiler ran out of its 64 MiB of memory on this shader"), "{error}");
+    next(&mut bench, SOUND).expect("the next one is compiled");
+    let short = Limits { memory_bytes: 64 << 30, time: Duration::from_millis(100) };
+    let mut bench = bench.in_worker(short);
+    let error = next(&mut bench, &bomb(40)).unwrap_err();
+    assert!(error.contains("the compiler ran out of its 0.1 s on this shader"), "{error}");
+    next(&mut bench, SOUND).expect("the next one is compiled");
+}
+
+#[test]
+fn a_cancelled_compilation_ends_and_the_next_one_is_compiled() {
+    let mut bench =
+        Bench::new(&[]).in_worker(Limits { memory_bytes: 64 << 30, time: Duration::from_secs(60) });
+    let begun = std::time::Instant::now();
+    bench.compiler.set_cancel(Cancel::new(move || begun.elapsed() > Duration::from_millis(50)));
+    let error = next(&mut bench, &bomb(40)).unwrap_err();
+    assert!(error.contains(CANCELLED), "{error}");
+    bench.compiler.set_cancel(Cancel::default());
+    next(&mut bench, SOUND).expect("the next one is compiled");
+}
+
+#[test]
+fn a_worker_that_ended_while_nobody_asked_is_replaced() {
+    let mut bench = Bench::new(&[]).in_worker(Limits::default());
+    next(&mut bench, SOUND).expect("compiled");
+    bench.compiler.worker.as_mut().expect("a worker").kill();
+    next(&mut bench, "void main() { o[0] = 2; }").expect("compiled by another");
+}
+
+#[test]
+fn a_program_that_does_not_serve_is_an_error() {
+    for program in ["/bin/true", "/nowhere/at all"] {
+        let mut bench = Bench::new(&[]);
+        bench.compiler = Glslang::in_worker(Worker::new(program));
+        let error = next(&mut bench, SOUND).unwrap_err();
+        assert!(error.contains(&format!("the compiler's process {program} cannot be started")), "{error}");
+    }
+}
+
+#[test]
+fn a_constant_that_does_not_fit_32_bits_is_an_error_where_the_shader_uses_it() {
+    let found = errors("#if BIG > 100\n#endif\nvoid main() { }");
+    let expected =
+        "5:5: BIG | `BIG` is 5000000000 in the graph, which does not fit a number of 32 bits | used here";
+    assert_eq!(found, [expected]);
+    let text = format!("{HEAD}#if 1 > 0 && P > 100\n#endif\nvoid main() {{ }}");
+    let found = errors_of(&[("shaders/a.comp", &text)], &[("P", "3000000000u")]);
+    let expected =
+        "5:14: P | `P` is 3000000000 in the graph, which does not fit the `int` of an `#if` | used here";
+    assert_eq!(found, [expected]);
+    let text = format!("{HEAD}void main() {{ o[0] = P; }}");
+    Bench::new(&[("shaders/a.comp", &text)]).compile("a.comp", &[("P", "3000000000u")]).unwrap();
 }
 
 #[test]
@@ -344,7 +449,8 @@ void main() {{
 }}\n"
     );
     let inc = "float half_of(float x) { return x * 0.5; }\n";
-    let mut bench = Bench::new(&[("shaders/a.comp", &shader), ("shaders/inc.glsl", inc)]);
+    let bench = Bench::new(&[("shaders/a.comp", &shader), ("shaders/inc.glsl", inc)]);
+    let mut bench = bench.in_worker(Limits::default());
     bench.compile("a.comp", &[("N", "8")]).unwrap();
     let mut random = 0x9e37_79b9_7f4a_7c15u64;
     let mut next = |below: usize| {

@@ -67,6 +67,31 @@ fn colour_is_added_only_when_asked_for() {
 }
 
 #[test]
+fn no_control_character_of_a_file_reaches_the_terminal() {
+    let hostile = "\u{1b}[31m\u{7}\u{8}\u{9b}2J\u{90}\u{85}\u{202e}\u{2066}\u{61c}\u{200f}\u{2028}\r";
+    let (files, file) = one_file(&format!("{hostile}.ron"), &format!("a: \"{hostile}\"; b"));
+    let at = |start, end| Span { file, start, end };
+    let error = Diagnostic::new(format!("a {hostile}\nerror: b"), at(0, 1), format!("c {hostile}"))
+        .with_label(at(1, 2), hostile)
+        .with_help(format!("{hostile}\nerror: d"));
+    for colour in [false, true] {
+        let mut text = render(&files, std::slice::from_ref(&error), colour);
+        // The renderer's own colours.
+        while let Some(start) = text.find("\u{1b}[").filter(|_| colour) {
+            let end = text[start..].find('m').expect("an end");
+            text.replace_range(start..=start + end, "");
+        }
+        let acts = |c: char| {
+            c.is_control() && c != '\n'
+                || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{61c}')
+                || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}' | '\u{2029}')
+        };
+        assert!(!text.contains(acts), "{text:?}");
+        assert!(!text.contains("\nerror: b") && !text.contains("\nerror: d"), "{text}");
+    }
+}
+
+#[test]
 fn escape_sequences_of_a_file_do_not_reach_the_terminal() {
     let text = "name: \"\u{1b}[31mred\"";
     let (files, file) = one_file("\u{1b}]0;title\u{7}.ron", text);

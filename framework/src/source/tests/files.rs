@@ -16,7 +16,7 @@ const BUILTIN: &[(&str, &str)] = &[
 
 fn library(memory: &[(&str, &str)]) -> SourceMap {
     let memory = memory.iter().map(|(path, text)| (path.to_string(), text.to_string())).collect();
-    SourceMap::new(Library { builtin: BUILTIN, memory })
+    SourceMap::new(Library { builtin: BUILTIN, memory, ..Library::default() })
 }
 
 /// A folder that is gone when the test is over.
@@ -130,7 +130,8 @@ fn shaders_are_found_beside_a_folder_of_any_name() {
 #[test]
 fn one_file_is_one_id_whatever_it_is_called() {
     let folder = Folder::new(&[("x/a.ron", "a"), ("y/b.ron", "b")]);
-    let mut files = library(&[]);
+    let include_roots = vec![folder.0.clone()];
+    let mut files = SourceMap::new(Library { include_roots, ..Library::default() });
     let a = files.find(None, &folder.path("x/a.ron"), Kind::Graph).unwrap();
     let b = files.find(Some(a), "../y/b.ron", Kind::Graph).unwrap();
     assert_eq!(files.find(None, &folder.path("x/../y/./b"), Kind::Graph), Ok(b));
@@ -359,6 +360,85 @@ fn what_appears_while_a_map_is_used_counts_as_missing() {
     finds(&mut files, Some(graph), "late.comp", Kind::Shader, "late");
     let wanted = files.wanted().into_iter().find(|w| w.path.ends_with("late.comp")).unwrap();
     assert_eq!(wanted.content, Content::Missing, "a build that saw both must be done again");
+}
+
+/// Makes a pipe in the file system.
+#[cfg(unix)]
+fn make_pipe(path: &str) {
+    let path = std::ffi::CString::new(path).unwrap();
+    // SAFETY: the path is a text that ends in a zero.
+    assert_eq!(unsafe { libc::mkfifo(path.as_ptr(), 0o600) }, 0);
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_file_is_refused_at_once_and_never_opened() {
+    let folder = Folder::new(&[("a.ron", "a")]);
+    make_pipe(&folder.path("pipe.comp"));
+    make_pipe(&folder.path("pipe.ron"));
+    let _socket = std::os::unix::net::UnixListener::bind(folder.path("socket.ron")).unwrap();
+    let mut files = library(&[]);
+    let graph = files.find(None, &folder.path("a.ron"), Kind::Graph).unwrap();
+    for (name, what) in [("pipe.ron", "a pipe"), ("socket.ron", "a socket")] {
+        for (from, name) in [(None, folder.path(name)), (Some(graph), name.to_string())] {
+            let error = files.find(from, &name, Kind::Graph).unwrap_err();
+            assert_eq!(error.why, Some(format!("is {what}, not a file")), "{name}");
+        }
+    }
+    let error = files.find(Some(graph), "pipe.comp", Kind::Shader).unwrap_err();
+    assert_eq!(error.why.as_deref(), Some("is a pipe, not a file"));
+    let error = files.find(None, "/dev/zero", Kind::Shader).unwrap_err();
+    assert_eq!(error.why.as_deref(), Some("is a device, not a file"));
+    assert_eq!(Content::at(std::path::Path::new(&folder.path("pipe.ron"))), Content::Unusable);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_graph_names_no_files_outside_of_its_folders() {
+    let folder = Folder::new(&[
+        ("in/pipelines/sub/a.ron", "a"),
+        ("in/pipelines/b.ron", "b"),
+        ("in/shaders/a.comp", "a"),
+        ("out/secret.ron", "secret"),
+        ("out/secret.comp", "secret"),
+    ]);
+    std::os::unix::fs::symlink(folder.path("out"), folder.path("in/pipelines/link")).unwrap();
+    std::os::unix::fs::symlink(folder.path("out/secret.comp"), folder.path("in/shaders/link.comp")).unwrap();
+    let absolute = folder.path("out/secret.comp");
+    let outside = [
+        ("/etc/passwd", Kind::Graph),
+        ("../../../../../../../../../../../../etc/passwd", Kind::Shader),
+        ("../../../out/secret.ron", Kind::Graph),
+        ("../link/secret", Kind::Graph),
+        ("link.comp", Kind::Shader),
+        (absolute.as_str(), Kind::Shader),
+    ];
+    let mut files = library(&[]);
+    let graph = files.find(None, &folder.path("in/pipelines/sub/a.ron"), Kind::Graph).unwrap();
+    let inner = finds(&mut files, Some(graph), "../b.ron", Kind::Graph, "b");
+    let shader = finds(&mut files, Some(graph), "a.comp", Kind::Shader, "a");
+    for from in [graph, inner, shader] {
+        for (name, kind) in outside {
+            let Err(error) = files.find(Some(from), name, kind) else { panic!("{name} is found") };
+            let sentence = error.to_string();
+            assert!(!sentence.contains("root:") && error.nearest.is_none(), "{sentence}");
+            // From another folder, some of the names lead to nothing.
+            let refused = error.why.is_some_and(|why| why.contains("lies outside of the graph's folder, "));
+            assert!(refused || from != graph && name.starts_with(".."), "{sentence}");
+        }
+    }
+    // A misspelt name outside is not completed from the folder there.
+    let error = files.find(Some(graph), "../../../out/secrit.ron", Kind::Graph).unwrap_err();
+    assert_eq!(error.nearest, None);
+    // What was opened by its own name is not open to the graph.
+    files.find(None, &absolute, Kind::Shader).unwrap();
+    files.find(Some(graph), &absolute, Kind::Shader).unwrap_err();
+    let include_roots = vec![PathBuf::from(folder.path("out"))];
+    let mut files = SourceMap::new(Library { include_roots, ..Library::default() });
+    let graph = files.find(None, &folder.path("in/pipelines/sub/a.ron"), Kind::Graph).unwrap();
+    finds(&mut files, Some(graph), "../../../out/secret.ron", Kind::Graph, "secret");
+    finds(&mut files, Some(graph), "link.comp", Kind::Shader, "secret");
+    files.find(Some(graph), "/etc/passwd", Kind::Graph).unwrap_err();
 }
 
 #[cfg(unix)]

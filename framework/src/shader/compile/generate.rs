@@ -1,0 +1,141 @@
+//! One run of glslang: from texts to SPIR-V, or to why not.
+
+use std::collections::BTreeMap;
+
+use glslang::error::GlslangError;
+use glslang::include::{IncludeHandler, IncludeResult, IncludeType};
+use glslang::{
+    Compiler, CompilerOptions, GlslProfile, Shader, ShaderInput, ShaderMessage, ShaderSource, SourceLanguage,
+    SpirvVersion, Target, VulkanVersion,
+};
+use serde::{Deserialize, Serialize};
+
+use super::super::ShaderStage;
+use super::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
+
+/// Bytes of SPIR-V, which is read back in this process. A shader of the longest text has some 3 MiB.
+const MOST_SPIRV_BYTES: usize = 8 << 20;
+
+/// Identifies a compilation by all its inputs.
+#[derive(Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub(super) struct Key {
+    pub stage: ShaderStage,
+    pub defines: Vec<(String, String)>,
+    /// In the order in which they were first named, the shader itself first; as the compiler gets them.
+    pub texts: Vec<String>,
+    /// Per text, the names that it includes and which texts these are.
+    pub includes: Vec<BTreeMap<String, Option<usize>>>,
+}
+
+/// Explains why there is no SPIR-V.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) enum Failure {
+    /// The log of glslang.
+    Log(String),
+    /// Includes that cannot be followed.
+    Includes(Vec<IncludeFailure>),
+    /// Nobody waits for it any more.
+    Cancelled,
+}
+
+/// An include that cannot be followed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct IncludeFailure {
+    /// The unit that includes.
+    pub unit: usize,
+    /// The name that it gives.
+    pub name: String,
+    pub why: IncludeProblem,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) enum IncludeProblem {
+    Missing,
+    /// The units that were being included when the depth ran out, from the shader itself to the last.
+    TooDeep(Vec<usize>),
+    TooMuch,
+}
+
+/// Gives glslang the included texts. Units are named by their number, so that the log is easy to read back.
+struct Includes<'a> {
+    key: &'a Key,
+    /// The units that are being included now, the shader itself first.
+    chain: Vec<usize>,
+    bytes: usize,
+    failures: Vec<IncludeFailure>,
+}
+
+impl IncludeHandler for Includes<'_> {
+    fn include(&mut self, _: IncludeType, name: &str, includer: &str, depth: usize) -> Option<IncludeResult> {
+        // glslang calls the shader itself "".
+        let unit = if includer.is_empty() { 0 } else { includer.parse().ok()? };
+        self.chain.truncate(depth);
+        let failure = |why| IncludeFailure { unit, name: name.to_string(), why };
+        let target = self.key.includes.get(unit).and_then(|names| names.get(name)).copied().flatten();
+        let why = match target {
+            None => Some(IncludeProblem::Missing),
+            Some(_) if depth > MOST_DEPTH => Some(IncludeProblem::TooDeep(self.chain.clone())),
+            Some(target) => {
+                self.bytes += self.key.texts[target].len() + INCLUDE_BYTES;
+                (self.bytes > MOST_INCLUDED_BYTES).then_some(IncludeProblem::TooMuch)
+            }
+        };
+        if let Some(why) = why {
+            // A name in quotes that is refused is asked for again as if it stood in angle brackets.
+            let failure = failure(why);
+            if !self.failures.contains(&failure) {
+                self.failures.push(failure);
+            }
+            return None;
+        }
+        let target = target?;
+        self.chain.push(target);
+        Some(IncludeResult { name: target.to_string(), data: self.key.texts[target].clone() })
+    }
+}
+
+/// Runs glslang on this thread.
+pub(super) fn generate(key: &Key) -> Result<Vec<u32>, Failure> {
+    let failed = |error: GlslangError| match error {
+        GlslangError::PreprocessError(log)
+        | GlslangError::ParseError(log)
+        | GlslangError::MapIoError(log)
+        | GlslangError::LinkError(log) => Failure::Log(log.log),
+        other => Failure::Log(format!("ERROR: {other}")),
+    };
+    let compiler = Compiler::acquire().ok_or_else(|| Failure::Log("ERROR: glslang does not start".into()))?;
+    let stage = match key.stage {
+        ShaderStage::Vertex => glslang::ShaderStage::Vertex,
+        ShaderStage::Fragment => glslang::ShaderStage::Fragment,
+        ShaderStage::Compute => glslang::ShaderStage::Compute,
+    };
+    let options = CompilerOptions {
+        source_language: SourceLanguage::GLSL,
+        target: Target::Vulkan { version: VulkanVersion::Vulkan1_3, spirv_version: SpirvVersion::SPIRV1_6 },
+        version_profile: Some((460, GlslProfile::None)),
+        messages: ShaderMessage::SPV_RULES
+            | ShaderMessage::VULKAN_RULES
+            | ShaderMessage::SUPPRESS_WARNINGS
+            | ShaderMessage::DISPLAY_ERROR_COLUMN,
+    };
+    let source = ShaderSource::from(key.texts[0].as_str());
+    let mut includes = Includes { key, chain: vec![0], bytes: 0, failures: Vec::new() };
+    let input =
+        ShaderInput::new(&source, stage, &options, None::<&[(&str, Option<&str>)]>, Some(&mut includes))
+            .map_err(failed)?;
+    let mut builder = Shader::new(compiler, input);
+    // The preamble is a text of its own before the shader, so lines keep their numbers.
+    let preamble: String =
+        key.defines.iter().map(|(name, value)| format!("#define {name} {value}\n")).collect();
+    builder.preamble(&preamble);
+    let spirv = builder.parse().and_then(|shader| shader.compile());
+    if !includes.failures.is_empty() {
+        return Err(Failure::Includes(includes.failures));
+    }
+    let spirv = spirv.map_err(failed)?;
+    if spirv.len() * 4 > MOST_SPIRV_BYTES {
+        let most = MOST_SPIRV_BYTES >> 20;
+        return Err(Failure::Log(format!("ERROR: the shader compiles to more than {most} MiB of SPIR-V")));
+    }
+    Ok(spirv)
+}

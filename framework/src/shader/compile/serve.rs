@@ -1,0 +1,239 @@
+//! The worker's side of [`super::worker`]: a loop over compilations, and a thread that watches over them.
+
+use std::io::{self, Write};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread;
+use std::time::Duration;
+
+use super::generate::{self, Failure, Key};
+use super::worker::{Limits, MAGIC, OUT_OF_MEMORY, OUT_OF_TIME, Reply, VARIABLE, receive, send};
+
+/// Stacks of the compiler's thread, largest first: the largest that the system gives is taken. glslang recurses once per operand of
+/// a sum; the first holds for the longest text. Only what is used takes memory.
+pub(super) const STACK_BYTES: [usize; 3] = [256 << 20, 64 << 20, 8 << 20];
+
+/// Bytes that a process needs besides the memory that a limit is about: its program, its stacks.
+const BESIDES: u64 = 1 << 30;
+
+/// Interval of looking at memory and time while a shader is compiled.
+const LOOK_EVERY: Duration = Duration::from_millis(5);
+
+/// Serves as the compiler of a [`Worker`](super::Worker) and ends the process, if this process was started as one. Otherwise returns
+/// at once.
+///
+/// A program that names itself as its worker calls this before anything else.
+pub fn serve_if_asked() {
+    let Some(limits) = std::env::var(VARIABLE).ok().and_then(|text| Limits::of_text(&text)) else { return };
+    system::restrict(limits.memory_bytes.saturating_add(BESIDES));
+    let output = system::private_output();
+    let (turns, watched) = channel();
+    // Without the watch there are no limits: better no compiler.
+    if thread::Builder::new().spawn(move || watch(limits, &watched)).is_ok() {
+        on_large_stack(move || serve(limits.memory_bytes, &turns, output));
+    }
+    std::process::exit(0);
+}
+
+/// Runs `work` on a thread with the largest stack that can be had. `None` if there is none, or if the thread panicked.
+pub(super) fn on_large_stack<T: Send, W: FnOnce() -> T + Send>(work: W) -> Option<T> {
+    thread::scope(|scope| {
+        for bytes in STACK_BYTES {
+            let (sender, receiver) = channel::<W>();
+            let builder = thread::Builder::new().name("glslang".into()).stack_size(bytes);
+            // The work is handed over only when the thread is there to take it.
+            let spawned = builder.spawn_scoped(scope, move || receiver.recv().ok().map(|work| work()));
+            if let Ok(thread) = spawned {
+                sender.send(work).ok()?;
+                return thread.join().ok().flatten();
+            }
+        }
+        None
+    })
+}
+
+/// Marks the begin and the end of a compilation to the watching thread.
+enum Turn {
+    Begin,
+    End,
+}
+
+/// Answers requests until there are no more.
+fn serve(memory_bytes: u64, turns: &Sender<Turn>, mut output: impl Write) {
+    let mut input = io::stdin().lock();
+    if output.write_all(MAGIC).and_then(|()| output.flush()).is_err() {
+        return;
+    }
+    while let Ok(request) = receive(&mut input) {
+        let _ = turns.send(Turn::Begin);
+        let generated = match serde_json::from_slice::<Key>(&request) {
+            Ok(key) => generate::generate(&key),
+            Err(error) => Err(Failure::Log(format!("ERROR: the request cannot be read: {error}"))),
+        };
+        let _ = turns.send(Turn::End);
+        let (reply, words) = match generated {
+            Ok(words) => (Reply::Compiled, Some(words)),
+            Err(failure) => (Reply::Failed(failure), None),
+        };
+        let Ok(reply) = serde_json::to_vec(&reply) else { return };
+        let bytes: Option<Vec<u8>> =
+            words.map(|words| words.iter().flat_map(|word| word.to_le_bytes()).collect());
+        if [Some(reply), bytes].iter().flatten().any(|message| send(&mut output, message).is_err()) {
+            return;
+        }
+        // What a large compilation took may not all have gone back to the system: the next one gets a new process.
+        if system::memory() > memory_bytes / 4 {
+            return;
+        }
+    }
+}
+
+/// Ends the process when a compilation passes a limit, or when the parent is gone.
+fn watch(limits: Limits, turns: &Receiver<Turn>) {
+    let (parent, idle) = (system::parent(), system::memory());
+    let mut begun = None;
+    loop {
+        let turn = match begun {
+            None => turns.recv().map_err(|_| RecvTimeoutError::Disconnected),
+            Some(_) => turns.recv_timeout(LOOK_EVERY),
+        };
+        match turn {
+            Ok(Turn::Begin) => begun = Some(system::processor_time()),
+            Ok(Turn::End) => begun = None,
+            Err(RecvTimeoutError::Disconnected) => return,
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+        if system::parent() != parent {
+            std::process::exit(0);
+        }
+        if begun.is_some_and(|begun| system::processor_time().saturating_sub(begun) > limits.time) {
+            system::exit_now(OUT_OF_TIME);
+        }
+        if system::memory().saturating_sub(idle) > limits.memory_bytes {
+            system::exit_now(OUT_OF_MEMORY);
+        }
+    }
+}
+
+#[cfg(unix)]
+mod system {
+    use std::fs::File;
+    use std::io::Read;
+    use std::mem::MaybeUninit;
+    use std::os::fd::FromRawFd;
+    use std::time::Duration;
+
+    /// Limits the address space, as a second line behind the watch (macOS takes the call and ignores it), and turns core files off.
+    pub fn restrict(bytes: u64) {
+        lower(libc::RLIMIT_AS, bytes as libc::rlim_t);
+        lower(libc::RLIMIT_CORE, 0);
+    }
+
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    type Resource = libc::__rlimit_resource_t;
+    #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+    type Resource = libc::c_int;
+
+    fn lower(resource: Resource, to: libc::rlim_t) {
+        // SAFETY: both calls get a valid pointer to a local.
+        unsafe {
+            let mut limit = MaybeUninit::<libc::rlimit>::zeroed().assume_init();
+            if libc::getrlimit(resource, &mut limit) == 0 {
+                limit.rlim_cur = limit.rlim_cur.min(to);
+                // A refusal leaves the limit that was there.
+                let _ = libc::setrlimit(resource, &limit);
+            }
+        }
+    }
+
+    /// Returns the process's output, which from now on belongs to the messages alone: what else is printed goes nowhere.
+    pub fn private_output() -> File {
+        // SAFETY: descriptors 1 and 2 are open (the parent set both), and the copy is owned by nobody else.
+        unsafe {
+            let copy = libc::dup(1);
+            libc::dup2(2, 1);
+            File::from_raw_fd(copy)
+        }
+    }
+
+    /// Returns the id of the parent's process.
+    pub fn parent() -> i32 {
+        // SAFETY: has no preconditions.
+        unsafe { libc::getppid() }
+    }
+
+    /// Ends the process without running anything of it, which may hold locks.
+    pub fn exit_now(code: i32) -> ! {
+        // SAFETY: has no preconditions.
+        unsafe { libc::_exit(code) }
+    }
+
+    fn usage() -> libc::rusage {
+        // SAFETY: zero is a valid rusage, and the pointer is to a local.
+        unsafe {
+            let mut usage = MaybeUninit::<libc::rusage>::zeroed().assume_init();
+            libc::getrusage(libc::RUSAGE_SELF, &mut usage);
+            usage
+        }
+    }
+
+    /// Returns the time that the process has run on processors.
+    pub fn processor_time() -> Duration {
+        let usage = usage();
+        let of = |time: libc::timeval| {
+            Duration::from_secs(time.tv_sec.unsigned_abs())
+                + Duration::from_micros(time.tv_usec.unsigned_abs().into())
+        };
+        of(usage.ru_utime) + of(usage.ru_stime)
+    }
+
+    /// Returns the bytes of memory that the process uses; where the system does not say, the most that it has used.
+    pub fn memory() -> u64 {
+        if let Some(pages) = resident_pages() {
+            // SAFETY: has no preconditions.
+            let page = unsafe { libc::sysconf(libc::_SC_PAGESIZE) };
+            return pages * page.unsigned_abs();
+        }
+        let unit = if cfg!(target_os = "macos") { 1 } else { 1024 };
+        usage().ru_maxrss.unsigned_abs() * unit
+    }
+
+    /// Reads the second number of `statm`. Linux counts memory of the parent in `ru_maxrss`, from the time before this program was
+    /// started.
+    fn resident_pages() -> Option<u64> {
+        // On the stack: there may be no other memory left.
+        let mut text = [0; 128];
+        let length = File::open("/proc/self/statm").ok()?.read(&mut text).ok()?;
+        std::str::from_utf8(&text[..length]).ok()?.split(' ').nth(1)?.parse().ok()
+    }
+}
+
+#[cfg(not(unix))]
+mod system {
+    use std::sync::OnceLock;
+    use std::time::{Duration, Instant};
+
+    pub fn restrict(_: u64) {}
+
+    pub fn private_output() -> std::io::Stdout {
+        std::io::stdout()
+    }
+
+    /// The pipe tells of the parent's end.
+    pub fn parent() -> i32 {
+        0
+    }
+
+    pub fn exit_now(code: i32) -> ! {
+        std::process::exit(code)
+    }
+
+    /// Returns the time since the first call: no more than the processors' time can be.
+    pub fn processor_time() -> Duration {
+        static START: OnceLock<Instant> = OnceLock::new();
+        START.get_or_init(Instant::now).elapsed()
+    }
+
+    pub fn memory() -> u64 {
+        0
+    }
+}

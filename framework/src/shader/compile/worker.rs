@@ -1,0 +1,325 @@
+//! The compiler in a process of its own, where its crash or appetite cannot hurt.
+//!
+//! glslang is C++: some broken shaders make it read through a null pointer, and macros can grow without bounds. So a [`Worker`]
+//! names a program that calls [`serve_if_asked`] first of all; it is started when the first shader is compiled, and kept. The two
+//! speak over pipes: four bytes of length and a JSON text in each direction, and after a success the words of the SPIR-V as a
+//! second message. The worker gets texts and opens no files.
+//!
+//! The worker limits itself ([`Limits`]): it ends with a code of its own when a compilation takes too much memory or time, and
+//! quietly when the pipe closes or its parent is gone. The parent kills it when it answers nothing for [`PATIENCE`] or when nobody
+//! waits for the build any more. After any of these the next compilation starts a new one.
+
+use std::ffi::OsString;
+use std::io::{self, BufReader, Read, Write};
+use std::path::PathBuf;
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+
+use super::super::Cancel;
+use super::generate::{Failure, Key};
+
+/// Asks a program to serve as a worker; the value holds the limits.
+pub(super) const VARIABLE: &str = "SPLATGRAPH_SHADER_COMPILER";
+/// Written by a worker before its first message, so that what a program prints while it starts does no harm.
+pub(super) const MAGIC: &[u8] = b"\nsplatgraph shader compiler 1\n";
+/// Exit code of a worker that took too much memory.
+pub(super) const OUT_OF_MEMORY: i32 = 81;
+/// Exit code of a worker that took too much time.
+pub(super) const OUT_OF_TIME: i32 = 82;
+
+/// A worker that answers nothing for this long is stopped: the limit on its own time should have ended it.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// A program that does not say for this long that it is a worker is none.
+const START: Duration = Duration::from_secs(20);
+/// Interval of asking whether somebody still waits.
+const ASK_EVERY: Duration = Duration::from_millis(20);
+/// Bytes of a message: far beyond any shader.
+const MOST_BYTES: usize = 64 << 20;
+
+/// Limits what a compilation can take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Bytes of memory that the worker's process uses. Ends it within some 10 ms on Unix; other systems have the limit on time only.
+    pub memory_bytes: u64,
+    /// Time on a processor that one compilation uses. Shaders take milliseconds.
+    pub time: Duration,
+}
+
+impl Default for Limits {
+    /// 1 GiB and 10 s.
+    fn default() -> Limits {
+        Limits { memory_bytes: 1 << 30, time: Duration::from_secs(10) }
+    }
+}
+
+impl Limits {
+    pub(super) fn to_text(self) -> String {
+        format!("{},{}", self.memory_bytes, self.time.as_millis())
+    }
+
+    pub(super) fn of_text(text: &str) -> Option<Limits> {
+        let (memory, time) = text.split_once(',')?;
+        Some(Limits { memory_bytes: memory.parse().ok()?, time: Duration::from_millis(time.parse().ok()?) })
+    }
+}
+
+/// Names a program that serves as the compiler when it is asked to: its `main` calls [`serve_if_asked`](super::serve_if_asked) first.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Worker {
+    /// The program.
+    pub program: PathBuf,
+    /// Its arguments.
+    pub arguments: Vec<OsString>,
+    /// The limits of each compilation.
+    pub limits: Limits,
+}
+
+impl Worker {
+    /// Names a program, without arguments and with the default limits.
+    pub fn new(program: impl Into<PathBuf>) -> Worker {
+        Worker { program: program.into(), arguments: Vec::new(), limits: Limits::default() }
+    }
+
+    /// Names the running program, even if its file was replaced meanwhile (on Linux).
+    pub fn this_program() -> io::Result<Worker> {
+        let itself = PathBuf::from("/proc/self/exe");
+        if cfg!(target_os = "linux") && itself.exists() {
+            return Ok(Worker::new(itself));
+        }
+        std::env::current_exe().map(Worker::new)
+    }
+}
+
+/// Answers one compilation.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) enum Reply {
+    /// A second message with the SPIR-V follows.
+    Compiled,
+    /// There is no SPIR-V, and this is why.
+    Failed(Failure),
+}
+
+/// Starts a worker when it is needed, and hands compilations to it.
+#[derive(Debug)]
+pub(super) struct Parent {
+    worker: Worker,
+    process: Option<Process>,
+}
+
+/// Explains why a worker gave no answer.
+enum Lost {
+    Ended(Option<ExitStatus>),
+    Silent,
+    Cancelled,
+}
+
+impl Parent {
+    pub fn new(worker: Worker) -> Parent {
+        Parent { worker, process: None }
+    }
+
+    /// Compiles in the worker.
+    pub fn generate(&mut self, key: &Key, cancel: &Cancel) -> Result<Vec<u32>, Failure> {
+        let request = serde_json::to_vec(key).map_err(|error| Failure::Log(format!("ERROR: {error}")))?;
+        loop {
+            let (mut process, fresh) = match self.process.take() {
+                Some(process) => (process, false),
+                None => match Process::start(&self.worker) {
+                    Ok(process) => (process, true),
+                    Err(error) => {
+                        let program = self.worker.program.display();
+                        return Err(Failure::Log(format!(
+                            "ERROR: the compiler's process {program} cannot be started ({error})"
+                        )));
+                    }
+                },
+            };
+            match process.compile(&request, cancel) {
+                Ok(answer) => {
+                    self.process = Some(process);
+                    return answer;
+                }
+                Err(lost) => match self.failure(&lost) {
+                    // It may have ended for a reason of its own, before it saw this text.
+                    None if !fresh => {}
+                    failure => return Err(failure.unwrap_or_else(crashed)),
+                },
+            }
+        }
+    }
+
+    /// Ends the process behind the compiler's back.
+    #[cfg(test)]
+    pub fn kill(&mut self) {
+        let child = self.process.as_mut().map(|process| &mut process.child);
+        child.map(Child::kill).expect("a process").expect("it can be ended");
+    }
+
+    /// The failure that follows from a loss for sure; `None` for a crash.
+    fn failure(&self, lost: &Lost) -> Option<Failure> {
+        let Limits { memory_bytes, time } = self.worker.limits;
+        let text = match lost {
+            Lost::Ended(status) => match status.and_then(|status| status.code()) {
+                Some(OUT_OF_MEMORY) => format!(
+                    "the compiler ran out of its {} MiB of memory on this shader (macros that grow do that)",
+                    memory_bytes >> 20
+                ),
+                Some(OUT_OF_TIME) => format!(
+                    "the compiler ran out of its {} s on this shader (macros that grow do that)",
+                    time.as_secs_f64()
+                ),
+                _ => return None,
+            },
+            Lost::Silent => {
+                format!("the compiler gave no answer for {} s and was stopped", PATIENCE.as_secs())
+            }
+            Lost::Cancelled => return Some(Failure::Cancelled),
+        };
+        Some(Failure::Log(format!("ERROR: {text}")))
+    }
+}
+
+fn crashed() -> Failure {
+    Failure::Log(
+        "ERROR: the compiler crashed on this shader (a name that is declared twice does that)".into(),
+    )
+}
+
+/// A running worker. Dropping it ends it.
+#[derive(Debug)]
+struct Process {
+    child: Child,
+    /// `None` only while it is dropped.
+    requests: Option<ChildStdin>,
+    /// The messages, read by a thread that ends with the process. The first is empty: it came with [`MAGIC`].
+    replies: Receiver<io::Result<Vec<u8>>>,
+}
+
+impl Process {
+    fn start(worker: &Worker) -> io::Result<Process> {
+        let mut command = Command::new(&worker.program);
+        command
+            .args(&worker.arguments)
+            .env(VARIABLE, worker.limits.to_text())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null());
+        #[cfg(unix)]
+        {
+            use std::os::unix::process::CommandExt;
+            // Ctrl+C is for the program; the worker ends with it.
+            command.process_group(0);
+        }
+        let mut child = command.spawn()?;
+        let requests = child.stdin.take();
+        let output = child.stdout.take().ok_or_else(|| io::Error::other("it has no output"))?;
+        let (sender, replies) = channel();
+        let reader = thread::Builder::new().name("shader compiler".into()).spawn(move || {
+            let mut output = BufReader::new(output);
+            let mut message = find_magic(&mut output).map(|()| Vec::new());
+            loop {
+                let ended = message.is_err();
+                if sender.send(message).is_err() || ended {
+                    return;
+                }
+                message = receive(&mut output);
+            }
+        });
+        let process = Process { child, requests, replies };
+        reader?;
+        match process.replies.recv_timeout(START) {
+            Ok(Ok(_)) => Ok(process),
+            _ => Err(io::Error::other("it does not answer as the compiler")),
+        }
+    }
+
+    /// One compilation. The outer error is that the worker is lost.
+    fn compile(&mut self, request: &[u8], cancel: &Cancel) -> Result<Result<Vec<u32>, Failure>, Lost> {
+        let requests = self.requests.as_mut().ok_or(Lost::Ended(None))?;
+        if send(requests, request).is_err() {
+            return Err(self.ended());
+        }
+        let reply = self.wait(cancel)?;
+        Ok(match serde_json::from_slice(&reply) {
+            Ok(Reply::Compiled) => {
+                let bytes = self.wait(cancel)?;
+                let word = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().expect("chunks of four"));
+                Ok(bytes.chunks_exact(4).map(word).collect())
+            }
+            Ok(Reply::Failed(failure)) => Err(failure),
+            Err(_) => return Err(self.ended()),
+        })
+    }
+
+    /// The next message, while somebody waits for it.
+    fn wait(&mut self, cancel: &Cancel) -> Result<Vec<u8>, Lost> {
+        let begun = Instant::now();
+        loop {
+            match self.replies.recv_timeout(ASK_EVERY) {
+                Ok(Ok(message)) => return Ok(message),
+                Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => return Err(self.ended()),
+                Err(RecvTimeoutError::Timeout) if cancel.is_asked() => return Err(Lost::Cancelled),
+                Err(RecvTimeoutError::Timeout) if begun.elapsed() > PATIENCE => return Err(Lost::Silent),
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
+    }
+
+    /// Why a worker that closed its pipe ended.
+    fn ended(&mut self) -> Lost {
+        let asked = Instant::now();
+        while asked.elapsed() < Duration::from_secs(2) {
+            if let Ok(Some(status)) = self.child.try_wait() {
+                return Lost::Ended(Some(status));
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
+        Lost::Ended(None)
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        drop(self.requests.take());
+        // It may have ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Reads up to the end of [`MAGIC`].
+fn find_magic(input: &mut impl Read) -> io::Result<()> {
+    let mut last = Vec::new();
+    for byte in input.bytes().take(64 << 10) {
+        last.push(byte?);
+        if last.ends_with(MAGIC) {
+            return Ok(());
+        }
+    }
+    Err(io::ErrorKind::UnexpectedEof.into())
+}
+
+/// Writes one message.
+pub(super) fn send(output: &mut impl Write, message: &[u8]) -> io::Result<()> {
+    let length = u32::try_from(message.len()).map_err(io::Error::other)?;
+    output.write_all(&length.to_le_bytes())?;
+    output.write_all(message)?;
+    output.flush()
+}
+
+/// Reads one message.
+pub(super) fn receive(input: &mut impl Read) -> io::Result<Vec<u8>> {
+    let mut length = [0; 4];
+    input.read_exact(&mut length)?;
+    let length = u32::from_le_bytes(length) as usize;
+    if length > MOST_BYTES {
+        return Err(io::Error::other("a message is too long"));
+    }
+    let mut message = vec![0; length];
+    input.read_exact(&mut message)?;
+    Ok(message)
+}

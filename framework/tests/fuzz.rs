@@ -1,0 +1,335 @@
+//! The shipped graphs and shaders, damaged at random: each is a plan, or an error with a place that can be shown.
+//!
+//! Damage is that of accidents (bytes, lines, gaps) and that of malice (numbers beyond 32 bits, brackets, macros that grow). A case is
+//! its number, so a failure names all that is needed to see it again. Shaders are compiled in a worker, which is this program.
+//!
+//! `SPLATGRAPH_LONG=1` (`./x test --long`) runs 100,000 cases of each.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use splatgraph_framework::build;
+use splatgraph_framework::ir::{
+    Attribute, Catalog, DeviceFacts, Facts, Features, Request, ShaderStage, Value,
+};
+use splatgraph_framework::shader::{Glslang, Limits, ShaderCompiler, ShaderRequest, Worker, serve_if_asked};
+use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render};
+
+/// Damaged files in the long run, and in the one that everybody does.
+const CASES: (u64, u64) = (100_000, 150);
+
+/// A case that takes this long hangs: far beyond the limits of the compiler.
+const LONGEST: Duration = Duration::from_secs(120);
+
+/// A small generator of numbers (SplitMix64), so that a case is its number.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// From 0 to `end`, without it; 0 where there is nothing else.
+    fn below(&mut self, end: usize) -> usize {
+        (self.next() % end.max(1) as u64) as usize
+    }
+}
+
+/// Pieces of graphs that are worth a try in any place.
+const RON: &[&str] = &[
+    "4294967296",
+    "-1",
+    "1e300",
+    "NaN",
+    "inf",
+    "\"\"",
+    "\"1 << 62\"",
+    "\"1 / 0\"",
+    "()",
+    "[",
+    "]",
+    "{",
+    "}",
+    "(",
+    ")",
+    ",",
+    ":",
+    "Repeat(var: \"r\", count: 20000, body: []),",
+    "Swap(\"keys\"),",
+    "\"last(keys)\"",
+    "\"back(keys)\"",
+    "run: Once,",
+    "None",
+    "when: \"false\",",
+    "/*",
+    "\"\\u{1b}[2J\"",
+    "\u{202e}",
+    "\0",
+    "9223372036854775807",
+    "history: true,",
+];
+
+/// Pieces of shaders that are worth a try in any place.
+const GLSL: &[&str] = &[
+    "4294967295u",
+    "-1",
+    "1e300",
+    "double",
+    "uint64_t(1)",
+    "#if",
+    "#endif\n",
+    "#define X X X\n",
+    "X",
+    "/*",
+    "*/",
+    "{",
+    "}",
+    "(",
+    ")",
+    ";",
+    "[",
+    "]",
+    "shared uint Out[64];\n",
+    "discard;",
+    "barrier();",
+    "for (;;) {",
+    "while (true) {}",
+    "\\\n",
+    "\u{e9}",
+    "\0",
+    "#include \"live.glsl\"\n",
+    "#line 7\n",
+    "#extension all : enable\n",
+    "layout(constant_id = 0) const int N = 3;\n",
+    "[0x7fffffff]",
+    "#define A B B B B\n#define B C C C C\n#define C A\n",
+    "void main() {}\n",
+    "subgroupAdd(1)",
+    "struct S { S s; };\n",
+];
+
+/// Damages a text.
+fn damaged(text: &str, pieces: &[&str], random: &mut Random) -> String {
+    let mut bytes = text.as_bytes().to_vec();
+    for _ in 0..=random.below(3) {
+        let at = random.below(bytes.len() + 1);
+        match random.below(10) {
+            0 => bytes.truncate(at),
+            1 => {
+                let end = (at + 1 + random.below(40)).min(bytes.len());
+                bytes.drain(at.min(end)..end);
+            }
+            2 if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
+            3 if at < bytes.len() => bytes[at] = random.next() as u8,
+            4 | 5 => {
+                let mut lines: Vec<Vec<u8>> =
+                    bytes.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
+                let [one, other] = [random.below(lines.len()), random.below(lines.len())];
+                if let Some(line) = lines.get(one).cloned() {
+                    let times = [0, 1, 1, 2, 50][random.below(5)];
+                    lines
+                        .splice(other..(other + usize::from(times == 0)).min(lines.len()), vec![line; times]);
+                }
+                bytes = lines.concat();
+            }
+            // A number in the place of another.
+            6 => {
+                let digits =
+                    |from: usize| bytes[from..].iter().position(u8::is_ascii_digit).map(|i| from + i);
+                if let Some(start) = digits(at.min(bytes.len())) {
+                    let end = bytes[start..].iter().position(|b| !b.is_ascii_digit());
+                    let end = end.map_or(bytes.len(), |length| start + length);
+                    let number =
+                        ["0", "1", "4294967296", "9223372036854775807", "65536", "31"][random.below(6)];
+                    bytes.splice(start..end, number.bytes());
+                }
+            }
+            _ => {
+                let piece = pieces[random.below(pieces.len())];
+                bytes.splice(at..at, piece.bytes());
+            }
+        }
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+/// Texts of a folder of the repository by their paths in it, such as `shaders/sort/scatter.comp`.
+fn texts(folder: &str) -> BTreeMap<String, String> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut found = BTreeMap::new();
+    let mut folders = vec![root.join(folder)];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(&root).expect("inside").display().to_string();
+                found.insert(name, fs::read_to_string(&path).expect("a text"));
+            }
+        }
+    }
+    found
+}
+
+fn facts() -> Facts {
+    let host = [
+        ("scene.count", 1000),
+        ("scene.sh_degree", 3),
+        ("scene.stored_sh_degree", 3),
+        ("viewport.width", 64),
+        ("viewport.height", 32),
+    ];
+    let device = DeviceFacts {
+        subgroup_size: 32,
+        max_storage_bytes: 1 << 27,
+        max_groups_x: 65_535,
+        shared_bytes: 32 << 10,
+        max_invocations: 1024,
+        rounds_half: true,
+        features: Features::all(),
+    };
+    Facts { device, host: host.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }
+}
+
+fn catalog() -> Catalog {
+    let attributes =
+        [("position", 12, 1), ("scale", 12, 1), ("rotation", 16, 1), ("opacity", 4, 1), ("sh", 16, 12)];
+    Catalog {
+        attributes: attributes
+            .map(|(name, stride, planes)| {
+                (format!("scene.{name}"), Attribute { stride, count: 1000, planes })
+            })
+            .into(),
+        uniforms: [("frame.camera".into(), 256)].into(),
+        ..Catalog::default()
+    }
+}
+
+/// The compiler in a process that is this program, asked for the test that serves.
+fn compiler() -> Glslang {
+    let program = std::env::current_exe().expect("this program");
+    let arguments = ["--exact", "the_worker_of_the_other_tests_serves_when_it_is_asked", "--nocapture"];
+    let limits = Limits { memory_bytes: 256 << 20, time: Duration::from_secs(1) };
+    Glslang::in_worker(Worker { program, arguments: arguments.map(Into::into).into(), limits })
+}
+
+/// Runs in the worker's process only; elsewhere nobody asks.
+#[test]
+fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
+    serve_if_asked();
+}
+
+#[derive(Default)]
+struct Counts {
+    built: u64,
+    errors: u64,
+    crashed: u64,
+    ran_out: u64,
+    slowest: Duration,
+}
+
+/// Runs the cases of one kind of file; `attempt` builds it with the damaged file in the place of the other.
+fn fuzz(
+    what: &str,
+    files: &BTreeMap<String, String>,
+    wanted: impl Fn(&str) -> bool,
+    pieces: &[&str],
+    mut attempt: impl FnMut(&mut SourceMap, &str) -> Result<(), Vec<Diagnostic>>,
+) {
+    let long = std::env::var_os("SPLATGRAPH_LONG").is_some();
+    let cases = if long { CASES.0 } else { CASES.1 };
+    let names: Vec<&String> = files.keys().filter(|name| wanted(name)).collect();
+    let mut counts = Counts::default();
+    for case in 0..cases {
+        let name = names[case as usize % names.len()];
+        let text = damaged(&files[name], pieces, &mut Random(case));
+        let mut memory = files.clone();
+        memory.insert(name.clone(), text.clone());
+        let mut map = SourceMap::new(Library { memory, ..Library::default() });
+        let begun = Instant::now();
+        let result = attempt(&mut map, name);
+        let took = begun.elapsed();
+        counts.slowest = counts.slowest.max(took);
+        assert!(took < LONGEST, "{what} case {case}: {name} took {took:?}\n{text}");
+        let Err(found) = result else {
+            counts.built += 1;
+            continue;
+        };
+        counts.errors += 1;
+        assert!(!found.is_empty(), "{what} case {case}: {name}: an error without a diagnostic\n{text}");
+        let shown = render(&map, &found, false);
+        counts.crashed += u64::from(shown.contains("the compiler crashed"));
+        counts.ran_out += u64::from(shown.contains("the compiler ran out"));
+        for diagnostic in &found {
+            let (path, place) =
+                (map.path(diagnostic.primary.span.file), map.line_column(diagnostic.primary.span));
+            let right = !diagnostic.message.trim().is_empty()
+                && path != "<unknown file>"
+                && !diagnostic.message.contains("mistake of the solver");
+            assert!(right, "{what} case {case}: {name}: {path}:{place:?}: {diagnostic:?}\n{text}");
+        }
+        assert!(
+            !shown.contains(|c: char| c.is_control() && c != '\n'),
+            "{what} case {case}: {name}: a control character\n{shown:?}"
+        );
+    }
+    let Counts { built, errors, crashed, ran_out, slowest } = counts;
+    // Not by `eprintln!`, which is kept back in tests that pass.
+    let _ = writeln!(
+        std::io::stderr(),
+        "fuzz: {cases} {what}: {built} are accepted, {errors} are errors ({crashed} crash the compiler, {ran_out} take too much); \
+         the slowest took {slowest:?}"
+    );
+}
+
+#[test]
+fn damaged_graphs_are_plans_or_errors_with_a_place() {
+    let mut files = texts("pipelines");
+    files.extend(texts("shaders"));
+    let (facts, catalog, mut compiler) = (facts(), catalog(), compiler());
+    fuzz(
+        "graphs",
+        &files,
+        |name| name.ends_with(".ron"),
+        RON,
+        |map, name| {
+            // Graphs made to be included are built through the graph that includes them.
+            let own = map.find(None, name, Kind::Graph).map(|file| map.text(file).to_string());
+            let has_output = own.is_ok_and(|text| text.contains("output:") || text.contains("Preset("));
+            let graph = if has_output { name } else { "pipelines/splat.ron" };
+            let request = Request { graph, set: &[], facts: &facts, catalog: &catalog, share_memory: true };
+            build(&request, map, &mut compiler).map(|_| ())
+        },
+    );
+}
+
+#[test]
+fn damaged_shaders_are_compiled_or_errors_with_a_place() {
+    let files = texts("shaders");
+    let mut compiler = compiler();
+    let stage = |name: &str| ShaderStage::of_file(name);
+    let defines: Vec<(String, String)> = ["DIGIT_BITS", "LANES", "DEVICE_SUBGROUP_SIZE", "SCENE_SH_DEGREE"]
+        .map(|name| (name.to_string(), "4".to_string()))
+        .into();
+    let generated = [("live.glsl".to_string(), "// Nothing.\n".to_string())];
+    fuzz(
+        "shaders",
+        &files,
+        |name| stage(name).is_some(),
+        GLSL,
+        |map, name| {
+            let file = map.find(None, name, Kind::Shader).map_err(|_| Vec::new())?;
+            let stage = stage(name).unwrap_or(ShaderStage::Compute);
+            let request = ShaderRequest { file, stage, defines: &defines, unfit: &[], generated: &generated };
+            compiler.compile(map, &request).map(|_| ())
+        },
+    );
+}
