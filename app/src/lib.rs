@@ -8,6 +8,7 @@
 //! - [`builtin`]: the built-in graphs and shaders;
 //! - [`facts`]: the facts and imports of graphs;
 //! - [`planner`]: builds plans from graphs;
+//! - [`fit`]: whether a scene fits a device;
 //! - [`camera`]: the camera's uniform block;
 //! - [`session`]: draws frames with a device, a scene and a plan;
 //! - [`stats`]: the times and counts of frames;
@@ -27,6 +28,7 @@ pub mod camera;
 pub mod cli;
 pub mod demo;
 pub mod facts;
+pub mod fit;
 pub mod image;
 pub mod inspect;
 pub mod metrics;

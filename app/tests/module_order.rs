@@ -6,9 +6,9 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 15] = [
+const CRATE: [&str; 16] = [
     "output", "backend", "image", "progress", "camera", "demo", "metrics", "inspect", "stats", "facts",
-    "builtin", "planner", "session", "view", "cli",
+    "builtin", "planner", "fit", "session", "view", "cli",
 ];
 
 /// The modules of the viewer, from the ground up.

@@ -3,17 +3,19 @@
 use super::Outcome;
 use super::{colour, options};
 use crate::facts::{self, SceneFacts};
+use crate::fit::{self, Fit, Target, Wanted};
 use crate::output::{say, say_styled};
 use crate::planner::{GraphErrors, Planner};
 use anyhow::Result;
 use splatgraph_framework::dump;
+use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::oracle::{self, Replay, mutate};
 use splatgraph_framework::plan::Plan;
-use std::io::Write;
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph check                        # every built-in graph
-  splatgraph check splat my/graph.ron";
+  splatgraph check splat my/graph.ron
+  splatgraph check splat --splats 5000000";
 
 /// Check graphs and their shaders, without a GPU
 ///
@@ -29,6 +31,9 @@ pub struct Args {
     /// Change a parameter of the graphs; can be given several times
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
+    /// Number of splats of the nominal scene
+    #[arg(long, value_name = "N", default_value_t = SceneFacts::NOMINAL.count as u32, value_parser = clap::value_parser!(u32).range(1..))]
+    splats: u32,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -41,7 +46,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut planner = Planner::default();
     let mut outcome = Outcome::Done;
     for graph in graphs {
-        match check(&mut planner, graph, &args.set) {
+        match check(&mut planner, graph, &args.set, args.splats.into()) {
             Ok(Ok(lines)) => options::print(&format!("{graph}: OK{lines}"))?,
             // Not the graph's fault: the solver's.
             Ok(Err(violations)) => {
@@ -54,6 +59,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
             Err(errors) => {
                 outcome = Outcome::Failed;
                 say_styled(&format!("{}\n", errors.text(colour()).trim_end()));
+                if let Some(fit) = too_large(&mut planner, graph, &args.set, args.splats.into()) {
+                    say(&fit.to_string());
+                }
                 options::print(&format!(
                     "{graph}: {}",
                     if errors.count == 1 { "an error" } else { "errors" }
@@ -79,16 +87,17 @@ fn check(
     planner: &mut Planner,
     graph: &str,
     set: &[(String, String)],
+    splats: u64,
 ) -> Result<Result<String, String>, GraphErrors> {
-    let catalog = options::nominal_catalog();
+    let (catalog, scene) = nominal(splats);
     let mut found: Vec<Verified> = Vec::new();
     let mut warned = Vec::new();
     for lanes in facts::SUBGROUP_SIZES {
-        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
+        let facts = facts::facts(&scene, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
         let plan = planner.plan(graph, set, &facts, &catalog)?;
         let warnings = planner.warnings(&plan, colour());
         if !warnings.is_empty() && !warned.contains(&warnings) {
-            let _ = writeln!(std::io::stderr(), "{}", warnings.trim_end());
+            say_styled(warnings.trim_end());
             warned.push(warnings);
         }
         // Barriers depend on passes and resources, not on shaders or facts.
@@ -120,6 +129,23 @@ fn is_same(a: &Plan, b: &Plan) -> bool {
         && a.shaders.iter().zip(&b.shaders).all(|(a, b)| a.reflection.bindings == b.reflection.bindings)
         && uses(a) == uses(b)
         && a.passes.iter().zip(&b.passes).all(|(a, b)| a.work == b.work)
+}
+
+/// Returns the imports and the facts of a nominal scene of this many splats.
+fn nominal(splats: u64) -> (Catalog, SceneFacts) {
+    let mut catalog = options::nominal_catalog();
+    for attribute in catalog.attributes.values_mut() {
+        attribute.count = splats;
+    }
+    (catalog, SceneFacts { count: splats, ..SceneFacts::NOMINAL })
+}
+
+/// Says what would fit, where a graph that cannot be built is sound but too large for the smallest supported device.
+fn too_large(planner: &mut Planner, graph: &str, set: &[(String, String)], splats: u64) -> Option<Fit> {
+    let (catalog, scene) = nominal(splats);
+    let wanted = Wanted { graph, set, scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
+    let (_, fit) = fit::fit(planner, &wanted, &Target::nominal()).ok()?;
+    (!fit.fits).then_some(fit)
 }
 
 /// Replays the plan with the oracle and tries every mutation; returns the counts, or the violations and the needless parts.
@@ -169,6 +195,24 @@ mod tests {
             assert!(plan.passes.iter().any(|pass| pass.name.starts_with(sort)), "{lanes} lanes");
             assert!(verify(&plan).is_ok(), "{lanes} lanes");
         }
+    }
+
+    #[test]
+    fn a_scene_too_large_for_the_smallest_device_is_answered_with_one_that_fits() {
+        let planner = &mut Planner::default();
+        let errors =
+            check(planner, "unsorted", &[], 3_000_000).expect_err("the splats exceed a storage buffer");
+        assert!(
+            errors.to_string().contains("`splats` has 138 MiB, and the device binds at most 128"),
+            "{errors}"
+        );
+        let fit = too_large(planner, "unsorted", &[], 3_000_000).expect("it is only too large");
+        assert!(
+            fit.most_splats
+                .is_some_and(|most| check(planner, "unsorted", &[], most).is_ok_and(|r| r.is_ok())),
+            "{fit}"
+        );
+        assert_eq!(too_large(planner, "unsorted", &[], 1_000_000), None);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::{Outcome, Usage, options};
 use crate::image::{Format, Image, npz_names, split_member};
-use crate::metrics::{self, Comparison};
+use crate::metrics::{self, Comparison, MetricError};
 use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::{Claims, is_standard_output, one_line, say};
 use anyhow::{Context, Result, bail};
@@ -131,8 +131,7 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
     let mut found = Vec::with_capacity(pairs.len());
     for (index, pair) in pairs.iter().enumerate() {
         let (a, b) = load(pair)?;
-        let comparison = metrics::compare(&a, &b)
-            .with_context(|| format!("{} and {} cannot be compared", pair.a.display(), pair.b.display()))?;
+        let comparison = metrics::compare(&a, &b).with_context(|| cannot(pair))?;
         if let Some(out) = diffs.get(index) {
             metrics::difference(&a, &b, args.gain).save(out)?;
         }
@@ -239,7 +238,18 @@ fn numbered(pictures: BTreeMap<String, PathBuf>) -> Result<Keyed> {
     Ok(keyed)
 }
 
+fn cannot(pair: &Pair) -> String {
+    format!("{} and {} cannot be compared", pair.a.display(), pair.b.display())
+}
+
 fn load(pair: &Pair) -> Result<(Image, Image)> {
+    let sizes = (Image::size_of(&pair.a)?, Image::size_of(&pair.b)?);
+    if sizes.0 != sizes.1 {
+        // As the comparison would, but before either is decoded.
+        let ((a_width, a_height), (b_width, b_height)) = sizes;
+        let error = MetricError::Sizes { a_width, a_height, b_width, b_height };
+        return Err(anyhow::Error::new(error).context(cannot(pair)));
+    }
     let (a, b) = (Image::load(&pair.a)?, Image::load(&pair.b)?);
     let eight_bits = [&pair.a, &pair.b].iter().any(|p| Format::of(p) == Some(Format::Png));
     Ok(if eight_bits { (a.clamped(), b.clamped()) } else { (a, b) })
@@ -378,6 +388,21 @@ mod tests {
         let out = root.path().join("differences");
         compared(&a, &b, &["--diff", out.to_str().unwrap(), "--gain", "2"]).unwrap();
         assert_eq!(Image::load(&out.join("x.png")).unwrap().rgb[0], [128.0 / 255.0; 3]);
+    }
+
+    #[test]
+    fn pictures_of_two_sizes_are_refused_before_either_is_decoded() {
+        let (_root, a, b) = folders(&[("x.npy", 0.5)], &[("x.npy", 0.5)]);
+        let (a, b) = (a.join("x.npy"), b.join("x.npy"));
+        let wide = Image { width: 13, height: 12, rgb: vec![[0.5; 3]; 156] };
+        wide.save(&b).unwrap();
+        // Neither has all of its pixels, which a decoder would say.
+        for path in [&a, &b] {
+            let bytes = std::fs::read(path).unwrap();
+            std::fs::write(path, &bytes[..200]).unwrap();
+        }
+        let error = format!("{:#}", compared(&a, &b, &[]).unwrap_err());
+        assert!(error.contains("expected pictures of one size, found 12 x 12 and 13 x 12"), "{error}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::Outcome;
 use super::options::{self, Drawing};
 use crate::facts::{self, SceneFacts};
+use crate::fit::{self, Target, Wanted};
 use crate::planner::Planner;
 use anyhow::Result;
 use serde_json::json;
@@ -18,7 +19,8 @@ pub const EXAMPLES: &str = "Examples:
 /// Show the size breakdown of a scene file, its flaws, and the GPU memory that a graph needs for it
 ///
 /// The size breakdown accounts for every byte of the file: fields x bytes x splats. The report counts dropped and unusual
-/// splats, and shows the depth range that a sort key must resolve, for the given cameras or one that frames the scene.
+/// splats, and shows the depth range that a sort key must resolve, for the given cameras or one that frames the scene. The last
+/// lines say whether the scene fits the device, and if not, how many of its splats would.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -26,7 +28,7 @@ pub struct Args {
     scene: PathBuf,
     #[command(flatten)]
     drawing: Drawing,
-    /// Build the plan for this device's limits: a part of its name, or its index in `splatgraph devices`
+    /// Build the plan for this device: a part of its name, or its index in `splatgraph devices` [default: the smallest supported]
     #[arg(long, value_name = "NAME|INDEX")]
     device: Option<String>,
     /// Print JSON
@@ -42,13 +44,34 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let own_size = cameras.first().map_or(facts::DEFAULT_SIZE, |c| (c.width, c.height));
     let size = args.drawing.size.unwrap_or(own_size);
-    let facts = facts::facts(&SceneFacts::of(&scene), &options::device_facts(args.device.as_deref())?, size);
-    let plan = Planner::default().plan(
-        &args.drawing.pipeline,
-        &args.drawing.set,
-        &facts,
-        &facts::catalog(&scene),
-    )?;
+    let worksheet = format!("{}: {}\n{report}", args.scene.display(), scene.size_breakdown());
+    if !args.json {
+        // Whatever the graph or the device says, the scene's own part is known.
+        options::write_text(None, &worksheet)?;
+    }
+    let device = match args.device.as_deref() {
+        Some(wanted) => options::target(Some(wanted))?,
+        None => Target::nominal(),
+    };
+    let catalog = facts::catalog(&scene);
+    let wanted = Wanted {
+        graph: &args.drawing.pipeline,
+        set: &args.drawing.set,
+        scene: SceneFacts::of(&scene),
+        catalog: &catalog,
+        size,
+    };
+    let mut planner = Planner::default();
+    let (plan, fit) = fit::fit(&mut planner, &wanted, &device)?;
+    let mut fits = vec![fit];
+    // What the smallest device cannot hold, that of this machine may.
+    if args.device.is_none()
+        && !fits[0].fits
+        && let Ok(found) = options::target(None)
+        && let Ok((_, fit)) = fit::fit(&mut planner, &wanted, &found)
+    {
+        fits.push(fit);
+    }
     let dump = dump::dump(&plan);
 
     if args.json {
@@ -66,16 +89,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
             "pipeline": plan.name,
             "size": [size.0, size.1],
             "buffers": buffers,
+            "fits": fits,
         });
         options::write_text(None, &format!("{all:#}\n"))?;
     } else {
-        let text = format!(
-            "{}: {}\n{report}\n{}",
-            args.scene.display(),
-            scene.size_breakdown(),
-            memory(&dump, size)
-        );
-        options::write_text(None, &text)?;
+        let fits: String = fits.iter().map(|fit| format!("\n{fit}")).collect();
+        options::write_text(None, &format!("\n{}{fits}", memory(&dump, size)))?;
     }
     Ok(Outcome::Done)
 }

@@ -5,6 +5,7 @@ use crate::backend::{Backend, Options, Validation};
 use crate::builtin;
 use crate::demo;
 use crate::facts;
+use crate::fit::Target;
 use crate::output::{self, say};
 use crate::progress::Progress;
 use anyhow::{Context, Result};
@@ -166,6 +167,14 @@ pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     let options = Options { device: Some(wanted.to_owned()), ..Default::default() };
     let device = Backend::open(&options).context("the device's limits are not available")?;
     Ok(splatgraph_api::Device::info(&device).facts)
+}
+
+/// Opens the named device, or the one that is taken without a name, and describes it.
+pub fn target(wanted: Option<&str>) -> Result<Target> {
+    let options = Options { device: wanted.map(str::to_owned), ..Default::default() };
+    let device = Backend::open(&options).context("the device's limits are not available")?;
+    let info = splatgraph_api::Device::info(&device);
+    Ok(Target { name: info.name.clone(), facts: info.facts, heap: info.heap })
 }
 
 /// Options of the device.

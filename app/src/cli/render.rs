@@ -4,6 +4,7 @@ use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::backend::Backend;
 use crate::demo;
+use crate::fit;
 use crate::image::{Format, Image};
 use crate::inspect::{self, Finding};
 use crate::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
@@ -54,7 +55,7 @@ pub struct Args {
     #[arg(long, value_name = "STATS.json")]
     json: Option<PathBuf>,
     /// Number of frames per camera; times are medians over them
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
     repeat: u32,
     /// Read a resource back after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
     ///
@@ -84,6 +85,17 @@ fn inspect_request(text: &str) -> Result<InspectRequest, String> {
     };
     let (resource, pass) = options::inspect_target(target)?;
     Ok(InspectRequest { resource, pass, file })
+}
+
+/// Parses the number of frames. The times of all of them are kept for the medians.
+fn repeat(text: &str) -> Result<u32, String> {
+    const MOST: u32 = 100_000;
+    match text.parse() {
+        Ok(frames @ 1..=MOST) => Ok(frames),
+        _ => {
+            Err(format!("expected 1 to {MOST} frames, as the times of all of them are kept for the medians"))
+        }
+    }
 }
 
 /// The cameras of a run and its files, known before the device is opened.
@@ -171,6 +183,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     // Errors of the command line and of the device are reported before a large scene is loaded.
     let Work { given, destination, stems, mut claims } = prepare(args)?;
     let device = Backend::open(&args.device.options())?;
+    if let Some(path) = &args.scene {
+        fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
+    }
     let (scene, cameras) = scene_and_cameras(args, given, &stems)?;
 
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
@@ -352,7 +367,7 @@ fn draw(
         .map(|inspect_request| inspect::resolve(&plan, &inspect_request.resource, &inspect_request.pass))
         .collect::<Result<_, _>>()?;
 
-    let mut results = Vec::with_capacity(args.repeat as usize);
+    let mut results: Vec<FrameResult> = Vec::new();
     let mut findings: Vec<Option<Finding>> = vec![None; targets.len()];
     let mut flying: VecDeque<(_, Vec<usize>)> = VecDeque::new();
     let mut land = |session: &mut Session<Backend>, (id, asked): (_, Vec<usize>)| -> Result<()> {
@@ -360,6 +375,10 @@ fn draw(
         for (bytes, &target) in result.inspected.iter().zip(&asked) {
             let visible = visible(&result);
             findings[target] = Some(Finding::new(&plan, &targets[target], bytes, visible));
+        }
+        // Counts are those of the last frame.
+        if let Some(former) = results.last_mut() {
+            former.stats = Vec::new();
         }
         results.push(result);
         Ok(())
@@ -438,6 +457,18 @@ mod tests {
     struct Line {
         #[command(flatten)]
         args: Args,
+    }
+
+    #[test]
+    fn more_frames_than_their_times_can_be_kept_of_are_refused() {
+        let parse = |frames: &str| Line::try_parse_from(["render", "--json", "-", "--repeat", frames]);
+        assert_eq!(parse("100000").unwrap().args.repeat, 100_000);
+        for frames in ["0", "100001", "4294967295", "4294967296", "many"] {
+            assert!(
+                parse(frames).unwrap_err().to_string().contains("expected 1 to 100000 frames"),
+                "{frames}"
+            );
+        }
     }
 
     fn destination(line: &str) -> Result<Option<Destination>, Usage> {

@@ -4,7 +4,7 @@
 //! so: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop Forum, and
 //! `comments` for people.
 
-use super::{Image, ImageError, check_size};
+use super::{Image, ImageError, check_size, open};
 use crate::output::file::Cause;
 use exr::prelude as x;
 use exr::prelude::{ReadChannels, ReadLayers, WritableImage};
@@ -35,13 +35,25 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     Ok(out.write_all(&bytes)?)
 }
 
+/// Checks the sizes of all layers; returns that of the first that has R, G and B.
+pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
+    let meta = exr::meta::MetaData::read_from_buffered(open(path)?, false)
+        .map_err(|e| ImageError::because(path, e))?;
+    let mut found = None;
+    for header in &meta.headers {
+        let size = check_size(path, header.layer_size.width() as u64, header.layer_size.height() as u64)?;
+        let has = |name: &str| header.channels.find_index_of_channel(&x::Text::from(name)).is_some();
+        if found.is_none() && ["R", "G", "B"].into_iter().all(has) {
+            found = Some(size);
+        }
+    }
+    found.ok_or_else(|| ImageError::new(path, "expected a layer with the channels R, G and B, found none"))
+}
+
 /// Loads the data window of the first layer that has R, G and B.
 pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
     let fail = |e: exr::error::Error| ImageError::because(path, e);
-    let meta = exr::meta::MetaData::read_from_file(path, false).map_err(fail)?;
-    for header in &meta.headers {
-        check_size(path, header.layer_size.width() as u64, header.layer_size.height() as u64)?;
-    }
+    size(path)?;
     let file = x::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -55,7 +67,7 @@ pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
         )
         .first_valid_layer()
         .all_attributes()
-        .from_file(path)
+        .from_buffered(open(path)?)
         .map_err(fail)?;
     Ok(file.layer_data.channel_data.pixels)
 }

@@ -12,6 +12,7 @@ mod npy;
 mod png;
 
 use crate::output::{self, OutputError};
+use splatgraph_assets::memory;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -56,6 +57,22 @@ impl Image {
         self
     }
 
+    /// Reads the width and height of a picture in pixels, from its header alone.
+    ///
+    /// # Errors
+    /// Those of [`Image::load`] that the header shows.
+    pub fn size_of(path: &Path) -> Result<(usize, usize), ImageError> {
+        if let Some((archive, array)) = split_member(path) {
+            return npy::member_size(&archive, &array);
+        }
+        match Format::of(path) {
+            Some(Format::Png) => png::size(path),
+            Some(Format::Exr) => exr::size(path),
+            Some(Format::Npy) => npy::size(path),
+            None => Err(no_picture(path)),
+        }
+    }
+
     /// Loads `.png`, `.exr`, `.npy`, or `archive.npz#array`.
     pub fn load(path: &Path) -> Result<Image, ImageError> {
         if let Some((archive, array)) = split_member(path) {
@@ -65,19 +82,7 @@ impl Image {
             Some(Format::Png) => png::load(path),
             Some(Format::Exr) => exr::load(path),
             Some(Format::Npy) => npy::load(path),
-            None if has_extension(path, "npz") => {
-                let names = npz_names(path)?;
-                let example = names.first().map_or("camera0", String::as_str);
-                Err(ImageError::new(
-                    path,
-                    format!(
-                        "an archive of arrays: name one of them, for instance {}#{example} (it holds {})",
-                        path.display(),
-                        names.join(", ")
-                    ),
-                ))
-            }
-            None => Err(ImageError::new(path, "expected a picture (.png, .exr, .npy, or FILE.npz#NAME)")),
+            None => Err(no_picture(path)),
         }
     }
 
@@ -165,6 +170,29 @@ impl ImageError {
     }
 }
 
+/// Makes the error for a file whose name is not that of a picture.
+fn no_picture(path: &Path) -> ImageError {
+    if !has_extension(path, "npz") {
+        return ImageError::new(path, "expected a picture (.png, .exr, .npy, or FILE.npz#NAME)");
+    }
+    let names = match npz_names(path) {
+        Ok(names) => names,
+        Err(error) => return error,
+    };
+    let example = names.first().map_or("camera0", String::as_str);
+    let names = names.join(", ");
+    let text = format!(
+        "an archive of arrays: name one of them, for instance {}#{example} (it holds {names})",
+        path.display()
+    );
+    ImageError::new(path, text)
+}
+
+/// Opens a regular file for reading.
+fn open(path: &Path) -> Result<std::io::BufReader<std::fs::File>, ImageError> {
+    splatgraph_assets::file::open(path).map(std::io::BufReader::new).map_err(|e| ImageError::because(path, e))
+}
+
 /// Splits `a/b.npz#name` into `a/b.npz` and `name`.
 pub fn split_member(path: &Path) -> Option<(PathBuf, String)> {
     let (archive, array) = path.to_str()?.rsplit_once('#')?;
@@ -181,8 +209,26 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
+/// Bytes of memory per pixel that reading a picture takes at most: its values as f32, and as a file may hold them.
+const BYTES_PER_PIXEL: u64 = 12 + 8;
+
+/// Allocates room for the pixels of a picture.
+fn room(path: &Path, pixels: usize) -> Result<Vec<[f32; 3]>, ImageError> {
+    let mut rgb = Vec::new();
+    rgb.try_reserve_exact(pixels).map_err(|e| ImageError::because(path, e))?;
+    Ok(rgb)
+}
+
 /// Checks the size in a file's header before memory is allocated for it.
 fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize), ImageError> {
+    let needed = width.saturating_mul(height).saturating_mul(BYTES_PER_PIXEL);
+    if let Some(available) = memory::available().filter(|available| needed > *available) {
+        let (needed, available) = (memory::display(needed), memory::display(available));
+        let text = format!(
+            "expected a picture that fits in the {available} of memory available, found {width} x {height} pixels, which need {needed}"
+        );
+        return Err(ImageError::new(path, text));
+    }
     match width.checked_mul(height) {
         Some(0) => {
             Err(ImageError::new(path, format!("expected at least one pixel, found {width} x {height}")))
@@ -283,7 +329,36 @@ mod tests {
         let message = check_size(path, u64::MAX, 2).unwrap_err().to_string();
         assert!(message.starts_with("huge.png: expected at most"), "{message}");
         assert!(check_size(path, 0, 4).is_err());
-        assert!(check_size(path, 1 << 14, 1 << 14).is_ok());
+        assert!(check_size(path, 1 << 12, 1 << 12).is_ok());
+    }
+
+    #[test]
+    fn the_size_is_read_from_the_header_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "a.exr", "a.npy"] {
+            let path = folder.path().join(name);
+            ramp().save(&path).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            assert_eq!(Image::size_of(&path).unwrap(), (7, 5), "{name}");
+            // Most of the pixels are missing.
+            std::fs::write(&path, &bytes[..bytes.len() - 40]).unwrap();
+            assert_eq!(Image::size_of(&path).unwrap(), (7, 5), "{name}");
+            assert!(Image::load(&path).is_err());
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_regular_file_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "a.exr", "a.npy", "a.npz"] {
+            let path = folder.path().join(name);
+            assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+            let path = if name == "a.npz" { folder.path().join("a.npz#b") } else { path };
+            for error in [Image::size_of(&path).unwrap_err(), Image::load(&path).unwrap_err()] {
+                assert!(error.to_string().ends_with("expected a regular file, found a FIFO"), "{error}");
+            }
+        }
     }
 
     #[test]

@@ -3,14 +3,13 @@
 //! Arrays are written as float32, little-endian, shape `[height, width, 3]`. They are read as any float type, or as bytes
 //! of 0 to 255, with 3 channels, or 4 of which the last is ignored.
 
-use super::{Image, ImageError, MAX_PIXELS, check_size, has_extension};
+use super::{Image, ImageError, check_size, has_extension, open, room};
 use crate::output::{self, file::Cause};
 use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Write};
 use std::path::Path;
 use zip::ZipArchive;
-use zip::result::ZipError;
 
 pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     let shape = [image.height as u64, image.width as u64, 3];
@@ -39,25 +38,72 @@ fn write_array<T: npyz::AutoSerialize>(
     Ok(npy.finish()?)
 }
 
+/// Bytes of a header at most; NumPy pads that of a picture to 128.
+const LONGEST_HEADER: usize = 4096;
+
+/// Brackets in a header at most: its parser calls itself for each that is open.
+const MOST_BRACKETS: usize = 16;
+
+/// Checks the length and the nesting of the header, and reads it. The parser trusts both.
+fn header<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
+    let fail = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
+    // The magic number, the version, and the header's length in 2 or 4 bytes.
+    let mut start = vec![0; 8];
+    reader.read_exact(&mut start)?;
+    let bytes = if start[6] == 1 { 2 } else { 4 };
+    let mut length = [0; 4];
+    reader.read_exact(&mut length[..bytes])?;
+    start.extend_from_slice(&length[..bytes]);
+    let length = u32::from_le_bytes(length) as usize;
+    if start.starts_with(b"\x93NUMPY") {
+        if length > LONGEST_HEADER {
+            return Err(fail(format!("expected a header of at most {LONGEST_HEADER} bytes, found {length}")));
+        }
+        let from = start.len();
+        start.resize(from + length, 0);
+        reader.read_exact(&mut start[from..])?;
+        let brackets = start[from..].iter().filter(|byte| b"([{".contains(byte)).count();
+        if brackets > MOST_BRACKETS {
+            return Err(fail(format!(
+                "expected at most {MOST_BRACKETS} brackets in the header, found {brackets}"
+            )));
+        }
+    }
+    NpyFile::new(io::Cursor::new(start).chain(reader))
+}
+
 pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
-    let file = File::open(path).map_err(|e| ImageError::because(path, e))?;
-    read(path, NpyFile::new(BufReader::new(file)).map_err(|e| ImageError::because(path, e))?)
+    read(path, header(open(path)?).map_err(|e| ImageError::because(path, e))?)
+}
+
+pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
+    shape(path, &header(open(path)?).map_err(|e| ImageError::because(path, e))?).map(|(size, _)| size)
 }
 
 pub(super) fn load_member(archive: &Path, array: &str) -> Result<Image, ImageError> {
     let mut npz = open_npz(archive)?;
-    let member = match npz.by_name(&format!("{array}.npy")) {
-        Ok(member) => member,
-        Err(ZipError::FileNotFound) => {
-            let names = npz_names(archive)?.join(", ");
-            return Err(ImageError::new(
-                archive,
-                format!("expected an array named `{array}`, found {names}"),
-            ));
-        }
-        Err(error) => return Err(ImageError::because(archive, error)),
-    };
-    read(archive, NpyFile::new(BufReader::new(member)).map_err(|e| ImageError::because(archive, e))?)
+    let member = member(archive, &mut npz, array)?;
+    read(archive, header(member).map_err(|e| ImageError::because(archive, e))?)
+}
+
+pub(super) fn member_size(archive: &Path, array: &str) -> Result<(usize, usize), ImageError> {
+    let mut npz = open_npz(archive)?;
+    let member = member(archive, &mut npz, array)?;
+    shape(archive, &header(member).map_err(|e| ImageError::because(archive, e))?).map(|(size, _)| size)
+}
+
+/// Finds an array of an archive. What is read of it is what its own header promises, not what the archive says of its size.
+fn member<'a>(
+    archive: &Path,
+    npz: &'a mut ZipArchive<BufReader<File>>,
+    array: &str,
+) -> Result<impl Read + use<'a>, ImageError> {
+    let name = format!("{array}.npy");
+    if npz.index_for_name(&name).is_none() {
+        let names = npz_names(archive)?.join(", ");
+        return Err(ImageError::new(archive, format!("expected an array named `{array}`, found {names}")));
+    }
+    npz.by_name(&name).map(BufReader::new).map_err(|error| ImageError::because(archive, error))
 }
 
 /// Lists the names of an archive's arrays, sorted.
@@ -71,14 +117,13 @@ pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
 
 /// Opens an `.npz`, which is a zip archive of `.npy` files.
 fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
-    let file = File::open(archive).map_err(|e| ImageError::because(archive, e))?;
-    ZipArchive::new(BufReader::new(file)).map_err(|e| ImageError::because(archive, e))
+    ZipArchive::new(open(archive)?).map_err(|e| ImageError::because(archive, e))
 }
 
-fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
-    let fail = |e: io::Error| ImageError::because(path, e);
-    let shape = npy.shape().to_vec();
-    let (&[height, width, channels @ (3 | 4)], Order::C) = (shape.as_slice(), npy.order()) else {
+/// Checks the shape of an array, and returns the picture's size and its number of channels.
+fn shape<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<((usize, usize), usize), ImageError> {
+    let shape = npy.shape();
+    let (&[height, width, channels @ (3 | 4)], Order::C) = (shape, npy.order()) else {
         return Err(ImageError::new(
             path,
             format!(
@@ -87,8 +132,11 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
             ),
         ));
     };
-    let (width, height) = check_size(path, width, height)?;
-    debug_assert!((width * height) as u64 <= MAX_PIXELS);
+    Ok((check_size(path, width, height)?, channels as usize))
+}
+
+fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
+    let ((width, height), channels) = shape(path, &npy)?;
     let kind = match npy.dtype() {
         npyz::DType::Plain(kind) => (kind.type_char(), kind.size_field()),
         other => {
@@ -98,20 +146,36 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
             ));
         }
     };
-    let values: Vec<f32> = match kind {
-        (TypeChar::Float, 4) => npy.into_vec::<f32>().map_err(fail)?,
-        (TypeChar::Float, 8) => npy.into_vec::<f64>().map_err(fail)?.into_iter().map(|v| v as f32).collect(),
-        (TypeChar::Uint, 1) => {
-            npy.into_vec::<u8>().map_err(fail)?.into_iter().map(|v| f32::from(v) / 255.0).collect()
+    let size = (width, height, channels);
+    match kind {
+        (TypeChar::Float, 4) => pixels(path, npy, size, |v: f32| v),
+        (TypeChar::Float, 8) => pixels(path, npy, size, |v: f64| v as f32),
+        (TypeChar::Uint, 1) => pixels(path, npy, size, |v: u8| f32::from(v) / 255.0),
+        _ => Err(ImageError::new(
+            path,
+            format!("expected values of type float32, float64 or uint8, found {}", npy.dtype().descr()),
+        )),
+    }
+}
+
+/// Reads the values of an array, one by one.
+fn pixels<R: Read, T: npyz::Deserialize>(
+    path: &Path,
+    npy: NpyFile<R>,
+    (width, height, channels): (usize, usize, usize),
+    convert: impl Fn(T) -> f32,
+) -> Result<Image, ImageError> {
+    let mut values = npy.data::<T>().map_err(|e| ImageError::because(path, e))?;
+    let mut rgb = room(path, width * height)?;
+    let missing = || ImageError::new(path, "the file ends before its last pixel");
+    for _ in 0..width * height {
+        let mut pixel = [0.0; 4];
+        for value in &mut pixel[..channels] {
+            let read = values.next().ok_or_else(missing)?;
+            *value = convert(read.map_err(|e| ImageError::because(path, e))?);
         }
-        _ => {
-            return Err(ImageError::new(
-                path,
-                format!("expected values of type float32, float64 or uint8, found {}", npy.dtype().descr()),
-            ));
-        }
-    };
-    let rgb = values.chunks_exact(channels as usize).map(|v| [v[0], v[1], v[2]]).collect();
+        rgb.push([pixel[0], pixel[1], pixel[2]]);
+    }
     Ok(Image { width, height, rgb })
 }
 
@@ -129,6 +193,46 @@ mod tests {
         save_words(&path, &[2, 2, 3], &[0u32; 12]).unwrap();
         let message = load(&path).unwrap_err().to_string();
         assert!(message.ends_with("found '<u4'"), "{message}");
+    }
+
+    #[test]
+    fn a_header_that_is_too_long_or_too_deep_is_refused_before_it_is_parsed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let said = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            load(&path).unwrap_err().to_string()
+        };
+        let said_long = said(b"\x93NUMPY\x02\x00\xff\xff\xff\xff{'descr'");
+        assert!(
+            said_long.ends_with("expected a header of at most 4096 bytes, found 4294967295"),
+            "{said_long}"
+        );
+        let deep = [&b"\x93NUMPY\x01\x00\xa0\x0f"[..], "(".repeat(4000).as_bytes()].concat();
+        assert!(
+            said(&deep).ends_with("expected at most 16 brackets in the header, found 4000"),
+            "{}",
+            said(&deep)
+        );
+    }
+
+    #[test]
+    fn an_array_of_an_archive_that_promises_more_pixels_than_are_allowed_is_refused_from_its_header() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bomb.npz");
+        let mut npz = zip::ZipWriter::new(File::create(&path).unwrap());
+        npz.start_file("a.npy", zip::write::SimpleFileOptions::default()).unwrap();
+        let mut header =
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (1000000, 1000000, 3), }".to_owned();
+        header += &" ".repeat(117 - header.len());
+        npz.write_all(b"\x93NUMPY\x01\x00\x76\x00").unwrap();
+        npz.write_all(header.as_bytes()).unwrap();
+        npz.write_all(b"\n").unwrap();
+        npz.write_all(&vec![0; 1 << 20]).unwrap();
+        npz.finish().unwrap();
+        for error in [load_member(&path, "a").unwrap_err(), member_size(&path, "a").unwrap_err()] {
+            assert!(error.to_string().contains("found 1000000 x 1000000"), "{error}");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Reads and writes PNG files: 8 bits per channel when written, any colour type and depth when read.
 
-use super::{Image, ImageError, check_size};
+use super::{Image, ImageError, check_size, open, room};
 use crate::output::file::Cause;
 use std::fs::File;
 use std::io::{BufReader, Write};
@@ -23,37 +23,62 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     Ok(writer.finish()?)
 }
 
+/// A decoder whose header was read.
+type Decoder = png::Decoder<BufReader<File>>;
+
+/// Reads the header, with the picture's size.
+fn header(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
+    let mut decoder = png::Decoder::new(open(path)?);
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let header = decoder.read_header_info().map_err(|e| ImageError::because(path, e))?;
+    let size = check_size(path, header.width.into(), header.height.into())?;
+    Ok((decoder, size))
+}
+
+pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
+    header(path).map(|(_, size)| size)
+}
+
 /// Loads a file and ignores its alpha: pictures here are opaque.
 pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
     let fail = |e: png::DecodingError| ImageError::because(path, e);
-    let file = File::open(path).map_err(|e| ImageError::because(path, e))?;
-    let mut decoder = png::Decoder::new(BufReader::new(file));
-    decoder.set_transformations(png::Transformations::EXPAND);
-    let header = decoder.read_header_info().map_err(fail)?;
-    let (width, height) = check_size(path, header.width.into(), header.height.into())?;
+    let (decoder, (width, height)) = header(path)?;
     let mut reader = decoder.read_info().map_err(fail)?;
     let size = reader
         .output_buffer_size()
         .ok_or_else(|| ImageError::new(path, "the pixels do not fit in memory"))?;
-    let mut bytes = vec![0; size];
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(size).map_err(|e| ImageError::because(path, e))?;
+    bytes.resize(size, 0);
     let frame = reader.next_frame(&mut bytes).map_err(fail)?;
     bytes.truncate(frame.buffer_size());
 
-    let values: Vec<f32> = match frame.bit_depth {
-        png::BitDepth::Sixteen => bytes
-            .chunks_exact(2)
-            .map(|b| f32::from(u16::from_be_bytes([b[0], b[1]])) / f32::from(u16::MAX))
-            .collect(),
-        _ => bytes.iter().map(|&b| f32::from(b) / 255.0).collect(),
-    };
-    let rgb = match frame.color_type {
-        png::ColorType::Grayscale => values.iter().map(|&v| [v; 3]).collect(),
-        png::ColorType::GrayscaleAlpha => values.chunks_exact(2).map(|v| [v[0]; 3]).collect(),
-        png::ColorType::Rgb => values.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect(),
-        png::ColorType::Rgba => values.chunks_exact(4).map(|v| [v[0], v[1], v[2]]).collect(),
+    let channels = match frame.color_type {
+        png::ColorType::Grayscale => 1,
+        png::ColorType::GrayscaleAlpha => 2,
+        png::ColorType::Rgb => 3,
+        png::ColorType::Rgba => 4,
         // EXPAND turns a palette into RGB.
         png::ColorType::Indexed => return Err(ImageError::new(path, "the palette cannot be read")),
     };
+    // Grey is that of its one channel three times.
+    let [r, g, b] = if channels < 3 { [0; 3] } else { [0, 1, 2] };
+    let mut rgb = room(path, width * height)?;
+    match frame.bit_depth {
+        png::BitDepth::Sixteen => {
+            let value = |b: &[u8]| f32::from(u16::from_be_bytes([b[0], b[1]])) / f32::from(u16::MAX);
+            let pixels = bytes.chunks_exact(2 * channels);
+            rgb.extend(pixels.map(|p| [r, g, b].map(|c| value(&p[2 * c..]))));
+        }
+        _ => {
+            let pixels = bytes.chunks_exact(channels);
+            rgb.extend(pixels.map(|p| [r, g, b].map(|c| f32::from(p[c]) / 255.0)));
+        }
+    }
+    if rgb.len() != width * height {
+        let text = format!("expected {} pixels, found {}", width * height, rgb.len());
+        return Err(ImageError::new(path, text));
+    }
     Ok(Image { width, height, rgb })
 }
 
