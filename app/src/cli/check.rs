@@ -97,7 +97,7 @@ fn check(
         let plan = planner.plan(graph, set, &facts, &catalog)?;
         let warnings = planner.warnings(&plan, colour());
         if !warnings.is_empty() && !warned.contains(&warnings) {
-            say_styled(warnings.trim_end());
+            say_styled(&format!("{}\n", warnings.trim_end()));
             warned.push(warnings);
         }
         // Barriers depend on passes and resources, not on shaders or facts.
