@@ -37,11 +37,12 @@ fn prepared(place: &Place) {
 
 /// The number of words that may mean a file.
 fn named(words: &[String], file: &str) -> usize {
+    let scene = ["scene.ply", "link.ply", "hard.ply"];
     let is_it = |word: &&String| {
         let word = word.rsplit_once('=').map_or(word.as_str(), |(_, value)| value);
         let word = word.split_once('#').map_or(word, |(path, _)| path);
         let word = word.trim_start_matches("./").trim_start_matches("-o");
-        word == file || file == "scene.ply" && ["link.ply", "hard.ply"].contains(&word)
+        word == file || scene.contains(&file) && scene.contains(&word)
     };
     words.iter().filter(is_it).count()
 }

@@ -99,6 +99,8 @@ impl Claims {
             return Err(Conflict(format!("{what} names {}, which is the folder of {other}", path.display())));
         }
         if let Identity::New(root, parts) = &identity {
+            // A path on systems without such numbers.
+            #[allow(clippy::clone_on_copy)]
             for length in 1..parts.len() {
                 let folder = Identity::New(root.clone(), parts[..length].to_vec());
                 if let Some(other) = self.outputs.get(&folder) {
