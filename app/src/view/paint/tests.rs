@@ -212,8 +212,9 @@ fn the_block_of_the_window_lies_as_the_shaders_declare_it() {
     let (w, f) = (words(&bytes), read::<f32>(&bytes));
     assert_eq!(bytes.len() as u64, WINDOW_BYTES);
     assert_eq!(w[0..4], [200, 10, 400, 300], "view at 0");
-    assert_eq!(w[4..8], [3, 2, 2, 0], "A at 16");
-    assert_eq!(w[8..12], [3, 2, 0, 0], "B at 32, which holds no colours");
+    // Pixels from the host are one part, of all rows.
+    assert_eq!(w[4..8], [3, 2, 2, 2], "A at 16");
+    assert_eq!(w[8..12], [3, 2, 0, 2], "B at 32, which holds no colours");
     assert_eq!(f[12..16], [0.1, 0.2, 0.3, 0.0], "background at 48");
     assert_eq!(f[16..20], [640.0, 1.0, 0.25, 16.0], "size, split, amplification at 64");
     assert_eq!(w[20], 2, "mode at 80");
