@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
                 outcome = Outcome::Failed;
                 say_styled(&format!("{}\n", errors.text(colour()).trim_end()));
                 if let Some(fit) = too_large(&mut planner, graph, &args.set, args.splats.into()) {
-                    say(&fit.to_string());
+                    say(fit);
                 }
                 options::print(&format!(
                     "{graph}: {}",

@@ -83,7 +83,7 @@ impl<D: Device> Recovery<D> {
         shell: &mut Shell<D>,
         input: RawInput,
         request: FrameRequest,
-    ) -> Result<Option<Frame>, Unrecovered> {
+    ) -> Result<Option<Frame>, Box<Unrecovered>> {
         if !self.reopen(shell, request.size)? {
             return Ok(None);
         }
@@ -104,7 +104,7 @@ impl<D: Device> Recovery<D> {
     }
 
     /// Tries to open another device, if one was lost; returns true if there is one.
-    fn reopen(&mut self, shell: &mut Shell<D>, size: (u32, u32)) -> Result<bool, Unrecovered> {
+    fn reopen(&mut self, shell: &mut Shell<D>, size: (u32, u32)) -> Result<bool, Box<Unrecovered>> {
         let Some(loss) = &mut self.loss else { return Ok(true) };
         // A build holds the former device, and some window systems allow one at a time.
         let released = shell.is_released() || loss.since.elapsed() > BUILDS;
@@ -116,7 +116,7 @@ impl<D: Device> Recovery<D> {
         let (canvas, device) = match (self.open)(size, shell.panels.vsync) {
             Ok(devices) => devices,
             Err(error) if attempts >= ATTEMPTS => {
-                return Err(Unrecovered { loss: loss.error.clone(), error });
+                return Err(Box::new(Unrecovered { loss: loss.error.clone(), error }));
             }
             Err(_) => {
                 loss.next = Instant::now() + INTERVAL;

@@ -81,10 +81,13 @@ pub struct Viewer<D: Device> {
     /// Number of the request of the cameras, if they were opened by themselves.
     cameras_number: u64,
     comparing: Comparing,
-    compared: (Sender<Result<Event, String>>, Receiver<Result<Event, String>>),
+    compared: (Sender<Compared>, Receiver<Compared>),
     events: Vec<Event>,
     wake: Wake,
 }
+
+/// The event of a comparison, or the reason that there is none.
+type Compared = Result<Event, String>;
 
 impl<D: Device> Viewer<D> {
     /// Creates a viewer of `scene`, loaded from `path`, with `graph` and the parameters in `set`.

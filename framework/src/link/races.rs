@@ -116,11 +116,9 @@ impl Linker<'_> {
         for bind in &pass.bind {
             let blocks: Vec<(ShaderHandle, &ReflectedBinding)> = self.blocks(stages, &bind.block).collect();
             let [(vertex, a), (fragment, b)] = blocks[..] else { continue };
-            if !(a.writes || b.writes)
-                || !(a.reads || a.writes)
-                || !(b.reads || b.writes)
-                || a.atomics_only && b.atomics_only
-            {
+            let uses = |block: &ReflectedBinding| block.reads || block.writes;
+            let conflict = uses(a) && uses(b) && (a.writes || b.writes);
+            if !conflict || (a.atomics_only && b.atomics_only) {
                 continue;
             }
             let does = |block: &ReflectedBinding| match (block.reads, block.writes) {

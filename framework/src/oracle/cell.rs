@@ -237,11 +237,10 @@ impl Cell {
                 self.reads.iter().any(|read| read.time > write.time && read.ordered.contains(stage));
             match write.lacks(stage, access, through) {
                 Some(Missing::Visibility(..)) if settled => {}
+                Some(Missing::Visibility(..)) if !rules.writes_see_writes && write.chain.contains(stage) => {}
                 Some(Missing::Visibility(..)) if !rules.writes_see_writes => {
-                    if !write.chain.contains(stage) {
-                        let missing = Missing::Availability;
-                        conflict((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing));
-                    }
+                    let missing = Missing::Availability;
+                    conflict((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing));
                 }
                 Some(missing) => {
                     conflict((ViolationKind::WriteAfterWrite, write.actor, write.resource, missing))
@@ -267,16 +266,14 @@ impl Cell {
             }
         }
         for write in &self.writes {
+            let of_prologue = matches!(when, When::Frame(_)) && write.actor.when() == When::Prologue;
+            let must_be_named = rules.changes_name_writes
+                && !write.stage.is_empty()
+                && !of_prologue
+                && self.reads.iter().all(|read| read.time <= write.time);
             let missing = if !scope.waits_for(with_later(write.stage), write.ordered) {
                 Missing::Order
-            } else if !scope.finds_available(write) {
-                Missing::Availability
-            } else if rules.changes_name_writes
-                && !write.stage.is_empty()
-                && !(matches!(when, When::Frame(_)) && write.actor.when() == When::Prologue)
-                && !scope.names(write)
-                && self.reads.iter().all(|read| read.time <= write.time)
-            {
+            } else if !scope.finds_available(write) || (must_be_named && !scope.names(write)) {
                 Missing::Availability
             } else {
                 continue;

@@ -181,7 +181,7 @@ mod system {
         let usage = usage();
         let of = |time: libc::timeval| {
             Duration::from_secs(time.tv_sec.unsigned_abs())
-                + Duration::from_micros(time.tv_usec.unsigned_abs().into())
+                + Duration::from_micros(u64::try_from(time.tv_usec).unwrap_or(0))
         };
         of(usage.ru_utime) + of(usage.ru_stime)
     }

@@ -294,8 +294,11 @@ impl Drop for Process {
 /// Reads up to the end of [`MAGIC`].
 fn find_magic(input: &mut impl Read) -> io::Result<()> {
     let mut last = Vec::new();
-    for byte in input.bytes().take(64 << 10) {
-        last.push(byte?);
+    let mut byte = [0];
+    // Byte by byte, so that nothing behind the magic is consumed.
+    for _ in 0..64 << 10 {
+        input.read_exact(&mut byte)?;
+        last.extend(byte);
         if last.ends_with(MAGIC) {
             return Ok(());
         }
