@@ -165,6 +165,11 @@ impl<D: Device> Shell<D> {
         for event in self.viewer.take_events() {
             self.report(event);
         }
+        if ready && self.canvas.reads_block() {
+            // Presenting waits for what was submitted before, too.
+            let ready = self.is_ready(self.canvas.patience);
+            self.canvas.paused = !ready;
+        }
         let (drawn, picture) = self.paint(request, view, &painted);
         profile::frame();
         let lost = self.viewer.lost().or_else(|| self.canvas.lost()).cloned();
