@@ -52,6 +52,7 @@ impl ShaderCompiler for ListCompiler {
                     reads: how.contains('r'),
                     writes: how.contains('w'),
                     atomics_only: how.contains('a'),
+                    writes_first: !how.contains('r'),
                 });
             };
             match words[..] {

@@ -136,7 +136,7 @@ fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() 
     let place = Place::new();
     place.cameras(&["one"]);
     // Drawn again and again, so that it goes on until the signal.
-    let args = [&DRAW[..], &["--repeat", "1000000"]].concat();
+    let args = [&DRAW[..], &["--repeat", "100000"]].concat();
     for (signal, ignored) in
         [(Signal::INT, false), (Signal::TERM, false), (Signal::HUP, false), (Signal::HUP, true)]
     {

@@ -151,7 +151,7 @@ fn target_writes_of_presets_that_could_go_by_availability_alone_are_counted() {
         (all, spare) = (all + here, spare + could_go);
     }
     say(&format!("availability: {:22} {all:4} {spare:4}", "all"));
-    assert!(spare < all);
+    assert!(spare > 0 && spare <= all);
 }
 
 /// A scene that is another one for every plan, so that no history goes on from the plan before and all prologues run.

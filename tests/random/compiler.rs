@@ -72,6 +72,7 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
                 reads: words[3].contains('r'),
                 writes: words[3].contains('w'),
                 atomics_only: words[3].contains('a'),
+                writes_first: !words[3].contains('r'),
             }),
             way @ ("in" | "out") => {
                 let varyings = if way == "in" { &mut reflection.inputs } else { &mut reflection.outputs };

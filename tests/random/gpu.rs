@@ -108,11 +108,16 @@ impl Bench {
     }
 }
 
-/// Returns true if the layer reports a write after a write where the specification has no hazard: a write after one of another
-/// submission, with a read between the two that saw the first and that the second waits for. When it compares submissions, which
-/// `--validate` does not ask for, the layer does not think of that read.
+/// Returns true if the layer reports a write after a write where the specification has no hazard:
+///
+/// - a change of layout after a write that an earlier barrier made available: the layer wants that write in the change's own source,
+///   by the specification the chain is enough; plans name it, but for writes of the prologue;
+/// - a write after one of another submission, with a read between the two that saw the first and that the second waits for: when
+///   it compares submissions, the layer does not think of that read.
 fn is_too_strict(message: &str) -> bool {
-    message.contains("SYNC-HAZARD-WRITE-AFTER-WRITE") && message.contains("vkQueueSubmit2")
+    let change = message.contains("usage: SYNC_IMAGE_LAYOUT_TRANSITION, ")
+        && message.contains("prior_usage: SYNC_COMPUTE_SHADER_SHADER_STORAGE_WRITE");
+    message.contains("SYNC-HAZARD-WRITE-AFTER-WRITE") && (change || message.contains("vkQueueSubmit2"))
 }
 
 /// Every buffer and image of the plan's own, after the last pass of the frame that writes it.

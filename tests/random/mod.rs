@@ -221,7 +221,7 @@ fn target_writes_of_random_graphs_that_could_go_by_availability_alone_are_counte
     let [all, spare] = [all, spare].map(AtomicUsize::into_inner);
     let _ =
         writeln!(std::io::stderr(), "random graphs: {all} target writes, {spare} could go by availability");
-    assert!(spare * 4 < all);
+    assert!(spare > 0 && spare < all);
 }
 
 #[test]

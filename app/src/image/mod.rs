@@ -221,7 +221,15 @@ fn room(path: &Path, pixels: usize) -> Result<Vec<[f32; 3]>, ImageError> {
 
 /// Checks the size in a file's header before memory is allocated for it.
 fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize), ImageError> {
-    let needed = width.saturating_mul(height).saturating_mul(BYTES_PER_PIXEL);
+    let pixels = width.saturating_mul(height);
+    if pixels == 0 {
+        return Err(ImageError::new(path, format!("expected at least one pixel, found {width} x {height}")));
+    }
+    if pixels > MAX_PIXELS {
+        let text = format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}");
+        return Err(ImageError::new(path, text));
+    }
+    let needed = pixels.saturating_mul(BYTES_PER_PIXEL);
     if let Some(available) = memory::available().filter(|available| needed > *available) {
         let (needed, available) = (memory::display(needed), memory::display(available));
         let text = format!(
@@ -229,16 +237,7 @@ fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize), Im
         );
         return Err(ImageError::new(path, text));
     }
-    match width.checked_mul(height) {
-        Some(0) => {
-            Err(ImageError::new(path, format!("expected at least one pixel, found {width} x {height}")))
-        }
-        Some(pixels) if pixels <= MAX_PIXELS => Ok((width as usize, height as usize)),
-        _ => Err(ImageError::new(
-            path,
-            format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}"),
-        )),
-    }
+    Ok((width as usize, height as usize))
 }
 
 #[cfg(test)]

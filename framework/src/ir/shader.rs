@@ -84,6 +84,8 @@ pub struct ReflectedBinding {
     pub writes: bool,
     /// Every load and store is an atomic: invocations may make them at the same time.
     pub atomics_only: bool,
+    /// The first access in the order of the code is a plain store, as of a shader that clears what it then counts in.
+    pub writes_first: bool,
 }
 
 /// Describes the type and layout of a binding.

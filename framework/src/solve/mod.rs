@@ -30,7 +30,7 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
 
     forget_overwritten(&passes.iter().collect::<Vec<_>>(), &mut lowered);
     let order = order::order(&passes, &lowered, files)?;
-    let warnings = warnings::warnings(&passes, &order, &lowered, files);
+    let warnings = warnings::warnings(&passes, &shaders, &order, &lowered, files);
     lowered.culled.extend(order.culled);
     // The plan holds the passes as they run: the prologue's first.
     let sorted: Vec<&LinkedPass> = order.once.iter().chain(&order.frame).map(|i| &passes[*i]).collect();

@@ -5,7 +5,7 @@
 //! buffer that nobody looks at, then all of it is left out, and the picture is made of what was there before.
 
 use super::order::Order;
-use crate::ir::Span;
+use crate::ir::{Shader, Span, Work};
 use crate::link::LinkedPass;
 use crate::lower::{Lowered, ResourceHandle};
 use crate::plan::Warning;
@@ -15,11 +15,15 @@ use std::collections::{HashMap, HashSet};
 /// Lists the warnings about passes that are in the plan, and about includes that are not.
 pub(super) fn warnings(
     passes: &[LinkedPass],
+    shaders: &[Shader],
     order: &Order,
     lowered: &Lowered,
     files: &SourceMap,
 ) -> Vec<Warning> {
-    let unwritten = order.unwritten.iter().filter(|(pass, _)| order.live[*pass]);
+    let unwritten = order
+        .unwritten
+        .iter()
+        .filter(|(pass, resource)| order.live[*pass] && !writes_first(&passes[*pass], *resource, shaders));
     let mut found: Vec<Diagnostic> = Vec::new();
     let mut spans = HashSet::new();
     for (pass, resource) in unwritten {
@@ -32,6 +36,24 @@ pub(super) fn warnings(
     let warning =
         |diagnostic: Diagnostic| Warning { origin: files.origin(diagnostic.primary.span), diagnostic };
     found.into_iter().map(warning).collect()
+}
+
+/// Returns true if the pass's shaders store to the resource before they load from it, so that nothing need be there.
+fn writes_first(pass: &LinkedPass, resource: ResourceHandle, shaders: &[Shader]) -> bool {
+    let used = match &pass.pass.work {
+        Work::Dispatch { shader, .. } => vec![*shader],
+        Work::Draw { vertex, fragment, .. } => vec![*vertex, *fragment],
+        _ => return false,
+    };
+    let bound = |number: u32| {
+        pass.pass.bindings.iter().any(|bound| bound.binding == number && bound.resource == resource)
+    };
+    let mut blocks = used
+        .iter()
+        .flat_map(|shader| &shaders[shader.index()].reflection.bindings)
+        .filter(|block| bound(block.binding))
+        .peekable();
+    blocks.peek().is_some() && blocks.all(|block| block.writes_first)
 }
 
 /// Describes a pass that changes in place what nothing wrote before it.

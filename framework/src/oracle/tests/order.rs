@@ -170,6 +170,7 @@ fn two_stages_that_access_by_atomics_alone_do_not_race() {
                 reads: true,
                 writes: true,
                 atomics_only,
+                writes_first: false,
             }],
             push: None,
             inputs: vec![],

@@ -21,6 +21,8 @@ pub(super) struct Accesses {
     /// Loaded from or stored to by atomics, and by anything else.
     pub atomics: HashSet<Word>,
     pub plain: HashSet<Word>,
+    /// Stored to before anything else, in the order of the code: that of the entry point, then that of what it calls.
+    pub written_first: HashSet<Word>,
     /// Mentioned at all; asking for an array's length or an image's size is neither a read nor a write.
     pub touched: HashSet<Word>,
 }
@@ -177,6 +179,10 @@ fn note(module: &Module, i: &Instruction, roots: &Roots, accesses: &mut Accesses
             // The other atomics, and whatever else takes a pointer: rather too much than too little.
             _ => Effect::Both,
         };
+        if effect == Effect::Write {
+            let new = targets.iter().filter(|v| !accesses.reads.contains(v) && !accesses.writes.contains(v));
+            accesses.written_first.extend(new);
+        }
         if matches!(effect, Effect::Read | Effect::Both) {
             accesses.reads.extend(targets);
         }

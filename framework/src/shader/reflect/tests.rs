@@ -62,6 +62,18 @@ fn accesses_by_atomics_alone_are_told_from_others() {
 }
 
 #[test]
+fn a_block_that_is_stored_to_before_anything_else_is_told_from_others() {
+    let writes_first = |code: &str| {
+        let r = compute(&format!("{IN_OUT}{code}"));
+        r.bindings.iter().find(|binding| binding.name == "Out").expect("the block").writes_first
+    };
+    assert!(writes_first("void main() { b[0] = 0; b[1] += 2; }"));
+    assert!(!writes_first("void main() { b[1] += 2; b[0] = 0; }"));
+    assert!(!writes_first("void main() { atomicAdd(b[0], 1); b[0] = 0; }"));
+    assert!(writes_first("void count() { b[1] += 2; }\nvoid main() { b[0] = 0; count(); }"));
+}
+
+#[test]
 fn what_unreachable_functions_touch_is_left_out() {
     let r = compute(&format!("{IN_OUT}void never() {{ b[0] = a[0]; }}\nvoid main() {{ b[1] = 3; }}"));
     assert_eq!(r.bindings.len(), 1);
