@@ -233,6 +233,7 @@ mod tests {
             ("splatgraph render -o a.png --set a", "NAME=VALUE"),
             ("splatgraph render -o a.png --size 64", "WIDTHxHEIGHT"),
             ("splatgraph render -o a.png --size 0x7", "WIDTHxHEIGHT"),
+            ("splatgraph view --size 4294967295x1", "at most 32768x32768"),
             ("splatgraph render -o a.png --background 1,2", "three numbers"),
             ("splatgraph render -o a.png --inspect keys", "RESOURCE@PASS"),
             ("splatgraph render -o a.png --repeat 0", "--repeat"),

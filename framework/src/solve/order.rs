@@ -142,8 +142,10 @@ fn needs(
             if accesses.reads() {
                 // Shaders may read what they wrote themselves; a target that is kept is read before.
                 let needs_contents = !accesses.writes() || accesses.contains(Accesses::COLOR_READ);
-                // A history starts from zeros. It is a mistake all the same if nothing else is ever written to it.
-                let found = written.is_some() || history && !writers.is_empty();
+                // A history starts from zeros, and keeps what plans with other settings wrote. It is a mistake all the same if no
+                // pass of the graph ever writes to it.
+                let left_out = || lowered.unwritten.iter().any(|removed| removed.resource == id);
+                let found = written.is_some() || history && (!writers.is_empty() || left_out());
                 // A pass that runs once, and reads what only frames write, is refused above.
                 let early = passes[*pass].pass.run == Run::Once && !writers.is_empty() && !writes_once;
                 if !found && needs_contents && !early {
