@@ -26,6 +26,11 @@ pub fn options(validation: Validation) -> Options {
 /// Set in the processes that [`again_with_vectors_of`] starts.
 const EXPECTED_LANES: &str = "SPLATGRAPH_EXPECT_LANES";
 
+/// Returns false in the processes that [`again_with_vectors_of`] starts.
+pub fn lanes_are_usual() -> bool {
+    std::env::var_os(EXPECTED_LANES).is_none()
+}
+
 /// Fails if the validation layers had anything to say.
 pub fn assert_silent(device: &mut impl Device, what: &str) {
     let messages = device.take_messages();

@@ -35,21 +35,27 @@ uint word(uint part, uint i) {
 vec3 texel(bool b, uvec4 picture, ivec2 at) {
     at = clamp(at, ivec2(0), ivec2(picture.xy) - 1);
     uint part = uint(at.y) / picture.w;
-    uint i = (uint(at.y) - part * picture.w) * picture.x + uint(at.x);
+    uint pixel = (uint(at.y) - part * picture.w) * picture.x + uint(at.x);
     part += b ? 4u : 0u;
+    // The words of a pixel, and those of them that hold r, g and b.
+    uint stride = picture.z == FORMAT_RGBA16F ? 2u : picture.z == FORMAT_RGBA32F ? 4u : 1u;
+    uvec3 read = uvec3(0u);
+    for (uint i = 0u; i < min(stride, 3u); i++) {
+        read = uvec3(read.yz, word(part, stride * pixel + i));
+    }
     vec3 colour;
     switch (picture.z) {
     case FORMAT_RGBA8:
-        colour = unpackUnorm4x8(word(part, i)).rgb;
+        colour = unpackUnorm4x8(read.z).rgb;
         break;
     case FORMAT_RGBA16F:
-        colour = vec3(unpackHalf2x16(word(part, 2u * i)), unpackHalf2x16(word(part, 2u * i + 1u)).x);
+        colour = vec3(unpackHalf2x16(read.y), unpackHalf2x16(read.z).x);
         break;
     case FORMAT_RGBA32F:
-        colour = uintBitsToFloat(uvec3(word(part, 4u * i), word(part, 4u * i + 1u), word(part, 4u * i + 2u)));
+        colour = uintBitsToFloat(read);
         break;
     default:
-        colour = vec3(uintBitsToFloat(word(part, i)));
+        colour = vec3(uintBitsToFloat(read.z));
         break;
     }
     return clamp(colour, 0.0, 1.0);
@@ -58,52 +64,44 @@ vec3 texel(bool b, uvec4 picture, ivec2 at) {
 // Samples a picture at a place of the view, in pixels from its top left corner.
 vec3 picture(bool b, vec2 at) {
     uvec4 picture = b ? window.picture_b : window.picture_a;
-    if (picture.z == FORMAT_NONE) {
-        return window.background.rgb;
-    }
-    if (picture.xy == window.view.zw) {
-        return texel(b, picture, ivec2(at));
-    }
+    vec2 size = vec2(picture.xy);
+    bool same = picture.xy == window.view.zw;
     // A picture of another size was drawn before the view was resized. The next one will have the same vertical field of
     // view, so this one is scaled to the view's height.
-    vec2 size = vec2(picture.xy);
     vec2 place = (at - 0.5 * vec2(window.view.zw)) * (size.y / float(window.view.w)) + 0.5 * size;
     // Sizes are rounded to whole pixels, so half a pixel beyond the border is still covered.
-    if (any(lessThan(place, vec2(-0.5))) || any(greaterThan(place, size + 0.5))) {
+    bool covered = same || (all(greaterThanEqual(place, vec2(-0.5))) && all(lessThanEqual(place, size + 0.5)));
+    if (picture.z == FORMAT_NONE || !covered) {
         return window.background.rgb;
     }
-    vec2 corner = floor(place - 0.5);
-    vec2 part = place - 0.5 - corner;
-    ivec2 first = ivec2(corner);
-    vec3 top = mix(texel(b, picture, first), texel(b, picture, first + ivec2(1, 0)), part.x);
-    vec3 bottom = mix(texel(b, picture, first + ivec2(0, 1)), texel(b, picture, first + ivec2(1, 1)), part.x);
-    return mix(top, bottom, part.y);
-}
-
-// Draws A to the left of the line and B to the right. The line is two pixels wide, black and white, to be visible on any
-// picture.
-vec3 split(vec2 at) {
-    float from_line = floor(at.x) - round(window.split * float(window.view.z));
-    if (from_line == -1.0 || from_line == 0.0) {
-        return vec3(from_line + 1.0);
+    vec2 corner = same ? floor(at) : floor(place - 0.5);
+    vec2 share = same ? vec2(0.0) : place - 0.5 - corner;
+    vec3 sum = vec3(0.0);
+    for (int i = 0; i < (same ? 1 : 4); i++) {
+        ivec2 next = ivec2(i & 1, i >> 1);
+        vec2 weight = mix(1.0 - share, share, vec2(next));
+        sum += weight.x * weight.y * texel(b, picture, ivec2(corner) + next);
     }
-    return picture(from_line > 0.0, at);
+    return sum;
 }
 
+// CPUs that draw run all branches of a condition, but no round of a loop that no lane needs. So pictures, pixels and words
+// are read in loops, and each read stands here once.
 void main() {
     vec2 at = gl_FragCoord.xy - vec2(window.view.xy);
     vec3 colour = window.background.rgb;
     if (all(greaterThanEqual(at, vec2(0.0))) && all(lessThan(at, vec2(window.view.zw)))) {
-        switch (window.mode) {
-        case MODE_SPLIT:
-            colour = split(at);
-            break;
-        case MODE_DIFFERENCE:
-            colour = window.amplification * abs(picture(false, at) - picture(true, at));
-            break;
-        default:
-            colour = picture(false, at);
-            break;
+        // Split, A is to the left of the line and B to the right.
+        bool is_split = window.mode == MODE_SPLIT;
+        float from_line = floor(at.x) - round(window.split * float(window.view.z));
+        bool b = is_split && from_line > 0.0;
+        colour = picture(b, at);
+        for (uint i = 0u; i < (window.mode == MODE_DIFFERENCE ? 1u : 0u); i++) {
+            colour = window.amplification * abs(colour - picture(true, at));
+        }
+        // The line is two pixels wide, black and white, to be visible on any picture.
+        if (is_split && (from_line == -1.0 || from_line == 0.0)) {
+            colour = vec3(from_line + 1.0);
         }
     }
     shown = vec4(colour, 1.0);

@@ -7,8 +7,8 @@ use serde_json::Value;
 use splatgraph::image::Image;
 use std::fs;
 use std::io::Write;
-use std::os::unix::process::ExitStatusExt;
-use std::process::{ExitStatus, Stdio};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// Kills in the long run, and in the one that everybody does.
@@ -131,6 +131,17 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
     assert!(ended > 0 && midway > 0, "{ended} of {kills} came before the end, {midway} between two pictures");
 }
 
+/// Lets a signal end the program, also where the tests themselves were started with it ignored, as shells do in the background.
+fn undo_ignoring(command: &mut Command, signal: Signal) {
+    let undo = move || {
+        // SAFETY: the call is safe between fork and exec, and sets what a program has by default.
+        let before = unsafe { libc::signal(signal.as_raw(), libc::SIG_DFL) };
+        if before == libc::SIG_ERR { Err(std::io::Error::last_os_error()) } else { Ok(()) }
+    };
+    // SAFETY: the closure makes one system call, which is safe between fork and exec, and allocates nothing.
+    unsafe { command.pre_exec(undo) };
+}
+
 #[test]
 fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() {
     let place = Place::new();
@@ -143,12 +154,15 @@ fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() 
         let mut command = if ignored {
             let mut command = place.program(&[]);
             let program = command.get_program().to_owned();
-            command = std::process::Command::new("nohup");
+            command = Command::new("nohup");
             command.arg(program).args(&args).current_dir(place.at(".")).stdin(Stdio::null());
             command
         } else {
             place.program(&args)
         };
+        if !ignored {
+            undo_ignoring(&mut command, signal);
+        }
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts");
         let pid = Pid::from_child(&child);
         std::thread::sleep(Duration::from_millis(700));

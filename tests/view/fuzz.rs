@@ -34,7 +34,7 @@ const NARROW: (&str, i64) = ("key_bits", 8);
 /// So many viewers at once share the cases.
 const VIEWERS: u64 = 4;
 
-const SHORT: usize = 300;
+const SHORT: usize = 160;
 const LONG: usize = 2_000;
 
 /// One case in so many waits for the watcher to notice the damage, and then for the time that a file is given to become whole.

@@ -62,7 +62,7 @@ struct Length {
 
 /// Caches are still filling all the time: the driver's, the validation layers', those of compiled shaders. Only what is lost in
 /// every frame shows in the resident memory; the device's is exact.
-const SHORT: Length = Length { frames: 900, cycle: 100, noise: 96 << 20 };
+const SHORT: Length = Length { frames: 600, cycle: 60, noise: 96 << 20 };
 /// The rest is memory that allocators keep after it was freed, and some 10 KiB for every text of a shader that was
 /// compiled: of these each compiler remembers the last thousand.
 const LONG: Length = Length { frames: 10_000, cycle: 500, noise: 24 << 20 };

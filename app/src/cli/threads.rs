@@ -11,14 +11,10 @@ pub fn build_pool() {
     let wanted = std::env::var("RAYON_NUM_THREADS").ok().and_then(|number| number.parse().ok());
     let wanted =
         wanted.filter(|number| *number > 0).unwrap_or_else(|| available_parallelism().map_or(1, usize::from));
-    let found = startable(wanted);
-    if found == wanted {
-        // As usual, at its first use.
-        return;
-    }
-    // Half of them: the driver wants some too.
+    // Twice as many for trial: what follows, the driver among it, wants threads and memory too. Built here rather than at the
+    // first use, by when the memory that was free at the trial can have been taken.
     let pool = rayon::ThreadPoolBuilder::new();
-    let built = match found / 2 {
+    let built = match startable(wanted.saturating_mul(2)) / 2 {
         0 => pool.num_threads(1).use_current_thread().build_global(),
         threads => pool.num_threads(threads).build_global(),
     };
