@@ -11,6 +11,8 @@ mod commands;
 mod common;
 mod covariance;
 #[cfg(target_os = "linux")]
+mod exact;
+#[cfg(target_os = "linux")]
 mod files;
 mod fuzz;
 mod images;

@@ -37,5 +37,7 @@ pub mod planner;
 pub mod progress;
 pub mod session;
 pub mod stats;
+pub mod trade;
+pub mod truth;
 #[cfg(feature = "window")]
 pub mod view;

@@ -14,6 +14,7 @@ use splatgraph_api::{
 };
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::Format;
+use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use std::io::Write;
@@ -76,8 +77,25 @@ impl<D: Device> Session<D> {
     /// Keeps every resource's contents until the end of the frame, in memory of its own, for inspection after any pass.
     ///
     /// This applies to plans that are prepared later.
-    pub fn keep_contents(&mut self) {
-        self.planner.share_memory = false;
+    pub fn keep_contents(&mut self, keep: bool) {
+        self.planner.share_memory = !keep;
+    }
+
+    /// Changes the graph and its parameters; the next [`Session::prepare`] builds its plan.
+    pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
+        self.pipeline = pipeline.to_owned();
+        self.set = set.to_vec();
+        self.loaded = None;
+    }
+
+    /// Lists the graph's parameters with their values for a picture size.
+    ///
+    /// # Errors
+    /// The graph cannot be read, or a value does not fit.
+    pub fn controls(&mut self, size: (u32, u32)) -> Result<Vec<Control>, SessionError> {
+        let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
+        let catalog = facts::catalog(&self.scene);
+        Ok(self.planner.controls(&self.pipeline, &self.set, &facts, &catalog)?)
     }
 
     /// Returns the device, with its loaded plan.

@@ -9,13 +9,16 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{
     Attribute, Catalog, DeviceFacts, Facts, Features, Request, ShaderStage, Value,
 };
-use splatgraph_framework::shader::{Glslang, Limits, ShaderCompiler, ShaderRequest, Worker, serve_if_asked};
+use splatgraph_framework::shader::{
+    Compiled, Glslang, Limits, ShaderCompiler, ShaderRequest, Worker, serve_if_asked,
+};
 use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render};
 
 /// Damaged files in the long run, and in the one that everybody does.
@@ -118,7 +121,8 @@ const GLSL: &[&str] = &[
 /// Damages a text.
 fn damaged(text: &str, pieces: &[&str], random: &mut Random) -> String {
     let mut bytes = text.as_bytes().to_vec();
-    for _ in 0..=random.below(3) {
+    // Mostly once: of a text that is damaged twice, little is accepted.
+    for _ in 0..1 + random.below(5) / 3 {
         let at = random.below(bytes.len() + 1);
         match random.below(10) {
             0 => bytes.truncate(at),
@@ -227,7 +231,7 @@ fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
     serve_if_asked();
 }
 
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 struct Counts {
     built: u64,
     errors: u64,
@@ -236,100 +240,203 @@ struct Counts {
     slowest: Duration,
 }
 
-/// Runs the cases of one kind of file; `attempt` builds it with the damaged file in the place of the other.
-fn fuzz(
+impl std::ops::AddAssign for Counts {
+    fn add_assign(&mut self, other: Counts) {
+        self.built += other.built;
+        self.errors += other.errors;
+        self.crashed += other.crashed;
+        self.ran_out += other.ran_out;
+        self.slowest = self.slowest.max(other.slowest);
+    }
+}
+
+/// A case: the name and text of the damaged file, the files with it, and what building or compiling them gave.
+struct Outcome<'a> {
+    name: &'a str,
+    text: &'a str,
+    map: &'a SourceMap,
+    result: Result<(), Vec<Diagnostic>>,
+    took: Duration,
+}
+
+/// Checks a case: accepted, or errors with a place that can be shown.
+fn counted(what: &str, case: u64, outcome: &Outcome) -> Counts {
+    let Outcome { name, text, map, result, took } = outcome;
+    assert!(*took < LONGEST, "{what} case {case}: {name} took {took:?}\n{text}");
+    let Err(found) = result else { return Counts { built: 1, slowest: *took, ..Counts::default() } };
+    assert!(!found.is_empty(), "{what} case {case}: {name}: an error without a diagnostic\n{text}");
+    let shown = render(map, found, false);
+    for diagnostic in found {
+        let (path, place) =
+            (map.path(diagnostic.primary.span.file), map.line_column(diagnostic.primary.span));
+        let right = !diagnostic.message.trim().is_empty()
+            && path != "<unknown file>"
+            && !diagnostic.message.contains("mistake of the solver");
+        assert!(right, "{what} case {case}: {name}: {path}:{place:?}: {diagnostic:?}\n{text}");
+    }
+    assert!(
+        !shown.contains(|c: char| c.is_control() && c != '\n'),
+        "{what} case {case}: {name}: a control character\n{shown:?}"
+    );
+    Counts {
+        built: 0,
+        errors: 1,
+        crashed: u64::from(shown.contains("the compiler crashed")),
+        ran_out: u64::from(shown.contains("the compiler ran out")),
+        slowest: *took,
+    }
+}
+
+/// Runs the cases of one kind of file on all processors, each with a compiler of its own. `attempt` gives the file that a case
+/// damages, and what builds it.
+fn fuzz<'a, Attempt>(
     what: &str,
     files: &BTreeMap<String, String>,
-    wanted: impl Fn(&str) -> bool,
     pieces: &[&str],
-    mut attempt: impl FnMut(&mut SourceMap, &str) -> Result<(), Vec<Diagnostic>>,
-) {
+    attempt: impl Fn(&mut Random) -> (&'a str, Attempt) + Sync,
+) where
+    Attempt: FnOnce(&mut SourceMap, &mut Glslang) -> Result<(), Vec<Diagnostic>>,
+{
     let long = std::env::var_os("SPLATGRAPH_LONG").is_some();
     let cases = if long { CASES.0 } else { CASES.1 };
-    let names: Vec<&String> = files.keys().filter(|name| wanted(name)).collect();
-    let mut counts = Counts::default();
-    for case in 0..cases {
-        let name = names[case as usize % names.len()];
-        let text = damaged(&files[name], pieces, &mut Random(case));
-        let mut memory = files.clone();
-        memory.insert(name.clone(), text.clone());
-        let mut map = SourceMap::new(Library { memory, ..Library::default() });
-        let begun = Instant::now();
-        let result = attempt(&mut map, name);
-        let took = begun.elapsed();
-        counts.slowest = counts.slowest.max(took);
-        assert!(took < LONGEST, "{what} case {case}: {name} took {took:?}\n{text}");
-        let Err(found) = result else {
-            counts.built += 1;
-            continue;
-        };
-        counts.errors += 1;
-        assert!(!found.is_empty(), "{what} case {case}: {name}: an error without a diagnostic\n{text}");
-        let shown = render(&map, &found, false);
-        counts.crashed += u64::from(shown.contains("the compiler crashed"));
-        counts.ran_out += u64::from(shown.contains("the compiler ran out"));
-        for diagnostic in &found {
-            let (path, place) =
-                (map.path(diagnostic.primary.span.file), map.line_column(diagnostic.primary.span));
-            let right = !diagnostic.message.trim().is_empty()
-                && path != "<unknown file>"
-                && !diagnostic.message.contains("mistake of the solver");
-            assert!(right, "{what} case {case}: {name}: {path}:{place:?}: {diagnostic:?}\n{text}");
+    let next = AtomicU64::new(0);
+    let work = || {
+        let (mut compiler, mut counts) = (compiler(), Counts::default());
+        loop {
+            let case = next.fetch_add(1, Relaxed);
+            if case >= cases {
+                return counts;
+            }
+            let mut random = Random(case);
+            let (name, build) = attempt(&mut random);
+            let text = damaged(&files[name], pieces, &mut random);
+            let mut memory = files.clone();
+            memory.insert(name.into(), text.clone());
+            let mut map = SourceMap::new(Library { memory, ..Library::default() });
+            let begun = Instant::now();
+            let result = build(&mut map, &mut compiler);
+            let outcome = Outcome { name, text: &text, map: &map, result, took: begun.elapsed() };
+            counts += counted(what, case, &outcome);
         }
-        assert!(
-            !shown.contains(|c: char| c.is_control() && c != '\n'),
-            "{what} case {case}: {name}: a control character\n{shown:?}"
-        );
-    }
-    let Counts { built, errors, crashed, ran_out, slowest } = counts;
+    };
+    let mut sum = Counts::default();
+    std::thread::scope(|scope| {
+        let threads = std::thread::available_parallelism().map_or(1, |count| count.get());
+        let threads: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        for thread in threads {
+            sum += thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        }
+    });
+    let Counts { built, errors, crashed, ran_out, slowest } = sum;
     // Not by `eprintln!`, which is kept back in tests that pass.
     let _ = writeln!(
         std::io::stderr(),
         "fuzz: {cases} {what}: {built} are accepted, {errors} are errors ({crashed} crash the compiler, {ran_out} take too much); \
          the slowest took {slowest:?}"
     );
+    // A generator that breaks nothing, or everything, would test nothing.
+    assert!(built > cases / 20 && errors > cases / 3, "{built} accepted, {errors} errors");
+}
+
+/// Returns true for graphs that draw; the others are made to be included.
+fn draws(text: &str) -> bool {
+    text.contains("output:") || text.contains("Preset(")
 }
 
 #[test]
 fn damaged_graphs_are_plans_or_errors_with_a_place() {
     let mut files = texts("pipelines");
     files.extend(texts("shaders"));
-    let (facts, catalog, mut compiler) = (facts(), catalog(), compiler());
-    fuzz(
-        "graphs",
-        &files,
-        |name| name.ends_with(".ron"),
-        RON,
-        |map, name| {
+    let (facts, catalog) = (&facts(), &catalog());
+    let names: Vec<&str> = files.keys().map(String::as_str).filter(|name| name.ends_with(".ron")).collect();
+    fuzz("graphs", &files, RON, |random| {
+        let name = names[random.below(names.len())];
+        let build = move |map: &mut SourceMap, compiler: &mut Glslang| {
             // Graphs made to be included are built through the graph that includes them.
             let own = map.find(None, name, Kind::Graph).map(|file| map.text(file).to_string());
-            let has_output = own.is_ok_and(|text| text.contains("output:") || text.contains("Preset("));
-            let graph = if has_output { name } else { "pipelines/splat.ron" };
-            let request = Request { graph, set: &[], facts: &facts, catalog: &catalog, share_memory: true };
-            build(&request, map, &mut compiler).map(|_| ())
-        },
-    );
+            let graph = if own.is_ok_and(|text| draws(&text)) { name } else { "pipelines/splat.ron" };
+            let request = Request { graph, set: &[], facts, catalog, share_memory: true };
+            build(&request, map, compiler).map(|_| ())
+        };
+        (name, build)
+    });
+}
+
+/// One compilation of a shipped graph.
+#[derive(Clone, PartialEq)]
+struct Compilation {
+    file: String,
+    stage: ShaderStage,
+    defines: Vec<(String, String)>,
+    generated: Vec<(String, String)>,
+}
+
+/// Compiles, and notes what was compiled.
+struct Recorder {
+    compiler: Glslang,
+    seen: Vec<Compilation>,
+}
+
+impl ShaderCompiler for Recorder {
+    fn compile(
+        &mut self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+    ) -> Result<Compiled, Vec<Diagnostic>> {
+        let compilation = Compilation {
+            file: files.path(request.file).to_string(),
+            stage: request.stage,
+            defines: request.defines.to_vec(),
+            generated: request.generated.to_vec(),
+        };
+        if !self.seen.contains(&compilation) {
+            self.seen.push(compilation);
+        }
+        self.compiler.compile(files, request)
+    }
+}
+
+/// Every compilation that the shipped graphs ask for.
+fn compilations() -> Vec<Compilation> {
+    let (facts, catalog) = (facts(), catalog());
+    let mut memory = texts("pipelines");
+    memory.extend(texts("shaders"));
+    let mut recorder = Recorder { compiler: compiler(), seen: Vec::new() };
+    let mut map = SourceMap::new(Library { memory: memory.clone(), ..Library::default() });
+    for graph in
+        memory.iter().filter(|(name, text)| name.ends_with(".ron") && draws(text)).map(|(name, _)| name)
+    {
+        // The viewer's window needs a catalogue of its own.
+        if graph.starts_with("pipelines/view/") {
+            continue;
+        }
+        let request = Request { graph, set: &[], facts: &facts, catalog: &catalog, share_memory: true };
+        let built = build(&request, &mut map, &mut recorder);
+        built.unwrap_or_else(|errors| panic!("{graph}: {}", render(&map, &errors, false)));
+    }
+    recorder.seen
 }
 
 #[test]
 fn damaged_shaders_are_compiled_or_errors_with_a_place() {
     let files = texts("shaders");
-    let mut compiler = compiler();
-    let stage = |name: &str| ShaderStage::of_file(name);
-    let defines: Vec<(String, String)> = ["DIGIT_BITS", "LANES", "DEVICE_SUBGROUP_SIZE", "SCENE_SH_DEGREE"]
-        .map(|name| (name.to_string(), "4".to_string()))
-        .into();
-    let generated = [("live.glsl".to_string(), "// Nothing.\n".to_string())];
-    fuzz(
-        "shaders",
-        &files,
-        |name| stage(name).is_some(),
-        GLSL,
-        |map, name| {
-            let file = map.find(None, name, Kind::Shader).map_err(|_| Vec::new())?;
-            let stage = stage(name).unwrap_or(ShaderStage::Compute);
-            let request = ShaderRequest { file, stage, defines: &defines, unfit: &[], generated: &generated };
+    let compilations = compilations();
+    // The files that a shader includes itself.
+    let includes = |file: &str| -> Vec<&str> {
+        let text = &files[file];
+        let names = files.keys().filter(|name| name.ends_with(".glsl"));
+        let named = |name: &&String| text.contains(&format!("{}\"", name.rsplit('/').next().unwrap_or(name)));
+        names.filter(named).map(String::as_str).collect()
+    };
+    fuzz("shaders", &files, GLSL, |random| {
+        let Compilation { file, stage, defines, generated } = &compilations[random.below(compilations.len())];
+        let included = if random.below(4) == 0 { includes(file) } else { Vec::new() };
+        let name = if included.is_empty() { file.as_str() } else { included[random.below(included.len())] };
+        let build = move |map: &mut SourceMap, compiler: &mut Glslang| {
+            let file = map.find(None, file, Kind::Shader).map_err(|_| Vec::new())?;
+            let request = ShaderRequest { file, stage: *stage, defines, unfit: &[], generated };
             compiler.compile(map, &request).map(|_| ())
-        },
-    );
+        };
+        (name, build)
+    });
 }

@@ -16,6 +16,7 @@ mod options;
 mod render;
 mod synth;
 mod threads;
+mod trade;
 #[cfg(feature = "window")]
 mod view;
 
@@ -43,6 +44,7 @@ use std::process::ExitCode;
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --json stats.json
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
+  splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
   splatgraph dump splat --format dot | dot -Tsvg > splat.svg")]
 struct Cli {
     #[command(subcommand)]
@@ -64,6 +66,7 @@ enum Command {
     Info(info::Args),
     Compare(compare::Args),
     Synth(synth::Args),
+    Trade(trade::Args),
     Devices(devices::Args),
 }
 
@@ -131,6 +134,7 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Synth(args) => synth::run(args),
+        Command::Trade(args) => trade::run(args),
         Command::Devices(args) => devices::run(args),
     };
     match result {

@@ -11,6 +11,7 @@ use crate::progress::Progress;
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
+use std::collections::HashMap;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -153,10 +154,45 @@ pub fn built_in_graphs() -> Vec<&'static str> {
     graphs
 }
 
+/// Name of the camera that frames the scene.
+const FRAMING: &str = "framing";
+
+/// Lists the names of the cameras that [`scene_and_cameras`] will give, before the scene is loaded.
+pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<String> {
+    let own = || {
+        scene.is_none().then(demo::camera).flatten().map_or_else(|| FRAMING.into(), |camera| camera.img_name)
+    };
+    given.map_or_else(|| vec![own()], |all| all.iter().map(|camera| camera.img_name.clone()).collect())
+}
+
+/// Loads the scene and its cameras, in the requested size. A name that is empty or not the only one becomes the camera's stem.
+pub fn scene_and_cameras(
+    path: Option<&Path>,
+    given: Option<Vec<Camera>>,
+    stems: &[String],
+    size: Option<(u32, u32)>,
+) -> Result<(Scene, Vec<Camera>)> {
+    let (scene, _, own) = scene_or_demo(path)?;
+    let mut cameras = given.or(own.map(|own| vec![own])).unwrap_or_else(|| vec![framing(&scene)]);
+    let mut uses: HashMap<String, usize> = HashMap::new();
+    for camera in &cameras {
+        *uses.entry(camera.img_name.clone()).or_default() += 1;
+    }
+    for (camera, stem) in cameras.iter_mut().zip(stems) {
+        if let Some((width, height)) = size {
+            *camera = camera.resized(width, height);
+        }
+        if camera.img_name.is_empty() || uses.get(&camera.img_name).is_some_and(|uses| *uses > 1) {
+            camera.img_name = stem.clone();
+        }
+    }
+    Ok((scene, cameras))
+}
+
 /// Makes the camera that frames a scene, with the name `framing`.
 pub fn framing(scene: &Scene) -> Camera {
     let (width, height) = facts::DEFAULT_SIZE;
-    Camera { img_name: "framing".into(), ..Camera::framing(scene, width, height) }
+    Camera { img_name: FRAMING.into(), ..Camera::framing(scene, width, height) }
 }
 
 /// Returns the facts of the named device, or of the smallest supported one.

@@ -3,7 +3,6 @@
 use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::backend::Backend;
-use crate::demo;
 use crate::fit;
 use crate::image::{Format, Image};
 use crate::inspect::{self, Finding};
@@ -12,12 +11,18 @@ use crate::output::{Claims, is_standard_output, note, one_line, say};
 use crate::progress::Progress;
 use crate::session::{FrameOptions, Session, image_of};
 use crate::stats::CameraStats;
+use crate::truth::{self, Map, Truth};
 use anyhow::{Context, Result, bail};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect};
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::Camera;
 use splatgraph_framework::plan::Plan;
-use std::collections::{HashMap, VecDeque};
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
+
+mod destination;
+mod exact;
+
+use destination::{Destination, per_camera, stem};
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph render -o demo.png                                          # the demo scene
@@ -26,11 +31,13 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.png
   splatgraph render scene.ply --repeat 100 --json -                      # times, as medians
   splatgraph render scene.ply --inspect keys@scatter=keys.npy -o out.png
-  splatgraph render scene.ply --pipeline my/graph.ron --validate -o out.png";
+  splatgraph render scene.ply --pipeline my/graph.ron --validate -o out.png
+  splatgraph render scene.ply --backend reference -o exact.npy           # exactly, on the CPU
+  splatgraph render scene.ply --backend reference --rule stop=none --map contributors=count.npy";
 
 /// Draw a scene
 ///
-/// Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
+/// A graph draws it on a device; with `--backend reference`, the exact renderer does, on the CPU, in f64. Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -38,6 +45,18 @@ pub struct Args {
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
+    /// What draws: `vulkan` executes the graph on a device, `reference` is the exact renderer, on the CPU
+    ///
+    /// The exact renderer follows the published CUDA rasteriser rule by rule in f64, shares no arithmetic with the shaders and
+    /// executes no graph. Other pictures are measured against its own.
+    #[arg(long, value_enum, default_value_t)]
+    backend: Renderer,
+    /// Change a rule of the exact renderer; may be repeated
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = exact::rule_help())]
+    rule: Vec<(String, String)>,
+    /// Write what the exact renderer knows of each pixel: `transmittance` (float32) or `contributors` (splats, uint32)
+    #[arg(long, value_name = "NAME=FILE.npy", value_parser = exact::map)]
+    map: Vec<(Map, PathBuf)>,
     /// Background colour, display-encoded, 0 to 1
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
@@ -46,7 +65,7 @@ pub struct Args {
     /// A name without one of these extensions is a folder: it gets one picture per camera, named after the camera's img_name.
     /// What a file name cannot have becomes `_`, and two cameras never share a file: the second gets its index after its name.
     /// `-` writes the picture of one camera to standard output, in the format of --format. A picture is whole, or not there.
-    #[arg(short, long, value_name = "OUT", required_unless_present_any = ["json", "inspect"])]
+    #[arg(short, long, value_name = "OUT", required_unless_present_any = ["json", "inspect", "map"])]
     output: Option<PathBuf>,
     /// Format of the pictures in a folder [default: png]
     #[arg(long, value_name = "png|exr|npy")]
@@ -65,6 +84,14 @@ pub struct Args {
     inspect: Vec<InspectRequest>,
     #[command(flatten)]
     device: DeviceArgs,
+}
+
+/// What draws.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+enum Renderer {
+    #[default]
+    Vulkan,
+    Reference,
 }
 
 /// A parsed `RESOURCE@PASS[=FILE.npy]`.
@@ -111,7 +138,8 @@ pub(super) struct Work {
 
 /// Reads the cameras and chooses the names of all files; an error if one of them would destroy another, or an input.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
-    let destination = Destination::of(args)?;
+    refuse_options_of_others(args)?;
+    let destination = Destination::of(args.output.as_deref(), args.format)?;
     let given = args.drawing.cameras()?;
     for camera in given.iter().flatten().filter(|_| args.drawing.size.is_none()) {
         if camera.width.max(camera.height) > MAX_SIDE {
@@ -123,10 +151,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             );
         }
     }
-    let own =
-        || args.scene.is_none().then(demo::camera).flatten().map_or_else(|| FRAMING.into(), |c| c.img_name);
-    let names: Vec<String> =
-        given.as_ref().map_or_else(|| vec![own()], |all| all.iter().map(|c| c.img_name.clone()).collect());
+    let names = options::camera_names(args.scene.as_deref(), given.as_deref());
     if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
         let message = format!(
             "expected one camera for the picture {}, found {}: name a folder, or one camera with --cameras FILE#INDEX",
@@ -138,13 +163,17 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     if args.output.as_deref().is_some_and(is_standard_output) {
         options::refuse_terminal("the picture")?;
     }
-    let files: Vec<&Path> = args.inspect.iter().filter_map(|request| request.file.as_deref()).collect();
+    let files: Vec<(&str, &Path)> = args.files().collect();
     // The longest text around a camera's name: that of a picture, or `keys-NAME.npy`.
-    let around =
-        files.iter().map(|file| stem(file).len() + "-.npy".len()).chain([".png".len()]).max().unwrap_or(0);
+    let around = files
+        .iter()
+        .map(|(_, file)| stem(file).len() + "-.npy".len())
+        .chain([".png".len()])
+        .max()
+        .unwrap_or(0);
     if names.len() > 1 && around + MIN_ROOM_BYTES > MAX_NAME_BYTES {
         let message = format!(
-            "the file of --inspect has a name of {around} bytes, which leaves no room for the cameras' names"
+            "a file of --inspect or --map has a name of {around} bytes, which leaves no room for the cameras' names"
         );
         return Err(Usage(message).into());
     }
@@ -169,8 +198,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             if let Some(destination) = &destination {
                 claims.output("--output", &destination.path(stem))?;
             }
-            for file in &files {
-                claims.output("--inspect", &per_camera(file, stem, stems.len()))?;
+            for (option, file) in &files {
+                claims.output(option, &per_camera(file, stem, stems.len()))?;
             }
         }
         Ok(())
@@ -181,16 +210,21 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     // Errors of the command line and of the device are reported before a large scene is loaded.
-    let Work { given, destination, stems, mut claims } = prepare(args)?;
+    let work = prepare(args)?;
+    if args.backend == Renderer::Reference {
+        return run_exactly(args, work);
+    }
+    let Work { given, destination, stems, mut claims } = work;
     let device = Backend::open(&args.device.options())?;
     if let Some(path) = &args.scene {
         fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
     }
-    let (scene, cameras) = scene_and_cameras(args, given, &stems)?;
+    let (scene, cameras) =
+        options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
 
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     if !args.inspect.is_empty() {
-        session.keep_contents();
+        session.keep_contents(true);
     }
     let mut all = Vec::with_capacity(cameras.len());
     let stdout = Stdout::of(args);
@@ -227,6 +261,68 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::validated(args.device.validate, &session.into_device().close()))
 }
 
+/// Draws with the exact renderer.
+fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Result<Outcome> {
+    let rules = truth::rules(&args.rule).map_err(|error| Usage(error.to_string()))?;
+    let (scene, cameras) =
+        options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+    let stdout = Stdout::of(args);
+    let mut all = Vec::with_capacity(cameras.len());
+    for (camera, stem) in cameras.iter().zip(&stems) {
+        let truth = Truth::draw(&scene, camera, args.background, &rules);
+        let name = match &destination {
+            Some(destination) => {
+                let path = destination.path(stem);
+                truth.image().save_as(destination.format(), &path)?;
+                path.display().to_string()
+            }
+            None => one_line(&camera.img_name).into_owned(),
+        };
+        stdout.line(&format!("{name}: {} x {}, {}", camera.width, camera.height, truth.stats))?;
+        for (map, file) in &args.map {
+            truth.save(*map, &per_camera(file, stem, cameras.len()))?;
+        }
+        all.push(truth.stats);
+    }
+    if let Some(path) = &args.json {
+        options::write_json(path, &serde_json::to_value(&all)?)?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Refuses options that have no meaning for the chosen renderer.
+fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
+    let device = &args.device;
+    let given = match args.backend {
+        Renderer::Vulkan => vec![("--rule", !args.rule.is_empty()), ("--map", !args.map.is_empty())],
+        Renderer::Reference => vec![
+            ("--pipeline", args.drawing.pipeline != options::DEFAULT_PIPELINE),
+            ("--set", !args.drawing.set.is_empty()),
+            ("--repeat", args.repeat != 1),
+            ("--inspect", !args.inspect.is_empty()),
+            ("--device", device.device.is_some()),
+            ("--validate", device.validate),
+            ("--no-robustness", device.no_robustness),
+        ],
+    };
+    let Some((option, _)) = given.iter().find(|(_, given)| *given) else { return Ok(()) };
+    Err(Usage(match args.backend {
+        Renderer::Vulkan => format!("{option} is for the exact renderer: add --backend reference"),
+        Renderer::Reference => format!(
+            "{option} is for graphs, and the exact renderer executes none; its rules are changed with --rule"
+        ),
+    }))
+}
+
+impl Args {
+    /// The files beside the pictures, with their options; several cameras have one each.
+    fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
+        let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
+        let maps = self.map.iter().map(|(_, file)| ("--map", file.as_path()));
+        inspected.map(|file| ("--inspect", file)).chain(maps)
+    }
+}
+
 /// The use of standard output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stdout {
@@ -240,9 +336,9 @@ enum Stdout {
 
 impl Stdout {
     fn of(args: &Args) -> Stdout {
-        let files = args.inspect.iter().filter_map(|request| request.file.as_deref());
+        let others = args.files().map(|(_, file)| file);
         let files: Vec<&Path> =
-            args.output.iter().chain(&args.json).map(PathBuf::as_path).chain(files).collect();
+            args.output.iter().chain(&args.json).map(PathBuf::as_path).chain(others).collect();
         match files.iter().any(|file| is_standard_output(file)) {
             true => Stdout::File,
             false if files.is_empty() => Stdout::Product,
@@ -258,90 +354,6 @@ impl Stdout {
         }
         Ok(())
     }
-}
-
-/// Name of the camera that frames the scene.
-const FRAMING: &str = "framing";
-
-/// Loads the scene and its cameras, in the requested size, each with a unique name.
-fn scene_and_cameras(
-    args: &Args,
-    given: Option<Vec<Camera>>,
-    stems: &[String],
-) -> Result<(Scene, Vec<Camera>)> {
-    let (scene, _, own) = options::scene_or_demo(args.scene.as_deref())?;
-    let mut cameras = given.or(own.map(|own| vec![own])).unwrap_or_else(|| vec![options::framing(&scene)]);
-    let mut uses: HashMap<String, usize> = HashMap::new();
-    for camera in &cameras {
-        *uses.entry(camera.img_name.clone()).or_default() += 1;
-    }
-    for (camera, stem) in cameras.iter_mut().zip(stems) {
-        if let Some((width, height)) = args.drawing.size {
-            *camera = camera.resized(width, height);
-        }
-        if camera.img_name.is_empty() || uses.get(&camera.img_name).is_some_and(|uses| *uses > 1) {
-            camera.img_name = stem.clone();
-        }
-    }
-    Ok((scene, cameras))
-}
-
-/// The destination of pictures.
-#[derive(Clone, Debug, PartialEq, Eq)]
-enum Destination {
-    /// One picture; `-` is standard output.
-    Picture(PathBuf, Format),
-    /// One picture per camera.
-    Folder(PathBuf, Format),
-}
-
-impl Destination {
-    fn of(args: &Args) -> Result<Option<Destination>, Usage> {
-        let Some(output) = &args.output else { return Ok(None) };
-        if is_standard_output(output) {
-            return Ok(Some(Destination::Picture(output.clone(), args.format.unwrap_or(Format::Png))));
-        }
-        if let Some(format) = Format::of(output) {
-            if args.format.is_some_and(|wanted| wanted != format) {
-                return Err(Usage(format!("--format differs from the extension of {}", output.display())));
-            }
-            return Ok(Some(Destination::Picture(output.clone(), format)));
-        }
-        // `pictures.jpg` is more likely a mistake than a folder.
-        if let Some(extension) = output.extension().filter(|_| !output.is_dir() && args.format.is_none()) {
-            return Err(Usage(format!(
-                "expected the extension .png, .exr or .npy, found .{} (for a folder of that name, add --format)",
-                extension.display()
-            )));
-        }
-        Ok(Some(Destination::Folder(output.clone(), args.format.unwrap_or(Format::Png))))
-    }
-
-    /// Returns the path of a camera's picture.
-    fn path(&self, stem: &str) -> PathBuf {
-        match self {
-            Destination::Picture(path, _) => path.clone(),
-            Destination::Folder(folder, format) => folder.join(format!("{stem}.{format}")),
-        }
-    }
-
-    fn format(&self) -> Format {
-        let (Destination::Picture(_, format) | Destination::Folder(_, format)) = self;
-        *format
-    }
-}
-
-/// Returns a file's name without extension.
-fn stem(file: &Path) -> std::borrow::Cow<'_, str> {
-    file.file_stem().unwrap_or_default().to_string_lossy()
-}
-
-/// Inserts the camera's file name into a path if there are several cameras: `keys-NAME.npy`.
-fn per_camera(file: &Path, camera: &str, cameras: usize) -> PathBuf {
-    if cameras == 1 {
-        return file.to_owned();
-    }
-    file.with_file_name(format!("{}-{camera}.npy", stem(file)))
 }
 
 /// The results of one camera.
@@ -469,36 +481,6 @@ mod tests {
                 "{frames}"
             );
         }
-    }
-
-    fn destination(line: &str) -> Result<Option<Destination>, Usage> {
-        Destination::of(&Line::parse_from(line.split(' ')).args)
-    }
-
-    #[test]
-    fn a_pictures_name_is_a_picture_and_another_name_a_folder() {
-        let folder = |format| Some(Destination::Folder("out".into(), format));
-        let picture = |name: &str, format| Some(Destination::Picture(name.into(), format));
-        assert_eq!(destination("render -o out.EXR").unwrap(), picture("out.EXR", Format::Exr));
-        assert_eq!(destination("render -o -").unwrap(), picture("-", Format::Png));
-        assert_eq!(destination("render -o - --format exr").unwrap(), picture("-", Format::Exr));
-        assert_eq!(destination("render -o out").unwrap(), folder(Format::Png));
-        assert_eq!(destination("render -o out --format npy").unwrap(), folder(Format::Npy));
-        assert_eq!(
-            destination("render -o out.v2 --format exr").unwrap(),
-            Some(Destination::Folder("out.v2".into(), Format::Exr))
-        );
-        assert_eq!(destination("render --json -").unwrap(), None);
-        assert!(destination("render -o out.jpg").unwrap_err().to_string().contains("found .jpg"));
-        assert!(destination("render -o out.png --format exr").is_err());
-    }
-
-    #[test]
-    fn pictures_in_a_folder_are_named_after_their_photographs() {
-        let folder = Destination::Folder("out".into(), Format::Exr);
-        assert_eq!(folder.path("day 1_0007.jpg"), Path::new("out/day 1_0007.jpg.exr"));
-        assert_eq!(per_camera(Path::new("a/keys.npy"), "b.jpg", 2), Path::new("a/keys-b.jpg.npy"));
-        assert_eq!(per_camera(Path::new("a/keys.npy"), "b.jpg", 1), Path::new("a/keys.npy"));
     }
 
     #[test]

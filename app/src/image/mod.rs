@@ -8,6 +8,8 @@
 //! and `.png` (8 bits per channel, for display). `#` selects an array of a `.npz` archive: `golden.npz#camera0`.
 
 mod exr;
+#[cfg(test)]
+mod fuzz;
 mod npy;
 mod png;
 

@@ -1,0 +1,107 @@
+//! Names the files of a rendering's pictures.
+
+use crate::cli::Usage;
+use crate::image::Format;
+use crate::output::is_standard_output;
+use std::path::{Path, PathBuf};
+
+/// The destination of pictures.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Destination {
+    /// One picture; `-` is standard output.
+    Picture(PathBuf, Format),
+    /// One picture per camera.
+    Folder(PathBuf, Format),
+}
+
+impl Destination {
+    /// Reads `--output` and `--format`; `None` without an output.
+    ///
+    /// # Errors
+    /// The extension is of no format, or not of the one that is asked for.
+    pub fn of(output: Option<&Path>, asked: Option<Format>) -> Result<Option<Destination>, Usage> {
+        let Some(output) = output else { return Ok(None) };
+        if is_standard_output(output) {
+            return Ok(Some(Destination::Picture(output.to_owned(), asked.unwrap_or(Format::Png))));
+        }
+        if let Some(format) = Format::of(output) {
+            if asked.is_some_and(|wanted| wanted != format) {
+                return Err(Usage(format!("--format differs from the extension of {}", output.display())));
+            }
+            return Ok(Some(Destination::Picture(output.to_owned(), format)));
+        }
+        // `pictures.jpg` is more likely a mistake than a folder.
+        if let Some(extension) = output.extension().filter(|_| !output.is_dir() && asked.is_none()) {
+            return Err(Usage(format!(
+                "expected the extension .png, .exr or .npy, found .{} (for a folder of that name, add --format)",
+                extension.display()
+            )));
+        }
+        Ok(Some(Destination::Folder(output.to_owned(), asked.unwrap_or(Format::Png))))
+    }
+
+    /// Returns the path of a camera's picture.
+    pub fn path(&self, stem: &str) -> PathBuf {
+        match self {
+            Destination::Picture(path, _) => path.clone(),
+            Destination::Folder(folder, format) => folder.join(format!("{stem}.{format}")),
+        }
+    }
+
+    /// Returns the format of the pictures.
+    pub fn format(&self) -> Format {
+        let (Destination::Picture(_, format) | Destination::Folder(_, format)) = self;
+        *format
+    }
+}
+
+/// Returns a file's name without extension.
+pub fn stem(file: &Path) -> std::borrow::Cow<'_, str> {
+    file.file_stem().unwrap_or_default().to_string_lossy()
+}
+
+/// Inserts the camera's file name into a path if there are several cameras: `keys-NAME.npy`.
+pub fn per_camera(file: &Path, camera: &str, cameras: usize) -> PathBuf {
+    if cameras == 1 {
+        return file.to_owned();
+    }
+    file.with_file_name(format!("{}-{camera}.npy", stem(file)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn destination(line: &str) -> Result<Option<Destination>, Usage> {
+        let words: Vec<&str> = line.split(' ').collect();
+        let after = |option: &str| words.iter().position(|word| *word == option).map(|i| words[i + 1]);
+        let format = after("--format").map(|name| name.parse().expect("a format"));
+        Destination::of(after("-o").map(Path::new), format)
+    }
+
+    #[test]
+    fn a_pictures_name_is_a_picture_and_another_name_a_folder() {
+        let folder = |format| Some(Destination::Folder("out".into(), format));
+        let picture = |name: &str, format| Some(Destination::Picture(name.into(), format));
+        assert_eq!(destination("render -o out.EXR").unwrap(), picture("out.EXR", Format::Exr));
+        assert_eq!(destination("render -o -").unwrap(), picture("-", Format::Png));
+        assert_eq!(destination("render -o - --format exr").unwrap(), picture("-", Format::Exr));
+        assert_eq!(destination("render -o out").unwrap(), folder(Format::Png));
+        assert_eq!(destination("render -o out --format npy").unwrap(), folder(Format::Npy));
+        assert_eq!(
+            destination("render -o out.v2 --format exr").unwrap(),
+            Some(Destination::Folder("out.v2".into(), Format::Exr))
+        );
+        assert_eq!(destination("render --json -").unwrap(), None);
+        assert!(destination("render -o out.jpg").unwrap_err().to_string().contains("found .jpg"));
+        assert!(destination("render -o out.png --format exr").is_err());
+    }
+
+    #[test]
+    fn pictures_in_a_folder_are_named_after_their_photographs() {
+        let folder = Destination::Folder("out".into(), Format::Exr);
+        assert_eq!(folder.path("day 1_0007.jpg"), Path::new("out/day 1_0007.jpg.exr"));
+        assert_eq!(per_camera(Path::new("a/keys.npy"), "b.jpg", 2), Path::new("a/keys-b.jpg.npy"));
+        assert_eq!(per_camera(Path::new("a/keys.npy"), "b.jpg", 1), Path::new("a/keys.npy"));
+    }
+}

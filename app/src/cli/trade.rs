@@ -1,0 +1,221 @@
+//! Runs `splatgraph trade`: the ledger of what each setting saves and costs.
+
+use super::options::{self, DEFAULT_PIPELINE, DeviceArgs};
+use super::{Outcome, Usage};
+use crate::backend::Backend;
+use crate::builtin;
+use crate::fit;
+use crate::image::{Format, Image};
+use crate::output::names::{self, MAX_NAME_BYTES};
+use crate::output::{self, Claims, one_line, say};
+use crate::progress::Progress;
+use crate::session::Session;
+use crate::trade::ledger::{Book, Origin, csv, table};
+use crate::trade::measure::{Effort, View, measure};
+use crate::trade::settings::{self, Setting};
+use crate::truth::Truth;
+use anyhow::{Context, Result, bail};
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::Rules;
+use std::path::{Path, PathBuf};
+
+/// Measure what each setting saves, and what it costs in accuracy
+///
+/// Draws the scene with every parameter at its exact value, then with one parameter away from it at a time, with the graph's
+/// defaults, and with every preset. Each picture is held against the truth: that of the exact renderer (`render --backend
+/// reference`), or the pictures of a folder. Each time is measured in turns with the exact settings, so that a change of the
+/// device's clock concerns both.
+///
+/// The columns: the time of a frame on the GPU, its spread over the rounds, and its share of the exact settings' time; PSNR over
+/// all pixels and over those that a splat covers; the least SSIM; the mean of NVIDIA's FLIP (0 is equal); the largest
+/// difference of a channel; the share of pixels that are off by more than 1/255; pairs of visible splats in the wrong
+/// order; memory on the device. A `*` marks the settings that no other beats in both time and PSNR: the Pareto front.
+///
+/// Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  splatgraph trade                                        # the demo scene
+  splatgraph trade scene.ply -c cameras.json -o ledger/   # ledger.json and ledger.csv; an interrupted run goes on
+  splatgraph trade scene.ply --only key_bits --only key_map
+  splatgraph trade scene.ply -c cameras.json --truth photographs/ --size 980x545")]
+pub struct Args {
+    /// A .ply file in the layout of the reference implementation
+    scene: Option<PathBuf>,
+    /// The graph whose parameters are changed: the name of a built-in one, or a path
+    #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
+    pipeline: String,
+    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
+    #[arg(short, long, value_name = "FILE[#INDEX]")]
+    cameras: Option<String>,
+    /// Size of the pictures [default: the cameras']
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
+    size: Option<(u32, u32)>,
+    /// Folder of the true pictures, one for each camera, named after its img_name [default: the exact renderer]
+    #[arg(long, value_name = "DIR")]
+    truth: Option<PathBuf>,
+    /// Folder for ledger.json and ledger.csv; a run that was interrupted goes on from the former
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Measure only settings whose name begins so, for instance `key_bits` or `preset`; may be repeated
+    #[arg(long, value_name = "NAME")]
+    only: Vec<String>,
+    /// Times that a setting and the exact settings take turns
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: u32,
+    /// Frames of each in a round, after one that is not counted
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    frames: u32,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+/// Files in the folder of `--output`.
+const LEDGER: &str = "ledger.json";
+const CSV: &str = "ledger.csv";
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    let given = args.cameras.as_deref().map(options::cameras).transpose()?;
+    let stems =
+        names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), MAX_NAME_BYTES - 5);
+    claim_files(args)?;
+    let device = Backend::open(&args.device.options())?;
+    if let Some(path) = &args.scene {
+        fit::check_header(path, device.info(), &args.pipeline, &[])?;
+    }
+    let (scene, cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
+    let truths = args.truth.as_deref().map(|folder| true_pictures(folder, &cameras, &stems)).transpose()?;
+    let origin = origin(args, &scene, &cameras, device.info());
+    let mut session = Session::new(device, scene, &args.pipeline, &[]);
+    let settings = chosen(args, &mut session, &cameras)?;
+    let mut book = Book::open(args.output.as_ref().map(|folder| folder.join(LEDGER)), origin);
+    if let (Some(path), false) = (book.path(), book.ledger.rows.is_empty()) {
+        say(format!("{}: {} rows of an earlier run are kept", path.display(), book.ledger.rows.len()));
+    }
+
+    let exact = settings.first().context("no exact settings")?.clone();
+    let effort = Effort { rounds: args.rounds, frames: args.frames };
+    let mut progress = Progress::new("measuring");
+    let of = (settings.len() * cameras.len()) as u64;
+    let wanted = |setting: &Setting| only(args, setting);
+    for (index, camera) in cameras.iter().enumerate() {
+        let missing =
+            |book: &Book, setting: &Setting| wanted(setting) && !book.has(&setting.name, &camera.img_name);
+        if !settings.iter().any(|setting| missing(&book, setting)) {
+            continue;
+        }
+        let view = view(session.scene(), camera, truths.as_ref().map(|truths| &truths[index]));
+        for (at, setting) in settings.iter().enumerate().filter(|(_, setting)| wanted(setting)) {
+            if book.has(&setting.name, &camera.img_name) {
+                continue;
+            }
+            let done = (index * settings.len() + at) as u64;
+            progress.set(done, of, &format!("{}, {}", one_line(&camera.img_name), setting.name));
+            book.add(measure(&mut session, setting, &exact, &view, effort)?)?;
+        }
+    }
+    drop(progress);
+
+    book.ledger.rows.retain(|row| settings.iter().any(|s| s.name == row.setting && wanted(s)));
+    let (lines, failed) = book.ledger.lines();
+    options::write_text(None, &table(&lines))?;
+    for (setting, why) in failed {
+        say(format!("{setting}: {why}"));
+    }
+    if let Some(folder) = &args.output {
+        output::write_bytes(&folder.join(CSV), csv(&lines).as_bytes())?;
+    }
+    Ok(super::validated(args.device.validate, &session.into_device().close()))
+}
+
+/// An error if a file of the ledger would destroy an input.
+pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
+    let mut claims = Claims::default();
+    if let Some(path) = &args.scene {
+        claims.input("the scene", path)?;
+    }
+    if let Some(path) = &args.cameras {
+        claims
+            .input("the cameras", Path::new(path.rsplit_once('#').map_or(path.as_str(), |(file, _)| file)))?;
+    }
+    for name in [LEDGER, CSV] {
+        if let Some(folder) = &args.output {
+            claims.output("--output", &folder.join(name))?;
+        }
+    }
+    Ok(())
+}
+
+/// Returns true if `--only` wants a setting; the exact settings are always wanted.
+fn only(args: &Args, setting: &Setting) -> bool {
+    args.only.is_empty()
+        || setting.name == settings::EXACT
+        || args.only.iter().any(|name| setting.name.starts_with(name.as_str()))
+}
+
+/// Lists the settings; an error if `--only` names none of them.
+fn chosen(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Result<Vec<Setting>> {
+    let camera = cameras.first().context("no cameras")?;
+    let controls = session.controls((camera.width, camera.height))?;
+    let all = settings::list(&args.pipeline, &controls, &builtin::names());
+    for name in &args.only {
+        if !all.iter().any(|setting| setting.name.starts_with(name.as_str())) {
+            let names: Vec<&str> = all.iter().map(|setting| setting.name.as_str()).collect();
+            bail!(Usage(format!(
+                "--only {name}: expected the begin of a setting's name, of: {}",
+                names.join(", ")
+            )));
+        }
+    }
+    Ok(all)
+}
+
+fn origin(args: &Args, scene: &Scene, cameras: &[Camera], device: &splatgraph_api::DeviceInfo) -> Origin {
+    Origin {
+        version: env!("CARGO_PKG_VERSION").into(),
+        scene: args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string()),
+        splats: scene.count(),
+        cameras: serde_json::to_value(cameras).unwrap_or_default(),
+        pipeline: args.pipeline.clone(),
+        truth: args.truth.as_ref().map_or_else(|| "reference".into(), |path| path.display().to_string()),
+        device: format!("{} ({})", device.name, device.driver),
+        effort: Effort { rounds: args.rounds, frames: args.frames },
+    }
+}
+
+/// Loads the true picture of every camera.
+fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<Vec<Image>> {
+    let load = |(camera, stem): (&Camera, &String)| -> Result<Image> {
+        let formats = [Format::Npy, Format::Exr, Format::Png];
+        let path = formats
+            .map(|format| folder.join(format!("{stem}.{format}")))
+            .into_iter()
+            .find(|path| path.exists());
+        let Some(path) = path else {
+            bail!("expected the picture {stem}.npy, .exr or .png in {}, found none", folder.display());
+        };
+        let image = Image::load(&path)?;
+        if (image.width, image.height) != (camera.width as usize, camera.height as usize) {
+            bail!(
+                "{}: expected {} x {} pixels, as the camera has, found {} x {} (--size changes the cameras)",
+                path.display(),
+                camera.width,
+                camera.height,
+                image.width,
+                image.height
+            );
+        }
+        Ok(image)
+    };
+    cameras.iter().zip(stems).map(load).collect()
+}
+
+/// The truth of a view: the exact renderer's, with the picture of a folder instead of its own if there is one.
+fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> View {
+    let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::PUBLISHED);
+    let mut view = View::exact(scene, camera, &truth, &Rules::PUBLISHED);
+    if let Some(picture) = picture {
+        view.picture = picture.clone();
+    }
+    view
+}

@@ -1,0 +1,96 @@
+//! Measures the error of a picture against the truth.
+
+use crate::image::Image;
+use crate::metrics::{self, MetricError};
+use serde::{Deserialize, Serialize};
+
+/// A channel that is off by more than one step of 8 bits is visible in a file.
+const STEP: f32 = 1.0 / 255.0;
+
+/// Distance and size of a display that FLIP assumes: 67 pixels to a degree, a 4K display of 0.7 m at 0.7 m.
+const PIXELS_PER_DEGREE: f32 = nv_flip::DEFAULT_PIXELS_PER_DEGREE;
+
+/// The error of a picture. All but `worst` are of values clamped to 0..1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Error {
+    /// Peak signal-to-noise ratio in decibels; `None` if the pictures are equal.
+    pub psnr_db: Option<f64>,
+    /// Structural similarity, 1 for equal pictures; `None` for pictures smaller than its window.
+    pub ssim: Option<f64>,
+    /// Mean of NVIDIA's FLIP, 0 for equal pictures, 1 at most (Andersson et al. 2020). It is of the pictures in 8 bits.
+    pub flip: f64,
+    /// The largest difference of a channel.
+    pub worst: f64,
+    /// The share of pixels that are off by more than 1/255 in a channel.
+    pub off: f64,
+    /// `psnr_db` over the covered pixels alone; `None` if they are equal, or if there are none.
+    pub covered_psnr_db: Option<f64>,
+    /// `off` over the covered pixels alone.
+    pub covered_off: f64,
+}
+
+/// Compares a picture with the truth. `covered` says of each pixel whether a splat shows in it.
+///
+/// # Errors
+/// The sizes differ, or a value is not finite.
+pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error, MetricError> {
+    let found = metrics::compare(picture, truth)?;
+    let (psnr_db, off) = over(picture, truth, &vec![true; covered.len()]);
+    debug_assert!((psnr_db.unwrap_or(0.0) - found.psnr_db.unwrap_or(0.0)).abs() < 1e-6);
+    let (covered_psnr_db, covered_off) = over(picture, truth, covered);
+    Ok(Error {
+        psnr_db: found.psnr_db,
+        ssim: found.ssim,
+        flip: flip(picture, truth),
+        worst: found.worst.difference,
+        off,
+        covered_psnr_db,
+        covered_off,
+    })
+}
+
+/// PSNR and the share of pixels that are off, over some of the pixels.
+fn over(picture: &Image, truth: &Image, wanted: &[bool]) -> (Option<f64>, f64) {
+    let (mut squares, mut off, mut count) = (0.0, 0usize, 0usize);
+    for ((a, b), _) in picture.rgb.iter().zip(&truth.rgb).zip(wanted).filter(|(_, wanted)| **wanted) {
+        let differences: [f32; 3] = std::array::from_fn(|c| a[c].clamp(0.0, 1.0) - b[c].clamp(0.0, 1.0));
+        squares += differences.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>();
+        off += usize::from(differences.iter().any(|d| d.abs() > STEP));
+        count += 1;
+    }
+    let psnr = (squares > 0.0).then(|| 10.0 * (3.0 * count as f64 / squares).log10());
+    (psnr, off as f64 / count.max(1) as f64)
+}
+
+/// The mean of FLIP over the pixels.
+fn flip(picture: &Image, truth: &Image) -> f64 {
+    let bytes = |image: &Image| {
+        let steps = |v: &f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
+        let bytes: Vec<u8> = image.rgb.as_flattened().iter().map(steps).collect();
+        nv_flip::FlipImageRgb8::with_data(image.width as u32, image.height as u32, &bytes)
+    };
+    let map = nv_flip::flip(bytes(truth), bytes(picture), PIXELS_PER_DEGREE);
+    let values = map.to_vec();
+    values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_difference_in_one_pixel_counts_over_all_and_over_the_covered_ones() {
+        let truth = Image::from_fn(16, 16, |_, _| [0.5; 3]);
+        let mut picture = truth.clone();
+        picture.rgb[3] = [0.5, 0.75, 0.5];
+        picture.rgb[4] = [0.502, 0.5, 0.5];
+        let covered: Vec<bool> = (0..256).map(|i| i < 4).collect();
+        let error = measure(&picture, &truth, &covered).unwrap();
+        // MSE 0.0625 / (3 * 4) over the four covered ones.
+        assert!((error.covered_psnr_db.unwrap() - 10.0 * 192f64.log10()).abs() < 1e-9, "{error:?}");
+        assert_eq!((error.off, error.covered_off), (1.0 / 256.0, 0.25));
+        assert!((error.worst - 0.25).abs() < 1e-9 && error.flip > 0.0, "{error:?}");
+        let same = measure(&truth, &truth, &covered).unwrap();
+        assert_eq!((same.psnr_db, same.flip, same.off, same.ssim), (None, 0.0, 0.0, Some(1.0)));
+    }
+}

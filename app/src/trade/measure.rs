@@ -1,0 +1,233 @@
+//! Draws one setting of one view, and measures its time, memory and error.
+
+use super::error::{self, Error};
+use super::settings::Setting;
+use crate::session::{FrameOptions, Session, SessionError, image_of};
+use crate::stats::CameraStats;
+use crate::truth::Truth;
+use serde::{Deserialize, Serialize};
+use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect};
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::plan::Plan;
+use splatgraph_reference::{Rules, depth_order, inversions};
+use std::collections::{BTreeMap, VecDeque};
+
+/// Numbers of frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Effort {
+    /// Times that a setting and the exact settings take turns.
+    pub rounds: u32,
+    /// Frames of each in a round, after one that is not counted.
+    pub frames: u32,
+}
+
+/// A camera with the truth about its picture.
+pub struct View {
+    /// The camera, in the size of the pictures.
+    pub camera: Camera,
+    /// The true picture.
+    pub picture: crate::image::Image,
+    /// Whether a splat shows in a pixel.
+    pub covered: Vec<bool>,
+    /// The splats beyond the near plane, near to far.
+    pub order: Vec<u32>,
+}
+
+impl View {
+    /// Takes an exact picture as the truth.
+    pub fn exact(scene: &Scene, camera: &Camera, truth: &Truth, rules: &Rules) -> View {
+        View {
+            camera: camera.clone(),
+            picture: truth.image(),
+            covered: truth.picture.transmittance.iter().map(|share| *share < 1.0).collect(),
+            order: depth_order(scene, camera, rules),
+        }
+    }
+}
+
+/// What a frame costs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Time {
+    /// Milliseconds on the GPU: the median of the rounds' medians.
+    pub gpu_ms: f64,
+    /// The largest of the rounds' medians without the smallest, in milliseconds.
+    pub spread_ms: f64,
+    /// The share of the exact settings' time, measured in the same rounds: the median of the rounds.
+    pub of_exact: f64,
+    /// Milliseconds per phase, in the median round.
+    pub phases: BTreeMap<String, f64>,
+}
+
+/// A line of the ledger: a setting in a view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// The setting's name.
+    pub setting: String,
+    /// The camera's name.
+    pub camera: String,
+    /// What was measured, or why the setting cannot be drawn.
+    pub found: Result<Measured, String>,
+}
+
+/// What was measured of a setting in a view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// The time of a frame; `None` if the device has no timestamps.
+    pub time: Option<Time>,
+    /// The error of the picture.
+    pub error: Error,
+    /// Pairs of visible splats that are drawn in another order than that of their depth; `None` if the graph has no order.
+    pub inversions: Option<u64>,
+    /// Bytes of memory on the device.
+    pub gpu_bytes: u64,
+}
+
+/// Measures a setting; `exact` is the setting that takes turns with it.
+///
+/// # Errors
+/// The device fails. A setting that cannot be drawn is a row that says why.
+pub fn measure<D: Device>(
+    session: &mut Session<D>,
+    setting: &Setting,
+    exact: &Setting,
+    view: &View,
+    effort: Effort,
+) -> Result<Row, SessionError> {
+    let found = match measured(session, setting, exact, view, effort) {
+        Ok(found) => found,
+        Err(SessionError::Graph(errors)) => Err(errors.text(false).trim().to_owned()),
+        Err(error) => return Err(error),
+    };
+    Ok(Row { setting: setting.name.clone(), camera: view.camera.img_name.clone(), found })
+}
+
+fn measured<D: Device>(
+    session: &mut Session<D>,
+    setting: &Setting,
+    exact: &Setting,
+    view: &View,
+    effort: Effort,
+) -> Result<Result<Measured, String>, SessionError> {
+    let (error, inversions) = match drawn(session, setting, view)? {
+        Ok(drawn) => drawn,
+        Err(text) => return Ok(Err(text)),
+    };
+    let mut rounds: Vec<(CameraStats, Option<f64>)> = Vec::new();
+    for _ in 0..effort.rounds {
+        let [one, other] = [exact, setting].map(|setting| timed(session, setting, view, effort.frames));
+        rounds.push((other?, one?.gpu_ms));
+    }
+    let bytes = |stats: &CameraStats| stats.buffers.iter().map(|buffer| buffer.bytes).sum();
+    let gpu_bytes = rounds.last().map_or(0, |(stats, _)| bytes(stats));
+    Ok(Ok(Measured { time: time(&mut rounds), error, inversions, gpu_bytes }))
+}
+
+/// Sums the rounds up; `None` without timestamps.
+fn time(rounds: &mut [(CameraStats, Option<f64>)]) -> Option<Time> {
+    let mut shares =
+        rounds.iter().map(|(stats, exact)| Some(stats.gpu_ms? / (*exact)?)).collect::<Option<Vec<f64>>>()?;
+    shares.sort_by(f64::total_cmp);
+    let ms = |stats: &CameraStats| stats.gpu_ms.unwrap_or(f64::INFINITY);
+    rounds.sort_by(|(a, _), (b, _)| ms(a).total_cmp(&ms(b)));
+    let (middle, _) = rounds.get(rounds.len() / 2)?;
+    let (first, last) = (&rounds.first()?.0, &rounds.last()?.0);
+    let phase = |(name, ms): (&String, &serde_json::Value)| Some((name.clone(), ms.as_f64()?));
+    Some(Time {
+        gpu_ms: ms(middle),
+        spread_ms: ms(last) - ms(first),
+        of_exact: shares[shares.len() / 2],
+        phases: middle.phases.iter().filter_map(phase).collect(),
+    })
+}
+
+fn prepare<D: Device>(
+    session: &mut Session<D>,
+    setting: &Setting,
+    camera: &Camera,
+) -> Result<Plan, SessionError> {
+    session.set_graph(&setting.pipeline, &setting.set);
+    session.prepare((camera.width, camera.height), &mut |_| {})?;
+    session.plan().cloned().ok_or(SessionError::NotPrepared)
+}
+
+type Drawn = (Error, Option<u64>);
+
+/// Draws a picture, and compares it and the order of its splats with the truth.
+fn drawn<D: Device>(
+    session: &mut Session<D>,
+    setting: &Setting,
+    view: &View,
+) -> Result<Result<Drawn, String>, SessionError> {
+    session.keep_contents(true);
+    let plan = prepare(session, setting, &view.camera);
+    session.keep_contents(false);
+    let plan = plan?;
+    let order = order_of(&plan);
+    let plain = FrameOptions { read_output: true, ..FrameOptions::default() };
+    // The second frame: one with the order of the last frame has one.
+    let first = session.submit(&view.camera, &FrameOptions::default())?;
+    session.wait(first)?;
+    let options = FrameOptions { inspect: order.into_iter().collect(), ..plain };
+    let frame = session.submit(&view.camera, &options)?;
+    let result = session.wait(frame)?;
+    let Some(picture) = result.output.as_ref().and_then(image_of) else {
+        return Ok(Err(format!("the graph's output `{}` has no colours", plan.resource(plan.output).name)));
+    };
+    let error = match error::measure(&picture, &view.picture, &view.covered) {
+        Ok(error) => error,
+        Err(error) => return Ok(Err(error.to_string())),
+    };
+    let visible = result.stats.iter().find(|(name, _)| name == "visible").map(|(_, count)| *count as usize);
+    let inversions = match (result.inspected.first(), visible) {
+        (Some(bytes), Some(visible)) => inverted(bytes, visible, &view.order),
+        _ => None,
+    };
+    Ok(Ok((error, inversions)))
+}
+
+/// The order of the splats, as the last pass that binds it reads it.
+fn order_of(plan: &Plan) -> Option<Inspect> {
+    plan.frame.iter().rev().find_map(|step| {
+        let bindings = &plan.pass(step.pass).bindings;
+        let order = bindings.iter().find(|binding| binding.name == "Order")?;
+        Some(Inspect { resource: order.resource, after: step.pass })
+    })
+}
+
+/// Counts the pairs of the first `visible` splats that are in another order than in `truth`.
+fn inverted(bytes: &[u8], visible: usize, truth: &[u32]) -> Option<u64> {
+    let word = |bytes: &[u8]| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+    let given: Vec<u32> = bytes.chunks_exact(4).take(visible).map(word).collect();
+    let all = given.iter().chain(truth).max().map_or(0, |most| *most as usize + 1);
+    let mut seen = vec![false; all];
+    given.iter().for_each(|index| seen[*index as usize] = true);
+    let truth: Vec<u32> = truth.iter().copied().filter(|index| seen[*index as usize]).collect();
+    inversions(&truth, &given)
+}
+
+/// Draws frames, and summarises all but the first.
+fn timed<D: Device>(
+    session: &mut Session<D>,
+    setting: &Setting,
+    view: &View,
+    frames: u32,
+) -> Result<CameraStats, SessionError> {
+    let plan = prepare(session, setting, &view.camera)?;
+    let mut results: Vec<FrameResult> = Vec::new();
+    let mut flying = VecDeque::new();
+    for _ in 0..=frames {
+        if flying.len() == FRAMES_IN_FLIGHT
+            && let Some(oldest) = flying.pop_front()
+        {
+            results.push(session.wait(oldest)?);
+        }
+        flying.push_back(session.submit(&view.camera, &FrameOptions::default())?);
+    }
+    for frame in flying {
+        results.push(session.wait(frame)?);
+    }
+    let loaded = session.scene().count().into();
+    let memory = session.device().memory();
+    let camera = (view.camera.img_name.as_str(), (view.camera.width, view.camera.height));
+    Ok(CameraStats::new(camera, &plan, session.device().info(), loaded, &results[1..], memory))
+}

@@ -1,0 +1,99 @@
+//! Lists the ways to draw that a ledger compares.
+
+use serde::{Deserialize, Serialize};
+use splatgraph_framework::ir::{Domain, Param, Value};
+use splatgraph_framework::lower::Control;
+
+/// A graph with the values that some of its parameters are set to.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Setting {
+    /// A short name: `exact`, `defaults`, `key_bits = 16`, or a preset's name.
+    pub name: String,
+    /// The graph, as `--pipeline` takes it.
+    pub pipeline: String,
+    /// Names and values, as `--set` takes them.
+    pub set: Vec<(String, String)>,
+}
+
+/// Name of the setting that the others are held against.
+pub const EXACT: &str = "exact";
+
+/// Lists the exact settings of a graph, then one parameter away from them at a time, the defaults, and the presets.
+///
+/// `controls` are the graph's parameters. Those without an exact value do not change the picture and keep their defaults.
+pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setting> {
+    let params = || controls.iter().map(|control| &control.param);
+    let exact: Vec<(String, String)> =
+        params().filter_map(|param| Some((param.name.clone(), param.exact.as_ref()?.to_string()))).collect();
+    let setting = |name: String, set: Vec<(String, String)>| Setting { name, pipeline: pipeline.into(), set };
+    let mut all = vec![setting(EXACT.into(), exact.clone())];
+    for param in params().filter(|param| param.exact.is_some()) {
+        for value in alternatives(param) {
+            let set = exact.iter().filter(|(name, _)| *name != param.name).cloned();
+            let set = set.chain([(param.name.clone(), value.to_string())]).collect();
+            all.push(setting(format!("{} = {value}", param.name), set));
+        }
+    }
+    all.push(setting("defaults".into(), Vec::new()));
+    let others = presets.iter().filter(|preset| **preset != pipeline);
+    all.extend(others.map(|preset| Setting {
+        name: format!("preset {preset}"),
+        pipeline: preset.to_string(),
+        set: Vec::new(),
+    }));
+    all
+}
+
+/// Lists values of a parameter besides its exact one: all of a choice, five across a range.
+///
+/// The least number of a float's range is left out: there most parameters draw nothing.
+fn alternatives(param: &Param) -> Vec<Value> {
+    let mut values: Vec<Value> = match &param.domain {
+        Domain::Bool => vec![Value::Bool(false), Value::Bool(true)],
+        Domain::Choice(names) => names.iter().map(|name| Value::Text(name.clone())).collect(),
+        Domain::Int { min, max } => {
+            (0..=4).map(|i| Value::Int(min + (i128::from(max - min) * i / 4) as i64)).collect()
+        }
+        Domain::Float { min, max, .. } => {
+            // Three digits are what people would type.
+            let rounded = |v: f64| (v * 1000.0).round() / 1000.0;
+            (1..=4).map(|i| Value::Float(rounded(min + (max - min) * f64::from(i) / 4.0))).collect()
+        }
+    };
+    values.dedup();
+    values.retain(|value| Some(value) != param.exact.as_ref());
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::builtin;
+
+    #[test]
+    fn every_parameter_with_an_exact_value_leaves_it_and_the_others_stay() {
+        let presets = builtin::presets();
+        let splat = presets.iter().find(|preset| preset.name == "splat").expect("it is built in");
+        let all = list("splat", &splat.params, &["splat", "key16"]);
+        assert_eq!((all[0].name.as_str(), all.last().unwrap().name.as_str()), (EXACT, "preset key16"));
+        let exact = &all[0].set;
+        let value = |set: &[(String, String)], name: &str| {
+            set.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone()).unwrap_or_default()
+        };
+        assert_eq!(value(exact, "target"), "rgba32f");
+        assert_eq!(value(exact, "digit_bits"), "", "it changes no picture");
+        for control in splat.params.iter().filter(|control| control.param.exact.is_some()) {
+            let name = &control.param.name;
+            let changed: Vec<&Setting> =
+                all.iter().filter(|s| s.name.split(' ').next() == Some(name.as_str())).collect();
+            assert!(!changed.is_empty(), "{name}");
+            for setting in changed {
+                let differ = exact.iter().filter(|(n, v)| value(&setting.set, n) != *v);
+                assert_eq!(differ.map(|(n, _)| n.as_str()).collect::<Vec<_>>(), [name.as_str()]);
+            }
+        }
+        let widths: Vec<&str> =
+            all.iter().filter_map(|setting| setting.name.strip_prefix("key_bits = ")).collect();
+        assert_eq!(widths, ["8", "14", "20", "26"]);
+    }
+}
