@@ -23,5 +23,7 @@ mod plans;
 mod random;
 mod reference;
 mod sort;
+#[cfg(target_os = "linux")]
+mod trade;
 mod view;
 mod window_graph;

@@ -18,6 +18,7 @@ use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use std::io::Write;
+use std::sync::Arc;
 
 /// An error of a session.
 #[derive(Debug, thiserror::Error)]
@@ -36,7 +37,7 @@ pub enum SessionError {
 /// A device that draws a scene with a plan; see the module's documentation.
 pub struct Session<D> {
     device: D,
-    scene: Scene,
+    scene: Arc<Scene>,
     pipeline: String,
     set: Vec<(String, String)>,
     planner: Planner,
@@ -61,10 +62,15 @@ impl<D: Device> Session<D> {
     /// Creates a session that draws `scene` with a graph and the parameters in `set`.
     ///
     /// `pipeline` is a preset's name or a path. No plan is built yet.
-    pub fn new(device: D, scene: Scene, pipeline: &str, set: &[(String, String)]) -> Session<D> {
+    pub fn new(
+        device: D,
+        scene: impl Into<Arc<Scene>>,
+        pipeline: &str,
+        set: &[(String, String)],
+    ) -> Session<D> {
         Session {
             device,
-            scene,
+            scene: scene.into(),
             pipeline: pipeline.to_owned(),
             set: set.to_vec(),
             planner: Planner::default(),
@@ -74,11 +80,19 @@ impl<D: Device> Session<D> {
         }
     }
 
+    /// Creates a session of its own on the same device, with the same scene, that draws another graph.
+    ///
+    /// # Errors
+    /// The device has no room for another context.
+    pub fn beside(&self, pipeline: &str, set: &[(String, String)]) -> Result<Session<D>, SessionError> {
+        Ok(Session::new(self.device.new_context()?, self.scene.clone(), pipeline, set))
+    }
+
     /// Keeps every resource's contents until the end of the frame, in memory of its own, for inspection after any pass.
     ///
     /// This applies to plans that are prepared later.
-    pub fn keep_contents(&mut self, keep: bool) {
-        self.planner.share_memory = !keep;
+    pub fn keep_contents(&mut self) {
+        self.planner.share_memory = false;
     }
 
     /// Changes the graph and its parameters; the next [`Session::prepare`] builds its plan.

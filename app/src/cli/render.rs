@@ -224,7 +224,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     if !args.inspect.is_empty() {
-        session.keep_contents(true);
+        session.keep_contents();
     }
     let mut all = Vec::with_capacity(cameras.len());
     let stdout = Stdout::of(args);

@@ -13,6 +13,7 @@ pub fn build_pool() {
     let wanted = std::env::var("RAYON_NUM_THREADS").ok().and_then(|number| number.parse().ok());
     let wanted =
         wanted.filter(|number| *number > 0).unwrap_or_else(|| available_parallelism().map_or(1, usize::from));
+    spare_addresses();
     // Twice as many for trial: what follows, the driver among it, wants threads and memory too.
     let mut waiting = start(wanted.saturating_mul(2));
     waiting.truncate(waiting.len() / 2);
@@ -30,6 +31,20 @@ pub fn build_pool() {
     // Nothing has used the pool yet, so it is the first; and its threads run.
     drop(built);
 }
+
+/// Keeps the allocator from reserving 64 MiB of addresses for each thread, where addresses are limited (`ulimit -v`).
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn spare_addresses() {
+    use rustix::process::{Resource, getrlimit};
+    if getrlimit(Resource::As).current.is_some() {
+        // SAFETY: the call sets a number of glibc's allocator, under its own lock.
+        unsafe { libc::mallopt(libc::M_ARENA_MAX, 1) };
+    }
+}
+
+/// Does nothing: other allocators share their memory among threads.
+#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+fn spare_addresses() {}
 
 /// Starts up to `wanted` threads, each of which waits for its work, and ends if its sender is dropped.
 fn start(wanted: usize) -> Vec<Sender<ThreadBuilder>> {

@@ -11,7 +11,7 @@ use crate::output::{self, Claims, one_line, say};
 use crate::progress::Progress;
 use crate::session::Session;
 use crate::trade::ledger::{Book, Origin, csv, table};
-use crate::trade::measure::{Effort, View, measure};
+use crate::trade::measure::{Effort, View, measure, suitable_frames};
 use crate::trade::settings::{self, Setting};
 use crate::truth::Truth;
 use anyhow::{Context, Result, bail};
@@ -24,8 +24,8 @@ use std::path::{Path, PathBuf};
 ///
 /// Draws the scene with every parameter at its exact value, then with one parameter away from it at a time, with the graph's
 /// defaults, and with every preset. Each picture is held against the truth: that of the exact renderer (`render --backend
-/// reference`), or the pictures of a folder. Each time is measured in turns with the exact settings, so that a change of the
-/// device's clock concerns both.
+/// reference`), or the pictures of a folder. Frames are drawn in turns with those of the exact settings, so that a change of
+/// the device's clock concerns both.
 ///
 /// The columns: the time of a frame on the GPU, its spread over the rounds, and its share of the exact settings' time; PSNR over
 /// all pixels and over those that a splat covers; the least SSIM; the mean of NVIDIA's FLIP (0 is equal); the largest
@@ -60,12 +60,12 @@ pub struct Args {
     /// Measure only settings whose name begins so, for instance `key_bits` or `preset`; may be repeated
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
-    /// Times that a setting and the exact settings take turns
+    /// Rounds of frames, whose medians show the spread
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
-    /// Frames of each in a round, after one that is not counted
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    frames: u32,
+    /// Frames of a setting in a round, in turns with as many of the exact settings [default: what takes 0.2 s, 1 to 30]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    frames: Option<u32>,
     #[command(flatten)]
     device: DeviceArgs,
 }
@@ -93,8 +93,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         say(format!("{}: {} rows of an earlier run are kept", path.display(), book.ledger.rows.len()));
     }
 
-    let exact = settings.first().context("no exact settings")?.clone();
-    let effort = Effort { rounds: args.rounds, frames: args.frames };
+    let first = settings.first().context("no exact settings")?;
+    let mut exact = session.beside(&first.pipeline, &first.set)?;
     let mut progress = Progress::new("measuring");
     let of = (settings.len() * cameras.len()) as u64;
     let wanted = |setting: &Setting| only(args, setting);
@@ -104,6 +104,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         if !settings.iter().any(|setting| missing(&book, setting)) {
             continue;
         }
+        exact.prepare((camera.width, camera.height), &mut |_| {})?;
+        let frames = args.frames.map_or_else(|| suitable_frames(&mut exact, camera), Ok)?;
+        let effort = Effort { rounds: args.rounds, frames };
         let view = view(session.scene(), camera, truths.as_ref().map(|truths| &truths[index]));
         for (at, setting) in settings.iter().enumerate().filter(|(_, setting)| wanted(setting)) {
             if book.has(&setting.name, &camera.img_name) {
@@ -111,7 +114,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             }
             let done = (index * settings.len() + at) as u64;
             progress.set(done, of, &format!("{}, {}", one_line(&camera.img_name), setting.name));
-            book.add(measure(&mut session, setting, &exact, &view, effort)?)?;
+            book.add(measure(&mut session, &mut exact, setting, &view, effort)?)?;
         }
     }
     drop(progress);
@@ -125,7 +128,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(folder) = &args.output {
         output::write_bytes(&folder.join(CSV), csv(&lines).as_bytes())?;
     }
-    Ok(super::validated(args.device.validate, &session.into_device().close()))
+    let mut messages = exact.into_device().close();
+    messages.extend(session.into_device().close());
+    Ok(super::validated(args.device.validate, &messages))
 }
 
 /// An error if a file of the ledger would destroy an input.
@@ -179,7 +184,8 @@ fn origin(args: &Args, scene: &Scene, cameras: &[Camera], device: &splatgraph_ap
         pipeline: args.pipeline.clone(),
         truth: args.truth.as_ref().map_or_else(|| "reference".into(), |path| path.display().to_string()),
         device: format!("{} ({})", device.name, device.driver),
-        effort: Effort { rounds: args.rounds, frames: args.frames },
+        rounds: args.rounds,
+        frames: args.frames,
     }
 }
 

@@ -8,8 +8,11 @@ use super::{Image, ImageError, check_size, open};
 use crate::output::file::Cause;
 use exr::prelude as x;
 use exr::prelude::{ReadChannels, ReadLayers, WritableImage};
+use std::cell::Cell;
 use std::io::{Cursor, Write};
+use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
+use std::sync::Once;
 
 const ENCODING: &str = "srgb_rec709_display";
 const COMMENT: &str = "Display-encoded (sRGB) values as blended, not linear light; not clamped to 0..1.";
@@ -37,7 +40,11 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
 
 /// Checks the sizes of all layers; returns that of the first that has R, G and B.
 pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
-    let meta = exr::meta::MetaData::read_from_buffered(open(path)?, false)
+    let file = open(path)?;
+    let meta = quietly(|| exr::meta::MetaData::read_from_buffered(file, false))
+        .ok_or_else(|| {
+            ImageError::new(path, "expected the header of an OpenEXR file, found one that cannot be read")
+        })?
         .map_err(|e| ImageError::because(path, e))?;
     let mut found = None;
     for header in &meta.headers {
@@ -52,8 +59,36 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
 
 /// Loads the data window of the first layer that has R, G and B.
 pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
-    let fail = |e: exr::error::Error| ImageError::because(path, e);
     size(path)?;
+    let damaged = || ImageError::new(path, "expected compressed pixels, found bytes that cannot be unpacked");
+    quietly(|| read(path)).unwrap_or_else(|| Err(damaged()))
+}
+
+thread_local! {
+    /// A panic of this thread is caught, and told as an error.
+    static QUIET: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Returns `None` if `body` panics, without the message of the panic. The decoders of the library panic on some damaged files.
+fn quietly<T>(body: impl FnOnce() -> T) -> Option<T> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let usual = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            if !QUIET.get() {
+                usual(info);
+            }
+        }));
+    });
+    QUIET.set(true);
+    // What the body leaves behind is dropped with it.
+    let result = panic::catch_unwind(AssertUnwindSafe(body));
+    QUIET.set(false);
+    result.ok()
+}
+
+fn read(path: &Path) -> Result<Image, ImageError> {
+    let fail = |e: exr::error::Error| ImageError::because(path, e);
     let file = x::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -67,6 +102,8 @@ pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
         )
         .first_valid_layer()
         .all_attributes()
+        // A panic on a thread of a pool would end the program.
+        .non_parallel()
         .from_buffered(open(path)?)
         .map_err(fail)?;
     Ok(file.layer_data.channel_data.pixels)

@@ -199,13 +199,12 @@ fn damaged_png_files_are_pictures_or_errors() {
     });
 }
 
-/// Shapes, types and orders of arrays.
+/// Arrays of each type that is read.
 fn arrays() -> Vec<Vec<u8>> {
     vec![
         saved("a.npy"),
         npy("<f4", "False", "(3, 4, 3)", 3 * 4 * 3 * 4),
         npy("<f8", "False", "(3, 4, 3)", 3 * 4 * 3 * 8),
-        npy("<f4", "True", "(3, 4, 3)", 3 * 4 * 3 * 4),
         npy("|u1", "False", "(3, 4, 3)", 3 * 4 * 3),
     ]
 }
@@ -253,7 +252,9 @@ fn damaged_exr_files_are_pictures_or_errors() {
         WritableImage, f16,
     };
     let mut seeds = vec![saved("a.exr")];
-    for compression in [Compression::Uncompressed, Compression::RLE, Compression::ZIP1, Compression::PIZ] {
+    for compression in
+        [Compression::Uncompressed, Compression::RLE, Compression::ZIP1, Compression::PIZ, Compression::B44]
+    {
         for tiled in [false, true] {
             let pixel = |at: Vec2<usize>| (at.x() as f32 / 40.0, at.y() as f32 / 20.0, f16::from_f32(0.25));
             let blocks = if tiled { Blocks::Tiles(Vec2(16, 16)) } else { Blocks::ScanLines };

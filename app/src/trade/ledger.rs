@@ -1,6 +1,6 @@
 //! Keeps the rows of a ledger in a file, and prints them.
 
-use super::measure::{Effort, Measured, Row};
+use super::measure::{Measured, Row};
 use crate::output;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -24,8 +24,10 @@ pub struct Origin {
     pub truth: String,
     /// The device and its driver.
     pub device: String,
-    /// Numbers of frames.
-    pub effort: Effort,
+    /// Rounds of frames.
+    pub rounds: u32,
+    /// Frames in a round; `None` where the time of a frame decides.
+    pub frames: Option<u32>,
 }
 
 /// The rows of a run.
@@ -291,7 +293,8 @@ mod tests {
             pipeline: "splat".into(),
             truth: "reference".into(),
             device: "none".into(),
-            effort: Effort { rounds: 1, frames: 1 },
+            rounds: 1,
+            frames: None,
         }
     }
 

@@ -6,18 +6,20 @@ use crate::session::{FrameOptions, Session, SessionError, image_of};
 use crate::stats::CameraStats;
 use crate::truth::Truth;
 use serde::{Deserialize, Serialize};
-use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect};
+use splatgraph_api::{Device, FrameResult, Inspect};
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 use splatgraph_reference::{Rules, depth_order, inversions};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 /// Numbers of frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Effort {
-    /// Times that a setting and the exact settings take turns.
+    /// Rounds, whose medians show the spread.
     pub rounds: u32,
-    /// Frames of each in a round, after one that is not counted.
+    /// Frames of each in a round, in turns.
     pub frames: u32,
 }
 
@@ -82,18 +84,18 @@ pub struct Measured {
     pub gpu_bytes: u64,
 }
 
-/// Measures a setting; `exact` is the setting that takes turns with it.
+/// Measures a setting. `exact` is prepared with the exact settings in the view's size, and takes turns with `session`.
 ///
 /// # Errors
 /// The device fails. A setting that cannot be drawn is a row that says why.
 pub fn measure<D: Device>(
     session: &mut Session<D>,
+    exact: &mut Session<D>,
     setting: &Setting,
-    exact: &Setting,
     view: &View,
     effort: Effort,
 ) -> Result<Row, SessionError> {
-    let found = match measured(session, setting, exact, view, effort) {
+    let found = match measured(session, exact, setting, view, effort) {
         Ok(found) => found,
         Err(SessionError::Graph(errors)) => Err(errors.text(false).trim().to_owned()),
         Err(error) => return Err(error),
@@ -103,22 +105,27 @@ pub fn measure<D: Device>(
 
 fn measured<D: Device>(
     session: &mut Session<D>,
+    exact: &mut Session<D>,
     setting: &Setting,
-    exact: &Setting,
     view: &View,
     effort: Effort,
 ) -> Result<Result<Measured, String>, SessionError> {
-    let (error, inversions) = match drawn(session, setting, view)? {
+    session.set_graph(&setting.pipeline, &setting.set);
+    session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
+    let (error, inversions) = match drawn(session, view)? {
         Ok(drawn) => drawn,
         Err(text) => return Ok(Err(text)),
     };
-    let mut rounds: Vec<(CameraStats, Option<f64>)> = Vec::new();
+    let mut rounds = Vec::new();
     for _ in 0..effort.rounds {
-        let [one, other] = [exact, setting].map(|setting| timed(session, setting, view, effort.frames));
-        rounds.push((other?, one?.gpu_ms));
+        let (mut of_exact, mut of_setting) = (Vec::new(), Vec::new());
+        for _ in 0..effort.frames {
+            of_exact.push(frame(exact, &view.camera)?);
+            of_setting.push(frame(session, &view.camera)?);
+        }
+        rounds.push((stats(session, view, &of_setting)?, stats(exact, view, &of_exact)?.gpu_ms));
     }
-    let bytes = |stats: &CameraStats| stats.buffers.iter().map(|buffer| buffer.bytes).sum();
-    let gpu_bytes = rounds.last().map_or(0, |(stats, _)| bytes(stats));
+    let gpu_bytes = session.device().memory().iter().map(|(_, bytes)| bytes).sum();
     Ok(Ok(Measured { time: time(&mut rounds), error, inversions, gpu_bytes }))
 }
 
@@ -140,36 +147,17 @@ fn time(rounds: &mut [(CameraStats, Option<f64>)]) -> Option<Time> {
     })
 }
 
-fn prepare<D: Device>(
-    session: &mut Session<D>,
-    setting: &Setting,
-    camera: &Camera,
-) -> Result<Plan, SessionError> {
-    session.set_graph(&setting.pipeline, &setting.set);
-    session.prepare((camera.width, camera.height), &mut |_| {})?;
-    session.plan().cloned().ok_or(SessionError::NotPrepared)
-}
-
 type Drawn = (Error, Option<u64>);
 
 /// Draws a picture, and compares it and the order of its splats with the truth.
-fn drawn<D: Device>(
-    session: &mut Session<D>,
-    setting: &Setting,
-    view: &View,
-) -> Result<Result<Drawn, String>, SessionError> {
-    session.keep_contents(true);
-    let plan = prepare(session, setting, &view.camera);
-    session.keep_contents(false);
-    let plan = plan?;
-    let order = order_of(&plan);
-    let plain = FrameOptions { read_output: true, ..FrameOptions::default() };
+fn drawn<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
+    let plan = session.plan().cloned().ok_or(SessionError::NotPrepared)?;
+    let inspect: Vec<Inspect> = order_of(&plan).into_iter().collect();
     // The second frame: one with the order of the last frame has one.
-    let first = session.submit(&view.camera, &FrameOptions::default())?;
-    session.wait(first)?;
-    let options = FrameOptions { inspect: order.into_iter().collect(), ..plain };
-    let frame = session.submit(&view.camera, &options)?;
-    let result = session.wait(frame)?;
+    frame(session, &view.camera)?;
+    let options = FrameOptions { read_output: true, inspect, ..FrameOptions::default() };
+    let second = session.submit(&view.camera, &options)?;
+    let result = session.wait(second)?;
     let Some(picture) = result.output.as_ref().and_then(image_of) else {
         return Ok(Err(format!("the graph's output `{}` has no colours", plan.resource(plan.output).name)));
     };
@@ -185,13 +173,17 @@ fn drawn<D: Device>(
     Ok(Ok((error, inversions)))
 }
 
-/// The order of the splats, as the last pass that binds it reads it.
+/// The order of the splats, as the last pass that binds it reads it; `None` if another pass changes it until the frame's end, when
+/// contents are read.
 fn order_of(plan: &Plan) -> Option<Inspect> {
+    let bound = |pass: PassId| plan.pass(pass).bindings.iter();
     plan.frame.iter().rev().find_map(|step| {
-        let bindings = &plan.pass(step.pass).bindings;
-        let order = bindings.iter().find(|binding| binding.name == "Order")?;
-        Some(Inspect { resource: order.resource, after: step.pass })
-    })
+        let resource = bound(step.pass).find(|binding| binding.name == "Order")?.resource;
+        let after = plan.frame.iter().rev().take_while(|later| later.pass != step.pass);
+        let changed =
+            after.into_iter().any(|later| bound(later.pass).any(|other| other.resource == resource));
+        Some((!changed).then_some(Inspect { resource, after: step.pass }))
+    })?
 }
 
 /// Counts the pairs of the first `visible` splats that are in another order than in `truth`.
@@ -205,29 +197,34 @@ fn inverted(bytes: &[u8], visible: usize, truth: &[u32]) -> Option<u64> {
     inversions(&truth, &given)
 }
 
-/// Draws frames, and summarises all but the first.
-fn timed<D: Device>(
+/// Time that the frames of a round take together, about.
+const ROUND: Duration = Duration::from_millis(200);
+
+/// Chooses the number of frames in a round, by the time of one.
+///
+/// # Errors
+/// The device fails.
+pub fn suitable_frames<D: Device>(exact: &mut Session<D>, camera: &Camera) -> Result<u32, SessionError> {
+    frame(exact, camera)?;
+    let begun = Instant::now();
+    frame(exact, camera)?;
+    let frames = ROUND.as_secs_f64() / begun.elapsed().as_secs_f64();
+    Ok((frames as u32).clamp(1, 30))
+}
+
+/// Draws a frame alone on the device.
+fn frame<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<FrameResult, SessionError> {
+    let frame = session.submit(camera, &FrameOptions::default())?;
+    session.wait(frame)
+}
+
+fn stats<D: Device>(
     session: &mut Session<D>,
-    setting: &Setting,
     view: &View,
-    frames: u32,
+    frames: &[FrameResult],
 ) -> Result<CameraStats, SessionError> {
-    let plan = prepare(session, setting, &view.camera)?;
-    let mut results: Vec<FrameResult> = Vec::new();
-    let mut flying = VecDeque::new();
-    for _ in 0..=frames {
-        if flying.len() == FRAMES_IN_FLIGHT
-            && let Some(oldest) = flying.pop_front()
-        {
-            results.push(session.wait(oldest)?);
-        }
-        flying.push_back(session.submit(&view.camera, &FrameOptions::default())?);
-    }
-    for frame in flying {
-        results.push(session.wait(frame)?);
-    }
     let loaded = session.scene().count().into();
-    let memory = session.device().memory();
     let camera = (view.camera.img_name.as_str(), (view.camera.width, view.camera.height));
-    Ok(CameraStats::new(camera, &plan, session.device().info(), loaded, &results[1..], memory))
+    let plan = session.plan().cloned().ok_or(SessionError::NotPrepared)?;
+    Ok(CameraStats::new(camera, &plan, session.device().info(), loaded, frames, Vec::new()))
 }
