@@ -100,6 +100,14 @@ fn a_window_is_no_larger_than_the_display_and_ends_with_it() {
 }
 
 #[test]
+fn pictures_that_take_longer_than_the_window_waits_are_shown_all_the_same() {
+    // On a CPU each takes several tenths of a second; the window waits for one.
+    let args = ["--pipeline", "pipelines/splat.ron", "--size", "900x720", "--show", "none", "--frames", "5"];
+    let (status, errors) = Program::launch(100_000, &args, |_| {}).end();
+    assert!(status.success(), "{status}\n{errors}");
+}
+
+#[test]
 fn while_a_pass_runs_for_long_the_window_says_so_and_can_be_closed() {
     let args = ["--pipeline", "slow.ron", "--size", "320x200", "--show", "none"];
     let graph = |groups: u32| {

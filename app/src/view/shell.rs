@@ -59,6 +59,8 @@ pub struct Shell<D: Device> {
     catalog: Arc<Catalog>,
     history: History,
     events: Vec<Event>,
+    /// A picture was drawn, and not shown yet.
+    owed: bool,
 }
 
 impl<D: Device> Shell<D> {
@@ -92,6 +94,7 @@ impl<D: Device> Shell<D> {
             catalog: Arc::new(catalog),
             history: History::default(),
             events: Vec::new(),
+            owed: false,
         })
     }
 
@@ -140,8 +143,10 @@ impl<D: Device> Shell<D> {
             self.viewer.open(file.path());
         }
         let ready = self.is_ready(self.canvas.patience);
+        // A picture that took longer than the patience is shown before the next one begins, or none would ever be.
+        let shows_first = ready && std::mem::take(&mut self.owed);
         for renderer in self.renderers() {
-            renderer.paused = !ready;
+            renderer.paused = !ready || shows_first;
         }
         let problem = self.canvas.problem(true);
         let (mut view, mut commands) = (Rect::ZERO, Vec::new());
@@ -165,10 +170,12 @@ impl<D: Device> Shell<D> {
         for event in self.viewer.take_events() {
             self.report(event);
         }
-        if ready && self.canvas.reads_block() {
+        if shows_first {
+            self.canvas.paused = false;
+        } else if ready && self.canvas.reads_block() {
             // Presenting waits for what was submitted before, too.
-            let ready = self.is_ready(self.canvas.patience);
-            self.canvas.paused = !ready;
+            self.owed = !self.is_ready(self.canvas.patience);
+            self.canvas.paused = self.owed;
         }
         let (drawn, picture) = self.paint(request, view, &painted);
         profile::frame();
