@@ -102,8 +102,17 @@ fn a_window_is_no_larger_than_the_display_and_ends_with_it() {
 #[test]
 fn pictures_that_take_longer_than_the_window_waits_are_shown_all_the_same() {
     // On a CPU each takes several tenths of a second; the window waits for one.
-    let args = ["--pipeline", "pipelines/splat.ron", "--size", "900x720", "--show", "none", "--frames", "5"];
-    let (status, errors) = Program::launch(100_000, &args, |_| {}).end();
+    let args = ["--pipeline", "pipelines/splat.ron", "--size", "900x720", "--show", "none"];
+    let mut program = Program::launch(100_000, &args, |_| {});
+    assert!(program.window.appears(), "no window came");
+    program.until(0, "the plan", |event| event["event"] == "swapped" && event["renderer"] == "a");
+    let since = program.now();
+    let number = |event: &serde_json::Value| (event["event"] == "frame").then(|| event["number"].as_u64());
+    let first = program.until(since, "a frame", |event| number(event).is_some());
+    let first = number(&first).flatten().expect("it has a number");
+    program.until(since, "more frames", |event| number(event).flatten() >= Some(first + 4));
+    program.window.ask_to_close();
+    let (status, errors) = program.end();
     assert!(status.success(), "{status}\n{errors}");
 }
 
