@@ -23,6 +23,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use crate::common::{self, long};
+use crate::numbers::Random;
 
 /// Broken files in the long run, and in the one that everybody does.
 const CASES: (usize, usize) = (10_000, 1_000);
@@ -30,23 +31,7 @@ const CASES: (usize, usize) = (10_000, 1_000);
 /// A build that takes this long hangs.
 const LONGEST: Duration = Duration::from_secs(120);
 
-/// A small generator of numbers (SplitMix64), so that a case is its number.
-struct Random(u64);
-
 impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// From 0 to `end`, without it; 0 where there is nothing else.
-    fn below(&mut self, end: usize) -> usize {
-        (self.next() % end.max(1) as u64) as usize
-    }
-
     /// A byte that could stand in such a file, mostly.
     fn byte(&mut self) -> u8 {
         const LIKELY: &[u8] = b"(){}[]<>;,.:\"'#/*+-=!&|%~?\\_ \n\t0123456789abxuifeABXU";

@@ -18,6 +18,7 @@ mod fuzz;
 mod images;
 mod mistakes;
 mod mutations;
+mod numbers;
 mod page;
 mod plans;
 mod random;

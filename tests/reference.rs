@@ -3,6 +3,7 @@
 use crate::common;
 use splatgraph::image::Image;
 use splatgraph::metrics::{self, Comparison};
+use splatgraph::truth::image_of;
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::{Gaussian, Rules, Splats, render};
 use std::path::Path;
@@ -31,14 +32,9 @@ fn compare(
     rules: &Rules,
 ) -> Comparison {
     let picture = render(splats, camera, background, rules, &|_, _| {});
-    let drawn = Image {
-        width: picture.width as usize,
-        height: picture.height as usize,
-        rgb: picture.color.iter().map(|pixel| pixel.map(|v| v as f32)).collect(),
-    };
     let file = format!("{}#{image}", data.join("golden").join(format!("{name}.npz")).display());
     let golden = Image::load(Path::new(&file)).expect("the golden image loads");
-    metrics::compare(&drawn, &golden).expect("images of one size")
+    metrics::compare(&image_of(&picture), &golden).expect("images of one size")
 }
 
 #[test]
@@ -128,13 +124,8 @@ fn giant(logs: [f32; 3], covariance: &str) -> f64 {
         Splat { position: [0.3, 0.2, 4.0], scale: logs.map(f32::exp), rotation, opacity: 0.5, sh }
     });
     let exact = render(&scene, &camera, [0.0; 3], &Rules::PUBLISHED, &|_, _| {});
-    let exact = Image {
-        width: exact.width as usize,
-        height: exact.height as usize,
-        rgb: exact.color.iter().map(|pixel| pixel.map(|v| v as f32)).collect(),
-    };
     let drawn = crate::images::draw_scene(scene, &[camera], "splat", [0.0; 3], &[("covariance", covariance)]);
-    metrics::compare(&drawn[0], &exact).expect("images of one size").psnr()
+    metrics::compare(&drawn[0], &image_of(&exact)).expect("images of one size").psnr()
 }
 
 #[test]

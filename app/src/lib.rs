@@ -32,6 +32,9 @@ pub mod fit;
 pub mod image;
 pub mod inspect;
 pub mod metrics;
+#[cfg(test)]
+#[path = "../../tests/numbers.rs"]
+mod numbers;
 pub mod output;
 pub mod planner;
 pub mod progress;

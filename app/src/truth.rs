@@ -14,7 +14,7 @@ use std::str::FromStr;
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// What the exact renderer knows of each pixel besides its colour.
+/// Names a map: a number of each pixel that the exact renderer knows besides the colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Map {
     /// The share of the background that shows, 0 to 1, as float32.
@@ -119,8 +119,7 @@ impl Truth {
 
     /// Rounds the colours to f32.
     pub fn image(&self) -> Image {
-        let rgb = self.picture.color.iter().map(|pixel| pixel.map(|channel| channel as f32)).collect();
-        Image { width: self.picture.width as usize, height: self.picture.height as usize, rgb }
+        image_of(&self.picture)
     }
 
     /// Writes a map as an array `[height, width]`.
@@ -137,6 +136,12 @@ impl Truth {
             Map::Contributors => save_words(path, &shape, &self.picture.contributors),
         }
     }
+}
+
+/// Rounds the colours of an exact picture to f32.
+pub fn image_of(picture: &Picture) -> Image {
+    let rgb = picture.color.iter().map(|pixel| pixel.map(|channel| channel as f32)).collect();
+    Image { width: picture.width as usize, height: picture.height as usize, rgb }
 }
 
 /// Changes rules of the published rasteriser by `NAME=VALUE`.

@@ -6,9 +6,9 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 18] = [
-    "output", "backend", "image", "progress", "camera", "demo", "metrics", "truth", "inspect", "stats",
-    "facts", "builtin", "planner", "fit", "session", "trade", "view", "cli",
+const CRATE: [&str; 19] = [
+    "numbers", "output", "backend", "image", "progress", "camera", "demo", "metrics", "truth",
+    "inspect", "stats", "facts", "builtin", "planner", "fit", "session", "trade", "view", "cli",
 ];
 
 /// The modules of the viewer, from the ground up.

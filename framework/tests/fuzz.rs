@@ -5,6 +5,10 @@
 //!
 //! `SPLATGRAPH_LONG=1` (`./x test --long`) runs 100,000 cases of each.
 
+#[path = "../../tests/numbers.rs"]
+mod numbers;
+
+use numbers::Random;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;
@@ -26,24 +30,6 @@ const CASES: (u64, u64) = (100_000, 150);
 
 /// A case that takes this long hangs: far beyond the limits of the compiler.
 const LONGEST: Duration = Duration::from_secs(120);
-
-/// A small generator of numbers (SplitMix64), so that a case is its number.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// From 0 to `end`, without it; 0 where there is nothing else.
-    fn below(&mut self, end: usize) -> usize {
-        (self.next() % end.max(1) as u64) as usize
-    }
-}
 
 /// Pieces of graphs that are worth a try in any place.
 const RON: &[&str] = &[

@@ -1,19 +1,17 @@
 //! Random numbers that are the same on every run.
 
-/// A generator of random numbers: SplitMix64 (Steele, Lea and Flood 2014).
-pub struct Dice(u64);
+use crate::numbers::Random;
+
+/// A generator with the draws that a visit to the viewer needs.
+pub struct Dice(Random);
 
 impl Dice {
     pub fn new(seed: u64) -> Dice {
-        Dice(seed)
+        Dice(Random(seed))
     }
 
     fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut x = self.0;
-        x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        x ^ (x >> 31)
+        self.0.next()
     }
 
     /// A number below `end`, which is not 0.

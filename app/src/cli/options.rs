@@ -6,7 +6,7 @@ use crate::builtin;
 use crate::demo;
 use crate::facts;
 use crate::fit::Target;
-use crate::output::{self, say};
+use crate::output::{self, Claims, say};
 use crate::progress::Progress;
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
@@ -264,6 +264,15 @@ impl Drawing {
     pub fn cameras(&self) -> Result<Option<Vec<Camera>>, CameraError> {
         self.cameras.as_deref().map(cameras).transpose()
     }
+}
+
+/// Adds the file of `FILE` or `FILE#INDEX` to the inputs; a `#` may also be part of the file's own name.
+pub fn claim_cameras(claims: &mut Claims, cameras: &str) -> Result<(), Usage> {
+    claims.input("the cameras", Path::new(cameras))?;
+    if let Some((file, _)) = cameras.rsplit_once('#') {
+        claims.input("the cameras", Path::new(file))?;
+    }
+    Ok(())
 }
 
 /// Writes JSON to a file, or to standard output if the name is `-`.

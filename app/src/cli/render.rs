@@ -37,7 +37,8 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Draw a scene
 ///
-/// A graph draws it on a device; with `--backend reference`, the exact renderer does, on the CPU, in f64. Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
+/// A graph draws it on a device; with `--backend reference`, the exact renderer does, on the CPU, in f64. Without SCENE, the demo
+/// scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -45,7 +46,7 @@ pub struct Args {
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
-    /// What draws: `vulkan` executes the graph on a device, `reference` is the exact renderer, on the CPU
+    /// Renderer: `vulkan` executes the graph on a device, `reference` is the exact renderer, on the CPU
     ///
     /// The exact renderer follows the published CUDA rasteriser rule by rule in f64, shares no arithmetic with the shaders and
     /// executes no graph. Other pictures are measured against its own.
@@ -86,7 +87,7 @@ pub struct Args {
     device: DeviceArgs,
 }
 
-/// What draws.
+/// Names the renderer of `--backend`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 enum Renderer {
     #[default]
@@ -185,10 +186,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             claims.input("the scene", path)?;
         }
         if let Some(path) = &args.drawing.cameras {
-            claims.input("the cameras", Path::new(path))?;
-            if let Some((path, _)) = path.rsplit_once('#') {
-                claims.input("the cameras", Path::new(path))?;
-            }
+            options::claim_cameras(&mut claims, path)?;
         }
         claims.input("the graph", Path::new(&args.drawing.pipeline))?;
         if let Some(path) = &args.json {

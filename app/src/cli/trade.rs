@@ -139,10 +139,10 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     if let Some(path) = &args.scene {
         claims.input("the scene", path)?;
     }
-    if let Some(path) = &args.cameras {
-        claims
-            .input("the cameras", Path::new(path.rsplit_once('#').map_or(path.as_str(), |(file, _)| file)))?;
+    if let Some(cameras) = &args.cameras {
+        options::claim_cameras(&mut claims, cameras)?;
     }
+    claims.input("the graph", Path::new(&args.pipeline))?;
     for name in [LEDGER, CSV] {
         if let Some(folder) = &args.output {
             claims.output("--output", &folder.join(name))?;

@@ -155,10 +155,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
         }
     }
     if let Some(path) = &args.drawing.cameras {
-        claims.input("the cameras", Path::new(path))?;
-        if let Some((path, _)) = path.rsplit_once('#') {
-            claims.input("the cameras", Path::new(path))?;
-        }
+        options::claim_cameras(&mut claims, path)?;
     }
     for graph in [Some(&args.drawing.pipeline), args.compare.as_ref()].into_iter().flatten() {
         claims.input("the graph", Path::new(graph))?;

@@ -6,6 +6,7 @@
 //! `SPLATGRAPH_LONG=1` (`./x test --long`) runs 100,000 cases of each format.
 
 use super::{Image, split_member};
+use crate::numbers::Random;
 use std::fs;
 use std::io::{Cursor, Write};
 use std::time::{Duration, Instant};
@@ -15,24 +16,6 @@ const CASES: (u64, u64) = (100_000, 1_000);
 
 /// Longest time of a case.
 const LONGEST: Duration = Duration::from_secs(30);
-
-/// A small generator of numbers (SplitMix64).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// From 0 to `end`, without it; 0 where there is nothing else.
-    fn below(&mut self, end: usize) -> usize {
-        (self.next() % end.max(1) as u64) as usize
-    }
-}
 
 /// Numbers at the limits of the types that readers use.
 const NUMBERS: [u64; 12] = [

@@ -29,40 +29,34 @@ pub struct Error {
     pub covered_off: f64,
 }
 
-/// Compares a picture with the truth. `covered` says of each pixel whether a splat shows in it.
+/// Compares a picture with the truth. `covered` is true for each pixel that a splat shows in.
 ///
 /// # Errors
 /// The sizes differ, or a value is not finite.
 pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error, MetricError> {
     let found = metrics::compare(picture, truth)?;
-    let (psnr_db, off) = over(picture, truth, &vec![true; covered.len()]);
-    debug_assert!((psnr_db.unwrap_or(0.0) - found.psnr_db.unwrap_or(0.0)).abs() < 1e-6);
-    let (covered_psnr_db, covered_off) = over(picture, truth, covered);
     Ok(Error {
         psnr_db: found.psnr_db,
         ssim: found.ssim,
         flip: flip(picture, truth),
         worst: found.worst.difference,
-        off,
-        covered_psnr_db,
-        covered_off,
+        off: off(picture, truth, |_| true),
+        covered_psnr_db: metrics::psnr_over(picture, truth, |pixel| covered[pixel]),
+        covered_off: off(picture, truth, |pixel| covered[pixel]),
     })
 }
 
-/// PSNR and the share of pixels that are off, over some of the pixels.
-fn over(picture: &Image, truth: &Image, wanted: &[bool]) -> (Option<f64>, f64) {
-    let (mut squares, mut off, mut count) = (0.0, 0usize, 0usize);
-    for ((a, b), _) in picture.rgb.iter().zip(&truth.rgb).zip(wanted).filter(|(_, wanted)| **wanted) {
-        let differences: [f32; 3] = std::array::from_fn(|c| a[c].clamp(0.0, 1.0) - b[c].clamp(0.0, 1.0));
-        squares += differences.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>();
-        off += usize::from(differences.iter().any(|d| d.abs() > STEP));
+/// Computes the share of the wanted pixels that are off.
+fn off(picture: &Image, truth: &Image, wanted: impl Fn(usize) -> bool) -> f64 {
+    let (mut off, mut count) = (0usize, 0usize);
+    for (_, (a, b)) in picture.rgb.iter().zip(&truth.rgb).enumerate().filter(|(pixel, _)| wanted(*pixel)) {
+        off += usize::from((0..3).any(|c| (a[c].clamp(0.0, 1.0) - b[c].clamp(0.0, 1.0)).abs() > STEP));
         count += 1;
     }
-    let psnr = (squares > 0.0).then(|| 10.0 * (3.0 * count as f64 / squares).log10());
-    (psnr, off as f64 / count.max(1) as f64)
+    off as f64 / count.max(1) as f64
 }
 
-/// The mean of FLIP over the pixels.
+/// Computes the mean of FLIP over the pixels.
 fn flip(picture: &Image, truth: &Image) -> f64 {
     let bytes = |image: &Image| {
         let steps = |v: &f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;

@@ -33,7 +33,7 @@ pub struct Origin {
 /// The rows of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
-    /// Where the numbers come from.
+    /// The origin of the numbers.
     pub origin: Origin,
     /// A row per setting and camera.
     pub rows: Vec<Row>,

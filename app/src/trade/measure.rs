@@ -29,7 +29,7 @@ pub struct View {
     pub camera: Camera,
     /// The true picture.
     pub picture: crate::image::Image,
-    /// Whether a splat shows in a pixel.
+    /// True for each pixel that a splat shows in.
     pub covered: Vec<bool>,
     /// The splats beyond the near plane, near to far.
     pub order: Vec<u32>,
@@ -47,7 +47,7 @@ impl View {
     }
 }
 
-/// What a frame costs.
+/// The time of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Time {
     /// Milliseconds on the GPU: the median of the rounds' medians.
@@ -67,11 +67,11 @@ pub struct Row {
     pub setting: String,
     /// The camera's name.
     pub camera: String,
-    /// What was measured, or why the setting cannot be drawn.
+    /// The measurements, or the reason that the setting cannot be drawn.
     pub found: Result<Measured, String>,
 }
 
-/// What was measured of a setting in a view.
+/// The measurements of a setting in a view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     /// The time of a frame; `None` if the device has no timestamps.
@@ -129,7 +129,7 @@ fn measured<D: Device>(
     Ok(Ok(Measured { time: time(&mut rounds), error, inversions, gpu_bytes }))
 }
 
-/// Sums the rounds up; `None` without timestamps.
+/// Summarises the rounds; `None` without timestamps.
 fn time(rounds: &mut [(CameraStats, Option<f64>)]) -> Option<Time> {
     let mut shares =
         rounds.iter().map(|(stats, exact)| Some(stats.gpu_ms? / (*exact)?)).collect::<Option<Vec<f64>>>()?;
@@ -151,15 +151,16 @@ type Drawn = (Error, Option<u64>);
 
 /// Draws a picture, and compares it and the order of its splats with the truth.
 fn drawn<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
-    let plan = session.plan().cloned().ok_or(SessionError::NotPrepared)?;
-    let inspect: Vec<Inspect> = order_of(&plan).into_iter().collect();
+    let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+    let inspect: Vec<Inspect> = order_of(plan).into_iter().collect();
+    let output = plan.resource(plan.output).name.clone();
     // The second frame: one with the order of the last frame has one.
     frame(session, &view.camera)?;
     let options = FrameOptions { read_output: true, inspect, ..FrameOptions::default() };
     let second = session.submit(&view.camera, &options)?;
     let result = session.wait(second)?;
     let Some(picture) = result.output.as_ref().and_then(image_of) else {
-        return Ok(Err(format!("the graph's output `{}` has no colours", plan.resource(plan.output).name)));
+        return Ok(Err(format!("the graph's output `{output}` has no colours")));
     };
     let error = match error::measure(&picture, &view.picture, &view.covered) {
         Ok(error) => error,
@@ -173,26 +174,24 @@ fn drawn<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Draw
     Ok(Ok((error, inversions)))
 }
 
-/// The order of the splats, as the last pass that binds it reads it; `None` if another pass changes it until the frame's end, when
-/// contents are read.
+/// Finds the order of the splats, as the last pass that binds it reads it; `None` if another pass changes it until the frame's end,
+/// when contents are read.
 fn order_of(plan: &Plan) -> Option<Inspect> {
-    let bound = |pass: PassId| plan.pass(pass).bindings.iter();
-    plan.frame.iter().rev().find_map(|step| {
-        let resource = bound(step.pass).find(|binding| binding.name == "Order")?.resource;
-        let after = plan.frame.iter().rev().take_while(|later| later.pass != step.pass);
-        let changed =
-            after.into_iter().any(|later| bound(later.pass).any(|other| other.resource == resource));
-        Some((!changed).then_some(Inspect { resource, after: step.pass }))
-    })?
+    let steps = || plan.frame.iter().rev().map(|step| step.pass);
+    let order = |pass: PassId| plan.pass(pass).bindings.iter().find(|binding| binding.name == "Order");
+    let (after, resource) = steps().find_map(|pass| Some((pass, order(pass)?.resource)))?;
+    let binds = |pass: &PassId| plan.pass(*pass).bindings.iter().any(|binding| binding.resource == resource);
+    (steps().find(binds) == Some(after)).then_some(Inspect { resource, after })
 }
 
-/// Counts the pairs of the first `visible` splats that are in another order than in `truth`.
+/// Counts the pairs of the first `visible` splats that are in another order than in `truth`; `None` if one is not in it.
 fn inverted(bytes: &[u8], visible: usize, truth: &[u32]) -> Option<u64> {
     let word = |bytes: &[u8]| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
     let given: Vec<u32> = bytes.chunks_exact(4).take(visible).map(word).collect();
-    let all = given.iter().chain(truth).max().map_or(0, |most| *most as usize + 1);
-    let mut seen = vec![false; all];
-    given.iter().for_each(|index| seen[*index as usize] = true);
+    let mut seen = vec![false; truth.iter().max().map_or(0, |most| *most as usize + 1)];
+    for index in &given {
+        *seen.get_mut(*index as usize)? = true;
+    }
     let truth: Vec<u32> = truth.iter().copied().filter(|index| seen[*index as usize]).collect();
     inversions(&truth, &given)
 }
@@ -225,6 +224,7 @@ fn stats<D: Device>(
 ) -> Result<CameraStats, SessionError> {
     let loaded = session.scene().count().into();
     let camera = (view.camera.img_name.as_str(), (view.camera.width, view.camera.height));
-    let plan = session.plan().cloned().ok_or(SessionError::NotPrepared)?;
-    Ok(CameraStats::new(camera, &plan, session.device().info(), loaded, frames, Vec::new()))
+    let info = session.device().info().clone();
+    let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+    Ok(CameraStats::new(camera, plan, &info, loaded, frames, Vec::new()))
 }

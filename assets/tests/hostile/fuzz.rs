@@ -4,6 +4,7 @@
 
 use crate::allocation::{alone, counted};
 use crate::long;
+use crate::numbers::Random;
 use splatgraph_assets::{Camera, Scene, synth};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,23 +16,7 @@ const CASES: (u64, u64) = (100_000, 1_500);
 /// Longest time of a case.
 const LONGEST: Duration = Duration::from_secs(30);
 
-/// A small generator of numbers (SplitMix64).
-struct Random(u64);
-
 impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// Draws a number from 0 to `end`, without it; 0 where there is nothing else.
-    fn below(&mut self, end: usize) -> usize {
-        (self.next() % end.max(1) as u64) as usize
-    }
-
     fn pick<'a>(&mut self, from: &[&'a str]) -> &'a str {
         from[self.below(from.len())]
     }

@@ -3,6 +3,8 @@
 mod allocation;
 mod changing;
 mod fuzz;
+#[path = "../../../tests/numbers.rs"]
+mod numbers;
 
 /// Returns true for the long forms of tests (`./x test --long`).
 fn long() -> bool {

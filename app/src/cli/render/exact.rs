@@ -1,6 +1,6 @@
 //! Parses the options of the exact renderer.
 
-use super::super::options;
+use crate::cli::options;
 use crate::image::Format;
 use crate::truth::{Map, rule_list};
 use std::path::{Path, PathBuf};
