@@ -14,6 +14,8 @@
 //! - [`stats`]: the times and counts of frames;
 //! - [`inspect`]: the contents of a resource after a pass;
 //! - [`image`] and [`metrics`]: picture files, and differences between pictures;
+//! - [`report`]: plots, and pages in one file;
+//! - [`trade`]: the cost of each setting, in time and in accuracy;
 //! - [`view`]: the interactive viewer;
 //! - [`demo`]: the demo scene;
 //! - [`progress`]: progress on standard error.
@@ -38,6 +40,7 @@ mod numbers;
 pub mod output;
 pub mod planner;
 pub mod progress;
+pub mod report;
 pub mod session;
 pub mod stats;
 pub mod trade;

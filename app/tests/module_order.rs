@@ -6,8 +6,8 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 19] = [
-    "numbers", "output", "backend", "image", "progress", "camera", "demo", "metrics", "truth",
+const CRATE: [&str; 20] = [
+    "numbers", "output", "backend", "image", "report", "progress", "camera", "demo", "metrics", "truth",
     "inspect", "stats", "facts", "builtin", "planner", "fit", "session", "trade", "view", "cli",
 ];
 

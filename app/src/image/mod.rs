@@ -110,6 +110,16 @@ impl Image {
             Format::Npy => npy::write(self, out),
         })?)
     }
+
+    /// Returns the bytes of the picture's PNG file.
+    ///
+    /// # Errors
+    /// The picture has no pixels, or too many for the format.
+    pub fn png(&self) -> Result<Vec<u8>, ImageError> {
+        let mut bytes = Vec::new();
+        png::write(self, &mut bytes).map_err(|cause| ImageError::because(Path::new("a PNG"), cause))?;
+        Ok(bytes)
+    }
 }
 
 /// The formats of written pictures.
