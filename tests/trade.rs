@@ -2,6 +2,7 @@
 
 use crate::files::Place;
 use serde_json::Value;
+use splatgraph::image::Image;
 use std::fs;
 
 /// Two settings of two cameras, with as few frames as there can be.
@@ -53,6 +54,10 @@ fn the_ledger_holds_each_setting_against_the_truth_and_goes_on_after_an_interrup
     }
     let csv = fs::read_to_string(place.at("ledger/ledger.csv")).expect("it is written");
     assert_eq!(csv.lines().count(), 4, "{csv}");
+    let page = fs::read_to_string(place.at("ledger/ledger.html")).expect("it is written");
+    assert!(page.contains("<svg") && page.contains("preset unsorted"), "{page}");
+    let plot = Image::load(&place.at("ledger/ledger.png")).expect("a picture");
+    assert!(plot.rgb.iter().any(|pixel| *pixel != plot.rgb[0]), "it is not empty");
 
     // What an interruption leaves: the first rows.
     let mut part = whole.clone();

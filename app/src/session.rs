@@ -85,7 +85,20 @@ impl<D: Device> Session<D> {
     /// # Errors
     /// The device has no room for another context.
     pub fn beside(&self, pipeline: &str, set: &[(String, String)]) -> Result<Session<D>, SessionError> {
-        Ok(Session::new(self.device.new_context()?, self.scene.clone(), pipeline, set))
+        self.beside_with(self.scene.clone(), pipeline, set)
+    }
+
+    /// Creates a session of its own on the same device that draws another scene.
+    ///
+    /// # Errors
+    /// The device has no room for another context.
+    pub fn beside_with(
+        &self,
+        scene: impl Into<Arc<Scene>>,
+        pipeline: &str,
+        set: &[(String, String)],
+    ) -> Result<Session<D>, SessionError> {
+        Ok(Session::new(self.device.new_context()?, scene, pipeline, set))
     }
 
     /// Keeps every resource's contents until the end of the frame, in memory of its own, for inspection after any pass.

@@ -12,12 +12,15 @@ use crate::progress::Progress;
 use crate::session::Session;
 use crate::trade::ledger::{Book, Origin, csv, table};
 use crate::trade::measure::{Effort, View, measure, suitable_frames};
+use crate::trade::page::{page, plot};
 use crate::trade::settings::{self, Setting};
 use crate::truth::Truth;
 use anyhow::{Context, Result, bail};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::Rules;
+use std::fs;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 /// Measure what each setting saves, and what it costs in accuracy
@@ -35,8 +38,8 @@ use std::path::{Path, PathBuf};
 /// Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  splatgraph trade                                        # the demo scene
-  splatgraph trade scene.ply -c cameras.json -o ledger/   # ledger.json and ledger.csv; an interrupted run goes on
+  splatgraph trade                                        # the demo scene; ledger/ledger.html shows the result
+  splatgraph trade scene.ply -c cameras.json -o biker/    # an interrupted run goes on
   splatgraph trade scene.ply --only key_bits --only key_map
   splatgraph trade scene.ply -c cameras.json --truth photographs/ --size 980x545")]
 pub struct Args {
@@ -54,9 +57,9 @@ pub struct Args {
     /// Folder of the true pictures, one for each camera, named after its img_name [default: the exact renderer]
     #[arg(long, value_name = "DIR")]
     truth: Option<PathBuf>,
-    /// Folder for ledger.json and ledger.csv; a run that was interrupted goes on from the former
-    #[arg(short, long, value_name = "DIR")]
-    output: Option<PathBuf>,
+    /// Folder for ledger.json, .csv, .html, .svg and .png; a run that was interrupted goes on from the first
+    #[arg(short, long, value_name = "DIR", default_value = "ledger")]
+    output: PathBuf,
     /// Measure only settings whose name begins so, for instance `key_bits` or `preset`; may be repeated
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
@@ -73,6 +76,9 @@ pub struct Args {
 /// Files in the folder of `--output`.
 const LEDGER: &str = "ledger.json";
 const CSV: &str = "ledger.csv";
+const PAGE: &str = "ledger.html";
+const SVG: &str = "ledger.svg";
+const PNG: &str = "ledger.png";
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let given = args.cameras.as_deref().map(options::cameras).transpose()?;
@@ -85,16 +91,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let (scene, cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
     let truths = args.truth.as_deref().map(|folder| true_pictures(folder, &cameras, &stems)).transpose()?;
-    let origin = origin(args, &scene, &cameras, device.info());
     let mut session = Session::new(device, scene, &args.pipeline, &[]);
     let settings = chosen(args, &mut session, &cameras)?;
-    let mut book = Book::open(args.output.as_ref().map(|folder| folder.join(LEDGER)), origin);
-    if let (Some(path), false) = (book.path(), book.ledger.rows.is_empty()) {
-        say(format!("{}: {} rows of an earlier run are kept", path.display(), book.ledger.rows.len()));
+    let (first, camera) = settings.first().zip(cameras.first()).context("no exact settings")?;
+    let mut exact = session.beside(&first.pipeline, &first.set)?;
+    // The files of the graph and its shaders are known once they are built.
+    exact.prepare((camera.width, camera.height), &mut |_| {})?;
+    let origin = origin(args, &mut exact, &cameras);
+    let mut book = Book::open(args.output.join(LEDGER), origin);
+    if !book.ledger.rows.is_empty() {
+        say(format!("{}: {} rows of an earlier run are kept", book.path().display(), book.ledger.rows.len()));
     }
 
-    let first = settings.first().context("no exact settings")?;
-    let mut exact = session.beside(&first.pipeline, &first.set)?;
     let mut progress = Progress::new("measuring");
     let of = (settings.len() * cameras.len()) as u64;
     let wanted = |setting: &Setting| only(args, setting);
@@ -122,12 +130,17 @@ pub fn run(args: &Args) -> Result<Outcome> {
     book.ledger.rows.retain(|row| settings.iter().any(|s| s.name == row.setting && wanted(s)));
     let (lines, failed) = book.ledger.lines();
     options::write_text(None, &table(&lines))?;
-    for (setting, why) in failed {
+    for (setting, why) in &failed {
         say(format!("{setting}: {why}"));
     }
-    if let Some(folder) = &args.output {
-        output::write_bytes(&folder.join(CSV), csv(&lines).as_bytes())?;
+    let file = |name: &str| args.output.join(name);
+    output::write_bytes(&file(CSV), csv(&lines).as_bytes())?;
+    output::write_bytes(&file(PAGE), page(&book.ledger, &lines, &failed)?.as_bytes())?;
+    if let Some(plot) = plot(&book.ledger, &lines) {
+        output::write_bytes(&file(SVG), plot.svg()?.as_bytes())?;
+        plot.image()?.save(&file(PNG))?;
     }
+    say(format!("{} shows the result", file(PAGE).display()));
     let mut messages = exact.into_device().close();
     messages.extend(session.into_device().close());
     Ok(super::validated(args.device.validate, &messages))
@@ -143,10 +156,8 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
         options::claim_cameras(&mut claims, cameras)?;
     }
     claims.input("the graph", Path::new(&args.pipeline))?;
-    for name in [LEDGER, CSV] {
-        if let Some(folder) = &args.output {
-            claims.output("--output", &folder.join(name))?;
-        }
+    for name in [LEDGER, CSV, PAGE, SVG, PNG] {
+        claims.output("--output", &args.output.join(name))?;
     }
     Ok(())
 }
@@ -175,15 +186,23 @@ fn chosen(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Re
     Ok(all)
 }
 
-fn origin(args: &Args, scene: &Scene, cameras: &[Camera], device: &splatgraph_api::DeviceInfo) -> Origin {
+fn origin(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Origin {
+    let info = session.device().info();
+    let device = format!("{} ({})", info.name, info.driver);
+    let mut content = DefaultHasher::new();
+    session.scene().identity().hash(&mut content);
+    for file in session.files() {
+        fs::read(&file.path).ok().hash(&mut content);
+    }
     Origin {
         version: env!("CARGO_PKG_VERSION").into(),
         scene: args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string()),
-        splats: scene.count(),
+        splats: session.scene().count(),
+        content: format!("{:016x}", content.finish()),
         cameras: serde_json::to_value(cameras).unwrap_or_default(),
         pipeline: args.pipeline.clone(),
         truth: args.truth.as_ref().map_or_else(|| "reference".into(), |path| path.display().to_string()),
-        device: format!("{} ({})", device.name, device.driver),
+        device,
         rounds: args.rounds,
         frames: args.frames,
     }

@@ -16,6 +16,8 @@ pub struct Origin {
     pub scene: String,
     /// See `scene`.
     pub splats: u32,
+    /// A hash of what the scene and the graph's files hold.
+    pub content: String,
     /// The cameras, as in cameras.json.
     pub cameras: Json,
     /// The graph.
@@ -28,6 +30,21 @@ pub struct Origin {
     pub rounds: u32,
     /// Frames in a round; `None` where the time of a frame decides.
     pub frames: Option<u32>,
+}
+
+impl Origin {
+    /// The scene's name and the graph's, for headings.
+    pub fn title(&self) -> String {
+        let name = Path::new(&self.scene)
+            .file_stem()
+            .map_or_else(|| self.scene.as_str().into(), |s| s.to_string_lossy());
+        format!("{name}, {}", self.pipeline)
+    }
+
+    /// The number of cameras.
+    pub fn views(&self) -> usize {
+        self.cameras.as_array().map_or(0, Vec::len)
+    }
 }
 
 /// The rows of a run.
@@ -43,16 +60,16 @@ pub struct Ledger {
 pub struct Book {
     /// The rows so far.
     pub ledger: Ledger,
-    path: Option<PathBuf>,
+    path: PathBuf,
 }
 
 impl Book {
-    /// Opens the ledger in a file, or an empty one without a file, or if there is none of this origin.
+    /// Opens the ledger in a file; an empty one if there is none of this origin.
     ///
     /// A ledger of another origin is replaced when the first row is added.
-    pub fn open(path: Option<PathBuf>, origin: Origin) -> Book {
-        let found = path.as_ref().and_then(|path| fs::read(path).ok());
-        let found: Option<Ledger> = found.and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    pub fn open(path: PathBuf, origin: Origin) -> Book {
+        let found: Option<Ledger> =
+            fs::read(&path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
         let rows = found.filter(|found| found.origin == origin).map_or_else(Vec::new, |found| found.rows);
         Book { ledger: Ledger { origin, rows }, path }
     }
@@ -68,14 +85,13 @@ impl Book {
     /// The file cannot be written.
     pub fn add(&mut self, row: Row) -> Result<(), output::OutputError> {
         self.ledger.rows.push(row);
-        let Some(path) = &self.path else { return Ok(()) };
         let text = serde_json::to_string_pretty(&self.ledger).unwrap_or_default();
-        output::write_bytes(path, format!("{text}\n").as_bytes())
+        output::write_bytes(&self.path, format!("{text}\n").as_bytes())
     }
 
     /// The path of the file.
-    pub fn path(&self) -> Option<&Path> {
-        self.path.as_deref()
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 }
 
@@ -174,7 +190,7 @@ fn mark_best(lines: &mut [Line]) {
 }
 
 /// The columns of the tables.
-const COLUMNS: [&str; 12] = [
+pub(super) const COLUMNS: [&str; 12] = [
     "setting",
     "GPU ms",
     "spread",
@@ -190,7 +206,7 @@ const COLUMNS: [&str; 12] = [
 ];
 
 /// The cells of a line, with as many digits as people read.
-fn cells(line: &Line) -> [String; COLUMNS.len()] {
+pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
     let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
     let db = |value: f64| if value.is_finite() { format!("{value:.1}") } else { "equal".into() };
     [
@@ -255,10 +271,54 @@ pub fn csv(lines: &[Line]) -> String {
     text
 }
 
+/// Ledgers for tests.
+#[cfg(test)]
+pub(super) mod testing {
+    use super::*;
+
+    pub fn origin() -> Origin {
+        Origin {
+            version: "1".into(),
+            scene: "a.ply".into(),
+            splats: 3,
+            content: "0".into(),
+            cameras: Json::Array(vec![Json::Null]),
+            pipeline: "splat".into(),
+            truth: "reference".into(),
+            device: "none".into(),
+            rounds: 1,
+            frames: None,
+        }
+    }
+
+    pub fn ledger(rows: Vec<Row>) -> Ledger {
+        Ledger { origin: origin(), rows }
+    }
+
+    pub fn line(setting: &str, gpu_ms: f64, psnr_db: f64, best: bool) -> Line {
+        Line {
+            setting: setting.into(),
+            gpu_ms: Some(gpu_ms),
+            spread_ms: Some(0.1),
+            of_exact: Some(gpu_ms / 4.0),
+            psnr_db,
+            covered_psnr_db: psnr_db,
+            ssim: Some(0.9),
+            flip: 0.1,
+            worst: 0.5,
+            off: 0.25,
+            inversions: Some(7),
+            gpu_bytes: 1 << 20,
+            best,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::error::Error;
     use super::super::measure::Time;
+    use super::testing::{ledger, origin};
     use super::*;
 
     fn measured(ms: f64, psnr_db: Option<f64>) -> Measured {
@@ -284,20 +344,6 @@ mod tests {
         Row { setting: setting.into(), camera: camera.into(), found }
     }
 
-    fn origin() -> Origin {
-        Origin {
-            version: "1".into(),
-            scene: "a.ply".into(),
-            splats: 3,
-            cameras: Json::Null,
-            pipeline: "splat".into(),
-            truth: "reference".into(),
-            device: "none".into(),
-            rounds: 1,
-            frames: None,
-        }
-    }
-
     #[test]
     fn views_are_joined_by_their_squared_errors_and_what_is_dominated_is_not_best() {
         let rows = vec![
@@ -309,7 +355,7 @@ mod tests {
             row("bad", "b", Ok(measured(3.0, Some(30.0)))),
             row("broken", "a", Err("error: no".into())),
         ];
-        let (lines, failed) = Ledger { origin: origin(), rows }.lines();
+        let (lines, failed) = ledger(rows).lines();
         assert_eq!(failed, [("broken".to_string(), "error: no".to_string())]);
         let best: Vec<bool> = lines.iter().map(|line| line.best).collect();
         assert_eq!(best, [true, true, false]);
@@ -326,13 +372,13 @@ mod tests {
     fn a_ledger_goes_on_where_it_stopped_unless_it_is_of_another_origin() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ledger.json");
-        let mut book = Book::open(Some(path.clone()), origin());
+        let mut book = Book::open(path.clone(), origin());
         book.add(row("exact", "a", Ok(measured(4.0, Some(61.25))))).unwrap();
         book.add(row("broken", "a", Err("no".into()))).unwrap();
-        let again = Book::open(Some(path.clone()), origin());
+        let again = Book::open(path.clone(), origin());
         assert_eq!(again.ledger, book.ledger);
         assert!(again.has("exact", "a") && !again.has("exact", "b"));
-        let other = Book::open(Some(path), Origin { splats: 4, ..origin() });
+        let other = Book::open(path, Origin { splats: 4, ..origin() });
         assert!(other.ledger.rows.is_empty());
     }
 }

@@ -2,6 +2,7 @@
 
 use super::error::{self, Error};
 use super::settings::Setting;
+use crate::image::Image;
 use crate::session::{FrameOptions, Session, SessionError, image_of};
 use crate::stats::CameraStats;
 use crate::truth::Truth;
@@ -28,10 +29,10 @@ pub struct View {
     /// The camera, in the size of the pictures.
     pub camera: Camera,
     /// The true picture.
-    pub picture: crate::image::Image,
+    pub picture: Image,
     /// True for each pixel that a splat shows in.
     pub covered: Vec<bool>,
-    /// The splats beyond the near plane, near to far.
+    /// The splats beyond the near plane, near to far; empty if their order is not to be compared.
     pub order: Vec<u32>,
 }
 
@@ -112,21 +113,37 @@ fn measured<D: Device>(
 ) -> Result<Result<Measured, String>, SessionError> {
     session.set_graph(&setting.pipeline, &setting.set);
     session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
-    let (error, inversions) = match drawn(session, view)? {
+    let drawn = match draw(session, view)? {
         Ok(drawn) => drawn,
         Err(text) => return Ok(Err(text)),
     };
+    let time = time_in_turns(session, exact, &view.camera, effort)?;
+    let gpu_bytes = session.device().memory().iter().map(|(_, bytes)| bytes).sum();
+    Ok(Ok(Measured { time, error: drawn.error, inversions: drawn.inversions, gpu_bytes }))
+}
+
+/// Measures the time of a frame of `session`, in turns with frames of `baseline`; `None` without timestamps.
+///
+/// Both are prepared in the camera's size.
+///
+/// # Errors
+/// The device fails.
+pub fn time_in_turns<D: Device>(
+    session: &mut Session<D>,
+    baseline: &mut Session<D>,
+    camera: &Camera,
+    effort: Effort,
+) -> Result<Option<Time>, SessionError> {
     let mut rounds = Vec::new();
     for _ in 0..effort.rounds {
-        let (mut of_exact, mut of_setting) = (Vec::new(), Vec::new());
+        let (mut of_baseline, mut of_session) = (Vec::new(), Vec::new());
         for _ in 0..effort.frames {
-            of_exact.push(frame(exact, &view.camera)?);
-            of_setting.push(frame(session, &view.camera)?);
+            of_baseline.push(frame(baseline, camera)?);
+            of_session.push(frame(session, camera)?);
         }
-        rounds.push((stats(session, view, &of_setting)?, stats(exact, view, &of_exact)?.gpu_ms));
+        rounds.push((stats(session, camera, &of_session)?, stats(baseline, camera, &of_baseline)?.gpu_ms));
     }
-    let gpu_bytes = session.device().memory().iter().map(|(_, bytes)| bytes).sum();
-    Ok(Ok(Measured { time: time(&mut rounds), error, inversions, gpu_bytes }))
+    Ok(time(&mut rounds))
 }
 
 /// Summarises the rounds; `None` without timestamps.
@@ -147,12 +164,25 @@ fn time(rounds: &mut [(CameraStats, Option<f64>)]) -> Option<Time> {
     })
 }
 
-type Drawn = (Error, Option<u64>);
+/// A picture with what is known of it.
+pub struct Drawn {
+    /// The picture.
+    pub picture: Image,
+    /// Its error.
+    pub error: Error,
+    /// As [`Measured::inversions`].
+    pub inversions: Option<u64>,
+    /// The graph's counts, such as `visible` and `drawn`.
+    pub counts: Vec<(String, u32)>,
+}
 
-/// Draws a picture, and compares it and the order of its splats with the truth.
-fn drawn<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
+/// Draws a picture with a prepared session, and compares it and the order of its splats with the truth.
+///
+/// # Errors
+/// The device fails. The inner error says why the picture cannot be compared.
+pub fn draw<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
-    let inspect: Vec<Inspect> = order_of(plan).into_iter().collect();
+    let inspect: Vec<Inspect> = order_of(plan).into_iter().filter(|_| !view.order.is_empty()).collect();
     let output = plan.resource(plan.output).name.clone();
     // The second frame: one with the order of the last frame has one.
     frame(session, &view.camera)?;
@@ -171,7 +201,7 @@ fn drawn<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Draw
         (Some(bytes), Some(visible)) => inverted(bytes, visible, &view.order),
         _ => None,
     };
-    Ok(Ok((error, inversions)))
+    Ok(Ok(Drawn { picture, error, inversions, counts: result.stats }))
 }
 
 /// Finds the order of the splats, as the last pass that binds it reads it; `None` if another pass changes it until the frame's end,
@@ -219,11 +249,11 @@ fn frame<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<FrameRe
 
 fn stats<D: Device>(
     session: &mut Session<D>,
-    view: &View,
+    camera: &Camera,
     frames: &[FrameResult],
 ) -> Result<CameraStats, SessionError> {
     let loaded = session.scene().count().into();
-    let camera = (view.camera.img_name.as_str(), (view.camera.width, view.camera.height));
+    let camera = (camera.img_name.as_str(), (camera.width, camera.height));
     let info = session.device().info().clone();
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     Ok(CameraStats::new(camera, plan, &info, loaded, frames, Vec::new()))

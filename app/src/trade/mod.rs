@@ -3,9 +3,10 @@
 //! [`settings`] lists the ways to draw: the graph with every parameter at its exact value, the same with one parameter
 //! changed, the graph's defaults, and the presets. [`measure`] draws each, interleaved with the exact settings so that a
 //! drift of the device's clock cancels, and holds its picture against the truth ([`error`]). [`ledger`] keeps the rows
-//! in a file, so that an interrupted run goes on where it stopped, and prints them.
+//! in a file, so that an interrupted run goes on where it stopped, and prints them; [`page`] plots them.
 
 pub mod error;
 pub mod ledger;
 pub mod measure;
+pub mod page;
 pub mod settings;
