@@ -25,6 +25,8 @@ mod random;
 mod reference;
 mod sort;
 #[cfg(target_os = "linux")]
+mod sweep;
+#[cfg(target_os = "linux")]
 mod trade;
 mod view;
 mod window_graph;

@@ -16,6 +16,7 @@
 //! - [`image`] and [`metrics`]: picture files, and differences between pictures;
 //! - [`report`]: plots, and pages in one file;
 //! - [`trade`]: the cost of each setting, in time and in accuracy;
+//! - [`sweep`]: the cost of a budget of splats;
 //! - [`view`]: the interactive viewer;
 //! - [`demo`]: the demo scene;
 //! - [`progress`]: progress on standard error.
@@ -43,6 +44,7 @@ pub mod progress;
 pub mod report;
 pub mod session;
 pub mod stats;
+pub mod sweep;
 pub mod trade;
 pub mod truth;
 #[cfg(feature = "window")]

@@ -6,9 +6,9 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 20] = [
+const CRATE: [&str; 21] = [
     "numbers", "output", "backend", "image", "report", "progress", "camera", "demo", "metrics", "truth",
-    "inspect", "stats", "facts", "builtin", "planner", "fit", "session", "trade", "view", "cli",
+    "inspect", "stats", "facts", "builtin", "planner", "fit", "session", "trade", "sweep", "view", "cli",
 ];
 
 /// The modules of the viewer, from the ground up.

@@ -3,7 +3,7 @@
 #[path = "../../../tests/files/words.rs"]
 mod words;
 
-use super::{Cli, Command, Usage, compare, dump, options, render, synth, trade, view};
+use super::{Cli, Command, Usage, compare, dump, options, render, sweep, synth, trade, view};
 use anyhow::Result;
 use clap::Parser;
 use splatgraph_assets::synth::generate;
@@ -25,6 +25,7 @@ fn check(command: &Command) -> Result<()> {
         Command::Compare(args) => compare::prepare(args).map(drop),
         Command::Synth(args) => Ok(synth::check_files(args)?),
         Command::Trade(args) => Ok(trade::claim_files(args)?),
+        Command::Sweep(args) => Ok(sweep::claim_files(args)?),
         Command::Check(_) | Command::Info(_) | Command::Devices(_) => Ok(()),
     }
 }

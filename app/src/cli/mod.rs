@@ -14,6 +14,7 @@ mod fuzz;
 mod info;
 mod options;
 mod render;
+mod sweep;
 mod synth;
 mod threads;
 mod trade;
@@ -45,6 +46,7 @@ use std::process::ExitCode;
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
+  splatgraph sweep scene.ply                        # quality and time with fewer and fewer splats
   splatgraph dump splat --format dot | dot -Tsvg > splat.svg")]
 struct Cli {
     #[command(subcommand)]
@@ -67,6 +69,7 @@ enum Command {
     Compare(compare::Args),
     Synth(synth::Args),
     Trade(trade::Args),
+    Sweep(sweep::Args),
     Devices(devices::Args),
 }
 
@@ -135,6 +138,7 @@ pub fn main() -> ExitCode {
         Command::Compare(args) => compare::run(args),
         Command::Synth(args) => synth::run(args),
         Command::Trade(args) => trade::run(args),
+        Command::Sweep(args) => sweep::run(args),
         Command::Devices(args) => devices::run(args),
     };
     match result {

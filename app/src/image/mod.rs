@@ -111,6 +111,23 @@ impl Image {
         })?)
     }
 
+    /// Averages squares of pixels, as few as make the picture at most `width` wide.
+    pub fn reduced(&self, width: usize) -> Image {
+        let by = self.width.div_ceil(width.max(1)).max(1);
+        let side = |of: usize| of.div_ceil(by);
+        Image::from_fn(side(self.width), side(self.height), |x, y| {
+            let (mut sum, mut count) = ([0.0; 3], 0.0);
+            for row in (y * by..self.height).take(by) {
+                for column in (x * by..self.width).take(by) {
+                    let pixel = self.at(column, row);
+                    sum = std::array::from_fn(|c| sum[c] + pixel[c]);
+                    count += 1.0;
+                }
+            }
+            sum.map(|channel| channel / count)
+        })
+    }
+
     /// Returns the bytes of the picture's PNG file.
     ///
     /// # Errors
@@ -259,6 +276,15 @@ mod tests {
 
     fn ramp() -> Image {
         Image::from_fn(7, 5, |x, y| [x as f32 / 3.0 - 0.5, y as f32 / 4.0, 1e-3 * (x * y) as f32])
+    }
+
+    #[test]
+    fn a_reduced_picture_is_the_mean_of_squares_also_at_its_edges() {
+        let image = Image::from_fn(5, 3, |x, y| [x as f32, y as f32, 1.0]);
+        let small = image.reduced(3);
+        assert_eq!((small.width, small.height), (3, 2));
+        assert_eq!((small.at(0, 0), small.at(2, 1)), ([0.5, 0.5, 1.0], [4.0, 2.0, 1.0]));
+        assert_eq!(image.reduced(5), image);
     }
 
     #[test]

@@ -163,17 +163,14 @@ impl Plot {
             .draw()?;
 
         let mut colours = COLOURS.iter().cycle();
-        let mut named = false;
-        // The names of the front are placed first, and those of the muted points where there is room.
-        let mut names = Names::default();
-        let mut order: Vec<usize> = (0..self.series.len()).collect();
-        order.sort_by_key(|at| self.series[*at].form == Form::Muted);
-        let colour_of: Vec<RGBColor> = self
-            .series
-            .iter()
-            .map(|series| if series.form == Form::Muted { GREY } else { *colours.next().unwrap_or(&INK) })
+        let muted = |at: &usize| self.series[*at].form == Form::Muted;
+        let colour_of: Vec<RGBColor> = (0..self.series.len())
+            .map(|at| if muted(&at) { GREY } else { *colours.next().unwrap_or(&INK) })
             .collect();
-        for at in order.iter().rev() {
+        // What is muted lies behind the others, and its names take the room that is left.
+        let (behind, before): (Vec<usize>, Vec<usize>) = (0..self.series.len()).partition(muted);
+        let mut named = false;
+        for at in behind.iter().chain(&before) {
             let (series, points, colour) = (&self.series[*at], &shown[*at], colour_of[*at]);
             if series.form == Form::Line {
                 let line = points.iter().map(|(x, y, _)| (*x, *y));
@@ -186,18 +183,15 @@ impl Plot {
                 drawn.label(&series.name).legend(move |(x, y)| Circle::new((x + 10, y), 4, colour.filled()));
             }
         }
-        for at in &order {
-            for (x, y, _) in &shown[*at] {
-                names.block(chart.backend_coord(&(*x, *y)));
-            }
-        }
-        for at in order {
-            let style =
-                (FONT, NAME).into_font().color(&if self.series[at].form == Form::Muted { GREY } else { INK });
-            for (x, y, name) in shown[at].iter().filter(|(.., name)| !name.is_empty()) {
+        let mut names = Names::default();
+        shown.iter().flatten().for_each(|(x, y, _)| names.block(chart.backend_coord(&(*x, *y))));
+        for at in before.iter().chain(&behind) {
+            let style = (FONT, NAME).into_font().color(&if muted(at) { GREY } else { INK });
+            for (x, y, name) in shown[*at].iter().filter(|(.., name)| !name.is_empty()) {
                 let (width, height) = area.estimate_text_size(name, &style)?;
                 let size = (width as i32, height as i32);
-                if let Some(place) = names.place(chart.backend_coord(&(*x, *y)), size, self.series[at].form) {
+                if let Some(place) = names.place(chart.backend_coord(&(*x, *y)), size, self.series[*at].form)
+                {
                     area.draw(&Text::new((*name).to_owned(), place, style.clone()))?;
                 }
             }

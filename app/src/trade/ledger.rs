@@ -2,6 +2,7 @@
 
 use super::measure::{Measured, Row};
 use crate::output;
+use crate::report::text;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 use std::fs;
@@ -225,23 +226,15 @@ pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
     ]
 }
 
-/// Prints lines as a table for a terminal; `*` marks the Pareto front.
+/// Sets lines as a table for a terminal; `*` marks the Pareto front.
 pub fn table(lines: &[Line]) -> String {
-    let rows: Vec<[String; COLUMNS.len()]> =
-        std::iter::once(COLUMNS.map(String::from)).chain(lines.iter().map(cells)).collect();
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..COLUMNS.len()).map(width).collect();
-    let mut text = String::new();
-    for (at, row) in rows.iter().enumerate() {
-        let best = at.checked_sub(1).is_some_and(|line| lines[line].best);
-        text += if best { "* " } else { "  " };
-        text += &format!("{:1$}", row[0], widths[0]);
-        for (cell, width) in row.iter().zip(&widths).skip(1) {
-            text += &format!("  {cell:>width$}");
-        }
-        text += "\n";
-    }
-    text
+    let marked = |mark: &str, mut row: Vec<String>| {
+        row[0].insert_str(0, mark);
+        row
+    };
+    let header = marked("  ", COLUMNS.map(String::from).to_vec());
+    let row = |line: &Line| marked(if line.best { "* " } else { "  " }, cells(line).to_vec());
+    text::table(&std::iter::once(header).chain(lines.iter().map(row)).collect::<Vec<_>>())
 }
 
 /// Writes lines as CSV (RFC 4180), with all digits; a value that there is none of is empty.

@@ -146,6 +146,24 @@ pub fn time_in_turns<D: Device>(
     Ok(time(&mut rounds))
 }
 
+/// Measures the time of a frame of a prepared session, which is its own baseline; `None` without timestamps.
+///
+/// # Errors
+/// The device fails.
+pub fn time_alone<D: Device>(
+    session: &mut Session<D>,
+    camera: &Camera,
+    effort: Effort,
+) -> Result<Option<Time>, SessionError> {
+    let mut rounds = Vec::new();
+    for _ in 0..effort.rounds {
+        let frames = (0..effort.frames).map(|_| frame(session, camera)).collect::<Result<Vec<_>, _>>()?;
+        let stats = stats(session, camera, &frames)?;
+        rounds.push((stats.clone(), stats.gpu_ms));
+    }
+    Ok(time(&mut rounds))
+}
+
 /// Summarises the rounds; `None` without timestamps.
 fn time(rounds: &mut [(CameraStats, Option<f64>)]) -> Option<Time> {
     let mut shares =

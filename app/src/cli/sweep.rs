@@ -1,0 +1,174 @@
+//! Runs `splatgraph sweep`: quality and time with fewer and fewer splats.
+
+use super::options::{self, DeviceArgs, Drawing};
+use super::{Outcome, Usage};
+use crate::backend::Backend;
+use crate::fit;
+use crate::output::names::{self, MAX_NAME_BYTES};
+use crate::output::{self, Claims, one_line, say};
+use crate::progress::Progress;
+use crate::session::Session;
+use crate::sweep::approach;
+use crate::sweep::choice::{BUDGET, Choice};
+use crate::sweep::measure::{Step, Sweep, counts};
+use crate::sweep::page::{Shown, gather};
+use crate::trade::measure::{Effort, View, suitable_frames};
+use crate::truth::Truth;
+use anyhow::{Context, Result, anyhow};
+use splatgraph_api::Device;
+use splatgraph_assets::Camera;
+use splatgraph_reference::Rules;
+use std::path::{Path, PathBuf};
+
+/// Measure quality and time with fewer and fewer splats
+///
+/// Draws the scene with all splats, a half, a quarter and so on, chosen in four ways: the first of the file (a naive truncation),
+/// by opacity times size in the world or on the screen (the usual heuristics for levels of detail, applied before keys are made),
+/// and the nearest visible ones (cut after the sort). Each picture is held against the exact renderer's picture of all splats.
+///
+/// Then a camera comes closer, so that time goes into covered pixels: the draw's cost is held against their number times overlap.
+///
+/// The folder gets a page (sweep.html), every number (sweep.csv and .json), the plots as .svg and .png, and the pictures.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  splatgraph sweep                                       # the demo scene; sweep/sweep.html shows the result
+  splatgraph sweep scene.ply -c cameras.json --steps 8 -o garden/
+  splatgraph sweep scene.ply --pipeline key16 --size 1920x1080")]
+pub struct Args {
+    /// A .ply file in the layout of the reference implementation [default: the demo scene]
+    scene: Option<PathBuf>,
+    #[command(flatten)]
+    drawing: Drawing,
+    /// Folder of the results
+    #[arg(short, long, value_name = "DIR", default_value = "sweep")]
+    output: PathBuf,
+    /// Steps, each with half the splats of the one before; the first has all
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(2..=32))]
+    steps: u32,
+    /// Rounds of frames, whose medians show the spread
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: u32,
+    /// Frames of a step in a round, in turns with as many of all splats [default: what takes 0.2 s, 1 to 30]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    frames: Option<u32>,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+/// Files in the folder of `--output` besides plots and pictures.
+const PAGE: &str = "sweep.html";
+const CSV: &str = "sweep.csv";
+const JSON: &str = "sweep.json";
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    let given = args.drawing.cameras()?;
+    let room = MAX_NAME_BYTES - 40;
+    let stems = names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), room);
+    claim_files(args)?;
+    let device = Backend::open(&args.device.options())?;
+    if let Some(path) = &args.scene {
+        fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
+    }
+    let (scene, cameras) =
+        options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+    let name = args.scene.as_deref().and_then(Path::file_stem).map_or("demo".into(), |s| s.to_string_lossy());
+    let info = device.info();
+    let device_name = format!("{} ({})", info.name, info.driver);
+    let first = cameras.first().context("no cameras")?;
+    let splats = scene.count();
+    let counts = counts(splats, args.steps);
+
+    let mut whole = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
+    let controls = whole.controls((first.width, first.height))?;
+    let has_budget = controls.iter().any(|control| control.param.name == BUDGET);
+    if !has_budget {
+        say(format!(
+            "{}: no parameter `{BUDGET}`: the nearest splats are not measured",
+            args.drawing.pipeline
+        ));
+    }
+    let mut progress = Progress::new("sweeping");
+    let per_view = (1 + Choice::ALL.len() * (counts.len() - 1)) as u64;
+    let of = per_view * cameras.len() as u64 + approach::STEPS.len() as u64;
+    let mut done = 0;
+    let mut steps: Vec<Step> = Vec::new();
+    let mut shown = Vec::new();
+    for (at, camera) in cameras.iter().enumerate() {
+        let view = exact_view(&whole, camera);
+        whole.prepare((camera.width, camera.height), &mut |_| {})?;
+        let effort = effort_for(args, &mut whole, camera)?;
+        let (pipeline, set) = (args.drawing.pipeline.as_str(), args.drawing.set.as_slice());
+        let mut sweep = Sweep { whole: &mut whole, pipeline, set, has_budget };
+        let refused = |why: String| anyhow!("{}: {why}", one_line(&camera.img_name));
+        let mut keep = |step: Step, picture| {
+            done += 1;
+            progress.set(done, of, &format!("{}, {} splats", one_line(&camera.img_name), step.count));
+            if at == 0 {
+                shown.push(Shown { choice: step.choice, count: step.count, picture });
+            }
+            steps.push(step);
+        };
+        let (step, picture) = sweep.all(&view, effort)?.map_err(refused)?;
+        keep(step, picture);
+        for choice in Choice::ALL {
+            sweep.steps(choice, &counts[1..], &view, effort, &mut keep)?.map_err(refused)?;
+        }
+    }
+    let closer = approach::cameras(whole.scene(), first);
+    whole.prepare((first.width, first.height), &mut |_| {})?;
+    let effort = effort_for(args, &mut whole, first)?;
+    let closer = approach::measure(&mut whole, &closer, effort, &mut |at| {
+        progress.set(done + at as u64, of, "a camera comes closer");
+    })?;
+    drop(progress);
+
+    let swept =
+        gather((name.into_owned(), splats), args.drawing.pipeline.clone(), device_name, steps, closer);
+    options::write_text(None, &swept.table())?;
+    let file = |name: &str| args.output.join(name);
+    output::write_bytes(&file(CSV), swept.csv().as_bytes())?;
+    options::write_json(&file(JSON), &serde_json::to_value(&swept)?)?;
+    for (name, plot, _) in swept.plots() {
+        output::write_bytes(&file(&format!("{name}.svg")), plot.svg()?.as_bytes())?;
+        plot.image()?.save(&file(&format!("{name}.png")))?;
+    }
+    for Shown { choice, count, picture } in &shown {
+        let stem = choice.map_or("all", Choice::stem);
+        picture.save(&file(&format!("pictures/{stem}-{count}.png")))?;
+    }
+    output::write_bytes(&file(PAGE), swept.page(&shown)?.as_bytes())?;
+    say(format!("{} shows the result", file(PAGE).display()));
+    Ok(super::validated(args.device.validate, &whole.into_device().close()))
+}
+
+/// Names of the plots' files.
+const PLOTS: [&str; 5] = ["quality", "times", "trade", "shares", "approach"];
+
+/// Returns an error if a file of the sweep would destroy an input.
+pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
+    let mut claims = Claims::default();
+    if let Some(path) = &args.scene {
+        claims.input("the scene", path)?;
+    }
+    if let Some(cameras) = &args.drawing.cameras {
+        options::claim_cameras(&mut claims, cameras)?;
+    }
+    claims.input("the graph", Path::new(&args.drawing.pipeline))?;
+    let plots = PLOTS.iter().flat_map(|name| ["svg", "png"].map(|format| format!("{name}.{format}")));
+    for name in [PAGE, CSV, JSON].map(String::from).into_iter().chain(plots) {
+        claims.output("--output", &args.output.join(name))?;
+    }
+    Ok(())
+}
+
+/// Draws the truth of a view. The orders of different parts of the scene cannot be compared.
+fn exact_view(session: &Session<Backend>, camera: &Camera) -> View {
+    let truth = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::PUBLISHED);
+    View { order: Vec::new(), ..View::exact(session.scene(), camera, &truth, &Rules::PUBLISHED) }
+}
+
+/// Chooses the numbers of frames for a view; the session is prepared in its size.
+fn effort_for(args: &Args, whole: &mut Session<Backend>, camera: &Camera) -> Result<Effort> {
+    let frames = args.frames.map_or_else(|| suitable_frames(whole, camera), Ok)?;
+    Ok(Effort { rounds: args.rounds, frames })
+}

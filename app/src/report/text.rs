@@ -1,0 +1,30 @@
+//! Sets tables for terminals.
+
+/// Aligns the cells of lines in columns: the first to the left, the others, which are numbers, to the right.
+pub fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let cell = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());
+    let widths: Vec<usize> =
+        (0..columns).map(|column| rows.iter().map(|row| cell(row, column)).max().unwrap_or(0)).collect();
+    let mut text = String::new();
+    for row in rows {
+        let mut line = String::new();
+        for (column, (cell, width)) in row.iter().zip(&widths).enumerate() {
+            line += &if column == 0 { format!("{cell:width$}") } else { format!("  {cell:>width$}") };
+        }
+        text += line.trim_end();
+        text += "\n";
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_stand_to_the_left_and_numbers_to_the_right() {
+        let rows = [["name", "ms"], ["é", "10.5"], ["longer", ""]].map(|row| row.map(String::from).to_vec());
+        assert_eq!(table(&rows), "name      ms\né       10.5\nlonger\n");
+    }
+}

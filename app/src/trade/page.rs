@@ -1,0 +1,121 @@
+//! Shows a ledger as a plot of time against error, and as a page.
+
+use super::ledger::{COLUMNS, Ledger, Line, cells};
+use crate::report::page::Page;
+use crate::report::plot::{Axis, Form, Plot, PlotError, Point, Series};
+
+/// Decibels above the most accurate picture at which a plot shows those that equal the truth.
+const ABOVE: f64 = 6.0;
+
+/// Plots time against PSNR, with the Pareto front joined and the dominated settings grey; `None` without times.
+pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
+    let finite = lines.iter().map(|line| line.psnr_db).filter(|db| db.is_finite());
+    let top = finite.fold(0.0, f64::max) + ABOVE;
+    let point = |line: &Line| {
+        let equal = line.psnr_db.is_infinite();
+        let name = if equal { format!("{} (equal)", line.setting) } else { line.setting.clone() };
+        Some(Point { x: line.gpu_ms?, y: line.psnr_db.min(top), name })
+    };
+    let points = |best: bool| lines.iter().filter(move |line| line.best == best).filter_map(point);
+    let mut front: Vec<Point> = points(true).collect();
+    front.sort_by(|a, b| a.x.total_cmp(&b.x));
+    let muted: Vec<Point> = points(false).collect();
+    if front.is_empty() {
+        return None;
+    }
+    Some(Plot {
+        title: format!("{}: time and error of each setting", ledger.origin.title()),
+        x: Axis { label: "GPU time of a frame, ms".into(), logarithmic: true },
+        y: Axis { label: "PSNR against the truth, dB".into(), logarithmic: false },
+        series: vec![
+            Series { name: "beaten in time and error by another".into(), form: Form::Muted, points: muted },
+            Series { name: "Pareto front".into(), form: Form::Line, points: front },
+        ],
+    })
+}
+
+/// Writes the page of a ledger: the plot, the table, and what the columns are. `failed` are settings with their errors.
+///
+/// # Errors
+/// The plot cannot be drawn.
+pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Result<String, PlotError> {
+    let origin = &ledger.origin;
+    let mut page = Page::new(&format!("{}: what each setting saves and costs", origin.title()));
+    page.text(&format!(
+        "`{}`, {} splats, {}, on {}. The truth is {}.",
+        origin.scene,
+        origin.splats,
+        match origin.views() {
+            1 => "one view".to_owned(),
+            views => format!("{views} views"),
+        },
+        origin.device,
+        if origin.truth == "reference" { "the exact renderer's" } else { origin.truth.as_str() },
+    ));
+    if let Some(plot) = plot(ledger, lines) {
+        page.plot(&plot, "Left is faster, up is closer to the truth. Of the grey settings, another is at least as fast and as accurate.")?;
+    }
+    let rows: Vec<Vec<String>> = lines
+        .iter()
+        .map(|line| {
+            let mut cells = cells(line).to_vec();
+            if line.best {
+                cells[0] += " *";
+            }
+            cells
+        })
+        .collect();
+    page.table(&COLUMNS, &rows);
+    for (setting, why) in failed {
+        page.text(&format!("`{setting}` was not measured:"));
+        page.block(why);
+    }
+    page.heading("The columns");
+    page.text(
+        "`exact` has every parameter at its exact value; `NAME = VALUE` is one parameter away from it; `defaults` are the \
+         graph's. Frames of a setting are drawn in turns with those of `exact`, so that a change of the device's clock \
+         concerns both.",
+    );
+    page.text(
+        "`GPU ms`: the median of the rounds' median frames, mean of the views; `spread`: the largest of a view's round \
+         medians without the smallest; `of exact`: the share of the exact settings' time in the same rounds. `PSNR dB`: of \
+         the mean squared error of all views, over all pixels; `covered`: over those that a splat shows in; `SSIM`: the \
+         least of the views; `FLIP`: NVIDIA's, mean, 0 is equal; `worst`: the largest difference of a channel; `off`: \
+         pixels that are off by more than 1/255; `inversions`: pairs of visible splats in the wrong order; `MiB`: memory on \
+         the device. `*`: the Pareto front.",
+    );
+    Ok(page.html())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ledger::testing::{ledger, line};
+    use super::*;
+
+    #[test]
+    fn the_front_is_joined_from_fast_to_slow_and_the_dominated_are_grey() {
+        let lines = [
+            line("exact", 4.0, f64::INFINITY, true),
+            line("fast", 1.0, 40.0, true),
+            line("bad", 3.0, 30.0, false),
+        ];
+        let ledger = ledger(Vec::new());
+        let plot = plot(&ledger, &lines).unwrap();
+        let names = |at: usize| plot.series[at].points.iter().map(|p| p.name.as_str()).collect::<Vec<_>>();
+        assert_eq!((names(0), names(1)), (vec!["bad"], vec!["fast", "exact (equal)"]));
+        assert_eq!((plot.series[0].form, plot.series[1].points[1].y), (Form::Muted, 46.0));
+        let html = page(&ledger, &lines, &[("broken".into(), "error: no".into())]).unwrap();
+        for text in ["fast *", "<td>bad</td>", "<svg", "`broken`".trim_matches('`'), "error: no", "one view"]
+        {
+            assert!(html.contains(text), "{text}: {html}");
+        }
+    }
+
+    #[test]
+    fn without_times_there_is_a_table_and_no_plot() {
+        let lines = [Line { gpu_ms: None, ..line("exact", 4.0, 50.0, true) }];
+        let ledger = ledger(Vec::new());
+        assert_eq!(plot(&ledger, &lines), None);
+        assert!(!page(&ledger, &lines, &[]).unwrap().contains("<svg"));
+    }
+}
