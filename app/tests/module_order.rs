@@ -6,9 +6,31 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 20] = [
-    "numbers", "output", "backend", "image", "report", "progress", "camera", "demo", "metrics", "truth",
-    "inspect", "stats", "facts", "builtin", "planner", "fit", "session", "trade", "view", "cli",
+const CRATE: [&str; 24] = [
+    "numbers",
+    "output",
+    "backend",
+    "image",
+    "report",
+    "progress",
+    "camera",
+    "orbit",
+    "demo",
+    "metrics",
+    "truth",
+    "inspect",
+    "stats",
+    "facts",
+    "builtin",
+    "planner",
+    "fit",
+    "session",
+    "shot",
+    "trade",
+    "experiment",
+    "popping",
+    "view",
+    "cli",
 ];
 
 /// The modules of the viewer, from the ground up.

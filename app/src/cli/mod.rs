@@ -9,10 +9,12 @@ mod check;
 mod compare;
 mod devices;
 mod dump;
+mod experiment;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
 mod info;
 mod options;
+mod popping;
 mod render;
 mod synth;
 mod threads;
@@ -45,6 +47,8 @@ use std::process::ExitCode;
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
+  splatgraph experiment order                       # a page on the order of splats
+  splatgraph popping                                # the error that changes from frame to frame
   splatgraph dump splat --format dot | dot -Tsvg > splat.svg")]
 struct Cli {
     #[command(subcommand)]
@@ -67,6 +71,8 @@ enum Command {
     Compare(compare::Args),
     Synth(synth::Args),
     Trade(trade::Args),
+    Experiment(experiment::Args),
+    Popping(popping::Args),
     Devices(devices::Args),
 }
 
@@ -135,6 +141,8 @@ pub fn main() -> ExitCode {
         Command::Compare(args) => compare::run(args),
         Command::Synth(args) => synth::run(args),
         Command::Trade(args) => trade::run(args),
+        Command::Experiment(args) => experiment::run(args),
+        Command::Popping(args) => popping::run(args),
         Command::Devices(args) => devices::run(args),
     };
     match result {
