@@ -13,6 +13,8 @@ mod covariance;
 #[cfg(target_os = "linux")]
 mod exact;
 #[cfg(target_os = "linux")]
+mod experiment;
+#[cfg(target_os = "linux")]
 mod files;
 mod fuzz;
 mod images;
@@ -21,6 +23,8 @@ mod mutations;
 mod numbers;
 mod page;
 mod plans;
+#[cfg(target_os = "linux")]
+mod popping;
 mod random;
 mod reference;
 mod sort;

@@ -10,13 +10,17 @@
 //! - [`planner`]: builds plans from graphs;
 //! - [`fit`]: whether a scene fits a device;
 //! - [`camera`]: the camera's uniform block;
+//! - [`orbit`]: cameras that move around a point;
 //! - [`session`]: draws frames with a device, a scene and a plan;
+//! - [`shot`]: a picture with the order of its splats;
 //! - [`stats`]: the times and counts of frames;
 //! - [`inspect`]: the contents of a resource after a pass;
 //! - [`image`] and [`metrics`]: picture files, and differences between pictures;
 //! - [`report`]: plots, and pages in one file;
 //! - [`trade`]: the cost of each setting, in time and in accuracy;
 //! - [`sweep`]: the cost of a budget of splats;
+//! - [`experiment`]: pages that show what an equation says, on a scene;
+//! - [`popping`]: the error that changes from frame to frame;
 //! - [`view`]: the interactive viewer;
 //! - [`demo`]: the demo scene;
 //! - [`progress`]: progress on standard error.
@@ -30,6 +34,7 @@ pub mod builtin;
 pub mod camera;
 pub mod cli;
 pub mod demo;
+pub mod experiment;
 pub mod facts;
 pub mod fit;
 pub mod image;
@@ -38,11 +43,14 @@ pub mod metrics;
 #[cfg(test)]
 #[path = "../../tests/numbers.rs"]
 mod numbers;
+pub mod orbit;
 pub mod output;
 pub mod planner;
+pub mod popping;
 pub mod progress;
 pub mod report;
 pub mod session;
+pub mod shot;
 pub mod stats;
 pub mod sweep;
 pub mod trade;

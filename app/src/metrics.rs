@@ -78,6 +78,20 @@ pub enum MetricError {
 
 /// Computes all metrics of two pictures of one size with finite values.
 pub fn compare(a: &Image, b: &Image) -> Result<Comparison, MetricError> {
+    comparable(a, b)?;
+    Ok(Comparison {
+        psnr_db: psnr_over(a, b, |_| true),
+        ssim: ssim(a, b),
+        worst: worst_pixel(a, b),
+        identical: a == b,
+    })
+}
+
+/// Checks that two pictures are of one size, with finite values.
+///
+/// # Errors
+/// They are not.
+pub fn comparable(a: &Image, b: &Image) -> Result<(), MetricError> {
     if (a.width, a.height) != (b.width, b.height) {
         return Err(MetricError::Sizes {
             a_width: a.width,
@@ -98,12 +112,7 @@ pub fn compare(a: &Image, b: &Image) -> Result<Comparison, MetricError> {
             });
         }
     }
-    Ok(Comparison {
-        psnr_db: psnr_over(a, b, |_| true),
-        ssim: ssim(a, b),
-        worst: worst_pixel(a, b),
-        identical: a == b,
-    })
+    Ok(())
 }
 
 /// Clamps a channel to its displayed value.

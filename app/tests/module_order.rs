@@ -6,9 +6,32 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 21] = [
-    "numbers", "output", "backend", "image", "report", "progress", "camera", "demo", "metrics", "truth",
-    "inspect", "stats", "facts", "builtin", "planner", "fit", "session", "trade", "sweep", "view", "cli",
+const CRATE: [&str; 25] = [
+    "numbers",
+    "output",
+    "backend",
+    "image",
+    "report",
+    "progress",
+    "camera",
+    "orbit",
+    "demo",
+    "metrics",
+    "truth",
+    "inspect",
+    "stats",
+    "facts",
+    "builtin",
+    "planner",
+    "fit",
+    "session",
+    "shot",
+    "trade",
+    "sweep",
+    "experiment",
+    "popping",
+    "view",
+    "cli",
 ];
 
 /// The modules of the viewer, from the ground up.

@@ -3,7 +3,9 @@
 #[path = "../../../tests/files/words.rs"]
 mod words;
 
-use super::{Cli, Command, Usage, compare, dump, options, render, sweep, synth, trade, view};
+use super::{
+    Cli, Command, Usage, compare, dump, experiment, options, popping, render, sweep, synth, trade, view,
+};
 use anyhow::Result;
 use clap::Parser;
 use splatgraph_assets::synth::generate;
@@ -26,6 +28,8 @@ fn check(command: &Command) -> Result<()> {
         Command::Synth(args) => Ok(synth::check_files(args)?),
         Command::Trade(args) => Ok(trade::claim_files(args)?),
         Command::Sweep(args) => Ok(sweep::claim_files(args)?),
+        Command::Experiment(args) => Ok(experiment::claims(args).map(drop)?),
+        Command::Popping(args) => Ok(popping::claims(args).map(drop)?),
         Command::Check(_) | Command::Info(_) | Command::Devices(_) => Ok(()),
     }
 }

@@ -9,10 +9,12 @@ mod check;
 mod compare;
 mod devices;
 mod dump;
+mod experiment;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
 mod info;
 mod options;
+mod popping;
 mod render;
 mod sweep;
 mod synth;
@@ -47,6 +49,8 @@ use std::process::ExitCode;
   splatgraph compare out.npy golden.npz#camera0
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
   splatgraph sweep scene.ply                        # quality and time with fewer and fewer splats
+  splatgraph experiment order                       # a page on the order of splats
+  splatgraph popping                                # the error that changes from frame to frame
   splatgraph dump splat --format dot | dot -Tsvg > splat.svg")]
 struct Cli {
     #[command(subcommand)]
@@ -70,6 +74,8 @@ enum Command {
     Synth(synth::Args),
     Trade(trade::Args),
     Sweep(sweep::Args),
+    Experiment(experiment::Args),
+    Popping(popping::Args),
     Devices(devices::Args),
 }
 
@@ -139,6 +145,8 @@ pub fn main() -> ExitCode {
         Command::Synth(args) => synth::run(args),
         Command::Trade(args) => trade::run(args),
         Command::Sweep(args) => sweep::run(args),
+        Command::Experiment(args) => experiment::run(args),
+        Command::Popping(args) => popping::run(args),
         Command::Devices(args) => devices::run(args),
     };
     match result {

@@ -189,6 +189,15 @@ pub fn scene_and_cameras(
     Ok((scene, cameras))
 }
 
+/// Makes the camera of the same view in a picture that is at most so wide.
+pub fn at_most(camera: &Camera, width: u32) -> Camera {
+    if camera.width <= width {
+        return camera.clone();
+    }
+    let height = (f64::from(camera.height) * f64::from(width) / f64::from(camera.width)).round();
+    camera.resized(width, (height as u32).max(1))
+}
+
 /// Makes the camera that frames a scene, with the name `framing`.
 pub fn framing(scene: &Scene) -> Camera {
     let (width, height) = facts::DEFAULT_SIZE;

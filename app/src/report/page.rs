@@ -63,6 +63,24 @@ impl Page {
     /// A picture cannot be encoded.
     pub fn pictures(&mut self, figures: &[Figure]) -> Result<(), ImageError> {
         self.body += "<div class=\"pictures\">\n";
+        self.figures(figures)?;
+        self.body += "</div>\n";
+        Ok(())
+    }
+
+    /// Adds pictures in rows of equal columns, however narrow the page.
+    ///
+    /// # Errors
+    /// A picture cannot be encoded.
+    pub fn rows(&mut self, columns: usize, figures: &[Figure]) -> Result<(), ImageError> {
+        let columns = format!("grid-template-columns: repeat({columns}, minmax(0, 1fr))");
+        self.body += &format!("<div class=\"pictures\" style=\"{columns}\">\n");
+        self.figures(figures)?;
+        self.body += "</div>\n";
+        Ok(())
+    }
+
+    fn figures(&mut self, figures: &[Figure]) -> Result<(), ImageError> {
         for figure in figures {
             let data = STANDARD.encode(figure.image.png()?);
             let caption = inline(&figure.caption);
@@ -75,7 +93,6 @@ impl Page {
                  <figcaption>{caption}</figcaption></figure>"
             );
         }
-        self.body += "</div>\n";
         Ok(())
     }
 
@@ -127,11 +144,13 @@ mod tests {
         page.table(&["name", "ms"], &[vec!["\"x\" & y".into(), "1.5".into()]]);
         let image = Image::from_fn(2, 1, |x, _| [x as f32; 3]);
         page.pictures(&[Figure { caption: "two pixels".into(), image: &image }]).unwrap();
+        page.rows(4, &[Figure { caption: "again".into(), image: &image }]).unwrap();
         let html = page.html();
         assert!(!html.contains("<script>"), "{html}");
         assert!(html.contains("<code>b &lt; c</code>") && html.contains("&quot;x&quot; &amp; y"), "{html}");
         let data = html.split("base64,").nth(1).and_then(|rest| rest.split('"').next()).expect("a picture");
         assert!(STANDARD.decode(data).expect("base64").starts_with(b"\x89PNG"));
+        assert_eq!(html.matches("<figure>").count(), 2);
         assert!(!html.contains("http"), "nothing is fetched");
     }
 }

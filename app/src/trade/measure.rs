@@ -3,15 +3,14 @@
 use super::error::{self, Error};
 use super::settings::Setting;
 use crate::image::Image;
-use crate::session::{FrameOptions, Session, SessionError, image_of};
+use crate::session::{FrameOptions, Session, SessionError};
+use crate::shot::{self, ShotError};
 use crate::stats::CameraStats;
 use crate::truth::Truth;
 use serde::{Deserialize, Serialize};
-use splatgraph_api::{Device, FrameResult, Inspect};
+use splatgraph_api::{Device, FrameResult};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::PassId;
-use splatgraph_framework::plan::Plan;
-use splatgraph_reference::{Rules, depth_order, inversions};
+use splatgraph_reference::{Rules, depth_order};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -199,49 +198,20 @@ pub struct Drawn {
 /// # Errors
 /// The device fails. The inner error says why the picture cannot be compared.
 pub fn draw<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
-    let plan = session.plan().ok_or(SessionError::NotPrepared)?;
-    let inspect: Vec<Inspect> = order_of(plan).into_iter().filter(|_| !view.order.is_empty()).collect();
-    let output = plan.resource(plan.output).name.clone();
     // The second frame: one with the order of the last frame has one.
     frame(session, &view.camera)?;
-    let options = FrameOptions { read_output: true, inspect, ..FrameOptions::default() };
-    let second = session.submit(&view.camera, &options)?;
-    let result = session.wait(second)?;
-    let Some(picture) = result.output.as_ref().and_then(image_of) else {
-        return Ok(Err(format!("the graph's output `{output}` has no colours")));
+    let shot = match shot::take(session, &view.camera) {
+        Ok(shot) => shot,
+        Err(ShotError::Session(error)) => return Err(error),
+        Err(error) => return Ok(Err(error.to_string())),
     };
-    let error = match error::measure(&picture, &view.picture, &view.covered) {
+    let error = match error::measure(&shot.image, &view.picture, &view.covered) {
         Ok(error) => error,
         Err(error) => return Ok(Err(error.to_string())),
     };
-    let visible = result.stats.iter().find(|(name, _)| name == "visible").map(|(_, count)| *count as usize);
-    let inversions = match (result.inspected.first(), visible) {
-        (Some(bytes), Some(visible)) => inverted(bytes, visible, &view.order),
-        _ => None,
-    };
-    Ok(Ok(Drawn { picture, error, inversions, counts: result.stats }))
-}
-
-/// Finds the order of the splats, as the last pass that binds it reads it; `None` if another pass changes it until the frame's end,
-/// when contents are read.
-fn order_of(plan: &Plan) -> Option<Inspect> {
-    let steps = || plan.frame.iter().rev().map(|step| step.pass);
-    let order = |pass: PassId| plan.pass(pass).bindings.iter().find(|binding| binding.name == "Order");
-    let (after, resource) = steps().find_map(|pass| Some((pass, order(pass)?.resource)))?;
-    let binds = |pass: &PassId| plan.pass(*pass).bindings.iter().any(|binding| binding.resource == resource);
-    (steps().find(binds) == Some(after)).then_some(Inspect { resource, after })
-}
-
-/// Counts the pairs of the first `visible` splats that are in another order than in `truth`; `None` if one is not in it.
-fn inverted(bytes: &[u8], visible: usize, truth: &[u32]) -> Option<u64> {
-    let word = |bytes: &[u8]| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
-    let given: Vec<u32> = bytes.chunks_exact(4).take(visible).map(word).collect();
-    let mut seen = vec![false; truth.iter().max().map_or(0, |most| *most as usize + 1)];
-    for index in &given {
-        *seen.get_mut(*index as usize)? = true;
-    }
-    let truth: Vec<u32> = truth.iter().copied().filter(|index| seen[*index as usize]).collect();
-    inversions(&truth, &given)
+    let order = shot.order.filter(|_| !view.order.is_empty());
+    let inversions = order.and_then(|order| shot::wrong_pairs(&view.order, &order));
+    Ok(Ok(Drawn { picture: shot.image, error, inversions, counts: shot.counts }))
 }
 
 /// Time that the frames of a round take together, about.

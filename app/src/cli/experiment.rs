@@ -1,0 +1,169 @@
+//! Runs `splatgraph experiment`: pages that show what an equation says.
+
+use super::options::{self, DeviceArgs};
+use super::{Outcome, Usage, claim_graph_files};
+use crate::backend::Backend;
+use crate::demo;
+use crate::experiment::{GRAPH, order, sh};
+use crate::fit;
+use crate::output::names::{self, MAX_NAME_BYTES};
+use crate::output::{Claims, one_line, say};
+use crate::progress::Progress;
+use crate::report::page::Page;
+use crate::session::Session;
+use anyhow::{Context, Result};
+use splatgraph_api::Device;
+use splatgraph_assets::Camera;
+use std::path::PathBuf;
+
+/// Write a page that shows what an equation of splatting says, on a scene
+///
+/// An experiment changes one thing, draws, and holds the pictures against the exact renderer's. The page holds pictures,
+/// differences, tables, and the equation that they follow from; it needs no other file.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  splatgraph experiment order                             # the demo scene; writes experiment-order.html
+  splatgraph experiment sh scene.ply -c cameras.json#3 -o sh.html
+  splatgraph experiment order scene.ply --size 1280x720")]
+pub struct Args {
+    #[command(subcommand)]
+    kind: Kind,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Kind {
+    /// Blend the splats in four orders, and with coarser and coarser keys of depth
+    ///
+    /// Unsorted, back to front, front to back as if it were back to front, and front to back: pictures, differences, the pairs of
+    /// splats in the wrong order, and the term of the sum that changes. One camera is drawn, the first.
+    Order(Common),
+    /// Leave out bands of the spherical harmonics, where the scene is glossiest
+    ///
+    /// Bands up to 0, 1, 2 and 3 of the part of the picture whose colours depend most on the direction, from three directions
+    /// around it, or from the given cameras if there are several; the error, and what the sum of the squared coefficients says.
+    Sh(Common),
+}
+
+/// The options of every experiment.
+#[derive(Debug, clap::Args)]
+struct Common {
+    /// A .ply file in the layout of the reference implementation [default: the demo scene, which the first use generates]
+    scene: Option<PathBuf>,
+    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
+    #[arg(short, long, value_name = "FILE[#INDEX]")]
+    cameras: Option<String>,
+    /// Size of the pictures [default: the cameras', at most 640 pixels wide]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
+    size: Option<(u32, u32)>,
+    /// The page, or `-` for standard output [default: experiment-order.html or experiment-sh.html]
+    #[arg(short, long, value_name = "FILE.html")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+/// Width of the pictures without `--size`, in pixels: a page holds some twenty of them.
+const WIDTH: u32 = 640;
+
+impl Args {
+    /// Returns the page's path.
+    fn output(&self) -> PathBuf {
+        self.kind.common().output.clone().unwrap_or_else(|| self.kind.page().into())
+    }
+}
+
+impl Kind {
+    fn common(&self) -> &Common {
+        match self {
+            Kind::Order(common) | Kind::Sh(common) => common,
+        }
+    }
+
+    fn page(&self) -> &'static str {
+        match self {
+            Kind::Order(_) => "experiment-order.html",
+            Kind::Sh(_) => "experiment-sh.html",
+        }
+    }
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    let common = args.kind.common();
+    let output = args.output();
+    let given = common.cameras.as_deref().map(options::cameras).transpose()?;
+    let names = options::camera_names(common.scene.as_deref(), given.as_deref());
+    let stems = names::unique(&names, MAX_NAME_BYTES);
+    let mut claims = claims(args)?;
+    let device = Backend::open(&common.device.options())?;
+    if let Some(path) = &common.scene {
+        fit::check_header(path, device.info(), GRAPH, &[])?;
+    }
+    let (scene, cameras) = options::scene_and_cameras(common.scene.as_deref(), given, &stems, common.size)?;
+    let cameras: Vec<Camera> = match common.size {
+        Some(_) => cameras,
+        None => cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect(),
+    };
+    let view = view(common, &scene, &cameras, device.info());
+    let mut session = Session::new(device, scene, GRAPH, &[]);
+    // The files of the graph are known once it has been read.
+    let first = cameras.first().context("no cameras")?;
+    session.controls((first.width, first.height))?;
+    claim_graph_files(&mut claims, &session.files())?;
+
+    let mut progress = Progress::new(format!("experiment {}", args.kind.page()));
+    let mut report = |done: usize, of: usize, step: &str| progress.set(done as u64, of as u64, step);
+    let mut messages = Vec::new();
+    let page: Page = match &args.kind {
+        Kind::Order(_) => {
+            let (found, own) = order::measure(&mut session, first, view, &mut report)?;
+            messages.extend(own.into_device().close());
+            order::page(&found)?
+        }
+        Kind::Sh(_) => sh::page(&sh::measure(&mut session, &cameras, view, &mut report)?)?,
+    };
+    drop(progress);
+    options::write_text(Some(&output), &page.html())?;
+    if !crate::output::is_standard_output(&output) {
+        say(format!("{}: open it in a browser", output.display()));
+    }
+    messages.extend(session.into_device().close());
+    Ok(super::validated(common.device.validate, &messages))
+}
+
+/// Describes what the page shows.
+fn view(
+    common: &Common,
+    scene: &splatgraph_assets::Scene,
+    cameras: &[Camera],
+    device: &splatgraph_api::DeviceInfo,
+) -> String {
+    let name =
+        common.scene.as_ref().map_or_else(|| "the demo scene".into(), |path| path.display().to_string());
+    let names: Vec<_> = cameras.iter().map(|camera| one_line(&camera.img_name)).collect();
+    let size = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
+    format!(
+        "Scene: {}, {} splats. Camera: {}, {} x {} pixels. Device: {}. Version: {}.",
+        one_line(&name),
+        scene.count(),
+        names.join(", "),
+        size.0,
+        size.1,
+        device.name,
+        env!("CARGO_PKG_VERSION")
+    )
+}
+
+/// Lists the files; an error if the page would destroy an input.
+pub(super) fn claims(args: &Args) -> Result<Claims, Usage> {
+    let common = args.kind.common();
+    let mut claims = Claims::default();
+    match &common.scene {
+        Some(path) => claims.input("the scene", path)?,
+        None => demo::path().map_or(Ok(()), |path| claims.input("the demo scene", &path))?,
+    }
+    if let Some(cameras) = &common.cameras {
+        options::claim_cameras(&mut claims, cameras)?;
+    }
+    claims.output("--output", &args.output())?;
+    Ok(claims)
+}

@@ -1,0 +1,64 @@
+//! Moves cameras around a point, and turns them towards it.
+//!
+//! Everything is relative to the camera that is given: captured scenes have no up, but each of their cameras has.
+
+use glam::{DMat3, DQuat, DVec3};
+use splatgraph_assets::Camera;
+
+/// Moves a camera around a point by an angle, about its own vertical axis. The point stays where it is in the picture.
+///
+/// A positive angle, in degrees, moves the camera to its left.
+pub fn turned(camera: &Camera, around: [f64; 3], degrees: f64) -> Camera {
+    let axes = camera.axes().map(DVec3::from);
+    let turn = DQuat::from_axis_angle(axes[1].normalize_or(DVec3::Y), degrees.to_radians());
+    let around = DVec3::from(around);
+    let position = around + turn * (DVec3::from(camera.position) - around);
+    with_axes(camera, position, axes.map(|axis| turn * axis))
+}
+
+/// Turns a camera to a point and zooms in, into pictures of another size. Its roll stays.
+pub fn facing(camera: &Camera, target: [f64; 3], zoom: f64, (width, height): (u32, u32)) -> Camera {
+    let [right, down, forward] = camera.axes().map(DVec3::from);
+    let position = DVec3::from(camera.position);
+    let forward = (DVec3::from(target) - position).normalize_or(forward);
+    let right = down.cross(forward).normalize_or(right);
+    let factor = zoom * f64::from(width) / f64::from(camera.width);
+    let turned = with_axes(camera, position, [right, forward.cross(right), forward]);
+    Camera { width, height, fx: camera.fx * factor, fy: camera.fy * factor, ..turned }
+}
+
+fn with_axes(camera: &Camera, position: DVec3, [right, down, forward]: [DVec3; 3]) -> Camera {
+    let rotation = DMat3::from_cols(right, down, forward).transpose().to_cols_array_2d();
+    Camera { position: position.into(), rotation, ..camera.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(a: [f64; 3], b: [f64; 3]) -> bool {
+        (0..3).all(|i| (a[i] - b[i]).abs() < 1e-12)
+    }
+
+    #[test]
+    fn a_turned_camera_sees_the_point_in_the_same_place() {
+        let camera = Camera::looking_at([1.0, -2.0, 3.0], [0.5, 0.0, 0.0], 60.0, (64, 48));
+        let point = [0.2, 0.1, -0.3];
+        let moved = turned(&camera, point, 30.0);
+        assert_eq!(moved.fault(), None);
+        assert!(close(camera.to_view(point), moved.to_view(point)), "{moved:?}");
+        assert!(camera.to_view(moved.position)[0] < -1.0, "to the left: {moved:?}");
+        let back = turned(&moved, point, -30.0);
+        assert!(close(back.position, camera.position) && close(back.rotation[0], camera.rotation[0]));
+    }
+
+    #[test]
+    fn a_camera_that_faces_a_point_has_it_in_the_middle_and_larger() {
+        let camera = Camera::looking_at([1.0, -2.0, 3.0], [0.5, 0.0, 0.0], 60.0, (64, 48));
+        let facing = facing(&camera, [5.0, 1.0, 0.0], 3.0, (32, 24));
+        assert_eq!(facing.fault(), None);
+        let [x, y, z] = facing.to_view([5.0, 1.0, 0.0]);
+        assert!(x.abs() < 1e-12 && y.abs() < 1e-12 && z > 0.0);
+        assert!((facing.fx - 1.5 * camera.fx).abs() < 1e-12 && facing.height == 24);
+    }
+}

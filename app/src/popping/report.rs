@@ -1,0 +1,181 @@
+//! Writes scores as a table for people, as CSV, and as a plot.
+
+use super::measure::Track;
+use crate::metrics::WorstPixel;
+use crate::report::plot::{Axis, Plot, Series};
+use serde::Serialize;
+
+/// A variant over the whole path.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// The variant's name.
+    pub name: String,
+    /// Mean pop of the steps.
+    pub pop: f64,
+    /// Mean excess of the steps.
+    pub excess: f64,
+    /// The largest pop of a step, and the camera that the step ends at.
+    pub worst_step: f64,
+    /// See `worst_step`.
+    pub worst_camera: String,
+    /// The pixel whose error changes most, of all steps.
+    pub worst: WorstPixel,
+    /// Mean number of pairs of splats that change places in a step.
+    pub order_changes: Option<f64>,
+    /// The same for the true order of the same splats.
+    pub true_order_changes: Option<f64>,
+}
+
+/// Sums the steps of a variant up.
+pub fn summary(track: &Track) -> Summary {
+    let steps = &track.steps;
+    let count = steps.len().max(1) as f64;
+    let mean = |of: &dyn Fn(usize) -> f64| (0..steps.len()).map(of).sum::<f64>() / count;
+    let step = steps.iter().max_by(|a, b| a.score.pop.total_cmp(&b.score.pop));
+    let pixel = steps.iter().map(|step| step.score.worst);
+    let changes = |of: &dyn Fn(usize) -> Option<u64>| {
+        (0..steps.len()).map(of).sum::<Option<u64>>().map(|sum| sum as f64 / count)
+    };
+    Summary {
+        name: track.variant.name.clone(),
+        pop: mean(&|at| steps[at].score.pop),
+        excess: mean(&|at| steps[at].score.excess),
+        worst_step: step.map_or(0.0, |step| step.score.pop),
+        worst_camera: step.map_or_else(String::new, |step| step.camera.clone()),
+        worst: pixel.max_by(|a, b| a.difference.total_cmp(&b.difference)).unwrap_or(WorstPixel {
+            difference: 0.0,
+            x: 0,
+            y: 0,
+        }),
+        order_changes: changes(&|at| steps[at].order_changes),
+        true_order_changes: changes(&|at| steps[at].true_order_changes),
+    }
+}
+
+/// Formats summaries as a table for a terminal.
+pub fn table(summaries: &[Summary]) -> String {
+    let optional = |value: Option<f64>| value.map_or("-".into(), |v| format!("{v:.0}"));
+    let header = [
+        "variant",
+        "pop",
+        "excess",
+        "worst step",
+        "at",
+        "worst pixel",
+        "at",
+        "order changes",
+        "true changes",
+    ];
+    let mut rows = vec![header.map(String::from)];
+    rows.extend(summaries.iter().map(|found| {
+        [
+            found.name.clone(),
+            format!("{:.3e}", found.pop),
+            format!("{:.3e}", found.excess),
+            format!("{:.3e}", found.worst_step),
+            found.worst_camera.clone(),
+            format!("{:.4}", found.worst.difference),
+            format!("{},{}", found.worst.x, found.worst.y),
+            optional(found.order_changes),
+            optional(found.true_order_changes),
+        ]
+    }));
+    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..header.len()).map(width).collect();
+    let line = |row: &[String; 9]| {
+        let first = format!("{:1$}", row[0], widths[0]);
+        let rest = row.iter().zip(&widths).skip(1).map(|(cell, width)| format!("  {cell:>width$}"));
+        rest.fold(first, |line, cell| line + &cell) + "\n"
+    };
+    rows.iter().map(line).collect()
+}
+
+/// Writes every step of every variant as CSV (RFC 4180), with all digits; a value that there is none of is empty.
+pub fn csv(tracks: &[Track]) -> String {
+    let mut text = String::from(
+        "variant,step,camera,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes\n",
+    );
+    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+    let optional = |value: Option<u64>| value.map_or(String::new(), |v| v.to_string());
+    for track in tracks {
+        for (at, step) in track.steps.iter().enumerate() {
+            let cells = [
+                quoted(&track.variant.name),
+                (at + 1).to_string(),
+                quoted(&step.camera),
+                step.score.pop.to_string(),
+                step.score.excess.to_string(),
+                step.score.worst.difference.to_string(),
+                step.score.worst.x.to_string(),
+                step.score.worst.y.to_string(),
+                step.score.change.to_string(),
+                step.score.true_change.to_string(),
+                optional(step.order_changes),
+                optional(step.true_order_changes),
+            ];
+            text += &(cells.join(",") + "\n");
+        }
+    }
+    text
+}
+
+/// Plots the pop of each step.
+pub fn plot(tracks: &[Track]) -> Plot {
+    let line = |track: &Track| {
+        let points = track.steps.iter().enumerate().map(|(at, step)| ((at + 1) as f64, step.score.pop));
+        Series::line(&track.variant.name, points)
+    };
+    Plot {
+        title: "Change of the error from frame to frame".into(),
+        x: Axis { label: "step of the path".into(), logarithmic: false },
+        y: Axis { label: "pop: mean |E' - E| of a pixel".into(), logarithmic: true },
+        series: tracks.iter().map(line).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::measure::{Step, Variant};
+    use super::super::score::Score;
+    use super::*;
+
+    fn track() -> Track {
+        let step = |camera: &str, pop: f64, changes: Option<u64>| Step {
+            camera: camera.into(),
+            score: Score {
+                pop,
+                excess: 0.5 * pop,
+                worst: WorstPixel { difference: 2.0 * pop, x: 3, y: 4 },
+                change: 0.5,
+                true_change: 0.25,
+            },
+            order_changes: changes,
+            true_order_changes: Some(2),
+        };
+        let variant = Variant { name: "a \"b\"".into(), pipeline: "splat".into(), set: Vec::new() };
+        Track { variant, steps: vec![step("x", 0.1, Some(3)), step("y", 0.3, Some(4))] }
+    }
+
+    #[test]
+    fn a_summary_has_the_means_and_the_worst() {
+        let found = summary(&track());
+        assert!((found.pop - 0.2).abs() < 1e-12 && (found.excess - 0.1).abs() < 1e-12, "{found:?}");
+        assert_eq!((found.worst_step, found.worst_camera.as_str()), (0.3, "y"));
+        assert_eq!((found.worst.difference, found.order_changes), (0.6, Some(3.5)));
+        let mut without = track();
+        without.steps[0].order_changes = None;
+        assert_eq!(summary(&without).order_changes, None);
+    }
+
+    #[test]
+    fn tables_are_aligned_and_csv_has_a_line_for_each_step() {
+        let text = table(&[summary(&track())]);
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines.len() == 2 && lines[0].len() == lines[1].len(), "{text}");
+        let text = csv(&[track()]);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 3, "{text}");
+        assert!(lines[2].starts_with("\"a \"\"b\"\"\",2,\"y\",0.3,0.15,0.6,3,4,0.5,0.25,4,2"), "{text}");
+        assert_eq!(plot(&[track()]).series[0].points.len(), 2);
+    }
+}

@@ -1,0 +1,100 @@
+//! `popping`: the error that changes from frame to frame, as a command.
+
+use crate::files::Place;
+use serde_json::Value;
+use splatgraph_assets::{Camera, synth};
+use std::fs;
+
+/// Runs the command without an error, with validation, and returns its JSON.
+fn popping(place: &Place, more: &[&str]) -> Value {
+    let args = ["popping", "scene.ply", "--device", "llvmpipe", "--validate", "--json", "popping.json"];
+    let (code, errors) = place.code(&[&args[..], more].concat());
+    assert_eq!(code, Some(0), "{errors}");
+    serde_json::from_slice(&fs::read(place.at("popping.json")).expect("it is written")).expect("JSON")
+}
+
+/// A number of a variant's summary.
+fn of(found: &Value, name: &str, key: &str) -> f64 {
+    let all = found["variants"].as_array().expect("a list");
+    let row =
+        all.iter().find(|row| row["summary"]["name"] == name).unwrap_or_else(|| panic!("{name}: {all:?}"));
+    row["summary"][key].as_f64().unwrap_or_else(|| panic!("{name} has no {key}: {row}"))
+}
+
+#[test]
+fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
+    let place = Place::new();
+    synth::generate("demo", 3000, 0).expect("a scene").write_ply(place.at("scene.ply")).expect("written");
+    let mut command: Vec<&str> = vec!["--frames", "4", "--step", "2", "--size", "96x64", "-o", "out"];
+    for name in ["splat", "front_to_back", "unsorted", "stale_order"] {
+        command.extend(["-p", name]);
+    }
+    command.extend(["--with", "key_bits=8", "--with", "key_bits=12"]);
+    let found = popping(&place, &command);
+    let pop = |name: &str| of(&found, name, "pop");
+
+    // The true order, by either operator: what is left is the cut of the quads.
+    assert!(pop("splat") < 1e-4 && (pop("splat") / pop("front_to_back") - 1.0).abs() < 0.1, "{found:#}");
+    assert!(pop("key_bits=8") > 5.0 * pop("splat"), "{found:#}");
+    assert!(pop("key_bits=12") < pop("key_bits=8"), "{found:#}");
+    assert!(pop("stale_order") > pop("splat"), "{found:#}");
+    assert!(pop("unsorted") > pop("key_bits=8"), "its error is the largest, and moves with the surfaces");
+
+    // The file's order never changes, the sorted one exactly as the truth does.
+    let changes = |name: &str, key: &str| of(&found, name, key);
+    assert_eq!(changes("unsorted", "order_changes"), 0.0);
+    assert!(changes("unsorted", "true_order_changes") > 100.0, "{found:#}");
+    assert_eq!(changes("splat", "order_changes"), changes("splat", "true_order_changes"));
+
+    for row in found["variants"].as_array().expect("a list") {
+        let steps = row["track"]["steps"].as_array().expect("a list");
+        assert_eq!(steps.len(), 3);
+        for step in steps {
+            let number = |key: &str| step[key].as_f64().expect("a number");
+            assert!(number("excess") <= number("pop"), "{step}");
+            assert!(step["worst"]["difference"].as_f64() >= Some(number("pop")), "{step}");
+            assert!(number("true_change") > 0.0, "the camera moves: {step}");
+        }
+    }
+    let csv = fs::read_to_string(place.at("out/popping.csv")).expect("it is written");
+    assert_eq!(csv.lines().count(), 1 + 6 * 3, "{csv}");
+    assert!(fs::read_to_string(place.at("out/popping.svg")).expect("it is written").contains("key_bits=8"));
+    assert!(fs::read(place.at("out/popping.png")).expect("it is written").starts_with(b"\x89PNG"));
+}
+
+#[test]
+fn a_camera_at_rest_pops_in_no_order() {
+    let place = Place::new();
+    place.cameras(&["one", "two", "three"]);
+    let found = popping(
+        &place,
+        &["-c", "cameras.json", "-p", "unsorted", "-p", "stale_order", "--with", "key_bits=8"],
+    );
+    for name in ["unsorted", "stale_order", "key_bits=8"] {
+        assert_eq!((of(&found, name, "pop"), of(&found, name, "worst_step")), (0.0, 0.0), "{found:#}");
+    }
+    assert_eq!(of(&found, "key_bits=8", "order_changes"), 0.0);
+}
+
+#[test]
+fn mistakes_on_a_path_are_told_before_anything_is_drawn() {
+    let place = Place::new();
+    place.cameras(&["one", "two"]);
+    let mut cameras = Camera::load(place.at("cameras.json")).expect("cameras");
+    cameras[1] = cameras[1].resized(32, 24);
+    Camera::save(&cameras, place.at("sizes.json")).expect("written");
+    for (args, code, why) in [
+        (&["-c", "sizes.json"][..], 1, "expected pictures of one size along the path"),
+        (&["-p", "splatt"], 1, "splatt"),
+        (&["--with", "key_bits"], 2, "NAME=VALUE"),
+        (&["--with", "key_bitz=8"], 1, "key_bitz"),
+        (&["--frames", "1"], 2, "--frames"),
+        (&["--step", "many"], 2, "degrees"),
+        (&["--json", "scene.ply"], 2, "would overwrite the scene"),
+        (&["-c", "cameras.json", "--json", "cameras.json"], 2, "would overwrite the cameras"),
+        (&["--size", "16384x16384"], 1, "expected true pictures of at most 4096 MiB"),
+    ] {
+        let found = place.code(&[&["popping", "scene.ply"], args].concat());
+        assert!(found.0 == Some(code) && found.1.contains(why), "{args:?}: {found:?}");
+    }
+}
