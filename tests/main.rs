@@ -7,6 +7,8 @@
 // Tests write files and lines as they like; the program does so through its module `output` alone.
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
+#[cfg(target_os = "linux")]
+mod advise;
 mod commands;
 mod common;
 mod covariance;

@@ -49,7 +49,7 @@ pub fn frame_uniforms(
 }
 
 /// Computes the least and greatest view depth of the scene's box, neither nearer than [`NEAR`].
-fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
+pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     let (near, far) = camera.depth_range(bounds);
     [near.max(NEAR), far.max(NEAR)]
 }

@@ -18,6 +18,7 @@
 //! - [`image`] and [`metrics`]: picture files, and differences between pictures;
 //! - [`report`]: plots, and pages in one file;
 //! - [`trade`]: the cost of each setting, in time and in accuracy;
+//! - [`advise`]: what a scene needs, and the cheapest setting within a budget;
 //! - [`sweep`]: the cost of a budget of splats;
 //! - [`experiment`]: pages that show what an equation says, on a scene;
 //! - [`popping`]: the error that changes from frame to frame;
@@ -29,6 +30,7 @@
 // Tests write files and lines as they like; the program does so through `output` alone.
 #![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
 
+pub mod advise;
 pub mod backend;
 pub mod builtin;
 pub mod camera;

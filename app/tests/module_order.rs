@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 25] = [
+const CRATE: [&str; 26] = [
     "numbers",
     "output",
     "backend",
@@ -28,6 +28,7 @@ const CRATE: [&str; 25] = [
     "shot",
     "trade",
     "sweep",
+    "advise",
     "experiment",
     "popping",
     "view",

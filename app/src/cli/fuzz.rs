@@ -4,7 +4,8 @@
 mod words;
 
 use super::{
-    Cli, Command, Usage, compare, dump, experiment, options, popping, render, sweep, synth, trade, view,
+    Cli, Command, Usage, advise, compare, dump, experiment, options, popping, render, sweep, synth, trade,
+    view,
 };
 use anyhow::Result;
 use clap::Parser;
@@ -28,6 +29,7 @@ fn check(command: &Command) -> Result<()> {
         Command::Synth(args) => Ok(synth::check_files(args)?),
         Command::Trade(args) => Ok(trade::claim_files(args)?),
         Command::Sweep(args) => Ok(sweep::claim_files(args)?),
+        Command::Advise(args) => Ok(advise::claim_files(args)?),
         Command::Experiment(args) => Ok(experiment::claims(args).map(drop)?),
         Command::Popping(args) => Ok(popping::claims(args).map(drop)?),
         Command::Check(_) | Command::Info(_) | Command::Devices(_) => Ok(()),

@@ -5,6 +5,7 @@
 //! 128 and the signal's number after a signal. It says whether the work was done, not whether its lines could be written.
 //! An output that would overwrite an input or another output is an invalid command line, found before anything is drawn.
 
+mod advise;
 mod check;
 mod compare;
 mod devices;
@@ -48,6 +49,7 @@ use std::process::ExitCode;
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
+  splatgraph advise scene.ply --psnr 45             # the fastest setting that is accurate enough
   splatgraph sweep scene.ply                        # quality and time with fewer and fewer splats
   splatgraph experiment order                       # a page on the order of splats
   splatgraph popping                                # the error that changes from frame to frame
@@ -74,6 +76,7 @@ enum Command {
     Synth(synth::Args),
     Trade(trade::Args),
     Sweep(sweep::Args),
+    Advise(advise::Args),
     Experiment(experiment::Args),
     Popping(popping::Args),
     Devices(devices::Args),
@@ -145,6 +148,7 @@ pub fn main() -> ExitCode {
         Command::Synth(args) => synth::run(args),
         Command::Trade(args) => trade::run(args),
         Command::Sweep(args) => sweep::run(args),
+        Command::Advise(args) => advise::run(args),
         Command::Experiment(args) => experiment::run(args),
         Command::Popping(args) => popping::run(args),
         Command::Devices(args) => devices::run(args),

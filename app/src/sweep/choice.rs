@@ -67,8 +67,8 @@ pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32
     (choice != Choice::Nearest).then(|| all.into_iter().map(|(_, index)| index).collect())
 }
 
-/// The product of a splat's two longest half axes: its outline from where it looks largest, in square world units over pi.
-fn world_area(scene: &Scene, index: usize) -> f64 {
+/// Computes the product of a splat's two longest half axes: its largest outline, in square world units over pi.
+pub fn world_area(scene: &Scene, index: usize) -> f64 {
     let [a, b, c] = scene.scales()[index].map(f64::from);
     (a * b).max(b * c).max(a * c)
 }

@@ -32,5 +32,5 @@ mod rules;
 
 pub use gaussian::{Gaussian, Splats};
 pub use order::{depth_order, inversions};
-pub use raster::{Picture, Progress, render};
+pub use raster::{Picture, Progress, Visible, render, visible};
 pub use rules::{Depth, Extent, LowPass, RULES, RuleError, RuleInfo, Rules, ShDirection, Ties};

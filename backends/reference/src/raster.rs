@@ -26,6 +26,29 @@ pub struct Picture {
     pub contributors: Vec<u32>,
 }
 
+/// A splat that can show in an image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Visible {
+    /// Index among the splats.
+    pub index: u32,
+    /// The view depth that is sorted by.
+    pub depth: f64,
+    /// Tiles of 16 x 16 pixels that it touches: first column, first row, and the ones after the last.
+    pub tiles: [u32; 4],
+}
+
+/// Lists the splats that touch a tile of the image, near to far, and counts the tiles across and down.
+pub fn visible(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rules) -> (Vec<Visible>, [u32; 2]) {
+    let projector = Projector::new(camera, rules);
+    let of = |ellipse: Ellipse| Visible { index: ellipse.index, depth: ellipse.depth, tiles: ellipse.tiles };
+    let mut visible: Vec<Visible> = (0..splats.count())
+        .into_par_iter()
+        .filter_map(|index| projector.project(index as u32, &splats.get(index)).map(of))
+        .collect();
+    order::sort(&mut visible, rules, |splat| (splat.depth, splat.index));
+    (visible, projector.grid)
+}
+
 /// One pixel while it is blended, and after.
 #[derive(Clone, Copy)]
 struct Pixel {

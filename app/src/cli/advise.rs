@@ -1,0 +1,415 @@
+//! Runs `splatgraph advise`: what a scene needs, and the cheapest setting within a budget.
+
+use super::options::{self, DEFAULT_PIPELINE, DeviceArgs};
+use super::{Outcome, Usage};
+use crate::advise::harmonics::{self, Band};
+use crate::advise::keys::{self, Mapping, Need, WIDTHS};
+use crate::advise::search::{Budget, Tried, best, combinations};
+use crate::backend::Backend;
+use crate::builtin;
+use crate::fit;
+use crate::orbit;
+use crate::output::Claims;
+use crate::output::names::{self, MAX_NAME_BYTES};
+use crate::progress::Progress;
+use crate::session::Session;
+use crate::trade::measure::{Effort, View, measure, suitable_frames};
+use crate::trade::settings::{self, EXACT, Setting};
+use crate::truth::Truth;
+use anyhow::{Context, Result};
+use serde_json::json;
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Report, Scene};
+use splatgraph_framework::lower::Control;
+use splatgraph_reference::{Rules, visible};
+use std::path::{Path, PathBuf};
+
+/// Advise how to draw a scene: its flaws, its keys, its harmonics, and the cheapest setting within a budget
+///
+/// Without a budget, this needs no graphics device and says what the scene is like: what was dropped and what is unusual; the
+/// width at which depth keys put every two splats that overlap on the screen in the right order, for each mapping of depth to
+/// keys; how much each band of spherical harmonics changes the colours.
+///
+/// With --psnr or --ms, it draws the scene with one parameter changed at a time, predicts what several do together, draws the
+/// most promising, and advises the best that it measured to be within the budget, as a command. PSNR is that of every view
+/// against the exact renderer (`render --backend reference`), as `compare` measures it. The exit code is 1 if there is none.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  splatgraph advise scene.ply -c cameras.json                # what the scene is like
+  splatgraph advise scene.ply -c cameras.json --psnr 45      # the fastest setting with 45 dB in every view
+  splatgraph advise scene.ply --ms 2 --size 1920x1080        # the most accurate within 2 ms
+  splatgraph advise --psnr 50 --json advice.json             # the demo scene")]
+pub struct Args {
+    /// A .ply file in the layout of the reference implementation [default: the demo scene]
+    scene: Option<PathBuf>,
+    /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are tried as they are
+    #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
+    pipeline: String,
+    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: four around the scene]
+    #[arg(short, long, value_name = "FILE[#INDEX]")]
+    cameras: Option<String>,
+    /// Size of the pictures [default: the cameras']
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
+    size: Option<(u32, u32)>,
+    /// Least PSNR of every view against the truth, in decibels
+    #[arg(long, value_name = "DB", value_parser = positive)]
+    psnr: Option<f64>,
+    /// Greatest GPU time of a frame, mean of the views, in milliseconds
+    #[arg(long, value_name = "MS", value_parser = positive)]
+    ms: Option<f64>,
+    /// Pairs of overlapping splats in a view that a depth key may leave in the wrong order
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    errors: u64,
+    /// Write everything as JSON to this file; `-` is standard output
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Rounds of frames, whose medians are compared
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: u32,
+    /// Frames of a setting in a round, in turns with as many of the exact settings [default: what takes 0.2 s, 1 to 30]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    frames: Option<u32>,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+/// Parses a number above 0.
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
+    number.ok_or_else(|| "expected a number above 0".into())
+}
+
+/// Most combinations that are drawn, and the number within the budget after which no more are.
+const DRAWN: (usize, usize) = (12, 3);
+/// Views around a scene without cameras.
+const AROUND: u32 = 4;
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    let given = args.cameras.as_deref().map(options::cameras).transpose()?;
+    let stems =
+        names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), MAX_NAME_BYTES);
+    claim_files(args)?;
+    let sampled = given.is_none();
+    let (scene, mut cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
+    if sampled {
+        cameras = around(&scene, cameras.first().context("no cameras")?);
+    }
+    let report = Report::new(&scene, &cameras);
+    let needs = needs(&scene, &cameras, args.errors);
+    let bands = harmonics::bands(&scene);
+    let name = args.scene.as_ref().map_or_else(|| "the demo scene".into(), |path| path.display().to_string());
+    let silent = args.json.as_deref().is_some_and(crate::output::is_standard_output);
+    let tell = |text: &str| if silent { Ok(()) } else { options::write_text(None, text) };
+    tell(&format!("{name}: {report}{}{}", keys_text(&needs, args.errors), bands_text(&bands)))?;
+
+    let budget = Budget { psnr: args.psnr, ms: args.ms };
+    let mut outcome = Outcome::Done;
+    let mut all =
+        json!({ "scene": args.scene, "cameras": cameras, "report": report, "keys": needs, "bands": bands });
+    if budget != Budget::default() {
+        let device = Backend::open(&args.device.options())?;
+        if let Some(path) = &args.scene {
+            fit::check_header(path, device.info(), &args.pipeline, &[])?;
+        }
+        let mut session = Session::new(device, scene, &args.pipeline, &[]);
+        let tried = search(args, &mut session, &cameras, &needs, &budget)?;
+        let found = best(&tried, &budget);
+        tell(&found.map_or_else(|| nothing(&tried, &budget), |found| advice(args, found, &tried)))?;
+        if found.is_none() {
+            outcome = Outcome::Failed;
+        }
+        all["budget"] = serde_json::to_value(budget)?;
+        all["advised"] = serde_json::to_value(found)?;
+        all["tried"] = serde_json::to_value(&tried)?;
+        if super::validated(args.device.validate, &session.into_device().close()) == Outcome::Failed {
+            outcome = Outcome::Failed;
+        }
+    }
+    if let Some(path) = &args.json {
+        options::write_json(path, &all)?;
+    }
+    Ok(outcome)
+}
+
+/// Returns an error if the JSON would destroy an input.
+pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
+    let mut claims = Claims::default();
+    if let Some(path) = &args.scene {
+        claims.input("the scene", path)?;
+    }
+    if let Some(cameras) = &args.cameras {
+        options::claim_cameras(&mut claims, cameras)?;
+    }
+    claims.input("the graph", Path::new(&args.pipeline))?;
+    if let Some(path) = &args.json {
+        claims.output("--json", path)?;
+    }
+    Ok(())
+}
+
+/// Makes cameras around the middle of a scene, the given one first.
+fn around(scene: &Scene, first: &Camera) -> Vec<Camera> {
+    let center = scene.robust_bounds().center();
+    let turned = |at: u32| Camera {
+        img_name: format!("{} {at}", first.img_name),
+        ..orbit::turned(first, center, 360.0 / f64::from(AROUND) * f64::from(at))
+    };
+    (0..AROUND).map(turned).collect()
+}
+
+/// Finds the widths that keys need in these views.
+fn needs(scene: &Scene, cameras: &[Camera], errors: u64) -> Vec<Need> {
+    let seen: Vec<_> = cameras.iter().map(|camera| visible(scene, camera, &Rules::PUBLISHED)).collect();
+    let view = |((visible, tiles), camera): (&(Vec<_>, [u32; 2]), &Camera)| {
+        let [near, far] = crate::camera::depth_range(camera, &scene.bounds()).map(|z| z as f32);
+        (visible.clone(), *tiles, (near, far))
+    };
+    let views: Vec<_> = seen.iter().zip(cameras).map(view).collect();
+    let views: Vec<keys::View> = views
+        .iter()
+        .map(|(visible, tiles, range)| keys::View { visible, tiles: *tiles, range: *range })
+        .collect();
+    keys::needs(&views, errors)
+}
+
+/// The mapping with the narrowest keys, the cheapest of several.
+fn narrowest(needs: &[Need]) -> Option<(Mapping, u32)> {
+    let of = |need: &Need| Some((need.map, need.bits?));
+    needs.iter().filter_map(of).reduce(|best, other| if other.1 < best.1 { other } else { best })
+}
+
+fn keys_text(needs: &[Need], errors: u64) -> String {
+    let wrong = match errors {
+        0 => "no two splats that overlap change places".to_owned(),
+        errors => format!("at most {errors} pairs of splats that overlap change places in a view"),
+    };
+    let mut text = format!("  depth keys            bits at which {wrong}: ");
+    let of = |need: &Need| match need.bits {
+        Some(bits) => format!("{} {bits}", need.map.name()),
+        None => format!("{} more than {}", need.map.name(), WIDTHS.end()),
+    };
+    text += &needs.iter().map(of).collect::<Vec<_>>().join(", ");
+    match narrowest(needs) {
+        Some((map, bits)) => text + &format!("; narrowest: key_map={} key_bits={bits}\n", map.name()),
+        None => text + "\n",
+    }
+}
+
+fn bands_text(bands: &[Band]) -> String {
+    let of = |band: &Band| {
+        let share = 100.0 * band.share;
+        format!(
+            "  band {:<17}adds {:.4} to a colour in the mean (rms), {share:.1} % of the view-dependent energy\n",
+            band.band, band.rms
+        )
+    };
+    let text: String = bands.iter().skip(1).map(of).collect();
+    match bands.iter().rposition(|band| band.rms > 0.0).unwrap_or(0) {
+        0 => text + "  view dependence       none: sh_degree=0 draws the same picture\n",
+        _ => text,
+    }
+}
+
+/// Measures one parameter at a time and every preset, then the most promising combinations.
+fn search(
+    args: &Args,
+    session: &mut Session<Backend>,
+    cameras: &[Camera],
+    needs: &[Need],
+    budget: &Budget,
+) -> Result<Vec<Tried>> {
+    let first = cameras.first().context("no cameras")?;
+    let controls = session.controls((first.width, first.height))?;
+    let mut singles = settings::list(&args.pipeline, &controls, &builtin::names());
+    singles.extend(advised_keys(&singles[0], &controls, needs));
+    let mut exact = session.beside(&singles[0].pipeline, &singles[0].set)?;
+    exact.prepare((first.width, first.height), &mut |_| {})?;
+    let frames = args.frames.map_or_else(|| suitable_frames(&mut exact, first), Ok)?;
+    let effort = Effort { rounds: args.rounds, frames };
+    let views: Vec<View> = cameras
+        .iter()
+        .map(|camera| {
+            let truth = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::PUBLISHED);
+            View { order: Vec::new(), ..View::exact(session.scene(), camera, &truth, &Rules::PUBLISHED) }
+        })
+        .collect();
+
+    let mut progress = Progress::new("measuring");
+    let of = (singles.len() + DRAWN.0) as u64;
+    let mut tried = Vec::new();
+    for (at, setting) in singles.iter().enumerate() {
+        progress.set(at as u64, of, &setting.name);
+        tried.extend(measured(session, &mut exact, setting, &views, effort)?);
+    }
+    let mut within = 0;
+    for (at, setting) in combinations(&tried, budget).iter().take(DRAWN.0).enumerate() {
+        progress.set((singles.len() + at) as u64, of, &setting.name);
+        // The command need not name what is the default.
+        let setting = Setting { set: changed(&setting.set, &controls), ..setting.clone() };
+        let found = measured(session, &mut exact, &setting, &views, effort)?;
+        within += usize::from(found.as_ref().is_some_and(|found| budget.allows(found)));
+        tried.extend(found);
+        if within == DRAWN.1 {
+            break;
+        }
+    }
+    for found in &mut tried {
+        if found.setting.pipeline == args.pipeline {
+            found.setting.set = changed(&found.setting.set, &controls);
+        }
+    }
+    Ok(tried)
+}
+
+/// The exact settings with keys as narrow as their mapping allows.
+fn advised_keys(exact: &Setting, controls: &[Control], needs: &[Need]) -> Option<Setting> {
+    let of = |name: &str| exact.set.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
+    let bits = needs.iter().find(|need| Some(need.map.name()) == of("key_map"))?.bits?;
+    if of("key_bits")?.parse() == Ok(bits) || !controls.iter().any(|control| control.param.name == "key_bits")
+    {
+        return None;
+    }
+    let mut set = exact.set.clone();
+    set.iter_mut().filter(|(name, _)| name == "key_bits").for_each(|(_, value)| *value = bits.to_string());
+    Some(Setting { name: format!("key_bits = {bits}"), pipeline: exact.pipeline.clone(), set })
+}
+
+/// Leaves out the values that are the graph's defaults.
+fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, String)> {
+    let is_default = |(name, value): &(String, String)| {
+        controls
+            .iter()
+            .any(|control| control.param.name == *name && control.param.value.to_string() == *value)
+    };
+    set.iter().filter(|pair| !is_default(pair)).cloned().collect()
+}
+
+/// Measures a setting in every view; `None` if it cannot be drawn, or draws from the previous frame: stills do not show what that costs.
+fn measured(
+    session: &mut Session<Backend>,
+    exact: &mut Session<Backend>,
+    setting: &Setting,
+    views: &[View],
+    effort: Effort,
+) -> Result<Option<Tried>> {
+    let mut rows = Vec::new();
+    for view in views {
+        exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
+        rows.push(measure(session, exact, setting, view, effort)?);
+        let of_last_frame =
+            |plan: &splatgraph_framework::plan::Plan| plan.resources.iter().any(|r| r.history.is_some());
+        if session.plan().is_some_and(of_last_frame) {
+            return Ok(None);
+        }
+    }
+    Ok(Tried::new(setting, &rows))
+}
+
+fn list(psnr_db: &[f64]) -> String {
+    psnr_db.iter().map(|db| format!("{db:.2}")).collect::<Vec<_>>().join(", ")
+}
+
+fn time(tried: &Tried) -> String {
+    match tried.gpu_ms {
+        Some(ms) => format!("{ms:.3} ms, {:.1} % of the exact settings' time", 100.0 * tried.of_exact),
+        None => "the device has no timestamps".into(),
+    }
+}
+
+/// The advice: a command, and what was measured.
+fn advice(args: &Args, found: &Tried, tried: &[Tried]) -> String {
+    let mut command = "splatgraph render".to_owned();
+    let mut add = |word: &str| command += &format!(" {}", shell_word(word));
+    args.scene.iter().for_each(|path| add(&path.display().to_string()));
+    args.cameras.iter().for_each(|cameras| ["-c", cameras].into_iter().for_each(&mut add));
+    args.size.iter().for_each(|(w, h)| ["--size", &format!("{w}x{h}")].into_iter().for_each(&mut add));
+    if found.setting.pipeline != DEFAULT_PIPELINE {
+        ["--pipeline", &found.setting.pipeline].into_iter().for_each(&mut add);
+    }
+    for (name, value) in &found.setting.set {
+        ["--set", &format!("{name}={value}")].into_iter().for_each(&mut add);
+    }
+    format!(
+        "\n{command}\n  PSNR by view: {} dB\n  {}\n  the best of {} settings that were measured\n",
+        list(&found.psnr_db),
+        time(found),
+        tried.len()
+    )
+}
+
+/// The message if no setting is within the budget: the nearest on both sides.
+fn nothing(tried: &[Tried], budget: &Budget) -> String {
+    let accurate = tried.iter().reduce(|a, b| if b.least_psnr() > a.least_psnr() { b } else { a });
+    let quick = |tried: &Tried| tried.gpu_ms.unwrap_or(f64::INFINITY);
+    let fast = tried.iter().reduce(|a, b| if quick(b) < quick(a) { b } else { a });
+    let limits =
+        [budget.psnr.map(|db| format!("at least {db} dB")), budget.ms.map(|ms| format!("at most {ms} ms"))];
+    let mut text = format!(
+        "\nno setting of {} that were measured has {}\n",
+        tried.len(),
+        limits.into_iter().flatten().collect::<Vec<_>>().join(" and ")
+    );
+    for (what, tried) in [("most accurate", accurate), ("fastest", fast)] {
+        if let Some(tried) = tried {
+            text +=
+                &format!("  {what}: {}: {} dB, {}\n", tried.setting.name, list(&tried.psnr_db), time(tried));
+        }
+    }
+    if budget.psnr.is_some() && accurate.is_some_and(|best| best.setting.name == EXACT) {
+        text += "  what is left there is the graph's own: see docs/accuracy.md\n";
+    }
+    text
+}
+
+/// Quotes a word for a shell, if it must be.
+fn shell_word(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./=,#:@%+".contains(c);
+    if !word.is_empty() && word.chars().all(plain) && !word.starts_with('#') {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_with_spaces_and_quotes_come_back_from_a_shell_as_they_were() {
+        assert_eq!(shell_word("a/b-c.ply#2"), "a/b-c.ply#2");
+        for word in ["two words", "it's", "$HOME", "", "#1"] {
+            let line = format!("printf %s {}", shell_word(word));
+            let output = std::process::Command::new("sh").args(["-c", &line]).output().unwrap();
+            assert_eq!(String::from_utf8_lossy(&output.stdout), word);
+        }
+    }
+
+    #[test]
+    fn without_a_setting_in_the_budget_the_nearest_are_told() {
+        let tried = |name: &str, db: f64, ms: f64| Tried {
+            setting: Setting { name: name.into(), pipeline: "splat".into(), set: Vec::new() },
+            psnr_db: vec![db, db + 1.0],
+            gpu_ms: Some(ms),
+            of_exact: ms / 10.0,
+        };
+        let all = [tried(EXACT, 80.0, 10.0), tried("target = h", 60.0, 2.5)];
+        let text = nothing(&all, &Budget { psnr: Some(90.0), ms: Some(1.0) });
+        assert!(
+            text.contains("no setting of 2 that were measured has at least 90 dB and at most 1 ms"),
+            "{text}"
+        );
+        assert!(text.contains("most accurate: exact: 80.00, 81.00 dB, 10.000 ms, 100.0 %"), "{text}");
+        assert!(text.contains("fastest: target = h: 60.00, 61.00 dB, 2.500 ms, 25.0 %"), "{text}");
+    }
+
+    #[test]
+    fn the_cameras_around_a_scene_keep_their_distance() {
+        let scene = splatgraph_assets::synth::generate("uniform", 200, 0).unwrap();
+        let cameras = around(&scene, &Camera::framing(&scene, 64, 48));
+        let center = scene.robust_bounds().center();
+        let depth: Vec<f64> = cameras.iter().map(|camera| camera.to_view(center)[2]).collect();
+        assert_eq!(cameras.len(), 4);
+        assert!(depth.iter().all(|z| (z - depth[0]).abs() < 1e-9 && *z > 0.0), "{depth:?}");
+        assert_ne!(cameras[0].position, cameras[2].position);
+    }
+}

@@ -1,0 +1,147 @@
+//! `advise`: what a scene needs, and the cheapest setting within a budget, as a command.
+
+use crate::common;
+use crate::files::Place;
+use serde_json::Value;
+use splatgraph::advise::keys::Mapping;
+use splatgraph::image::Image;
+use splatgraph::session::Session;
+use splatgraph::{camera, metrics, shot};
+use splatgraph_assets::{Camera, Scene, Splat};
+use splatgraph_reference::Rules;
+use std::collections::HashMap;
+use std::fs;
+
+/// Looks along z from the origin.
+fn ahead() -> Camera {
+    let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 48));
+    Camera { img_name: "ahead".into(), ..camera }
+}
+
+/// A scene of splats on the camera's axis, the last of the file nearest.
+fn on_the_axis(depths: &[f32], sh: impl Fn(usize) -> f32 + Sync) -> Scene {
+    Scene::generate(depths.len() as u32, 3, |at| Splat {
+        position: [0.0, 0.0, depths[depths.len() - 1 - at]],
+        scale: [0.2; 3],
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity: 0.5,
+        sh: std::array::from_fn(&sh),
+    })
+}
+
+/// The advice for a scene, as text and as JSON.
+fn advice(scene: &Scene) -> (String, Value) {
+    let place = Place::new();
+    scene.write_ply(place.at("own.ply")).expect("the scene is written");
+    Camera::save(&[ahead()], place.at("ahead.json")).expect("the camera is written");
+    let output = place.run(&["advise", "own.ply", "-c", "ahead.json", "--json", "advice.json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let json = fs::read(place.at("advice.json")).expect("it is written");
+    (String::from_utf8_lossy(&output.stdout).into_owned(), serde_json::from_slice(&json).expect("JSON"))
+}
+
+fn bits(advice: &Value, map: &str) -> Option<u64> {
+    let keys = advice["keys"].as_array().expect("keys");
+    keys.iter().find(|need| need["map"] == map).expect("the mapping")["bits"].as_u64()
+}
+
+#[test]
+fn an_outlier_at_2e7_takes_the_bits_of_linear_keys_alone() {
+    // 64 depths from 1 to 2, and the outlier: a step is 2^-30.3 of the range, 2^17 of 24.25 * 2^23 floats.
+    let mut depths: Vec<f32> = (0..64u8).map(|i| 1.0 + f32::from(i) / 64.0).collect();
+    depths.push(2e7);
+    let (text, advice) = advice(&on_the_axis(&depths, |_| 0.1));
+    assert_eq!((bits(&advice, "linear"), bits(&advice, "float_bits")), (Some(31), Some(11)), "{text}");
+    assert!(
+        text.contains("linear 31") && text.contains("narrowest: key_map=float_bits key_bits=11"),
+        "{text}"
+    );
+    assert_eq!(advice["report"]["place"]["outliers"], 1, "{text}");
+}
+
+#[test]
+fn what_lies_within_one_unit_of_depth_needs_as_many_bits_as_there_are_steps() {
+    let depths: Vec<f32> = (0..512u16).map(|i| 10.0 + f32::from(i) / 512.0).collect();
+    let (text, advice) = advice(&on_the_axis(&depths, |_| 0.1));
+    assert_eq!((bits(&advice, "linear"), bits(&advice, "float_bits")), (Some(9), Some(9)), "{text}");
+}
+
+#[test]
+fn a_scene_without_view_dependence_is_told_to_leave_the_bands_out() {
+    let depths: Vec<f32> = (0..20u8).map(|i| 2.0 + f32::from(i)).collect();
+    let (text, flat) = advice(&on_the_axis(&depths, |at| if at < 3 { 0.4 } else { 0.0 }));
+    assert!(text.contains("none: sh_degree=0 draws the same picture"), "{text}");
+    assert!(flat["bands"].as_array().expect("bands")[1..].iter().all(|band| band["rms"] == 0.0), "{flat}");
+    let (text, glossy) = advice(&on_the_axis(&depths, |at| if at < 12 { 0.4 } else { 0.0 }));
+    assert!(!text.contains("sh_degree=0"), "{text}");
+    assert_eq!(glossy["bands"][1]["share"], 1.0, "{glossy}");
+}
+
+#[test]
+fn keys_are_predicted_as_the_shader_makes_them() {
+    let scene = crate::files::scene();
+    let camera = splatgraph_assets::synth::demo_cameras().swap_remove(0).resized(96, 54);
+    let range = camera::depth_range(&camera, &scene.bounds()).map(|z| z as f32);
+    // The exact renderer's depths are computed as the shader's.
+    let (visible, _) = splatgraph_reference::visible(&scene, &camera, &Rules::PUBLISHED);
+    let depth: HashMap<u32, f32> = visible.iter().map(|splat| (splat.index, splat.depth as f32)).collect();
+    let mut session = Session::new(common::device(), scene, "splat", &[]);
+    for map in Mapping::ALL {
+        for bits in [8, 11, 16, 24, 32] {
+            let set = [("key_bits", bits.to_string()), ("key_map", map.name().to_owned())];
+            session.set_graph("splat", &set.map(|(name, value)| (name.to_owned(), value)));
+            session.prepare((camera.width, camera.height), &mut |_| {}).expect("it is prepared");
+            let order = shot::take(&mut session, &camera).expect("a picture").order.expect("an order");
+            let key = |index: &u32| Some((map.key(*depth.get(index)?, (range[0], range[1]), bits), *index));
+            let keys: Vec<(u32, u32)> = order.iter().filter_map(key).collect();
+            assert!(keys.len() > 50, "{} of {}", keys.len(), order.len());
+            assert!(keys.is_sorted(), "{map:?}, {bits} bits: {keys:?}");
+            let ties = keys.windows(2).filter(|pair| pair[0].0 == pair[1].0).count();
+            assert!(bits > 8 || ties > 3, "narrow keys have ties: {ties}");
+        }
+    }
+    common::assert_silent(session.device(), "keys");
+}
+
+#[test]
+fn the_advised_command_draws_the_promised_psnr() {
+    let place = Place::new();
+    place.cameras(&["one", "two"]);
+    let budget =
+        ["advise", "scene.ply", "-c", "cameras.json", "--psnr", "40", "--rounds", "1", "--frames", "1"];
+    let output = place.run(&[&budget[..], &["--json", "advice.json"]].concat());
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{text}{}", String::from_utf8_lossy(&output.stderr));
+    let json: Value =
+        serde_json::from_slice(&fs::read(place.at("advice.json")).expect("written")).expect("JSON");
+    let promised: Vec<f64> =
+        json["advised"]["psnr_db"].as_array().expect("a list").iter().filter_map(Value::as_f64).collect();
+    assert!(promised.len() == 2 && promised.iter().all(|db| *db >= 40.0), "{text}");
+
+    // The printed command, with an output.
+    let command = text.lines().find_map(|line| line.strip_prefix("splatgraph ")).expect("a command");
+    let words: Vec<&str> = command.split(' ').chain(["-o", "drawn", "--format", "npy"]).collect();
+    let (code, errors) = place.code(&words);
+    assert_eq!(code, Some(0), "{command}: {errors}");
+    let exact = [
+        "render",
+        "scene.ply",
+        "-c",
+        "cameras.json",
+        "--backend",
+        "reference",
+        "-o",
+        "exact",
+        "--format",
+        "npy",
+    ];
+    assert_eq!(place.code(&exact).0, Some(0));
+    for (name, promised) in ["one", "two"].iter().zip(promised) {
+        let load = |folder: &str| Image::load(&place.at(&format!("{folder}/{name}.npy"))).expect("a picture");
+        let found = metrics::compare(&load("drawn"), &load("exact")).expect("of one size").psnr();
+        assert!((found - promised).abs() < 1e-6, "{name}: {found}, promised {promised}");
+    }
+
+    let (code, errors) = place.code(&["advise", "scene.ply", "--psnr", "0"]);
+    assert!(code == Some(2) && errors.contains("expected a number above 0"), "{errors}");
+}
