@@ -13,6 +13,8 @@ mod covariance;
 #[cfg(target_os = "linux")]
 mod exact;
 #[cfg(target_os = "linux")]
+mod extremes;
+#[cfg(target_os = "linux")]
 mod files;
 mod fuzz;
 mod images;
