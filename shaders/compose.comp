@@ -10,6 +10,8 @@ layout(local_size_x = 256) in;
 
 #if TARGET == TARGET_RGBA16F
 layout(set = 0, binding = 0, rgba16f) readonly uniform image2D color;
+#elif TARGET == TARGET_RGBA8
+layout(set = 0, binding = 0, rgba8) readonly uniform image2D color;
 #else
 layout(set = 0, binding = 0, rgba32f) readonly uniform image2D color;
 #endif

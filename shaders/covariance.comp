@@ -4,9 +4,12 @@
 // Computes the 3D covariance of every splat, R S S^T R^T, from its scale and rotation. It does not depend on the camera,
 // so this pass runs once per scene.
 //
-// `six` stores the six different elements of the symmetric matrix, 24 bytes. `factored` stores M = R S, 36 bytes: the
-// covariance is M M^T, and a computation from M keeps the short axis of a needle, which rounding of the product loses if
-// the axes differ by more than 2^12 to 1.
+// Both forms are factors, from which the covariance is computed as a sum of squares: a rounded covariance itself would lose
+// the short axis of a needle whose axes differ by more than 2^12 to 1.
+//
+// `factored` stores M = R S, 36 bytes: the covariance is M M^T. `six` stores the lower triangle of L, 24 bytes, with
+// L L^T = M M^T (Cholesky). Its elements come from minors of M, in which nothing cancels: by Lagrange's identity the
+// elimination's differences are cross products of rows of M, and these are rows of R times two of the scales.
 
 #include "groups.glsl"
 
@@ -16,7 +19,7 @@ struct Scale3 { float x, y, z; };
 #if COVARIANCE == COVARIANCE_FACTORED
 struct Covariance3 { float m[9]; };  // row by row
 #else
-struct Covariance3 { float xx, xy, xz, yy, yz, zz; };
+struct Covariance3 { float l00, l10, l20, l11, l21, l22; };
 #endif
 
 layout(set = 0, binding = 0, std430) readonly buffer Scale { Scale3 scale[]; };
@@ -25,6 +28,57 @@ layout(set = 0, binding = 2, std430) writeonly buffer Covariance { Covariance3 c
 
 // Larger scales are drawn like this one, which is beyond all that a picture shows: their squares are no floats.
 const float LARGEST = 1e18;
+
+#if COVARIANCE != COVARIANCE_FACTORED
+float largest(vec3 v) {
+    return max(max(abs(v.x), abs(v.y)), abs(v.z));
+}
+
+float with_sign(float x, bool negative) {
+    return uintBitsToFloat(floatBitsToUint(x) | (negative ? 0x80000000u : 0u));
+}
+
+// Computes the triangle. Row 0 of L belongs to the longest row of M, so that a needle is in column 0 and its width in the
+// others; the rest follow in turn. The diagonal is not negative, so its signs can tell which row is the first.
+Covariance3 triangle(mat3 r, vec3 s) {
+    float unit = max(s.x, max(s.y, s.z));
+    if (!(unit > 0.0)) {
+        return Covariance3(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    }
+    s /= unit;
+    vec3 lengths = vec3(length(r[0] * s), length(r[1] * s), length(r[2] * s));
+    int first = lengths.y > lengths.x ? 1 : 0;
+    first = lengths.z > lengths[first] ? 2 : first;
+    vec3 r0 = r[first], r1 = r[(first + 1) % 3], r2 = r[(first + 2) % 3];
+    vec3 m0 = r0 * s, m1 = r1 * s, m2 = r2 * s;
+
+    // The cross products of row 0 with row 1 and row 2.
+    vec3 pairs = s.yzx * s.zxy;
+    vec3 n1 = r2 * pairs;
+    vec3 n2 = -r1 * pairs;
+    float scale = largest(n1);
+    float across = length(n1 / max(scale, 1e-37));
+    Covariance3 c;
+    c.l00 = lengths[first];
+    c.l10 = dot(m1, m0) / c.l00;
+    c.l20 = dot(m2, m0) / c.l00;
+    c.l11 = 0.0;
+    c.l21 = 0.0;
+    c.l22 = 0.0;
+    if (scale >= 1e-37) {
+        c.l11 = across * scale / c.l00;
+        c.l21 = dot(n1 / scale, n2) / (across * c.l00);
+        c.l22 = s.x * s.y * s.z / scale / across;
+    }
+    c.l00 = with_sign(c.l00 * unit, first == 1);
+    c.l10 *= unit;
+    c.l20 *= unit;
+    c.l11 = with_sign(c.l11 * unit, first == 2);
+    c.l21 *= unit;
+    c.l22 *= unit;
+    return c;
+}
+#endif
 
 void main() {
     uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
@@ -37,27 +91,18 @@ void main() {
     float w = q.x, x = q.y, y = q.z, z = q.w;
     vec3 s = min(vec3(scale[i].x, scale[i].y, scale[i].z), LARGEST);
 
-    // The rows of M = R S.
-    vec3 row0 = vec3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)) * s;
-    vec3 row1 = vec3(2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)) * s;
-    vec3 row2 = vec3(2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)) * s;
+    // The rows of R.
+    mat3 r = mat3(vec3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+                  vec3(2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+                  vec3(2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)));
 
 #if COVARIANCE == COVARIANCE_FACTORED
-    covariance[i].m[0] = row0.x;
-    covariance[i].m[1] = row0.y;
-    covariance[i].m[2] = row0.z;
-    covariance[i].m[3] = row1.x;
-    covariance[i].m[4] = row1.y;
-    covariance[i].m[5] = row1.z;
-    covariance[i].m[6] = row2.x;
-    covariance[i].m[7] = row2.y;
-    covariance[i].m[8] = row2.z;
+    for (int row = 0; row < 3; row++) {
+        covariance[i].m[3 * row] = r[row].x * s.x;
+        covariance[i].m[3 * row + 1] = r[row].y * s.y;
+        covariance[i].m[3 * row + 2] = r[row].z * s.z;
+    }
 #else
-    covariance[i].xx = dot(row0, row0);
-    covariance[i].xy = dot(row0, row1);
-    covariance[i].xz = dot(row0, row2);
-    covariance[i].yy = dot(row1, row1);
-    covariance[i].yz = dot(row1, row2);
-    covariance[i].zz = dot(row2, row2);
+    covariance[i] = triangle(r, s);
 #endif
 }

@@ -6,7 +6,7 @@
 // so that compact.comp can close the gaps and keep the order of the indices.
 //
 // The rules are those of the published rasteriser (see docs/splatting.md); the formulas are arranged to stay accurate in
-// 32-bit floats: see `Ellipse`.
+// 32-bit floats: see `Ellipse` and `project_covariance`.
 
 #include "camera.glsl"
 #include "groups.glsl"
@@ -20,14 +20,14 @@ struct Position3 { float x, y, z; };
 #if COVARIANCE == COVARIANCE_FACTORED
 struct Covariance3 { float m[9]; };
 #else
-struct Covariance3 { float xx, xy, xz, yy, yz, zz; };
+struct Covariance3 { float l00, l10, l20, l11, l21, l22; };
 #endif
 
 layout(set = 0, binding = 0, std430) readonly buffer Position { Position3 position[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Opacity { float opacity[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Covariance { Covariance3 covariance[]; };
 layout(set = 0, binding = 3, std430) writeonly buffer Splats { Splat splats[]; };
-layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth[]; };
+layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
 layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_count[]; };
 
 const float NEAR_PLANE = 0.2;
@@ -37,6 +37,16 @@ const float LOW_PASS = 0.3;
 const float JACOBIAN_LIMIT = 1.3;
 // Margin of the bounds, in pixels, so that rounding never drops a pixel that the fragment shader would keep.
 const float MARGIN = 1.0 / 64.0;
+
+// The largest distance of a centre from the picture, in pixels, and the largest brightness. A scene can have larger ones, up
+// to infinity, where f32 holds no picture: splats farther away are dropped, brighter ones dimmed. A sum of alpha times
+// brightness, rounded at each splat, stays below twice the brightness.
+const float FARTHEST = 9223372036854775808.0;  // 2^63
+#if TARGET == TARGET_RGBA16F
+const float BRIGHTEST = 32752.0;  // half of the largest half float
+#else
+const float BRIGHTEST = 1e30;
+#endif
 
 // The largest half axis of a sigma, in pixels: its square is a float, and the picture is a point to it.
 const float LARGEST = 4611686018427387904.0;  // 2^62
@@ -83,15 +93,28 @@ float largest(vec3 v) {
 }
 
 // Projects the covariance of splat `i`. The rows of J W (Jacobian times rotation to the camera) are `t0` and `t1`.
+//
+// The covariance is a factor times its transpose, and so is the ellipse, A A^T with A = J W times that factor. By Lagrange's
+// identity its determinant is the squared length of the cross product of A's rows, in which nothing large cancels.
 Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
-    Ellipse e;
     int size = exponent_of(max(largest(t0), largest(t1)));
 #if COVARIANCE == COVARIANCE_FACTORED
-    // The covariance is A A^T with A = J W M. By Lagrange's identity its determinant is the squared length of the cross
-    // product of A's rows, in which nothing large cancels.
     float m[9] = covariance[i].m;
     mat3 columns = mat3(m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]);
+#else
+    // The signs of the diagonal tell which row of the triangle is that of x: see covariance.comp.
+    Covariance3 c = covariance[i];
+    if (floatBitsToInt(c.l00) < 0) {
+        t0 = t0.yzx;
+        t1 = t1.yzx;
+    } else if (floatBitsToInt(c.l11) < 0) {
+        t0 = t0.zxy;
+        t1 = t1.zxy;
+    }
+    mat3 columns = mat3(abs(c.l00), c.l10, c.l20, 0.0, abs(c.l11), c.l21, 0.0, 0.0, c.l22);
+#endif
     size += exponent_of(max(max(largest(columns[0]), largest(columns[1])), largest(columns[2])));
+    Ellipse e;
     e.unit_exponent = unit_exponent_for(size);
     t0 *= power_of_two(-e.unit_exponent);
     t1 *= power_of_two(-e.unit_exponent);
@@ -104,27 +127,17 @@ Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
                   difference_of_products(a0.z, a1.x, a0.x, a1.z),
                   difference_of_products(a0.x, a1.y, a0.y, a1.x));
     e.determinant = dot(n, n);
-#else
-    Covariance3 c = covariance[i];
-    mat3 sigma = mat3(c.xx, c.xy, c.xz, c.xy, c.yy, c.yz, c.xz, c.yz, c.zz);
-    // The diagonal holds the largest element; it is a square.
-    size += (exponent_of(largest(vec3(c.xx, c.yy, c.zz))) >> 1) + 1;
-    e.unit_exponent = unit_exponent_for(size);
-    t0 *= power_of_two(-e.unit_exponent);
-    t1 *= power_of_two(-e.unit_exponent);
-    vec3 s0 = sigma * t0;
-    vec3 s1 = sigma * t1;
-    e.xx = max(dot(t0, s0), 0.0);
-    e.xy = dot(t0, s1);
-    e.yy = max(dot(t1, s1), 0.0);
-    e.determinant = max(difference_of_products(e.xx, e.yy, e.xy, e.xy), 0.0);
-#endif
     return e;
 }
 
 // Returns true if a pixel centre of 0 .. size - 1 is within `reach` of `centre`.
 bool covers_a_pixel(float centre, float reach, float size) {
     return max(ceil(centre - reach), 0.0) <= min(floor(centre + reach), size - 1.0);
+}
+
+// Returns the unit vector along `v`, also where the squares of its elements are no floats. `v` is not 0.
+vec3 direction_of(vec3 v) {
+    return normalize(v / largest(v));
 }
 
 #if ORDER_OF == ORDER_OF_LAST_FRAME
@@ -137,17 +150,22 @@ float project(uint i) {
     vec3 p = vec3(position[i].x, position[i].y, position[i].z);
     mat4 view = camera.view;
 
-    // The exact expression matters: its rounding defines the order of the splats.
-    precise float z = fma(view[2][2], p.z, fma(view[1][2], p.y, view[0][2] * p.x)) + view[3][2];
-    if (!(z > NEAR_PLANE)) {
+    // The depth that decides about culling and order. The exact expression matters, as its rounding defines the order of the
+    // splats.
+    precise float depth = fma(view[2][2], p.z, fma(view[1][2], p.y, view[0][2] * p.x)) + view[3][2];
+    if (!(depth > NEAR_PLANE)) {
         return -1.0;
     }
     float alpha = opacity[i];
     if (!(alpha >= 1.0 / 255.0)) {
         return -1.0;
     }
-    float x = fma(view[2][0], p.z, fma(view[1][0], p.y, view[0][0] * p.x)) + view[3][0];
-    float y = fma(view[2][1], p.z, fma(view[1][1], p.y, view[0][1] * p.x)) + view[3][1];
+    // The place in the camera's frame, from a difference that is exact near the camera, wherever in the world that is: the
+    // translation of `view` has the rounding of a number as large as the distance from the origin.
+    precise vec3 from_camera = (p - camera.position.xyz) - camera.position_low.xyz;
+    float x = fma(view[2][0], from_camera.z, fma(view[1][0], from_camera.y, view[0][0] * from_camera.x));
+    float y = fma(view[2][1], from_camera.z, fma(view[1][1], from_camera.y, view[0][1] * from_camera.x));
+    float z = fma(view[2][2], from_camera.z, fma(view[1][2], from_camera.y, view[0][2] * from_camera.x));
 
     // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
     vec2 slope = vec2(x, y) / z;
@@ -173,19 +191,23 @@ float project(uint i) {
     if (!(smaller > 0.0) || isinf(larger)) {
         return -1.0;  // no area, or not a number
     }
+    // The eigenvector of the larger one, in the form without cancellation. A circle has no direction; any is right.
+    vec2 direction = lean >= 0.0 ? vec2(radius + lean, e.xy) : vec2(e.xy, radius - lean);
+    direction = radius > 1e-7 * larger ? normalize(direction) : vec2(1.0, 0.0);
+
+    // Now, as above the larger one belongs to `radius`.
     float most = LARGEST * units_per_pixel;
     larger = min(larger, most * most);
     smaller = min(smaller, most * most);
-
-    // The eigenvector of the larger one, in the form without cancellation. A circle has no direction; any is right.
-    vec2 direction = lean >= 0.0 ? vec2(radius + lean, e.xy) : vec2(e.xy, radius - lean);
-    direction = radius > 1e-6 * mean ? normalize(direction) : vec2(1.0, 0.0);
 
     // The quad extends to alpha = 1/255, or to the cutoff.
     float reach = sqrt(2.0 * max(log(255.0 * alpha), 0.0));
     float extent = min(cutoff, reach);
     Splat splat;
     splat.centre = camera.focal.xy * slope + 0.5 * (camera.viewport.xy - 1.0);
+    if (!(largest(vec3(splat.centre, 0.0)) <= FARTHEST)) {
+        return -1.0;
+    }
     splat.major = sqrt(larger) * unit * direction;
     splat.minor = sqrt(smaller) * unit * vec2(-direction.y, direction.x);
     splat.extent = extent;
@@ -200,9 +222,13 @@ float project(uint i) {
         return -1.0;
     }
 
-    splat.colour = vec4(sh_colour(i, normalize(p - camera.position.xyz)), 0.0);
+    vec3 colour = sh_colour(i, direction_of(from_camera));
+    // By comparisons that are false for NaN, which coefficients near the end of f32 make.
+    splat.colour = vec4(colour.r > 0.0 ? min(colour.r, BRIGHTEST) : 0.0,
+                        colour.g > 0.0 ? min(colour.g, BRIGHTEST) : 0.0,
+                        colour.b > 0.0 ? min(colour.b, BRIGHTEST) : 0.0, 0.0);
     splats[i] = splat;
-    return z;
+    return depth;
 }
 
 void main() {
@@ -216,7 +242,7 @@ void main() {
     float z = -1.0;
     if (i < uint(SCENE_COUNT)) {
         z = project(i);
-        depth[i] = z;
+        depth_of[i] = z;
 #if ORDER_OF == ORDER_OF_LAST_FRAME
         if (!(z > 0.0)) {
             splats[i] = NOTHING;

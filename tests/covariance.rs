@@ -27,6 +27,13 @@ fn six(m: [[f64; 3]; 3]) -> [f64; 6] {
     [dot(0, 0), dot(0, 1), dot(0, 2), dot(1, 1), dot(1, 2), dot(2, 2)]
 }
 
+/// The rows of the triangular factor; the signs of its diagonal tell to which row of the covariance its first belongs.
+fn triangle(l: &[f64]) -> [[f64; 3]; 3] {
+    let rows = [[l[0].abs(), 0.0, 0.0], [l[1], l[3].abs(), 0.0], [l[2], l[4], l[5]]];
+    let first = if l[0].is_sign_negative() { 1 } else { 2 * usize::from(l[3].is_sign_negative()) };
+    [0, 1, 2].map(|row| rows[(row + 3 - first) % 3])
+}
+
 /// The largest error over a scene, relative to each splat's largest element, for the form asked for.
 fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     let exact: Vec<[f64; 6]> =
@@ -49,7 +56,7 @@ fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     assert_eq!(per_splat, if form == "six" { 6 } else { 9 });
     exact.iter().zip(floats.chunks_exact(per_splat)).fold(0.0, |worst: f64, (exact, got)| {
         let got = match per_splat {
-            6 => [0, 1, 2, 3, 4, 5].map(|i| got[i]),
+            6 => six(triangle(got)),
             // Whether it is stored by rows or by columns, M M^T tells.
             _ => six([0, 1, 2].map(|row| [0, 1, 2].map(|column| got[3 * row + column]))),
         };

@@ -17,6 +17,8 @@ mod exact;
 #[cfg(target_os = "linux")]
 mod experiment;
 #[cfg(target_os = "linux")]
+mod extremes;
+#[cfg(target_os = "linux")]
 mod files;
 mod fuzz;
 mod images;

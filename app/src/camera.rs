@@ -29,8 +29,10 @@ struct Block {
     /// Near plane, the scene's depth range, frame number.
     depth: [f32; 4],
     background: [f32; 4],
+    /// What rounding the position to f32 has lost.
+    position_low: [f32; 4],
     /// Room for new members without a change of size.
-    reserved: [[f32; 4]; 7],
+    reserved: [[f32; 4]; 6],
 }
 
 const _: () = assert!(size_of::<Block>() == 256);
@@ -62,6 +64,7 @@ fn uniform(camera: &Camera, depth: [f64; 2], background: [f32; 3], frame: u32) -
     let column = |c: usize| [rows[0][c] as f32, rows[1][c] as f32, rows[2][c] as f32, 0.0];
     let [tx, ty, tz] = translation.map(|v| v as f32);
     let [x, y, z] = camera.position.map(|v| v as f32);
+    let [low_x, low_y, low_z] = camera.position.map(|v| (v - f64::from(v as f32)) as f32);
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let [r, g, b] = background;
     let block = Block {
@@ -71,7 +74,8 @@ fn uniform(camera: &Camera, depth: [f64; 2], background: [f32; 3], frame: u32) -
         viewport: [width, height, 1.0 / width, 1.0 / height].map(|v| v as f32),
         depth: [NEAR as f32, depth[0] as f32, depth[1] as f32, frame as f32],
         background: [r, g, b, 0.0],
-        reserved: [[0.0; 4]; 7],
+        position_low: [low_x, low_y, low_z, 0.0],
+        reserved: [[0.0; 4]; 6],
     };
     bytemuck::bytes_of(&block).to_vec()
 }
@@ -127,6 +131,7 @@ mod tests {
         camera.position = [1e8 + 0.25, 0.0, 0.0];
         let f = floats(&uniform(&camera, [0.0; 2], [0.0; 3], 0));
         assert_eq!(f[14], -(1e8 + 0.25) as f32);
+        assert_eq!((f[16], f[36]), (1e8, 0.25), "the position has twice the digits");
     }
 
     #[test]

@@ -138,9 +138,11 @@ impl Truth {
     }
 }
 
-/// Rounds the colours of an exact picture to f32.
+/// Rounds the colours of an exact picture to f32; those beyond its range to the last number in it.
 pub fn image_of(picture: &Picture) -> Image {
-    let rgb = picture.color.iter().map(|pixel| pixel.map(|channel| channel as f32)).collect();
+    let limit = f64::from(f32::MAX);
+    let rounded = |channel: f64| channel.clamp(-limit, limit) as f32;
+    let rgb = picture.color.iter().map(|pixel| pixel.map(rounded)).collect();
     Image { width: picture.width as usize, height: picture.height as usize, rgb }
 }
 

@@ -227,6 +227,12 @@ impl Camera {
         camera
     }
 
+    /// Moves the camera into coordinates whose origin is at `origin`: from the world's into those of a scene with that
+    /// [`Scene::offset`].
+    pub fn relative_to(&self, origin: [f64; 3]) -> Self {
+        Self { position: std::array::from_fn(|axis| self.position[axis] - origin[axis]), ..self.clone() }
+    }
+
     /// Returns the camera's axes in the world: right, down and forward.
     pub fn axes(&self) -> [[f64; 3]; 3] {
         std::array::from_fn(|axis| std::array::from_fn(|row| self.rotation[row][axis]))

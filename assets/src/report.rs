@@ -63,6 +63,8 @@ pub struct SizeReport {
 /// Positions of the splats.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PlaceReport {
+    /// World coordinates of the scene's origin, which all others here are relative to.
+    pub offset: [f64; 3],
     /// Box around every centre.
     pub bounds: Bounds,
     /// Box from the 1st to the 99th percentile of each coordinate.
@@ -141,6 +143,7 @@ impl Report {
                 robust_extent,
             },
             place: PlaceReport {
+                offset: scene.offset(),
                 bounds: scene.bounds(),
                 robust_bounds,
                 center: robust_bounds.center(),
@@ -235,6 +238,10 @@ impl fmt::Display for Report {
             ),
         )?;
         let p = &self.place;
+        if p.offset != [0.0; 3] {
+            let [x, y, z] = p.offset;
+            line(f, "origin", format!("({x}, {y}, {z}), subtracted from positions and cameras"))?;
+        }
         line(f, "box", Shown(&p.bounds).to_string())?;
         line(f, "box, 1 to 99 %", Shown(&p.robust_bounds).to_string())?;
         line(f, "centre", format!("({:.3}, {:.3}, {:.3})", p.center[0], p.center[1], p.center[2]))?;

@@ -23,7 +23,7 @@ pub const fn sh_floats(degree: u32) -> usize {
 /// One splat, activated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Splat {
-    /// Centre, in world units.
+    /// Centre, in world units, relative to [`Scene::offset`].
     pub position: [f32; 3],
     /// Standard deviation along each axis, in world units.
     pub scale: [f32; 3],
@@ -343,6 +343,7 @@ impl Columns {
 #[derive(Debug)]
 pub struct Scene {
     pub(crate) columns: Columns,
+    offset: [f64; 3],
     effective_degree: u32,
     dropped: Dropped,
     norms: QuaternionNorms,
@@ -358,6 +359,7 @@ impl Scene {
         let empty = columns.opacity.is_empty();
         Self {
             columns,
+            offset: [0.0; 3],
             effective_degree: gathered.effective_degree,
             dropped: gathered.dropped,
             norms: gathered.norms,
@@ -416,12 +418,25 @@ impl Scene {
         }
     }
 
+    /// Places the scene's origin in the world, without a change of the splats' positions, which are relative to it.
+    pub fn with_offset(self, offset: [f64; 3]) -> Self {
+        Self { offset, ..self }
+    }
+
+    /// Returns the world's coordinates of the scene's origin.
+    ///
+    /// Positions, boxes and cameras are relative to it everywhere but in files. It is 0 unless the file's coordinates have more
+    /// digits than f32 holds; [`Camera::relative_to`](crate::Camera::relative_to) brings cameras of the world into the scene.
+    pub fn offset(&self) -> [f64; 3] {
+        self.offset
+    }
+
     /// Counts the splats, without those that were dropped.
     pub fn count(&self) -> u32 {
         self.columns.opacity.len() as u32
     }
 
-    /// Returns the centres, in world units.
+    /// Returns the centres, in world units, relative to [`Scene::offset`].
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.columns.position
     }

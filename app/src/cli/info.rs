@@ -39,7 +39,8 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<Outcome> {
     let scene = options::load_scene(&args.scene)?;
     let given = args.drawing.cameras()?;
-    let cameras = given.clone().unwrap_or_else(|| vec![options::framing(&scene)]);
+    let in_scene = given.map(|cameras| options::in_scene(&cameras, &scene));
+    let cameras = in_scene.unwrap_or_else(|| vec![options::framing(&scene)]);
     let report = Report::new(&scene, &cameras);
 
     let own_size = cameras.first().map_or(facts::DEFAULT_SIZE, |c| (c.width, c.height));

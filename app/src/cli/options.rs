@@ -173,6 +173,7 @@ pub fn scene_and_cameras(
     size: Option<(u32, u32)>,
 ) -> Result<(Scene, Vec<Camera>)> {
     let (scene, _, own) = scene_or_demo(path)?;
+    let given = given.map(|cameras| in_scene(&cameras, &scene));
     let mut cameras = given.or(own.map(|own| vec![own])).unwrap_or_else(|| vec![framing(&scene)]);
     let mut uses: HashMap<String, usize> = HashMap::new();
     for camera in &cameras {
@@ -196,6 +197,11 @@ pub fn at_most(camera: &Camera, width: u32) -> Camera {
     }
     let height = (f64::from(camera.height) * f64::from(width) / f64::from(camera.width)).round();
     camera.resized(width, (height as u32).max(1))
+}
+
+/// Moves cameras of a file, which are in the world's coordinates, into those of a scene.
+pub fn in_scene(cameras: &[Camera], scene: &Scene) -> Vec<Camera> {
+    cameras.iter().map(|camera| camera.relative_to(scene.offset())).collect()
 }
 
 /// Makes the camera that frames a scene, with the name `framing`.

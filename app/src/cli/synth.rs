@@ -101,7 +101,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         grouped(scene.size_breakdown().file_bytes)
     ));
     if let (Some(path), Some(cameras)) = (&args.cameras, cameras) {
-        options::write_json(path, &serde_json::to_value(&cameras)?)?;
+        // In the world's coordinates, as the scene's file is.
+        let world = cameras.iter().map(|camera| camera.relative_to(scene.offset().map(|v| -v)));
+        options::write_json(path, &serde_json::to_value(world.collect::<Vec<_>>())?)?;
         tell(format!("{}: {} cameras", path.display(), cameras.len()));
     }
     Ok(Outcome::Done)

@@ -205,9 +205,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
     let (scene, path, own) = options::scene_or_demo(args.scene.as_deref())?;
     let cameras = match (given, own, viewer::cameras_of(&path)) {
-        (Some(cameras), ..) => cameras,
+        (Some(cameras), ..) => options::in_scene(&cameras, &scene),
         (None, Some(own), _) => vec![own],
-        (None, None, Some(file)) => Camera::load(&file)?,
+        (None, None, Some(file)) => options::in_scene(&Camera::load(&file)?, &scene),
         (None, None, None) => Vec::new(),
     };
     Ok(((scene, path), cameras))

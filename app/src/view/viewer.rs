@@ -14,6 +14,7 @@ use super::viewport::Viewport;
 use crate::facts;
 use crate::metrics;
 use crate::session::image_of;
+use glam::DVec3;
 use indexmap::IndexMap;
 use splatgraph_api::{BackendError, Device, Picture, Running};
 use splatgraph_assets::{Camera, Scene};
@@ -55,7 +56,7 @@ pub struct Viewer<D: Device> {
     scene: Arc<Scene>,
     scene_path: PathBuf,
     catalog: Arc<Catalog>,
-    /// Selectable cameras.
+    /// Selectable cameras, in the scene's coordinates.
     pub cameras: Vec<Camera>,
     /// Index of the camera that was selected last.
     pub camera: Option<usize>,
@@ -221,13 +222,14 @@ impl<D: Device> Viewer<D> {
         match cameras {
             Ok(cameras) => {
                 self.events.push(Event::Cameras { path, count: cameras.len() });
-                self.set_cameras(cameras);
+                let offset = self.scene.offset();
+                self.set_cameras(cameras.iter().map(|camera| camera.relative_to(offset)).collect());
             }
             Err(error) => self.events.push(Event::FileFailed { path, error }),
         }
     }
 
-    /// Replaces the cameras and selects the first. Their mean direction up becomes the viewer's.
+    /// Replaces the cameras by ones in the scene's coordinates, and selects the first. Their mean direction up becomes the viewer's.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         if let Some(camera) = cameras.first() {
             let up = navigation::mean_up(&cameras).unwrap_or(navigation::DEFAULT_UP);
@@ -392,12 +394,14 @@ impl<D: Device> Viewer<D> {
                 self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
                 self.catalog = Arc::new(facts::catalog(&scene));
                 self.navigation = at_start(&scene);
+                // From the coordinates of the former scene into those of this one.
+                let moved = DVec3::from(scene.offset()) - DVec3::from(self.scene.offset());
                 self.scene = Arc::new(*scene);
                 self.scene_path = path;
                 // Cameras that were opened after the scene stay.
                 if self.cameras_number > number {
                     let cameras = std::mem::take(&mut self.cameras);
-                    self.set_cameras(cameras);
+                    self.set_cameras(cameras.iter().map(|c| c.relative_to(moved.into())).collect());
                 } else {
                     self.set_cameras(Vec::new());
                     if let Some((file, cameras)) = cameras {

@@ -61,7 +61,7 @@ pub struct WindowOptions {
     pub pipeline: String,
     /// Parameters to change.
     pub set: Vec<(String, String)>,
-    /// Selectable cameras.
+    /// Selectable cameras, in the scene's coordinates.
     pub cameras: Vec<Camera>,
     /// Size of the window's content, in pixels. The window is smaller if the display is.
     pub size: (u32, u32),

@@ -119,7 +119,17 @@ fn shown(word: &[u8]) -> String {
     word[..word.len().min(40)].escape_ascii().to_string()
 }
 
-/// Parses a splat's line into its slots, and adds the bytes of each word to its column's total.
+/// Parses a number, rounded to the type once.
+fn parsed<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
+    std::str::from_utf8(word).ok()?.parse().ok()
+}
+
+/// Parses the word at `column` of a line; `None` if there is none, or it is not a number.
+pub(crate) fn wide(line: &Line, column: usize) -> Option<f64> {
+    parsed(words(line.text).nth(column)?)
+}
+
+/// Parses a splat's line into its slots, its position relative to `origin`, and adds the bytes of each word to its column's total.
 ///
 /// Returns the number of values, at most one per column. The caller rejects lines with fewer.
 ///
@@ -129,6 +139,7 @@ pub(crate) fn row(
     line: &Line,
     layout: &Layout,
     vertex: &Element,
+    origin: [f64; 3],
     slots: &mut [f32],
     sizes: &mut [u64],
 ) -> Result<usize, SceneError> {
@@ -141,7 +152,10 @@ pub(crate) fn row(
             return Err(error(number, format!("expected {columns} values, found {all}")));
         }
         if let Some(slot) = layout.slot_of[found] {
-            let value = std::str::from_utf8(word).ok().and_then(|text| text.parse().ok());
+            let value = match origin.get(slot) {
+                Some(origin) if *origin != 0.0 => parsed::<f64>(word).map(|value| (value - origin) as f32),
+                _ => parsed(word),
+            };
             slots[slot] = value.ok_or_else(|| {
                 let name = &vertex.properties[found].name;
                 error(number, format!("expected a number for `{name}`, found `{}`", shown(word)))
@@ -174,13 +188,12 @@ pub(crate) fn skip(lines: &mut Lines, element: &Element) -> Result<Vec<u64>, Sce
             let word = values.next().ok_or_else(|| missing(&property.name))?;
             *size += word.len() as u64;
             if let PropertyType::List { .. } = property.kind {
-                let length: u64 =
-                    std::str::from_utf8(word).ok().and_then(|text| text.parse().ok()).ok_or_else(|| {
-                        error(
-                            number,
-                            format!("expected the length of `{}`, found `{}`", property.name, shown(word)),
-                        )
-                    })?;
+                let length: u64 = parsed(word).ok_or_else(|| {
+                    error(
+                        number,
+                        format!("expected the length of `{}`, found `{}`", property.name, shown(word)),
+                    )
+                })?;
                 for _ in 0..length {
                     *size += values.next().ok_or_else(|| missing(&property.name))?.len() as u64;
                 }

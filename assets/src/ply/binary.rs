@@ -22,6 +22,20 @@ pub(crate) fn value<const BIG: bool>(bytes: &[u8], scalar: Scalar) -> f32 {
     }
 }
 
+/// Reads the scalar at the start of `bytes` as f64, which holds every value of every type.
+///
+/// # Panics
+/// Panics if `bytes` is shorter than the scalar.
+#[inline]
+pub(crate) fn wide<const BIG: bool>(bytes: &[u8], scalar: Scalar) -> f64 {
+    match scalar {
+        Scalar::F64 => f64::from_bits(u64::from_ne_bytes(word::<BIG, 8>(bytes))),
+        Scalar::I32 => f64::from(i32::from_ne_bytes(word::<BIG, 4>(bytes))),
+        Scalar::U32 => f64::from(u32::from_ne_bytes(word::<BIG, 4>(bytes))),
+        _ => f64::from(value::<BIG>(bytes, scalar)),
+    }
+}
+
 /// Copies the first `N` bytes into the host's byte order.
 #[inline]
 fn word<const BIG: bool, const N: usize>(bytes: &[u8]) -> [u8; N] {

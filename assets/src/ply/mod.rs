@@ -14,12 +14,14 @@
 //! | `f_rest_*` | bands 1 to the degree, channel-major: all of red's coefficients, then green's, then blue's |
 //!
 //! [`source`] reads pieces of the file, [`header`] reads the text, [`layout`] finds the splat's properties in it, [`binary`] and
-//! [`ascii`] read the rows, [`read`] joins them into a [`crate::Scene`], [`write`] is the way back.
+//! [`ascii`] read the rows, [`origin`] moves distant scenes near their origin, [`read`] joins all into a [`crate::Scene`],
+//! [`write`] is the way back.
 
 pub(crate) mod ascii;
 pub(crate) mod binary;
 pub(crate) mod header;
 pub(crate) mod layout;
+mod origin;
 pub(crate) mod read;
 pub(crate) mod source;
 #[cfg(test)]

@@ -9,6 +9,7 @@
 
 use super::header::{Element, Encoding, HEADER_LIMIT, Header, Property, begins_as_ply};
 use super::layout::{Layout, MAX_SLOTS};
+use super::origin::Sample;
 use super::source::{Buffers, OpenFile, Source};
 use super::{ascii, binary};
 use crate::error::{LoadError, SceneError};
@@ -121,7 +122,7 @@ pub(super) fn parse(
 ) -> Result<Scene, SceneError> {
     let (header, layout, count) = header(source, path)?;
     let file = File { source, header: &header, layout: &layout, memory, progress };
-    let (columns, gathered, elements, end) = match header.encoding {
+    let (Splats { columns, gathered, origin }, elements, end) = match header.encoding {
         Encoding::Ascii => file.ascii()?,
         Encoding::LittleEndian => file.binary::<false>()?,
         Encoding::BigEndian => file.binary::<true>()?,
@@ -133,7 +134,7 @@ pub(super) fn parse(
         elements,
         trailing_bytes: source.length() - end,
     };
-    let scene = Scene::new(columns, gathered, Some(size_breakdown));
+    let scene = Scene::new(columns, gathered, Some(size_breakdown)).with_offset(origin);
     if scene.count() == 0 {
         let reasons = scene.dropped().to_string();
         return Err(SceneError::AllDropped { count, reasons });
@@ -150,8 +151,15 @@ struct File<'a> {
     progress: Progress<'a>,
 }
 
-/// The splats, their statistics, the sizes of the elements, and the offset of the byte after the last row.
-type Body = (Columns, Gathered, Vec<ElementSize>, u64);
+/// The splats, their statistics, and the place in the file's coordinates that theirs are relative to.
+struct Splats {
+    columns: Columns,
+    gathered: Gathered,
+    origin: [f64; 3],
+}
+
+/// The splats, the sizes of the elements, and the offset of the byte after the last row.
+type Body = (Splats, Vec<ElementSize>, u64);
 
 impl File<'_> {
     /// Allocates the arrays, unless they, with a buffer per thread, are more than the memory that there is.
@@ -177,17 +185,14 @@ impl File<'_> {
             elements.push(self.element_size(element, &sizes, total));
             at += total;
         }
-        let (columns, gathered) = body.expect("the caller found `vertex` among the elements");
-        Ok((columns, gathered, elements, at))
+        let splats = body.expect("the caller found `vertex` among the elements");
+        Ok((splats, elements, at))
     }
 
-    fn binary_splats<const BIG: bool>(
-        &self,
-        start: u64,
-        count: u64,
-    ) -> Result<(Columns, Gathered), SceneError> {
+    fn binary_splats<const BIG: bool>(&self, start: u64, count: u64) -> Result<Splats, SceneError> {
         let layout = self.layout;
         let stride = layout.stride;
+        let origin = self.binary_origin::<BIG>(start, count)?;
         let mut columns = self.allocate(count)?;
         let done = Done::new(count * stride as u64, self.progress);
         let buffers = Buffers::default();
@@ -200,8 +205,14 @@ impl File<'_> {
                     self.source.read(start + ((out.first() + first) * stride) as u64, rows)?;
                     for row in rows.chunks_exact(stride) {
                         let (splat, norm) = layout.splat(|slot| {
-                            let slot = layout.slots[slot];
-                            binary::value::<BIG>(&row[slot.offset..], slot.scalar)
+                            let place = layout.slots[slot];
+                            let bytes = &row[place.offset..];
+                            match origin.get(slot) {
+                                Some(origin) if *origin != 0.0 => {
+                                    (binary::wide::<BIG>(bytes, place.scalar) - origin) as f32
+                                }
+                                _ => binary::value::<BIG>(bytes, place.scalar),
+                            }
                         });
                         out.push(&splat, norm);
                     }
@@ -210,7 +221,21 @@ impl File<'_> {
                 Ok(())
             })
         })?;
-        Ok((columns, gathered))
+        Ok(Splats { columns, gathered, origin })
+    }
+
+    /// Chooses the origin from rows that begin at offset `start`.
+    fn binary_origin<const BIG: bool>(&self, start: u64, count: u64) -> Result<[f64; 3], SceneError> {
+        let Some(mut sample) = Sample::of(self.layout, count) else { return Ok([0.0; 3]) };
+        let mut bytes = [0; 8];
+        for row in (0..count).step_by(sample.every as usize) {
+            for (axis, slot) in self.layout.slots[..3].iter().enumerate() {
+                let bytes = &mut bytes[..slot.scalar.size()];
+                self.source.read(start + row * self.layout.stride as u64 + slot.offset as u64, bytes)?;
+                sample.add(axis, binary::wide::<BIG>(bytes, slot.scalar));
+            }
+        }
+        Ok(sample.origin())
     }
 
     fn ascii(&self) -> Result<Body, SceneError> {
@@ -221,16 +246,16 @@ impl File<'_> {
         for element in &self.header.elements {
             let start = lines.place().at;
             let sizes = if element.name == "vertex" {
-                let (columns, gathered, sizes) = self.ascii_splats(&mut lines, element)?;
-                body = Some((columns, gathered));
+                let (splats, sizes) = self.ascii_splats(&mut lines, element)?;
+                body = Some(splats);
                 sizes
             } else {
                 ascii::skip(&mut lines, element)?
             };
             elements.push(self.element_size(element, &sizes, lines.place().at - start));
         }
-        let (columns, gathered) = body.expect("the caller found `vertex` among the elements");
-        Ok((columns, gathered, elements, lines.place().at))
+        let splats = body.expect("the caller found `vertex` among the elements");
+        Ok((splats, elements, lines.place().at))
     }
 
     /// Reads the splats and advances `lines` past the last.
@@ -238,8 +263,9 @@ impl File<'_> {
         &self,
         lines: &mut ascii::Lines,
         vertex: &Element,
-    ) -> Result<(Columns, Gathered, Vec<u64>), SceneError> {
+    ) -> Result<(Splats, Vec<u64>), SceneError> {
         let start = lines.place().at;
+        let mut sample = Sample::of(self.layout, vertex.count);
         let mut chunks = Vec::new();
         chunks.try_reserve_exact(vertex.count as usize / CHUNK + 1).map_err(std::io::Error::from)?;
         // A value and a blank for each column: a shorter line cannot be a row. Checked before the allocation.
@@ -252,7 +278,14 @@ impl File<'_> {
             if line.text.len() < least {
                 return Err(short_row(&line, vertex, row));
             }
+            if let Some(sample) = sample.as_mut().filter(|sample| row % sample.every == 0) {
+                for (axis, slot) in self.layout.slots[..3].iter().enumerate() {
+                    // A word that is no number is an error below, with its line.
+                    sample.add(axis, ascii::wide(&line, slot.column).unwrap_or(f64::NAN));
+                }
+            }
         }
+        let origin = sample.map_or([0.0; 3], Sample::origin);
         let mut columns = self.allocate(vertex.count)?;
         let done = Done::new(lines.place().at - start, self.progress);
         let sizes = Mutex::new(vec![0; vertex.properties.len()]);
@@ -264,7 +297,7 @@ impl File<'_> {
             for index in 0..out.len() {
                 let row = (out.first() + index) as u64;
                 let line = lines.next_row()?.ok_or_else(|| truncated(vertex, row))?;
-                let found = ascii::row(&line, self.layout, vertex, &mut slots, &mut chunk_sizes)?;
+                let found = ascii::row(&line, self.layout, vertex, origin, &mut slots, &mut chunk_sizes)?;
                 if found < vertex.properties.len() {
                     return Err(short_row(&line, vertex, row));
                 }
@@ -278,7 +311,7 @@ impl File<'_> {
             Ok(())
         })?;
         let sizes = sizes.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-        Ok((columns, gathered, sizes))
+        Ok((Splats { columns, gathered, origin }, sizes))
     }
 
     /// Accounts for an element. `sizes` has the bytes of each property in all rows; `bytes` includes separators.

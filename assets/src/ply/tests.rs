@@ -208,6 +208,78 @@ fn doubles_beyond_f32_drop_their_splat_and_are_counted() {
     assert_eq!(scene.unwrap().dropped().position, 1);
 }
 
+/// Writes splats around a place, as doubles; the first is far away from the others.
+fn surveyed(format: &'static str, place: [f64; 3]) -> Vec<u8> {
+    let made = Made { format, kind: "double", degree: 0, count: 3000, ..PLAIN };
+    let position = |index: usize, axis: usize| {
+        let near = place[axis] + 0.001 * ((index * (axis + 3)) % 5000) as f64;
+        if index == 0 { -7e8 } else { near }
+    };
+    let names = property_names(0);
+    let mut bytes = made.bytes();
+    let header = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    bytes.truncate(header);
+    for index in 0..made.count {
+        for name in &names {
+            let axis = ["x", "y", "z"].iter().position(|axis| axis == name);
+            made.put(&mut bytes, axis.map_or_else(|| raw(index % 20, name), |axis| position(index, axis)));
+        }
+        if format == "ascii" {
+            bytes.push(b'\n');
+        }
+    }
+    bytes
+}
+
+#[test]
+fn doubles_far_from_the_origin_keep_the_digits_that_f32_has_not() {
+    let place = [5_340_123.25, -410_777.5, 120.0];
+    for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        let scene = parse(&surveyed(format, place)).unwrap();
+        // A multiple of 1,024 near the median, which the outlier did not move; the third axis is near the origin already.
+        assert_eq!(scene.offset(), [5_340_160.0, -410_624.0, 0.0], "{format}");
+        for index in [1, 17, 2999] {
+            for axis in 0..3 {
+                let exact = place[axis] + 0.001 * ((index * (axis + 3)) % 5000) as f64;
+                let found = f64::from(scene.positions()[index][axis]) + scene.offset()[axis];
+                assert!((found - exact).abs() < 1e-5, "{format}, axis {axis}: {found}, expected {exact}");
+            }
+        }
+        assert_eq!(scene.positions()[0][1], (-7e8 + 410_624.0) as f32);
+    }
+}
+
+#[test]
+fn a_scene_with_an_offset_is_written_in_the_coordinates_of_the_world() {
+    let scene = parse(&surveyed("ascii", [5e6, 5e6, 0.0])).unwrap();
+    let mut bytes = Vec::new();
+    scene.write_ply_to(&mut bytes).unwrap();
+    let back = parse(&bytes).unwrap();
+    assert_eq!(scene.offset()[0], 5_000_192.0);
+    assert_eq!((back.offset(), back.positions()), (scene.offset(), scene.positions()));
+    assert_eq!(back.size_breakdown().file_bytes, bytes.len() as u64);
+    assert!(back.size_breakdown().to_string().contains("double"));
+}
+
+#[test]
+fn quaternions_of_any_length_but_zero_are_rotations() {
+    let made = Made { degree: 0, kind: "double", ..PLAIN };
+    let plain = parse(&made.bytes()).unwrap();
+    let names = property_names(0);
+    let column = names.iter().position(|name| name == "rot_2").unwrap();
+    let mut bytes = made.bytes();
+    let start = bytes.len() - made.count * names.len() * 8;
+    for (row, length) in [1e-45f64, 1e-40, 1e-20, 1e20, 3e38].into_iter().enumerate() {
+        let at = start + (row * names.len() + column) * 8;
+        bytes[at..at + 8].copy_from_slice(&length.to_le_bytes());
+    }
+    let scene = parse(&bytes).unwrap();
+    assert_eq!((scene.dropped().total(), scene.rotations()), (0, plain.rotations()));
+    let at = start + column * 8;
+    bytes[at..at + 8].copy_from_slice(&0f64.to_le_bytes());
+    assert_eq!(parse(&bytes).unwrap().dropped().zero_rotation, 1);
+}
+
 #[test]
 fn a_scene_that_exceeds_the_memory_is_refused_from_its_header() {
     let bytes = Made { degree: 3, count: 1000, ..PLAIN }.bytes();

@@ -1,4 +1,5 @@
-//! Writes scenes in the reference layout: binary, little endian, all properties `float`.
+//! Writes scenes in the reference layout: binary, little endian, all properties `float`; those of the position are `double` in a
+//! scene with an offset, which `float` would not hold.
 
 use crate::scene::{CHUNK, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
@@ -24,27 +25,29 @@ pub(super) fn property_names(degree: u32) -> Vec<String> {
         .collect()
 }
 
+/// Returns the type and the size of a property. The first three are the position.
+fn kind(column: usize, wide: bool) -> (&'static str, u64) {
+    if wide && column < 3 { ("double", 8) } else { ("float", 4) }
+}
+
 /// Formats the header.
-fn header(count: u64, degree: u32) -> String {
+fn header(count: u64, degree: u32, wide: bool) -> String {
+    let names = property_names(degree).into_iter().enumerate();
     let properties: String =
-        property_names(degree).iter().map(|name| format!("property float {name}\n")).collect();
+        names.map(|(column, name)| format!("property {} {name}\n", kind(column, wide).0)).collect();
     format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n")
 }
 
 /// Computes the size breakdown of a file with `count` splats of this degree.
-fn size_breakdown(count: u64, degree: u32) -> SizeBreakdown {
-    let fields: Vec<FieldSize> = property_names(degree)
-        .into_iter()
-        .map(|name| FieldSize {
-            used: !name.starts_with('n'),
-            name,
-            kind: "float".into(),
-            bytes_per_row: Some(4),
-            bytes: 4 * count,
-        })
-        .collect();
-    let header_bytes = header(count, degree).len() as u64;
-    let bytes = 4 * count * fields.len() as u64;
+fn size_breakdown(count: u64, degree: u32, wide: bool) -> SizeBreakdown {
+    let field = |(column, name): (usize, String)| {
+        let (kind, size) = kind(column, wide);
+        let used = !name.starts_with('n');
+        FieldSize { used, name, kind: kind.into(), bytes_per_row: Some(size), bytes: size * count }
+    };
+    let fields: Vec<FieldSize> = property_names(degree).into_iter().enumerate().map(field).collect();
+    let header_bytes = header(count, degree, wide).len() as u64;
+    let bytes = fields.iter().map(|field| field.bytes).sum();
     let vertex = ElementSize { name: "vertex".into(), rows: count, bytes, fields, separator_bytes: 0 };
     SizeBreakdown {
         format: "ply, binary_little_endian".into(),
@@ -58,10 +61,16 @@ fn size_breakdown(count: u64, degree: u32) -> SizeBreakdown {
 impl Scene {
     /// Returns the sizes of the parts of the file; for a generated scene, of the file that [`Scene::write_ply`] writes.
     pub fn size_breakdown(&self) -> &SizeBreakdown {
-        self.size_breakdown.get_or_init(|| size_breakdown(self.count().into(), self.stored_degree()))
+        let wide = self.is_offset();
+        self.size_breakdown.get_or_init(|| size_breakdown(self.count().into(), self.stored_degree(), wide))
     }
 
-    /// Writes the scene as a PLY file in the reference layout, with its stored degree.
+    /// Returns true if positions need more digits than `float` has.
+    fn is_offset(&self) -> bool {
+        self.offset() != [0.0; 3]
+    }
+
+    /// Writes the scene as a PLY file in the reference layout, with its stored degree, in the world's coordinates.
     ///
     /// Logarithms and logits are rounded to f32, so a scene read back agrees to about 1e-6, not to the bit. An opacity
     /// of 0 or 1 and a scale of 0 are written as the nearest finite value that reads back as the same.
@@ -80,7 +89,7 @@ impl Scene {
     /// The writer fails.
     pub fn write_ply_to(&self, out: &mut impl Write) -> std::io::Result<()> {
         let count = self.count() as usize;
-        out.write_all(header(count as u64, self.stored_degree()).as_bytes())?;
+        out.write_all(header(count as u64, self.stored_degree(), self.is_offset()).as_bytes())?;
         for batch in (0..count).step_by(CHUNK * BATCH) {
             let end = count.min(batch + CHUNK * BATCH);
             let chunks: Vec<Vec<u8>> = (batch..end)
@@ -89,7 +98,14 @@ impl Scene {
                 .map(|first| {
                     let mut bytes = Vec::new();
                     for index in first..end.min(first + CHUNK) {
-                        encode(&self.splat(index), self.stored_degree(), &mut bytes);
+                        let splat = self.splat(index);
+                        if self.is_offset() {
+                            let world = |axis: usize| f64::from(splat.position[axis]) + self.offset()[axis];
+                            (0..3).for_each(|axis| bytes.extend_from_slice(&world(axis).to_le_bytes()));
+                        } else {
+                            splat.position.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+                        }
+                        encode(&splat, self.stored_degree(), &mut bytes);
                     }
                     bytes
                 })
@@ -102,10 +118,9 @@ impl Scene {
     }
 }
 
-/// Appends a row to `out`.
+/// Appends a row without its position to `out`.
 fn encode(splat: &Splat, degree: u32, out: &mut Vec<u8>) {
     let mut put = |value: f32| out.extend_from_slice(&value.to_le_bytes());
-    splat.position.into_iter().for_each(&mut put);
     // Normals, which the reference writes as zeros.
     (0..3).for_each(|_| put(0.0));
     splat.sh[..3].iter().copied().for_each(&mut put);
@@ -138,7 +153,7 @@ mod tests {
 
     #[test]
     fn a_reference_file_of_degree_3_has_248_bytes_per_splat() {
-        let size = size_breakdown(1000, 3);
+        let size = size_breakdown(1000, 3, false);
         assert_eq!(size.elements[0].bytes, 248_000);
         assert_eq!(size.sum(), size.file_bytes);
         let text = size.to_string();

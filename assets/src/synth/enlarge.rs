@@ -19,7 +19,7 @@ use crate::scene::Scene;
 pub fn enlarge(scene: &Scene, n: u32) -> Result<Scene, SceneMemoryError> {
     let count = scene.count() as usize;
     let shrink = (count as f64 / f64::from(n)).sqrt();
-    Scene::try_generate(n, scene.stored_degree(), |k| {
+    let enlarged = Scene::try_generate(n, scene.stored_degree(), |k| {
         let mut splat = scene.splat(k % count);
         if k >= count {
             let offset: [f64; 3] = std::array::from_fn(|axis| {
@@ -33,7 +33,8 @@ pub fn enlarge(scene: &Scene, n: u32) -> Result<Scene, SceneMemoryError> {
         }
         splat.scale = splat.scale.map(|s| (f64::from(s) * shrink) as f32);
         splat
-    })
+    })?;
+    Ok(enlarged.with_offset(scene.offset()))
 }
 
 #[cfg(test)]

@@ -67,13 +67,13 @@ pub(super) fn uniform(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates needles and plates with axes in ratios of up to 10,000 to 1.
+/// Generates needles and plates with axes in ratios of up to a million to 1.
 pub(super) fn needles(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
         let mut splat = cloud(random, count);
         let long = random.range(0.2, 1.0);
-        let ratio = 10f64.powf(random.range(2.0, 4.0));
+        let ratio = 10f64.powf(random.range(2.0, 6.0));
         // Every third is a thin plate, the others are needles.
         let middle = if i % 3 == 0 { long } else { long / ratio };
         splat.scale = single([long, middle, long / ratio]);
@@ -148,4 +148,141 @@ pub(super) fn empty_view(count: u32, seed: u64) -> Made {
         splat.position[2] = -splat.position[2];
         splat
     })
+}
+
+/// Generates splats with the logarithms of each axis anywhere from -30 to 20.
+pub(super) fn giants(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
+        let random = &mut Random::new(seed, i as u64);
+        let mut splat = cloud(random, count);
+        splat.scale = std::array::from_fn(|_| random.range(-30.0, 20.0).exp() as f32);
+        splat.opacity = random.range(0.02, 0.3) as f32;
+        splat
+    })
+}
+
+/// Generates splats that all have the same centre.
+pub(super) fn coincident(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
+        let random = &mut Random::new(seed, i as u64);
+        Splat {
+            position: [0.3, 0.2, 4.0],
+            scale: std::array::from_fn(|_| random.range(0.05, 0.8) as f32),
+            rotation: random.rotation(),
+            opacity: random.range(0.05, 0.9) as f32,
+            sh: flat(hue([i as f64 * 0.7, 0.0, i as f64 * 0.3])),
+        }
+    })
+}
+
+/// Generates splats at the near plane, a float before and behind it, behind the camera and around it.
+pub(super) fn near_plane(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
+        let random = &mut Random::new(seed, i as u64);
+        let mut splat = cloud(random, count);
+        let near = crate::report::NEAR as f32;
+        let [x, y, z] = random.in_ball().map(|v| (0.3 * v) as f32);
+        let depth = match i % 6 {
+            0 => near,
+            1 => near.next_up(),
+            2 => near.next_down(),
+            3 => near * random.range(1.0, 2.0) as f32,
+            4 => -near * random.range(0.5, 2.0) as f32,
+            _ => z,
+        };
+        splat.position = [x, y, depth];
+        splat.scale = std::array::from_fn(|_| random.range(0.002, 0.03) as f32);
+        splat
+    })
+}
+
+/// Generates opacities of 0 and 1, and those of the logits -40 and 40.
+pub(super) fn logits(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
+        let mut splat = cloud(&mut Random::new(seed, i as u64), count);
+        let sigmoid = |logit: f64| (1.0 / (1.0 + (-logit).exp())) as f32;
+        splat.opacity = [0.0, 1.0, sigmoid(-40.0), sigmoid(40.0), 0.5][i % 5];
+        splat
+    })
+}
+
+/// Generates rotations by quaternions of lengths from denormal to the end of f32.
+pub(super) fn quaternions(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
+        let random = &mut Random::new(seed, i as u64);
+        let mut splat = cloud(random, count);
+        let length = 10f64.powf(random.range(-43.0, 38.0));
+        splat.rotation = splat.rotation.map(|c| (f64::from(c) * length) as f32);
+        // The shortest have few digits left, but always a direction.
+        splat.rotation[0] += f32::from_bits(1);
+        splat.scale[0] *= 4.0;
+        splat
+    })
+}
+
+/// Generates spherical harmonics of degree 3 with coefficients of up to 10,000 of either sign.
+pub(super) fn harmonics(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 3, |i| {
+        let random = &mut Random::new(seed, i as u64);
+        let mut splat = cloud(random, count);
+        splat.sh = std::array::from_fn(|_| random.range(-1e4, 1e4) as f32);
+        splat
+    })
+}
+
+/// Generates layers across the whole view, of one opacity, one close behind the other.
+fn layers(count: u32, seed: u64, opacity: f32) -> Made {
+    Scene::try_generate(count, 0, |i| {
+        let random = &mut Random::new(seed, i as u64);
+        Splat {
+            position: [0.0, 0.0, 2.0 + i as f32 / 1024.0],
+            scale: [200.0, 200.0, 0.01],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity,
+            // From one colour to another, so that a picture shows which layers it is made of.
+            sh: flat([random.range(0.6, 1.0), random.range(0.3, 0.7), i as f64 / f64::from(count.max(1))]),
+        }
+    })
+}
+
+/// Generates nearly opaque layers across the view.
+pub(super) fn layers_opaque(count: u32, seed: u64) -> Made {
+    layers(count, seed, 0.98)
+}
+
+/// Generates layers across the view that are just above the floor of alpha.
+pub(super) fn layers_faint(count: u32, seed: u64) -> Made {
+    layers(count, seed, 0.0045)
+}
+
+/// The place of [`remote`], in world units.
+const REMOTE: [f64; 3] = [1e4, -1e4, 1e4];
+
+/// Generates a cloud with details of a hundredth of a unit, ten thousand units from the origin, in floats.
+pub(super) fn remote(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
+        let mut splat = small_cloud(&mut Random::new(seed, i as u64), count);
+        splat.position = std::array::from_fn(|axis| (f64::from(splat.position[axis]) + REMOTE[axis]) as f32);
+        splat
+    })
+}
+
+/// Makes a camera at the origin of [`remote`], which is not a number of f32.
+pub(super) fn remote_camera() -> Camera {
+    Camera { img_name: "remote".into(), ..camera().relative_to(REMOTE.map(|v| -v - 0.012_345_678_9)) }
+}
+
+/// Generates the same cloud ten million units from the origin; a file of it has positions in `double`.
+pub(super) fn surveyed(count: u32, seed: u64) -> Made {
+    let scene = Scene::try_generate(count, 0, |i| small_cloud(&mut Random::new(seed, i as u64), count))?;
+    // A multiple of 1,024, which a reader of the file finds again.
+    Ok(scene.with_offset([9_999_360.0, -9_999_360.0, 9_999_360.0]))
+}
+
+/// Generates a splat of [`cloud`] at three tenths of its size, and as much nearer.
+fn small_cloud(random: &mut Random, count: u32) -> Splat {
+    let mut splat = cloud(random, count);
+    splat.position = splat.position.map(|v| 0.3 * v);
+    splat.scale = splat.scale.map(|v| 0.3 * v);
+    splat
 }

@@ -25,7 +25,7 @@ pub struct Generator {
     pub summary: &'static str,
     /// Default number of splats.
     pub default_count: u32,
-    /// Makes suitable cameras, 960 x 540; the first is the best.
+    /// Makes suitable cameras in the scene's coordinates, 960 x 540; the first is the best.
     pub cameras: fn() -> Vec<Camera>,
     make: fn(u32, u64) -> Made,
 }
@@ -65,7 +65,12 @@ const fn extreme(name: &'static str, summary: &'static str, make: fn(u32, u64) -
     Generator { name, summary, default_count: 5_000, cameras: origin, make }
 }
 
-const GENERATORS: [Generator; 8] = [
+/// Makes the entry of a scene of 4,096 layers.
+const fn layered(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Made) -> Generator {
+    Generator { name, summary, default_count: 4096, cameras: origin, make }
+}
+
+const GENERATORS: [Generator; 18] = [
     Generator {
         name: "demo",
         summary: "a lotus pond at dusk, with an iridescent knot above it: gloss, needles, mist and reflections",
@@ -80,7 +85,7 @@ const GENERATORS: [Generator; 8] = [
         cameras: || vec![extremes::outside()],
         make: extremes::uniform,
     },
-    extreme("needles", "needles and plates with axes in ratios of up to 10,000 to 1", extremes::needles),
+    extreme("needles", "needles and plates with axes in ratios of up to a million to 1", extremes::needles),
     extreme(
         "huge",
         "a cloud inside one splat that is a hundred times as large and holds the camera",
@@ -90,6 +95,38 @@ const GENERATORS: [Generator; 8] = [
     extreme("ties", "eight planes of splats that all have exactly the same depth", extremes::ties),
     extreme("faint", "splats whose opacity is within a thousandth of the floor of 1/255", extremes::faint),
     extreme("empty-view", "a cloud that is all behind the camera", extremes::empty_view),
+    extreme("giants", "scales from e^-30 to e^20, of each axis by itself", extremes::giants),
+    Generator {
+        default_count: 10_000,
+        ..extreme("coincident", "splats that all have the same centre", extremes::coincident)
+    },
+    extreme(
+        "near-plane",
+        "splats at the near plane, a float before and behind it, and around the camera",
+        extremes::near_plane,
+    ),
+    extreme("logits", "opacities of 0 and 1, and of the logits -40 and 40", extremes::logits),
+    extreme("quaternions", "quaternions of lengths from denormal to the end of f32", extremes::quaternions),
+    extreme(
+        "harmonics",
+        "spherical harmonics of degree 3 with coefficients of up to 10,000",
+        extremes::harmonics,
+    ),
+    layered("layers-opaque", "layers across the view that are nearly opaque", extremes::layers_opaque),
+    layered(
+        "layers-faint",
+        "layers across the view with an opacity just above the floor of 1/255",
+        extremes::layers_faint,
+    ),
+    Generator {
+        cameras: || vec![extremes::remote_camera()],
+        ..extreme(
+            "remote",
+            "a cloud with details of a hundredth, ten thousand units from the origin",
+            extremes::remote,
+        )
+    },
+    extreme("surveyed", "the same cloud ten million units from the origin, in doubles", extremes::surveyed),
 ];
 
 /// Lists all generators.
@@ -146,7 +183,7 @@ mod tests {
     #[test]
     fn the_extremes_are_as_extreme_as_they_say() {
         let ratios = |s: &[f32; 3]| s[0] / s[2];
-        assert!(make("needles", 3000).scales().iter().map(ratios).fold(0.0, f32::max) > 9000.0);
+        assert!(make("needles", 3000).scales().iter().map(ratios).fold(0.0, f32::max) > 9e5);
         let report = |name: &str| {
             let generator = generators().iter().find(|g| g.name == name).unwrap();
             Report::new(&make(name, 3000), &(generator.cameras)())
@@ -162,5 +199,16 @@ mod tests {
         assert_eq!(forward, [0.0, 0.0, 1.0]);
         assert!(ties.positions().chunks_exact(8).all(|planes| planes[3][2] == 3.5));
         assert_eq!(make("uniform", 3000).effective_degree(), 3);
+        let giants = make("giants", 3000);
+        let logs = giants.scales().as_flattened().iter().map(|s| f64::from(*s).ln());
+        let (least, most) =
+            logs.fold((0.0, 0.0), |(least, most): (f64, f64), log| (least.min(log), most.max(log)));
+        assert!(least < -29.5 && most > 19.5, "{least} {most}");
+        let norms = make("quaternions", 3000).quaternion_norms();
+        assert!(norms.min < f64::from(f32::MIN_POSITIVE) && norms.max > 1e37, "{norms:?}");
+        let near = make("near-plane", 3000);
+        let depths = |z: f32| near.positions().iter().filter(|p| p[2] == z).count();
+        assert!([0.2f32, 0.2f32.next_up(), 0.2f32.next_down()].into_iter().all(|z| depths(z) == 500));
+        assert!(make("remote", 30).positions().iter().all(|p| p[0] > 9990.0 && p[1] < -9990.0));
     }
 }

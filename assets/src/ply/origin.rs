@@ -1,0 +1,57 @@
+//! Chooses an origin near the splats of a file whose coordinates have more digits than f32 holds.
+//!
+//! Surveyed scenes lie millions of units from their origin: f32 then resolves half a unit, and the splats fall onto a
+//! lattice. Such files have their positions in `double` (or in integers). The origin is subtracted in f64, before the
+//! coordinates are rounded to f32.
+//!
+//! It is the median of some rows, spread over the file, so that outliers do not move it; a multiple of [`STEP`], so that
+//! people can read it and the subtraction is exact. Axes near the origin keep theirs, and their coordinates stay as they are.
+
+use super::header::Scalar;
+use super::layout::Layout;
+
+/// Spacing of the origins, in world units; f32 resolves a ten-thousandth at half of it.
+pub(super) const STEP: f64 = 1024.0;
+
+/// Number of rows that the median is taken of, at most.
+const SAMPLES: u64 = 1000;
+
+/// Rows of positions from which the origin is chosen.
+pub(super) struct Sample {
+    /// Every how many rows one is taken.
+    pub every: u64,
+    /// The axes whose numbers are wider than f32.
+    pub wide: [bool; 3],
+    values: [Vec<f64>; 3],
+}
+
+impl Sample {
+    /// Starts a sample of `count` rows; `None` where f32 holds every coordinate of the file.
+    pub(super) fn of(layout: &Layout, count: u64) -> Option<Self> {
+        let wide: [bool; 3] = std::array::from_fn(|axis| {
+            matches!(layout.slots[axis].scalar, Scalar::F64 | Scalar::I32 | Scalar::U32)
+        });
+        let every = count.div_ceil(SAMPLES).max(1);
+        wide.contains(&true).then(|| Self { every, wide, values: Default::default() })
+    }
+
+    /// Adds a coordinate; what is not finite has no place.
+    pub(super) fn add(&mut self, axis: usize, value: f64) {
+        if self.wide[axis] && value.is_finite() {
+            self.values[axis].push(value);
+        }
+    }
+
+    /// Chooses the origin.
+    pub(super) fn origin(self) -> [f64; 3] {
+        self.values.map(|mut values| {
+            if values.is_empty() {
+                return 0.0;
+            }
+            let middle = values.len() / 2;
+            let (_, median, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
+            // Of -0, 0 is made, which changes no coordinate.
+            (*median / STEP).round() * STEP + 0.0
+        })
+    }
+}

@@ -1,0 +1,168 @@
+//! The table of extreme cases.
+
+use splatgraph_assets::{Camera, Scene, Splat, synth};
+
+/// A scene at an extreme, with bounds on the errors of its pictures.
+pub struct Case {
+    pub name: &'static str,
+    /// Makes the scene and the camera.
+    pub scene: fn() -> (Scene, Camera),
+    /// Whether it is drawn with the other form of the covariance, too.
+    pub factored: bool,
+    pub bounds: Bounds,
+}
+
+/// Least PSNR in dB, some dB below what lavapipe draws, and the largest error of a pixel.
+pub struct Bounds {
+    /// Of every preset with the right order, blending in 32-bit floats.
+    pub exact: f64,
+    /// The worst pixel of those.
+    pub worst: f64,
+    /// Of half floats, which lavapipe truncates, with either blending.
+    pub half: f64,
+    /// Of 8 bits; drawn where they show what no other case does.
+    pub bytes: Option<f64>,
+    /// Of depth keys of 16 bits.
+    pub key16: f64,
+    /// Of the order of the file, which is wrong.
+    pub unsorted: f64,
+    /// Of blending in the wrong direction.
+    pub naive: f64,
+}
+
+/// The size of the pictures.
+const SIZE: (u32, u32) = (96, 54);
+
+/// Makes the camera's picture small.
+pub fn small(camera: Camera) -> Camera {
+    camera.resized(SIZE.0, SIZE.1)
+}
+
+/// A scene of layers, each of which covers the picture, in a smaller one.
+fn layers(name: &str) -> (Scene, Camera) {
+    let (scene, camera) = generated(name, 4096);
+    (scene, camera.resized(SIZE.0 / 2, SIZE.1 / 2))
+}
+
+/// A generated scene of `count` splats and its first camera, in a small picture.
+fn generated(name: &str, count: u32) -> (Scene, Camera) {
+    let generator = synth::generators().iter().find(|generator| generator.name == name).expect("a generator");
+    let camera = (generator.cameras)().swap_remove(0);
+    (synth::generate(name, count, 0).expect("it fits in memory"), small(camera))
+}
+
+/// A splat in front of a camera at the origin, another for each index.
+pub fn plain(index: usize) -> Splat {
+    let t = index as f32;
+    let mut sh = [0.0; 48];
+    (sh[0], sh[1], sh[2]) = (t.sin(), (1.7 * t).sin(), (2.3 * t).cos());
+    Splat {
+        position: [2.0 * (0.7 * t).sin(), (1.1 * t).cos(), 3.0 + (0.3 * t).sin()],
+        scale: [0.1, 0.05, 0.2],
+        rotation: [1.0, t.sin(), 0.0, 0.5],
+        opacity: 0.5,
+        sh,
+    }
+}
+
+/// A view of the ball from `distance` away.
+fn ball(distance: f64, degrees: f64) -> (Scene, Camera) {
+    let (scene, _) = generated("uniform", 2000);
+    (scene, Camera::looking_at([0.0, 0.0, -distance], [0.0; 3], degrees, SIZE))
+}
+
+/// A view of a cloud in a picture of another shape.
+fn shaped(width: u32, height: u32) -> (Scene, Camera) {
+    let (scene, camera) = generated("needles", 500);
+    let focal = camera.fx * f64::from(width) / f64::from(camera.width);
+    (scene, Camera { width, height, fx: focal, fy: focal, ..camera })
+}
+
+#[rustfmt::skip]
+pub const CASES: &[Case] = &[
+    Case {
+        name: "giants", scene: || generated("giants", 2000), factored: true,
+        bounds: Bounds { exact: 125.0, worst: 1e-5, half: 38.0, bytes: None, key16: 115.0, unsorted: 10.0, naive: 15.0 },
+    },
+    Case {
+        name: "needles", scene: || generated("needles", 2000), factored: true,
+        bounds: Bounds { exact: 125.0, worst: 1e-5, half: 35.0, bytes: None, key16: 100.0, unsorted: 13.0, naive: 12.0 },
+    },
+    Case {
+        name: "quaternions", scene: || generated("quaternions", 2000), factored: false,
+        bounds: Bounds { exact: 130.0, worst: 1e-5, half: 42.0, bytes: None, key16: 100.0, unsorted: 13.0, naive: 9.0 },
+    },
+    Case {
+        name: "logits", scene: || generated("logits", 2000), factored: false,
+        bounds: Bounds { exact: 125.0, worst: 1e-5, half: 50.0, bytes: None, key16: 100.0, unsorted: 16.0, naive: 12.0 },
+    },
+    Case {
+        name: "coincident", scene: || generated("coincident", 10_000), factored: false,
+        bounds: Bounds { exact: 115.0, worst: 1e-5, half: 27.0, bytes: None, key16: 125.0, unsorted: 125.0, naive: 16.0 },
+    },
+    Case {
+        name: "ties", scene: || generated("ties", 2000), factored: false,
+        bounds: Bounds { exact: 128.0, worst: 1e-5, half: 41.0, bytes: None, key16: 130.0, unsorted: 15.0, naive: 12.0 },
+    },
+    Case {
+        name: "near-plane", scene: || generated("near-plane", 2000), factored: false,
+        bounds: Bounds { exact: 125.0, worst: 2e-5, half: 42.0, bytes: None, key16: 100.0, unsorted: 16.0, naive: 12.0 },
+    },
+    Case {
+        name: "far", scene: || generated("far", 2000), factored: false,
+        bounds: Bounds { exact: 125.0, worst: 1e-5, half: 47.0, bytes: None, key16: 75.0, unsorted: 17.0, naive: 13.0 },
+    },
+    Case {
+        name: "remote", scene: || generated("remote", 2000), factored: false,
+        bounds: Bounds { exact: 125.0, worst: 1e-5, half: 47.0, bytes: None, key16: 100.0, unsorted: 17.0, naive: 13.0 },
+    },
+    Case {
+        name: "fov-1", scene: || ball(120.0, 1.0), factored: false,
+        bounds: Bounds { exact: 125.0, worst: 1e-5, half: 41.0, bytes: None, key16: 100.0, unsorted: 12.0, naive: 8.0 },
+    },
+    Case {
+        name: "fov-170", scene: || ball(1.5, 170.0), factored: false,
+        bounds: Bounds { exact: 140.0, worst: 1e-5, half: 58.0, bytes: None, key16: 120.0, unsorted: 28.0, naive: 26.0 },
+    },
+    Case {
+        name: "one-pixel", scene: || shaped(1, 1), factored: false,
+        bounds: Bounds { exact: 120.0, worst: 1e-5, half: 40.0, bytes: None, key16: 100.0, unsorted: 5.0, naive: 5.0 },
+    },
+    Case {
+        name: "one-row", scene: || shaped(16_384, 1), factored: false,
+        bounds: Bounds { exact: 100.0, worst: 1e-3, half: 30.0, bytes: None, key16: 80.0, unsorted: 10.0, naive: 10.0 },
+    },
+    Case {
+        name: "layers-opaque", scene: || layers("layers-opaque"), factored: false,
+        bounds: Bounds { exact: 135.0, worst: 1e-5, half: 60.0, bytes: Some(50.0), key16: 135.0, unsorted: 135.0, naive: 3.0 },
+    },
+    Case {
+        name: "layers-faint", scene: || layers("layers-faint"), factored: false,
+        bounds: Bounds { exact: 100.0, worst: 1e-4, half: 15.0, bytes: Some(6.0), key16: 100.0, unsorted: 100.0, naive: 4.0 },
+    },
+    Case {
+        name: "harmonics", scene: || generated("harmonics", 2000), factored: false,
+        bounds: Bounds { exact: 135.0, worst: 5e-5, half: 80.0, bytes: Some(13.0), key16: 120.0, unsorted: 45.0, naive: 45.0 },
+    },
+    Case {
+        name: "cover", scene: || generated("huge", 1), factored: false,
+        bounds: Bounds { exact: 140.0, worst: 1e-5, half: 68.0, bytes: Some(50.0), key16: 140.0, unsorted: 140.0, naive: 140.0 },
+    },
+    Case {
+        name: "huge", scene: || generated("huge", 2000), factored: false,
+        bounds: Bounds { exact: 130.0, worst: 1e-5, half: 46.0, bytes: None, key16: 110.0, unsorted: 21.0, naive: 12.0 },
+    },
+    Case {
+        name: "faint", scene: || generated("faint", 2000), factored: false,
+        bounds: Bounds { exact: 150.0, worst: 1e-5, half: 90.0, bytes: None, key16: 150.0, unsorted: 150.0, naive: 150.0 },
+    },
+    Case {
+        name: "empty-view", scene: || generated("empty-view", 2000), factored: false,
+        bounds: Bounds { exact: f64::INFINITY, worst: 0.0, half: f64::INFINITY, bytes: None, key16: f64::INFINITY, unsorted: f64::INFINITY, naive: f64::INFINITY },
+    },
+];
+
+/// Finds a case by its name.
+pub fn find(name: &str) -> &'static Case {
+    CASES.iter().find(|case| case.name == name).unwrap_or_else(|| panic!("there is no case {name}"))
+}

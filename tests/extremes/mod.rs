@@ -1,0 +1,238 @@
+//! Scenes at the extremes: every number of a scene, of a camera and of a picture's size taken to where formulas fail.
+//!
+//! [`cases`] is the table: a scene, a camera, and bounds on the error. Each case is drawn once by the exact renderer and then by
+//! every preset, and no picture may hold a value that is not finite. The exact renderer follows the rules of quads here
+//! (`extent=unbounded`, `stop=none`: neither tiles nor an early stop), so that the errors are those of arithmetic, of order
+//! and of the target's format. The errors are printed as rows of the table in docs/accuracy.md.
+
+mod cases;
+mod surveyed;
+
+use crate::common;
+use cases::{Bounds, Case};
+use splatgraph::image::Image;
+use splatgraph::session::{FrameOptions, Session, image_of};
+use splatgraph::{builtin, metrics, truth};
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::{Rules, Splats, render};
+use splatgraph_vulkan::Vulkan;
+
+/// Behind everything, so that transmittance shows.
+const BACKGROUND: [f32; 3] = [0.2, 0.3, 0.4];
+
+/// The difference of a picture from the truth.
+#[derive(Clone, Copy, Debug)]
+struct Error {
+    /// PSNR in dB.
+    db: f64,
+    /// The largest difference of a channel, as a share of the truth where that is brighter than white.
+    worst: f64,
+}
+
+impl Error {
+    /// Compares a picture; one with NaN or an infinite value is a failure.
+    fn of(what: &str, image: &Image, truth: &Image) -> Error {
+        let db = metrics::compare(image, truth).unwrap_or_else(|error| panic!("{what}: {error}")).psnr();
+        let channels = image.rgb.as_flattened().iter().zip(truth.rgb.as_flattened());
+        let share =
+            |(found, exact): (&f32, &f32)| f64::from((found - exact).abs()) / f64::from(exact.abs().max(1.0));
+        Error { db, worst: channels.map(share).fold(0.0, f64::max) }
+    }
+
+    /// The larger of two errors.
+    fn or(self, other: Error) -> Error {
+        Error { db: self.db.min(other.db), worst: self.worst.max(other.worst) }
+    }
+}
+
+/// Draws exactly, with rules changed by name; a number that makes no sense is a failure.
+fn exact(splats: &(impl Splats + ?Sized), camera: &Camera, changes: &[(&str, &str)]) -> Image {
+    let mut rules = Rules::PUBLISHED;
+    for (name, value) in changes {
+        rules.set(name, value).expect("a rule");
+    }
+    let picture = render(splats, camera, BACKGROUND.map(f64::from), &rules, &|_, _| {});
+    assert!(picture.color.iter().flatten().all(|v| v.is_finite()), "exact, {changes:?}: not finite");
+    assert!(picture.transmittance.iter().all(|t| (0.0..=1.0).contains(t)), "exact, {changes:?}: no share");
+    truth::image_of(&picture)
+}
+
+/// The rules of quads: no tiles, no early stop.
+const QUADS: [(&str, &str); 2] = [("extent", "unbounded"), ("stop", "none")];
+
+/// A way to draw, with the bound that it is held to.
+struct Way {
+    preset: &'static str,
+    set: Vec<(String, String)>,
+    bound: fn(&Bounds) -> f64,
+}
+
+impl Way {
+    fn new(preset: &'static str, set: &[(&str, &str)], bound: fn(&Bounds) -> f64) -> Way {
+        Way { preset, set: set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect(), bound }
+    }
+
+    /// Every preset, blending in 32-bit floats; then other formats.
+    fn all(factored: bool, bytes: bool) -> Vec<Way> {
+        let full = [("target", "rgba32f")];
+        let preset = |preset: &'static str| match preset {
+            "unsorted" => Way::new(preset, &full, |bounds| bounds.unsorted),
+            "front_to_back_naive" => Way::new(preset, &full, |bounds| bounds.naive),
+            "key16" => Way::new(preset, &full, |bounds| bounds.key16),
+            _ => Way::new(preset, &full, |bounds| bounds.exact),
+        };
+        let mut all: Vec<Way> = builtin::names().into_iter().map(preset).collect();
+        if factored {
+            let set = [("target", "rgba32f"), ("covariance", "factored")];
+            all.push(Way::new("splat", &set, |bounds| bounds.exact));
+        }
+        all.push(Way::new("splat", &[("target", "rgba16f")], |bounds| bounds.half));
+        all.push(Way::new("front_to_back", &[("target", "rgba16f")], |bounds| bounds.half));
+        if bytes {
+            all.push(Way::new("splat", &[("target", "rgba8")], |bounds| {
+                bounds.bytes.unwrap_or(f64::INFINITY)
+            }));
+        }
+        all
+    }
+
+    /// Returns true if splats are blended in the order of exact depths.
+    fn is_right(&self) -> bool {
+        !["unsorted", "front_to_back_naive", "key16"].contains(&self.preset)
+    }
+
+    fn name(&self) -> String {
+        let set: String = self.set.iter().map(|(name, value)| format!(" {name}={value}")).collect();
+        format!("{}{set}", self.preset)
+    }
+}
+
+/// Draws a scene from a camera in these ways; none may make a picture with a value that is not finite, or a validation message.
+fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
+    let mut session: Session<Vulkan> = Session::new(common::device(), scene, "splat", &[]);
+    let request = FrameOptions { background: BACKGROUND, read_output: true, inspect: Vec::new() };
+    let mut drawn = Vec::new();
+    for way in ways {
+        session.set_graph(way.preset, &way.set);
+        let size = (camera.width, camera.height);
+        session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("{}: {error}", way.name()));
+        let mut image = None;
+        // `stale_order` draws in the order of the frame before.
+        for _ in 0..if way.preset == "stale_order" { 2 } else { 1 } {
+            let frame = session.submit(camera, &request).expect("submitted");
+            let output = session.wait(frame).expect("drawn").output.expect("asked for");
+            let found = image_of(&output).expect("colours");
+            let wrong = found.rgb.as_flattened().iter().filter(|v| !v.is_finite()).count();
+            assert_eq!(wrong, 0, "{}: values that are not finite", way.name());
+            image = Some(found);
+        }
+        drawn.push((way, image.expect("a frame was drawn")));
+    }
+    common::assert_silent(session.device(), "the extremes");
+    let messages = session.into_device().close();
+    assert!(messages.is_empty(), "closing the device\n{}", messages.join("\n"));
+    drawn
+}
+
+/// Draws a case in every way and holds the errors to its bounds.
+fn hold(name: &str) {
+    let Case { scene, factored, bounds, .. } = cases::find(name);
+    let (scene, camera) = scene();
+    let quads = exact(&scene, &camera, &QUADS);
+    let published = Error::of("the published rules", &exact(&scene, &camera, &[]), &quads);
+    let splats = scene.count();
+    let errors: Vec<(Way, Error)> = draw(scene, &camera, Way::all(*factored, bounds.bytes.is_some()))
+        .into_iter()
+        .map(|(way, image)| {
+            let error = Error::of(&way.name(), &image, &quads);
+            (way, error)
+        })
+        .collect();
+
+    let mut failures = Vec::new();
+    for (way, error) in &errors {
+        println!("{name}: {}: {:.1} dB, worst pixel {:.1e}", way.name(), error.db, error.worst);
+        let bound = (way.bound)(bounds);
+        if error.db < bound {
+            failures.push(format!("{}: {:.1} dB, expected {bound} or more", way.name(), error.db));
+        }
+    }
+    let of = |wanted: fn(&Way) -> bool| {
+        errors.iter().filter(|(way, _)| wanted(way)).map(|(_, error)| *error).reduce(Error::or)
+    };
+    let right = of(|way| way.is_right() && way.set[0].1 == "rgba32f").expect("presets");
+    let shown = |error: Option<Error>| error.map_or("".into(), |error| format!("{:.1}", error.db));
+    println!(
+        "| `{name}` | {splats} | {:.1} ({:.0e}) | {} | {} | {} | {} | {} | {:.1} |",
+        right.db,
+        right.worst,
+        shown(of(|way| way.preset == "splat" && way.set[0].1 == "rgba16f")),
+        shown(of(|way| way.preset == "front_to_back" && way.set[0].1 == "rgba16f")),
+        shown(of(|way| way.set[0].1 == "rgba8")),
+        shown(of(|way| way.preset == "key16")),
+        shown(of(|way| !way.is_right() && way.preset != "key16")),
+        published.db,
+    );
+    if right.worst > bounds.worst {
+        failures.push(format!("worst pixel {:.1e}, expected {:e} or less", right.worst, bounds.worst));
+    }
+    assert!(failures.is_empty(), "{name}:\n{}", failures.join("\n"));
+}
+
+/// Makes a sentence a test that holds cases to their bounds.
+macro_rules! held {
+    ($($sentence:ident: $($case:literal),+;)+) => {
+        /// The cases that a test holds to their bounds.
+        const HELD: &[&str] = &[$($($case),+),+];
+        $(#[test] fn $sentence() { $(hold($case);)+ })+
+    };
+}
+
+held! {
+    scales_from_the_least_to_the_largest_are_drawn_together: "giants";
+    a_needle_keeps_its_width_and_a_plate_its_thinness: "needles";
+    a_quaternion_of_any_length_is_a_rotation: "quaternions";
+    opacities_of_0_and_1_and_their_logits_are_drawn_as_they_are: "logits";
+    splats_at_one_place_are_blended_in_their_order: "coincident";
+    splats_of_one_depth_are_blended_in_their_order: "ties";
+    splats_at_the_near_plane_and_around_the_camera_are_drawn_or_culled: "near-plane";
+    outliers_take_nothing_from_the_rest: "far";
+    a_scene_far_from_the_origin_is_as_exact_as_its_positions: "remote";
+    fields_of_view_from_1_to_170_degrees_are_drawn: "fov-1", "fov-170";
+    pictures_of_one_pixel_and_of_one_row_are_drawn: "one-pixel", "one-row";
+    layers_that_are_nearly_opaque_show_the_first: "layers-opaque";
+    layers_that_are_nearly_transparent_add_up: "layers-faint";
+    harmonics_of_ten_thousand_stay_finite: "harmonics";
+    one_splat_can_cover_everything: "cover", "huge";
+    splats_at_the_floor_of_alpha_are_drawn_or_not: "faint";
+    a_view_of_nothing_is_the_background: "empty-view";
+}
+
+#[test]
+fn every_case_of_the_table_is_held_to_its_bounds() {
+    let missing: Vec<_> =
+        cases::CASES.iter().map(|case| case.name).filter(|name| !HELD.contains(name)).collect();
+    assert!(missing.is_empty(), "{missing:?}");
+}
+
+/// Numbers near the end of f32, where sums overflow and no bound on the error makes sense: the picture is finite all the same.
+#[test]
+fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
+    let camera = cases::small(Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 79.0, (64, 36)));
+    let ends = [f32::MAX, -f32::MAX, f32::MIN_POSITIVE, 1e30, 0.5, 0.0];
+    let scene = Scene::generate(600, 3, |i| {
+        let end = |stride: usize| ends[(i / stride) % ends.len()];
+        let mut splat = cases::plain(i);
+        splat.position = match i % 3 {
+            0 => splat.position,
+            1 => [end(3), end(18), splat.position[2]],
+            _ => [splat.position[0], end(7), end(3).abs()],
+        };
+        splat.scale = [end(5).abs(), end(11).abs(), end(2).abs()];
+        splat.sh = std::array::from_fn(|k| end(1 + k % 4));
+        splat
+    });
+    exact(&scene, &camera, &QUADS);
+    exact(&scene, &camera, &[]);
+    draw(scene, &camera, Way::all(true, true));
+}
