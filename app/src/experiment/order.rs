@@ -218,12 +218,18 @@ fn four_ways(page: &mut Page, found: &Order) -> Result<(), ExperimentError> {
         &["way", "PSNR dB", "worst pixel", "wrong in the list", "wrong as blended", "pairs of splats"],
         &rows,
     );
-    page.text(
+    let share = |way: &Drawn| match way.wrong {
+        Some(wrong) => format!("{:.0} % of them", 100.0 * wrong as f64 / way.pairs.max(1) as f64),
+        None => "some of them".into(),
+    };
+    page.text(&format!(
         "`wrong in the list` counts the pairs of visible splats that stand in the order buffer in another order than that of \
-         their depth. `wrong as blended` counts those in which the farther splat dims the nearer: blended from its wrong end, a \
-         perfectly sorted list has all of its pairs wrong, while the order of the file has about half. The naive way need not be \
-         the farther from the truth for it: a pair matters as far as its splats overlap.",
-    );
+         their depth. `wrong as blended` counts those in which the farther splat dims the nearer: a sorted list that is blended \
+         from its wrong end has all of its pairs wrong, and the order of the file has {}. A pair matters as far as its splats \
+         overlap, so that the errors do not follow from these numbers alone. Where a sorted list has pairs wrong at all, \
+         their depths differ in the last bit of 32, which a device that rounds `fma` twice may get otherwise.",
+        share(&found.ways[0])
+    ));
     page.text(&format!("Differences from the exact picture, {GAIN} times as large:"));
     let differences: Vec<Image> =
         found.ways.iter().map(|way| metrics::difference(&way.image, &found.truth, GAIN)).collect();
@@ -246,7 +252,7 @@ fn four_ways(page: &mut Page, found: &Order) -> Result<(), ExperimentError> {
 }
 
 fn worked_example(page: &mut Page, two: &Two) -> Result<(), ExperimentError> {
-    let triple = |color: [f64; 3]| format!("({:.4}, {:.4}, {:.4})", color[0], color[1], color[2]);
+    let triple = |color: [f64; 3]| format!("({:.3}, {:.3}, {:.3})", color[0], color[1], color[2]);
     page.heading("Two splats, step by step");
     let [near, far] = two.layers;
     page.text(&format!(
@@ -267,10 +273,12 @@ fn worked_example(page: &mut Page, two: &Two) -> Result<(), ExperimentError> {
         .ways
         .iter()
         .map(|blended| {
-            let steps: Vec<String> = blended
-                .steps
+            // The first is nothing yet.
+            let steps: Vec<String> = blended.steps[1..]
                 .iter()
-                .map(|(sum, left)| triple(*sum) + &left.map_or(String::new(), |left| format!(" T {left:.4}")))
+                .map(|(sum, left)| {
+                    triple(*sum) + &left.map_or(String::new(), |left| format!(", T {left:.3}"))
+                })
                 .collect();
             vec![
                 blended.way.name.to_owned(),
@@ -282,7 +290,13 @@ fn worked_example(page: &mut Page, two: &Two) -> Result<(), ExperimentError> {
         })
         .collect();
     page.table(
-        &["way", "C step by step, from the formula", "drawn", "drawn - formula", "drawn - exact"],
+        &[
+            "way",
+            "C after each step, by the formula",
+            "C as drawn",
+            "off from the formula",
+            "off from the exact",
+        ],
         &rows,
     );
     page.text(&format!(
@@ -308,12 +322,12 @@ fn keys(page: &mut Page, found: &Order) -> Result<(), ExperimentError> {
     let line = found.keys.iter().filter_map(|(_, drawn)| on(drawn, &drawn.name)).collect();
     let others = [&found.ways[0], &found.ways[2]].into_iter().filter_map(|way| on(way, &way.name)).collect();
     let plot = Plot {
-        title: "Wrong pairs and error".into(),
+        title: "Wrong pairs and error, for keys of 8 to 32 bits and the two wrong ways".into(),
         x: Axis { label: "pairs of splats blended in the wrong order".into(), logarithmic: true },
         y: Axis { label: "PSNR against the exact picture, dB".into(), logarithmic: false },
         series: vec![
-            Series { name: "width of the key".into(), form: Form::Line, points: line },
-            Series { name: "other ways".into(), form: Form::Points, points: others },
+            Series { name: String::new(), form: Form::Line, points: line },
+            Series { name: String::new(), form: Form::Points, points: others },
         ],
     };
     let right = found.keys.iter().filter(|(_, drawn)| drawn.wrong == Some(0));

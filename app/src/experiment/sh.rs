@@ -134,8 +134,13 @@ fn views(cameras: &[Camera], first: &Camera, part: &Part) -> Vec<(String, Camera
     if cameras.len() > 1 {
         return cameras.iter().map(|camera| (camera.img_name.clone(), close(camera))).collect();
     }
-    let moved = |degrees: f64| (format!("{degrees:+.0}°"), close(&orbit::turned(first, part.point, degrees)));
-    DEGREES.map(moved).into()
+    let name = |degrees: f64| if degrees == 0.0 { "0°".into() } else { format!("{degrees:+.0}°") };
+    DEGREES.map(|degrees| (name(degrees), close(&orbit::turned(first, part.point, degrees)))).into()
+}
+
+/// Names bands.
+fn bands(first: u32, last: u32) -> String {
+    if first == last { format!("band {first}") } else { format!("bands {first} to {last}") }
 }
 
 /// Writes the page.
@@ -203,17 +208,17 @@ fn pictures(page: &mut Page, glossy: &Glossy, highest: u32) -> Result<(), Experi
         let columns = degrees.len();
         let mut figures: Vec<Figure> = degrees
             .iter()
-            .enumerate()
-            .map(|(degree, drawn)| Figure {
-                caption: format!("{name}, bands 0 to {degree}: {} dB", decibels(drawn.to_exact)),
+            .zip(0..)
+            .map(|(drawn, degree)| Figure {
+                caption: format!("{name}, {}: {} dB", bands(0, degree), decibels(drawn.to_exact)),
                 image: &drawn.image,
             })
             .collect();
         let Some(all) = degrees.last() else { continue };
         let differences: Vec<Image> =
             degrees.iter().map(|drawn| metrics::difference(&drawn.image, &all.image, GAIN)).collect();
-        figures.extend(differences.iter().take(columns - 1).enumerate().map(|(degree, image)| Figure {
-            caption: format!("what is missing without bands {} to {highest}", degree + 1),
+        figures.extend(differences.iter().take(columns - 1).zip(1..).map(|(image, first)| Figure {
+            caption: format!("what is missing without {}", bands(first, highest)),
             image,
         }));
         figures.push(Figure { caption: format!("{name}, the exact renderer"), image: exact });
@@ -232,7 +237,8 @@ fn errors(page: &mut Page, glossy: &Glossy, highest: u32) {
     header.extend(directions.iter().map(|direction| format!("{}, dB to exact", direction.name)));
     let rows: Vec<Vec<String>> = (0..=highest as usize)
         .map(|degree| {
-            let predicted: f64 = part.within[degree..].iter().sum();
+            // A sum from 0.0: that of no numbers would be -0.0.
+            let predicted = part.within[degree..].iter().fold(0.0, |sum, energy| sum + energy);
             let errors = directions.iter().map(|direction| squared_error(direction.degrees[degree].to_all));
             let measured = errors.sum::<f64>() / directions.len() as f64;
             let psnr = (measured > 0.0).then(|| -10.0 * measured.log10());
@@ -246,10 +252,11 @@ fn errors(page: &mut Page, glossy: &Glossy, highest: u32) {
     page.text(
         "`left out, from the sum` is the mean square over all directions of the bands above, of the splats that show in the window; \
          `left out, measured` is the mean squared difference of the pictures above from those with all bands, over these directions \
-         only. In the mean over all directions the pictures cannot lose more than the sum says: a pixel is a mean of splats with \
-         weights of at most 1 in all, whose square is at most the mean of the squares (Jensen), and the floor at 0 brings values \
-         only closer. They lose less where the lobes of neighbours differ and cancel. From a few directions it can be more: \
-         a highlight is in all of the picture, or in none of it.",
+         only. With the weights that splats have in this view, the pictures cannot lose more than the sum says, in the mean over \
+         all directions: a pixel is a sum of splats with weights of at most 1 in all, whose square is at most the weighted sum of \
+         the squares (Jensen), and the floor at 0 and the limits of the display bring values only closer. They lose less where the \
+         lobes of neighbours differ and cancel. From a few directions it can be more: a highlight is in all of the picture, or \
+         in none of it.",
     );
 }
 

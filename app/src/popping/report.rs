@@ -119,17 +119,24 @@ pub fn csv(tracks: &[Track]) -> String {
     text
 }
 
-/// Plots the pop of each step.
+/// Plots the pop of each step. Variants that draw the same have one line, with all of their names.
 pub fn plot(tracks: &[Track]) -> Plot {
-    let line = |track: &Track| {
-        let points = track.steps.iter().enumerate().map(|(at, step)| ((at + 1) as f64, step.score.pop));
-        Series::line(&track.variant.name, points)
+    let mut lines: Vec<(String, Vec<f64>)> = Vec::new();
+    for track in tracks {
+        let pops: Vec<f64> = track.steps.iter().map(|step| step.score.pop).collect();
+        match lines.iter_mut().find(|(_, other)| *other == pops) {
+            Some((names, _)) => *names += &format!(", {}", track.variant.name),
+            None => lines.push((track.variant.name.clone(), pops)),
+        }
+    }
+    let line = |(names, pops): &(String, Vec<f64>)| {
+        Series::line(names, pops.iter().enumerate().map(|(at, pop)| ((at + 1) as f64, *pop)))
     };
     Plot {
         title: "Change of the error from frame to frame".into(),
         x: Axis { label: "step of the path".into(), logarithmic: false },
         y: Axis { label: "pop: mean |E' - E| of a pixel".into(), logarithmic: true },
-        series: tracks.iter().map(line).collect(),
+        series: lines.iter().map(line).collect(),
     }
 }
 
@@ -176,6 +183,8 @@ mod tests {
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 3, "{text}");
         assert!(lines[2].starts_with("\"a \"\"b\"\"\",2,\"y\",0.3,0.15,0.6,3,4,0.5,0.25,4,2"), "{text}");
-        assert_eq!(plot(&[track()]).series[0].points.len(), 2);
+        let series = plot(&[track(), track()]).series;
+        assert_eq!((series.len(), series[0].points.len()), (1, 2));
+        assert_eq!(series[0].name, "a \"b\", a \"b\"");
     }
 }
