@@ -4,6 +4,7 @@ use super::twin::{Twin, shows_something};
 use crate::common;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::paint::Mode;
+use splatgraph_assets::Camera;
 use splatgraph_framework::ir::Value;
 
 const SPLATS: u32 = 3_000;
@@ -243,6 +244,44 @@ fn files_that_are_dropped_are_opened_and_bad_ones_lose_nothing() {
         "the graph",
         |event| matches!(event, Event::Swapped { swap, .. } if swap.graph.contains("unsorted")),
     );
+    twin.close();
+}
+
+/// Files have the coordinates of the world, the viewer those of the scene that it shows.
+#[test]
+fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
+    let mut twin = Twin::drawing("splat", SPLATS, &[]);
+    let (scene, cameras) = (twin.path("far.ply"), twin.path("views.json"));
+    let place = [4_096_000.0, -1_024_000.0, 0.0];
+    let ball = splatgraph_assets::synth::generate("uniform", 2_000, 0).expect("it is generated");
+    ball.with_offset(place).write_ply(&scene).expect("it is written");
+    let local = Camera::looking_at([0.25, -0.5, -2.5], [0.0; 3], 60.0, (96, 54));
+    Camera::save(&[local.relative_to(place.map(|v| -v))], &cameras).expect("they are written");
+    twin.viewer.open(&scene);
+    twin.viewer.open(&cameras);
+    let (mut scenes, mut views) = (0, 0);
+    while scenes == 0 || views == 0 {
+        twin.until("the scene and the cameras", |event| {
+            matches!(event, Event::Scene { .. } | Event::Cameras { .. })
+        });
+        let count = |is_it: fn(&Event) -> bool| twin.events.iter().filter(|event| is_it(event)).count();
+        scenes = count(|event| matches!(event, Event::Scene { splats: 2_000, .. }));
+        views = count(|event| matches!(event, Event::Cameras { .. }));
+    }
+    assert_eq!(twin.viewer.scene().offset(), place);
+    assert_eq!(twin.viewer.cameras[0].position, local.position);
+    twin.settle();
+    assert!(shows_something(&twin.picture(RendererId::A)));
+
+    // Back to a scene at the origin: its cameras, opened at the same time, are not moved.
+    let near = twin.path("near.ply");
+    splatgraph_assets::synth::generate("uniform", 1_000, 0).expect("made").write_ply(&near).expect("written");
+    Camera::save(&[local.clone()], &cameras).expect("they are written");
+    twin.viewer.open(&near);
+    twin.until("the scene", |event| matches!(event, Event::Scene { splats: 1_000, .. }));
+    twin.viewer.open(&cameras);
+    twin.until("the cameras", |event| matches!(event, Event::Cameras { .. }));
+    assert_eq!(twin.viewer.cameras[0].position, local.position);
     twin.close();
 }
 

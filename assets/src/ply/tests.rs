@@ -239,8 +239,8 @@ fn doubles_far_from_the_origin_keep_the_digits_that_f32_has_not() {
         // A multiple of 1,024 near the median, which the outlier did not move; the third axis is near the origin already.
         assert_eq!(scene.offset(), [5_340_160.0, -410_624.0, 0.0], "{format}");
         for index in [1, 17, 2999] {
-            for axis in 0..3 {
-                let exact = place[axis] + 0.001 * ((index * (axis + 3)) % 5000) as f64;
+            for (axis, place) in place.iter().enumerate() {
+                let exact = place + 0.001 * ((index * (axis + 3)) % 5000) as f64;
                 let found = f64::from(scene.positions()[index][axis]) + scene.offset()[axis];
                 assert!((found - exact).abs() < 1e-5, "{format}, axis {axis}: {found}, expected {exact}");
             }

@@ -156,7 +156,9 @@ pub(super) fn giants(count: u32, seed: u64) -> Made {
         let random = &mut Random::new(seed, i as u64);
         let mut splat = cloud(random, count);
         splat.scale = std::array::from_fn(|_| random.range(-30.0, 20.0).exp() as f32);
-        splat.opacity = random.range(0.02, 0.3) as f32;
+        // Those that cover the view are faint, so that needles and points show.
+        let giant = splat.scale.iter().filter(|s| **s > 1.0).count();
+        splat.opacity = if giant > 1 { 0.0045 } else { random.range(0.3, 0.9) as f32 };
         splat
     })
 }
