@@ -9,7 +9,8 @@
 //
 // `factored` stores M = R S, 36 bytes: the covariance is M M^T. `six` stores the lower triangle of L, 24 bytes, with
 // L L^T = M M^T (Cholesky). Its elements come from minors of M, in which nothing cancels: by Lagrange's identity the
-// elimination's differences are cross products of rows of M, and these are rows of R times two of the scales.
+// elimination's differences are cross products of rows of M, and these are rows of R times two of the scales. `half` has the
+// same six elements in half floats, 12 bytes.
 
 #include "groups.glsl"
 
@@ -21,10 +22,15 @@ struct Covariance3 { float m[9]; };  // row by row
 #else
 struct Covariance3 { float l00, l10, l20, l11, l21, l22; };
 #endif
+#if COVARIANCE == COVARIANCE_HALF
+struct Stored { uint l00_l10, l20_l11, l21_l22; };
+#else
+#define Stored Covariance3
+#endif
 
 layout(set = 0, binding = 0, std430) readonly buffer Scale { Scale3 scale[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Rotation { vec4 rotation[]; };  // w, x, y, z
-layout(set = 0, binding = 2, std430) writeonly buffer Covariance { Covariance3 covariance[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer Covariance { Stored covariance[]; };
 
 // Larger scales are drawn like this one, which is beyond all that a picture shows: their squares are no floats.
 const float LARGEST = 1e18;
@@ -103,6 +109,15 @@ void main() {
         covariance[i].m[3 * row + 2] = r[row].z * s.z;
     }
 #else
-    covariance[i] = triangle(r, s);
+    Covariance3 c = triangle(r, s);
+#if COVARIANCE == COVARIANCE_HALF
+    // The largest half float. Conversion of more is not defined.
+    const float MOST = 65504.0;
+    covariance[i] = Stored(packHalf2x16(clamp(vec2(c.l00, c.l10), -MOST, MOST)),
+                           packHalf2x16(clamp(vec2(c.l20, c.l11), -MOST, MOST)),
+                           packHalf2x16(clamp(vec2(c.l21, c.l22), -MOST, MOST)));
+#else
+    covariance[i] = c;
+#endif
 #endif
 }

@@ -19,6 +19,8 @@ layout(local_size_x = 256) in;
 struct Position3 { float x, y, z; };
 #if COVARIANCE == COVARIANCE_FACTORED
 struct Covariance3 { float m[9]; };
+#elif COVARIANCE == COVARIANCE_HALF
+struct Covariance3 { uint l00_l10, l20_l11, l21_l22; };
 #else
 struct Covariance3 { float l00, l10, l20, l11, l21, l22; };
 #endif
@@ -32,9 +34,7 @@ layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_co
 
 const float NEAR_PLANE = 0.2;
 // Added to both variances on the screen, in square pixels: no splat is narrower than about a pixel.
-const float LOW_PASS = 0.3;
-// The Jacobian is clamped at this multiple of the half field of view.
-const float JACOBIAN_LIMIT = 1.3;
+const float DILATION = 0.3;
 // Margin of the bounds, in pixels, so that rounding never drops a pixel that the fragment shader would keep.
 const float MARGIN = 1.0 / 64.0;
 
@@ -104,14 +104,22 @@ Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
 #else
     // The signs of the diagonal tell which row of the triangle is that of x: see covariance.comp.
     Covariance3 c = covariance[i];
-    if (floatBitsToInt(c.l00) < 0) {
+#if COVARIANCE == COVARIANCE_HALF
+    vec2 l00_l10 = unpackHalf2x16(c.l00_l10);
+    vec2 l20_l11 = unpackHalf2x16(c.l20_l11);
+    vec2 l21_l22 = unpackHalf2x16(c.l21_l22);
+    float l00 = l00_l10.x, l10 = l00_l10.y, l20 = l20_l11.x, l11 = l20_l11.y, l21 = l21_l22.x, l22 = l21_l22.y;
+#else
+    float l00 = c.l00, l10 = c.l10, l20 = c.l20, l11 = c.l11, l21 = c.l21, l22 = c.l22;
+#endif
+    if (floatBitsToInt(l00) < 0) {
         t0 = t0.yzx;
         t1 = t1.yzx;
-    } else if (floatBitsToInt(c.l11) < 0) {
+    } else if (floatBitsToInt(l11) < 0) {
         t0 = t0.zxy;
         t1 = t1.zxy;
     }
-    mat3 columns = mat3(abs(c.l00), c.l10, c.l20, 0.0, abs(c.l11), c.l21, 0.0, 0.0, c.l22);
+    mat3 columns = mat3(abs(l00), l10, l20, 0.0, abs(l11), l21, 0.0, 0.0, l22);
 #endif
     size += exponent_of(max(max(largest(columns[0]), largest(columns[1])), largest(columns[2])));
     Ellipse e;
@@ -157,7 +165,7 @@ float project(uint i) {
         return -1.0;
     }
     float alpha = opacity[i];
-    if (!(alpha >= 1.0 / 255.0)) {
+    if (!(alpha >= alpha_floor)) {
         return -1.0;
     }
     // The place in the camera's frame, from a difference that is exact near the camera, wherever in the world that is: the
@@ -169,7 +177,7 @@ float project(uint i) {
 
     // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
     vec2 slope = vec2(x, y) / z;
-    vec2 limit = JACOBIAN_LIMIT * camera.focal.zw;
+    vec2 limit = jacobian_limit * camera.focal.zw;
     vec2 held = clamp(slope, -limit, limit);
     vec3 w0 = vec3(view[0][0], view[1][0], view[2][0]);
     vec3 w1 = vec3(view[0][1], view[1][1], view[2][1]);
@@ -182,12 +190,17 @@ float project(uint i) {
     // to both, and to the determinant only positive terms.
     float unit = power_of_two(e.unit_exponent);
     float units_per_pixel = power_of_two(-e.unit_exponent);
-    float low_pass = LOW_PASS * (units_per_pixel * units_per_pixel);
+#if LOW_PASS == LOW_PASS_NONE
+    float low_pass = 0.0;
+#else
+    float low_pass = DILATION * (units_per_pixel * units_per_pixel);
+#endif
     float mean = 0.5 * (e.xx + e.yy);
     float lean = 0.5 * (e.xx - e.yy);
     float radius = length(vec2(lean, e.xy));
     float larger = mean + radius + low_pass;
-    float smaller = (e.determinant + low_pass * (2.0 * mean + low_pass)) / larger;
+    float determinant = e.determinant + low_pass * (2.0 * mean + low_pass);
+    float smaller = determinant / larger;
     if (!(smaller > 0.0) || isinf(larger)) {
         return -1.0;  // no area, or not a number
     }
@@ -200,8 +213,16 @@ float project(uint i) {
     larger = min(larger, most * most);
     smaller = min(smaller, most * most);
 
-    // The quad extends to alpha = 1/255, or to the cutoff.
-    float reach = sqrt(2.0 * max(log(255.0 * alpha), 0.0));
+#if LOW_PASS == LOW_PASS_COMPENSATED
+    // The dilated ellipse has the volume of the sharp one (Yu et al. 2024, "Mip-Splatting", equation 9).
+    alpha *= sqrt(e.determinant / determinant);
+    if (!(alpha >= alpha_floor)) {
+        return -1.0;
+    }
+#endif
+
+    // The quad extends to the alpha floor, or to the cutoff.
+    float reach = sqrt(2.0 * max(log(alpha / alpha_floor), 0.0));
     float extent = min(cutoff, reach);
     Splat splat;
     splat.centre = camera.focal.xy * slope + 0.5 * (camera.viewport.xy - 1.0);
@@ -213,7 +234,7 @@ float project(uint i) {
     splat.extent = extent;
     splat.opacity = alpha;
 
-    // The smaller of the bounds of the quad and of the ellipse of alpha = 1/255.
+    // The smaller of the bounds of the quad and of the ellipse at the alpha floor.
     vec2 quad = extent * (abs(splat.major) + abs(splat.minor));
     vec2 ellipse = reach * (sqrt(vec2(e.xx, e.yy) + low_pass) * unit);
     vec2 bounds = min(quad, ellipse) + MARGIN;

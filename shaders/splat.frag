@@ -1,6 +1,9 @@
 #version 460
+#extension GL_GOOGLE_include_directive : require
 
 // Shades one splat at one pixel: the Gaussian's value times the opacity, premultiplied for blending.
+
+#include "live.glsl"
 
 layout(location = 0) flat in vec2 centre;
 layout(location = 1) flat in vec4 inverse_axes;
@@ -13,8 +16,8 @@ void main() {
     vec2 from_centre = gl_FragCoord.xy - 0.5 - centre;
     vec2 sigmas = vec2(dot(from_centre, inverse_axes.xy), dot(from_centre, inverse_axes.zw));
     float power = -0.5 * dot(sigmas, sigmas);
-    float alpha = min(0.99, colour.a * exp(power));
-    if (alpha < 1.0 / 255.0) {
+    float alpha = min(alpha_cap, colour.a * exp(power));
+    if (alpha < alpha_floor) {
         discard;
     }
     blended = vec4(colour.rgb * alpha, alpha);

@@ -26,6 +26,7 @@ mod mistakes;
 mod mutations;
 mod numbers;
 mod page;
+mod parameters;
 mod plans;
 #[cfg(target_os = "linux")]
 mod popping;

@@ -144,6 +144,8 @@ impl Plot {
         let x = Ticks::new(all().map(|point| point.0), self.x.logarithmic);
         let y = Ticks::new(all().map(|point| point.1), self.y.logarithmic);
 
+        let middle = (0.5 * (x.first + x.last), 0.5 * (y.first + y.last));
+
         area.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(area)
             .caption(&self.title, (FONT, 18).into_font().color(&INK))
@@ -199,13 +201,29 @@ impl Plot {
         if named {
             chart
                 .configure_series_labels()
-                .position(SeriesLabelPosition::LowerRight)
+                .position(self.emptiest_corner(&shown, middle))
                 .background_style(WHITE.mix(0.85))
                 .border_style(RULE)
                 .label_font((FONT, TEXT).into_font().color(&INK))
                 .draw()?;
         }
         Ok(())
+    }
+
+    /// Finds the corner for the legend: the one with the fewest points in its quarter, the lower right one of several.
+    fn emptiest_corner(&self, shown: &[Vec<(f64, f64, &str)>], (x, y): (f64, f64)) -> SeriesLabelPosition {
+        let corners = [
+            (SeriesLabelPosition::LowerRight, true, false),
+            (SeriesLabelPosition::UpperRight, true, true),
+            (SeriesLabelPosition::LowerLeft, false, false),
+            (SeriesLabelPosition::UpperLeft, false, true),
+        ];
+        let within = |right: bool, above: bool| {
+            shown.iter().flatten().filter(|(px, py, _)| (*px > x) == right && (*py > y) == above).count()
+        };
+        let [first, ..] = &corners;
+        let least = corners.iter().min_by_key(|(_, right, above)| within(*right, *above)).unwrap_or(first);
+        least.0.clone()
     }
 
     /// Lists the points of a series that can be shown, on the scales of the axes.
@@ -320,18 +338,17 @@ impl ValueFormatter<f64> for Ticks {
     }
 }
 
-/// Chooses a step of 1, 2 or 5 times a power of ten that divides a span into 4 to 10 parts.
+/// Chooses a step of 1, 2 or 5 times a power of ten that divides a span into about 5 parts.
 fn step_for(span: f64) -> f64 {
     let power = 10f64.powf((span / 5.0).log10().floor());
     let ratio = span / 5.0 / power;
-    power
-        * if ratio < 2.0 {
-            1.0
-        } else if ratio < 5.0 {
-            2.0
-        } else {
-            5.0
-        }
+    let round = match ratio {
+        ..1.5 => 1.0,
+        ..3.5 => 2.0,
+        ..7.5 => 5.0,
+        _ => 10.0,
+    };
+    power * round
 }
 
 /// The boxes of what is drawn already, so that names do not lie over each other.
@@ -417,7 +434,8 @@ mod tests {
             image.rgb.iter().filter(|pixel| **pixel == wanted).count()
         };
         assert!(of(COLOURS[0]) > 100 && of(GREY) > 30, "the line and the dots are there");
-        assert!(of(INK) > 20, "so are the texts");
+        let dark = image.rgb.iter().filter(|pixel| pixel.iter().all(|v| *v < 0.4)).count();
+        assert!(dark > 200, "so are the texts: {dark}");
     }
 
     #[test]
@@ -432,7 +450,7 @@ mod tests {
         assert_eq!(labels(&[1.0, 10.0], true), ["1", "2", "5", "10"]);
         assert_eq!(labels(&[1.0, 1.4], true), ["1", "1.1", "1.2", "1.3", "1.4"]);
         // One value alone, and none.
-        assert!(labels(&[3.0], false).contains(&"3.0".to_owned()), "{:?}", labels(&[3.0], false));
+        assert!(labels(&[3.0], false).contains(&"3.00".to_owned()), "{:?}", labels(&[3.0], false));
         assert!(!labels(&[], true).is_empty());
     }
 
