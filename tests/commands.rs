@@ -159,7 +159,19 @@ fn every_preset_passes_its_check_and_every_command_teaches() {
         assert_eq!(text.lines().filter(has).count(), verdicts.len(), "{lanes} lanes in\n{text}");
     }
     assert!(text.contains("view/window: OK"), "{text}");
-    for command in ["view", "render", "dump", "check", "info", "compare", "synth", "devices"] {
+    for command in [
+        "view",
+        "render",
+        "dump",
+        "check",
+        "info",
+        "compare",
+        "synth",
+        "trade",
+        "experiment",
+        "popping",
+        "devices",
+    ] {
         let help = done(folder.path(), &[command, "--help"]);
         assert!(help.contains("Examples:"), "{command} has no examples:\n{help}");
     }

@@ -22,7 +22,7 @@ use std::path::PathBuf;
 /// differences, tables, and the equation that they follow from; it needs no other file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  splatgraph experiment order                             # the demo scene; writes experiment-order.html
+  splatgraph experiment order                     # the demo scene: experiment-order.html
   splatgraph experiment sh scene.ply -c cameras.json#3 -o sh.html
   splatgraph experiment order scene.ply --size 1280x720")]
 pub struct Args {

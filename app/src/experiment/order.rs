@@ -226,8 +226,8 @@ fn four_ways(page: &mut Page, found: &Order) -> Result<(), ExperimentError> {
         "`wrong in the list` counts the pairs of visible splats that stand in the order buffer in another order than that of \
          their depth. `wrong as blended` counts those in which the farther splat dims the nearer: a sorted list that is blended \
          from its wrong end has all of its pairs wrong, and the order of the file has {}. A pair matters as far as its splats \
-         overlap, so that the errors do not follow from these numbers alone. Where a sorted list has pairs wrong at all, \
-         their depths differ in the last bit of 32, which a device that rounds `fma` twice may get otherwise.",
+         overlap, so that the errors do not follow from these numbers alone. Where a sorted list has pairs wrong at all, their \
+         depths are equal or differ in the last bits of 32, which a device that rounds `fma` twice may get otherwise.",
         share(&found.ways[0])
     ));
     page.text(&format!("Differences from the exact picture, {GAIN} times as large:"));

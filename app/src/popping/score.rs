@@ -5,8 +5,8 @@
 //!
 //! - the **pop** of a pixel is `|E' - E| = |(P' - P) - (R' - R)|`: its change beside the true one. It is 0 for a renderer whose
 //!   error is constant in time, whatever that error is, and whatever the camera does;
-//! - the **excess** is `max(0, |P' - P| - |R' - R|)`: what it changes more than it should. A pixel that moves the other way than
-//!   the truth, or stands still where the truth moves, has a pop and no excess.
+//! - the **excess** is `max(0, |P' - P| - |R' - R|)`: what it changes more than it should. A pixel that moves as much as
+//!   the truth, but the other way, or stands still where the truth moves, has a pop and no excess.
 //!
 //! The excess is at most the pop, at every pixel (the triangle inequality). Neither tells a jump from a drift: an error that sticks
 //! to a surface moves across the picture with it, which is a change of every pixel on the way. The two differ in the worst
