@@ -276,7 +276,7 @@ fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
     // Back to a scene at the origin: its cameras, opened at the same time, are not moved.
     let near = twin.path("near.ply");
     splatgraph_assets::synth::generate("uniform", 1_000, 0).expect("made").write_ply(&near).expect("written");
-    Camera::save(&[local.clone()], &cameras).expect("they are written");
+    Camera::save(std::slice::from_ref(&local), &cameras).expect("they are written");
     twin.viewer.open(&near);
     twin.until("the scene", |event| matches!(event, Event::Scene { splats: 1_000, .. }));
     twin.viewer.open(&cameras);
