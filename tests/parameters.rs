@@ -44,13 +44,14 @@ fn psnr(a: &Image, b: &Image) -> f64 {
 #[test]
 fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule() {
     let (scene, camera) = scene();
+    // Quads have no tiles and do not stop early.
     let exact = |rule: &str, value: &str| {
-        let rules = rules(&[(rule.to_owned(), value.to_owned())]).expect("a rule");
+        let changes = [("extent", "unbounded"), ("stop", "none"), (rule, value)];
+        let rules = rules(&changes.map(|(n, v)| (n.to_owned(), v.to_owned()))).expect("rules");
         Truth::draw(&scene, &camera, [0.0; 3], &rules).image()
     };
     let published = exact("near", "0.2");
     let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
-    // Quads have no tiles and do not stop early: 60 dB is what that leaves of so small a picture.
     for (rule, value, name, setting) in [
         ("near", "0.2", "budget", "1.0"),
         ("low_pass", "none", "low_pass", "none"),
@@ -63,10 +64,10 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
         let by_rule = exact(rule, value);
         let found = drawn(&mut session, &camera, &[(name, setting)]);
         let (near, far) = (psnr(&found, &by_rule), psnr(&found, &published));
-        assert!(near > 58.0, "{name}={setting}: {near:.1} dB from the rule {rule}={value}");
+        assert!(near > 90.0, "{name}={setting}: {near:.1} dB from the rule {rule}={value}");
         // The rule makes a difference here, and the parameter makes the same one.
         assert!(
-            name == "budget" || near > far + 10.0,
+            name == "budget" || near > far + 30.0,
             "{name}={setting}: {near:.1} dB, {far:.1} dB from the published"
         );
     }

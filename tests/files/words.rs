@@ -94,14 +94,28 @@ pub fn line(random: &mut Random) -> Vec<String> {
     let command = match random.below(30) {
         0 => random.of(&["help", "rendre", "", "devices"]),
         _ => random.of(&[
-            "render", "render", "render", "view", "dump", "check", "info", "compare", "compare", "synth",
+            "render",
+            "render",
+            "render",
+            "view",
+            "dump",
+            "check",
+            "info",
+            "compare",
+            "compare",
             "synth",
+            "synth",
+            "trade",
+            "sweep",
+            "advise",
+            "popping",
+            "experiment",
         ]),
     };
     let mut words: Vec<String> = vec![command.into()];
     // The operands of each command, mostly.
     let operands = match command {
-        "render" | "view" | "info" => random.below(8).min(1),
+        "render" | "view" | "info" | "trade" | "sweep" | "advise" | "popping" => random.below(8).min(1),
         "compare" => [2, 2, 2, 2, 2, 2, 2, 2, 1, 3][random.below(10)],
         "check" => 1 + random.below(2),
         "devices" => random.below(20) / 19,
@@ -110,6 +124,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
     for _ in 0..operands {
         let word = match command {
             "dump" | "check" => random.of(&GRAPHS),
+            "experiment" => random.of(&["order", "sh", "nope", ""]),
             "synth" => random.of(&["demo", "demo", "uniform", "uniform", "nope", ""]),
             _ => random.of(&FILES),
         };
@@ -177,6 +192,18 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
         "dump" => &["-o", "--format", "--diff", "--times", "--scene", "--size", "--set", "--set-b"],
         "compare" => &["--diff", "--diff", "--gain", "--min-psnr", "--json", "--by-number"],
         "synth" => &["-o", "-o", "--cameras", "--count", "--seed", "--enlarge"],
+        "trade" | "sweep" | "advise" | "popping" | "experiment" => &[
+            "-o",
+            "-o",
+            "--cameras",
+            "--size",
+            "--pipeline",
+            "--rounds",
+            "--frames",
+            "--json",
+            "--psnr",
+            "--device",
+        ],
         _ => &["--set", "--json", "--size", "--device", "--cameras"],
     };
     let name = match random.below(40) {

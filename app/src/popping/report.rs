@@ -3,6 +3,7 @@
 use super::measure::Track;
 use crate::metrics::WorstPixel;
 use crate::report::plot::{Axis, Plot, Series};
+use crate::report::text;
 use serde::Serialize;
 
 /// A variant over the whole path.
@@ -66,9 +67,9 @@ pub fn table(summaries: &[Summary]) -> String {
         "order changes",
         "true changes",
     ];
-    let mut rows = vec![header.map(String::from)];
+    let mut rows = vec![header.map(String::from).to_vec()];
     rows.extend(summaries.iter().map(|found| {
-        [
+        vec![
             found.name.clone(),
             format!("{:.3e}", found.pop),
             format!("{:.3e}", found.excess),
@@ -80,14 +81,7 @@ pub fn table(summaries: &[Summary]) -> String {
             optional(found.true_order_changes),
         ]
     }));
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..header.len()).map(width).collect();
-    let line = |row: &[String; 9]| {
-        let first = format!("{:1$}", row[0], widths[0]);
-        let rest = row.iter().zip(&widths).skip(1).map(|(cell, width)| format!("  {cell:>width$}"));
-        rest.fold(first, |line, cell| line + &cell) + "\n"
-    };
-    rows.iter().map(line).collect()
+    text::table(&rows)
 }
 
 /// Writes every step of every variant as CSV (RFC 4180), with all digits; a value that there is none of is empty.
