@@ -4,6 +4,7 @@ use crate::image::Image;
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, RGBColor, register_font};
 use std::ops::Range;
 use std::sync::Once;
@@ -89,6 +90,8 @@ const FONT: &str = "sans-serif";
 /// Height of the text, in pixels.
 const TEXT: u32 = 14;
 const NAME: u32 = 13;
+/// Height of the title and the legend.
+const HEAD: u32 = 66;
 
 impl Series {
     /// Makes a line through points without names.
@@ -144,12 +147,10 @@ impl Plot {
         let x = Ticks::new(all().map(|point| point.0), self.x.logarithmic);
         let y = Ticks::new(all().map(|point| point.1), self.y.logarithmic);
 
-        let middle = (0.5 * (x.first + x.last), 0.5 * (y.first + y.last));
-
         area.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(area)
-            .caption(&self.title, (FONT, 18).into_font().color(&INK))
             .margin(14)
+            .margin_top(HEAD)
             .x_label_area_size(48)
             .y_label_area_size(64)
             .build_cartesian_2d(x, y)?;
@@ -171,7 +172,7 @@ impl Plot {
             .collect();
         // What is muted lies behind the others, and its names take the room that is left.
         let (behind, before): (Vec<usize>, Vec<usize>) = (0..self.series.len()).partition(muted);
-        let mut named = false;
+        self.head(area, &colour_of)?;
         for at in behind.iter().chain(&before) {
             let (series, points, colour) = (&self.series[*at], &shown[*at], colour_of[*at]);
             if series.form == Form::Line {
@@ -179,11 +180,7 @@ impl Plot {
                 chart.draw_series(LineSeries::new(line, colour.stroke_width(2)))?;
             }
             let dots = points.iter().map(|(x, y, _)| Circle::new((*x, *y), 4, colour.filled()));
-            let drawn = chart.draw_series(dots)?;
-            if !series.name.is_empty() {
-                named = true;
-                drawn.label(&series.name).legend(move |(x, y)| Circle::new((x + 10, y), 4, colour.filled()));
-            }
+            chart.draw_series(dots)?;
         }
         let mut names = Names::default();
         shown.iter().flatten().for_each(|(x, y, _)| names.block(chart.backend_coord(&(*x, *y))));
@@ -192,38 +189,41 @@ impl Plot {
             for (x, y, name) in shown[*at].iter().filter(|(.., name)| !name.is_empty()) {
                 let (width, height) = area.estimate_text_size(name, &style)?;
                 let size = (width as i32, height as i32);
-                if let Some(place) = names.place(chart.backend_coord(&(*x, *y)), size, self.series[*at].form)
-                {
+                if let Some(place) = names.place(chart.backend_coord(&(*x, *y)), size) {
                     area.draw(&Text::new((*name).to_owned(), place, style.clone()))?;
                 }
             }
         }
-        if named {
-            chart
-                .configure_series_labels()
-                .position(self.emptiest_corner(&shown, middle))
-                .background_style(WHITE.mix(0.85))
-                .border_style(RULE)
-                .label_font((FONT, TEXT).into_font().color(&INK))
-                .draw()?;
-        }
         Ok(())
     }
 
-    /// Finds the corner for the legend: the one with the fewest points in its quarter, the lower right one of several.
-    fn emptiest_corner(&self, shown: &[Vec<(f64, f64, &str)>], (x, y): (f64, f64)) -> SeriesLabelPosition {
-        let corners = [
-            (SeriesLabelPosition::LowerRight, true, false),
-            (SeriesLabelPosition::UpperRight, true, true),
-            (SeriesLabelPosition::LowerLeft, false, false),
-            (SeriesLabelPosition::UpperLeft, false, true),
-        ];
-        let within = |right: bool, above: bool| {
-            shown.iter().flatten().filter(|(px, py, _)| (*px > x) == right && (*py > y) == above).count()
-        };
-        let [first, ..] = &corners;
-        let least = corners.iter().min_by_key(|(_, right, above)| within(*right, *above)).unwrap_or(first);
-        least.0.clone()
+    /// Draws the title, and the legend in a line below it.
+    fn head<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+        colours: &[RGBColor],
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        let centred = Pos::new(HPos::Center, VPos::Center);
+        let title = (FONT, 18).into_font().color(&INK).pos(centred);
+        area.draw(&Text::new(self.title.clone(), (SIZE.0 as i32 / 2, 22), title))?;
+        let style = (FONT, TEXT).into_font().color(&INK);
+        let named = || self.series.iter().zip(colours).filter(|(series, _)| !series.name.is_empty());
+        let width =
+            |series: &Series| area.estimate_text_size(&series.name, &style).map(|(width, _)| width as i32);
+        /// Room for a dot, and between entries.
+        const DOT: i32 = 36;
+        let mut all = 0;
+        for (series, _) in named() {
+            all += width(series)? + DOT;
+        }
+        let mut x = (SIZE.0 as i32 - all) / 2 + DOT / 2;
+        for (series, colour) in named() {
+            area.draw(&Circle::new((x, 46), 4, colour.filled()))?;
+            let beside = style.clone().pos(Pos::new(HPos::Left, VPos::Center));
+            area.draw(&Text::new(series.name.clone(), (x + 10, 46), beside))?;
+            x += width(series)? + DOT;
+        }
+        Ok(())
     }
 
     /// Lists the points of a series that can be shown, on the scales of the axes.
@@ -363,8 +363,8 @@ impl Names {
         self.taken.push([x - 4, y - 4, x + 4, y + 4]);
     }
 
-    /// Finds a place for a name beside its dot: its upper left corner. A muted one is left out where there is none.
-    fn place(&mut self, (x, y): (i32, i32), (width, height): (i32, i32), form: Form) -> Option<(i32, i32)> {
+    /// Finds a place for a name beside its dot: its upper left corner. `None` if there is no room.
+    fn place(&mut self, (x, y): (i32, i32), (width, height): (i32, i32)) -> Option<(i32, i32)> {
         let half = height / 2;
         let beside = [
             (x + 8, y - half),
@@ -383,7 +383,7 @@ impl Names {
             let room = of(*place);
             room[0] >= 66 && room[2] <= right && self.taken.iter().all(|other| apart(&room, other))
         };
-        let place = beside.into_iter().find(free).or((form != Form::Muted).then_some(beside[0]))?;
+        let place = beside.into_iter().find(free)?;
         self.taken.push(of(place));
         Some(place)
     }
@@ -460,7 +460,7 @@ mod tests {
         let at = (400, 300);
         names.block(at);
         let mut boxes: Vec<[i32; 4]> = Vec::new();
-        while let Some((x, y)) = names.place(at, (60, 12), Form::Muted) {
+        while let Some((x, y)) = names.place(at, (60, 12)) {
             let next = [x, y, x + 60, y + 12];
             assert!(boxes.iter().all(|b| b[2] <= x || next[2] <= b[0] || b[3] <= y || next[3] <= b[1]));
             boxes.push(next);
