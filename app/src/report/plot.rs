@@ -189,8 +189,9 @@ impl Plot {
             for (x, y, name) in shown[*at].iter().filter(|(.., name)| !name.is_empty()) {
                 let (width, height) = area.estimate_text_size(name, &style)?;
                 let size = (width as i32, height as i32);
-                if let Some(place) = names.place(chart.backend_coord(&(*x, *y)), size) {
-                    area.draw(&Text::new((*name).to_owned(), place, style.clone()))?;
+                if let Some((side, place)) = names.place(chart.backend_coord(&(*x, *y)), size) {
+                    let style = style.pos(Pos::new(side, VPos::Top));
+                    area.draw(&Text::new((*name).to_owned(), place, style))?;
                 }
             }
         }
@@ -363,29 +364,37 @@ impl Names {
         self.taken.push([x - 4, y - 4, x + 4, y + 4]);
     }
 
-    /// Finds a place for a name beside its dot: its upper left corner. `None` if there is no room.
-    fn place(&mut self, (x, y): (i32, i32), (width, height): (i32, i32)) -> Option<(i32, i32)> {
+    /// Finds a place for a name beside its dot: where its text begins, ends, or has its middle. `None` if there is no room.
+    ///
+    /// The reader's font may be wider than this program's: a text beside a dot keeps its distance from it.
+    fn place(&mut self, (x, y): (i32, i32), (width, height): (i32, i32)) -> Option<(HPos, (i32, i32))> {
         let half = height / 2;
         let beside = [
-            (x + 8, y - half),
-            (x - 8 - width, y - half),
-            (x - width / 2, y - 8 - height),
-            (x - width / 2, y + 8),
-            (x + 8, y - 6 - height),
-            (x + 8, y + 6),
-            (x - 8 - width, y - 6 - height),
-            (x - 8 - width, y + 6),
+            (HPos::Left, y - half),
+            (HPos::Right, y - half),
+            (HPos::Center, y - 8 - height),
+            (HPos::Center, y + 8),
+            (HPos::Left, y - 6 - height),
+            (HPos::Left, y + 6),
+            (HPos::Right, y - 6 - height),
+            (HPos::Right, y + 6),
         ];
-        let right = SIZE.0 as i32 - 8;
-        let of = |(x, y): (i32, i32)| [x, y, x + width, y + height];
-        let apart = |a: &[i32; 4], b: &[i32; 4]| a[2] <= b[0] || b[2] <= a[0] || a[3] <= b[1] || b[3] <= a[1];
-        let free = |place: &(i32, i32)| {
-            let room = of(*place);
-            room[0] >= 66 && room[2] <= right && self.taken.iter().all(|other| apart(&room, other))
+        let place = |(side, top): (HPos, i32)| {
+            let (at, left) = match side {
+                HPos::Left => (x + 8, x + 8),
+                HPos::Right => (x - 8, x - 8 - width),
+                HPos::Center => (x, x - width / 2),
+            };
+            (side, (at, top), [left, top, left + width, top + height])
         };
-        let place = beside.into_iter().find(free)?;
-        self.taken.push(of(place));
-        Some(place)
+        let apart = |a: &[i32; 4], b: &[i32; 4]| a[2] <= b[0] || b[2] <= a[0] || a[3] <= b[1] || b[3] <= a[1];
+        let free = |(.., room): &(HPos, (i32, i32), [i32; 4])| {
+            let within = room[0] >= 66 && room[2] <= SIZE.0 as i32 - 8;
+            within && self.taken.iter().all(|other| apart(room, other))
+        };
+        let (side, at, room) = beside.into_iter().map(place).find(free)?;
+        self.taken.push(room);
+        Some((side, at))
     }
 }
 
@@ -460,9 +469,14 @@ mod tests {
         let at = (400, 300);
         names.block(at);
         let mut boxes: Vec<[i32; 4]> = Vec::new();
-        while let Some((x, y)) = names.place(at, (60, 12)) {
-            let next = [x, y, x + 60, y + 12];
-            assert!(boxes.iter().all(|b| b[2] <= x || next[2] <= b[0] || b[3] <= y || next[3] <= b[1]));
+        while let Some((side, (x, y))) = names.place(at, (60, 12)) {
+            let left = match side {
+                HPos::Left => x,
+                HPos::Right => x - 60,
+                HPos::Center => x - 30,
+            };
+            let next = [left, y, left + 60, y + 12];
+            assert!(boxes.iter().all(|b| b[2] <= left || next[2] <= b[0] || b[3] <= y || next[3] <= b[1]));
             boxes.push(next);
         }
         assert!(boxes.len() >= 4, "{boxes:?}");
