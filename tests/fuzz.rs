@@ -129,12 +129,13 @@ fn builds() -> Vec<Build> {
             lanes,
         })
     };
-    let serial = Build {
+    let other = [("sorter", "serial"), ("covariance", "factored"), ("sh_storage", "f16")];
+    let other = Build {
         graph: "splat".into(),
-        set: vec![("sorter".into(), "serial".into()), ("covariance".into(), "factored".into())],
+        set: other.map(|(name, value)| (name.into(), value.into())).to_vec(),
         lanes: facts::USUAL_SUBGROUP_SIZE,
     };
-    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([serial]).collect()
+    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([other]).collect()
 }
 
 /// Holds the outcome of a build: the plan, or the diagnostics, each with its rendering.

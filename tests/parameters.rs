@@ -13,13 +13,13 @@ use std::sync::Arc;
 fn scene() -> (Arc<Scene>, Camera) {
     let demo = synth::generate("demo", 1500, 0).expect("it is generated");
     let camera = synth::demo_cameras().swap_remove(0).resized(128, 72);
-    let [_, _, forward] = camera.axes();
-    let right = camera.axes()[0];
+    let [right, _, forward] = camera.axes();
     let beside = |i: usize| {
-        // At 1.5 to 2 times the half field of view, 3 units away, and large.
+        // At 1.5 to 2 times the half field of view, and large. At equal depths, the order would be the device's.
+        let depth = 3.0 + 0.1 * i as f64;
         let side = (1.5 + 0.05 * i as f64) * 0.5 * f64::from(camera.width) / camera.fx;
         let position =
-            std::array::from_fn(|c| (camera.position[c] + 3.0 * (forward[c] + side * right[c])) as f32);
+            std::array::from_fn(|c| (camera.position[c] + depth * (forward[c] + side * right[c])) as f32);
         Splat { position, scale: [0.8, 0.1, 0.1], opacity: 0.6, ..demo.splat(i) }
     };
     let count = demo.count() + 10;
@@ -64,7 +64,7 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
         let by_rule = exact(rule, value);
         let found = drawn(&mut session, &camera, &[(name, setting)]);
         let (near, far) = (psnr(&found, &by_rule), psnr(&found, &published));
-        assert!(near > 90.0, "{name}={setting}: {near:.1} dB from the rule {rule}={value}");
+        assert!(near > 100.0, "{name}={setting}: {near:.1} dB from the rule {rule}={value}");
         // The rule makes a difference here, and the parameter makes the same one.
         assert!(
             name == "budget" || near > far + 30.0,

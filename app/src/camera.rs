@@ -29,7 +29,7 @@ struct Block {
     /// Near plane, the scene's depth range, frame number.
     depth: [f32; 4],
     background: [f32; 4],
-    /// What rounding the position to f32 has lost.
+    /// The position's part below its f32.
     position_low: [f32; 4],
     /// Room for new members without a change of size.
     reserved: [[f32; 4]; 6],

@@ -7,7 +7,7 @@ pub struct Case {
     pub name: &'static str,
     /// Makes the scene and the camera.
     pub scene: fn() -> (Scene, Camera),
-    /// Whether it is drawn with the other form of the covariance, too.
+    /// True to draw it with the other form of the covariance, too.
     pub factored: bool,
     pub bounds: Bounds,
 }

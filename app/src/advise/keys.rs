@@ -96,7 +96,7 @@ pub struct Need {
     pub bits: Option<u32>,
 }
 
-/// Finds the least width for each mapping at which at most `errors` pairs of splats that overlap are in the wrong order, in any view.
+/// Finds the least width for each mapping that leaves at most `errors` overlapping pairs in the wrong order, in any view.
 pub fn needs(views: &[View], errors: u64) -> Vec<Need> {
     let of = |map: Mapping| {
         let enough = |bits: &u32| views.iter().all(|view| wrong_pairs(view, map, *bits, errors) <= errors);

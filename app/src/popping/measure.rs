@@ -31,7 +31,7 @@ pub struct Variant {
 pub struct Step {
     /// The camera that the step ends at.
     pub camera: String,
-    /// What is seen.
+    /// The change of the error.
     #[serde(flatten)]
     pub score: Score,
     /// Pairs of splats that change places in the drawn order; `None` if the graph has none that can be read.

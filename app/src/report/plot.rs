@@ -72,7 +72,7 @@ pub struct Plot {
     pub series: Vec<Series>,
 }
 
-/// Colours that people with any colour vision tell apart (Okabe and Ito 2008), without the yellow, which is faint on white.
+/// Colours that people with any colour vision tell apart (Okabe and Ito 2008). Their yellow is faint on white and left out.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -339,7 +339,7 @@ impl ValueFormatter<f64> for Ticks {
     }
 }
 
-/// Chooses a step of 1, 2 or 5 times a power of ten that divides a span into about 5 parts.
+/// Chooses a step of 1, 2 or 5 times a power of ten, for about 5 parts of a span.
 fn step_for(span: f64) -> f64 {
     let power = 10f64.powf((span / 5.0).log10().floor());
     let ratio = span / 5.0 / power;

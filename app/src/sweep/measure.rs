@@ -36,7 +36,7 @@ pub fn counts(all: u32, steps: u32) -> Vec<u32> {
     counts
 }
 
-/// The program's way of drawing in a sweep.
+/// A session with all splats, from which those with fewer are made.
 pub struct Sweep<'a, D> {
     /// The session that draws all splats, prepared in the view's size.
     pub whole: &'a mut Session<D>,

@@ -129,7 +129,7 @@ pub(crate) fn wide(line: &Line, column: usize) -> Option<f64> {
     parsed(words(line.text).nth(column)?)
 }
 
-/// Parses a splat's line into its slots, its position relative to `origin`, and adds the bytes of each word to its column's total.
+/// Parses a splat's line into its slots, its position relative to `origin`. Adds the bytes of each word to its column's total.
 ///
 /// Returns the number of values, at most one per column. The caller rejects lines with fewer.
 ///
