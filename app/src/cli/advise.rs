@@ -1,6 +1,6 @@
 //! Runs `splatgraph advise`: what a scene needs, and the cheapest setting within a budget.
 
-use super::options::{self, DEFAULT_PIPELINE, DeviceArgs};
+use super::options::{self, DEFAULT_PIPELINE, DeviceArgs, EffortArgs};
 use super::{Outcome, Usage};
 use crate::advise::harmonics::{self, Band};
 use crate::advise::keys::{self, Mapping, Need, WIDTHS};
@@ -9,11 +9,10 @@ use crate::backend::Backend;
 use crate::builtin;
 use crate::fit;
 use crate::orbit;
-use crate::output::Claims;
 use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::progress::Progress;
 use crate::session::Session;
-use crate::trade::measure::{Effort, View, measure, suitable_frames};
+use crate::trade::measure::{Effort, View, measure};
 use crate::trade::settings::{self, EXACT, Setting};
 use crate::truth::Truth;
 use anyhow::{Context, Result};
@@ -63,12 +62,8 @@ pub struct Args {
     /// Write everything as JSON to this file; `-` is standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Rounds of frames, whose medians are compared
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    rounds: u32,
-    /// Frames of a setting in a round, in turns with as many of the exact settings [default: what takes 0.05 s, 1 to 7]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    frames: Option<u32>,
+    #[command(flatten)]
+    effort: EffortArgs,
     #[command(flatten)]
     device: DeviceArgs,
 }
@@ -133,13 +128,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Returns an error if the JSON would destroy an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
-    let mut claims = Claims::default();
-    if let Some(path) = &args.scene {
-        claims.input("the scene", path)?;
-    }
-    if let Some(cameras) = &args.cameras {
-        options::claim_cameras(&mut claims, cameras)?;
-    }
+    let mut claims = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     claims.input("the graph", Path::new(&args.pipeline))?;
     if let Some(path) = &args.json {
         claims.output("--json", path)?;
@@ -225,9 +214,7 @@ fn search(
     let mut exact = session.beside(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
     // A quarter of a ledger's: a setting must be told apart from others that save a hundredth, and there are many.
-    let frames =
-        args.frames.map_or_else(|| suitable_frames(&mut exact, first).map(|n| (n / 4).max(1)), Ok)?;
-    let effort = Effort { rounds: args.rounds, frames };
+    let effort = args.effort.choose(&mut exact, first, 4)?;
     let views: Vec<View> = cameras
         .iter()
         .map(|camera| {

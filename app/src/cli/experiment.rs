@@ -3,7 +3,6 @@
 use super::options::{self, DeviceArgs};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::backend::Backend;
-use crate::demo;
 use crate::experiment::{GRAPH, order, sh};
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
@@ -156,14 +155,7 @@ fn view(
 /// Lists the files; an error if the page would destroy an input.
 pub(super) fn claims(args: &Args) -> Result<Claims, Usage> {
     let common = args.kind.common();
-    let mut claims = Claims::default();
-    match &common.scene {
-        Some(path) => claims.input("the scene", path)?,
-        None => demo::path().map_or(Ok(()), |path| claims.input("the demo scene", &path))?,
-    }
-    if let Some(cameras) = &common.cameras {
-        options::claim_cameras(&mut claims, cameras)?;
-    }
+    let mut claims = options::claim_inputs(common.scene.as_deref(), common.cameras.as_deref())?;
     claims.output("--output", &args.output())?;
     Ok(claims)
 }

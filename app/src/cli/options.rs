@@ -8,6 +8,8 @@ use crate::facts;
 use crate::fit::Target;
 use crate::output::{self, Claims, say};
 use crate::progress::Progress;
+use crate::session::Session;
+use crate::trade::measure::{Effort, suitable_frames};
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
@@ -279,6 +281,45 @@ impl Drawing {
     pub fn cameras(&self) -> Result<Option<Vec<Camera>>, CameraError> {
         self.cameras.as_deref().map(cameras).transpose()
     }
+}
+
+/// Numbers of frames of a measurement.
+#[derive(Debug, clap::Args)]
+pub struct EffortArgs {
+    /// Rounds of frames, whose medians show the spread
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: u32,
+    /// Frames in a round, in turns with as many to compare with [default: by the time of one, 1 to 30]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    frames: Option<u32>,
+}
+
+impl EffortArgs {
+    /// Chooses the numbers of frames. Without `--frames`, a round is the given part of what is usual.
+    ///
+    /// The session is prepared in the camera's size.
+    pub fn choose(&self, session: &mut Session<Backend>, camera: &Camera, part: u32) -> Result<Effort> {
+        let usual = || suitable_frames(session, camera).map(|frames| (frames / part).max(1));
+        Ok(Effort { rounds: self.rounds, frames: self.frames.map_or_else(usual, Ok)? })
+    }
+
+    /// Returns the rounds, and the frames of a round if they are given.
+    pub fn given(&self) -> (u32, Option<u32>) {
+        (self.rounds, self.frames)
+    }
+}
+
+/// Claims the inputs of a command that draws: the scene, or the demo scene, and the cameras.
+pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<Claims, Usage> {
+    let mut claims = Claims::default();
+    match scene {
+        Some(path) => claims.input("the scene", path)?,
+        None => demo::path().map_or(Ok(()), |path| claims.input("the demo scene", &path))?,
+    }
+    if let Some(cameras) = cameras {
+        claim_cameras(&mut claims, cameras)?;
+    }
+    Ok(claims)
 }
 
 /// Adds the file of `FILE` or `FILE#INDEX` to the inputs; a `#` may also be part of the file's own name.

@@ -197,13 +197,7 @@ fn origin(
 
 /// Lists the files; an error if an output would destroy an input.
 pub(super) fn claims(args: &Args) -> Result<Claims, Usage> {
-    let mut claims = Claims::default();
-    if let Some(path) = &args.scene {
-        claims.input("the scene", path)?;
-    }
-    if let Some(cameras) = &args.cameras {
-        options::claim_cameras(&mut claims, cameras)?;
-    }
+    let mut claims = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     for graph in &args.pipeline {
         claims.input("a graph", Path::new(graph))?;
     }

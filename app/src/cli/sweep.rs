@@ -1,18 +1,18 @@
 //! Runs `splatgraph sweep`: quality and time with fewer and fewer splats.
 
-use super::options::{self, DeviceArgs, Drawing};
+use super::options::{self, DeviceArgs, Drawing, EffortArgs};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{self, Claims, one_line, say};
+use crate::output::{self, one_line, say};
 use crate::progress::Progress;
 use crate::session::Session;
 use crate::sweep::approach;
 use crate::sweep::choice::{BUDGET, Choice};
 use crate::sweep::measure::{Step, Sweep, counts};
 use crate::sweep::page::{Shown, gather};
-use crate::trade::measure::{Effort, View, suitable_frames};
+use crate::trade::measure::View;
 use crate::truth::Truth;
 use anyhow::{Context, Result, anyhow};
 use splatgraph_api::Device;
@@ -45,12 +45,8 @@ pub struct Args {
     /// Steps, each with half the splats of the one before; the first has all
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(2..=32))]
     steps: u32,
-    /// Rounds of frames, whose medians show the spread
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    rounds: u32,
-    /// Frames of a step in a round, in turns with as many of all splats [default: what takes 0.2 s, 1 to 30]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    frames: Option<u32>,
+    #[command(flatten)]
+    effort: EffortArgs,
     #[command(flatten)]
     device: DeviceArgs,
 }
@@ -96,7 +92,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for (at, camera) in cameras.iter().enumerate() {
         let view = exact_view(&whole, camera);
         whole.prepare((camera.width, camera.height), &mut |_| {})?;
-        let effort = effort_for(args, &mut whole, camera)?;
+        let effort = args.effort.choose(&mut whole, camera, 1)?;
         let (pipeline, set) = (args.drawing.pipeline.as_str(), args.drawing.set.as_slice());
         let mut sweep = Sweep { whole: &mut whole, pipeline, set, has_budget };
         let refused = |why: String| anyhow!("{}: {why}", one_line(&camera.img_name));
@@ -116,7 +112,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let closer = approach::cameras(whole.scene(), first);
     whole.prepare((first.width, first.height), &mut |_| {})?;
-    let effort = effort_for(args, &mut whole, first)?;
+    let effort = args.effort.choose(&mut whole, first, 1)?;
     let closer = approach::measure(&mut whole, &closer, effort, &mut |at| {
         progress.set(done + at as u64, of, "a camera comes closer");
     })?;
@@ -146,13 +142,7 @@ const PLOTS: [&str; 5] = ["quality", "times", "trade", "shares", "approach"];
 
 /// Returns an error if a file of the sweep would destroy an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
-    let mut claims = Claims::default();
-    if let Some(path) = &args.scene {
-        claims.input("the scene", path)?;
-    }
-    if let Some(cameras) = &args.drawing.cameras {
-        options::claim_cameras(&mut claims, cameras)?;
-    }
+    let mut claims = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
     claims.input("the graph", Path::new(&args.drawing.pipeline))?;
     let plots = PLOTS.iter().flat_map(|name| ["svg", "png"].map(|format| format!("{name}.{format}")));
     for name in [PAGE, CSV, JSON].map(String::from).into_iter().chain(plots) {
@@ -165,10 +155,4 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
 fn exact_view(session: &Session<Backend>, camera: &Camera) -> View {
     let truth = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::PUBLISHED);
     View { order: Vec::new(), ..View::exact(session.scene(), camera, &truth, &Rules::PUBLISHED) }
-}
-
-/// Chooses the numbers of frames for a view; the session is prepared in its size.
-fn effort_for(args: &Args, whole: &mut Session<Backend>, camera: &Camera) -> Result<Effort> {
-    let frames = args.frames.map_or_else(|| suitable_frames(whole, camera), Ok)?;
-    Ok(Effort { rounds: args.rounds, frames })
 }

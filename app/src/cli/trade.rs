@@ -1,17 +1,17 @@
 //! Runs `splatgraph trade`: the ledger of what each setting saves and costs.
 
-use super::options::{self, DEFAULT_PIPELINE, DeviceArgs};
+use super::options::{self, DEFAULT_PIPELINE, DeviceArgs, EffortArgs};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
 use crate::builtin;
 use crate::fit;
 use crate::image::{Format, Image};
 use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{self, Claims, one_line, say};
+use crate::output::{self, one_line, say};
 use crate::progress::Progress;
 use crate::session::Session;
 use crate::trade::ledger::{Book, Origin, csv, table};
-use crate::trade::measure::{Effort, View, measure, suitable_frames};
+use crate::trade::measure::{View, measure};
 use crate::trade::page::{page, plot};
 use crate::trade::settings::{self, Setting};
 use crate::truth::Truth;
@@ -63,12 +63,8 @@ pub struct Args {
     /// Measure only settings whose name begins so, for instance `key_bits` or `preset`; may be repeated
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
-    /// Rounds of frames, whose medians show the spread
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    rounds: u32,
-    /// Frames of a setting in a round, in turns with as many of the exact settings [default: what takes 0.2 s, 1 to 30]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    frames: Option<u32>,
+    #[command(flatten)]
+    effort: EffortArgs,
     #[command(flatten)]
     device: DeviceArgs,
 }
@@ -113,8 +109,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             continue;
         }
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
-        let frames = args.frames.map_or_else(|| suitable_frames(&mut exact, camera), Ok)?;
-        let effort = Effort { rounds: args.rounds, frames };
+        let effort = args.effort.choose(&mut exact, camera, 1)?;
         let view = view(session.scene(), camera, truths.as_ref().map(|truths| &truths[index]));
         for (at, setting) in settings.iter().enumerate().filter(|(_, setting)| wanted(setting)) {
             if book.has(&setting.name, &camera.img_name) {
@@ -148,13 +143,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// An error if a file of the ledger would destroy an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
-    let mut claims = Claims::default();
-    if let Some(path) = &args.scene {
-        claims.input("the scene", path)?;
-    }
-    if let Some(cameras) = &args.cameras {
-        options::claim_cameras(&mut claims, cameras)?;
-    }
+    let mut claims = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     claims.input("the graph", Path::new(&args.pipeline))?;
     for name in [LEDGER, CSV, PAGE, SVG, PNG] {
         claims.output("--output", &args.output.join(name))?;
@@ -194,6 +183,7 @@ fn origin(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Or
     for file in session.files() {
         fs::read(&file.path).ok().hash(&mut content);
     }
+    let (rounds, frames) = args.effort.given();
     Origin {
         version: env!("CARGO_PKG_VERSION").into(),
         scene: args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string()),
@@ -203,8 +193,8 @@ fn origin(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Or
         pipeline: args.pipeline.clone(),
         truth: args.truth.as_ref().map_or_else(|| "reference".into(), |path| path.display().to_string()),
         device,
-        rounds: args.rounds,
-        frames: args.frames,
+        rounds,
+        frames,
     }
 }
 
