@@ -115,6 +115,11 @@ pub fn comparable(a: &Image, b: &Image) -> Result<(), MetricError> {
     Ok(())
 }
 
+/// Computes the mean squared error that a PSNR stands for; `None` is that of equal pictures.
+pub fn squared_error(psnr_db: Option<f64>) -> f64 {
+    psnr_db.map_or(0.0, |db| 10f64.powf(-db / 10.0))
+}
+
 /// Clamps a channel to its displayed value.
 fn shown(value: f32) -> f64 {
     f64::from(value.clamp(0.0, 1.0))

@@ -14,19 +14,19 @@ pub struct Case {
 
 /// Least PSNR in dB, some dB below what lavapipe draws, and the largest error of a pixel.
 pub struct Bounds {
-    /// Of every preset with the right order, blending in 32-bit floats.
+    /// Every preset with the right order, blending in 32-bit floats.
     pub exact: f64,
     /// The worst pixel of those.
     pub worst: f64,
-    /// Of half floats, which lavapipe truncates, with either blending.
+    /// Half floats, which lavapipe truncates, with either blending.
     pub half: f64,
-    /// Of 8 bits; drawn where they show what no other case does.
+    /// 8 bits; drawn where they show what no other case does.
     pub bytes: Option<f64>,
-    /// Of depth keys of 16 bits.
+    /// Depth keys of 16 bits.
     pub key16: f64,
-    /// Of the order of the file, which is wrong.
+    /// The order of the file, which is wrong.
     pub unsorted: f64,
-    /// Of blending in the wrong direction.
+    /// Blending in the wrong direction.
     pub naive: f64,
 }
 

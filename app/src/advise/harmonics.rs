@@ -7,7 +7,8 @@
 use crate::sweep::choice::world_area;
 use rayon::prelude::*;
 use serde::Serialize;
-use splatgraph_assets::{Scene, sh_floats};
+use splatgraph_assets::Scene;
+use splatgraph_reference::Splats;
 use std::f64::consts::PI;
 
 /// A band of spherical harmonics.
@@ -21,30 +22,34 @@ pub struct Band {
     pub share: f64,
 }
 
+/// The energy of each band, 0 to 3: the mean square over the sphere of what the band adds to a channel.
+pub type Energy = [f64; 4];
+
+/// Computes the energy of a splat's bands, the mean over its channels.
+pub fn energy(sh: &[[f64; 3]; 16]) -> Energy {
+    std::array::from_fn(|band| {
+        let of_band = &sh[band * band..(band + 1) * (band + 1)];
+        of_band.as_flattened().iter().map(|c| c * c).sum::<f64>() / (3.0 * 4.0 * PI)
+    })
+}
+
 /// Measures the bands that a scene stores.
 pub fn bands(scene: &Scene) -> Vec<Band> {
-    let floats = sh_floats(scene.stored_degree());
-    let of_splat = |(index, sh): (usize, &[f32])| {
+    let of_splat = |index: usize| {
         let weight = f64::from(scene.opacities()[index]) * world_area(scene, index);
         // A splat as large as f32 allows still has a finite weight in f64; one that is not has none.
         let weight = if weight.is_finite() { weight } else { 0.0 };
-        let mut energy = [0.0; 5];
-        for (at, value) in sh.iter().enumerate() {
-            // Band l begins at coefficient l^2; a coefficient has three channels.
-            let band = (at / 3).isqrt();
-            energy[band] += weight * f64::from(*value).powi(2);
-        }
-        energy[4] = weight;
-        energy
+        let [a, b, c, d] = energy(&Splats::get(scene, index).sh).map(|energy| weight * energy);
+        [a, b, c, d, weight]
     };
     let add = |a: [f64; 5], b: [f64; 5]| std::array::from_fn(|i| a[i] + b[i]);
-    let sum = scene.sh().par_chunks(floats.max(1)).enumerate().map(of_splat).reduce(|| [0.0; 5], add);
+    let sum = (0..Splats::count(scene)).into_par_iter().map(of_splat).reduce(|| [0.0; 5], add);
     let directional: f64 = sum[1..4].iter().sum();
     (0..=scene.stored_degree())
         .map(|band| {
             let energy = sum[band as usize];
             let share = if band == 0 || directional <= 0.0 { 0.0 } else { energy / directional };
-            let rms = if sum[4] > 0.0 { (energy / (3.0 * 4.0 * PI * sum[4])).sqrt() } else { 0.0 };
+            let rms = if sum[4] > 0.0 { (energy / sum[4]).sqrt() } else { 0.0 };
             Band { band, rms, share }
         })
         .collect()

@@ -1,7 +1,7 @@
 //! Finds how wide a depth key must be.
 //!
 //! A key never decreases with depth, so that only equal keys can be in the wrong order: they keep the order of the file.
-//! What matters are pairs that overlap on the screen; others may change places without a trace. The keys are those of
+//! Only pairs that overlap on the screen matter; others may change places without a trace. The keys are those of
 //! shaders/depth_key.glsl, computed here with the same operations, and a test holds the two together.
 
 use rayon::prelude::*;

@@ -14,7 +14,6 @@ use crate::progress::Progress;
 use crate::session::Session;
 use crate::trade::measure::{Effort, View, measure};
 use crate::trade::settings::{self, EXACT, Setting};
-use crate::truth::Truth;
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_api::Device;
@@ -149,15 +148,11 @@ fn around(scene: &Scene, first: &Camera) -> Vec<Camera> {
 /// Finds the widths that keys need in these views.
 fn needs(scene: &Scene, cameras: &[Camera], errors: u64) -> Vec<Need> {
     let seen: Vec<_> = cameras.iter().map(|camera| visible(scene, camera, &Rules::PUBLISHED)).collect();
-    let view = |((visible, tiles), camera): (&(Vec<_>, [u32; 2]), &Camera)| {
+    let mut views = Vec::new();
+    for ((visible, tiles), camera) in seen.iter().zip(cameras) {
         let [near, far] = crate::camera::depth_range(camera, &scene.bounds()).map(|z| z as f32);
-        (visible.clone(), *tiles, (near, far))
-    };
-    let views: Vec<_> = seen.iter().zip(cameras).map(view).collect();
-    let views: Vec<keys::View> = views
-        .iter()
-        .map(|(visible, tiles, range)| keys::View { visible, tiles: *tiles, range: *range })
-        .collect();
+        views.push(keys::View { visible, tiles: *tiles, range: (near, far) });
+    }
     keys::needs(&views, errors)
 }
 
@@ -210,18 +205,12 @@ fn search(
     let first = cameras.first().context("no cameras")?;
     let controls = session.controls((first.width, first.height))?;
     let mut singles = settings::list(&args.pipeline, &controls, &builtin::names());
-    singles.extend(advised_keys(&singles[0], &controls, needs));
+    singles.extend(advised_keys(&singles[0], needs));
     let mut exact = session.beside(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
     // A quarter of a ledger's: a setting must be told apart from others that save a hundredth, and there are many.
     let effort = args.effort.choose(&mut exact, first, 4)?;
-    let views: Vec<View> = cameras
-        .iter()
-        .map(|camera| {
-            let truth = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::PUBLISHED);
-            View { order: Vec::new(), ..View::exact(session.scene(), camera, &truth, &Rules::PUBLISHED) }
-        })
-        .collect();
+    let views: Vec<View> = cameras.iter().map(|camera| View::exact(session.scene(), camera)).collect();
 
     let mut progress = Progress::new("measuring");
     let of = (singles.len() + DRAWN.0) as u64;
@@ -251,11 +240,10 @@ fn search(
 }
 
 /// The exact settings with keys as narrow as their mapping allows.
-fn advised_keys(exact: &Setting, controls: &[Control], needs: &[Need]) -> Option<Setting> {
+fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     let of = |name: &str| exact.set.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
     let bits = needs.iter().find(|need| Some(need.map.name()) == of("key_map"))?.bits?;
-    if of("key_bits")?.parse() == Ok(bits) || !controls.iter().any(|control| control.param.name == "key_bits")
-    {
+    if of("key_bits")?.parse() == Ok(bits) {
         return None;
     }
     let mut set = exact.set.clone();

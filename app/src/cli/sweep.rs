@@ -11,13 +11,10 @@ use crate::session::Session;
 use crate::sweep::approach;
 use crate::sweep::choice::{BUDGET, Choice};
 use crate::sweep::measure::{Step, Sweep, counts};
-use crate::sweep::page::{Shown, gather};
+use crate::sweep::page::{PLOTS, Shown, gather};
 use crate::trade::measure::View;
-use crate::truth::Truth;
 use anyhow::{Context, Result, anyhow};
 use splatgraph_api::Device;
-use splatgraph_assets::Camera;
-use splatgraph_reference::Rules;
 use std::path::{Path, PathBuf};
 
 /// Measure quality and time with fewer and fewer splats
@@ -90,7 +87,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut steps: Vec<Step> = Vec::new();
     let mut shown = Vec::new();
     for (at, camera) in cameras.iter().enumerate() {
-        let view = exact_view(&whole, camera);
+        // The orders of different parts of the scene cannot be compared.
+        let view = View::exact(whole.scene(), camera);
         whole.prepare((camera.width, camera.height), &mut |_| {})?;
         let effort = args.effort.choose(&mut whole, camera, 1)?;
         let (pipeline, set) = (args.drawing.pipeline.as_str(), args.drawing.set.as_slice());
@@ -137,9 +135,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::validated(args.device.validate, &whole.into_device().close()))
 }
 
-/// Names of the plots' files.
-const PLOTS: [&str; 5] = ["quality", "times", "trade", "shares", "approach"];
-
 /// Returns an error if a file of the sweep would destroy an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     let mut claims = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
@@ -149,10 +144,4 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
         claims.output("--output", &args.output.join(name))?;
     }
     Ok(())
-}
-
-/// Draws the truth of a view. The orders of different parts of the scene cannot be compared.
-fn exact_view(session: &Session<Backend>, camera: &Camera) -> View {
-    let truth = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::PUBLISHED);
-    View { order: Vec::new(), ..View::exact(session.scene(), camera, &truth, &Rules::PUBLISHED) }
 }

@@ -14,11 +14,9 @@ use crate::trade::ledger::{Book, Origin, csv, table};
 use crate::trade::measure::{View, measure};
 use crate::trade::page::{page, plot};
 use crate::trade::settings::{self, Setting};
-use crate::truth::Truth;
 use anyhow::{Context, Result, bail};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_reference::Rules;
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
@@ -227,8 +225,7 @@ fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<
 
 /// The truth of a view: the exact renderer's, with the picture of a folder instead of its own if there is one.
 fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> View {
-    let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::PUBLISHED);
-    let mut view = View::exact(scene, camera, &truth, &Rules::PUBLISHED);
+    let mut view = View::exact(scene, camera).with_order(scene);
     if let Some(picture) = picture {
         view.picture = picture.clone();
     }

@@ -5,24 +5,13 @@
 //! draws the energy of each band in place of the colour. Each splat then counts by what shows of it: its opacity, its area
 //! in pixels, and what is in front of it.
 
+use crate::advise::harmonics::energy;
 use splatgraph_assets::harmonics::basis;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Gaussian, Picture, Rules, Splats, render};
-use std::f64::consts::PI;
 
 /// The window is as wide and as high as this share of the picture: 1 / 3.
 pub const SHARE: u32 = 3;
-
-/// The energy of each band, 0 to 3: the mean square over the sphere of what the band adds to a channel.
-pub type Energy = [f64; 4];
-
-/// Computes the energy of a splat's bands, the mean over its channels.
-pub fn energy(sh: &[[f64; 3]; 16]) -> Energy {
-    std::array::from_fn(|band| {
-        let of_band = &sh[band * band..(band + 1) * (band + 1)];
-        of_band.as_flattened().iter().map(|c| c * c).sum::<f64>() / (3.0 * 4.0 * PI)
-    })
-}
 
 /// A scene whose colours are something else.
 struct Painted<'a, F> {

@@ -85,8 +85,3 @@ fn draw<D: Device>(
 fn decibels(psnr_db: Option<f64>) -> String {
     psnr_db.map_or_else(|| "equal".into(), |db| format!("{db:.1}"))
 }
-
-/// Computes the mean squared error that a PSNR stands for.
-fn squared_error(psnr_db: Option<f64>) -> f64 {
-    psnr_db.map_or(0.0, |db| 10f64.powf(-db / 10.0))
-}

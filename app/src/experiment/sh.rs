@@ -5,10 +5,11 @@
 //! the squares that it leaves out, over 4 pi, band by band. [`measure`] draws the glossiest part of a picture ([`gloss`]) from
 //! several directions with bands up to 0, 1, 2 and 3; [`page`] holds the errors against that sum.
 
-use super::gloss::{self, Energy, Part};
-use super::{ExperimentError, GAIN, decibels, draw, squared_error};
+use super::gloss::{self, Part};
+use super::{ExperimentError, GAIN, decibels, draw};
+use crate::advise::harmonics::{Energy, energy};
 use crate::image::Image;
-use crate::metrics;
+use crate::metrics::{self, squared_error};
 use crate::orbit;
 use crate::report::page::{Figure, Page};
 use crate::session::Session;
@@ -121,7 +122,7 @@ pub fn measure<D: Device>(
 fn mean_energy(scene: &Scene) -> Energy {
     let count = Splats::count(scene);
     let sums = (0..count).fold([0.0; 4], |sums: Energy, index| {
-        let energy = gloss::energy(&Splats::get(scene, index).sh);
+        let energy = energy(&Splats::get(scene, index).sh);
         std::array::from_fn(|band| sums[band] + energy[band])
     });
     sums.map(|sum| sum / count.max(1) as f64)

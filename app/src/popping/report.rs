@@ -86,17 +86,16 @@ pub fn table(summaries: &[Summary]) -> String {
 
 /// Writes every step of every variant as CSV (RFC 4180), with all digits; a value that there is none of is empty.
 pub fn csv(tracks: &[Track]) -> String {
-    let mut text = String::from(
+    let mut csv = String::from(
         "variant,step,camera,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes\n",
     );
-    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
     let optional = |value: Option<u64>| value.map_or(String::new(), |v| v.to_string());
     for track in tracks {
         for (at, step) in track.steps.iter().enumerate() {
             let cells = [
-                quoted(&track.variant.name),
+                text::quoted(&track.variant.name),
                 (at + 1).to_string(),
-                quoted(&step.camera),
+                text::quoted(&step.camera),
                 step.score.pop.to_string(),
                 step.score.excess.to_string(),
                 step.score.worst.difference.to_string(),
@@ -107,10 +106,10 @@ pub fn csv(tracks: &[Track]) -> String {
                 optional(step.order_changes),
                 optional(step.true_order_changes),
             ];
-            text += &(cells.join(",") + "\n");
+            csv += &(cells.join(",") + "\n");
         }
     }
-    text
+    csv
 }
 
 /// Plots the pop of each step. Variants that draw the same have one line, with all of their names.

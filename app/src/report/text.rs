@@ -1,4 +1,4 @@
-//! Sets tables for terminals.
+//! Sets tables for terminals, and cells of CSV.
 
 /// Aligns the cells of lines in columns: the first to the left, the others, which are numbers, to the right.
 pub fn table(rows: &[Vec<String>]) -> String {
@@ -16,6 +16,11 @@ pub fn table(rows: &[Vec<String>]) -> String {
         text += "\n";
     }
     text
+}
+
+/// Quotes a cell of CSV (RFC 4180).
+pub fn quoted(cell: &str) -> String {
+    format!("\"{}\"", cell.replace('"', "\"\""))
 }
 
 #[cfg(test)]

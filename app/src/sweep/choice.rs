@@ -44,17 +44,15 @@ impl Choice {
             Choice::Nearest => "nearest",
         }
     }
-
-    /// Returns true if the choice depends on the camera.
-    pub fn of_view(self) -> bool {
-        matches!(self, Choice::ScreenSize | Choice::Nearest)
-    }
 }
 
 /// Lists the splats by falling significance; `None` for [`Choice::Nearest`], which the graph chooses itself.
 ///
 /// Equal ones keep the order of the file.
 pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32>> {
+    if choice == Choice::Nearest {
+        return None;
+    }
     let weight = |index: usize| match choice {
         Choice::FileOrder | Choice::Nearest => 0.0,
         Choice::WorldSize => f64::from(scene.opacities()[index]) * world_area(scene, index),
@@ -64,7 +62,7 @@ pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32
         (0..scene.count() as usize).into_par_iter().map(|index| (weight(index), index as u32)).collect();
     // Stable, so that equal ones stay in the order of the file.
     all.par_sort_by(|a, b| b.0.total_cmp(&a.0));
-    (choice != Choice::Nearest).then(|| all.into_iter().map(|(_, index)| index).collect())
+    Some(all.into_iter().map(|(_, index)| index).collect())
 }
 
 /// Computes the product of a splat's two longest half axes: its largest outline, in square world units over pi.

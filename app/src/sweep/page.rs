@@ -4,6 +4,7 @@ use super::approach::{Closer, Fit, fit};
 use super::choice::Choice;
 use super::measure::Step;
 use crate::image::Image;
+use crate::metrics::squared_error;
 use crate::report::page::{Figure, Page};
 use crate::report::plot::{Axis, Form, Plot, Point, Series};
 use crate::report::text;
@@ -13,6 +14,9 @@ use anyhow::Result;
 use serde::Serialize;
 use splatgraph_assets::grouped;
 use std::collections::BTreeSet;
+
+/// Names of the plots' files.
+pub const PLOTS: [&str; 5] = ["quality", "times", "trade", "shares", "approach"];
 
 /// A finished sweep.
 #[derive(Clone, Debug, Serialize)]
@@ -63,7 +67,7 @@ impl Swept {
         let mean = |count: u32| {
             let steps: Vec<&Step> = self.steps.iter().filter(of).filter(|step| step.count == count).collect();
             let over = |values: Vec<f64>| values.iter().sum::<f64>() / values.len().max(1) as f64;
-            let squared = |step: &&Step| step.error.psnr_db.map_or(0.0, |db| 10f64.powf(-db / 10.0));
+            let squared = |step: &&Step| squared_error(step.error.psnr_db);
             let times: Option<Vec<_>> = steps.iter().map(|step| step.time.as_ref()).collect();
             let names: BTreeSet<&String> =
                 times.iter().flatten().flat_map(|time| time.phases.keys()).collect();
@@ -155,30 +159,25 @@ impl Swept {
     pub fn plots(&self) -> Vec<(&'static str, Plot, &'static str)> {
         let all = [
             (
-                "quality",
                 self.quality(),
                 "Each step has half the splats of the one to its right, the first half of all. The truth is the exact picture of all splats.",
             ),
             (
-                "times",
                 self.times(),
                 "What is chosen before the keys are made spares every phase; what is cut after the sort spares the draw alone.",
             ),
-            ("trade", self.trade(), "Up and left is better."),
+            (self.trade(), "Up and left is better."),
             (
-                "shares",
                 self.shares(),
                 "The phases grow with different things: the sort with splats, the draw with the pixels that they cover.",
             ),
             (
-                "approach",
                 self.approach(),
                 "Closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. What is bound by fragments lies on one line.",
             ),
         ];
-        all.into_iter()
-            .filter(|(_, plot, _)| plot.series.iter().any(|series| !series.points.is_empty()))
-            .collect()
+        let named = PLOTS.into_iter().zip(all).map(|(name, (plot, caption))| (name, plot, caption));
+        named.filter(|(_, plot, _)| plot.series.iter().any(|series| !series.points.is_empty())).collect()
     }
 
     /// Sets the table for a terminal: a step in a line, in the mean over the views.
@@ -225,7 +224,7 @@ impl Swept {
             let time = step.time.as_ref();
             let mut cells = vec![
                 step.choice.map_or("all", Choice::stem).to_owned(),
-                format!("\"{}\"", step.camera.replace('"', "\"\"")),
+                text::quoted(&step.camera),
                 step.count.to_string(),
                 whole(step.visible),
                 whole(step.drawn),

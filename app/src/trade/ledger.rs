@@ -1,6 +1,7 @@
 //! Keeps the rows of a ledger in a file, and prints them.
 
 use super::measure::{Measured, Row};
+use crate::metrics::squared_error;
 use crate::output;
 use crate::report::text;
 use serde::{Deserialize, Serialize};
@@ -156,7 +157,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 
 /// The PSNR of the mean of several mean squared errors.
 fn joint_psnr(of_views: impl Iterator<Item = Option<f64>>) -> f64 {
-    -10.0 * mean(of_views.map(|db| db.map_or(0.0, |db| 10f64.powf(-db / 10.0)))).log10()
+    -10.0 * mean(of_views.map(squared_error)).log10()
 }
 
 fn line(name: &str, views: &[&Measured]) -> Line {
@@ -245,7 +246,7 @@ pub fn csv(lines: &[Line]) -> String {
     let optional = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
     for line in lines {
         let cells = [
-            format!("\"{}\"", line.setting.replace('"', "\"\"")),
+            text::quoted(&line.setting),
             optional(line.gpu_ms),
             optional(line.spread_ms),
             optional(line.of_exact),

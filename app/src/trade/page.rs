@@ -105,8 +105,7 @@ mod tests {
         assert_eq!((names(0), names(1)), (vec!["bad"], vec!["fast", "exact (equal)"]));
         assert_eq!((plot.series[0].form, plot.series[1].points[1].y), (Form::Muted, 46.0));
         let html = page(&ledger, &lines, &[("broken".into(), "error: no".into())]).unwrap();
-        for text in ["fast *", "<td>bad</td>", "<svg", "`broken`".trim_matches('`'), "error: no", "one view"]
-        {
+        for text in ["fast *", "<td>bad</td>", "<svg", "<code>broken</code>", "error: no", "one view"] {
             assert!(html.contains(text), "{text}: {html}");
         }
     }
