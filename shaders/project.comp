@@ -1,152 +1,32 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Projects Gaussians to ellipses on the screen: cull, project, colour. Each invocation takes one splat. A visible splat
+// Projects Gaussians to quads on the screen: cull, project, colour. Each invocation takes one splat. A visible splat
 // gets a record and its depth at its own index, an invisible one the depth -1. Every workgroup counts its visible splats,
 // so that compact.comp can close the gaps and keep the order of the indices.
-//
-// The rules are those of the published rasteriser (see docs/splatting.md); the formulas are arranged to stay accurate in
-// 32-bit floats: see `Ellipse` and `project_covariance`.
 
 #include "camera.glsl"
 #include "groups.glsl"
 #include "live.glsl"
 #include "splat.glsl"
 #include "spherical_harmonics.glsl"
+#include "projection.glsl"
 
 layout(local_size_x = 256) in;
 
-struct Position3 { float x, y, z; };
-#if COVARIANCE == COVARIANCE_FACTORED
-struct Covariance3 { float m[9]; };
-#elif COVARIANCE == COVARIANCE_HALF
-struct Covariance3 { uint l00_l10, l20_l11, l21_l22; };
-#else
-struct Covariance3 { float l00, l10, l20, l11, l21, l22; };
-#endif
-
-layout(set = 0, binding = 0, std430) readonly buffer Position { Position3 position[]; };
-layout(set = 0, binding = 1, std430) readonly buffer Opacity { float opacity[]; };
-layout(set = 0, binding = 2, std430) readonly buffer Covariance { Covariance3 covariance[]; };
 layout(set = 0, binding = 3, std430) writeonly buffer Splats { Splat splats[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
 layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_count[]; };
 
-const float NEAR_PLANE = 0.2;
-// Added to both variances on the screen, in square pixels: no splat is narrower than about a pixel.
-const float DILATION = 0.3;
-// Margin of the bounds, in pixels, so that rounding never drops a pixel that the fragment shader would keep.
-const float MARGIN = 1.0 / 64.0;
-
-// The largest distance of a centre from the picture, in pixels, and the largest brightness. A scene can have larger ones, up
-// to infinity, where f32 holds no picture: splats farther away are dropped, brighter ones dimmed. A sum of alpha times
-// brightness, rounded at each splat, stays below twice the brightness.
-const float FARTHEST = 9223372036854775808.0;  // 2^63
 #if TARGET == TARGET_RGBA16F
-const float BRIGHTEST = 32752.0;  // half of the largest half float
+const float BRIGHTEST = BRIGHTEST_HALF;
 #else
-const float BRIGHTEST = 1e30;
+const float BRIGHTEST = BRIGHTEST_FLOAT;
 #endif
-
-// The largest half axis of a sigma, in pixels: its square is a float, and the picture is a point to it.
-const float LARGEST = 4611686018427387904.0;  // 2^62
 
 // The number of visible splats in the workgroup. It is counted without ballots: invocations leave `project` at different
 // places, and nothing says that a subgroup is whole again after that.
 shared uint visible_count;
-
-// Computes a b - c d and compensates the rounding error of one product (Kahan). Otherwise the difference of two nearly
-// equal products would have no correct digit.
-float difference_of_products(float a, float b, float c, float d) {
-    precise float cd = c * d;
-    precise float error = fma(-c, d, cd);
-    precise float difference = fma(a, b, -cd);
-    return difference + error;
-}
-
-// The 2D covariance [[xx, xy], [xy, yy]] in square units, low pass not yet added, with its determinant.
-//
-// A unit is a pixel up to splats of some ten million pixels. The determinant, a fourth power, overflows soon after: there
-// a unit is more pixels, by a power of two, so that all that is rounded is rounded as before.
-struct Ellipse {
-    float xx, xy, yy;
-    float determinant;
-    int unit_exponent;
-};
-
-// Returns the binary logarithm of a float that is not negative, rounded down; -127 for 0.
-int exponent_of(float x) {
-    return (floatBitsToInt(x) >> 23) - 127;
-}
-
-float power_of_two(int exponent) {
-    return intBitsToFloat((127 + exponent) << 23);
-}
-
-// Returns the exponent of the unit for splats of about 2^`size` pixels.
-int unit_exponent_for(int size) {
-    return size > 24 ? min(size, 62) : 0;
-}
-
-float largest(vec3 v) {
-    return max(max(abs(v.x), abs(v.y)), abs(v.z));
-}
-
-// Projects the covariance of splat `i`. The rows of J W (Jacobian times rotation to the camera) are `t0` and `t1`.
-//
-// The covariance is a factor times its transpose, and so is the ellipse, A A^T with A = J W times that factor. By Lagrange's
-// identity its determinant is the squared length of the cross product of A's rows, in which nothing large cancels.
-Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
-    int size = exponent_of(max(largest(t0), largest(t1)));
-#if COVARIANCE == COVARIANCE_FACTORED
-    float m[9] = covariance[i].m;
-    mat3 columns = mat3(m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]);
-#else
-    // The signs of the diagonal tell which row of the triangle is that of x: see covariance.comp.
-    Covariance3 c = covariance[i];
-#if COVARIANCE == COVARIANCE_HALF
-    vec2 l00_l10 = unpackHalf2x16(c.l00_l10);
-    vec2 l20_l11 = unpackHalf2x16(c.l20_l11);
-    vec2 l21_l22 = unpackHalf2x16(c.l21_l22);
-    float l00 = l00_l10.x, l10 = l00_l10.y, l20 = l20_l11.x, l11 = l20_l11.y, l21 = l21_l22.x, l22 = l21_l22.y;
-#else
-    float l00 = c.l00, l10 = c.l10, l20 = c.l20, l11 = c.l11, l21 = c.l21, l22 = c.l22;
-#endif
-    if (floatBitsToInt(l00) < 0) {
-        t0 = t0.yzx;
-        t1 = t1.yzx;
-    } else if (floatBitsToInt(l11) < 0) {
-        t0 = t0.zxy;
-        t1 = t1.zxy;
-    }
-    mat3 columns = mat3(abs(l00), l10, l20, 0.0, abs(l11), l21, 0.0, 0.0, l22);
-#endif
-    size += exponent_of(max(max(largest(columns[0]), largest(columns[1])), largest(columns[2])));
-    Ellipse e;
-    e.unit_exponent = unit_exponent_for(size);
-    t0 *= power_of_two(-e.unit_exponent);
-    t1 *= power_of_two(-e.unit_exponent);
-    vec3 a0 = t0 * columns;
-    vec3 a1 = t1 * columns;
-    e.xx = dot(a0, a0);
-    e.xy = dot(a0, a1);
-    e.yy = dot(a1, a1);
-    vec3 n = vec3(difference_of_products(a0.y, a1.z, a0.z, a1.y),
-                  difference_of_products(a0.z, a1.x, a0.x, a1.z),
-                  difference_of_products(a0.x, a1.y, a0.y, a1.x));
-    e.determinant = dot(n, n);
-    return e;
-}
-
-// Returns true if a pixel centre of 0 .. size - 1 is within `reach` of `centre`.
-bool covers_a_pixel(float centre, float reach, float size) {
-    return max(ceil(centre - reach), 0.0) <= min(floor(centre + reach), size - 1.0);
-}
-
-// Returns the unit vector along `v`, also where the squares of its elements are no floats. `v` is not 0.
-vec3 direction_of(vec3 v) {
-    return normalize(v / largest(v));
-}
 
 #if ORDER_OF == ORDER_OF_LAST_FRAME
 // The record of an invisible splat, which is drawn if it was visible in the previous frame.
@@ -155,101 +35,28 @@ const Splat NOTHING = Splat(vec2(0.0), vec2(1.0, 0.0), vec2(0.0, 1.0), 0.0, 0.0,
 
 // Projects splat `i`, writes its record if it is visible, and returns its view depth, or -1 if it is not.
 float project(uint i) {
-    vec3 p = vec3(position[i].x, position[i].y, position[i].z);
-    mat4 view = camera.view;
-
-    // The depth that decides about culling and order. The exact expression matters, as its rounding defines the order of the
-    // splats.
-    precise float depth = fma(view[2][2], p.z, fma(view[1][2], p.y, view[0][2] * p.x)) + view[3][2];
-    if (!(depth > NEAR_PLANE)) {
+    Projection p;
+    if (!project_splat(i, p)) {
         return -1.0;
     }
-    float alpha = opacity[i];
-    if (!(alpha >= alpha_floor)) {
-        return -1.0;
-    }
-    // The place in the camera's frame, from a difference that is exact near the camera, wherever in the world that is: the
-    // translation of `view` has the rounding of a number as large as the distance from the origin.
-    precise vec3 from_camera = (p - camera.position.xyz) - camera.position_low.xyz;
-    float x = fma(view[2][0], from_camera.z, fma(view[1][0], from_camera.y, view[0][0] * from_camera.x));
-    float y = fma(view[2][1], from_camera.z, fma(view[1][1], from_camera.y, view[0][1] * from_camera.x));
-    float z = fma(view[2][2], from_camera.z, fma(view[1][2], from_camera.y, view[0][2] * from_camera.x));
-
-    // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
-    vec2 slope = vec2(x, y) / z;
-    vec2 limit = jacobian_limit * camera.focal.zw;
-    vec2 held = clamp(slope, -limit, limit);
-    vec3 w0 = vec3(view[0][0], view[1][0], view[2][0]);
-    vec3 w1 = vec3(view[0][1], view[1][1], view[2][1]);
-    vec3 w2 = vec3(view[0][2], view[1][2], view[2][2]);
-    vec3 t0 = (camera.focal.x / z) * (w0 - held.x * w2);
-    vec3 t1 = (camera.focal.y / z) * (w1 - held.y * w2);
-    Ellipse e = project_covariance(i, t0, t1);
-
-    // Eigenvalues: the larger as a sum of positive terms, the smaller as determinant / larger. The low pass adds itself
-    // to both, and to the determinant only positive terms.
-    float unit = power_of_two(e.unit_exponent);
-    float units_per_pixel = power_of_two(-e.unit_exponent);
-#if LOW_PASS == LOW_PASS_NONE
-    float low_pass = 0.0;
-#else
-    float low_pass = DILATION * (units_per_pixel * units_per_pixel);
-#endif
-    float mean = 0.5 * (e.xx + e.yy);
-    float lean = 0.5 * (e.xx - e.yy);
-    float radius = length(vec2(lean, e.xy));
-    float larger = mean + radius + low_pass;
-    float determinant = e.determinant + low_pass * (2.0 * mean + low_pass);
-    float smaller = determinant / larger;
-    if (!(smaller > 0.0) || isinf(larger)) {
-        return -1.0;  // no area, or not a number
-    }
-    // The eigenvector of the larger one, in the form without cancellation. A circle has no direction; any is right.
-    vec2 direction = lean >= 0.0 ? vec2(radius + lean, e.xy) : vec2(e.xy, radius - lean);
-    direction = radius > 1e-7 * larger ? normalize(direction) : vec2(1.0, 0.0);
-
-    // Now, as above the larger one belongs to `radius`.
-    float most = LARGEST * units_per_pixel;
-    larger = min(larger, most * most);
-    smaller = min(smaller, most * most);
-
-#if LOW_PASS == LOW_PASS_COMPENSATED
-    // The dilated ellipse has the volume of the sharp one (Yu et al. 2024, "Mip-Splatting", equation 9).
-    alpha *= sqrt(e.determinant / determinant);
-    if (!(alpha >= alpha_floor)) {
-        return -1.0;
-    }
-#endif
-
     // The quad extends to the alpha floor, or to the cutoff.
-    float reach = sqrt(2.0 * max(log(alpha / alpha_floor), 0.0));
-    float extent = min(cutoff, reach);
     Splat splat;
-    splat.centre = camera.focal.xy * slope + 0.5 * (camera.viewport.xy - 1.0);
-    if (!(largest(vec3(splat.centre, 0.0)) <= FARTHEST)) {
-        return -1.0;
-    }
-    splat.major = sqrt(larger) * unit * direction;
-    splat.minor = sqrt(smaller) * unit * vec2(-direction.y, direction.x);
-    splat.extent = extent;
-    splat.opacity = alpha;
+    splat.centre = p.centre;
+    splat.major = sqrt(p.larger) * p.unit * p.direction;
+    splat.minor = sqrt(p.smaller) * p.unit * vec2(-p.direction.y, p.direction.x);
+    splat.extent = min(cutoff, p.reach);
+    splat.opacity = p.alpha;
 
     // The smaller of the bounds of the quad and of the ellipse at the alpha floor.
-    vec2 quad = extent * (abs(splat.major) + abs(splat.minor));
-    vec2 ellipse = reach * (sqrt(vec2(e.xx, e.yy) + low_pass) * unit);
-    vec2 bounds = min(quad, ellipse) + MARGIN;
-    if (!covers_a_pixel(splat.centre.x, bounds.x, camera.viewport.x)
-        || !covers_a_pixel(splat.centre.y, bounds.y, camera.viewport.y)) {
+    vec2 quad = splat.extent * (abs(splat.major) + abs(splat.minor));
+    vec2 bounds = min(quad, p.bounds) + MARGIN;
+    if (!covers_a_pixel(p.centre.x, bounds.x, camera.viewport.x)
+        || !covers_a_pixel(p.centre.y, bounds.y, camera.viewport.y)) {
         return -1.0;
     }
-
-    vec3 colour = sh_colour(i, direction_of(from_camera));
-    // By comparisons that are false for NaN, which coefficients near the end of f32 make.
-    splat.colour = vec4(colour.r > 0.0 ? min(colour.r, BRIGHTEST) : 0.0,
-                        colour.g > 0.0 ? min(colour.g, BRIGHTEST) : 0.0,
-                        colour.b > 0.0 ? min(colour.b, BRIGHTEST) : 0.0, 0.0);
+    splat.colour = vec4(finite_colour(i, p.from_camera, BRIGHTEST), 0.0);
     splats[i] = splat;
-    return depth;
+    return p.depth;
 }
 
 void main() {

@@ -13,6 +13,7 @@
 // neighbouring lanes write neighbouring words.
 
 #include "block.glsl"
+#define PEER_BITS DIGIT_BITS
 #include "peers.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };

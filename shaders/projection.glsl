@@ -1,0 +1,238 @@
+// Projects a Gaussian to an ellipse on the screen. Quads and tiles share these formulas; the passes that include them decide
+// which pixels the ellipse may cover, and write records of their own.
+//
+// The rules are those of the published rasteriser (see docs/splatting.md); the formulas are arranged to stay accurate in
+// 32-bit floats: see `Ellipse` and `project_covariance`.
+
+struct Position3 { float x, y, z; };
+#if COVARIANCE == COVARIANCE_FACTORED
+struct Covariance3 { float m[9]; };
+#elif COVARIANCE == COVARIANCE_HALF
+struct Covariance3 { uint l00_l10, l20_l11, l21_l22; };
+#else
+struct Covariance3 { float l00, l10, l20, l11, l21, l22; };
+#endif
+
+layout(set = 0, binding = 0, std430) readonly buffer Position { Position3 position[]; };
+layout(set = 0, binding = 1, std430) readonly buffer Opacity { float opacity[]; };
+layout(set = 0, binding = 2, std430) readonly buffer Covariance { Covariance3 covariance[]; };
+
+const float NEAR_PLANE = 0.2;
+// Added to both variances on the screen, in square pixels: no splat is narrower than about a pixel.
+const float DILATION = 0.3;
+// Margin of the bounds, in pixels, so that rounding never drops a pixel that shading would keep.
+const float MARGIN = 1.0 / 64.0;
+
+// The largest distance of a centre from the picture, in pixels. A scene can have larger ones, up to infinity, where f32 holds
+// no picture: splats farther away are dropped.
+const float FARTHEST = 9223372036854775808.0;  // 2^63
+
+// The largest half axis of a sigma, in pixels: its square is a float, and the picture is a point to it.
+const float LARGEST = 4611686018427387904.0;  // 2^62
+
+// Computes a b - c d and compensates the rounding error of one product (Kahan). Otherwise the difference of two nearly
+// equal products would have no correct digit.
+float difference_of_products(float a, float b, float c, float d) {
+    precise float cd = c * d;
+    precise float error = fma(-c, d, cd);
+    precise float difference = fma(a, b, -cd);
+    return difference + error;
+}
+
+// The 2D covariance [[xx, xy], [xy, yy]] in square units, low pass not yet added, with its determinant.
+//
+// A unit is a pixel up to splats of some ten million pixels. The determinant, a fourth power, overflows soon after: there
+// a unit is more pixels, by a power of two, so that all that is rounded is rounded as before.
+struct Ellipse {
+    float xx, xy, yy;
+    float determinant;
+    int unit_exponent;
+};
+
+// Returns the binary logarithm of a float that is not negative, rounded down; -127 for 0.
+int exponent_of(float x) {
+    return (floatBitsToInt(x) >> 23) - 127;
+}
+
+float power_of_two(int exponent) {
+    return intBitsToFloat((127 + exponent) << 23);
+}
+
+// Returns the exponent of the unit for splats of about 2^`size` pixels.
+int unit_exponent_for(int size) {
+    return size > 24 ? min(size, 62) : 0;
+}
+
+float largest(vec3 v) {
+    return max(max(abs(v.x), abs(v.y)), abs(v.z));
+}
+
+// Projects the covariance of splat `i`. The rows of J W (Jacobian times rotation to the camera) are `t0` and `t1`.
+//
+// The covariance is a factor times its transpose, and so is the ellipse, A A^T with A = J W times that factor. By Lagrange's
+// identity its determinant is the squared length of the cross product of A's rows, in which nothing large cancels.
+Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
+    int size = exponent_of(max(largest(t0), largest(t1)));
+#if COVARIANCE == COVARIANCE_FACTORED
+    float m[9] = covariance[i].m;
+    mat3 columns = mat3(m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]);
+#else
+    // The signs of the diagonal tell which row of the triangle is that of x: see covariance.comp.
+    Covariance3 c = covariance[i];
+#if COVARIANCE == COVARIANCE_HALF
+    vec2 l00_l10 = unpackHalf2x16(c.l00_l10);
+    vec2 l20_l11 = unpackHalf2x16(c.l20_l11);
+    vec2 l21_l22 = unpackHalf2x16(c.l21_l22);
+    float l00 = l00_l10.x, l10 = l00_l10.y, l20 = l20_l11.x, l11 = l20_l11.y, l21 = l21_l22.x, l22 = l21_l22.y;
+#else
+    float l00 = c.l00, l10 = c.l10, l20 = c.l20, l11 = c.l11, l21 = c.l21, l22 = c.l22;
+#endif
+    if (floatBitsToInt(l00) < 0) {
+        t0 = t0.yzx;
+        t1 = t1.yzx;
+    } else if (floatBitsToInt(l11) < 0) {
+        t0 = t0.zxy;
+        t1 = t1.zxy;
+    }
+    mat3 columns = mat3(abs(l00), l10, l20, 0.0, abs(l11), l21, 0.0, 0.0, l22);
+#endif
+    size += exponent_of(max(max(largest(columns[0]), largest(columns[1])), largest(columns[2])));
+    Ellipse e;
+    e.unit_exponent = unit_exponent_for(size);
+    t0 *= power_of_two(-e.unit_exponent);
+    t1 *= power_of_two(-e.unit_exponent);
+    vec3 a0 = t0 * columns;
+    vec3 a1 = t1 * columns;
+    e.xx = dot(a0, a0);
+    e.xy = dot(a0, a1);
+    e.yy = dot(a1, a1);
+    vec3 n = vec3(difference_of_products(a0.y, a1.z, a0.z, a1.y),
+                  difference_of_products(a0.z, a1.x, a0.x, a1.z),
+                  difference_of_products(a0.x, a1.y, a0.y, a1.x));
+    e.determinant = dot(n, n);
+    return e;
+}
+
+// Returns true if a pixel centre of 0 .. size - 1 is within `reach` of `centre`.
+bool covers_a_pixel(float centre, float reach, float size) {
+    return max(ceil(centre - reach), 0.0) <= min(floor(centre + reach), size - 1.0);
+}
+
+// Returns the unit vector along `v`, also where the squares of its elements are no floats. `v` is not 0.
+vec3 direction_of(vec3 v) {
+    return normalize(v / largest(v));
+}
+
+// A splat in the picture, in pixels with pixel centres at integers.
+struct Projection {
+    float depth;        // view z, which decides about the order
+    float alpha;        // opacity at the centre
+    vec2 centre;
+    vec2 bounds;        // half width and half height of the ellipse at the alpha floor
+    float reach;        // sigmas from the centre to the alpha floor
+    float unit;         // pixels per unit of length of all that follows
+    float xx, xy, yy;   // the covariance, low pass included
+    float determinant;  // its determinant
+    float larger, smaller;  // its eigenvalues
+    vec2 direction;     // unit eigenvector of the larger one
+    vec3 from_camera;   // from the camera to the splat, in the world
+};
+
+// Projects splat `i`; returns false if it is behind the near plane, fainter than the alpha floor, or not a number.
+bool project_splat(uint i, out Projection splat) {
+    vec3 p = vec3(position[i].x, position[i].y, position[i].z);
+    mat4 view = camera.view;
+
+    // The depth that decides about culling and order. The exact expression matters, as its rounding defines the order of the
+    // splats.
+    precise float depth = fma(view[2][2], p.z, fma(view[1][2], p.y, view[0][2] * p.x)) + view[3][2];
+    splat.depth = depth;
+    if (!(depth > NEAR_PLANE)) {
+        return false;
+    }
+    float alpha = opacity[i];
+    if (!(alpha >= alpha_floor)) {
+        return false;
+    }
+    // The place in the camera's frame, from a difference that is exact near the camera, wherever in the world that is: the
+    // translation of `view` has the rounding of a number as large as the distance from the origin.
+    precise vec3 from_camera = (p - camera.position.xyz) - camera.position_low.xyz;
+    float x = fma(view[2][0], from_camera.z, fma(view[1][0], from_camera.y, view[0][0] * from_camera.x));
+    float y = fma(view[2][1], from_camera.z, fma(view[1][1], from_camera.y, view[0][1] * from_camera.x));
+    float z = fma(view[2][2], from_camera.z, fma(view[1][2], from_camera.y, view[0][2] * from_camera.x));
+
+    // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
+    vec2 slope = vec2(x, y) / z;
+    vec2 limit = jacobian_limit * camera.focal.zw;
+    vec2 held = clamp(slope, -limit, limit);
+    vec3 w0 = vec3(view[0][0], view[1][0], view[2][0]);
+    vec3 w1 = vec3(view[0][1], view[1][1], view[2][1]);
+    vec3 w2 = vec3(view[0][2], view[1][2], view[2][2]);
+    vec3 t0 = (camera.focal.x / z) * (w0 - held.x * w2);
+    vec3 t1 = (camera.focal.y / z) * (w1 - held.y * w2);
+    Ellipse e = project_covariance(i, t0, t1);
+
+    // Eigenvalues: the larger as a sum of positive terms, the smaller as determinant / larger. The low pass adds itself
+    // to both, and to the determinant only positive terms.
+    float unit = power_of_two(e.unit_exponent);
+    float units_per_pixel = power_of_two(-e.unit_exponent);
+#if LOW_PASS == LOW_PASS_NONE
+    float low_pass = 0.0;
+#else
+    float low_pass = DILATION * (units_per_pixel * units_per_pixel);
+#endif
+    float mean = 0.5 * (e.xx + e.yy);
+    float lean = 0.5 * (e.xx - e.yy);
+    float radius = length(vec2(lean, e.xy));
+    float larger = mean + radius + low_pass;
+    float determinant = e.determinant + low_pass * (2.0 * mean + low_pass);
+    float smaller = determinant / larger;
+    if (!(smaller > 0.0) || isinf(larger)) {
+        return false;  // no area, or not a number
+    }
+    // The eigenvector of the larger one, in the form without cancellation. A circle has no direction; any is right.
+    vec2 direction = lean >= 0.0 ? vec2(radius + lean, e.xy) : vec2(e.xy, radius - lean);
+    direction = radius > 1e-7 * larger ? normalize(direction) : vec2(1.0, 0.0);
+
+    // Now, as above the larger one belongs to `radius`.
+    float most = LARGEST * units_per_pixel;
+    larger = min(larger, most * most);
+    smaller = min(smaller, most * most);
+
+#if LOW_PASS == LOW_PASS_COMPENSATED
+    // The dilated ellipse has the volume of the sharp one (Yu et al. 2024, "Mip-Splatting", equation 9).
+    alpha *= sqrt(e.determinant / determinant);
+    if (!(alpha >= alpha_floor)) {
+        return false;
+    }
+#endif
+
+    splat.centre = camera.focal.xy * slope + 0.5 * (camera.viewport.xy - 1.0);
+    splat.alpha = alpha;
+    splat.reach = sqrt(2.0 * max(log(alpha / alpha_floor), 0.0));
+    splat.unit = unit;
+    splat.xx = e.xx + low_pass;
+    splat.xy = e.xy;
+    splat.yy = e.yy + low_pass;
+    splat.determinant = determinant;
+    splat.larger = larger;
+    splat.smaller = smaller;
+    splat.direction = direction;
+    splat.bounds = splat.reach * (sqrt(vec2(splat.xx, splat.yy)) * unit);
+    splat.from_camera = from_camera;
+    return largest(vec3(splat.centre, 0.0)) <= FARTHEST;
+}
+
+// The largest brightness where f32 holds the picture. A scene can have larger ones, up to infinity: such splats are dimmed. A
+// sum of alpha times brightness, rounded at each splat, stays below twice the brightness.
+const float BRIGHTEST_FLOAT = 1e30;
+const float BRIGHTEST_HALF = 32752.0;  // half of the largest half float
+
+// Evaluates the colour of splat `i`, seen along `from_camera`: display-encoded r, g, b in 0 .. `brightest`.
+vec3 finite_colour(uint i, vec3 from_camera, float brightest) {
+    vec3 colour = sh_colour(i, direction_of(from_camera));
+    // By comparisons that are false for NaN, which coefficients near the end of f32 make.
+    return vec3(colour.r > 0.0 ? min(colour.r, brightest) : 0.0,
+                colour.g > 0.0 ? min(colour.g, brightest) : 0.0,
+                colour.b > 0.0 ? min(colour.b, brightest) : 0.0);
+}

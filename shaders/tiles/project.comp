@@ -1,0 +1,99 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+// Projects Gaussians for the tiled rasterisers: cull, project, colour. Each invocation takes one splat. A visible splat gets
+// a record, the bins that it may touch, and its depth at its own index, an invisible one the depth -1. Every workgroup counts
+// its visible splats, so that compact.comp can close the gaps and keep the order of the indices.
+
+#include "../camera.glsl"
+#include "../groups.glsl"
+#include "live.glsl"
+#include "record.glsl"
+#include "tiles.glsl"
+#include "../spherical_harmonics.glsl"
+#include "../projection.glsl"
+
+layout(local_size_x = 256) in;
+
+layout(set = 0, binding = 3, std430) writeonly buffer Records { StoredRecord records[]; };
+layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
+layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_count[]; };
+layout(set = 0, binding = 6, std430) writeonly buffer Bins { uint bins_of[]; };
+
+#if RECORD == RECORD_F32
+const float BRIGHTEST = BRIGHTEST_FLOAT;
+#else
+const float BRIGHTEST = BRIGHTEST_HALF;
+#endif
+
+// sqrt(log2(e) / 2): the power of the falloff is one of 2.
+const float ROOT_SCALE = 0.8493218002880191;
+
+// The number of visible splats in the workgroup. It is counted without ballots: invocations leave `project` at different
+// places, and nothing says that a subgroup is whole again after that.
+shared uint visible_count;
+
+// Returns the radius that the published rasteriser gives a splat, in pixels: three standard deviations, rounded up.
+float published_radius(Projection p) {
+    // The difference of the eigenvalues has a floor there, the root of 0.1 square pixels.
+    float least = sqrt(0.1) / (p.unit * p.unit);
+    float spread = max(length(vec2(0.5 * (p.xx - p.yy), p.xy)), least);
+    return ceil(3.0 * sqrt(0.5 * (p.xx + p.yy) + spread) * p.unit);
+}
+
+// Projects splat `i`, writes its record if it is visible, and returns its view depth, or -1 if it is not.
+float project(uint i) {
+    Projection p;
+    if (!project_splat(i, p)) {
+        return -1.0;
+    }
+    vec2 low = p.centre - p.bounds - MARGIN;
+    vec2 high = p.centre + p.bounds + MARGIN;
+    float radius = 0.0;
+#if EXTENT == EXTENT_TILES
+    radius = published_radius(p);
+    vec2 columns = tile_range(p.centre.x, radius);
+    vec2 rows = tile_range(p.centre.y, radius);
+    low = max(low, vec2(columns.x, rows.x));
+    high = min(high, vec2(columns.y, rows.y));
+#endif
+    vec2 first = max(ceil(low), vec2(0.0));
+    vec2 last = min(floor(high), camera.viewport.xy - 1.0);
+    if (!(first.x <= last.x && first.y <= last.y)) {
+        return -1.0;
+    }
+    const uvec2 BIN = uvec2(BIN_WIDTH, BIN_HEIGHT);
+    bins_of[i] = pack_bins(BinRect(uvec2(first) / BIN, uvec2(last) / BIN));
+
+    Record r;
+    r.centre = p.centre;
+    float width = sqrt(p.yy / p.determinant);
+    r.root = (ROOT_SCALE / p.unit) * vec3(width, -width * (p.xy / p.yy), inversesqrt(p.yy));
+    r.log_alpha = log2(p.alpha);
+    r.radius = radius;
+    r.colour = finite_colour(i, p.from_camera, BRIGHTEST);
+    records[i] = pack_record(r);
+    return p.depth;
+}
+
+void main() {
+    uint group = group_index();
+    uint i = group * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
+    if (gl_LocalInvocationIndex == 0u) {
+        visible_count = 0u;
+    }
+    barrier();
+
+    float z = -1.0;
+    if (i < uint(SCENE_COUNT)) {
+        z = project(i);
+        depth_of[i] = z;
+    }
+    if (z > 0.0) {
+        atomicAdd(visible_count, 1u);
+    }
+    barrier();
+    if (gl_LocalInvocationIndex == 0u && group * gl_WorkGroupSize.x < uint(SCENE_COUNT)) {
+        block_count[group] = visible_count;
+    }
+}

@@ -1,0 +1,39 @@
+// The record of a projected splat, written by tiles/project.comp and read by the rasterisers.
+//
+// Its falloff is a square root of the inverse covariance, which is triangular: with d the distance from the centre in pixels,
+// alpha = exp2(log_alpha - u^2 - v^2), u = root.x d.x + root.y d.y, v = root.z d.y. The power is a sum of squares, so that
+// no rounding makes it grow; the factor log2(e) / 2 is part of the root.
+
+struct Record {
+    vec2 centre;      // in pixels, pixel centres at integers
+    vec3 root;
+    float log_alpha;  // log2 of the opacity
+    float radius;     // of the square of tiles that the splat may touch, in pixels; 0 without that rule
+    vec3 colour;      // display-encoded, not below 0
+};
+
+#if RECORD == RECORD_F32
+struct StoredRecord { vec4 centre_root; vec4 rest; vec4 colour; };
+
+StoredRecord pack_record(Record r) {
+    return StoredRecord(vec4(r.centre, r.root.xy), vec4(r.root.z, r.log_alpha, r.radius, 0.0), vec4(r.colour, 0.0));
+}
+
+Record unpack_record(StoredRecord s) {
+    return Record(s.centre_root.xy, vec3(s.centre_root.zw, s.rest.x), s.rest.y, s.rest.z, s.colour.rgb);
+}
+#else
+struct StoredRecord { vec4 centre_root; vec2 rest; uvec2 colour; };
+
+// Colours are half floats. A radius is a whole number; what is beyond 16 bits covers every picture.
+StoredRecord pack_record(Record r) {
+    uint blue = packHalf2x16(vec2(r.colour.b, 0.0));
+    return StoredRecord(vec4(r.centre, r.root.xy), vec2(r.root.z, r.log_alpha),
+                        uvec2(packHalf2x16(r.colour.rg), blue | (uint(min(r.radius, 65535.0)) << 16)));
+}
+
+Record unpack_record(StoredRecord s) {
+    vec3 colour = vec3(unpackHalf2x16(s.colour.x), unpackHalf2x16(s.colour.y & 0xffffu).x);
+    return Record(s.centre_root.xy, vec3(s.centre_root.zw, s.rest.x), s.rest.y, float(s.colour.y >> 16), colour);
+}
+#endif

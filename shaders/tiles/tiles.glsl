@@ -1,0 +1,24 @@
+// The division of the picture. A *bin* of BIN_WIDTH x BIN_HEIGHT pixels has a list of the splats that may touch it, near to
+// far. A rasteriser divides it into *subtiles* of 8 x 8 pixels.
+
+// The bins that a splat may touch: the first and the last column and row, 8 bits each.
+struct BinRect { uvec2 first, last; };
+
+uint pack_bins(BinRect r) {
+    return r.first.x | (r.first.y << 8) | (r.last.x << 16) | (r.last.y << 24);
+}
+
+BinRect unpack_bins(uint packed) {
+    return BinRect(uvec2(packed, packed >> 8) & 255u, uvec2(packed >> 16, packed >> 24) & 255u);
+}
+
+// The published rasteriser draws a splat in tiles of this size; see `tile_range`.
+const float PUBLISHED_TILE = 16.0;
+
+// Returns the first and the last pixel, along one axis, of the tiles that a splat with `radius` is drawn in. The published
+// rasteriser truncates to integers where this rounds down, which differs only left of the picture.
+vec2 tile_range(float centre, float radius) {
+    float first = floor((centre - radius) / PUBLISHED_TILE);
+    float end = floor((centre + radius + (PUBLISHED_TILE - 1.0)) / PUBLISHED_TILE);
+    return vec2(first * PUBLISHED_TILE, end * PUBLISHED_TILE - 1.0);
+}
