@@ -6,7 +6,7 @@
 
 #include "../args.glsl"
 #include "../groups.glsl"
-#include "tiles.glsl"
+#include "bins.glsl"
 
 layout(local_size_x = 256) in;
 

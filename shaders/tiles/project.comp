@@ -9,7 +9,7 @@
 #include "../groups.glsl"
 #include "live.glsl"
 #include "record.glsl"
-#include "tiles.glsl"
+#include "bins.glsl"
 #include "../spherical_harmonics.glsl"
 #include "../projection.glsl"
 
@@ -62,7 +62,7 @@ float project(uint i) {
     if (!(first.x <= last.x && first.y <= last.y)) {
         return -1.0;
     }
-    const uvec2 BIN = uvec2(BIN_WIDTH, BIN_HEIGHT);
+
     bins_of[i] = pack_bins(BinRect(uvec2(first) / BIN, uvec2(last) / BIN));
 
     Record r;

@@ -37,3 +37,26 @@ Record unpack_record(StoredRecord s) {
     return Record(s.centre_root.xy, vec3(s.centre_root.zw, s.rest.x), s.rest.y, float(s.colour.y >> 16), colour);
 }
 #endif
+
+// The light of a segment at a pixel: the colour that it adds, and the share of light that it lets through.
+#if RECORD == RECORD_F32
+#define StoredSum vec4
+
+vec4 pack_sum(vec4 sum) {
+    return sum;
+}
+
+vec4 unpack_sum(vec4 sum) {
+    return sum;
+}
+#else
+#define StoredSum uvec2
+
+uvec2 pack_sum(vec4 sum) {
+    return uvec2(packHalf2x16(sum.rg), packHalf2x16(sum.ba));
+}
+
+vec4 unpack_sum(uvec2 sum) {
+    return vec4(unpackHalf2x16(sum.x), unpackHalf2x16(sum.y));
+}
+#endif

@@ -3,33 +3,62 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
-// Third pass of binning: places the bins' lists one after the other, by an exclusive scan of their lengths in one workgroup.
-// Word BIN_COUNT is the end of the last list: all entries that the frame needs, which may be more than the buffer holds.
+// Third pass of binning: places the bins' lists one after the other, by an exclusive scan of their lengths in one workgroup, and
+// likewise the segments of each phase. Word BIN_COUNT of a scan is the sum: of the lists, all entries that the frame needs, which
+// may be more than the buffer holds.
 
+#include "bins.glsl"
+#include "segments.glsl"
 #include "scan.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Lengths { uint lengths[]; };
 layout(set = 0, binding = 1, std430) writeonly buffer Starts { uint starts[]; };
+// A row per phase.
+layout(set = 0, binding = 2, std430) writeonly buffer Segments { uint segment_starts[]; };
+// An indirect dispatch per phase: a workgroup for each segment.
+layout(set = 0, binding = 3, std430) writeonly buffer Groups { uint groups[]; };
 
-const uint PER_THREAD = (uint(BIN_COUNT) + THREADS - 1u) / THREADS;
+// The cells of each bin that let light through: all.
+layout(set = 0, binding = 4, std430) writeonly buffer Open { uint open_cells[]; };
+
+const uint ROW = uint(BIN_COUNT) + 1u;
 
 void main() {
-    uint at = thread_index() * PER_THREAD;
-    uint count[PER_THREAD];
-    uint sum = 0u;
-    for (uint j = 0u; j < PER_THREAD; j++) {
-        count[j] = at + j < uint(BIN_COUNT) ? lengths[at + j] : 0u;
-        sum += count[j];
-    }
     uint total = 0u;
-    uint next = exclusive_sum(sum, 0u, total);
-    for (uint j = 0u; j < PER_THREAD; j++) {
-        if (at + j < uint(BIN_COUNT)) {
-            starts[at + j] = next;
-        }
-        next += count[j];
+    uint segments[PHASES];
+    for (uint phase = 0u; phase < uint(PHASES); phase++) {
+        segments[phase] = 0u;
     }
-    if (at == 0u) {
+    uint round = 0u;
+    for (uint first = 0u; first < uint(BIN_COUNT); first += THREADS) {
+        uint bin = first + thread_index();
+        uint length = bin < uint(BIN_COUNT) ? lengths[bin] : 0u;
+        uint start = exclusive_sum(length, round++, total);
+        // What does not fit is left out.
+        uint held = min(start + length, uint(ENTRIES)) - min(start, uint(ENTRIES));
+        uint count = segments_of(held);
+        if (bin < uint(BIN_COUNT)) {
+            starts[bin] = start;
+            open_cells[2u * bin] = 0xffffffffu;
+            open_cells[2u * bin + 1u] = 0xffffffffu;
+        }
+        for (uint phase = 0u; phase < uint(PHASES); phase++) {
+            uint in_phase = first_segment(count, phase + 1u) - first_segment(count, phase);
+            uint before = exclusive_sum(in_phase, round++, segments[phase]);
+            if (bin < uint(BIN_COUNT)) {
+                segment_starts[phase * ROW + bin] = before;
+            }
+        }
+    }
+    if (thread_index() == 0u) {
         starts[BIN_COUNT] = total;
+        for (uint phase = 0u; phase < uint(PHASES); phase++) {
+            segment_starts[phase * ROW + uint(BIN_COUNT)] = segments[phase];
+            uint x = min(segments[phase], uint(DEVICE_MAX_GROUPS_X));
+            groups[4u * phase] = x;
+            groups[4u * phase + 1u] = x == 0u ? 1u : (segments[phase] + x - 1u) / x;
+            groups[4u * phase + 2u] = 1u;
+            groups[4u * phase + 3u] = segments[phase];
+        }
     }
 }

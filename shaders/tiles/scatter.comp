@@ -5,21 +5,16 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Last pass of binning: writes the lists. A block of splats in the order of depth is divided among the subgroups of a
-// workgroup, and each walks its range a subgroup's width of splats at a time. The pairs of these splats with their bins are
-// dealt to the lanes in order, whatever the number of bins of each. The place of a pair in its bin's list is the bin's start,
-// plus the pairs of earlier blocks (from the table), of lower subgroups, of earlier steps, and of lower lanes in the same step.
-// So lists are near to far, and the same in every run.
+// Last pass of binning: writes the lists. A workgroup walks a block of splats in the order of their depth, 256 at a time. The
+// pairs of these splats with their bins are dealt to the invocations in order, whatever the number of bins of each. The place of
+// a pair in its bin's list is the bin's start, plus the pairs of earlier blocks (from the table), of earlier steps and lower
+// subgroups (from the counters, which the subgroups advance in turns), and of lower lanes. So lists are near to far, and the
+// same in every run.
 
 #include "../args.glsl"
 #include "../groups.glsl"
-#include "tiles.glsl"
-
-#define LANES DEVICE_SUBGROUP_SIZE
-// As many subgroups as 256 invocations and 16 KiB of counters allow.
-const uint SUBGROUPS = uint(SCATTER_SUBGROUPS);
-const uint THREADS = SUBGROUPS * uint(LANES);
-layout(local_size_x = SCATTER_SUBGROUPS * LANES) in;
+#include "bins.glsl"
+#include "scan.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Order { uint order[]; };
@@ -28,21 +23,15 @@ layout(set = 0, binding = 3, std430) readonly buffer Table { uint table[]; };
 layout(set = 0, binding = 4, std430) readonly buffer Starts { uint starts[]; };
 layout(set = 0, binding = 5, std430) writeonly buffer Lists { uint lists[]; };
 
-// Counters have 16 bits, two in a word; every subgroup has one per bin.
-const uint WORDS = (uint(BIN_COUNT) + 1u) / 2u;
-shared uint words[SUBGROUPS * WORDS];
-
-// The splats of each subgroup's step: index, bins, and the pairs up to and with this splat.
+// The pairs of each bin so far.
+shared uint counters[BIN_COUNT];
+// The splats of a step: index, bins, and the pairs up to and with this splat.
 shared uint step_index[THREADS];
 shared uint step_bins[THREADS];
 shared uint step_pairs[THREADS];
 
 #define PEER_BITS BIN_BITS
 #include "../sort/peers.glsl"
-
-uint pairs_of(BinRect r) {
-    return (r.last.x - r.first.x + 1u) * (r.last.y - r.first.y + 1u);
-}
 
 uint bin_at(uint bins, uint pair) {
     BinRect r = unpack_bins(bins);
@@ -57,79 +46,52 @@ void main() {
     if (block >= blocks) {
         return;
     }
-    uint thread = gl_SubgroupID * uint(LANES) + gl_SubgroupInvocationID;
-    const uint RANGE = (uint(BLOCK_SPLATS) + SUBGROUPS - 1u) / SUBGROUPS;
-    uint first = block * uint(BLOCK_SPLATS) + gl_SubgroupID * RANGE;
-    uint end = min(min(first + RANGE, (block + 1u) * uint(BLOCK_SPLATS)), count);
-
-    for (uint w = thread; w < SUBGROUPS * WORDS; w += THREADS) {
-        words[w] = 0u;
+    uint thread = thread_index();
+    for (uint bin = thread; bin < uint(BIN_COUNT); bin += THREADS) {
+        counters[bin] = 0u;
     }
-    barrier();
 
-    // Each subgroup counts the pairs of its range.
-    for (uint at = first + gl_SubgroupInvocationID; at < end; at += uint(LANES)) {
-        BinRect r = unpack_bins(sorted_bins[at]);
-        for (uint y = r.first.y; y <= r.last.y; y++) {
-            for (uint x = r.first.x; x <= r.last.x; x++) {
-                uint bin = min(y * uint(BINS_X) + x, uint(BIN_COUNT) - 1u);
-                atomicAdd(words[gl_SubgroupID * WORDS + (bin >> 1)], 1u << (16u * (bin & 1u)));
-            }
-        }
-    }
-    barrier();
-
-    // Counts become offsets of each subgroup within the block, both halves of a word at once.
-    for (uint w = thread; w < WORDS; w += THREADS) {
-        uint both = 0u;
-        for (uint s = 0u; s < SUBGROUPS; s++) {
-            uint here = words[s * WORDS + w];
-            words[s * WORDS + w] = both;
-            both += here;
-        }
-    }
-    barrier();
-
-    uint lane = gl_SubgroupInvocationID;
-    uint own = gl_SubgroupID * uint(LANES);
-    for (uint at = first; at < end; at += uint(LANES)) {
-        bool valid = at + lane < end;
-        uint bins = valid ? sorted_bins[at + lane] : 0u;
-        uint pairs = valid ? pairs_of(unpack_bins(bins)) : 0u;
-        uint up_to = subgroupInclusiveAdd(pairs);
-        step_index[thread] = valid ? order[at + lane] : 0u;
+    uint end = min((block + 1u) * uint(BLOCK_SPLATS), count);
+    uint round = 0u;
+    for (uint at = block * uint(BLOCK_SPLATS); at < end; at += THREADS) {
+        bool valid = at + thread < end;
+        uint bins = valid ? sorted_bins[at + thread] : 0u;
+        uint pairs = valid ? bins_in(unpack_bins(bins)) : 0u;
+        uint total = 0u;
+        uint before = exclusive_sum(pairs, round++, total);
+        step_index[thread] = valid ? order[at + thread] : 0u;
         step_bins[thread] = bins;
-        step_pairs[thread] = up_to;
-        uint total = subgroupMax(up_to);
-        subgroupBarrier();
-        for (uint start = 0u; start < total; start += uint(LANES)) {
-            uint pair = start + lane;
+        step_pairs[thread] = before + pairs;
+        barrier();
+        for (uint start = 0u; start < total; start += THREADS) {
+            uint pair = start + thread;
             bool has_pair = pair < total;
             // The splat of the pair: the first whose pairs go beyond it.
             uint low = 0u;
-            [[unroll]] for (uint half_width = uint(LANES) / 2u; half_width > 0u; half_width /= 2u) {
-                low += step_pairs[own + low + half_width - 1u] <= pair ? half_width : 0u;
+            [[unroll]] for (uint half_width = THREADS / 2u; half_width > 0u; half_width /= 2u) {
+                low += step_pairs[low + half_width - 1u] <= pair ? half_width : 0u;
             }
-            uint before = low == 0u ? 0u : step_pairs[own + low - 1u];
-            uint bin = has_pair ? bin_at(step_bins[own + low], pair - before) : 0u;
+            uint first = low == 0u ? 0u : step_pairs[low - 1u];
+            uint bin = has_pair ? bin_at(step_bins[low], pair - first) : 0u;
+            uint begin = has_pair ? starts[bin] + table[bin * blocks + block] : 0u;
             LaneMask peers = peers_of(bin, has_pair);
             uint below = lanes_below(peers);
-            uint word = gl_SubgroupID * WORDS + (bin >> 1);
-            uint shift = 16u * (bin & 1u);
-            uint rank = ((words[word] >> shift) & 0xffffu) + below;
-            subgroupBarrier();  // all lanes read before one of them writes
-            if (has_pair) {
-                if (below == 0u) {
-                    // Atomic, because another bin's counter shares the word.
-                    atomicAdd(words[word], lanes_in(peers) << shift);
+            uint rank = 0u;
+            for (uint turn = 0u; turn < SUBGROUPS; turn++) {
+                if (turn == gl_SubgroupID) {
+                    rank = counters[bin] + below;
+                    subgroupBarrier();  // all lanes read before one of them writes
+                    if (has_pair && below == 0u) {
+                        counters[bin] += lanes_in(peers);
+                    }
                 }
-                uint place = starts[bin] + table[bin * blocks + block] + rank;
-                if (place < uint(ENTRIES)) {
-                    lists[place] = step_index[own + low];
-                }
+                barrier();
             }
-            subgroupBarrier();  // the write is complete before the next read
+            uint place = begin + rank;
+            if (has_pair && place < uint(ENTRIES)) {
+                lists[place] = step_index[low];
+            }
         }
-        subgroupBarrier();
+        barrier();
     }
 }

@@ -1,5 +1,7 @@
-// The division of the picture. A *bin* of BIN_WIDTH x BIN_HEIGHT pixels has a list of the splats that may touch it, near to
-// far. A rasteriser divides it into *subtiles* of 8 x 8 pixels.
+// The division of the picture. A *bin* is a square of 8 x 8 cells, and a *cell* one of CELL x CELL pixels. Binning makes a list
+// of the splats that may touch each bin, near to far; a rasteriser finds the cells that each of them touches.
+
+const uint BIN = 8u * uint(CELL);
 
 // The bins that a splat may touch: the first and the last column and row, 8 bits each.
 struct BinRect { uvec2 first, last; };
@@ -10,6 +12,11 @@ uint pack_bins(BinRect r) {
 
 BinRect unpack_bins(uint packed) {
     return BinRect(uvec2(packed, packed >> 8) & 255u, uvec2(packed >> 16, packed >> 24) & 255u);
+}
+
+// Returns the number of bins in a rectangle.
+uint bins_in(BinRect r) {
+    return (r.last.x - r.first.x + 1u) * (r.last.y - r.first.y + 1u);
 }
 
 // The published rasteriser draws a splat in tiles of this size; see `tile_range`.
