@@ -65,7 +65,7 @@ void main() {
 #if IS_LAST
         uvec2 at = pixel + uvec2(0u, p * (8u / uint(CELL)));
         if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
-            imageStore(picture, ivec2(at), vec4(sum.rgb + sum.a * camera.background.rgb, 1.0));
+            imageStore(picture, ivec2(at), vec4(sum.rgb + abs(sum.a) * camera.background.rgb, 1.0));
         }
 #else
         sums[bin * BIN_PIXELS + place] = sum;

@@ -1,5 +1,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 
 // First pass of binning: counts, for each block of BLOCK_SPLATS splats in the order of their depth, how many of them may touch
 // each bin. The bins of a splat are copied to its place in that order, so that the last pass finds them side by side.
@@ -19,6 +20,9 @@ layout(set = 0, binding = 4, std430) writeonly buffer Table { uint table[]; };
 
 shared uint counts[BIN_COUNT];
 
+// Splats that an invocation loads before it counts the first, so that it waits for memory once.
+const uint AT_ONCE = 4u;
+
 void main() {
     uint count = args[ARGS_DRAWN];
     uint blocks = (count + uint(BLOCK_SPLATS) - 1u) / uint(BLOCK_SPLATS);
@@ -32,14 +36,28 @@ void main() {
     barrier();
     uint first = block * uint(BLOCK_SPLATS);
     uint end = min(first + uint(BLOCK_SPLATS), count);
-    for (uint at = first + gl_LocalInvocationIndex; at < end; at += gl_WorkGroupSize.x) {
-        uint bins = bins_of[order[at]];
-        sorted_bins[at] = bins;
-        BinRect r = unpack_bins(bins);
+    for (uint step = first + gl_LocalInvocationIndex; step < end; step += AT_ONCE * gl_WorkGroupSize.x) {
+        uint index[AT_ONCE];
+        uint bins[AT_ONCE];
+        [[unroll]] for (uint j = 0u; j < AT_ONCE; j++) {
+            uint at = step + j * gl_WorkGroupSize.x;
+            index[j] = at < end ? order[at] : 0u;
+        }
+        [[unroll]] for (uint j = 0u; j < AT_ONCE; j++) {
+            uint at = step + j * gl_WorkGroupSize.x;
+            // Beyond the end, a rectangle without bins.
+            bins[j] = at < end ? bins_of[index[j]] : 1u;
+            if (at < end) {
+                sorted_bins[at] = bins[j];
+            }
+        }
+        [[unroll]] for (uint j = 0u; j < AT_ONCE; j++) {
+        BinRect r = unpack_bins(bins[j]);
         for (uint y = r.first.y; y <= r.last.y; y++) {
             for (uint x = r.first.x; x <= r.last.x; x++) {
                 atomicAdd(counts[min(y * uint(BINS_X) + x, uint(BIN_COUNT) - 1u)], 1u);
             }
+        }
         }
     }
     barrier();

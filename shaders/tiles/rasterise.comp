@@ -34,7 +34,12 @@ const uint PIXELS = uint(CELL) * uint(CELL) / 8u;
 
 const uint CHUNK = THREADS;
 const uint WORDS = CHUNK / 32u;
-shared StoredRecord chunk[CHUNK];
+// The records of the chunk's splats, in the parts of 16 bytes that shared memory reads at once.
+#if RECORD == RECORD_F32
+shared vec4 chunk_colour[CHUNK];
+#endif
+shared vec4 chunk_root[CHUNK];
+shared uvec4 chunk_rest[CHUNK];
 // For each cell, a bit for each splat of the chunk: whether it touches.
 shared uint touching[64u * WORDS];
 // For each cell, the pixels that let no more light through.
@@ -80,10 +85,13 @@ void main() {
         closed_pixels[thread] = 0u;
     }
 
-    // Colour and transmittance of each pixel; its alpha floor, which no alpha reaches when it is done.
+    // Colour and transmittance of each pixel; its alpha floor, which no alpha reaches when it is done; the pixels of each cell
+    // that are counted as closed.
     vec4 sums[OWN][PIXELS];
     float floors[OWN][PIXELS];
+    uint counted[OWN];
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
+        counted[o] = 0u;
         [[unroll]] for (uint p = 0u; p < PIXELS; p++) {
             sums[o][p] = vec4(0.0, 0.0, 0.0, 1.0);
             floors[o][p] = alpha_floor;
@@ -105,7 +113,13 @@ void main() {
         uvec2 cells = uvec2(0u);
         if (first + thread < end) {
             StoredRecord stored = records[lists[first + thread]];
-            chunk[thread] = stored;
+            chunk_root[thread] = stored.centre_root;
+#if RECORD == RECORD_F32
+            chunk_rest[thread] = floatBitsToUint(stored.rest);
+            chunk_colour[thread] = stored.colour;
+#else
+            chunk_rest[thread] = uvec4(floatBitsToUint(stored.rest), stored.colour);
+#endif
             cells = cells_of(unpack_record(stored), corner) & open;
         }
         [[unroll]] for (uint c = 0u; c < 64u; c++) {
@@ -147,31 +161,45 @@ void main() {
                 }
                 uint at = word * 32u + uint(findLSB(bits));
                 bits &= bits - 1u;
-                Record r = unpack_record(chunk[at]);
+                vec4 centre_root = chunk_root[at];
+                uvec4 rest = chunk_rest[at];
+#if RECORD == RECORD_F32
+                Record r = unpack_record(StoredRecord(centre_root, uintBitsToFloat(rest), chunk_colour[at]));
+#else
+                Record r = unpack_record(StoredRecord(centre_root, uintBitsToFloat(rest.xy), rest.zw));
+#endif
                 vec2 d = place - r.centre;
                 float u = r.root.x * d.x + r.root.y * d.y;
                 float v = r.root.z * d.y;
                 [[unroll]] for (uint p = 0u; p < PIXELS; p++) {
                     float alpha = min(alpha_cap, exp2(r.log_alpha - (u * u + v * v)));
-                    if (alpha >= floors[o][p]) {
-                        float behind = sums[o][p].a * (1.0 - alpha);
-                        if (behind < stop) {
-                            floors[o][p] = 2.0;
-                            atomicAdd(closed_pixels[cell], 1u);
-                        } else {
-                            sums[o][p] = vec4(sums[o][p].rgb + (alpha * sums[o][p].a) * r.colour, behind);
-                        }
-                    }
+                    float light = alpha >= floors[o][p] ? alpha * sums[o][p].a : 0.0;
+                    float behind = sums[o][p].a - light;
+                    bool is_done = behind < stop;
+                    floors[o][p] = is_done ? 2.0 : floors[o][p];
+                    light = is_done ? 0.0 : light;
+                    sums[o][p] = vec4(sums[o][p].rgb + light * r.colour, sums[o][p].a - light);
                     u += float(ROWS_BETWEEN) * r.root.y;
                     v += float(ROWS_BETWEEN) * r.root.z;
                 }
+            }
+            uint closed = 0u;
+            [[unroll]] for (uint p = 0u; p < PIXELS; p++) {
+                closed += floors[o][p] == 2.0 ? 1u : 0u;
+            }
+            if (closed > 0u) {
+                atomicAdd(closed_pixels[o * (THREADS / 8u) + thread / 8u], closed - counted[o]);
+                counted[o] = closed;
             }
         }
     }
 
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
         [[unroll]] for (uint p = 0u; p < PIXELS; p++) {
-            partials[group * BIN_PIXELS + (o * PIXELS + p) * THREADS + thread] = pack_sum(sums[o][p]);
+            vec4 sum = sums[o][p];
+            // Below 0 if the pixel is done: what is behind it adds nothing.
+            sum.a = floors[o][p] == 2.0 ? -sum.a : sum.a;
+            partials[group * BIN_PIXELS + (o * PIXELS + p) * THREADS + thread] = pack_sum(sum);
         }
     }
 }

@@ -1,8 +1,8 @@
-// Scans over a workgroup of 256 invocations.
+// Scans over a workgroup of SCAN_THREADS invocations.
 
-layout(local_size_x = 256) in;
+layout(local_size_x = SCAN_THREADS) in;
 
-const uint THREADS = 256u;
+const uint THREADS = uint(SCAN_THREADS);
 const uint SUBGROUPS = THREADS / uint(DEVICE_SUBGROUP_SIZE);
 
 // Two alternating sets, so that one barrier per round is enough.

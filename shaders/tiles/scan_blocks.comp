@@ -8,6 +8,7 @@
 
 #include "../args.glsl"
 #include "../groups.glsl"
+#define SCAN_THREADS 256
 #include "scan.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };

@@ -5,7 +5,7 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Last pass of binning: writes the lists. A workgroup walks a block of splats in the order of their depth, 256 at a time. The
+// Last pass of binning: writes the lists. A workgroup walks a block of splats in the order of their depth, SCATTER_THREADS at a time. The
 // pairs of these splats with their bins are dealt to the invocations in order, whatever the number of bins of each. The place of
 // a pair in its bin's list is the bin's start, plus the pairs of earlier blocks (from the table), of earlier steps and lower
 // subgroups (from the counters, which the subgroups advance in turns), and of lower lanes. So lists are near to far, and the
@@ -14,6 +14,7 @@
 #include "../args.glsl"
 #include "../groups.glsl"
 #include "bins.glsl"
+#define SCAN_THREADS SCATTER_THREADS
 #include "scan.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
@@ -53,13 +54,21 @@ void main() {
 
     uint end = min((block + 1u) * uint(BLOCK_SPLATS), count);
     uint round = 0u;
-    for (uint at = block * uint(BLOCK_SPLATS); at < end; at += THREADS) {
+    uint at = block * uint(BLOCK_SPLATS);
+    uint next_bins = at + thread < end ? sorted_bins[at + thread] : 0u;
+    uint next_index = at + thread < end ? order[at + thread] : 0u;
+    for (; at < end; at += THREADS) {
         bool valid = at + thread < end;
-        uint bins = valid ? sorted_bins[at + thread] : 0u;
+        uint bins = next_bins;
+        uint index = next_index;
+        // Loaded a step ahead, so that nobody waits for memory.
+        bool has_next = at + THREADS + thread < end;
+        next_bins = has_next ? sorted_bins[at + THREADS + thread] : 0u;
+        next_index = has_next ? order[at + THREADS + thread] : 0u;
         uint pairs = valid ? bins_in(unpack_bins(bins)) : 0u;
         uint total = 0u;
         uint before = exclusive_sum(pairs, round++, total);
-        step_index[thread] = valid ? order[at + thread] : 0u;
+        step_index[thread] = index;
         step_bins[thread] = bins;
         step_pairs[thread] = before + pairs;
         barrier();
