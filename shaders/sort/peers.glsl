@@ -42,3 +42,8 @@ uint lanes_in(LaneMask mask) {
 uint lanes_below(LaneMask mask) {
     return bits_in(mask & MASK_OF(gl_SubgroupLtMask));
 }
+
+// Waits for the subgroup's accesses to shared memory. Unlike subgroupBarrier(), it does not wait for writes to buffers.
+void shared_barrier() {
+    controlBarrier(gl_ScopeSubgroup, gl_ScopeSubgroup, gl_StorageSemanticsShared, gl_SemanticsAcquireRelease);
+}

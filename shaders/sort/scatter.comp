@@ -1,5 +1,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_memory_scope_semantics : require
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -80,12 +81,12 @@ void main() {
         LaneMask peers = peers_of(bin, valid);
         uint below = lanes_below(peers);
         rank[i] = counter(gl_SubgroupID, bin) + below;
-        subgroupBarrier();  // all lanes read before one of them writes
+        shared_barrier();  // all lanes read before one of them writes
         if (valid && below == 0u) {
             // Atomic, because another bin's counter shares the word.
             atomicAdd(words[gl_SubgroupID * WORDS + (bin >> 1)], lanes_in(peers) << (16u * (bin & 1u)));
         }
-        subgroupBarrier();  // the write is complete before the next read
+        shared_barrier();  // the write is complete before the next read
     }
 #if REORDER
     uint values[STEPS];

@@ -1,7 +1,10 @@
-// The division of the picture. A *bin* is a square of 8 x 8 cells, and a *cell* one of CELL x CELL pixels. Binning makes a list
-// of the splats that may touch each bin, near to far; a rasteriser finds the cells that each of them touches.
+// The division of the picture. A *cell* is a square of 4 x 4 pixels, and a *bin* one of BIN_CELLS x BIN_CELLS cells. Binning makes
+// a list of the splats that may touch each bin, near to far; a rasteriser finds the cells that each of them touches.
 
-const uint BIN = 8u * uint(CELL);
+const uint CELL = 4u;
+const uint ACROSS = uint(BIN_CELLS);
+const uint CELLS = ACROSS * ACROSS;
+const uint BIN = ACROSS * CELL;
 
 // The bins that a splat may touch: the first and the last column and row, 8 bits each.
 struct BinRect { uvec2 first, last; };

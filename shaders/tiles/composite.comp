@@ -1,10 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#extension GL_EXT_control_flow_attributes : require
 
-// Composites the segments of a phase, near to far, behind those of earlier phases. The last phase adds the background and writes
-// the picture; the others note the cells that still let light through. A workgroup takes half of a bin, as the rasteriser's
-// invocations do: 32 cells, eight invocations each.
+// Composites the segments of each bin, near to far, and adds the background. An invocation takes a pixel, in the order in which the
+// rasteriser leaves them.
 
 #include "../camera.glsl"
 #include "../groups.glsl"
@@ -13,71 +11,36 @@
 #include "bins.glsl"
 #include "segments.glsl"
 
-const uint THREADS = 256u;
 layout(local_size_x = 256) in;
 
 layout(set = 0, binding = 0, std430) readonly buffer Segments { uint segment_starts[]; };
-layout(set = 0, binding = 1, std430) readonly buffer Partials { StoredSum partials[]; };
-#define IS_LAST (PHASE + 1 == PHASES)
-#if PHASE > 0 || !IS_LAST
-layout(set = 0, binding = 2, std430) buffer Sums { vec4 sums[]; };
-#endif
-#if IS_LAST
-layout(set = 0, binding = 3, rgba32f) writeonly uniform image2D picture;
-#else
-layout(set = 0, binding = 4, std430) writeonly buffer Open { uint open_cells[]; };
-#endif
-
-const uint PIXELS = uint(CELL) * uint(CELL) / 8u;
-
-shared uint open;
+layout(set = 0, binding = 1, std430) readonly buffer Sums { StoredSum sums[]; };
+layout(set = 0, binding = 2, rgba32f) writeonly uniform image2D picture;
 
 void main() {
-    const uint ROW = uint(BIN_COUNT) + 1u;
-    uint group = group_index();
-    uint bin = group / 2u;
+    uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
+    uint bin = i / BIN_PIXELS;
     if (bin >= uint(BIN_COUNT)) {
         return;
     }
-    uint thread = gl_LocalInvocationIndex;
-    if (thread == 0u) {
-        open = 0u;
-    }
-    barrier();
-    uint first = segment_starts[uint(PHASE) * ROW + bin];
-    uint end = segment_starts[uint(PHASE) * ROW + bin + 1u];
-    uint cell = 32u * (group & 1u) + thread / 8u;
-    uint eighth = thread & 7u;
-    uvec2 pixel = uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN + uint(CELL) * uvec2(cell % 8u, cell / 8u)
-        + uvec2(eighth % uint(CELL), eighth / uint(CELL));
+    // The inverse of `pixel_place`.
+    uint place = i % BIN_PIXELS;
+    uint share = place % uint(RASTER_THREADS);
+    uint row = place / uint(RASTER_THREADS);
+    uint cell = row / CELL * CELLS_AT_ONCE + share / CELL;
+    uvec2 pixel = uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN + CELL * uvec2(cell % ACROSS, cell / ACROSS)
+        + uvec2(share % CELL, row % CELL);
 
-    [[unroll]] for (uint p = 0u; p < PIXELS; p++) {
-        uint place = ((group & 1u) * PIXELS + p) * THREADS + thread;
-#if PHASE > 0
-        vec4 sum = sums[bin * BIN_PIXELS + place];
-#else
-        vec4 sum = vec4(0.0, 0.0, 0.0, 1.0);
-#endif
-        for (uint segment = first; segment < end && sum.a >= stop; segment++) {
-            vec4 part = unpack_sum(partials[segment * BIN_PIXELS + place]);
-            sum = vec4(sum.rgb + sum.a * part.rgb, sum.a * part.a);
-        }
-#if IS_LAST
-        uvec2 at = pixel + uvec2(0u, p * (8u / uint(CELL)));
-        if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
-            imageStore(picture, ivec2(at), vec4(sum.rgb + abs(sum.a) * camera.background.rgb, 1.0));
-        }
-#else
-        sums[bin * BIN_PIXELS + place] = sum;
-        if (sum.a >= stop) {
-            atomicOr(open, 1u << (thread / 8u));
-        }
-#endif
+    vec3 colour = vec3(0.0);
+    float transmittance = 1.0;
+    uint end = segment_starts[bin + 1u];
+    for (uint segment = segment_starts[bin]; segment < end && transmittance >= stop; segment++) {
+        vec4 sum = unpack_sum(sums[segment * BIN_PIXELS + place]);
+        colour += transmittance * sum.rgb;
+        transmittance *= sum.a;
     }
-#if !IS_LAST
-    barrier();
-    if (thread == 0u) {
-        open_cells[group] = open;
+    if (pixel.x < uint(VIEWPORT_WIDTH) && pixel.y < uint(VIEWPORT_HEIGHT)) {
+        // A done pixel's transmittance is negative: see rasterise.comp.
+        imageStore(picture, ivec2(pixel), vec4(colour + abs(transmittance) * camera.background.rgb, 1.0));
     }
-#endif
 }

@@ -1,17 +1,15 @@
-// The division of a bin's list into segments of SEGMENT entries, which are blended independently of each other, and of the
-// segments into phases. A later phase leaves out the cells that earlier ones have covered, and each has as many segments as all
-// phases before it.
+// The division of a bin's list into segments of SEGMENT entries, which are blended independently of each other and then composited,
+// so that a long list keeps many workgroups busy.
 
 uint segments_of(uint entries) {
     return (entries + uint(SEGMENT) - 1u) / uint(SEGMENT);
 }
 
-// Returns the first segment of a phase; that of phase PHASES is the number of segments.
-uint first_segment(uint segments, uint phase) {
-    uint shift = uint(PHASES) - phase;
-    return phase == 0u ? 0u : (segments + (1u << shift) - 1u) >> shift;
-}
-
-// The place of pixel `p` of cell `8 row + column`, within the 64 CELL CELL values of a segment: neighbouring invocations of the
-// rasteriser have neighbouring places. Eight of them share a cell, and each takes the cells `group` and `32 + group`.
+// As many invocations as a cell has columns share a cell, and each takes one of its columns.
+const uint CELLS_AT_ONCE = uint(RASTER_THREADS) / CELL;
 const uint BIN_PIXELS = BIN * BIN;
+
+// Returns the place of a pixel in the sums of its bin: neighbouring invocations have neighbouring places.
+uint pixel_place(uint cell, uvec2 pixel) {
+    return (cell / CELLS_AT_ONCE * CELL + pixel.y) * uint(RASTER_THREADS) + cell % CELLS_AT_ONCE * CELL + pixel.x;
+}
