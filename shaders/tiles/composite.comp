@@ -23,13 +23,8 @@ void main() {
     if (bin >= uint(BIN_COUNT)) {
         return;
     }
-    // The inverse of `pixel_place`.
     uint place = i % BIN_PIXELS;
-    uint share = place % uint(RASTER_THREADS);
-    uint row = place / uint(RASTER_THREADS);
-    uint cell = row / CELL * CELLS_AT_ONCE + share / CELL;
-    uvec2 pixel = uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN + CELL * uvec2(cell % ACROSS, cell / ACROSS)
-        + uvec2(share % CELL, row % CELL);
+    uvec2 pixel = uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN + pixel_at(place);
 
     vec3 colour = vec3(0.0);
     float transmittance = 1.0;

@@ -6,8 +6,8 @@
 #extension GL_EXT_control_flow_attributes : require
 
 // Blends a segment of a bin's list, near to far. The workgroup takes the entries in chunks: each invocation loads a splat to
-// shared memory and notes the cells that it touches. Then every four invocations walk, for each of their own cells, only the splats
-// that touch it. Each has a column of pixels, with their sums in registers.
+// shared memory and notes the cells that it touches. Then every eight invocations walk, for each of their own cells, only the splats
+// that touch it, with the sums of its pixels in registers.
 
 #include "../groups.glsl"
 #include "live.glsl"
@@ -29,18 +29,16 @@ layout(set = 0, binding = 4, std430) writeonly buffer Sums { StoredSum sums[]; }
 // Cells of an invocation.
 const uint OWN = CELLS / CELLS_AT_ONCE;
 
-// Splats of a chunk, and of an invocation.
-const uint LOADS = uint(RASTER_LOADS);
-const uint CHUNK = LOADS * THREADS;
+const uint CHUNK = THREADS;
 // Splats that touch more cells than this are noted by ballots.
 const uint FEW_CELLS = 16u;
 const uint WORDS = CHUNK / 32u;
 // The records of the chunk's splats, in the parts of 16 bytes that shared memory reads at once.
+shared vec4 chunk_root[CHUNK];
+shared uvec4 chunk_rest[CHUNK];
 #if RECORD == RECORD_F32
 shared vec4 chunk_colour[CHUNK];
 #endif
-shared vec4 chunk_root[CHUNK];
-shared uvec4 chunk_rest[CHUNK];
 // A row for each 32 splats of the chunk: for each cell, a bit for each of them that touches it.
 shared uint touching[WORDS * CELLS];
 
@@ -121,54 +119,43 @@ void main() {
 
     // Colour and transmittance of each pixel; its alpha floor, which no alpha reaches when it is done; whether all of an
     // invocation's pixels in a cell are.
-    vec3 colours[OWN][CELL];
-    float lights[OWN][CELL];
-    float floors[OWN][CELL];
+    vec3 colours[OWN][CELL_PIXELS];
+    float lights[OWN][CELL_PIXELS];
+    float floors[OWN][CELL_PIXELS];
     bool is_done[OWN];
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
         is_done[o] = false;
-        [[unroll]] for (uint p = 0u; p < CELL; p++) {
+        [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
             colours[o][p] = vec3(0.0);
             lights[o][p] = 1.0;
             floors[o][p] = alpha_floor;
         }
     }
-    uint column = thread % CELL;
 
     // Records are loaded a chunk ahead, and their indices two, so that nobody waits for memory.
-    StoredRecord stored[LOADS];
-    uint next[LOADS];
-    [[unroll]] for (uint l = 0u; l < LOADS; l++) {
-        stored[l] = records[lists[min(begin + l * THREADS + thread, end - 1u)]];
-        next[l] = lists[min(begin + CHUNK + l * THREADS + thread, end - 1u)];
-    }
+    StoredRecord stored = records[lists[min(begin + thread, end - 1u)]];
+    uint next = lists[min(begin + CHUNK + thread, end - 1u)];
     for (uint first = begin; first < end; first += CHUNK) {
         barrier();
-        [[unroll]] for (uint l = 0u; l < LOADS; l++) {
-            uint at = l * THREADS + thread;
-            chunk_root[at] = stored[l].centre_root;
+        chunk_root[thread] = stored.centre_root;
 #if RECORD == RECORD_F32
-            chunk_rest[at] = floatBitsToUint(stored[l].rest);
-            chunk_colour[at] = stored[l].colour;
+        chunk_rest[thread] = floatBitsToUint(stored.rest);
+        chunk_colour[thread] = stored.colour;
 #else
-            chunk_rest[at] = uvec4(floatBitsToUint(stored[l].rest), stored[l].colour);
+        chunk_rest[thread] = uvec4(floatBitsToUint(stored.rest), stored.colour);
 #endif
-        }
         for (uint w = thread; w < WORDS * CELLS; w += THREADS) {
             touching[w] = 0u;
         }
         barrier();
-        [[unroll]] for (uint l = 0u; l < LOADS; l++) {
-            bool is_valid = first + l * THREADS + thread < end;
-            mark_cells(cut_of(unpack_record(stored[l]), corner), is_valid, l * THREADS + thread, lane);
-            stored[l] = records[next[l]];
-            next[l] = lists[min(first + 2u * CHUNK + l * THREADS + thread, end - 1u)];
-        }
+        mark_cells(cut_of(unpack_record(stored), corner), first + thread < end, thread, lane);
+        stored = records[next];
+        next = lists[min(first + 2u * CHUNK + thread, end - 1u)];
         barrier();
 
         [[unroll]] for (uint o = 0u; o < OWN; o++) {
-            uint cell = o * CELLS_AT_ONCE + thread / CELL;
-            vec2 place = corner + vec2(cell % ACROSS * CELL + column, cell / ACROSS * CELL);
+            uint cell = o * CELLS_AT_ONCE + thread / CELL_THREADS;
+            vec2 place = corner + vec2(pixel_at(pixel_place(thread, o, 0u)));
             uint words = 0u;
             [[unroll]] for (uint w = 0u; w < WORDS; w++) {
                 words |= touching[w * CELLS + cell] != 0u ? 1u << w : 0u;
@@ -194,33 +181,30 @@ void main() {
                 vec2 d = place - r.centre;
                 float u = r.root.x * d.x + r.root.y * d.y;
                 float v = r.root.z * d.y;
-                [[unroll]] for (uint p = 0u; p < CELL; p++) {
+                [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
                     float alpha = min(alpha_cap, exp2(r.log_alpha - u * u - v * v));
-                    float behind = lights[o][p] - alpha * lights[o][p];
-                    bool is_seen = alpha >= floors[o][p];
-                    if (is_seen && behind >= stop) {
-                        colours[o][p] += (alpha * lights[o][p]) * r.colour;
-                        lights[o][p] = behind;
-                    } else {
-                        floors[o][p] = is_seen ? 2.0 : floors[o][p];
-                    }
-                    u += r.root.y;
-                    v += r.root.z;
+                    float light = alpha >= floors[o][p] ? alpha * lights[o][p] : 0.0;
+                    bool stops = lights[o][p] - light < stop;
+                    floors[o][p] = stops ? 2.0 : floors[o][p];
+                    light = stops ? 0.0 : light;
+                    colours[o][p] += light * r.colour;
+                    lights[o][p] -= light;
+                    u += float(ROWS_BETWEEN) * r.root.y;
+                    v += float(ROWS_BETWEEN) * r.root.z;
                 }
             }
             is_done[o] = true;
-            [[unroll]] for (uint p = 0u; p < CELL; p++) {
+            [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
                 is_done[o] = is_done[o] && floors[o][p] == 2.0;
             }
         }
     }
 
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
-        uint cell = o * CELLS_AT_ONCE + thread / CELL;
-        [[unroll]] for (uint p = 0u; p < CELL; p++) {
+        [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
             // Below 0 if the pixel is done: what is behind it adds nothing.
             float light = floors[o][p] == 2.0 ? -lights[o][p] : lights[o][p];
-            sums[group * BIN_PIXELS + pixel_place(cell, uvec2(column, p))] = pack_sum(vec4(colours[o][p], light));
+            sums[group * BIN_PIXELS + pixel_place(thread, o, p)] = pack_sum(vec4(colours[o][p], light));
         }
     }
 }

@@ -5,11 +5,24 @@ uint segments_of(uint entries) {
     return (entries + uint(SEGMENT) - 1u) / uint(SEGMENT);
 }
 
-// As many invocations as a cell has columns share a cell, and each takes one of its columns.
-const uint CELLS_AT_ONCE = uint(RASTER_THREADS) / CELL;
+// Eight invocations share a cell: two of its rows, and the rows below by turns.
+const uint CELL_THREADS = 8u;
+const uint CELL_PIXELS = CELL * CELL / CELL_THREADS;
+const uint ROWS_BETWEEN = CELL_THREADS / CELL;
+const uint CELLS_AT_ONCE = uint(RASTER_THREADS) / CELL_THREADS;
 const uint BIN_PIXELS = BIN * BIN;
 
-// Returns the place of a pixel in the sums of its bin: neighbouring invocations have neighbouring places.
-uint pixel_place(uint cell, uvec2 pixel) {
-    return (cell / CELLS_AT_ONCE * CELL + pixel.y) * uint(RASTER_THREADS) + cell % CELLS_AT_ONCE * CELL + pixel.x;
+// Returns the place, in the sums of a bin, of pixel `p` of an invocation in the cell that it takes in `turn`: neighbouring
+// invocations have neighbouring places.
+uint pixel_place(uint thread, uint turn, uint p) {
+    return (turn * CELL_PIXELS + p) * uint(RASTER_THREADS) + thread;
+}
+
+// Returns the pixel of the bin at a place.
+uvec2 pixel_at(uint place) {
+    uint thread = place % uint(RASTER_THREADS);
+    uint pass = place / uint(RASTER_THREADS);
+    uint cell = pass / CELL_PIXELS * CELLS_AT_ONCE + thread / CELL_THREADS;
+    uvec2 within = uvec2(thread % CELL, thread % CELL_THREADS / CELL + pass % CELL_PIXELS * ROWS_BETWEEN);
+    return CELL * uvec2(cell % ACROSS, cell / ACROSS) + within;
 }

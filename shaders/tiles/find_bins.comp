@@ -1,0 +1,29 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+// Finds where each bin's list starts among the sorted pairs. An invocation takes a pair; one that differs from the pair before it
+// starts its own bin, and those between, which have no pairs. Word BIN_COUNT is the end of the last list.
+
+#include "../args.glsl"
+#include "../groups.glsl"
+
+layout(local_size_x = 256) in;
+
+layout(set = 0, binding = 0, std430) readonly buffer PairArgs { uint pair_args[]; };
+layout(set = 0, binding = 1, std430) readonly buffer PairBins { uint pair_bins[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer Starts { uint starts[]; };
+
+const uint BINS = uint(BIN_COUNT);
+
+void main() {
+    uint count = pair_args[ARGS_VISIBLE];
+    uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
+    if (i > count) {
+        return;
+    }
+    uint from = i == 0u ? 0u : min(pair_bins[i - 1u], BINS - 1u) + 1u;
+    uint to = i == count ? BINS : min(pair_bins[i], BINS - 1u);
+    for (uint bin = from; bin <= to; bin++) {
+        starts[bin] = i;
+    }
+}

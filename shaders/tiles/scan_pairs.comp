@@ -1,0 +1,51 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
+#extension GL_EXT_control_flow_attributes : require
+
+// Second pass of binning: turns the blocks' counts of pairs into places, by an exclusive scan in one workgroup. The sum is the
+// number of pairs that the frame needs; as many as the lists hold are sorted.
+
+#include "../args.glsl"
+#define SCAN_THREADS 256
+#include "scan.glsl"
+
+layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
+layout(set = 0, binding = 1, std430) buffer Blocks { uint block_pairs[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer PairArgs { uint pair_args[]; };
+
+const uint PER_THREAD = 8u;
+
+void main() {
+    uint blocks = (args[ARGS_DRAWN] + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);
+    uint thread = thread_index();
+    uint needed = 0u;
+    uint round = 0u;
+    for (uint first = 0u; first < blocks; first += THREADS * PER_THREAD) {
+        uint at = first + thread * PER_THREAD;
+        uint count[PER_THREAD];
+        uint sum = 0u;
+        [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
+            count[j] = at + j < blocks ? block_pairs[at + j] : 0u;
+            sum += count[j];
+        }
+        uint next = exclusive_sum(sum, round++, needed);
+        [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
+            if (at + j < blocks) {
+                block_pairs[at + j] = next;
+            }
+            next += count[j];
+        }
+    }
+    if (thread == 0u) {
+        uint held = min(needed, uint(ENTRIES));
+        uint groups = (held + uint(GROUP_PAIRS) - 1u) / uint(GROUP_PAIRS);
+        uint x = min(groups, uint(DEVICE_MAX_GROUPS_X));
+        pair_args[ARGS_SORT_GROUPS] = x;
+        pair_args[ARGS_SORT_GROUPS + 1u] = x == 0u ? 1u : (groups + x - 1u) / x;
+        pair_args[ARGS_SORT_GROUPS + 2u] = 1u;
+        pair_args[ARGS_VISIBLE] = held;
+        pair_args[ARGS_DRAWN] = needed;
+    }
+}

@@ -1,0 +1,52 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
+#extension GL_EXT_control_flow_attributes : require
+
+// Last pass of binning: numbers the segments of all lists, by an exclusive scan in one workgroup. Word BIN_COUNT is their sum, which
+// determines the workgroups of the rasteriser.
+
+#include "bins.glsl"
+#include "segments.glsl"
+#define SCAN_THREADS 256
+#include "scan.glsl"
+
+layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
+layout(set = 0, binding = 1, std430) writeonly buffer Segments { uint segment_starts[]; };
+// An indirect dispatch: a workgroup for each segment.
+layout(set = 0, binding = 2, std430) writeonly buffer Groups { uint groups[]; };
+
+const uint PER_THREAD = 8u;
+
+void main() {
+    uint segments = 0u;
+    uint round = 0u;
+    for (uint first = 0u; first < uint(BIN_COUNT); first += THREADS * PER_THREAD) {
+        uint at = first + thread_index() * PER_THREAD;
+        uint start[PER_THREAD + 1u];
+        [[unroll]] for (uint j = 0u; j <= PER_THREAD; j++) {
+            start[j] = starts[min(at + j, uint(BIN_COUNT))];
+        }
+        uint count[PER_THREAD];
+        uint sum = 0u;
+        [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
+            count[j] = segments_of(start[j + 1u] - start[j]);
+            sum += count[j];
+        }
+        uint before = exclusive_sum(sum, round++, segments);
+        [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
+            if (at + j < uint(BIN_COUNT)) {
+                segment_starts[at + j] = before;
+            }
+            before += count[j];
+        }
+    }
+    if (thread_index() == 0u) {
+        segment_starts[BIN_COUNT] = segments;
+        uint x = min(segments, uint(DEVICE_MAX_GROUPS_X));
+        groups[0] = x;
+        groups[1] = x == 0u ? 1u : (segments + x - 1u) / x;
+        groups[2] = 1u;
+    }
+}
