@@ -17,6 +17,9 @@ BinRect unpack_bins(uint packed) {
     return BinRect(uvec2(packed, packed >> 8) & 255u, uvec2(packed >> 16, packed >> 24) & 255u);
 }
 
+// A rectangle of no bins.
+const uint NO_BINS = 1u;
+
 // Returns the number of bins in a rectangle.
 uint bins_in(BinRect r) {
     return (r.last.x - r.first.x + 1u) * (r.last.y - r.first.y + 1u);

@@ -4,31 +4,41 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Third pass of binning: writes the pairs, near to far. They are dealt to the invocations in order, whatever the number of bins of
-// each splat. A stable sort by bin then makes a list for each bin, which is still near to far.
+// Third pass of binning: writes the pairs in the order of the splats, dealt to the invocations whatever the number of bins of each
+// splat. The key of a pair is its bin; if splats are not sorted by depth before, followed by as many bits of depth as fit. A stable
+// sort of the pairs then makes a list for each bin, near to far.
 
 #include "../args.glsl"
+#include "../camera.glsl"
+#include "../depth_key.glsl"
 #include "../groups.glsl"
 #include "bins.glsl"
 #define SCAN_THREADS 256
 #include "scan.glsl"
 
+layout(set = 0, binding = 3, std430) readonly buffer Blocks { uint block_start[]; };
+layout(set = 0, binding = 4, std430) writeonly buffer PairKeys { uint pair_keys[]; };
+layout(set = 0, binding = 5, std430) writeonly buffer PairSplats { uint pair_splats[]; };
+#if SORTED == SORTED_SPLATS
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Order { uint order[]; };
-layout(set = 0, binding = 2, std430) readonly buffer SortedBins { uint sorted_bins[]; };
-layout(set = 0, binding = 3, std430) readonly buffer Blocks { uint block_start[]; };
-layout(set = 0, binding = 4, std430) writeonly buffer PairBins { uint pair_bins[]; };
-layout(set = 0, binding = 5, std430) writeonly buffer PairSplats { uint pair_splats[]; };
+layout(set = 0, binding = 2, std430) readonly buffer SortedBins { uint bins_of[]; };
+#else
+layout(set = 0, binding = 2, std430) readonly buffer Bins { uint bins_of[]; };
+layout(set = 0, binding = 6, std430) readonly buffer Depth { float depth[]; };
+#endif
 
 const uint PER_THREAD = uint(PAIR_BLOCK) / THREADS;
 
-// Of each splat of the block: index, bins, and the pairs up to and with it.
-shared uint splat_index[PAIR_BLOCK];
-shared uint splat_bins[PAIR_BLOCK];
+// The pairs of the block up to and with each splat.
 shared uint splat_pairs[PAIR_BLOCK];
 
 void main() {
+#if SORTED == SORTED_SPLATS
     uint count = args[ARGS_DRAWN];
+#else
+    uint count = uint(SCENE_COUNT);
+#endif
     uint block = group_index();
     uint first = block * uint(PAIR_BLOCK);
     if (first >= count) {
@@ -37,18 +47,13 @@ void main() {
     uint thread = thread_index();
     uint round = 0u;
     uint total = 0u;
-    uint index[PER_THREAD];
     uint bins[PER_THREAD];
     [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
-        uint at = first + j * THREADS + thread;
-        index[j] = at < count ? order[at] : 0u;
-        bins[j] = at < count ? sorted_bins[at] : 1u;
+        bins[j] = bins_of[min(first + j * THREADS + thread, count - 1u)];
     }
     [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
         uint at = j * THREADS + thread;
         uint pairs = first + at < count ? bins_in(unpack_bins(bins[j])) : 0u;
-        splat_index[at] = index[j];
-        splat_bins[at] = bins[j];
         splat_pairs[at] = exclusive_sum(pairs, round++, total) + pairs;
     }
     barrier();
@@ -60,13 +65,20 @@ void main() {
         [[unroll]] for (uint half_width = uint(PAIR_BLOCK) / 2u; half_width > 0u; half_width /= 2u) {
             at += splat_pairs[at + half_width - 1u] <= pair ? half_width : 0u;
         }
-        BinRect r = unpack_bins(splat_bins[at]);
         uint within = pair - (at == 0u ? 0u : splat_pairs[at - 1u]);
+        uint splat = min(first + at, count - 1u);
+        BinRect r = unpack_bins(bins_of[splat]);
         uint width = r.last.x - r.first.x + 1u;
         uint row = within / width;
+        uint bin = (r.first.y + row) * uint(BINS_X) + r.first.x + within - row * width;
         if (start + pair < uint(ENTRIES)) {
-            pair_bins[start + pair] = (r.first.y + row) * uint(BINS_X) + r.first.x + within - row * width;
-            pair_splats[start + pair] = splat_index[at];
+#if SORTED == SORTED_SPLATS
+            pair_keys[start + pair] = bin;
+            pair_splats[start + pair] = order[splat];
+#else
+            pair_keys[start + pair] = (bin << DEPTH_BITS) | depth_key(depth[splat]);
+            pair_splats[start + pair] = splat;
+#endif
         }
     }
 }

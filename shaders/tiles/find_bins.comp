@@ -10,10 +10,19 @@
 layout(local_size_x = 256) in;
 
 layout(set = 0, binding = 0, std430) readonly buffer PairArgs { uint pair_args[]; };
-layout(set = 0, binding = 1, std430) readonly buffer PairBins { uint pair_bins[]; };
+layout(set = 0, binding = 1, std430) readonly buffer PairKeys { uint pair_keys[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer Starts { uint starts[]; };
 
 const uint BINS = uint(BIN_COUNT);
+
+uint bin_of(uint pair) {
+#if SORTED == SORTED_SPLATS
+    uint bin = pair_keys[pair];
+#else
+    uint bin = pair_keys[pair] >> DEPTH_BITS;
+#endif
+    return min(bin, BINS - 1u);
+}
 
 void main() {
     uint count = pair_args[ARGS_VISIBLE];
@@ -21,8 +30,8 @@ void main() {
     if (i > count) {
         return;
     }
-    uint from = i == 0u ? 0u : min(pair_bins[i - 1u], BINS - 1u) + 1u;
-    uint to = i == count ? BINS : min(pair_bins[i], BINS - 1u);
+    uint from = i == 0u ? 0u : bin_of(i - 1u) + 1u;
+    uint to = i == count ? BINS : bin_of(i);
     for (uint bin = from; bin <= to; bin++) {
         starts[bin] = i;
     }

@@ -88,6 +88,11 @@ void main() {
     if (i < uint(SCENE_COUNT)) {
         z = project(i);
         depth_of[i] = z;
+#if SORTED == SORTED_PAIRS
+        if (!(z > 0.0)) {
+            bins_of[i] = NO_BINS;
+        }
+#endif
     }
     if (z > 0.0) {
         atomicAdd(visible_count, 1u);

@@ -184,9 +184,11 @@ void main() {
                 [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
                     float alpha = min(alpha_cap, exp2(r.log_alpha - u * u - v * v));
                     float light = alpha >= floors[o][p] ? alpha * lights[o][p] : 0.0;
+#if STOP_AFTER == STOP_AFTER_SPLAT
                     bool stops = lights[o][p] - light < stop;
                     floors[o][p] = stops ? 2.0 : floors[o][p];
                     light = stops ? 0.0 : light;
+#endif
                     colours[o][p] += light * r.colour;
                     lights[o][p] -= light;
                     u += float(ROWS_BETWEEN) * r.root.y;
@@ -195,6 +197,9 @@ void main() {
             }
             is_done[o] = true;
             [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
+#if STOP_AFTER == STOP_AFTER_CHUNK
+                floors[o][p] = lights[o][p] < stop ? 2.0 : floors[o][p];
+#endif
                 is_done[o] = is_done[o] && floors[o][p] == 2.0;
             }
         }

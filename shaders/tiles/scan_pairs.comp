@@ -11,14 +11,21 @@
 #define SCAN_THREADS 256
 #include "scan.glsl"
 
+#if SORTED == SORTED_SPLATS
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
+#endif
 layout(set = 0, binding = 1, std430) buffer Blocks { uint block_pairs[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer PairArgs { uint pair_args[]; };
 
 const uint PER_THREAD = 8u;
 
 void main() {
-    uint blocks = (args[ARGS_DRAWN] + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);
+#if SORTED == SORTED_SPLATS
+    uint count = args[ARGS_DRAWN];
+#else
+    uint count = uint(SCENE_COUNT);
+#endif
+    uint blocks = (count + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);
     uint thread = thread_index();
     uint needed = 0u;
     uint round = 0u;
@@ -46,6 +53,12 @@ void main() {
         pair_args[ARGS_SORT_GROUPS + 1u] = x == 0u ? 1u : (groups + x - 1u) / x;
         pair_args[ARGS_SORT_GROUPS + 2u] = 1u;
         pair_args[ARGS_VISIBLE] = held;
+        // An invocation for each pair, and one for the end.
+        groups = held / 256u + 1u;
+        x = min(groups, uint(DEVICE_MAX_GROUPS_X));
+        pair_args[ARGS_DRAW] = x;
+        pair_args[ARGS_DRAW + 1u] = (groups + x - 1u) / x;
+        pair_args[ARGS_DRAW + 2u] = 1u;
         pair_args[ARGS_DRAWN] = needed;
     }
 }
