@@ -21,6 +21,8 @@ mod extremes;
 #[cfg(target_os = "linux")]
 mod files;
 mod fuzz;
+#[cfg(target_os = "linux")]
+mod growth;
 mod images;
 mod mistakes;
 mod mutations;

@@ -7,6 +7,7 @@
 //! - [`backend`]: the choice of the graphics backend;
 //! - [`builtin`]: the built-in graphs and shaders;
 //! - [`facts`]: the facts and imports of graphs;
+//! - [`growth`]: frames that were drawn in part, and room for them;
 //! - [`planner`]: builds plans from graphs;
 //! - [`fit`]: whether a scene fits a device;
 //! - [`camera`]: the camera's uniform block;
@@ -39,6 +40,7 @@ pub mod demo;
 pub mod experiment;
 pub mod facts;
 pub mod fit;
+pub mod growth;
 pub mod image;
 pub mod inspect;
 pub mod metrics;

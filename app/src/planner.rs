@@ -1,6 +1,7 @@
 //! Builds plans from graphs.
 
 use crate::builtin;
+use crate::growth::Grown;
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Facts, Request};
 use splatgraph_framework::lower::{self, Control};
@@ -33,6 +34,8 @@ pub fn configure(settings: Settings) {
 pub struct Planner {
     /// See [`Request::share_memory`].
     pub share_memory: bool,
+    /// See [`Request::grown`].
+    pub grown: Grown,
     files: SourceMap,
     compiler: Glslang,
     settings: Settings,
@@ -49,7 +52,7 @@ impl Planner {
     /// Makes a planner with an empty cache.
     pub fn new(settings: Settings) -> Planner {
         let compiler = settings.worker.clone().map_or_else(Glslang::new, Glslang::in_worker);
-        Planner { share_memory: true, files: files(&settings), compiler, settings }
+        Planner { share_memory: true, grown: Grown::default(), files: files(&settings), compiler, settings }
     }
 
     /// Makes builds end early when `cancel` asks for it.
@@ -65,7 +68,8 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<Plan, GraphErrors> {
-        let request = Request { graph, set, facts, catalog, share_memory: self.share_memory };
+        let grown = self.grown.values();
+        let request = Request { graph, set, grown, facts, catalog, share_memory: self.share_memory };
         build(&request, &mut self.files, &mut self.compiler)
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
@@ -76,7 +80,7 @@ impl Planner {
         render_warnings(&self.files, &found, colour)
     }
 
-    /// Lists the parameters of `graph` with the values that `set` gives them.
+    /// Lists the parameters of `graph` with the values that `set` gives them, and those that grow with at least [`Planner::grown`].
     pub fn controls(
         &mut self,
         graph: &str,
@@ -84,7 +88,8 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<Vec<Control>, GraphErrors> {
-        let request = Request { graph, set, facts, catalog, share_memory: self.share_memory };
+        let grown = self.grown.values();
+        let request = Request { graph, set, grown, facts, catalog, share_memory: self.share_memory };
         lower::controls(&request, &mut self.files)
             .map(|(_, controls)| controls)
             .map_err(|found| GraphErrors::new(&self.files, &found))

@@ -3,10 +3,18 @@
 //! A [`Session`] owns all three. [`Session::prepare`] builds the plan for a picture size and loads it with the scene;
 //! [`Session::submit`] draws a frame from a camera, and [`Session::wait`] returns its results. Up to
 //! [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be submitted before the first is waited for.
+//!
+//! All results are of whole frames. If one was drawn in part, because a list had no room for all that it needed (see
+//! [`growth`]), [`Session::wait`] builds a plan with more room and draws the frame again; and then those that were in flight
+//! behind it, so that all results come from the present plan. A repeated frame has the inputs of the first, and what a graph keeps
+//! from frame to frame is as the frames in part left it: `last(...)` is then of the same camera, or of the next one in flight. The room stays
+//! until [`Session::set_graph`], for pictures of all sizes; where the default for another size is larger, that is taken.
 
 use crate::camera;
 use crate::facts::{self, SceneFacts};
+use crate::growth::{self, Grown, Shortage};
 use crate::image::Image;
+use crate::inspect::{self, InspectError};
 use crate::planner::{GraphErrors, Planner};
 use half::f16;
 use splatgraph_api::{
@@ -32,6 +40,35 @@ pub enum SessionError {
     /// A frame was submitted before [`Session::prepare`].
     #[error("no plan: `prepare` must be called before `submit`")]
     NotPrepared,
+    /// A frame needs more of something than the range of its parameter allows.
+    #[error(
+        "expected a frame that needs at most {most} {parameter}, the end of the parameter's range, found one that needs {needed}"
+    )]
+    Full {
+        /// The parameter that cannot grow.
+        parameter: String,
+        /// The end of its range.
+        most: i64,
+        /// The need of the frame.
+        needed: i64,
+    },
+    /// A frame needs a plan with more room, which cannot be built or loaded.
+    #[error(
+        "expected a device with room for {room} {parameter}, of which a frame needs {needed}, found none:\n{error}"
+    )]
+    NoRoom {
+        /// The parameter that grows.
+        parameter: String,
+        /// The value that it would have.
+        room: i64,
+        /// The need of the frame.
+        needed: i64,
+        /// The error of the plan. No source: its text is part of this one's, whichever kind it is.
+        error: Box<SessionError>,
+    },
+    /// A frame is drawn again with a plan that lacks what was to be inspected.
+    #[error(transparent)]
+    Inspect(#[from] InspectError),
 }
 
 /// A device that draws a scene with a plan; see the module's documentation.
@@ -43,9 +80,25 @@ pub struct Session<D> {
     planner: Planner,
     /// Warnings about the graph were printed.
     warned: bool,
-    loaded: Option<(Plan, (u32, u32))>,
+    loaded: Option<(Arc<Plan>, (u32, u32))>,
     frame: u32,
+    /// Frames that may have to be drawn again, in the order of submission.
+    flying: Vec<Flight>,
+    growths: u32,
 }
+
+/// A frame that was submitted and not waited for.
+struct Flight {
+    id: FrameId,
+    camera: Camera,
+    request: FrameOptions,
+    number: u32,
+    plan: Arc<Plan>,
+    growths: u32,
+}
+
+/// The frames whose inputs are kept: as many as a device keeps results of.
+const MOST_FLYING: usize = 64;
 
 /// The caller's options for a frame.
 #[derive(Clone, Debug, Default)]
@@ -77,6 +130,8 @@ impl<D: Device> Session<D> {
             warned: false,
             loaded: None,
             frame: 0,
+            flying: Vec::new(),
+            growths: 0,
         }
     }
 
@@ -109,10 +164,15 @@ impl<D: Device> Session<D> {
     }
 
     /// Changes the graph and its parameters; the next [`Session::prepare`] builds its plan.
+    ///
+    /// Frames in flight are forgotten, and parameters that grew start from their defaults again: a measurement does not depend on those
+    /// before it.
     pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
         self.pipeline = pipeline.to_owned();
         self.set = set.to_vec();
         self.loaded = None;
+        self.flying.clear();
+        self.planner.grown = Grown::default();
     }
 
     /// Lists the graph's parameters with their values for a picture size.
@@ -147,7 +207,12 @@ impl<D: Device> Session<D> {
 
     /// Returns the plan of the last [`Session::prepare`].
     pub fn plan(&self) -> Option<&Plan> {
-        self.loaded.as_ref().map(|(plan, _)| plan)
+        self.loaded.as_ref().map(|(plan, _)| plan.as_ref())
+    }
+
+    /// Counts the plans that were built because a frame needed more room. Results from before a change are of another plan.
+    pub fn growths(&self) -> u32 {
+        self.growths
     }
 
     /// Builds and loads the plan for pictures of this size, unless it is loaded already.
@@ -169,29 +234,91 @@ impl<D: Device> Session<D> {
             let _ = std::io::stderr().write_all(self.planner.warnings(&plan, false).as_bytes());
         }
         self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress)?;
-        self.loaded = Some((plan, size));
+        self.loaded = Some((Arc::new(plan), size));
         Ok(true)
     }
 
     /// Submits a frame. The camera must have the prepared size.
     pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
+        let flight = self.fly(camera.clone(), request.clone(), self.frame)?;
+        self.frame += 1;
+        let id = flight.id;
+        if flight.plan.params.iter().any(|param| param.grows.is_some()) {
+            let old = (self.flying.len() + 1).saturating_sub(MOST_FLYING);
+            self.flying.drain(..old);
+            self.flying.push(flight);
+        }
+        Ok(id)
+    }
+
+    /// Submits a frame with the present plan.
+    fn fly(&mut self, camera: Camera, request: FrameOptions, number: u32) -> Result<Flight, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
         debug_assert_eq!(*size, (camera.width, camera.height));
-        let bounds = self.scene.bounds();
         let inputs = FrameInputs {
-            uniforms: camera::frame_uniforms(camera, &bounds, request.background, self.frame),
+            uniforms: camera::frame_uniforms(&camera, &self.scene.bounds(), request.background, number),
             live: plan.live_bytes(),
             read_output: request.read_output,
             inspect: request.inspect.clone(),
             ..FrameInputs::default()
         };
-        self.frame += 1;
-        Ok(self.device.submit(&inputs)?)
+        let id = self.device.submit(&inputs)?;
+        Ok(Flight { id, camera, request, number, plan: plan.clone(), growths: self.growths })
     }
 
-    /// Waits for a frame and returns its results.
+    /// Waits for a frame and returns its results, those of the present plan.
+    ///
+    /// A frame that was drawn in part is drawn again, with room for a quarter more than it needed: see the module's documentation.
+    /// Frames must be waited for before another size is prepared.
+    ///
+    /// # Errors
+    /// The device fails, or a frame needs more room than a parameter's range or the device allows. The plan then stays as it is.
     pub fn wait(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
-        Ok(self.device.wait(frame)?)
+        let mut result = self.device.wait(frame)?;
+        let Some(index) = self.flying.iter().position(|flight| flight.id == frame) else { return Ok(result) };
+        let mut drawn = self.flying.remove(index);
+        loop {
+            let short = growth::shortages(&drawn.plan, &result.stats);
+            if short.is_empty() && drawn.growths == self.growths {
+                return Ok(result);
+            }
+            self.grow(&short, (drawn.camera.width, drawn.camera.height))?;
+            drawn = self.repeat(drawn)?;
+            result = self.device.wait(drawn.id)?;
+        }
+    }
+
+    /// Builds and loads a plan with room for what a frame lacked, unless the present one has it.
+    fn grow(&mut self, short: &[Shortage], size: (u32, u32)) -> Result<(), SessionError> {
+        if let Some(Shortage { parameter, needed, most, .. }) = short.iter().find(|s| s.needed > s.most) {
+            return Err(SessionError::Full { parameter: parameter.clone(), most: *most, needed: *needed });
+        }
+        let mut grown = self.planner.grown.clone();
+        let raised: Vec<&Shortage> = short.iter().filter(|short| grown.raise(short)).collect();
+        let Some(first) = raised.first() else { return Ok(()) };
+        let former = (std::mem::replace(&mut self.planner.grown, grown), self.loaded.take());
+        match self.prepare(size, &mut |_| {}) {
+            Ok(_) => {
+                self.growths += 1;
+                Ok(())
+            }
+            Err(error) => {
+                (self.planner.grown, self.loaded) = former;
+                let (parameter, room, needed) = (first.parameter.clone(), first.target(), first.needed);
+                Err(SessionError::NoRoom { parameter, room, needed, error: Box::new(error) })
+            }
+        }
+    }
+
+    /// Draws a frame again, with the present plan and the same inputs.
+    fn repeat(&mut self, frame: Flight) -> Result<Flight, SessionError> {
+        let Flight { camera, mut request, number, plan: former, .. } = frame;
+        let plan = self.plan().ok_or(SessionError::NotPrepared)?;
+        for target in &mut request.inspect {
+            let (resource, pass) = (former.resource(target.resource), former.pass(target.after));
+            *target = inspect::resolve(plan, &resource.name, &pass.name)?;
+        }
+        self.fly(camera, request, number)
     }
 }
 
@@ -237,6 +364,9 @@ pub fn image_of(pixels: &Pixels) -> Option<Image> {
     };
     (rgb.len() == width * height).then_some(Image { width, height, rgb })
 }
+
+#[cfg(test)]
+mod growth_tests;
 
 #[cfg(test)]
 mod tests {

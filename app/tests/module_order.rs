@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 26] = [
+const CRATE: [&str; 27] = [
     "numbers",
     "output",
     "backend",
@@ -22,6 +22,7 @@ const CRATE: [&str; 26] = [
     "stats",
     "facts",
     "builtin",
+    "growth",
     "planner",
     "fit",
     "session",

@@ -62,8 +62,14 @@ impl Bench {
     }
 
     fn plan(&mut self, graph: &str) -> Plan {
-        let request =
-            Request { graph, set: &[], facts: &self.facts, catalog: &self.catalog, share_memory: true };
+        let request = Request {
+            graph,
+            set: &[],
+            grown: &[],
+            facts: &self.facts,
+            catalog: &self.catalog,
+            share_memory: true,
+        };
         build(&request, &mut self.files, &mut self.compiler)
             .unwrap_or_else(|errors| panic!("{}", render(&self.files, &errors, false)))
     }

@@ -125,15 +125,35 @@ pub fn catalog() -> Catalog {
 
 /// Builds `graph.ron` from files in memory. An error is as a user would read it.
 pub fn plan_of(files: &[(&str, &str)], set: &[(&str, &str)]) -> Result<Plan, String> {
-    plan_with(files, set, true)
+    plan_with(files, set, &[], true)
 }
 
-fn plan_with(files: &[(&str, &str)], set: &[(&str, &str)], share_memory: bool) -> Result<Plan, String> {
+/// [`plan`], with the least values of parameters that grow.
+pub fn plan_grown(graph: &str, set: &[(&str, &str)], grown: &[(&str, i64)]) -> Result<Plan, String> {
+    let mut files = SHADERS.to_vec();
+    files.push(("graph.ron", graph));
+    plan_with(&files, set, grown, true)
+}
+
+fn plan_with(
+    files: &[(&str, &str)],
+    set: &[(&str, &str)],
+    grown: &[(&str, i64)],
+    share_memory: bool,
+) -> Result<Plan, String> {
     let memory = files.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
     let mut map = SourceMap::new(Library { memory, ..Library::default() });
     let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
-    let request =
-        Request { graph: "graph.ron", set: &set, facts: &facts(), catalog: &catalog(), share_memory };
+    let grown: Vec<_> = grown.iter().map(|(name, least)| (name.to_string(), *least)).collect();
+    let (facts, catalog) = (facts(), catalog());
+    let request = Request {
+        graph: "graph.ron",
+        set: &set,
+        grown: &grown,
+        facts: &facts,
+        catalog: &catalog,
+        share_memory,
+    };
     build(&request, &mut map, &mut ListCompiler).map_err(|e| render(&map, &e, false))
 }
 
@@ -187,7 +207,7 @@ pub fn plan(graph: &str, set: &[(&str, &str)]) -> Result<Plan, String> {
 pub fn apart(graph: &str) -> Result<Plan, String> {
     let mut files = SHADERS.to_vec();
     files.push(("graph.ron", graph));
-    plan_with(&files, &[], false)
+    plan_with(&files, &[], &[], false)
 }
 
 /// A dispatch of 64 threads, as a line of a graph.

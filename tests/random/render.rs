@@ -71,12 +71,13 @@ pub fn render(sketch: &Sketch, style: Style) -> Files {
         .map(|(at, (what, offset))| format!("\"s{at}\": (\"{}\", {offset}), ", style.resource(what.of)))
         .collect();
     let [settings, _] = sketch.settings;
+    let grows = if stats.is_empty() { "" } else { ", grows: \"s0\"" };
     let graph = format!(
         r#"Graph(
   version: 1, summary: "at random",
   params: {{
     "flag": Const(Bool(default: {})),
-    "steps": Const(Int(default: {}, range: (0, 4))),
+    "steps": Const(Int(default: {}, range: (0, 4){grows})),
   }},
   resources: {{
 {resources}  }},

@@ -371,20 +371,29 @@ fn draw(
     loaded: bool,
 ) -> Result<Drawn> {
     let plan = session.plan().context("no plan after `prepare`")?.clone();
+    let resolve = |plan: &Plan, inspect_request: &InspectRequest| {
+        inspect::resolve(plan, &inspect_request.resource, &inspect_request.pass)
+    };
     let targets: Vec<Inspect> = args
         .inspect
         .iter()
-        .map(|inspect_request| inspect::resolve(&plan, &inspect_request.resource, &inspect_request.pass))
+        .map(|inspect_request| resolve(&plan, inspect_request))
         .collect::<Result<_, _>>()?;
 
     let mut results: Vec<FrameResult> = Vec::new();
     let mut findings: Vec<Option<Finding>> = vec![None; targets.len()];
     let mut flying: VecDeque<(_, Vec<usize>)> = VecDeque::new();
+    let mut growths = session.growths();
     let mut land = |session: &mut Session<Backend>, (id, asked): (_, Vec<usize>)| -> Result<()> {
         let result = session.wait(id)?;
-        for (bytes, &target) in result.inspected.iter().zip(&asked) {
-            let visible = visible(&result);
-            findings[target] = Some(Finding::new(&plan, &targets[target], bytes, visible));
+        let plan = session.plan().context("no plan after a frame")?;
+        // The passes of a plan with less room may be others, and their times mean another plan.
+        if std::mem::replace(&mut growths, session.growths()) != session.growths() {
+            results.clear();
+        }
+        for (bytes, &index) in result.inspected.iter().zip(&asked) {
+            let target = resolve(plan, &args.inspect[index])?;
+            findings[index] = Some(Finding::new(plan, &target, bytes, visible(&result)));
         }
         // Counts are those of the last frame.
         if let Some(former) = results.last_mut() {
@@ -414,6 +423,7 @@ fn draw(
         land(session, frame)?;
     }
 
+    let plan = session.plan().context("no plan after the frames")?.clone();
     let image = match results.last_mut().and_then(|result| result.output.take()) {
         Some(pixels) => Some(image_of(&pixels).with_context(|| not_colours(&plan))?),
         None if wanted => bail!("the device returned no picture"),

@@ -104,6 +104,7 @@ pub fn measure<D: Device>(
     let found = match measured(session, exact, setting, view, effort) {
         Ok(found) => found,
         Err(SessionError::Graph(errors)) => Err(errors.text(false).trim().to_owned()),
+        Err(error @ (SessionError::Full { .. } | SessionError::NoRoom { .. })) => Err(error.to_string()),
         Err(error) => return Err(error),
     };
     Ok(Row { setting: setting.name.clone(), camera: view.camera.img_name.clone(), found })

@@ -7,6 +7,10 @@
 //!
 //! One plan is built at a time; changes during a build are combined into the next one.
 //!
+//! A frame that was drawn in part, for want of room in a list, is shown as it is, and a plan with more room is built like any other
+//! ([`growth`]). The room stays until another graph or scene is chosen, or the parameter is set by hand. If the device
+//! refuses such a plan, frames stay in part ([`Renderer::crowded`]) until the next change, or the next attempt where it lacked memory.
+//!
 //! No error ends a renderer. A frame that cannot be drawn is tried again ([`RETRY`]), as is a build that lacked memory; both are
 //! shown meanwhile. A frame that the device does not finish in time is waited for with the next one ([`Renderer::patience`]). A lost
 //! device is given up with [`Renderer::release`], and its successor comes with [`Renderer::give`].
@@ -15,7 +19,9 @@ mod device;
 mod events;
 mod frames;
 mod job;
+mod room;
 
+use crate::growth::{Grown, Shortage};
 use device::ends_device;
 use indexmap::IndexMap;
 use job::{Built, Job, builder};
@@ -81,6 +87,8 @@ pub struct FinishedFrame {
     pub first: bool,
     /// The requested inspections.
     pub inspected: Vec<Inspect>,
+    /// What the frame had no room for.
+    pub short: Vec<Shortage>,
 }
 
 struct FrameInFlight {
@@ -136,6 +144,14 @@ pub struct Renderer<D: Device> {
     rebuild: Option<Instant>,
     graph: String,
     set: IndexMap<String, String>,
+    /// Least values of the parameters that grow.
+    grown: Grown,
+    /// Those of the current plan.
+    drawn_with: Grown,
+    /// The reason why nothing grows before another change, or before the next attempt.
+    crowded: Option<room::Crowded>,
+    /// A frame of the current plan is finished.
+    told: bool,
     strict: bool,
     builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
     watcher: Watcher,
@@ -190,6 +206,10 @@ impl<D: Device> Renderer<D> {
             rebuild: None,
             graph: graph.to_owned(),
             set: set.iter().cloned().collect(),
+            grown: Grown::default(),
+            drawn_with: Grown::default(),
+            crowded: None,
+            told: false,
             strict: true,
             builder,
             watcher,
@@ -284,6 +304,7 @@ impl<D: Device> Renderer<D> {
     pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
         self.graph = graph.to_owned();
         self.set = set;
+        self.grown = Grown::default();
         self.want(Cause::Graph, Instant::now());
     }
 
@@ -302,6 +323,7 @@ impl<D: Device> Renderer<D> {
             }
         }
         param.value = value.unwrap_or_else(|| param.default.clone());
+        self.grown.forget(name);
         if param.binding == ParamBinding::Const {
             self.want(Cause::Parameters(vec![name.to_owned()]), Instant::now());
         }
@@ -318,6 +340,9 @@ impl<D: Device> Renderer<D> {
     /// Requests a build because of a change at the time `asked`.
     pub fn want(&mut self, cause: Cause, asked: Instant) {
         let now = Instant::now();
+        if !matches!(cause, Cause::Room(_)) {
+            self.crowded = None;
+        }
         // A file may be half written, so its errors wait for a moment.
         let attempt = match cause {
             Cause::Files(_) => self.state.changed(now),
@@ -341,8 +366,12 @@ impl<D: Device> Renderer<D> {
         if let Some(cause) = self.asked.as_ref().and_then(|former| inputs.differs(former))
             && (!self.held || cause == Cause::Scene)
         {
+            if cause == Cause::Scene {
+                self.grown = Grown::default();
+            }
             self.want(cause, now);
         }
+        self.try_room_again();
         if self.rebuild.is_some_and(|time| time <= now) && self.building.is_none() {
             self.rebuild = None;
             self.want(Cause::Retry, now);
@@ -361,6 +390,7 @@ impl<D: Device> Renderer<D> {
             let replaced = self.builder.submit(Job {
                 graph: self.graph.clone(),
                 set: self.set.iter().map(|(name, value)| (name.clone(), value.clone())).collect(),
+                grown: self.grown.clone(),
                 strict: self.strict,
                 inputs: inputs.clone(),
                 device: device.info().facts,
@@ -419,12 +449,14 @@ impl<D: Device> Renderer<D> {
         }
         let (plan, controls, ready) = match built.outcome {
             Ok(made) => made,
-            Err(failure) => return self.fail(failure),
+            Err(failure) => return self.refuse(&built.cause, failure),
         };
         let Some(device) = &mut self.device else { return };
         if let Err(error) = device.swap(ready) {
-            return self.fail(Failure::Backend(error));
+            return self.refuse(&built.cause, Failure::Backend(error));
         }
+        self.drawn_with = built.grown;
+        self.told = false;
         // A new plan may draw where the former could not.
         self.trouble = None;
         self.strict = false;
@@ -450,7 +482,7 @@ impl<D: Device> Renderer<D> {
         for Control { param, .. } in &mut self.controls {
             let text = self.set.get(&param.name);
             if let Some(value) = text.and_then(|text| parse_value(text, &param.domain).ok()) {
-                param.value = value;
+                param.value = param.with_room(value, self.grown.values());
             }
         }
     }

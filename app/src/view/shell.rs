@@ -11,6 +11,7 @@ use super::panels::{Command, Panels};
 use super::profile::{self, zone};
 use super::renderer::{Failure, PlanInputs, Renderer, Wake};
 use super::viewer::{Viewer, ViewerError};
+use super::viewport::Viewport;
 use egui::{Context, FontDefinitions, FontFamily, RawInput, Rect};
 use splatgraph_api::{BackendError, Device, FrameInputs, Pixels, Running};
 use splatgraph_framework::ir::Catalog;
@@ -129,11 +130,12 @@ impl<D: Device> Shell<D> {
     pub fn problem(&self) -> Option<String> {
         let Viewer { a, b, compare, .. } = &self.viewer;
         let b = b.as_ref().filter(|_| *compare != Mode::A);
+        let in_part = [Some(a), b].into_iter().flatten().find_map(Viewport::stays_in_part);
         let viewports = [Some(&a.renderer), b.map(|b| &b.renderer), Some(&self.canvas)];
         let drawn = viewports.into_iter().flatten().find_map(|renderer| renderer.problem(false));
         let inspected =
             a.inspection.as_ref().and_then(|inspection| inspection.found.as_ref()?.as_ref().err());
-        drawn.or_else(|| inspected.map(|error| format!("error: {error}")))
+        drawn.or_else(|| inspected.map(ToString::to_string).or(in_part).map(|text| format!("error: {text}")))
     }
 
     /// Applies the input and draws the pictures and the window.

@@ -1,6 +1,7 @@
 //! Makes plans for tests that need only names, and drives the viewer on the null device.
 
 mod faults;
+mod room;
 mod script;
 
 use splatgraph_framework::ir::{Origin, Pass, PassId, ResourceId, Run, Work};

@@ -150,10 +150,11 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns true while anything is being built, loaded or compared.
+    /// Returns true while anything is being built, loaded or compared, or may have to be built with more room.
     pub fn busy(&self) -> bool {
-        let b = self.b.as_ref().is_some_and(|b| self.compare != Mode::A && b.renderer.busy());
-        self.a.renderer.busy() || b || self.opening.busy() || self.comparing != Comparing::No
+        let busy = |viewport: &Viewport<D>| viewport.renderer.busy() || viewport.renderer.may_grow();
+        let b = self.b.as_ref().is_some_and(|b| self.compare != Mode::A && busy(b));
+        busy(&self.a) || b || self.opening.busy() || self.comparing != Comparing::No
     }
 
     /// Shows A alone, or both. B starts as a copy of A.

@@ -4,6 +4,7 @@ use super::history::History;
 use super::profile::GpuTrack;
 use super::renderer::{Cause, Renderer};
 use crate::camera;
+use crate::growth::Shortage;
 use crate::inspect::{self, Finding};
 use splatgraph_api::{BackendError, Device, FrameInputs, Inspect, Pixels, Recovery};
 use splatgraph_assets::{Camera, Scene};
@@ -60,6 +61,8 @@ pub struct Viewport<D: Device> {
     pub inspection: Option<Inspection>,
     /// The graph's statistics of the newest finished frame.
     pub stats: Vec<(String, u32)>,
+    /// What the newest finished frame had no room for.
+    pub short: Vec<Shortage>,
     /// The progress of reading a picture back; see [`Viewport::take_picture`].
     reading: Reading,
     frames: u32,
@@ -74,6 +77,7 @@ impl<D: Device> Viewport<D> {
             history: History::default(),
             inspection: None,
             stats: Vec::new(),
+            short: Vec::new(),
             reading: Reading::Idle,
             frames: 0,
             readings: 0,
@@ -84,6 +88,26 @@ impl<D: Device> Viewport<D> {
     /// Returns a statistic of the graph by its name.
     pub fn stat(&self, name: &str) -> Option<u32> {
         self.stats.iter().find(|(stat, _)| stat == name).map(|(_, value)| *value)
+    }
+
+    /// Describes the newest finished frame if it was drawn in part: `drawn in part: 1,234 of 5,678 entries`.
+    pub fn in_part(&self) -> Option<String> {
+        if self.short.is_empty() {
+            return None;
+        }
+        let short: Vec<String> = self.short.iter().map(Shortage::to_string).collect();
+        Some(format!("drawn in part: {}", short.join(", ")))
+    }
+
+    /// Describes the newest finished frame if it was drawn in part and the next will be, too: there is no more room.
+    pub fn stays_in_part(&self) -> Option<String> {
+        let ended = self.short.iter().any(|short| short.room >= short.most);
+        let reason = match self.renderer.crowded() {
+            Some(reason) => format!("\n{reason}"),
+            None if ended => " (the end of the range)".to_owned(),
+            None => return None,
+        };
+        Some(format!("the picture is {}{reason}", self.in_part()?))
     }
 
     /// Requests the next frame's picture.
@@ -234,10 +258,16 @@ impl<D: Device> Viewport<D> {
             }
             self.history.push(&done.plan, &done.result);
             self.track.push(&done.plan.name, &done.plan, &done.result);
+            self.short = done.short;
             if let Some(picture) = done.result.output.take()
                 && matches!(self.reading, Reading::InFlight)
             {
-                self.reading = Reading::Done(Ok(picture));
+                self.reading = match self.in_part() {
+                    None => Reading::Done(Ok(picture)),
+                    // A plan with more room is on its way.
+                    Some(_) if self.renderer.busy() => Reading::Wanted,
+                    Some(text) => Reading::Done(Err(format!("the picture is {text}"))),
+                };
             }
             self.stats = done.result.stats;
             let visible = self.stat("visible").map(u64::from);

@@ -99,7 +99,11 @@ impl Gpu for NullGpu {
         let owned = self.journal.create(Object::Memory, &name);
         self.journal.call(Call::Allocate { name, bytes, location });
         self.used.fetch_add(bytes, Ordering::Relaxed);
-        let mapped = if location == Location::Device { Vec::new() } else { vec![0; bytes as usize] };
+        let mapped = match location {
+            Location::Device => Vec::new(),
+            Location::Readback => self.read.to_le_bytes().into_iter().cycle().take(bytes as usize).collect(),
+            _ => vec![0; bytes as usize],
+        };
         Ok(Memory { bytes, mapped, used: self.used.clone(), owned })
     }
 

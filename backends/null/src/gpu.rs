@@ -23,6 +23,8 @@ pub struct Config {
     pub faults: Vec<Fault>,
     /// See [`splatgraph_api::Options::patience`].
     pub patience: Duration,
+    /// The word that the host reads wherever it reads: in statistics, pictures and inspections.
+    pub read: u32,
 }
 
 impl Default for Config {
@@ -33,6 +35,7 @@ impl Default for Config {
             budget: None,
             faults: Vec::new(),
             patience: Duration::from_millis(20),
+            read: 0,
         }
     }
 }
@@ -42,6 +45,7 @@ pub struct NullGpu {
     pub(crate) limits: Limits,
     pub(crate) budget: Option<u64>,
     pub(crate) patience: Duration,
+    pub(crate) read: u32,
     pub(crate) journal: Journal,
     /// Bytes of memory that are allocated.
     pub(crate) used: Arc<AtomicU64>,
@@ -103,6 +107,7 @@ impl NullGpu {
             limits: config.limits.clone(),
             budget: config.budget,
             patience: config.patience,
+            read: config.read,
             used: Arc::default(),
             tick: AtomicU64::new(1),
             _owned: journal.create(Object::Device, "null"),

@@ -88,6 +88,7 @@ fn parameter_of(param: &crate::ir::Param) -> DumpParameter {
         value: param.value.clone(),
         default: param.default.clone(),
         exact: param.exact.clone(),
+        grows: param.grows.clone(),
         live: matches!(param.binding, ParamBinding::Live { .. }),
         declared: param.origin.clone(),
     }

@@ -85,6 +85,8 @@ pub struct DumpParameter {
     pub default: Value,
     /// The value that costs no accuracy, where the graph names one.
     pub exact: Option<Value>,
+    /// The statistic that the value grows with: a frame whose statistic exceeds the value was drawn in part.
+    pub grows: Option<String>,
     /// It can be changed between frames; others are baked into the plan.
     pub live: bool,
     /// Position of its declaration.

@@ -29,6 +29,10 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
     writeln!(out, "{}: {}", dump.graph, dump.summary)?;
     let parameters: Vec<String> = dump.parameters.iter().map(|p| format!("{}={}", p.name, p.value)).collect();
     writeln!(out, "parameters: {}", parameters.join(" "))?;
+    for p in &dump.parameters {
+        let Some(stat) = &p.grows else { continue };
+        writeln!(out, "parameter {} grows with stat {stat}", p.name)?;
+    }
     let totals = &dump.totals;
     writeln!(
         out,

@@ -48,12 +48,27 @@ pub struct Param {
     pub default: Value,
     /// The value that costs no accuracy, where the graph names one.
     pub exact: Option<Value>,
+    /// The statistic that the value grows with: a frame whose statistic exceeds the value was drawn in part.
+    pub grows: Option<String>,
     /// The values that it may take.
     pub domain: Domain,
     /// The way to the shaders.
     pub binding: ParamBinding,
     /// The declaration.
     pub origin: Origin,
+}
+
+impl Param {
+    /// Raises a value to the least one among `grown`, held to the range's end, if the parameter grows.
+    pub fn with_room(&self, value: Value, grown: &[(String, i64)]) -> Value {
+        let least = grown.iter().filter(|(name, _)| self.grows.is_some() && *name == self.name);
+        match (value, &self.domain) {
+            (Value::Int(value), Domain::Int { max, .. }) => {
+                Value::Int(least.map(|(_, least)| *least.min(max)).fold(value, i64::max))
+            }
+            (value, _) => value,
+        }
+    }
 }
 
 /// Lists the values that a parameter may take. Ranges are inclusive.

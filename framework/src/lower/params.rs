@@ -48,8 +48,12 @@ pub(super) fn resolve(
     for (name, declaration) in &root.graph.params {
         let place = Place::new(&root.outline, Path::root().field("params").key(name));
         let text = texts.iter().rev().find(|(n, _)| n == name).map(|(_, t)| t);
-        match one(name, declaration, &place, root.set.get(name), text, &names, live_bytes, files) {
-            Ok(param) => {
+        let made = one(name, declaration, &place, root.set.get(name), text, &names, live_bytes, files);
+        let made = made
+            .and_then(|param| Ok(Param { grows: grows(declaration, &place, Some(&root.graph))?, ..param }));
+        match made {
+            Ok(mut param) => {
+                param.value = param.with_room(param.value.clone(), request.grown);
                 match param.binding {
                     ParamBinding::Const => drop(names.values.insert(name.clone(), param.value.clone())),
                     ParamBinding::Live { .. } => {
@@ -113,7 +117,36 @@ fn one(
         (None, None) => default.clone(),
     };
     let origin = files.origin(place.key());
-    Ok(Param { name: name.into(), value, default, exact, domain, binding, origin })
+    Ok(Param { name: name.into(), value, default, exact, grows: None, domain, binding, origin })
+}
+
+/// The statistic that a parameter grows with. `graph` is that of the statistics; none for a graph that is included.
+fn grows(
+    declaration: &ParamDecl,
+    place: &Place,
+    graph: Option<&Graph>,
+) -> Result<Option<String>, Diagnostic> {
+    let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
+    let ParamKind::Int { grows: Some(name), .. } = kind else { return Ok(None) };
+    let at = place.index(0).field("grows");
+    if matches!(declaration, ParamDecl::Live(_)) {
+        return Err(at.error("a live parameter cannot grow", "a plan has room by its constants alone"));
+    }
+    let Some(graph) = graph else {
+        return Err(at
+            .error("a parameter of an included graph cannot grow", "an included graph has no statistics")
+            .with_help("let a parameter of the graph that includes it grow, and give its value with `set`"));
+    };
+    if graph.stats.contains_key(name) {
+        return Ok(Some(name.clone()));
+    }
+    let all: Vec<_> = graph.stats.keys().map(|stat| format!("`{stat}`")).collect();
+    let otherwise = match all[..] {
+        [] => "this graph has no statistics: declare one in `stats`".to_string(),
+        _ => format!("it has {}", all.join(", ")),
+    };
+    let error = at.error("`grows` names no statistic", format!("the graph has no statistic `{name}`"));
+    Err(error.with_nearest(name, graph.stats.keys().map(String::as_str), otherwise))
 }
 
 /// Returns the label and the help of a declaration, which may be empty.
@@ -295,6 +328,7 @@ pub(super) fn included(
     files: &SourceMap,
 ) -> Result<Param, Diagnostic> {
     let mut param = one(name, declaration, place, setting, None, names, 0, files)?;
+    grows(declaration, place, None)?;
     if let Some((number, outer, at)) = given_here {
         param.value = given(number, &param.domain, outer, &at)?;
     }

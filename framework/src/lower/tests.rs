@@ -1,7 +1,7 @@
 //! The constructs that lowering resolves. Mistakes and their messages are in `tests/golden`.
 
 use crate::ir::{Shape, Source, Value, Work};
-use crate::testing::{SHADERS, dispatch, graph, plan, plan_of};
+use crate::testing::{SHADERS, dispatch, graph, plan, plan_grown, plan_of};
 
 fn shown(name: &str) -> String {
     dispatch(name, "show.comp", r#""In": "a", "Image": "image""#)
@@ -66,6 +66,33 @@ fn presets_lay_their_settings_over_each_other_and_the_command_line_over_all() {
     };
     assert_eq!(width(&[]), ("six".into(), Value::Int(6), Value::Int(8)));
     assert_eq!(width(&[("width", "7")]).1, Value::Int(7));
+}
+
+#[test]
+fn a_parameter_that_grows_takes_the_largest_of_its_value_and_what_frames_needed_within_its_range() {
+    let params = r#"
+        "room": Const(Int(default: "scene.count", range: (1, 5000), grows: "needed")),
+        "fixed": Const(Int(default: 3, range: (1, 5000))),"#;
+    let graph = graph(params, &[make(), shown("show")].join("\n"))
+        .replace(r#""a": Buffer(stride: 4, count: 64)"#, r#""a": Buffer(stride: 4, count: "room")"#)
+        .replace("output:", r#"stats: {"needed": ("a", 0)}, output:"#);
+    let built = |set: &[(&str, &str)], grown: &[(&str, i64)]| {
+        let plan = plan_grown(&graph, set, grown).unwrap_or_else(|e| panic!("{e}"));
+        let a = plan.resource(plan.find_resource("a").expect("it is read"));
+        assert_eq!(Value::Int(a.bytes() as i64 / 4), plan.params[0].value, "sizes follow");
+        assert_eq!(plan.params[0].grows.as_deref(), Some("needed"));
+        assert_eq!(plan.params[0].default, Value::Int(1000));
+        (plan.params[0].value.clone(), plan.params[1].value.clone())
+    };
+    let room = |set, grown| built(set, grown).0;
+    assert_eq!(room(&[], &[]), Value::Int(1000));
+    assert_eq!(room(&[], &[("room", 900)]), Value::Int(1000), "the default is larger");
+    assert_eq!(room(&[], &[("room", 1200)]), Value::Int(1200));
+    assert_eq!(room(&[("room", "2000")], &[("room", 1200)]), Value::Int(2000), "a setting is larger");
+    assert_eq!(room(&[("room", "20")], &[("room", 1200)]), Value::Int(1200), "and smaller");
+    assert_eq!(room(&[], &[("room", 1 << 40)]), Value::Int(5000), "held to the range");
+    let (room, fixed) = built(&[], &[("fixed", 7), ("gone", 8)]);
+    assert_eq!((room, fixed), (Value::Int(1000), Value::Int(3)), "only what grows");
 }
 
 #[test]

@@ -168,6 +168,9 @@ pub enum ParamKind {
         /// Value that costs no accuracy.
         #[serde(default)]
         exact: Option<Number>,
+        /// Statistic of the graph that the value grows with; only of a constant.
+        #[serde(default)]
+        grows: Option<String>,
         /// Short text for the control; empty by default.
         #[serde(default)]
         label: String,

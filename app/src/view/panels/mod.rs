@@ -28,6 +28,9 @@ pub use params::set_line;
 /// Height of the status line, also when it is empty, in points.
 const STATUS: f32 = 20.0;
 
+/// Colour of what works in part, in the status line.
+const PARTIAL: Color32 = Color32::from_rgb(230, 200, 120);
+
 /// Number of lines in the log.
 const LOG: usize = 200;
 
@@ -336,13 +339,17 @@ impl Panels {
                     ui.spinner();
                     ui.label(format!("{id}: {progress}"));
                 }
+                if let Some(text) = viewport.in_part() {
+                    let label = ui.colored_label(PARTIAL, format!("{id}: {text}"));
+                    self.controls.see(&format!("in_part:{id}"), label.rect);
+                    if let Some(reason) = viewport.renderer.crowded() {
+                        label.on_hover_text(reason);
+                    }
+                }
             }
             let watching = viewer.a.renderer.watching();
             if watching != WatchKind::Events {
-                ui.colored_label(
-                    Color32::from_rgb(230, 200, 120),
-                    format!("files are watched by {watching}"),
-                );
+                ui.colored_label(PARTIAL, format!("files are watched by {watching}"));
             }
             if let Some(line) = self.log.back() {
                 let log = self.log.iter().cloned().collect::<Vec<_>>().join("\n");

@@ -81,6 +81,9 @@ fn heading(ui: &mut Ui, described: &Control, modified: bool) {
         ParamBinding::Const => "\nConstant: a change builds a new plan.",
         ParamBinding::Live { .. } => "\nLive: a change takes effect in the next frame.",
     };
+    if let Some(stat) = &param.grows {
+        help += &format!("\nGrows with what frames need: the statistic {stat}.");
+    }
     help += &format!("\nDeclared at {}:{}", param.origin.file, param.origin.line);
     ui.label(label).on_hover_text(help);
 }

@@ -27,6 +27,8 @@ pub enum Cause {
     Prologue,
     /// The device was lost and opened again.
     Device,
+    /// A frame had no room in the lists of these parameters.
+    Room(Vec<String>),
     /// The last attempt failed for want of something that may be there by now, such as memory.
     Retry,
 }
@@ -47,6 +49,7 @@ impl fmt::Display for Cause {
             Cause::Memory => f.write_str("memory sharing"),
             Cause::Prologue => f.write_str("the prologue"),
             Cause::Device => f.write_str("another device"),
+            Cause::Room(names) => write!(f, "growth of {}", names.join(", ")),
             Cause::Retry => f.write_str("another attempt"),
         }
     }
@@ -134,9 +137,11 @@ impl Cause {
         match (self, other) {
             (Cause::Parameters(a), Cause::Parameters(b)) => Cause::Parameters(joined(a, b)),
             (Cause::Files(a), Cause::Files(b)) => Cause::Files(joined(a, b)),
+            (Cause::Room(a), Cause::Room(b)) => Cause::Room(joined(a, b)),
             (Cause::Start, _) => Cause::Start,
             (Cause::Graph, _) | (_, Cause::Graph) => Cause::Graph,
-            (Cause::Retry, other) | (other, Cause::Retry) => other,
+            // Nobody asked for these.
+            (Cause::Retry | Cause::Room(_), other) | (other, Cause::Retry | Cause::Room(_)) => other,
             // Users wait for edits of files.
             (Cause::Files(files), _) | (_, Cause::Files(files)) => Cause::Files(files),
             (_, other) => other,
@@ -169,5 +174,9 @@ mod tests {
         assert_eq!(Cause::Start.and(files(&["x"])), Cause::Start);
         assert_eq!(files(&["x"]).and(Cause::Graph), Cause::Graph);
         assert_eq!(Cause::Retry.and(Cause::Size), Cause::Size);
+        let room = |name: &str| Cause::Room(vec![name.to_owned()]);
+        assert_eq!(room("x").and(room("y")), Cause::Room(vec!["x".into(), "y".into()]));
+        assert_eq!(room("x").and(Cause::Size), Cause::Size);
+        assert_eq!(params(&["a"]).and(room("x")), params(&["a"]));
     }
 }

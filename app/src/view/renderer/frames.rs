@@ -105,7 +105,8 @@ impl<D: Device> Renderer<D> {
             let latency_ms = asked.elapsed().as_secs_f64() * 1e3;
             self.events.push(RendererEvent::Swapped(Swap { latency_ms, ..swap }));
         }
-        self.done.push(FinishedFrame { result, plan, first: is_first, inspected });
+        let short = self.make_room(&plan, &result);
+        self.done.push(FinishedFrame { result, plan, first: is_first, inspected, short });
         Ok(true)
     }
 

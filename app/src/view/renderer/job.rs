@@ -3,6 +3,7 @@
 use super::events::{Cause, Failure};
 use super::{PlanInputs, Wanted};
 use crate::facts::{self, SceneFacts};
+use crate::growth::Grown;
 use crate::planner::Planner;
 use crate::session::Upload;
 use crate::view::profile::zone;
@@ -18,6 +19,8 @@ use std::time::Instant;
 pub(super) struct Job<L> {
     pub graph: String,
     pub set: Vec<(String, String)>,
+    /// Least values of the parameters that grow.
+    pub grown: Grown,
     /// True to report unknown settings as errors; otherwise they are dropped.
     pub strict: bool,
     pub inputs: PlanInputs,
@@ -33,6 +36,7 @@ pub(super) struct Built<R> {
     pub outcome: Result<(Plan, Vec<Control>, R), Failure>,
     pub wanted: Vec<Wanted>,
     pub dropped: Vec<String>,
+    pub grown: Grown,
     pub inputs: PlanInputs,
     pub cause: Cause,
     pub asked: Instant,
@@ -48,12 +52,13 @@ pub(super) fn builder<L: Loader>(cancel: Cancel) -> impl FnMut(Job<L>) -> Built<
 }
 
 fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
-    let Job { graph, mut set, strict, inputs, device, loader, cause, asked, progress } = job;
+    let Job { graph, mut set, grown, strict, inputs, device, loader, cause, asked, progress } = job;
     let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
     zone!("build a plan");
     let begun = Instant::now();
     planner.forget_files();
     planner.share_memory = inputs.share_memory;
+    planner.grown.clone_from(&grown);
     let scene = inputs.scene.as_deref();
     let facts = match scene {
         Some(scene) => facts::facts(&SceneFacts::of(scene), &device, inputs.size),
@@ -77,7 +82,7 @@ fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
         Ok((plan, controls, ready.map_err(Failure::Backend)?))
     });
     let prepare_ms = milliseconds(begun);
-    Built { outcome, wanted, dropped, inputs, cause, asked, plan_ms, prepare_ms }
+    Built { outcome, wanted, dropped, grown, inputs, cause, asked, plan_ms, prepare_ms }
 }
 
 fn set_progress(progress: &Mutex<String>, text: String) {

@@ -5,12 +5,15 @@
 
 use super::script::{Outcome, Script, arrange, check_no_panic, loses};
 use crate::view::events::Event;
-use splatgraph_null::{Fault, Point};
+use splatgraph_null::{Config, Fault, Point};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Faults of each kind without `SPLATGRAPH_LONG`.
 const SOME: u64 = 4;
+
+/// The need of each frame, for which the plan has to grow.
+const NEEDED: u32 = 300;
 
 /// Visits at a time.
 const THREADS: usize = 6;
@@ -18,7 +21,8 @@ const THREADS: usize = 6;
 fn visit(faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<Point, u64>) {
     let folder = tempfile::tempdir().expect("a folder");
     arrange(folder.path());
-    let mut script = Script::open(folder.path(), faults);
+    let mut script =
+        Script::open(folder.path(), &Config { faults: faults.to_vec(), read: NEEDED, ..Config::default() });
     script.visit();
     script.close(faults)
 }

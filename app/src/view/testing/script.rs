@@ -28,13 +28,14 @@ const GRAPH: &str = r#"Graph(
   summary: "Three passes over a scene",
   params: {
     "digits": Const(Int(default: 4, range: (1, 8))),
+    "entries": Const(Int(default: "2 * scene.count", range: (1, 8388608), grows: "entries_needed")),
     "shade": Live(Float(default: 0.5, range: (0.0, 1.0))),
   },
   let: { "n": "scene.count" },
   imports: { "position": Import(from: "scene.position") },
   resources: {
     "table": Buffer(stride: 4, count: "64 << digits"),
-    "keys": Buffer(stride: 4, count: "n"),
+    "keys": Buffer(stride: 4, count: "max(n, entries)"),
     "color": Image(format: "rgba8", size: ("viewport.width", "viewport.height")),
   },
   passes: [
@@ -44,6 +45,7 @@ const GRAPH: &str = r#"Graph(
     ),
     Dispatch(name: "shade", shader: "shade.comp", size: Threads(64), bind: { "Keys": "keys", "color": "color" }),
   ],
+  stats: { "entries_needed": ("keys", 0) },
   output: "color",
 )
 "#;
@@ -120,17 +122,18 @@ pub fn arrange(folder: &Path) {
 }
 
 impl Script {
-    /// Opens the viewer. The first device has the faults.
-    pub fn open(folder: &Path, faults: &[Fault]) -> Script {
+    /// Opens the viewer on such a device. The first has the faults.
+    pub fn open(folder: &Path, config: &Config) -> Script {
         let devices = Rc::new(RefCell::new(Devices::default()));
-        let mut faults = faults.to_vec();
+        let config = config.clone();
+        let mut faults = config.faults.clone();
         let opened = devices.clone();
         let mut recovery = Recovery::new(Box::new(move |size, vsync| {
             let config = Config {
                 window: Some(size),
                 faults: std::mem::take(&mut faults),
                 patience: Duration::from_millis(20),
-                ..Config::default()
+                ..config.clone()
             };
             let (canvas, journal) = open(&config);
             let entry = opened.borrow().opened.len();
@@ -165,7 +168,7 @@ impl Script {
         Script { shell, recovery, devices, size: SIZE, events: Vec::new(), calls: 0, folder }
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
 
@@ -207,7 +210,7 @@ impl Script {
     }
 
     /// Draws frames until something is so.
-    fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut Script) -> bool) {
+    pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut Script) -> bool) {
         let begun = Instant::now();
         loop {
             self.frame(false);
@@ -240,6 +243,14 @@ impl Script {
                 && shell.problem().is_none()
                 && shell.window().size() == *size
                 && !shell.window().busy()
+        });
+    }
+
+    /// Draws frames until nothing is built any more, whatever they show.
+    pub fn settle_in_part(&mut self) {
+        self.frame(false);
+        self.until("the end of all building", |script| {
+            !script.viewer().busy() && !script.shell.window().busy()
         });
     }
 

@@ -227,6 +227,7 @@ impl Maker {
             name: name.into(),
             default: value.clone(),
             exact: Some(value.clone()),
+            grows: (name == "digit_bits").then(|| "visible".into()),
             value,
             domain: Domain::Bool,
             binding,

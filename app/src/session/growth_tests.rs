@@ -1,0 +1,97 @@
+//! Frames in part, on a device that executes nothing and reads one word as every statistic.
+
+use super::*;
+use splatgraph_assets::synth;
+use splatgraph_framework::ir::Value;
+use splatgraph_null::{Call, Config, Journal, Null, open};
+
+const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growing/graph.ron");
+
+const SIZE: (u32, u32) = (32, 16);
+
+/// A session on a device whose frames all need this many entries, with its journal and a camera.
+fn session(needed: u32, config: Config) -> (Session<Null>, Journal, Camera) {
+    let (null, journal) = open(&Config { read: needed, ..config });
+    let scene = synth::generate("demo", 10, 0).expect("a scene");
+    let camera = Camera::framing(&scene, SIZE.0, SIZE.1);
+    let mut session = Session::new(null.expect("it opens"), scene, GRAPH, &[]);
+    session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+    journal.take();
+    (session, journal, camera)
+}
+
+fn entries(session: &Session<Null>) -> Value {
+    session.plan().expect("a plan").params[0].value.clone()
+}
+
+fn submitted(journal: &Journal) -> usize {
+    journal.take().iter().filter(|call| matches!(call, Call::BindPass { pass, .. } if pass == "list")).count()
+}
+
+fn draw(session: &mut Session<Null>, camera: &Camera) -> Result<FrameResult, SessionError> {
+    let frame = session.submit(camera, &FrameOptions::default())?;
+    session.wait(frame)
+}
+
+#[test]
+fn a_frame_in_part_is_drawn_again_with_room_for_a_quarter_more() {
+    let (mut session, journal, camera) = session(300, Config::default());
+    assert_eq!(entries(&session), Value::Int(100));
+    let result = draw(&mut session, &camera).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(result.stats, [("entries_needed".to_owned(), 300)]);
+    assert_eq!((entries(&session), session.growths()), (Value::Int(375), 1));
+    assert_eq!(submitted(&journal), 2);
+    // From then on there is room, also for pictures of another size.
+    draw(&mut session, &camera).unwrap_or_else(|error| panic!("{error}"));
+    assert!(session.prepare((64, 32), &mut |_| {}).unwrap_or_else(|error| panic!("{error}")));
+    draw(&mut session, &camera.resized(64, 32)).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!((entries(&session), session.growths(), submitted(&journal)), (Value::Int(375), 1, 2));
+    // Another setting is another measurement.
+    session.set_graph(GRAPH, &[("entries".into(), "200".into())]);
+    session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(entries(&session), Value::Int(200));
+    draw(&mut session, &camera).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(entries(&session), Value::Int(375));
+}
+
+#[test]
+fn frames_in_flight_behind_one_in_part_are_drawn_again_with_the_same_plan() {
+    let (mut session, journal, camera) = session(300, Config::default());
+    let plan = session.plan().expect("a plan");
+    let inspect = vec![inspect::resolve(plan, "list", "list").expect("it is there")];
+    let asked = FrameOptions { read_output: true, inspect, ..FrameOptions::default() };
+    let frames = [&asked, &asked].map(|asked| session.submit(&camera, asked).expect("submitted"));
+    for frame in frames {
+        let result = session.wait(frame).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(result.inspected[0].len(), 4 * 375, "of the plan with room");
+        assert!(result.output.is_some());
+        assert_eq!(session.growths(), 1);
+    }
+    assert_eq!(submitted(&journal), 4);
+}
+
+#[test]
+fn a_need_beyond_the_range_is_an_error_that_names_both() {
+    let (mut session, _, camera) = session(5000, Config::default());
+    let error = draw(&mut session, &camera).map(drop).expect_err("there is no such room").to_string();
+    assert_eq!(
+        error,
+        "expected a frame that needs at most 4096 entries, the end of the parameter's range, found one that needs 5000"
+    );
+    assert_eq!(entries(&session), Value::Int(100), "the plan stays");
+}
+
+#[test]
+fn a_device_without_room_is_an_error_that_says_why() {
+    // The images alone fit.
+    let limits = splatgraph_null::limits();
+    let config = Config {
+        limits: splatgraph_runtime::Limits { max_storage_bytes: 8000, ..limits },
+        ..Config::default()
+    };
+    let (mut session, _, camera) = session(2000, config);
+    let error = draw(&mut session, &camera).map(drop).expect_err("there is no such room").to_string();
+    let begin = "expected a device with room for 2500 entries, of which a frame needs 2000, found none:\n";
+    assert!(error.starts_with(begin) && error.contains("`list` has"), "{error}");
+    assert_eq!(entries(&session), Value::Int(100), "the plan stays");
+}

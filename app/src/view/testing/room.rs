@@ -1,0 +1,125 @@
+//! Frames that need more room than their plan has: shown as they are, until a plan with more is built.
+
+use super::script::{Script, arrange};
+use crate::view::events::Event;
+use splatgraph_framework::ir::Value;
+use splatgraph_null::{Config, limits};
+use splatgraph_runtime::Limits;
+
+/// A visit to a viewer whose frames all need this many entries; the scene's default is 200.
+fn visit(needed: u32, limits: Limits, steps: impl FnOnce(&mut Script)) -> Vec<Event> {
+    let folder = tempfile::tempdir().expect("a folder");
+    arrange(folder.path());
+    let mut script = Script::open(folder.path(), &Config { read: needed, limits, ..Config::default() });
+    steps(&mut script);
+    let (_, events, _) = script.close(&[]);
+    events
+}
+
+fn entries(script: &mut Script) -> Value {
+    let a = &script.viewer().a.renderer;
+    let planned = a.plan().expect("a plan").params[1].value.clone();
+    let shown = a.controls().iter().find(|control| control.param.name == "entries").expect("a control");
+    assert_eq!(shown.param.value, planned, "the control shows what the plan has");
+    planned
+}
+
+fn causes(events: &[Event]) -> Vec<String> {
+    let cause = |event: &Event| match event {
+        Event::Swapped { swap, .. } if swap.graph.ends_with("graph.ron") => Some(swap.cause.to_string()),
+        _ => None,
+    };
+    events.iter().filter_map(cause).collect()
+}
+
+#[test]
+fn a_frame_in_part_is_shown_and_said_until_a_plan_with_room_draws() {
+    let events = visit(300, limits(), |script| {
+        script.until("a frame in part", |script| script.viewer().a.in_part().is_some());
+        let text = script.viewer().a.in_part();
+        assert_eq!(text.as_deref(), Some("drawn in part: 200 of 300 entries"));
+        assert!(script.viewer().busy(), "a plan with room is on its way");
+        script.settle();
+        assert_eq!((entries(script), script.viewer().a.in_part()), (Value::Int(375), None));
+        // It stays while other things change.
+        script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+        script.settle();
+        assert_eq!(entries(script), Value::Int(375));
+        script.resize((160, 90));
+        script.settle();
+        assert_eq!(entries(script), Value::Int(375));
+        // A value set by hand is where growth begins.
+        script.viewer().a.renderer.set_param("entries", Some(Value::Int(500)));
+        script.settle();
+        assert_eq!(entries(script), Value::Int(500));
+        script.viewer().a.renderer.set_param("entries", Some(Value::Int(250)));
+        script.settle();
+        assert_eq!(entries(script), Value::Int(375));
+        script.viewer().a.renderer.set_param("digits", None);
+        script.settle();
+        assert_eq!(entries(script), Value::Int(375), "though 250 is still asked for");
+        assert_eq!(script.viewer().a.renderer.set()["entries"], "250");
+        // Another scene starts from its own default.
+        script.viewer().a.renderer.set_param("entries", None);
+        script.settle();
+        let second = script.path("second.ply");
+        script.viewer().open(&second);
+        script.settle();
+        assert_eq!(entries(script), Value::Int(400));
+    });
+    let expected = [
+        "start",
+        "growth of entries",
+        "digits",
+        "another size",
+        "entries",
+        "entries",
+        "growth of entries",
+        "digits",
+        "entries",
+        "growth of entries",
+        "another scene",
+    ];
+    assert_eq!(causes(&events), expected);
+    let alarms = |event: &&Event| matches!(event, Event::Failed { .. } | Event::Problem { .. });
+    assert_eq!(events.iter().find(alarms), None, "growth is no error");
+}
+
+#[test]
+fn where_the_device_refuses_more_room_frames_stay_in_part_and_the_viewer_says_why() {
+    let small = Limits { max_storage_bytes: 1 << 20, ..limits() };
+    let events = visit(1_000_000, small, |script| {
+        script.until("the refusal", |script| script.viewer().a.renderer.crowded().is_some());
+        for _ in 0..10 {
+            script.settle_in_part();
+        }
+        assert_eq!(entries(script), Value::Int(200));
+        let said = script.viewer().a.stays_in_part().expect("it stays");
+        assert!(said.starts_with("the picture is drawn in part: 200 of 1,000,000 entries\n"), "{said}");
+        assert!(said.contains("`keys` has 5 MiB"), "{said}");
+        // The next change is drawn with the room that there is, and tries again.
+        script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+        script.until("the second refusal", |script| script.viewer().a.renderer.crowded().is_some());
+        script.settle_in_part();
+        script.viewer().a.want_picture();
+        script.until("a picture", |script| script.viewer().a.has_picture());
+        let picture = script.viewer().a.take_picture().expect("it is there");
+        assert!(picture.is_err_and(|error| error.contains("drawn in part")), "no file is written of it");
+    });
+    assert_eq!(causes(&events), ["start", "digits"]);
+    assert_eq!(events.iter().find(|event| matches!(event, Event::Failed { .. })), None);
+}
+
+#[test]
+fn at_the_end_of_the_range_frames_stay_in_part() {
+    let events = visit(10_000_000, limits(), |script| {
+        script.until("the end", |script| script.viewer().a.stays_in_part().is_some());
+        script.settle_in_part();
+        assert_eq!(entries(script), Value::Int(8_388_608));
+        assert_eq!(
+            script.viewer().a.stays_in_part().as_deref(),
+            Some("the picture is drawn in part: 8,388,608 of 10,000,000 entries (the end of the range)")
+        );
+    });
+    assert_eq!(causes(&events), ["start", "growth of entries"]);
+}

@@ -1,0 +1,68 @@
+//! Parameters that grow: pictures of a graph whose list has no room at first, on a real driver.
+
+use crate::common;
+use crate::files::Place;
+use serde_json::Value as Json;
+use splatgraph::image::Image;
+use splatgraph::session::{FrameOptions, Session, image_of};
+use splatgraph_assets::{Camera, synth};
+use splatgraph_vulkan::Vulkan;
+use std::fs;
+
+const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growing/graph.ron");
+
+/// Counts the white pixels.
+fn white(image: &Image) -> usize {
+    image.rgb.iter().filter(|pixel| **pixel == [1.0; 3]).count()
+}
+
+#[test]
+fn every_frame_of_a_session_is_whole_also_those_in_flight() {
+    let scene = synth::generate("demo", 10, 0).expect("a scene");
+    let camera = Camera::framing(&scene, 61, 33);
+    let mut session: Session<Vulkan> = Session::new(common::device(), scene, GRAPH, &[]);
+    let request = FrameOptions { read_output: true, ..FrameOptions::default() };
+    for (size, entries) in [((61, 33), 2516), ((64, 40), 3200), ((8, 8), 3200)] {
+        let camera = camera.resized(size.0, size.1);
+        session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+        let frames = [(); 2].map(|()| session.submit(&camera, &request).expect("submitted"));
+        for frame in frames {
+            let result = session.wait(frame).unwrap_or_else(|error| panic!("{error}"));
+            let image = image_of(&result.output.expect("asked for")).expect("colours");
+            assert_eq!(white(&image), (size.0 * size.1) as usize, "{size:?}");
+        }
+        let value = &session.plan().expect("a plan").params[0].value;
+        assert_eq!(value.to_string(), entries.to_string(), "the need and a quarter");
+    }
+    assert_eq!(session.growths(), 2);
+    common::assert_silent(session.device(), GRAPH);
+    assert!(session.into_device().close().is_empty());
+}
+
+#[test]
+fn a_picture_on_disk_is_whole_or_not_there() {
+    let place = Place::new();
+    let render = |rest: &[&str]| {
+        let all = ["render", "scene.ply", "--pipeline", GRAPH, "-o", "out.png", "--json", "out.json"];
+        place.code(&[&all[..], rest].concat())
+    };
+    let whole = ["--size", "64x48", "--repeat", "5", "--set", "entries=7", "--inspect", "list@list=list.npy"];
+    let (code, errors) = render(&whole);
+    assert_eq!(code, Some(0), "{errors}");
+    assert_eq!(white(&Image::load(&place.at("out.png")).expect("a picture")), 64 * 48);
+    let stats: Json =
+        serde_json::from_slice(&fs::read(place.at("out.json")).expect("written")).expect("JSON");
+    assert_eq!(stats[0]["parameters"]["entries"], 3840, "{stats}");
+    assert_eq!((&stats[0]["counts"]["entries_needed"], &stats[0]["frames"]), (&3072.into(), &5.into()));
+    assert_eq!(stats[0]["inspected"][0]["shape"][0], 3840, "{stats}");
+    for name in ["out.png", "out.json", "list.npy"] {
+        fs::remove_file(place.at(name)).expect("it was written");
+    }
+    let (code, errors) = render(&["--size", "80x60"]);
+    assert_eq!(code, Some(1), "{errors}");
+    assert!(
+        errors.contains("needs at most 4096 entries") && errors.contains("found one that needs 4800"),
+        "{errors}"
+    );
+    assert!(!place.at("out.png").exists() && !place.at("out.json").exists());
+}
