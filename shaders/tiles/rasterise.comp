@@ -9,6 +9,7 @@
 // shared memory and notes the cells that it touches. Then every eight invocations walk, for each of their own cells, only the splats
 // that touch it, with the sums of its pixels in registers.
 
+#include "../camera.glsl"
 #include "../groups.glsl"
 #include "live.glsl"
 #include "record.glsl"
@@ -24,7 +25,9 @@ layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Segments { uint segment_starts[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Lists { uint lists[]; };
 layout(set = 0, binding = 3, std430) readonly buffer Records { StoredRecord records[]; };
-layout(set = 0, binding = 4, std430) writeonly buffer Sums { StoredSum sums[]; };
+layout(set = 0, binding = 4, std430) readonly buffer Places { uint sum_places[]; };
+layout(set = 0, binding = 5, std430) writeonly buffer Sums { StoredSum sums[]; };
+layout(set = 0, binding = 6, rgba32f) writeonly uniform image2D picture;
 
 // Cells of an invocation.
 const uint OWN = CELLS / CELLS_AT_ONCE;
@@ -205,11 +208,21 @@ void main() {
         }
     }
 
+    bool is_whole = segment_starts[bin + 1u] - segment_starts[bin] == 1u;
+    uint sum_place = sum_places[bin] + group - segment_starts[bin];
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
-            // Below 0 if the pixel is done: what is behind it adds nothing.
-            float light = floors[o][p] == 2.0 ? -lights[o][p] : lights[o][p];
-            sums[group * BIN_PIXELS + pixel_place(thread, o, p)] = pack_sum(vec4(colours[o][p], light));
+            uint place = pixel_place(thread, o, p);
+            if (is_whole) {
+                uvec2 at = uvec2(corner) + pixel_at(place);
+                if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
+                    imageStore(picture, ivec2(at), vec4(colours[o][p] + lights[o][p] * camera.background.rgb, 1.0));
+                }
+            } else {
+                // Below 0 if the pixel is done: what is behind it adds nothing.
+                float light = floors[o][p] == 2.0 ? -lights[o][p] : lights[o][p];
+                sums[sum_place * BIN_PIXELS + place] = pack_sum(vec4(colours[o][p], light));
+            }
         }
     }
 }
