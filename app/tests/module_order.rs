@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 26] = [
+const CRATE: [&str; 28] = [
     "numbers",
     "output",
     "backend",
@@ -25,8 +25,10 @@ const CRATE: [&str; 26] = [
     "planner",
     "fit",
     "session",
+    "turns",
     "shot",
     "trade",
+    "bench",
     "sweep",
     "advise",
     "experiment",

@@ -9,7 +9,7 @@ use crate::fit::Target;
 use crate::output::{self, Claims, say};
 use crate::progress::Progress;
 use crate::session::Session;
-use crate::trade::measure::{Effort, suitable_frames};
+use crate::turns::{Effort, suitable_frames};
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};

@@ -1,0 +1,166 @@
+//! Keeps the numbers of a run, as JSON and as CSV.
+
+use super::limit::CopyLimit;
+use super::measure::{Figures, Found, Frames, Outcome, Part};
+use crate::report::text::quoted;
+use crate::turns::Figure;
+use serde::Serialize;
+use serde_json::Value as Json;
+use splatgraph_api::DeviceInfo;
+
+/// Version of the JSON: it changes when a field changes its meaning or goes.
+pub const VERSION: u32 = 1;
+
+/// The origin of the numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Origin {
+    /// [`VERSION`].
+    pub version: u32,
+    /// The program's version.
+    pub program: String,
+    /// The device's name.
+    pub device: String,
+    /// The device's driver, with its version.
+    pub driver: String,
+    /// The copy limit; `None` if the device has no timestamps.
+    pub copy: Option<CopyLimit>,
+    /// The numbers of frames.
+    pub effort: Frames,
+    /// The parameters of `--set`.
+    pub set: Vec<(String, String)>,
+}
+
+impl Origin {
+    /// Describes a run on a device.
+    pub fn new(
+        device: &DeviceInfo,
+        copy: Option<CopyLimit>,
+        effort: Frames,
+        set: &[(String, String)],
+    ) -> Origin {
+        Origin {
+            version: VERSION,
+            program: env!("CARGO_PKG_VERSION").into(),
+            device: device.name.clone(),
+            driver: device.driver.clone(),
+            copy,
+            effort,
+            set: set.to_vec(),
+        }
+    }
+}
+
+/// A scene that was drawn.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SceneOrigin {
+    /// The file, or `demo`.
+    pub scene: String,
+    /// Number of splats in the file.
+    pub splats: u32,
+    /// The cameras, as in cameras.json.
+    pub cameras: Json,
+}
+
+/// A candidate on a scene of some splats, in one size.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// The scene's file, or `demo`.
+    pub scene: String,
+    /// Number of splats, to which the scene was enlarged if it has another.
+    pub splats: u32,
+    /// Width and height in pixels; `None` where each camera has its own.
+    pub size: Option<(u32, u32)>,
+    /// The graph.
+    pub pipeline: String,
+    /// The measurements, or the reason that there are none.
+    pub found: Outcome,
+}
+
+/// The numbers of a run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// The origin of the numbers.
+    #[serde(flatten)]
+    pub origin: Origin,
+    /// The scenes.
+    pub scenes: Vec<SceneOrigin>,
+    /// The candidates: those of one scene, number of splats and size one after the other.
+    pub rows: Vec<Row>,
+}
+
+/// Formats a size, or says that it is the cameras'.
+pub fn size_text(size: Option<(u32, u32)>) -> String {
+    size.map_or("cameras' size".into(), |(width, height)| format!("{width}x{height}"))
+}
+
+impl Report {
+    /// Writes every figure as CSV (RFC 4180), a line each, with all digits; what there is none of is empty.
+    ///
+    /// The camera `mean` stands for the mean of the cameras' medians.
+    pub fn csv(&self) -> String {
+        let mut text = String::from(
+            "scene,splats,width,height,pipeline,camera,kind,name,median_ms,spread_ms,bytes,gb_per_s,of_copy\n",
+        );
+        for row in &self.rows {
+            let start = |size: Option<(u32, u32)>, camera: &str| {
+                let (width, height) =
+                    size.map_or(Default::default(), |(w, h)| (w.to_string(), h.to_string()));
+                let (scene, pipeline) = (quoted(&row.scene), quoted(&row.pipeline));
+                format!("{scene},{},{width},{height},{pipeline},{}", row.splats, quoted(camera))
+            };
+            match &row.found {
+                Ok(found) => {
+                    for view in &found.views {
+                        lines(
+                            &mut text,
+                            &start(Some((view.width, view.height)), &view.camera),
+                            &view.figures,
+                        );
+                    }
+                    let mean = start(row.size, "mean");
+                    lines(&mut text, &mean, &found.mean);
+                    for (name, bytes) in found.memory.iter().map(|size| (&size.name, size.bytes)) {
+                        text += &format!("{mean},memory,{},,,{bytes},,\n", quoted(name));
+                    }
+                    found.once.iter().for_each(|part| part_line(&mut text, &mean, "once", part));
+                }
+                Err(why) => text += &format!("{},failed,{},,,,,\n", start(row.size, ""), quoted(why)),
+            }
+        }
+        text
+    }
+
+    /// Returns the measurements of those that were drawn.
+    pub fn drawn(&self) -> impl Iterator<Item = &Found> {
+        self.rows.iter().filter_map(|row| row.found.as_ref().ok())
+    }
+}
+
+fn optional(value: Option<f64>) -> String {
+    value.map_or(String::new(), |v| v.to_string())
+}
+
+fn lines(text: &mut String, start: &str, figures: &Figures) {
+    for (name, figure) in [
+        ("gpu", figures.gpu_ms),
+        ("submit", figures.submit_ms),
+        ("record", figures.record_ms),
+        ("wall", figures.wall_ms),
+    ] {
+        let [median, spread] = times(figure);
+        *text += &format!("{start},frame,{name},{median},{spread},,,\n");
+    }
+    figures.phases.iter().for_each(|part| part_line(text, start, "phase", part));
+    figures.passes.iter().for_each(|part| part_line(text, start, "pass", part));
+}
+
+fn part_line(text: &mut String, start: &str, kind: &str, part: &Part) {
+    let [median, spread] = times(part.gpu_ms);
+    let (name, bytes) = (quoted(&part.name), part.bytes);
+    let [rate, share] = [part.gb_per_s, part.of_copy].map(optional);
+    *text += &format!("{start},{kind},{name},{median},{spread},{bytes},{rate},{share}\n");
+}
+
+fn times(figure: Option<Figure>) -> [String; 2] {
+    [figure.map(|f| f.median), figure.map(|f| f.spread)].map(optional)
+}
