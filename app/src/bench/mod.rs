@@ -8,5 +8,10 @@
 pub mod bytes;
 pub mod limit;
 pub mod measure;
+pub mod plot;
 pub mod report;
+pub mod sort;
 pub mod table;
+
+/// The graphs that measurements draw, besides those to be measured.
+pub const GRAPHS: [&str; 2] = [limit::GRAPH, sort::GRAPH];

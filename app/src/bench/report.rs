@@ -136,7 +136,8 @@ impl Report {
     }
 }
 
-fn optional(value: Option<f64>) -> String {
+/// Writes a number, or nothing.
+pub(super) fn optional(value: Option<f64>) -> String {
     value.map_or(String::new(), |v| v.to_string())
 }
 

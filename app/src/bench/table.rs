@@ -37,7 +37,7 @@ pub fn tables(report: &Report) -> String {
         }
         text += &format!("\n{}", candidates(rows));
         for (row, why) in rows.iter().filter_map(|row| Some((row, row.found.as_ref().err()?))) {
-            text += &format!("{}: not drawn: {why}\n", row.pipeline);
+            text += &format!("{}: not drawn: {}\n", row.pipeline, first_line(why));
         }
     }
     let places = report.rows.chunk_by(|a, b| place(a) == place(b)).count();
@@ -76,6 +76,12 @@ fn ms(figure: Option<Figure>) -> String {
 
 fn spread(figure: Option<Figure>) -> String {
     figure.map_or("-".into(), |figure| format!("{:.3}", figure.spread))
+}
+
+/// The first line of a message, without its label: the source text of a graph's error would fill the terminal.
+pub(super) fn first_line(why: &str) -> &str {
+    let line = why.lines().next().unwrap_or_default();
+    line.strip_prefix("error: ").unwrap_or(line)
 }
 
 /// The candidates of a place, one a line.

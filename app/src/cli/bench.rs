@@ -6,13 +6,15 @@ use crate::backend::Backend;
 use crate::bench::limit::{self, CopyLimit};
 use crate::bench::measure::{Bench, Candidate, Frames};
 use crate::bench::report::{Origin, Report, Row, SceneOrigin, size_text};
-use crate::bench::table;
+use crate::bench::{plot, sort, table};
+use crate::facts::{self, SceneFacts};
 use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::{self, Claims, is_standard_output, say};
+use crate::planner::Planner;
 use crate::progress::Progress;
 use anyhow::{Result, bail};
-use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene, grouped, synth};
+use splatgraph_api::{Device, DeviceInfo};
+use splatgraph_assets::{Camera, Scene, SceneHeader, grouped, synth};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -27,14 +29,23 @@ use std::sync::Arc;
 /// something again moves more, and one that works on the visible splats alone moves less than that.
 ///
 /// Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
+///
+/// `--suite sort` measures the sort alone instead: random pairs of a key and a 32-bit value, with keys of 16, 24 and 32 bits.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph bench                                                         # the demo scene, with the default graph
   splatgraph bench scene.ply --pipelines splat,key16,my/graph.ron --json bench.json
-  splatgraph bench scene.ply -c cameras.json --sizes 1920x1080,3840x2160 --splats 1000000,3000000 -o bench/")]
+  splatgraph bench scene.ply -c cameras.json --sizes 1920x1080,3840x2160 --splats 1000000,3000000 -o bench/
+  splatgraph bench --suite sort --pairs 1048576,6000000 --set digit_bits=6")]
 pub struct Args {
     /// .ply files in the layout of the reference implementation
     scenes: Vec<PathBuf>,
+    /// Measure whole frames, or the sort alone
+    #[arg(long, value_enum, default_value_t)]
+    suite: Suite,
+    /// Numbers of pairs of `--suite sort` [default: 64 Ki to 64 Mi in powers of 4]
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=134_217_728))]
+    pairs: Vec<u32>,
     /// The graphs to compare: names of built-in ones, or paths
     #[arg(short, long, value_name = "NAME,...", default_value = DEFAULT_PIPELINE, value_delimiter = ',')]
     pipelines: Vec<String>,
@@ -54,7 +65,7 @@ pub struct Args {
     /// Write every number as JSON; `-` is standard output
     #[arg(long, value_name = "OUT.json")]
     json: Option<PathBuf>,
-    /// Folder for bench.csv
+    /// Folder for bench.csv, and for curves as .svg where there are several sizes or numbers of splats
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -63,8 +74,17 @@ pub struct Args {
     device: DeviceArgs,
 }
 
+/// What is measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+enum Suite {
+    #[default]
+    Frames,
+    Sort,
+}
+
 /// Files in the folder of `--output`.
 const CSV: &str = "bench.csv";
+const SORT_PLOT: &str = "sort.svg";
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let work = prepare(args)?;
@@ -73,10 +93,21 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let frames = Frames { rounds, frames };
     let copy = copy_limit(&device, frames)?;
     let origin = Origin::new(device.info(), copy, frames, &args.set);
+    let measured = match args.suite {
+        Suite::Frames => measure_frames(args, &device, origin, &work)?,
+        Suite::Sort => measure_sorts(args, &device, origin)?,
+    };
+    let outcome = super::validated(args.device.validate, &device.close());
+    Ok(if measured { outcome } else { Outcome::Failed })
+}
+
+/// Measures frames, and writes the results. Returns false if nothing could be drawn.
+fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &Work) -> Result<bool> {
+    check_graphs(args, device.info())?;
     let mut report = Report { origin, scenes: Vec::new(), rows: Vec::new() };
     for (index, given) in work.cameras.iter().enumerate() {
         let path = args.scenes.get(index).map(PathBuf::as_path);
-        measure_scene(args, &device, (path, given.clone()), &mut report)?;
+        measure_scene(args, device, (path, given.clone()), &mut report)?;
     }
     show(args, &table::tables(&report))?;
     if let Some(path) = &args.json {
@@ -84,10 +115,62 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     if let Some(folder) = &args.output {
         output::write_bytes(&folder.join(CSV), report.csv().as_bytes())?;
+        for (scene, stem) in report.scenes.iter().zip(&work.stems) {
+            let plots = plot::plots(&report, &scene.scene, &args.splats, &args.sizes());
+            for (name, plot) in plot::names(stem, &args.splats, &args.sizes()).iter().zip(plots) {
+                output::write_bytes(&folder.join(format!("{name}.svg")), plot.svg()?.as_bytes())?;
+            }
+        }
         say(format!("{} has every number", folder.join(CSV).display()));
     }
-    let outcome = super::validated(args.device.validate, &device.close());
-    Ok(if report.drawn().next().is_none() { Outcome::Failed } else { outcome })
+    Ok(report.drawn().next().is_some())
+}
+
+/// Measures sorts, and writes the results. Returns false if nothing could be sorted.
+fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> {
+    let usual = sort::usual_pairs();
+    let pairs = if args.pairs.is_empty() { &usual } else { &args.pairs };
+    let mut progress = Progress::new("sorting");
+    let (mut done, of) = (0, pairs.len() as u64);
+    let report = sort::measure(device, pairs, origin, &mut |pairs| {
+        progress.set(done, of, &format!("{} pairs", grouped(pairs.into())));
+        done += 1;
+    })?;
+    drop(progress);
+    show(args, &report.table())?;
+    if let Some(path) = &args.json {
+        options::write_json(path, &serde_json::to_value(&report)?)?;
+    }
+    if let Some(folder) = &args.output {
+        output::write_bytes(&folder.join(CSV), report.csv().as_bytes())?;
+        if let Some(plot) = report.plot() {
+            output::write_bytes(&folder.join(SORT_PLOT), plot.svg()?.as_bytes())?;
+        }
+        say(format!("{} has every number", folder.join(CSV).display()));
+    }
+    Ok(!report.is_empty())
+}
+
+/// Refuses graphs and parameters that are wrong on every device, before a scene is loaded: what one device lacks is a result.
+fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
+    let scene = match args.scenes.first().map(SceneHeader::load).transpose()? {
+        Some(SceneHeader { count, stored_degree }) => {
+            SceneFacts { count, sh_degree: stored_degree, stored_sh_degree: stored_degree }
+        }
+        None => SceneFacts::NOMINAL,
+    };
+    let (catalog, mut planner) = (facts::nominal_catalog(), Planner::default());
+    let size = args.sizes.first().copied().unwrap_or(facts::DEFAULT_SIZE);
+    for pipeline in &args.pipelines {
+        let mut controls = |device| {
+            planner.controls(pipeline, &args.set, &facts::facts(&scene, device, size), &catalog).map(drop)
+        };
+        let portable = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+        if let (Err(errors), Err(_)) = (controls(&device.facts), controls(&portable)) {
+            return Err(errors.into());
+        }
+    }
+    Ok(())
 }
 
 /// Prints the tables; to standard error where standard output is the JSON.
@@ -125,8 +208,7 @@ fn measure_scene(
     });
     let base = Arc::new(base);
     let counts = if args.splats.is_empty() { vec![base.count()] } else { args.splats.clone() };
-    let sizes: Vec<_> =
-        if args.sizes.is_empty() { vec![None] } else { args.sizes.iter().copied().map(Some).collect() };
+    let sizes = args.sizes();
     let candidates: Vec<Candidate> = args
         .pipelines
         .iter()
@@ -181,11 +263,20 @@ fn enlarged(base: &Arc<Scene>, splats: u32) -> Result<Arc<Scene>> {
     Ok(if base.count() == splats { base.clone() } else { Arc::new(synth::enlarge(base, splats)?) })
 }
 
+impl Args {
+    /// Lists the sizes; `None` stands for the cameras' own.
+    fn sizes(&self) -> Vec<Option<(u32, u32)>> {
+        if self.sizes.is_empty() { vec![None] } else { self.sizes.iter().copied().map(Some).collect() }
+    }
+}
+
 /// The inputs of a run, known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
     /// The cameras of each scene of the command line; `None` for those of the scene. One for the demo scene.
     cameras: Vec<Option<Vec<Camera>>>,
+    /// A part of file names for each scene, unlike all others.
+    stems: Vec<String>,
 }
 
 /// Reads the cameras, and checks the files of the command line.
@@ -197,24 +288,68 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             args.cameras.len()
         )));
     }
-    for name in &args.pipelines {
-        if name.trim().is_empty() {
-            bail!(Usage("--pipelines: expected names with a comma between them, found an empty one".into()));
-        }
-        if args.pipelines.iter().filter(|other| *other == name).count() > 1 {
-            bail!(Usage(format!("--pipelines: expected each graph once, found `{name}` twice")));
-        }
+    refuse_options_of_others(args)?;
+    if args.pipelines.iter().any(|name| name.trim().is_empty()) {
+        bail!(Usage("--pipelines: expected names with a comma between them, found an empty one".into()));
     }
-    claim_files(args)?;
+    once("--pipelines", &args.pipelines, |name| format!("`{name}`"))?;
+    once("--sizes", &args.sizes, |size| size_text(Some(*size)))?;
+    once("--splats", &args.splats, u32::to_string)?;
+    once("--pairs", &args.pairs, u32::to_string)?;
+    once("SCENE", &args.scenes, |path| path.display().to_string())?;
+    let scene_names: Vec<String> = match args.scenes.as_slice() {
+        [] => vec!["demo".into()],
+        scenes => scenes.iter().map(|path| table::scene_name(&path.to_string_lossy())).collect(),
+    };
+    // The longest text around it: `splats-NAME-32768x32768.svg`.
+    let stems = names::unique(&scene_names, MAX_NAME_BYTES - 24);
+    claim_files(args, &stems)?;
     let cameras = |index: usize| {
         let spec = args.cameras.get(index).or(args.cameras.first());
         spec.map(|spec| options::cameras(spec)).transpose()
     };
-    Ok(Work { cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()? })
+    Ok(Work { cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()?, stems })
+}
+
+/// Returns an error if a list holds something twice.
+fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> Result<(), Usage> {
+    let again = list.iter().enumerate().find(|(at, item)| list[..*at].contains(item));
+    match again {
+        Some((_, item)) => Err(Usage(format!("{option}: expected each once, found {} twice", text(item)))),
+        None => Ok(()),
+    }
+}
+
+/// Refuses options that have no meaning for the chosen suite.
+fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
+    let of_frames = [
+        ("SCENE", !args.scenes.is_empty()),
+        ("--pipelines", args.pipelines != [DEFAULT_PIPELINE]),
+        ("--sizes", !args.sizes.is_empty()),
+        ("--splats", !args.splats.is_empty()),
+        ("--cameras", !args.cameras.is_empty()),
+    ];
+    match args.suite {
+        Suite::Frames if !args.pairs.is_empty() => {
+            Err(Usage("--pairs is for the sort alone: add --suite sort".into()))
+        }
+        Suite::Frames => Ok(()),
+        Suite::Sort => {
+            if let Some((option, _)) = of_frames.iter().find(|(_, given)| *given) {
+                return Err(Usage(format!("{option} is for --suite frames: the sort alone draws nothing")));
+            }
+            match args.set.iter().find(|(name, _)| sort::OWN_PARAMETERS.contains(&name.as_str())) {
+                Some((name, _)) => Err(Usage(format!(
+                    "--set {name}: --suite sort sets it itself (--pairs names the numbers)"
+                ))),
+                None => Ok(()),
+            }
+        }
+    }
 }
 
 /// Returns an error if a file of the results would destroy an input.
-fn claim_files(args: &Args) -> Result<(), Usage> {
+fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
     let mut claims = match args.scenes.as_slice() {
         [] => options::claim_inputs(None, None)?,
         _ => Claims::default(),
@@ -233,6 +368,15 @@ fn claim_files(args: &Args) -> Result<(), Usage> {
     }
     if let Some(folder) = &args.output {
         claims.output("--output", &folder.join(CSV))?;
+        let curves = stems.iter().flat_map(|stem| plot::names(stem, &args.splats, &args.sizes()));
+        let curves = curves.map(|name| format!("{name}.svg"));
+        let all: Vec<String> = match args.suite {
+            Suite::Frames => curves.collect(),
+            Suite::Sort => vec![SORT_PLOT.into()],
+        };
+        for name in all {
+            claims.output("--output", &folder.join(name))?;
+        }
     }
     Ok(())
 }

@@ -1,0 +1,98 @@
+//! Plots the time of candidates over the number of splats, and over the size of the picture.
+
+use super::report::{Report, Row, size_text};
+use super::table::scene_name;
+use crate::report::plot::{Axis, Plot, Series};
+use splatgraph_assets::grouped;
+
+/// The sizes of a run; `None` stands for the cameras' own.
+type Sizes<'a> = &'a [Option<(u32, u32)>];
+
+/// The curves of one scene: their file names without extension, in the order of [`plots`].
+///
+/// There is one for each size where there are several numbers of splats, and one for each number of splats where there are several
+/// sizes. `stem` is the scene's, unlike those of others.
+pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
+    let size_name = |size: &Option<(u32, u32)>| size.map_or("own".into(), |(w, h)| format!("{w}x{h}"));
+    let mut names = Vec::new();
+    if splats.len() > 1 {
+        names.extend(sizes.iter().map(|size| format!("splats-{stem}-{}", size_name(size))));
+    }
+    if sizes.len() > 1 {
+        let counts = if splats.is_empty() {
+            vec!["all".to_owned()]
+        } else {
+            splats.iter().map(u32::to_string).collect()
+        };
+        names.extend(counts.iter().map(|count| format!("sizes-{stem}-{count}")));
+    }
+    names
+}
+
+/// Draws the curves of a scene. `splats` are the numbers that were asked for; if none, the scene's own.
+pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<Plot> {
+    let rows: Vec<&Row> = report.rows.iter().filter(|row| row.scene == scene).collect();
+    let mut counts: Vec<u32> = rows.iter().map(|row| row.splats).collect();
+    counts.dedup();
+    let mut plots = Vec::new();
+    let title = |of: String| format!("{}, {of}, {}", scene_name(scene), report.origin.device);
+    if splats.len() > 1 {
+        plots.extend(sizes.iter().map(|size| {
+            let own = rows.iter().copied().filter(|row| row.size == *size);
+            let x = Axis { label: "splats".into(), logarithmic: true };
+            let title = title(size_text(*size));
+            plot(report, title, x, &own.collect::<Vec<_>>(), |row| Some(f64::from(row.splats)))
+        }));
+    }
+    if sizes.len() > 1 {
+        plots.extend(unique(&counts).into_iter().map(|count| {
+            let own = rows.iter().copied().filter(|row| row.splats == count);
+            let x = Axis { label: "pixels".into(), logarithmic: true };
+            let title = title(format!("{} splats", grouped(count.into())));
+            let pixels = |row: &Row| row.size.map(|(width, height)| f64::from(width) * f64::from(height));
+            plot(report, title, x, &own.collect::<Vec<_>>(), pixels)
+        }));
+    }
+    plots
+}
+
+fn unique(counts: &[u32]) -> Vec<u32> {
+    let mut found: Vec<u32> = Vec::new();
+    for count in counts {
+        if !found.contains(count) {
+            found.push(*count);
+        }
+    }
+    found
+}
+
+/// One line for each graph: the mean over the cameras of a frame's time, on the GPU if it is known there.
+fn plot(
+    report: &Report,
+    title: String,
+    x: Axis,
+    rows: &[&Row],
+    position: impl Fn(&Row) -> Option<f64>,
+) -> Plot {
+    let on_gpu = report.drawn().all(|found| found.mean.gpu_ms.is_some());
+    let mut names: Vec<&str> = Vec::new();
+    for row in rows {
+        if !names.contains(&row.pipeline.as_str()) {
+            names.push(&row.pipeline);
+        }
+    }
+    let point = |row: &&Row| {
+        let mean = &row.found.as_ref().ok()?.mean;
+        let figure = if on_gpu { mean.gpu_ms } else { mean.wall_ms };
+        Some((position(row)?, figure?.median))
+    };
+    let series = |name: &&str| {
+        let mut points: Vec<(f64, f64)> =
+            rows.iter().filter(|row| row.pipeline == **name).filter_map(point).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Series::line(name, points)
+    };
+    let time = if on_gpu { "GPU time of a frame, ms" } else { "time of a frame on the host's clock, ms" };
+    let y = Axis { label: time.into(), logarithmic: true };
+    Plot { title, x, y, series: names.iter().map(series).collect() }
+}
