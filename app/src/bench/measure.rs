@@ -69,6 +69,8 @@ impl Part {
 pub struct Figures {
     /// Milliseconds on the GPU from a frame's first command to its last; `None` if the device has no timestamps.
     pub gpu_ms: Option<Figure>,
+    /// Those of them that are in no pass: barriers, and the device's own time between passes.
+    pub between_ms: Option<Figure>,
     /// Milliseconds on the host's clock until a frame was submitted.
     pub submit_ms: Option<Figure>,
     /// Milliseconds of the host for recording and submitting a frame, within `submit_ms`.
@@ -298,6 +300,7 @@ fn figures(plan: &Plan, rounds: &Rounds, copy: Option<f64>) -> Figures {
     };
     Figures {
         gpu_ms: over(&|frame| frame.result.total_ms),
+        between_ms: over(&|frame| Some(frame.result.total_ms? - ms(frame, &|_| true)?)),
         submit_ms: over(&|frame| Some(frame.submit_ms)),
         record_ms: over(&|frame| Some(frame.result.record_ms)),
         wall_ms: over(&|frame| Some(frame.wall_ms)),
@@ -350,10 +353,122 @@ fn mean(views: &[View], copy: Option<f64>) -> Figures {
     };
     Figures {
         gpu_ms: over(|figures| figures.gpu_ms),
+        between_ms: over(|figures| figures.between_ms),
         submit_ms: over(|figures| figures.submit_ms),
         record_ms: over(|figures| figures.record_ms),
         wall_ms: over(|figures| figures.wall_ms),
         phases: parts(|figures| &figures.phases),
         passes: parts(|figures| &figures.passes),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::limit::GRAPH;
+    use super::*;
+    use splatgraph_assets::synth;
+    use splatgraph_null::{Call, Config, Journal, Null, limits, open};
+
+    const FRAMES: Frames = Frames { rounds: 2, frames: Some(3) };
+
+    fn device(config: &Config) -> (Null, Journal) {
+        let (device, journal) = open(config);
+        (device.expect("no fault is set"), journal)
+    }
+
+    fn candidate(pipeline: &str, set: &[(&str, &str)]) -> Candidate {
+        let set = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
+        Candidate { pipeline: pipeline.into(), set }
+    }
+
+    fn measured(device: &Null, candidates: &[Candidate], cameras: &[&str]) -> Vec<Outcome> {
+        let scene = synth::generate("demo", 50, 0).expect("a small scene");
+        let camera = |name: &&str| Camera { img_name: (*name).into(), ..Camera::framing(&scene, 32, 24) };
+        let cameras: Vec<Camera> = cameras.iter().map(camera).collect();
+        let bench = Bench { device, scene: scene.into(), frames: FRAMES, copy: Some(2.0) };
+        bench.measure(candidates, &cameras, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    #[test]
+    fn candidates_draw_one_frame_each_in_turns() {
+        let (device, journal) = device(&Config::default());
+        let outcomes = measured(&device, &[candidate("unsorted", &[]), candidate(GRAPH, &[])], &["one"]);
+        assert!(outcomes.iter().all(Result::is_ok), "{outcomes:?}");
+        let drawn = |call: Call| match call {
+            Call::BindPass { pass, .. } if ["compose", "copy"].contains(&pass.as_str()) => Some(pass),
+            _ => None,
+        };
+        let drawn: Vec<String> = journal.take().into_iter().filter_map(drawn).collect();
+        let counted = &drawn[drawn.len() - 2 * 2 * 3..];
+        assert!(counted.chunks(2).all(|turn| turn == ["compose", "copy"]), "{counted:?}");
+        assert!(
+            drawn.len() >= counted.len() + 2 * 3,
+            "a warm-up of two turns, and the prologue's: {drawn:?}"
+        );
+    }
+
+    #[test]
+    fn a_candidate_that_does_not_fit_says_why_and_the_others_are_measured() {
+        let (device, _) = device(&Config::default());
+        let outcomes = measured(
+            &device,
+            &[candidate(GRAPH, &[("mebibytes", "2000")]), candidate("unsorted", &[])],
+            &["one"],
+        );
+        let why = outcomes[0].as_ref().expect_err("a storage buffer has 1 GiB at most");
+        assert!(why.contains("`from` has 2000 MiB"), "{why}");
+        let found = outcomes[1].as_ref().expect("it fits");
+        assert_eq!(found.views[0].frames, 3);
+        assert!(found.memory_bytes > 50 * 48 && found.memory.iter().any(|size| size.name.contains("splats")));
+    }
+
+    #[test]
+    fn the_mean_is_that_of_the_cameras_and_a_phase_is_the_sum_of_its_passes() {
+        let (device, _) = device(&Config::default());
+        let found = measured(&device, &[candidate("splat", &[])], &["one", "two", "three"]).remove(0);
+        let found = found.expect("it is drawn");
+        assert_eq!(
+            found.views.iter().map(|view| view.camera.as_str()).collect::<Vec<_>>(),
+            ["one", "two", "three"]
+        );
+        let median = |figures: &Figures| figures.gpu_ms.expect("the device has a timer").median;
+        let mean = found.views.iter().map(|view| median(&view.figures)).sum::<f64>() / 3.0;
+        assert!((median(&found.mean) - mean).abs() < 1e-12);
+        let figures = &found.mean;
+        for phase in &figures.phases {
+            let passes = || figures.passes.iter().filter(|pass| pass.phase.as_deref() == Some(&phase.name));
+            let sum: f64 = passes().map(|pass| pass.gpu_ms.expect("timed").median).sum();
+            assert!((phase.gpu_ms.expect("timed").median - sum).abs() < 1e-12, "{phase:?}");
+            assert_eq!(phase.bytes, passes().map(|pass| pass.bytes).sum::<u64>());
+            let rate = phase.bytes as f64 / phase.gpu_ms.expect("timed").median * 1e-6;
+            assert!((phase.gb_per_s.expect("timed") - rate).abs() <= 1e-9 * rate);
+            assert!((phase.of_copy.expect("timed") - rate / 2.0).abs() <= 1e-9 * rate, "the limit is 2 GB/s");
+        }
+        let of_phases: f64 = figures.phases.iter().map(|phase| phase.gpu_ms.expect("timed").median).sum();
+        let between = figures.between_ms.expect("timed").median;
+        assert!((of_phases + between - median(figures)).abs() < 1e-12);
+        assert_eq!(found.once.iter().map(|part| part.name.as_str()).collect::<Vec<_>>(), ["covariance"]);
+        assert!(
+            figures.passes.iter().all(|pass| pass.name != "covariance"),
+            "what runs once is no part of a frame"
+        );
+    }
+
+    #[test]
+    fn without_timestamps_the_hosts_times_remain() {
+        let config = Config {
+            limits: splatgraph_runtime::Limits { timestamp_bits: 0, ..limits() },
+            ..Config::default()
+        };
+        let (device, _) = device(&config);
+        let found =
+            measured(&device, &[candidate("unsorted", &[])], &["one"]).remove(0).expect("it is drawn");
+        let figures = &found.mean;
+        assert!(figures.gpu_ms.is_none() && figures.between_ms.is_none());
+        assert!(figures.wall_ms.is_some_and(|wall| wall.median > 0.0) && figures.submit_ms.is_some());
+        assert!(
+            figures.passes.iter().any(|pass| pass.bytes > 0)
+                && figures.phases.iter().all(|p| p.of_copy.is_none())
+        );
     }
 }

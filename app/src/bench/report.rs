@@ -22,7 +22,7 @@ pub struct Origin {
     pub device: String,
     /// The device's driver, with its version.
     pub driver: String,
-    /// The copy limit; `None` if the device has no timestamps.
+    /// The copy limit; `None` if the device has no timestamps, or no memory for the copy.
     pub copy: Option<CopyLimit>,
     /// The numbers of frames.
     pub effort: Frames,
@@ -96,7 +96,7 @@ pub fn size_text(size: Option<(u32, u32)>) -> String {
 impl Report {
     /// Writes every figure as CSV (RFC 4180), a line each, with all digits; what there is none of is empty.
     ///
-    /// The camera `mean` stands for the mean of the cameras' medians.
+    /// A line without a camera is the mean of the cameras' medians.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "scene,splats,width,height,pipeline,camera,kind,name,median_ms,spread_ms,bytes,gb_per_s,of_copy\n",
@@ -117,14 +117,16 @@ impl Report {
                             &view.figures,
                         );
                     }
-                    let mean = start(row.size, "mean");
+                    let mean = start(row.size, "");
                     lines(&mut text, &mean, &found.mean);
                     for (name, bytes) in found.memory.iter().map(|size| (&size.name, size.bytes)) {
                         text += &format!("{mean},memory,{},,,{bytes},,\n", quoted(name));
                     }
                     found.once.iter().for_each(|part| part_line(&mut text, &mean, "once", part));
                 }
-                Err(why) => text += &format!("{},failed,{},,,,,\n", start(row.size, ""), quoted(why)),
+                Err(why) => {
+                    text += &format!("{},failed,{},,,,,\n", start(row.size, ""), quoted(first_line(why)))
+                }
             }
         }
         text
@@ -136,6 +138,12 @@ impl Report {
     }
 }
 
+/// Takes the first line of a message, without its label: the source text of a graph's error is for the JSON.
+pub(super) fn first_line(why: &str) -> &str {
+    let line = why.lines().next().unwrap_or_default();
+    line.strip_prefix("error: ").unwrap_or(line)
+}
+
 /// Writes a number, or nothing.
 pub(super) fn optional(value: Option<f64>) -> String {
     value.map_or(String::new(), |v| v.to_string())
@@ -144,6 +152,7 @@ pub(super) fn optional(value: Option<f64>) -> String {
 fn lines(text: &mut String, start: &str, figures: &Figures) {
     for (name, figure) in [
         ("gpu", figures.gpu_ms),
+        ("between", figures.between_ms),
         ("submit", figures.submit_ms),
         ("record", figures.record_ms),
         ("wall", figures.wall_ms),

@@ -2,8 +2,8 @@
 
 use super::limit::no_scene;
 use super::measure::{Bench, Candidate, Found, Part};
-use super::report::{Origin, optional};
-use super::table::{first_line, head};
+use super::report::{Origin, first_line, optional};
+use super::table::head;
 use crate::report::plot::{Axis, Plot, Series};
 use crate::report::text::{quoted, table};
 use crate::session::SessionError;
@@ -31,8 +31,11 @@ pub fn usual_pairs() -> Vec<u32> {
 /// The measurements of a sort.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sorted {
-    /// Milliseconds on the GPU; `None` if the device has no timestamps.
-    pub gpu_ms: Option<Figure>,
+    /// The passes together: their time on the GPU, and the bytes that they must at least move.
+    pub phase: Part,
+    /// The milliseconds with everything of the frame that is in no pass, such as barriers: the sort takes this at most. `None` if
+    /// the device has no timestamps.
+    pub at_most_ms: Option<f64>,
     /// Milliseconds on the host's clock for the whole frame, in which the pairs are also made.
     pub wall_ms: Option<Figure>,
     /// The pairs by the time on the GPU, in 10^9 per second.
@@ -44,21 +47,19 @@ pub struct Sorted {
 }
 
 impl Sorted {
-    fn new(pairs: u32, found: Found) -> Sorted {
-        let phase = found.mean.phases.iter().find(|phase| phase.name == PHASE);
-        let gpu_ms = phase.and_then(|phase| phase.gpu_ms);
-        Sorted {
-            gpu_ms,
-            wall_ms: found.mean.wall_ms,
-            gkeys_per_s: gpu_ms.filter(|ms| ms.median > 0.0).map(|ms| f64::from(pairs) / ms.median * 1e-6),
-            passes: found
-                .mean
-                .passes
-                .into_iter()
-                .filter(|pass| pass.phase.as_deref() == Some(PHASE))
-                .collect(),
+    /// Takes what concerns the sort; `None` if the graph has no such phase.
+    fn new(pairs: u32, found: Found) -> Option<Sorted> {
+        let mean = found.mean;
+        let phase = mean.phases.into_iter().find(|phase| phase.name == PHASE)?;
+        let ms = phase.gpu_ms.map(|ms| ms.median);
+        Some(Sorted {
+            at_most_ms: ms.zip(mean.between_ms).map(|(ms, between)| ms + between.median),
+            wall_ms: mean.wall_ms,
+            gkeys_per_s: ms.filter(|ms| *ms > 0.0).map(|ms| f64::from(pairs) / ms * 1e-6),
+            passes: mean.passes.into_iter().filter(|pass| pass.phase.as_deref() == Some(PHASE)).collect(),
             memory_bytes: found.memory_bytes,
-        }
+            phase,
+        })
     }
 }
 
@@ -120,18 +121,14 @@ pub fn measure<D: Device>(
         rows.extend(KEY_BITS.into_iter().zip(outcomes).map(|(key_bits, found)| Row {
             pairs,
             key_bits,
-            found: found.map(|found| Sorted::new(pairs, found)),
+            found:
+                found.and_then(|found| Sorted::new(pairs, found).ok_or(format!("it has no phase `{PHASE}`"))),
         }));
     }
     Ok(Report { origin, rows })
 }
 
 impl Report {
-    /// Returns the sort of so many pairs with keys of this width.
-    fn find(&self, pairs: u32, key_bits: u32) -> Option<&Row> {
-        self.rows.iter().find(|row| (row.pairs, row.key_bits) == (pairs, key_bits))
-    }
-
     /// Says whether any sort was measured.
     pub fn is_empty(&self) -> bool {
         self.rows.iter().all(|row| row.found.is_err())
@@ -139,52 +136,54 @@ impl Report {
 
     /// Sets the rates and times as a table, and says why sorts are missing.
     pub fn table(&self) -> String {
-        let mut pairs: Vec<u32> = self.rows.iter().map(|row| row.pairs).collect();
-        pairs.dedup();
-        let header =
-            KEY_BITS.iter().flat_map(|bits| [format!("{bits} bits: GKey/s"), "ms".into(), "spread".into()]);
-        let mut lines: Vec<Vec<String>> = vec![std::iter::once("pairs".to_owned()).chain(header).collect()];
+        let header = ["pairs, key", "GKey/s", "GPU ms", "spread", "at most", "frame ms", "MB", "of copy"];
+        let mut lines = vec![header.map(String::from).to_vec()];
         let mut missing = String::new();
         let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.3}"));
-        for pairs in pairs {
-            let mut line = vec![grouped(pairs.into())];
-            for row in KEY_BITS.iter().filter_map(|bits| self.find(pairs, *bits)) {
-                let (rate, figure) = match &row.found {
-                    // Without timestamps the frame's time on the host is all there is.
-                    Ok(sorted) => (sorted.gkeys_per_s, sorted.gpu_ms.or(sorted.wall_ms)),
-                    Err(why) => {
-                        let (pairs, why) = (grouped(pairs.into()), first_line(why));
-                        missing +=
-                            &format!("{pairs} pairs with keys of {} bits: not sorted: {why}\n", row.key_bits);
-                        (None, None)
-                    }
-                };
-                line.extend([
-                    number(rate),
-                    number(figure.map(|f| f.median)),
-                    number(figure.map(|f| f.spread)),
-                ]);
-            }
-            lines.push(line);
+        for row in &self.rows {
+            let name = format!("{}, {} bits", grouped(row.pairs.into()), row.key_bits);
+            let sorted = match &row.found {
+                Ok(sorted) => sorted,
+                Err(why) => {
+                    missing += &format!("{name}: not sorted: {}\n", first_line(why));
+                    continue;
+                }
+            };
+            let ms = sorted.phase.gpu_ms;
+            lines.push(vec![
+                name,
+                number(sorted.gkeys_per_s),
+                number(ms.map(|ms| ms.median)),
+                number(ms.map(|ms| ms.spread)),
+                number(sorted.at_most_ms),
+                number(sorted.wall_ms.map(|ms| ms.median)),
+                format!("{:.1}", sorted.phase.bytes as f64 * 1e-6),
+                sorted.phase.of_copy.map_or("-".into(), |share| format!("{:.0} %", 100.0 * share)),
+            ]);
         }
-        format!("{}\n{}{missing}", head(&self.origin), table(&lines))
+        let timed = self.rows.iter().flat_map(|row| &row.found).all(|sorted| sorted.phase.gpu_ms.is_some());
+        format!("{}\n{}{missing}", head(&self.origin, timed), table(&lines))
     }
 
     /// Writes every sort as CSV (RFC 4180), a line each, with all digits; what there is none of is empty.
     pub fn csv(&self) -> String {
-        let mut text =
-            String::from("pairs,key_bits,gkeys_per_s,gpu_ms,spread_ms,wall_ms,memory_bytes,failed\n");
+        let mut text = String::from(
+            "pairs,key_bits,gkeys_per_s,gpu_ms,spread_ms,at_most_ms,wall_ms,bytes,of_copy,memory_bytes,failed\n",
+        );
         for Row { pairs, key_bits, found } in &self.rows {
             text += &match found {
                 Ok(sorted) => format!(
-                    "{pairs},{key_bits},{},{},{},{},{},\n",
+                    "{pairs},{key_bits},{},{},{},{},{},{},{},{},\n",
                     optional(sorted.gkeys_per_s),
-                    optional(sorted.gpu_ms.map(|figure| figure.median)),
-                    optional(sorted.gpu_ms.map(|figure| figure.spread)),
+                    optional(sorted.phase.gpu_ms.map(|figure| figure.median)),
+                    optional(sorted.phase.gpu_ms.map(|figure| figure.spread)),
+                    optional(sorted.at_most_ms),
                     optional(sorted.wall_ms.map(|figure| figure.median)),
+                    sorted.phase.bytes,
+                    optional(sorted.phase.of_copy),
                     sorted.memory_bytes
                 ),
-                Err(why) => format!("{pairs},{key_bits},,,,,,{}\n", quoted(why)),
+                Err(why) => format!("{pairs},{key_bits},,,,,,,,,{}\n", quoted(first_line(why))),
             };
         }
         text

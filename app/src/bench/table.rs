@@ -1,31 +1,34 @@
 //! Sets the numbers of a run as tables for a terminal.
 
 use super::measure::{Found, Part};
-use super::report::{Origin, Report, Row, size_text};
+use super::report::{Origin, Report, Row, first_line, size_text};
 use crate::report::text::table;
 use crate::turns::Figure;
 use splatgraph_assets::grouped;
 use std::path::Path;
 
-/// Says where the numbers come from: the device, and its copy limit.
-pub fn head(origin: &Origin) -> String {
+/// Says where the numbers come from: the device, its copy limit, and its clock. `timed` is false if it gave no times.
+pub fn head(origin: &Origin, timed: bool) -> String {
     let mut text = format!("{} ({})\n", origin.device, origin.driver);
-    text += &match &origin.copy {
-        Some(copy) => format!(
+    if let Some(copy) = &origin.copy {
+        text += &format!(
             "copy limit: {:.0} GB/s ({} bytes read and written in {:.3} ms)\n",
             copy.gb_per_s,
             grouped(copy.bytes),
             copy.gpu_ms.median
-        ),
-        None => "this device has no timestamps: times are those of the host alone\n".to_owned(),
-    };
+        );
+    }
+    if !timed {
+        text += "this device has no timestamps: times are those of the host\n";
+    }
     text
 }
 
 /// Sets all tables of a report: for each scene, number of splats and size the passes, the cameras and the candidates, and last
 /// the candidates over all numbers of splats and sizes.
 pub fn tables(report: &Report) -> String {
-    let mut text = head(&report.origin);
+    let timed = report.drawn().all(|found| found.mean.gpu_ms.is_some());
+    let mut text = head(&report.origin, timed);
     for rows in report.rows.chunk_by(|a, b| place(a) == place(b)) {
         let Some(first) = rows.first() else { continue };
         text += &format!("\n{}\n", heading(first));
@@ -78,12 +81,6 @@ fn spread(figure: Option<Figure>) -> String {
     figure.map_or("-".into(), |figure| format!("{:.3}", figure.spread))
 }
 
-/// The first line of a message, without its label: the source text of a graph's error would fill the terminal.
-pub(super) fn first_line(why: &str) -> &str {
-    let line = why.lines().next().unwrap_or_default();
-    line.strip_prefix("error: ").unwrap_or(line)
-}
-
 /// The candidates of a place, one a line.
 fn candidates(rows: &[Row]) -> String {
     let mut phases: Vec<&str> = Vec::new();
@@ -94,14 +91,14 @@ fn candidates(rows: &[Row]) -> String {
     }
     let mut header = cells(["", "GPU ms", "spread"]);
     header.extend(phases.iter().map(|phase| (*phase).to_owned()));
-    header.extend(cells(["frame ms", "submit ms", "MiB"]));
+    header.extend(cells(["between", "frame ms", "submit ms", "MiB"]));
     let line = |(row, found): (&Row, &Found)| {
         let mean = &found.mean;
         let mut line = vec![row.pipeline.clone(), ms(mean.gpu_ms), spread(mean.gpu_ms)];
         let of = |phase: &str| mean.phases.iter().find(|part| part.name == phase);
         line.extend(phases.iter().map(|phase| of(phase).map_or(String::new(), |part| ms(part.gpu_ms))));
         let mebibytes = found.memory_bytes as f64 / f64::from(1 << 20);
-        line.extend([ms(mean.wall_ms), ms(mean.submit_ms), format!("{mebibytes:.1}")]);
+        line.extend([ms(mean.between_ms), ms(mean.wall_ms), ms(mean.submit_ms), format!("{mebibytes:.1}")]);
         line
     };
     table(&std::iter::once(header).chain(drawn(rows).map(line)).collect::<Vec<_>>())

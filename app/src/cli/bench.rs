@@ -12,7 +12,9 @@ use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::{self, Claims, is_standard_output, say};
 use crate::planner::Planner;
 use crate::progress::Progress;
+use crate::report::plot::Plot;
 use anyhow::{Result, bail};
+use serde::Serialize;
 use splatgraph_api::{Device, DeviceInfo};
 use splatgraph_assets::{Camera, Scene, SceneHeader, grouped, synth};
 use std::path::{Path, PathBuf};
@@ -62,10 +64,10 @@ pub struct Args {
     /// for all, or one for each in the same order
     #[arg(short, long, value_name = "FILE[#INDEX]")]
     cameras: Vec<String>,
-    /// Write every number as JSON; `-` is standard output
+    /// Write every number as JSON, anew after each size and number of splats; `-` is standard output
     #[arg(long, value_name = "OUT.json")]
     json: Option<PathBuf>,
-    /// Folder for bench.csv, and for curves as .svg where there are several sizes or numbers of splats
+    /// Folder for bench.csv, and for curves as .svg and .png where there are several sizes or numbers of splats
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -84,11 +86,15 @@ enum Suite {
 
 /// Files in the folder of `--output`.
 const CSV: &str = "bench.csv";
-const SORT_PLOT: &str = "sort.svg";
+/// The plot of the sort, without extension.
+const SORT_PLOT: &str = "sort";
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let work = prepare(args)?;
     let device = Backend::open(&args.device.options())?;
+    if args.suite == Suite::Frames {
+        check_graphs(args, device.info())?;
+    }
     let (rounds, frames) = args.effort.given();
     let frames = Frames { rounds, frames };
     let copy = copy_limit(&device, frames)?;
@@ -103,27 +109,30 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Measures frames, and writes the results. Returns false if nothing could be drawn.
 fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &Work) -> Result<bool> {
-    check_graphs(args, device.info())?;
     let mut report = Report { origin, scenes: Vec::new(), rows: Vec::new() };
     for (index, given) in work.cameras.iter().enumerate() {
         let path = args.scenes.get(index).map(PathBuf::as_path);
         measure_scene(args, device, (path, given.clone()), &mut report)?;
     }
     show(args, &table::tables(&report))?;
-    if let Some(path) = &args.json {
-        options::write_json(path, &serde_json::to_value(&report)?)?;
-    }
+    write_json(args, &report, true)?;
     if let Some(folder) = &args.output {
         output::write_bytes(&folder.join(CSV), report.csv().as_bytes())?;
         for (scene, stem) in report.scenes.iter().zip(&work.stems) {
             let plots = plot::plots(&report, &scene.scene, &args.splats, &args.sizes());
             for (name, plot) in plot::names(stem, &args.splats, &args.sizes()).iter().zip(plots) {
-                output::write_bytes(&folder.join(format!("{name}.svg")), plot.svg()?.as_bytes())?;
+                write_plot(folder, name, &plot)?;
             }
         }
         say(format!("{} has every number", folder.join(CSV).display()));
     }
     Ok(report.drawn().next().is_some())
+}
+
+/// Writes a plot as SVG and as a picture.
+fn write_plot(folder: &Path, name: &str, plot: &Plot) -> Result<()> {
+    output::write_bytes(&folder.join(format!("{name}.svg")), plot.svg()?.as_bytes())?;
+    Ok(plot.image()?.save(&folder.join(format!("{name}.png")))?)
 }
 
 /// Measures sorts, and writes the results. Returns false if nothing could be sorted.
@@ -138,13 +147,11 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     })?;
     drop(progress);
     show(args, &report.table())?;
-    if let Some(path) = &args.json {
-        options::write_json(path, &serde_json::to_value(&report)?)?;
-    }
+    write_json(args, &report, true)?;
     if let Some(folder) = &args.output {
         output::write_bytes(&folder.join(CSV), report.csv().as_bytes())?;
         if let Some(plot) = report.plot() {
-            output::write_bytes(&folder.join(SORT_PLOT), plot.svg()?.as_bytes())?;
+            write_plot(folder, SORT_PLOT, &plot)?;
         }
         say(format!("{} has every number", folder.join(CSV).display()));
     }
@@ -171,6 +178,16 @@ fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Writes the JSON; to standard output only the last one.
+fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
+    match &args.json {
+        Some(path) if last || !is_standard_output(path) => {
+            options::write_json(path, &serde_json::to_value(report)?)
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Prints the tables; to standard error where standard output is the JSON.
@@ -253,6 +270,8 @@ fn measure_scene(
             done += cameras.len() as u64;
             let rows = args.pipelines.iter().zip(outcomes).map(|(name, found)| row(*size, name, found));
             report.rows.extend(rows);
+            // A run that is cut short leaves what it has measured.
+            write_json(args, &report, false)?;
         }
     }
     Ok(())
@@ -369,12 +388,11 @@ fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
     if let Some(folder) = &args.output {
         claims.output("--output", &folder.join(CSV))?;
         let curves = stems.iter().flat_map(|stem| plot::names(stem, &args.splats, &args.sizes()));
-        let curves = curves.map(|name| format!("{name}.svg"));
         let all: Vec<String> = match args.suite {
             Suite::Frames => curves.collect(),
             Suite::Sort => vec![SORT_PLOT.into()],
         };
-        for name in all {
+        for name in all.iter().flat_map(|name| ["svg", "png"].map(|format| format!("{name}.{format}"))) {
             claims.output("--output", &folder.join(name))?;
         }
     }
