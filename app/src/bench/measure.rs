@@ -362,6 +362,40 @@ fn mean(views: &[View], copy: Option<f64>) -> Figures {
     }
 }
 
+/// Measurements for tests.
+#[cfg(test)]
+pub(super) mod testing {
+    use super::*;
+
+    /// A candidate of one pass that took so long in each of two views.
+    pub fn found(gpu_ms: Option<f64>) -> Found {
+        let figure = |median| Figure { median, spread: 0.25 };
+        let ms = gpu_ms.map(figure);
+        let part = |phase| Part::new("draw".into(), phase, ms, 4_000_000, Some(2000.0));
+        let figures = Figures {
+            gpu_ms: ms,
+            between_ms: ms.map(|_| figure(0.0)),
+            submit_ms: Some(figure(1.0)),
+            record_ms: Some(figure(0.5)),
+            wall_ms: Some(figure(5.0)),
+            phases: vec![part(None)],
+            passes: vec![part(Some("draw".into()))],
+        };
+        let view = |camera: &str| View {
+            camera: camera.into(),
+            width: 64,
+            height: 48,
+            frames: 1,
+            counts: BTreeMap::new(),
+            figures: figures.clone(),
+        };
+        let views = vec![view("one"), view("two")];
+        let memory = vec![BufferSize { name: "color".into(), bytes: 1 << 20 }];
+        let mean = mean(&views, Some(2000.0));
+        Found { parameters: Map::new(), mean, views, once: Vec::new(), memory, memory_bytes: 1 << 20 }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::limit::GRAPH;

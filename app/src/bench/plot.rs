@@ -96,3 +96,48 @@ fn plot(
     let y = Axis { label: time.into(), logarithmic: true };
     Plot { title, x, y, series: names.iter().map(series).collect() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::measure::testing::found;
+    use super::super::report::testing::report;
+    use super::*;
+
+    const SIZES: [Option<(u32, u32)>; 2] = [Some((64, 48)), Some((128, 96))];
+
+    #[test]
+    fn there_is_a_curve_where_something_varies_and_a_name_for_each() {
+        assert!(names("a", &[], &[None]).is_empty() && names("a", &[5], &SIZES[..1]).is_empty());
+        assert_eq!(names("a", &[1, 2], &[None]), ["splats-a-own"]);
+        assert_eq!(names("a", &[], &SIZES), ["sizes-a-all"]);
+        let of_both = ["splats-a-64x48", "splats-a-128x96", "sizes-a-1", "sizes-a-2"];
+        assert_eq!(names("a", &[1, 2], &SIZES), of_both);
+    }
+
+    #[test]
+    fn a_graph_is_a_line_from_few_splats_to_many_without_those_that_were_not_drawn() {
+        let rows = vec![
+            ("one", 2000, Ok(found(Some(3.0)))),
+            ("two", 2000, Err("no".into())),
+            ("one", 1000, Ok(found(Some(2.0)))),
+            ("two", 1000, Ok(found(Some(1.0)))),
+        ];
+        let plots = plots(&report(rows), "scenes/a.ply", &[2000, 1000], &SIZES[..1]);
+        assert_eq!(plots.len(), 1);
+        let points = |at: usize| plots[0].series[at].points.iter().map(|p| (p.x, p.y)).collect::<Vec<_>>();
+        assert_eq!((points(0), points(1)), (vec![(1000.0, 2.0), (2000.0, 3.0)], vec![(1000.0, 1.0)]));
+        assert_eq!(
+            (plots[0].series[1].name.as_str(), plots[0].y.label.as_str()),
+            ("two", "GPU time of a frame, ms")
+        );
+    }
+
+    #[test]
+    fn without_timestamps_the_hosts_time_is_drawn() {
+        let rows = vec![("one", 1000, Ok(found(None))), ("one", 2000, Ok(found(None)))];
+        let plots = plots(&report(rows), "scenes/a.ply", &[1000, 2000], &SIZES[..1]);
+        assert!(
+            plots[0].y.label.contains("host") && plots[0].series[0].points.iter().all(|point| point.y == 5.0)
+        );
+    }
+}

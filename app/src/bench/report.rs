@@ -174,3 +174,55 @@ fn part_line(text: &mut String, start: &str, kind: &str, part: &Part) {
 fn times(figure: Option<Figure>) -> [String; 2] {
     [figure.map(|f| f.median), figure.map(|f| f.spread)].map(optional)
 }
+
+/// Reports for tests.
+#[cfg(test)]
+pub(super) mod testing {
+    use super::*;
+
+    /// A report of the scene `a.ply` in one size.
+    pub fn report(rows: Vec<(&str, u32, Outcome)>) -> Report {
+        let copy = CopyLimit { bytes: 1000, gpu_ms: Figure { median: 0.5, spread: 0.0 }, gb_per_s: 2000.0 };
+        let origin = Origin {
+            version: VERSION,
+            program: "1".into(),
+            device: "none".into(),
+            driver: "0".into(),
+            copy: Some(copy),
+            effort: Frames { rounds: 3, frames: None },
+            set: Vec::new(),
+        };
+        let row = |(pipeline, splats, found): (&str, u32, Outcome)| Row {
+            scene: "scenes/a.ply".into(),
+            splats,
+            size: Some((64, 48)),
+            pipeline: pipeline.into(),
+            found,
+        };
+        Report { origin, scenes: Vec::new(), rows: rows.into_iter().map(row).collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::measure::testing::found;
+    use super::testing::report;
+
+    #[test]
+    fn every_line_of_the_csv_has_the_columns_of_its_header() {
+        let rows = vec![("a", 1000, Ok(found(Some(2.0)))), ("b", 1000, Err("error: no\n --> here".into()))];
+        let csv = report(rows).csv();
+        let commas = |line: &str| line.matches(',').count();
+        let header = csv.lines().next().expect("a header");
+        assert!(csv.lines().all(|line| commas(line) == commas(header)), "{csv}");
+        // Five times of the frame, a phase and a pass in two views and in the mean; the memory; the one that failed.
+        assert_eq!(csv.lines().count(), 1 + 3 * (5 + 1 + 1) + 1 + 1, "{csv}");
+        for line in [
+            r#""scenes/a.ply",1000,64,48,"a","two",pass,"draw",2,0.25,4000000,2,0.001"#,
+            r#""scenes/a.ply",1000,64,48,"a","",memory,"color",,,1048576,,"#,
+            r#""scenes/a.ply",1000,64,48,"b","",failed,"no",,,,,"#,
+        ] {
+            assert!(csv.contains(line), "{line}:\n{csv}");
+        }
+    }
+}

@@ -18,6 +18,7 @@ pub fn head(origin: &Origin, timed: bool) -> String {
             copy.gpu_ms.median
         );
     }
+    text += "MB: what is read and what is written, each once, at its declared size: an upper bound where fewer splats are visible\n";
     if !timed {
         text += "this device has no timestamps: times are those of the host\n";
     }
@@ -173,4 +174,45 @@ fn overview(report: &Report) -> String {
         lines.push(std::iter::once(name).chain(columns.iter().map(|splats| at(*splats))).collect());
     }
     table(&lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::measure::testing::found;
+    use super::super::report::testing::report;
+    use super::*;
+
+    #[test]
+    fn every_place_has_its_tables_and_the_last_one_compares_all() {
+        let text = tables(&report(vec![
+            ("splat", 1000, Ok(found(Some(2.0)))),
+            ("nope", 1000, Err("error: there is none\n --> here".into())),
+            ("splat", 2000, Ok(found(Some(3.5)))),
+        ]));
+        for line in [
+            "copy limit: 2000 GB/s (1,000 bytes read and written in 0.500 ms)",
+            "a, 1,000 splats, 64x48",
+            "passes of splat",
+            "draw draw 2.000 0.250 4.00 2 0 %",
+            "GPU ms of each camera",
+            "nope: not drawn: there is none",
+            "a, 64x48, splat 2.000 3.500",
+            "a, 64x48, nope not drawn",
+        ] {
+            let cells = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+            assert!(text.lines().any(|found| cells(found) == line), "{line}:\n{text}");
+        }
+        assert!(!text.contains("no timestamps"), "{text}");
+    }
+
+    #[test]
+    fn a_device_without_timestamps_is_told_and_the_hosts_times_are_shown() {
+        let text = tables(&report(vec![("splat", 1000, Ok(found(None)))]));
+        assert!(text.contains("this device has no timestamps"), "{text}");
+        let line = text.lines().find(|line| line.starts_with("splat")).expect("a line");
+        assert_eq!(
+            line.split_whitespace().collect::<Vec<_>>(),
+            ["splat", "-", "-", "-", "-", "5.000", "1.000", "1.0"]
+        );
+    }
 }

@@ -35,12 +35,14 @@ use std::sync::Arc;
 /// `--suite sort` measures the sort alone instead: random pairs of a key and a 32-bit value, with keys of 16, 24 and 32 bits.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  splatgraph bench                                                         # the demo scene, with the default graph
+  splatgraph bench                                     # the demo scene
   splatgraph bench scene.ply --pipelines splat,key16,my/graph.ron --json bench.json
-  splatgraph bench scene.ply -c cameras.json --sizes 1920x1080,3840x2160 --splats 1000000,3000000 -o bench/
+  splatgraph bench scene.ply -c cameras.json --sizes 1920x1080,3840x2160 -o bench/
+  splatgraph bench scene.ply --splats 1000000,3000000  # enlarged
   splatgraph bench --suite sort --pairs 1048576,6000000 --set digit_bits=6")]
 pub struct Args {
     /// .ply files in the layout of the reference implementation
+    #[arg(value_name = "SCENE")]
     scenes: Vec<PathBuf>,
     /// Measure whole frames, or the sort alone
     #[arg(long, value_enum, default_value_t)]
