@@ -143,7 +143,11 @@ fn every_preset_passes_its_check_and_every_command_teaches() {
     let folder = tempfile::tempdir().expect("a folder");
     let text = done(folder.path(), &["check"]);
     let (verdicts, widths): (Vec<&str>, Vec<&str>) = text.lines().partition(|line| !line.starts_with(' '));
-    assert_eq!(verdicts.len(), splatgraph::builtin::names().len() + 1, "{text}");
+    assert_eq!(
+        verdicts.len(),
+        splatgraph::builtin::names().len() + splatgraph::bench::GRAPHS.len() + 1,
+        "{text}"
+    );
     assert!(verdicts.iter().all(|line| line.ends_with(": OK")), "{text}");
     for line in widths {
         let removals = line.split_once("any bit of one (").and_then(|(_, rest)| rest.split_once(" ways)"));

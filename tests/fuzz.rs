@@ -4,6 +4,7 @@
 //! The way is that of the live program: files on disk, a [`Rebuilder`] with the real compiler, and [`LastGood`]. Broken shaders
 //! that compile are not executed.
 
+use splatgraph::bench;
 use splatgraph::builtin;
 use splatgraph::facts::{self, SceneFacts};
 use splatgraph::view::paint;
@@ -123,7 +124,7 @@ struct Build {
 /// The builds that together read every shipped file.
 fn builds() -> Vec<Build> {
     let all = |lanes| {
-        builtin::names().into_iter().chain([paint::GRAPH]).map(move |graph| Build {
+        builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]).map(move |graph| Build {
             graph: graph.into(),
             set: vec![],
             lanes,

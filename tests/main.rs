@@ -9,6 +9,8 @@
 
 #[cfg(target_os = "linux")]
 mod advise;
+#[cfg(target_os = "linux")]
+mod bench;
 mod commands;
 mod common;
 mod covariance;

@@ -22,7 +22,9 @@ fn every_built_in_graph_has_the_plan_of_its_snapshot_at_every_width_of_subgroups
     settings.set_snapshot_path("plans");
     settings.set_prepend_module_to_snapshot(false);
     settings.set_omit_expression(true);
-    for graph in splatgraph::builtin::names().into_iter().chain([paint::GRAPH]) {
+    let graphs =
+        splatgraph::builtin::names().into_iter().chain(splatgraph::bench::GRAPHS).chain([paint::GRAPH]);
+    for graph in graphs {
         let mut texts: Vec<(String, String)> = Vec::new();
         for lanes in [4, 8, 32, 64] {
             let device = facts::portable_device(lanes);

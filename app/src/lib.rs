@@ -13,12 +13,14 @@
 //! - [`camera`]: the camera's uniform block;
 //! - [`orbit`]: cameras that move around a point;
 //! - [`session`]: draws frames with a device, a scene and a plan;
+//! - [`turns`]: frames of several sessions in turns, and their times;
 //! - [`shot`]: a picture with the order of its splats;
 //! - [`stats`]: the times and counts of frames;
 //! - [`inspect`]: the contents of a resource after a pass;
 //! - [`image`] and [`metrics`]: picture files, and differences between pictures;
 //! - [`report`]: plots, and pages in one file;
 //! - [`trade`]: the cost of each setting, in time and in accuracy;
+//! - [`bench`]: time, memory and bytes of graphs, drawn in turns;
 //! - [`advise`]: what a scene needs, and the cheapest setting within a budget;
 //! - [`sweep`]: the cost of a budget of splats;
 //! - [`experiment`]: pages that show what an equation says, on a scene;
@@ -33,6 +35,7 @@
 
 pub mod advise;
 pub mod backend;
+pub mod bench;
 pub mod builtin;
 pub mod camera;
 pub mod cli;
@@ -59,5 +62,6 @@ pub mod stats;
 pub mod sweep;
 pub mod trade;
 pub mod truth;
+pub mod turns;
 #[cfg(feature = "window")]
 pub mod view;

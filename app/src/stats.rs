@@ -135,7 +135,8 @@ impl CameraStats {
     }
 }
 
-fn json(value: &Value) -> Json {
+/// Converts the value of a parameter.
+pub(crate) fn json(value: &Value) -> Json {
     match value {
         Value::Bool(v) => (*v).into(),
         Value::Int(v) => (*v).into(),

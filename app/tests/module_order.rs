@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 27] = [
+const CRATE: [&str; 29] = [
     "numbers",
     "output",
     "backend",
@@ -26,8 +26,10 @@ const CRATE: [&str; 27] = [
     "planner",
     "fit",
     "session",
+    "turns",
     "shot",
     "trade",
+    "bench",
     "sweep",
     "advise",
     "experiment",

@@ -105,6 +105,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
             "compare",
             "synth",
             "synth",
+            "bench",
             "trade",
             "sweep",
             "advise",
@@ -115,7 +116,9 @@ pub fn line(random: &mut Random) -> Vec<String> {
     let mut words: Vec<String> = vec![command.into()];
     // The operands of each command, mostly.
     let operands = match command {
-        "render" | "view" | "info" | "trade" | "sweep" | "advise" | "popping" => random.below(8).min(1),
+        "render" | "view" | "info" | "bench" | "trade" | "sweep" | "advise" | "popping" => {
+            random.below(8).min(1)
+        }
         "compare" => [2, 2, 2, 2, 2, 2, 2, 2, 1, 3][random.below(10)],
         "check" => 1 + random.below(2),
         "devices" => random.below(20) / 19,
@@ -192,6 +195,19 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
         "dump" => &["-o", "--format", "--diff", "--times", "--scene", "--size", "--set", "--set-b"],
         "compare" => &["--diff", "--diff", "--gain", "--min-psnr", "--json", "--by-number"],
         "synth" => &["-o", "-o", "--cameras", "--count", "--seed", "--enlarge"],
+        "bench" => &[
+            "-o",
+            "--json",
+            "--cameras",
+            "--pipelines",
+            "--sizes",
+            "--splats",
+            "--suite",
+            "--pairs",
+            "--set",
+            "--rounds",
+            "--frames",
+        ],
         "trade" | "sweep" | "advise" | "popping" | "experiment" => &[
             "-o",
             "-o",
@@ -241,6 +257,10 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
             &["digit_bits=nan", "=", "nope=1", "\x1b[31m=1", "cutoff=1e300", "a"],
         ),
         "--size" => of(&["64x48", "1x1"], &["0x1", "64", "4294967295x1", "x", "-1x-1", "64 x 48", "32769x1"]),
+        "--sizes" => of(&["64x48", "64x48,1x1"], &["64x48,64x48", "64x48,", ",", "0x1"]),
+        "--pipelines" => of(&["unsorted", "splat,graph.ron"], &["splat,splat", ",", "nope", "splat,,key16"]),
+        "--splats" | "--pairs" => of(&["1", "20,40"], &["20,20", "0", ",", "-1", "4294967296", "x"]),
+        "--suite" => of(&["frames", "sort"], &["nope", ""]),
         "--background" => of(&["0,0,0", "-1,0,0"], &["1,2", "nan,0,0", "a,b,c", ",,", "1,2,3,4", "--json"]),
         "--format" if command == "dump" => of(&["text", "json", "html", "dot"], &["png", "", "yaml"]),
         "--format" => of(&["png", "exr", "npy"], &["jpg", "text", "", "PNG"]),

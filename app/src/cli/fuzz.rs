@@ -4,8 +4,8 @@
 mod words;
 
 use super::{
-    Cli, Command, Usage, advise, compare, dump, experiment, options, popping, render, sweep, synth, trade,
-    view,
+    Cli, Command, Usage, advise, bench, compare, dump, experiment, options, popping, render, sweep, synth,
+    trade, view,
 };
 use anyhow::Result;
 use clap::Parser;
@@ -27,6 +27,7 @@ fn check(command: &Command) -> Result<()> {
         Command::Dump(args) => Ok(dump::claims(args).map(drop)?),
         Command::Compare(args) => compare::prepare(args).map(drop),
         Command::Synth(args) => Ok(synth::check_files(args)?),
+        Command::Bench(args) => bench::prepare(args).map(drop),
         Command::Trade(args) => Ok(trade::claim_files(args)?),
         Command::Sweep(args) => Ok(sweep::claim_files(args)?),
         Command::Advise(args) => Ok(advise::claim_files(args)?),

@@ -6,6 +6,7 @@
 //! An output that would overwrite an input or another output is an invalid command line, found before anything is drawn.
 
 mod advise;
+mod bench;
 mod check;
 mod compare;
 mod devices;
@@ -48,6 +49,7 @@ use std::process::ExitCode;
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --json stats.json
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
+  splatgraph bench scene.ply --pipelines splat,key16   # GPU time per pass, drawn in turns
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
   splatgraph advise scene.ply --psnr 45             # the fastest setting that is accurate enough
   splatgraph sweep scene.ply                        # quality and time with fewer and fewer splats
@@ -74,6 +76,7 @@ enum Command {
     Info(info::Args),
     Compare(compare::Args),
     Synth(synth::Args),
+    Bench(bench::Args),
     Trade(trade::Args),
     Sweep(sweep::Args),
     Advise(advise::Args),
@@ -146,6 +149,7 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Synth(args) => synth::run(args),
+        Command::Bench(args) => bench::run(args),
         Command::Trade(args) => trade::run(args),
         Command::Sweep(args) => sweep::run(args),
         Command::Advise(args) => advise::run(args),

@@ -2,6 +2,7 @@
 
 use super::Usage;
 use crate::backend::{Backend, Options, Validation};
+use crate::bench;
 use crate::builtin;
 use crate::demo;
 use crate::facts;
@@ -9,7 +10,7 @@ use crate::fit::Target;
 use crate::output::{self, Claims, say};
 use crate::progress::Progress;
 use crate::session::Session;
-use crate::trade::measure::{Effort, suitable_frames};
+use crate::turns::{Effort, suitable_frames};
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
@@ -147,10 +148,10 @@ pub fn nominal_catalog() -> Catalog {
     catalog
 }
 
-/// Lists every built-in graph, that of the viewer's window last.
+/// Lists every built-in graph: those that draw a scene, those of `bench`, and that of the viewer's window.
 pub fn built_in_graphs() -> Vec<&'static str> {
-    #[cfg_attr(not(feature = "window"), expect(unused_mut))]
     let mut graphs = builtin::names();
+    graphs.extend(bench::GRAPHS);
     #[cfg(feature = "window")]
     graphs.push(crate::view::paint::GRAPH);
     graphs

@@ -4,7 +4,8 @@
 //! fragments, all of these times lie on one line over covered pixels times overlap.
 
 use crate::session::{Session, SessionError};
-use crate::trade::measure::{self, Effort, Time};
+use crate::trade::measure::{self, Time};
+use crate::turns::Effort;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, NEAR, Scene};

@@ -4,7 +4,8 @@ use super::choice::{BUDGET, Choice, ranking, subset};
 use crate::image::Image;
 use crate::session::{Session, SessionError};
 use crate::trade::error::Error;
-use crate::trade::measure::{self, Effort, Time, View};
+use crate::trade::measure::{self, Time, View};
+use crate::turns::Effort;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 

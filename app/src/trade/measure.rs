@@ -3,25 +3,16 @@
 use super::error::{self, Error};
 use super::settings::Setting;
 use crate::image::Image;
-use crate::session::{FrameOptions, Session, SessionError};
+use crate::session::{Session, SessionError};
 use crate::shot::{self, ShotError};
 use crate::stats::CameraStats;
 use crate::truth::Truth;
+use crate::turns::{self, Effort, Timed};
 use serde::{Deserialize, Serialize};
-use splatgraph_api::{Device, FrameResult};
+use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Rules, depth_order};
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
-
-/// Numbers of frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Effort {
-    /// Rounds, whose medians show the spread.
-    pub rounds: u32,
-    /// Frames of each in a round, in turns.
-    pub frames: u32,
-}
 
 /// A camera with the truth about its picture.
 pub struct View {
@@ -140,14 +131,11 @@ pub fn time_in_turns<D: Device>(
     camera: &Camera,
     effort: Effort,
 ) -> Result<Option<Time>, SessionError> {
+    let mut of_each = turns::in_turns(&mut [&mut *baseline, &mut *session], camera, effort)?.into_iter();
+    let (of_baseline, of_session) = (of_each.next().unwrap_or_default(), of_each.next().unwrap_or_default());
     let mut rounds = Vec::new();
-    for _ in 0..effort.rounds {
-        let (mut of_baseline, mut of_session) = (Vec::new(), Vec::new());
-        for _ in 0..effort.frames {
-            of_baseline.push(frame(baseline, camera)?);
-            of_session.push(frame(session, camera)?);
-        }
-        rounds.push((stats(session, camera, &of_session)?, stats(baseline, camera, &of_baseline)?.gpu_ms));
+    for (of_baseline, of_session) in of_baseline.into_iter().zip(of_session) {
+        rounds.push((stats(session, camera, of_session)?, stats(baseline, camera, of_baseline)?.gpu_ms));
     }
     Ok(time(&mut rounds))
 }
@@ -162,9 +150,8 @@ pub fn time_alone<D: Device>(
     effort: Effort,
 ) -> Result<Option<Time>, SessionError> {
     let mut rounds = Vec::new();
-    for _ in 0..effort.rounds {
-        let frames = (0..effort.frames).map(|_| frame(session, camera)).collect::<Result<Vec<_>, _>>()?;
-        let stats = stats(session, camera, &frames)?;
+    for round in turns::in_turns(&mut [&mut *session], camera, effort)?.into_iter().flatten() {
+        let stats = stats(session, camera, round)?;
         let baseline = stats.gpu_ms;
         rounds.push((stats, baseline));
     }
@@ -207,7 +194,7 @@ pub struct Drawn {
 /// The device fails. The inner error says why the picture cannot be compared.
 pub fn draw<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
     // The second frame: one with the order of the last frame has one.
-    frame(session, &view.camera)?;
+    turns::frame(session, &view.camera)?;
     let shot = match shot::take(session, &view.camera) {
         Ok(shot) => shot,
         Err(ShotError::Session(error)) => return Err(error),
@@ -222,35 +209,15 @@ pub fn draw<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<D
     Ok(Ok(Drawn { picture: shot.image, error, inversions, counts: shot.counts }))
 }
 
-/// Time that the frames of a round take together, about.
-const ROUND: Duration = Duration::from_millis(200);
-
-/// Chooses the number of frames in a round, by the time of one.
-///
-/// # Errors
-/// The device fails.
-pub fn suitable_frames<D: Device>(exact: &mut Session<D>, camera: &Camera) -> Result<u32, SessionError> {
-    frame(exact, camera)?;
-    let begun = Instant::now();
-    frame(exact, camera)?;
-    let frames = ROUND.as_secs_f64() / begun.elapsed().as_secs_f64();
-    Ok((frames as u32).clamp(1, 30))
-}
-
-/// Draws a frame alone on the device.
-fn frame<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<FrameResult, SessionError> {
-    let frame = session.submit(camera, &FrameOptions::default())?;
-    session.wait(frame)
-}
-
 fn stats<D: Device>(
     session: &mut Session<D>,
     camera: &Camera,
-    frames: &[FrameResult],
+    round: Vec<Timed>,
 ) -> Result<CameraStats, SessionError> {
+    let frames: Vec<_> = round.into_iter().map(|frame| frame.result).collect();
     let loaded = session.scene().count().into();
     let camera = (camera.img_name.as_str(), (camera.width, camera.height));
     let info = session.device().info().clone();
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
-    Ok(CameraStats::new(camera, plan, &info, loaded, frames, Vec::new()))
+    Ok(CameraStats::new(camera, plan, &info, loaded, &frames, Vec::new()))
 }

@@ -72,4 +72,35 @@ mod tests {
             assert_eq!(large.positions()[1][axis], ((2.0 * t - 1.0) * 3f64.sqrt()) as f32);
         }
     }
+
+    #[test]
+    fn offsets_turn_with_the_splat_and_follow_its_scales() {
+        let half = std::f32::consts::FRAC_1_SQRT_2;
+        let turned = Scene::generate(1, 0, |i| {
+            let mut s = splat(i);
+            // A quarter turn about z: x becomes y, and y becomes -x.
+            (s.position, s.scale, s.rotation) = ([10.0, 20.0, 30.0], [3.0, 2.0, 0.5], [half, 0.0, 0.0, half]);
+            s
+        });
+        let large = enlarge(&turned, 3).unwrap();
+        // The top 24 bits of splitmix64(6), (7) and (8), computed with another program.
+        let u = [12_412_069u32, 6_540_257u32, 10_376_785u32]
+            .map(|bits| (2.0 * f64::from(bits) / 16_777_216.0 - 1.0) * 3f64.sqrt());
+        let expected = [10.0 - 2.0 * u[1], 20.0 + 3.0 * u[0], 30.0 + 0.5 * u[2]];
+        for (found, expected) in large.positions()[2].iter().zip(expected) {
+            assert!((f64::from(*found) - expected).abs() < 1e-5, "{:?} {expected}", large.positions()[2]);
+        }
+    }
+
+    #[test]
+    fn the_covered_area_stays() {
+        let base = Scene::generate(40, 0, splat);
+        let area =
+            |scene: &Scene| scene.scales().iter().map(|s| f64::from(s[0]) * f64::from(s[1])).sum::<f64>();
+        // Whole copies: each splat as often as every other.
+        for copies in [2, 5, 32] {
+            let ratio = area(&enlarge(&base, 40 * copies).unwrap()) / area(&base);
+            assert!((ratio - 1.0).abs() < 1e-6, "{copies} copies cover {ratio} of the area");
+        }
+    }
 }

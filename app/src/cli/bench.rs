@@ -1,0 +1,402 @@
+//! Runs `splatgraph bench`: time, bytes and memory of graphs, drawn in turns.
+
+use super::options::{self, DEFAULT_PIPELINE, DeviceArgs, EffortArgs};
+use super::{Outcome, Usage};
+use crate::backend::Backend;
+use crate::bench::limit::{self, CopyLimit};
+use crate::bench::measure::{Bench, Candidate, Frames};
+use crate::bench::report::{Origin, Report, Row, SceneOrigin, size_text};
+use crate::bench::{plot, sort, table};
+use crate::facts::{self, SceneFacts};
+use crate::output::names::{self, MAX_NAME_BYTES};
+use crate::output::{self, Claims, is_standard_output, say};
+use crate::planner::Planner;
+use crate::progress::Progress;
+use crate::report::plot::Plot;
+use anyhow::{Result, bail};
+use serde::Serialize;
+use splatgraph_api::{Device, DeviceInfo};
+use splatgraph_assets::{Camera, Scene, SceneHeader, grouped, synth};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Measure graphs against each other, pass by pass
+///
+/// Draws the scene with several graphs in turns, frame by frame, so that a change of the device's clock concerns all of them. Each
+/// time is the median of the rounds' medians, and its spread the largest of these without the smallest; the mean over the cameras is
+/// the mean of their medians. Frames of a warm-up do not count.
+///
+/// First, a copy from buffer to buffer shows how many bytes per second the device moves at best. Each pass is held against it: its
+/// bytes are the buffers and images that it reads and those that it writes, each once, at their declared size. A pass that reads
+/// something again moves more, and one that works on the visible splats alone moves less than that.
+///
+/// Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
+///
+/// `--suite sort` measures the sort alone instead: random pairs of a key and a 32-bit value, with keys of 16, 24 and 32 bits.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  splatgraph bench                                     # the demo scene
+  splatgraph bench scene.ply --pipelines splat,key16,my/graph.ron --json bench.json
+  splatgraph bench scene.ply -c cameras.json --sizes 1920x1080,3840x2160 -o bench/
+  splatgraph bench scene.ply --splats 1000000,3000000  # enlarged
+  splatgraph bench --suite sort --pairs 1048576,6000000 --set digit_bits=6")]
+pub struct Args {
+    /// .ply files in the layout of the reference implementation
+    #[arg(value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Measure whole frames, or the sort alone
+    #[arg(long, value_enum, default_value_t)]
+    suite: Suite,
+    /// Numbers of pairs of `--suite sort` [default: 64 Ki to 64 Mi in powers of 4]
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=134_217_728))]
+    pairs: Vec<u32>,
+    /// The graphs to compare: names of built-in ones, or paths
+    #[arg(short, long, value_name = "NAME,...", default_value = DEFAULT_PIPELINE, value_delimiter = ',')]
+    pipelines: Vec<String>,
+    /// Set a parameter of all graphs; may be repeated
+    #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
+    set: Vec<(String, String)>,
+    /// Sizes of the pictures [default: the cameras']
+    #[arg(long, value_name = "WIDTHxHEIGHT,...", value_delimiter = ',', value_parser = options::size)]
+    sizes: Vec<(u32, u32)>,
+    /// Numbers of splats: the scene is enlarged with copies inside its splats, as `synth --enlarge` does, or cut [default: as it is]
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
+    splats: Vec<u32>,
+    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one. For several scenes, one
+    /// for all, or one for each in the same order
+    #[arg(short, long, value_name = "FILE[#INDEX]")]
+    cameras: Vec<String>,
+    /// Write every number as JSON, anew after each size and number of splats; `-` is standard output
+    #[arg(long, value_name = "OUT.json")]
+    json: Option<PathBuf>,
+    /// Folder for bench.csv, and for curves as .svg and .png where there are several sizes or numbers of splats
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    effort: EffortArgs,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+/// What is measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+enum Suite {
+    #[default]
+    Frames,
+    Sort,
+}
+
+/// Files in the folder of `--output`.
+const CSV: &str = "bench.csv";
+/// The plot of the sort, without extension.
+const SORT_PLOT: &str = "sort";
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    let work = prepare(args)?;
+    let device = Backend::open(&args.device.options())?;
+    if args.suite == Suite::Frames {
+        check_graphs(args, device.info())?;
+    }
+    let (rounds, frames) = args.effort.given();
+    let frames = Frames { rounds, frames };
+    let copy = copy_limit(&device, frames)?;
+    let origin = Origin::new(device.info(), copy, frames, &args.set);
+    let measured = match args.suite {
+        Suite::Frames => measure_frames(args, &device, origin, &work)?,
+        Suite::Sort => measure_sorts(args, &device, origin)?,
+    };
+    let outcome = super::validated(args.device.validate, &device.close());
+    Ok(if measured { outcome } else { Outcome::Failed })
+}
+
+/// Measures frames, and writes the results. Returns false if nothing could be drawn.
+fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &Work) -> Result<bool> {
+    let mut report = Report { origin, scenes: Vec::new(), rows: Vec::new() };
+    for (index, given) in work.cameras.iter().enumerate() {
+        let path = args.scenes.get(index).map(PathBuf::as_path);
+        measure_scene(args, device, (path, given.clone()), &mut report)?;
+    }
+    show(args, &table::tables(&report))?;
+    write_json(args, &report, true)?;
+    if let Some(folder) = &args.output {
+        output::write_bytes(&folder.join(CSV), report.csv().as_bytes())?;
+        for (scene, stem) in report.scenes.iter().zip(&work.stems) {
+            let plots = plot::plots(&report, &scene.scene, &args.splats, &args.sizes());
+            for (name, plot) in plot::names(stem, &args.splats, &args.sizes()).iter().zip(plots) {
+                write_plot(folder, name, &plot)?;
+            }
+        }
+        say(format!("{} has every number", folder.join(CSV).display()));
+    }
+    Ok(report.drawn().next().is_some())
+}
+
+/// Writes a plot as SVG and as a picture.
+fn write_plot(folder: &Path, name: &str, plot: &Plot) -> Result<()> {
+    output::write_bytes(&folder.join(format!("{name}.svg")), plot.svg()?.as_bytes())?;
+    Ok(plot.image()?.save(&folder.join(format!("{name}.png")))?)
+}
+
+/// Measures sorts, and writes the results. Returns false if nothing could be sorted.
+fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> {
+    let usual = sort::usual_pairs();
+    let pairs = if args.pairs.is_empty() { &usual } else { &args.pairs };
+    let mut progress = Progress::new("sorting");
+    let (mut done, of) = (0, pairs.len() as u64);
+    let report = sort::measure(device, pairs, origin, &mut |pairs| {
+        progress.set(done, of, &format!("{} pairs", grouped(pairs.into())));
+        done += 1;
+    })?;
+    drop(progress);
+    show(args, &report.table())?;
+    write_json(args, &report, true)?;
+    if let Some(folder) = &args.output {
+        output::write_bytes(&folder.join(CSV), report.csv().as_bytes())?;
+        if let Some(plot) = report.plot() {
+            write_plot(folder, SORT_PLOT, &plot)?;
+        }
+        say(format!("{} has every number", folder.join(CSV).display()));
+    }
+    Ok(!report.is_empty())
+}
+
+/// Refuses graphs and parameters that are wrong on every device, before a scene is loaded: what one device lacks is a result.
+fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
+    let scene = match args.scenes.first().map(SceneHeader::load).transpose()? {
+        Some(SceneHeader { count, stored_degree }) => {
+            SceneFacts { count, sh_degree: stored_degree, stored_sh_degree: stored_degree }
+        }
+        None => SceneFacts::NOMINAL,
+    };
+    let (catalog, mut planner) = (facts::nominal_catalog(), Planner::default());
+    let size = args.sizes.first().copied().unwrap_or(facts::DEFAULT_SIZE);
+    for pipeline in &args.pipelines {
+        let mut controls = |device| {
+            planner.controls(pipeline, &args.set, &facts::facts(&scene, device, size), &catalog).map(drop)
+        };
+        let portable = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+        if let (Err(errors), Err(_)) = (controls(&device.facts), controls(&portable)) {
+            return Err(errors.into());
+        }
+    }
+    Ok(())
+}
+
+/// Writes the JSON; to standard output only the last one.
+fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
+    match &args.json {
+        Some(path) if last || !is_standard_output(path) => {
+            options::write_json(path, &serde_json::to_value(report)?)
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Prints the tables; to standard error where standard output is the JSON.
+fn show(args: &Args, text: &str) -> Result<()> {
+    if args.json.as_deref().is_some_and(is_standard_output) {
+        say(text.trim_end());
+        return Ok(());
+    }
+    options::write_text(None, text)
+}
+
+/// Measures the copy limit, and says why if it cannot.
+fn copy_limit(device: &Backend, frames: Frames) -> Result<Option<CopyLimit>> {
+    let copy = limit::measure(device, frames, limit::no_scene()?)?;
+    Ok(copy.unwrap_or_else(|why| {
+        say(format!("the copy limit cannot be measured: {why}"));
+        None
+    }))
+}
+
+/// Measures a scene, or the demo scene, in all of its numbers of splats and sizes.
+fn measure_scene(
+    args: &Args,
+    device: &Backend,
+    (path, given): (Option<&Path>, Option<Vec<Camera>>),
+    report: &mut Report,
+) -> Result<()> {
+    let stems = names::unique(&options::camera_names(path, given.as_deref()), MAX_NAME_BYTES);
+    let (base, cameras) = options::scene_and_cameras(path, given, &stems, None)?;
+    let scene = path.map_or_else(|| "demo".into(), |path| path.display().to_string());
+    report.scenes.push(SceneOrigin {
+        scene: scene.clone(),
+        splats: base.count(),
+        cameras: serde_json::to_value(&cameras)?,
+    });
+    let base = Arc::new(base);
+    let counts = if args.splats.is_empty() { vec![base.count()] } else { args.splats.clone() };
+    let sizes = args.sizes();
+    let candidates: Vec<Candidate> = args
+        .pipelines
+        .iter()
+        .map(|pipeline| Candidate { pipeline: pipeline.clone(), set: args.set.clone() })
+        .collect();
+    let mut progress = Progress::new(format!("measuring {}", table::scene_name(&scene)));
+    let of = (counts.len() * sizes.len() * cameras.len()) as u64;
+    let mut done = 0;
+    for splats in counts {
+        let row = |size, pipeline: &str, found| Row {
+            scene: scene.clone(),
+            splats,
+            size,
+            pipeline: pipeline.to_owned(),
+            found,
+        };
+        progress.set(done, of, &format!("{} splats", grouped(splats.into())));
+        let enlarged = match enlarged(&base, splats) {
+            Ok(scene) => scene,
+            Err(error) => {
+                let places =
+                    sizes.iter().flat_map(|size| args.pipelines.iter().map(move |name| (size, name)));
+                report.rows.extend(places.map(|(size, name)| row(*size, name, Err(error.to_string()))));
+                done += (sizes.len() * cameras.len()) as u64;
+                continue;
+            }
+        };
+        for size in &sizes {
+            let resized =
+                |camera: &Camera| size.map_or_else(|| camera.clone(), |(w, h)| camera.resized(w, h));
+            let cameras: Vec<Camera> = cameras.iter().map(resized).collect();
+            let bench = Bench {
+                device,
+                scene: enlarged.clone(),
+                frames: report.origin.effort,
+                copy: report.origin.copy.as_ref().map(|copy| copy.gb_per_s),
+            };
+            let place = format!("{} splats, {}", grouped(splats.into()), size_text(*size));
+            let outcomes = bench.measure(&candidates, &cameras, &mut |at| {
+                progress.set(done + at as u64, of, &place);
+            })?;
+            done += cameras.len() as u64;
+            let rows = args.pipelines.iter().zip(outcomes).map(|(name, found)| row(*size, name, found));
+            report.rows.extend(rows);
+            // A run that is cut short leaves what it has measured.
+            write_json(args, &report, false)?;
+        }
+    }
+    Ok(())
+}
+
+/// Makes a scene of so many splats; the scene itself if it has as many.
+fn enlarged(base: &Arc<Scene>, splats: u32) -> Result<Arc<Scene>> {
+    Ok(if base.count() == splats { base.clone() } else { Arc::new(synth::enlarge(base, splats)?) })
+}
+
+impl Args {
+    /// Lists the sizes; `None` stands for the cameras' own.
+    fn sizes(&self) -> Vec<Option<(u32, u32)>> {
+        if self.sizes.is_empty() { vec![None] } else { self.sizes.iter().copied().map(Some).collect() }
+    }
+}
+
+/// The inputs of a run, known before the device is opened.
+#[derive(Debug)]
+pub(super) struct Work {
+    /// The cameras of each scene of the command line; `None` for those of the scene. One for the demo scene.
+    cameras: Vec<Option<Vec<Camera>>>,
+    /// A part of file names for each scene, unlike all others.
+    stems: Vec<String>,
+}
+
+/// Reads the cameras, and checks the files of the command line.
+pub(super) fn prepare(args: &Args) -> Result<Work> {
+    let scenes = args.scenes.len().max(1);
+    if args.cameras.len() > 1 && args.cameras.len() != scenes {
+        bail!(Usage(format!(
+            "expected one --cameras for all scenes, or {scenes}, one for each; found {}",
+            args.cameras.len()
+        )));
+    }
+    refuse_options_of_others(args)?;
+    if args.pipelines.iter().any(|name| name.trim().is_empty()) {
+        bail!(Usage("--pipelines: expected names with a comma between them, found an empty one".into()));
+    }
+    once("--pipelines", &args.pipelines, |name| format!("`{name}`"))?;
+    once("--sizes", &args.sizes, |size| size_text(Some(*size)))?;
+    once("--splats", &args.splats, u32::to_string)?;
+    once("--pairs", &args.pairs, u32::to_string)?;
+    once("SCENE", &args.scenes, |path| path.display().to_string())?;
+    let scene_names: Vec<String> = match args.scenes.as_slice() {
+        [] => vec!["demo".into()],
+        scenes => scenes.iter().map(|path| table::scene_name(&path.to_string_lossy())).collect(),
+    };
+    // The longest text around it: `splats-NAME-32768x32768.svg`.
+    let stems = names::unique(&scene_names, MAX_NAME_BYTES - 24);
+    claim_files(args, &stems)?;
+    let cameras = |index: usize| {
+        let spec = args.cameras.get(index).or(args.cameras.first());
+        spec.map(|spec| options::cameras(spec)).transpose()
+    };
+    Ok(Work { cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()?, stems })
+}
+
+/// Returns an error if a list holds something twice.
+fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> Result<(), Usage> {
+    let again = list.iter().enumerate().find(|(at, item)| list[..*at].contains(item));
+    match again {
+        Some((_, item)) => Err(Usage(format!("{option}: expected each once, found {} twice", text(item)))),
+        None => Ok(()),
+    }
+}
+
+/// Refuses options that have no meaning for the chosen suite.
+fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
+    let of_frames = [
+        ("SCENE", !args.scenes.is_empty()),
+        ("--pipelines", args.pipelines != [DEFAULT_PIPELINE]),
+        ("--sizes", !args.sizes.is_empty()),
+        ("--splats", !args.splats.is_empty()),
+        ("--cameras", !args.cameras.is_empty()),
+    ];
+    match args.suite {
+        Suite::Frames if !args.pairs.is_empty() => {
+            Err(Usage("--pairs is for the sort alone: add --suite sort".into()))
+        }
+        Suite::Frames => Ok(()),
+        Suite::Sort => {
+            if let Some((option, _)) = of_frames.iter().find(|(_, given)| *given) {
+                return Err(Usage(format!("{option} is for --suite frames: the sort alone draws nothing")));
+            }
+            match args.set.iter().find(|(name, _)| sort::OWN_PARAMETERS.contains(&name.as_str())) {
+                Some((name, _)) => Err(Usage(format!(
+                    "--set {name}: --suite sort sets it itself (--pairs names the numbers)"
+                ))),
+                None => Ok(()),
+            }
+        }
+    }
+}
+
+/// Returns an error if a file of the results would destroy an input.
+fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
+    let mut claims = match args.scenes.as_slice() {
+        [] => options::claim_inputs(None, None)?,
+        _ => Claims::default(),
+    };
+    for scene in &args.scenes {
+        claims.input("the scene", scene)?;
+    }
+    for cameras in &args.cameras {
+        options::claim_cameras(&mut claims, cameras)?;
+    }
+    for pipeline in &args.pipelines {
+        claims.input("the graph", Path::new(pipeline))?;
+    }
+    if let Some(path) = &args.json {
+        claims.output("--json", path)?;
+    }
+    if let Some(folder) = &args.output {
+        claims.output("--output", &folder.join(CSV))?;
+        let curves = stems.iter().flat_map(|stem| plot::names(stem, &args.splats, &args.sizes()));
+        let all: Vec<String> = match args.suite {
+            Suite::Frames => curves.collect(),
+            Suite::Sort => vec![SORT_PLOT.into()],
+        };
+        for name in all.iter().flat_map(|name| ["svg", "png"].map(|format| format!("{name}.{format}"))) {
+            claims.output("--output", &folder.join(name))?;
+        }
+    }
+    Ok(())
+}

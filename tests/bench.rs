@@ -1,0 +1,229 @@
+//! `bench`: graphs in turns, the copy limit and the sort alone, as a command.
+
+use crate::files::Place;
+use serde_json::Value;
+use splatgraph::image::Image;
+use std::fs;
+
+/// As few frames as there can be.
+const SHORT: [&str; 6] = ["bench", "--rounds", "2", "--frames", "1", "--validate"];
+
+fn json(place: &Place, name: &str) -> Value {
+    serde_json::from_slice(&fs::read(place.at(name)).expect("it is written")).expect("JSON")
+}
+
+/// Runs the program, which must succeed, and returns what it printed.
+fn done(place: &Place, args: &[&str]) -> String {
+    let output = place.run(&[&SHORT[..], args].concat());
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{args:?}: {errors}");
+    assert!(errors.contains("validation: no messages"), "{errors}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn rows(report: &Value) -> &Vec<Value> {
+    report["rows"].as_array().expect("rows")
+}
+
+/// Finds the part of this name in a list of passes or phases.
+fn part<'a>(list: &'a Value, name: &str) -> &'a Value {
+    let found = list.as_array().expect("a list").iter().find(|part| part["name"] == name);
+    found.unwrap_or_else(|| panic!("no {name} in {list}"))
+}
+
+#[test]
+fn graphs_are_measured_in_turns_in_every_size_and_number_of_splats() {
+    let place = Place::new();
+    place.cameras(&["one", "two"]);
+    let text = done(
+        &place,
+        &[
+            "scene.ply",
+            "-c",
+            "cameras.json",
+            "--pipelines",
+            "splat,unsorted",
+            "--sizes",
+            "64x48,128x96",
+            "--splats",
+            "200,300",
+            "--json",
+            "bench.json",
+            "-o",
+            "out",
+        ],
+    );
+    for words in
+        ["copy limit: ", "scene, 300 splats, 128x96", "passes of unsorted", "back_to_front", "of copy"]
+    {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+    let report = json(&place, "bench.json");
+    assert_eq!((&report["version"], &report["effort"]["rounds"]), (&1.into(), &2.into()));
+    assert!(report["device"].as_str().is_some_and(|name| name.contains("llvmpipe")), "{}", report["device"]);
+    let copy = &report["copy"];
+    let rate = copy["bytes"].as_f64().unwrap() / copy["gpu_ms"]["median"].as_f64().unwrap() * 1e-6;
+    assert!((copy["gb_per_s"].as_f64().unwrap() / rate - 1.0).abs() < 1e-9, "{copy}");
+    assert_eq!(report["scenes"][0]["cameras"].as_array().map(Vec::len), Some(2));
+    let places: Vec<(u64, u64, &str)> = rows(&report)
+        .iter()
+        .map(|row| {
+            let width = row["size"][0].as_u64().expect("a width");
+            (row["splats"].as_u64().expect("a number"), width, row["pipeline"].as_str().expect("a name"))
+        })
+        .collect();
+    let expected = [200, 300].into_iter().flat_map(|splats| {
+        let sizes = [64, 128].into_iter();
+        sizes.flat_map(move |width| ["splat", "unsorted"].map(|graph| (splats, width, graph)))
+    });
+    assert_eq!(places, expected.collect::<Vec<_>>());
+    for row in rows(&report) {
+        let found = &row["found"]["Ok"];
+        let views = found["views"].as_array().expect("views");
+        let names: Vec<&str> = views.iter().filter_map(|view| view["camera"].as_str()).collect();
+        assert_eq!(names, ["one", "two"]);
+        let ms = |figures: &Value| figures["gpu_ms"]["median"].as_f64().expect("lavapipe has a timer");
+        let mean = views.iter().map(ms).sum::<f64>() / 2.0;
+        assert!((ms(&found["mean"]) - mean).abs() < 1e-9 && mean > 0.0, "{found}");
+        assert_eq!(views[0]["width"], row["size"][0]);
+        let sorted = found["mean"]["phases"].as_array().unwrap().iter().any(|phase| phase["name"] == "sort");
+        assert_eq!(sorted, row["pipeline"] == "splat");
+        // The output is read and written once: half floats or floats in, floats out.
+        let pixels = row["size"][0].as_u64().unwrap() * row["size"][1].as_u64().unwrap();
+        let compose = part(&found["mean"]["passes"], "compose")["bytes"].as_u64().unwrap();
+        assert!(compose >= 24 * pixels && compose <= 32 * pixels + 256, "{compose} bytes of {pixels} pixels");
+        let buffers: u64 =
+            found["memory"].as_array().unwrap().iter().map(|m| m["bytes"].as_u64().unwrap()).sum();
+        assert_eq!(found["memory_bytes"].as_u64(), Some(buffers));
+    }
+    let csv = fs::read_to_string(place.at("out/bench.csv")).expect("it is written");
+    let columns = |line: &str| line.split(',').count();
+    assert!(csv.lines().all(|line| columns(line) == 13), "{csv}");
+    assert!(
+        csv.contains(",\"unsorted\",\"\",frame,gpu,") && csv.contains(",\"two\",pass,\"compose\","),
+        "{csv}"
+    );
+    for name in ["splats-scene-64x48", "splats-scene-128x96", "sizes-scene-200", "sizes-scene-300"] {
+        let svg = fs::read_to_string(place.at(&format!("out/{name}.svg"))).expect("it is written");
+        assert!(svg.contains("unsorted") && svg.contains("<polyline"), "{svg}");
+        let plot = Image::load(&place.at(&format!("out/{name}.png"))).expect("a picture");
+        assert!(plot.rgb.iter().any(|pixel| *pixel != plot.rgb[0]), "it is not empty");
+    }
+}
+
+#[test]
+fn a_graph_that_draws_no_scene_is_measured_too() {
+    let place = Place::new();
+    place.write(
+        "fill.comp",
+        "#version 460\nlayout(local_size_x = 64) in;\n\
+         layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;\n\
+         void main() { imageStore(image, ivec2(gl_GlobalInvocationID.x, 0), vec4(1.0)); }",
+    );
+    place.write(
+        "fill.ron",
+        r#"Graph(
+          version: 1, summary: "White",
+          resources: { "image": Image(format: "rgba8", size: ("viewport.width", "viewport.height")) },
+          passes: [Dispatch(name: "fill", shader: "fill.comp", size: Threads("viewport.width"), bind: { "image": "image" })],
+          output: "image",
+        )"#,
+    );
+    let output = place.run(
+        &[&SHORT[..], &["scene.ply", "--pipelines", "fill.ron", "--sizes", "64x2", "--json", "-"]].concat(),
+    );
+    let report: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on standard output");
+    let found = &rows(&report)[0]["found"]["Ok"];
+    assert_eq!(part(&found["mean"]["passes"], "fill")["bytes"], 64 * 2 * 4);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(errors.contains("passes of fill.ron"), "the tables stand beside the JSON: {errors}");
+}
+
+#[test]
+fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
+    let place = Place::new();
+    let text = done(
+        &place,
+        &[
+            "--suite",
+            "sort",
+            "--pairs",
+            "5000,20000,67108864",
+            "--json",
+            "sort.json",
+            "-o",
+            "out",
+            "--set",
+            "digit_bits=4",
+        ],
+    );
+    let report = json(&place, "sort.json");
+    let found: Vec<(u64, u64, bool)> = rows(&report)
+        .iter()
+        .map(|row| {
+            let number = |name: &str| row[name].as_u64().expect("a number");
+            (number("pairs"), number("key_bits"), row["found"]["Ok"].is_object())
+        })
+        .collect();
+    let expected = [(5000, true), (20_000, true), (67_108_864, false)];
+    let expected =
+        expected.into_iter().flat_map(|(pairs, fits)| [16, 24, 32].map(|bits| (pairs, bits, fits)));
+    assert_eq!(found, expected.collect::<Vec<_>>());
+    for row in &rows(&report)[..6] {
+        let sorted = &row["found"]["Ok"];
+        let ms = sorted["phase"]["gpu_ms"]["median"].as_f64().expect("lavapipe has a timer");
+        let rate = row["pairs"].as_f64().unwrap() / ms * 1e-6;
+        assert!((sorted["gkeys_per_s"].as_f64().unwrap() / rate - 1.0).abs() < 1e-9, "{sorted}");
+        assert!(sorted["at_most_ms"].as_f64().unwrap() >= ms, "{sorted}");
+        // The filling of the totals, and three dispatches for each digit of 4 bits.
+        let passes = sorted["passes"].as_array().map(Vec::len);
+        assert_eq!(passes.map(|count| count as u64), Some(1 + 3 * row["key_bits"].as_u64().unwrap() / 4));
+    }
+    assert!(text.contains("67,108,864, 32 bits: not sorted: `keys#0` has 256 MiB"), "{text}");
+    let csv = fs::read_to_string(place.at("out/bench.csv")).expect("it is written");
+    assert_eq!(csv.lines().count(), 1 + 9, "{csv}");
+    assert!(csv.lines().all(|line| line.matches(',').count() >= 10), "{csv}");
+    let svg = fs::read_to_string(place.at("out/sort.svg")).expect("it is written");
+    assert!(svg.contains("keys of 24 bits"), "{svg}");
+}
+
+#[test]
+fn mistakes_are_told_before_anything_is_drawn_and_a_candidate_that_does_not_fit_is_a_row() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    for (args, code, why) in [
+        (&["scene.ply", "--pipelines", "splat,splta"][..], 1, "there is no graph `splta`"),
+        (&["scene.ply", "--set", "digit_bitz=4"], 1, "did you mean `digit_bits`"),
+        (&["scene.ply", "--set", "key_bits=99"], 1, "99 is not in 8 to 32"),
+        (&["scene.ply", "--pipelines", "splat,splat"], 2, "expected each once, found `splat` twice"),
+        (&["scene.ply", "--pipelines", "splat,,key16"], 2, "found an empty one"),
+        (&["scene.ply", "--sizes", "64x48,64"], 2, "expected WIDTHxHEIGHT"),
+        (&["scene.ply", "--splats", "0"], 2, "0 is not in 1.."),
+        (
+            &["scene.ply", "-c", "cameras.json", "-c", "cameras.json"],
+            2,
+            "expected one --cameras for all scenes",
+        ),
+        (&["scene.ply", "--pairs", "100"], 2, "add --suite sort"),
+        (&["scene.ply", "--suite", "sort"], 2, "SCENE is for --suite frames"),
+        (&["--suite", "sort", "--set", "key_bits=8"], 2, "--set key_bits: --suite sort sets it itself"),
+        (&["scene.ply", "--json", "scene.ply"], 2, "--json would overwrite the scene"),
+        (&["missing.ply"], 1, "missing.ply"),
+    ] {
+        let before = place.files(".");
+        let found = place.code(&[&SHORT[..], args].concat());
+        assert!(found.0 == Some(code) && found.1.contains(why), "{args:?}: {found:?}");
+        assert!(place.files(".") == before, "{args:?} changes files");
+    }
+    let small =
+        ["scene.ply", "--pipelines", "unsorted,bench/copy", "--set", "mebibytes=4000", "--sizes", "32x24"];
+    let refused = place.code(&[&SHORT[..], &small].concat());
+    assert!(refused.0 == Some(1) && refused.1.contains("no parameter `mebibytes`"), "{refused:?}");
+    place
+        .write("large.ron", "Preset(graph: \"bench/copy\", summary: \"4 GB\", set: { \"mebibytes\": 4000 })");
+    let text = done(&place, &["scene.ply", "--pipelines", "unsorted,large.ron", "--sizes", "32x24"]);
+    assert!(
+        text.contains("large.ron: not drawn: `from` has 4000 MiB") && text.contains("passes of unsorted"),
+        "{text}"
+    );
+}
