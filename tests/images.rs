@@ -12,7 +12,7 @@ use crate::common;
 const SCENES: [&str; 3] = ["biker", "playbot-31k", "rules"];
 
 /// Draws a scene with a preset from each camera; the validation layers must have nothing to say.
-fn draw(data: &Path, scene: &str, preset: &str, background: [f32; 3]) -> Vec<Image> {
+pub fn draw(data: &Path, scene: &str, preset: &str, background: [f32; 3]) -> Vec<Image> {
     let scenes = data.join("scenes");
     let loaded = Scene::load(scenes.join(format!("{scene}.ply")), &|_, _| {}).expect("the scene loads");
     let cameras = Camera::load(scenes.join(format!("{scene}.cameras.json"))).expect("the cameras load");
@@ -44,16 +44,16 @@ pub fn draw_scene(
     images
 }
 
-fn golden(data: &Path, scene: &str, name: &str) -> Image {
+pub fn golden(data: &Path, scene: &str, name: &str) -> Image {
     Image::load(Path::new(&format!("{}#{name}", data.join("golden").join(format!("{scene}.npz")).display())))
         .expect("the golden image loads")
 }
 
-fn psnr(a: &Image, b: &Image) -> f64 {
+pub fn psnr(a: &Image, b: &Image) -> f64 {
     metrics::compare(a, b).expect("of one size").psnr()
 }
 
-fn bytes(image: &Image) -> Vec<u32> {
+pub fn bytes(image: &Image) -> Vec<u32> {
     image.rgb.iter().flatten().map(|v| v.to_bits()).collect()
 }
 

@@ -39,6 +39,7 @@ mod reference;
 mod sort;
 #[cfg(target_os = "linux")]
 mod sweep;
+mod tiles;
 #[cfg(target_os = "linux")]
 mod trade;
 mod view;

@@ -18,8 +18,8 @@
 #include "cells.glsl"
 
 #define LANES DEVICE_SUBGROUP_SIZE
-const uint THREADS = uint(RASTER_THREADS);
-layout(local_size_x = RASTER_THREADS) in;
+const uint THREADS = RASTER_THREADS;
+layout(local_size_x = 256) in;
 
 layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Segments { uint segment_starts[]; };
@@ -135,10 +135,8 @@ void main() {
         }
     }
 
-    // Records are loaded a chunk ahead, and their indices two, so that nobody waits for memory.
-    StoredRecord stored = records[lists[min(begin + thread, end - 1u)]];
-    uint next = lists[min(begin + CHUNK + thread, end - 1u)];
     for (uint first = begin; first < end; first += CHUNK) {
+        StoredRecord stored = records[lists[min(first + thread, end - 1u)]];
         barrier();
         chunk_root[thread] = stored.centre_root;
 #if RECORD == RECORD_F32
@@ -152,8 +150,6 @@ void main() {
         }
         barrier();
         mark_cells(cut_of(unpack_record(stored), corner), first + thread < end, thread, lane);
-        stored = records[next];
-        next = lists[min(first + 2u * CHUNK + thread, end - 1u)];
         barrier();
 
         [[unroll]] for (uint o = 0u; o < OWN; o++) {

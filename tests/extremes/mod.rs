@@ -72,13 +72,17 @@ impl Way {
         Way { preset, set: set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect(), bound }
     }
 
-    /// Every preset, blending in 32-bit floats; then other formats.
+    /// Every preset, blending in 32-bit floats, tiles without their early stop and extent; then other formats.
     fn all(factored: bool, bytes: bool) -> Vec<Way> {
         let full = [("target", "rgba32f")];
         let preset = |preset: &'static str| match preset {
             "unsorted" => Way::new(preset, &full, |bounds| bounds.unsorted),
             "front_to_back_naive" => Way::new(preset, &full, |bounds| bounds.naive),
             "key16" => Way::new(preset, &full, |bounds| bounds.key16),
+            "tiled" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled),
+            "tiled_exact" => {
+                Way::new(preset, &[("stop", "0.0"), ("extent", "alpha")], |bounds| bounds.tiled_exact)
+            }
             _ => Way::new(preset, &full, |bounds| bounds.exact),
         };
         let mut all: Vec<Way> = builtin::names().into_iter().map(preset).collect();
@@ -98,7 +102,7 @@ impl Way {
 
     /// Returns true if splats are blended in the order of exact depths.
     fn is_right(&self) -> bool {
-        !["unsorted", "front_to_back_naive", "key16"].contains(&self.preset)
+        !["unsorted", "front_to_back_naive", "key16", "tiled"].contains(&self.preset)
     }
 
     fn name(&self) -> String {

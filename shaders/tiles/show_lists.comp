@@ -1,0 +1,31 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+// Shows the length of each bin's list instead of the picture: black for none, then from blue over red and yellow to white, a colour for
+// each four doublings, up to 2^20 splats.
+
+#include "../groups.glsl"
+#include "bins.glsl"
+
+layout(local_size_x = 256) in;
+
+layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
+layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D picture;
+
+const vec3 COLOURS[6] = vec3[](vec3(0.0), vec3(0.1, 0.1, 0.6), vec3(0.7, 0.1, 0.5), vec3(0.95, 0.4, 0.1),
+                               vec3(1.0, 0.85, 0.2), vec3(1.0));
+
+void main() {
+    uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
+    uvec2 pixel = uvec2(i % uint(VIEWPORT_WIDTH), i / uint(VIEWPORT_WIDTH));
+    if (pixel.y >= uint(VIEWPORT_HEIGHT)) {
+        return;
+    }
+    uint bin = pixel.y / BIN * uint(BINS_X) + pixel.x / BIN;
+    float doublings = log2(1.0 + float(starts[bin + 1u] - starts[bin]));
+    float step = clamp(doublings / 4.0, 0.0, 4.999);
+    vec3 colour = mix(COLOURS[uint(step)], COLOURS[uint(step) + 1u], fract(step));
+    // A line between bins.
+    bool is_edge = pixel.x % BIN == 0u || pixel.y % BIN == 0u;
+    imageStore(picture, ivec2(pixel), vec4(is_edge ? 0.7 * colour : colour, 1.0));
+}

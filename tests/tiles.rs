@@ -1,0 +1,139 @@
+//! Splats in tiles: against the images of the published CUDA rasteriser, against each other, and where lists are long or short of
+//! room.
+
+use crate::common;
+use crate::images::{bytes, draw, draw_scene, golden, psnr};
+use splatgraph::image::Image;
+use splatgraph::truth::{Truth, rules};
+use splatgraph_assets::{Camera, Scene, synth};
+
+const EXACT: &str = "tiled_exact";
+const FAST: &str = "tiled";
+
+/// Returns the least PSNR of a preset against the golden images of a scene.
+fn least_psnr(preset: &str, scene: &str) -> Option<f64> {
+    let data = common::data("tiles against golden images")?;
+    let images = draw(&data, scene, preset, [0.0; 3]);
+    let each = images.iter().enumerate().map(|(i, image)| {
+        let db = psnr(image, &golden(&data, scene, &format!("camera{i}")));
+        println!("{preset}, {scene}, camera {i}: {db:.2} dB");
+        db
+    });
+    each.reduce(f64::min)
+}
+
+#[test]
+fn exact_tiles_agree_with_the_published_rasteriser_to_a_hundred_decibels() {
+    for scene in ["biker", "playbot-31k", "rules"] {
+        let Some(db) = least_psnr(EXACT, scene) else { return };
+        assert!(db >= 100.0, "{scene}: {db:.2} dB, expected 100 or more");
+    }
+}
+
+#[test]
+fn fast_tiles_agree_with_the_published_rasteriser_to_75_decibels_on_captures() {
+    for (scene, bound) in [("biker", 75.0), ("playbot-31k", 75.0), ("rules", 57.0)] {
+        let Some(db) = least_psnr(FAST, scene) else { return };
+        assert!(db >= bound, "{scene}: {db:.2} dB, expected {bound} or more");
+    }
+}
+
+/// The demo scene in small.
+fn demo(size: (u32, u32)) -> (Scene, Vec<Camera>) {
+    let scene = synth::generate("demo", 20_000, 0).expect("a scene");
+    let cameras = synth::demo_cameras().into_iter().take(2).map(|camera| camera.resized(size.0, size.1));
+    (scene, cameras.collect())
+}
+
+/// Draws the small demo scene with a preset and parameters.
+fn drawn(preset: &str, set: &[(&str, &str)]) -> Vec<Image> {
+    let (scene, cameras) = demo((400, 225));
+    draw_scene(scene, &cameras, preset, [0.1, 0.2, 0.3], set)
+}
+
+/// Fails if two pictures of the same camera differ by more than these decibels allow.
+fn assert_close(what: &str, found: &[Image], expected: &[Image], bound: f64) {
+    for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
+        let db = psnr(found, expected);
+        println!("{what}, camera {i}: {db:.1} dB");
+        assert!(db >= bound, "{what}, camera {i}: {db:.1} dB, expected {bound} or more");
+    }
+}
+
+#[test]
+fn every_variant_of_tiles_draws_the_same_picture() {
+    let expected = drawn(EXACT, &[]);
+    // Which lists there are, how they are cut, and who blends them changes the rounding of sums alone.
+    for set in
+        [&[("segment", "64")][..], &[("sorter", "subgroup")], &[("digit_bits", "5")]]
+    {
+        assert_close(&format!("{set:?}"), &drawn(EXACT, set), &expected, 75.0);
+    }
+    assert_close("pairs sorted once", &drawn(EXACT, &[("sorted", "pairs")]), &expected, 70.0);
+    assert_close("packed", &drawn(EXACT, &[("record", "packed")]), &expected, 70.0);
+}
+
+#[test]
+fn pictures_wider_than_255_bins_have_larger_ones() {
+    let scene = synth::generate("demo", 3000, 0).expect("a scene");
+    let camera = synth::demo_cameras().swap_remove(0).resized(8200, 40);
+    let truth = Truth::draw(&scene, &camera, [0.0; 3], &rules(&[]).expect("rules")).image();
+    let images = draw_scene(scene, std::slice::from_ref(&camera), EXACT, [0.0; 3], &[]);
+    assert_close("against the exact renderer", &images, &[truth], 95.0);
+}
+
+#[test]
+fn tiles_give_the_same_bytes_in_every_run() {
+    for preset in [EXACT, FAST] {
+        let all = || -> Vec<Vec<u32>> { drawn(preset, &[]).iter().map(bytes).collect() };
+        assert!(all() == all(), "{preset}: two runs differ");
+    }
+}
+
+#[test]
+fn tiles_are_right_on_subgroups_of_4_8_and_16() {
+    let scene = synth::generate("demo", 3000, 0).expect("a scene");
+    let camera = synth::demo_cameras().swap_remove(0).resized(160, 90);
+    let background = [0.1, 0.2, 0.3];
+    let truth = Truth::draw(&scene, &camera, background, &rules(&[]).expect("rules")).image();
+    let images = draw_scene(scene, std::slice::from_ref(&camera), EXACT, background, &[]);
+    assert_close("against the exact renderer", &images, &[truth], 95.0);
+    if common::lanes_are_usual() {
+        for bits in [128, 512] {
+            common::again_with_vectors_of(bits, "tiles::tiles_are_right_on_subgroups_of_4_8_and_16");
+        }
+    }
+}
+
+#[test]
+fn lists_without_room_grow_until_the_picture_is_whole() {
+    for preset in [EXACT, FAST] {
+        let whole: Vec<Vec<u32>> = drawn(preset, &[]).iter().map(bytes).collect();
+        let grown: Vec<Vec<u32>> = drawn(preset, &[("entries", "100")]).iter().map(bytes).collect();
+        assert!(whole == grown, "{preset}: the picture depends on the room that there was at first");
+    }
+}
+
+/// A stack of faint splats in the middle of the picture, one behind the other, so that no pixel is done early.
+#[test]
+fn a_deep_stack_of_faint_splats_is_blended_to_its_end() {
+    const COUNT: usize = 90_000;
+    let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 36));
+    let sample = synth::generate("demo", 1, 0).expect("a scene").splat(0);
+    let stack = || {
+        Scene::generate(COUNT as u32, 0, |i| splatgraph_assets::Splat {
+            position: [0.0, 0.0, 2.0 + i as f32 * 1e-4],
+            scale: [0.2; 3],
+            opacity: 0.0045,
+            sh: std::array::from_fn(|k| if i % 2 == 0 { [1.0, 0.2, -0.5][k % 3] } else { 0.0 }),
+            ..sample
+        })
+    };
+    let truth = Truth::draw(&stack(), &camera, [0.0; 3], &rules(&[]).expect("rules")).image();
+    // Thousands of roundings add up.
+    for preset in [EXACT, FAST] {
+        let images =
+            draw_scene(stack(), std::slice::from_ref(&camera), preset, [0.0; 3], &[("stop", "0.0001")]);
+        assert_close(preset, &images, std::slice::from_ref(&truth), 45.0);
+    }
+}
