@@ -61,7 +61,7 @@ impl Window {
 
     /// Draws pictures alone.
     fn compose(&mut self, composition: &Composition) -> Drawn {
-        self.draw(composition, &Painter::default().paint(Default::default(), &[], 1.0))
+        self.draw(composition, &Painter::default().paint(Default::default(), &[], 1.0, composition))
     }
 
     fn close(mut self) {
@@ -253,10 +253,11 @@ impl Reds for Vec<[u8; 3]> {
 fn interface(
     painter: &mut Painter,
     context: &egui::Context,
-    [width, height]: [u32; 2],
+    under: &Composition,
     pixels_per_point: f32,
     ui: impl FnMut(&mut egui::Ui),
 ) -> Painted {
+    let [width, height] = under.window;
     let size = vec2(width as f32, height as f32) / pixels_per_point;
     let mut input =
         egui::RawInput { screen_rect: Some(Rect::from_min_size(pos2(0.0, 0.0), size)), ..Default::default() };
@@ -265,7 +266,7 @@ fn interface(
     let output = context.run_ui(input, ui);
     assert_eq!(output.pixels_per_point, pixels_per_point);
     let meshes = context.tessellate(output.shapes, pixels_per_point);
-    let painted = painter.paint(output.textures_delta, &meshes, pixels_per_point);
+    let painted = painter.paint(output.textures_delta, &meshes, pixels_per_point, under);
     assert_eq!(painted.left_out, 0);
     painted
 }
@@ -281,7 +282,7 @@ fn egui_draws_its_colours_inside_its_clips_over_the_picture() {
         let (mut painter, context) = (Painter::default(), egui::Context::default());
         let rect =
             |x: f32, y: f32, w: f32, h: f32| Rect::from_min_size(pos2(x, y) / scale, vec2(w, h) / scale);
-        let painted = interface(&mut painter, &context, size, scale, |ui| {
+        let painted = interface(&mut painter, &context, &under, scale, |ui| {
             ui.painter().rect_filled(rect(10.0, 10.0, 20.0, 30.0), 0.0, orange);
             ui.painter().with_clip_rect(rect(50.0, 20.0, 10.0, 10.0)).rect_filled(
                 rect(40.0, 10.0, 30.0, 30.0),
@@ -322,7 +323,7 @@ fn text_has_ink_where_it_stands_and_nowhere_else() {
     let under = composition(size, [0, 0, 160, 50], Mode::A, None, None);
     let (mut painter, context) = (Painter::default(), egui::Context::default());
     let mut place = Rect::NOTHING;
-    let painted = interface(&mut painter, &context, size, 1.0, |ui| {
+    let painted = interface(&mut painter, &context, &under, 1.0, |ui| {
         let font = FontId::proportional(18.0);
         place = ui.painter().text(pos2(20.0, 12.0), Align2::LEFT_TOP, "Hamburgefonts", font, Color32::WHITE);
     });
@@ -359,7 +360,7 @@ fn textures_are_drawn_with_the_filter_that_they_ask_for_and_follow_changes() {
         ui.painter().image(texture.id(), rect, uv, Color32::WHITE);
     };
     let mut frame = |painter: &mut Painter, sharp: &egui::TextureHandle| {
-        let painted = interface(painter, &context, size, 1.0, |ui| {
+        let painted = interface(painter, &context, &under, 1.0, |ui| {
             show(ui, sharp, 4.0);
             show(ui, &smooth, 36.0);
         });
@@ -386,4 +387,73 @@ fn textures_are_drawn_with_the_filter_that_they_ask_for_and_follow_changes() {
     let drawn = frame(&mut painter, &sharp);
     assert_eq!(corners(&drawn), [0, 0, 222, 222, 200, 200, 40, 40]);
     window.close();
+}
+
+/// The interface of a step: panels around the view, some of which change, and a box that moves over the view's border.
+fn panels(ui: &mut egui::Ui, step: usize) {
+    let rect = |[x, y, width, height]: [f32; 4]| Rect::from_min_size(pos2(x, y), vec2(width, height));
+    let grey = |value: usize| Color32::from_gray(60 + 30 * value as u8);
+    let font = || FontId::proportional(14.0);
+    // Each panel has a clip of its own, as those of the viewer have: otherwise egui makes one mesh of all.
+    let panel = |place: [f32; 4], colour| {
+        let painter = ui.painter().with_clip_rect(rect(place));
+        painter.rect_filled(rect(place).shrink(2.0), 3.0, colour);
+        painter
+    };
+    panel([0.0, 10.0, 38.0, 66.0], grey(step / 3));
+    let right = panel([122.0, 10.0, 36.0, 66.0], grey(0));
+    right.text(pos2(126.0, 20.0), Align2::LEFT_TOP, step / 4, font(), Color32::WHITE);
+    if step % 8 < 6 {
+        let status = panel([0.0, 80.0, 160.0, 20.0], grey(1));
+        status.text(pos2(4.0, 82.0), Align2::LEFT_TOP, format!("status {}", step / 5), font(), grey(4));
+    }
+    let glass = Color32::from_rgba_premultiplied(90, 0, 60, 120);
+    ui.painter().rect_filled(
+        rect([20.0 + 9.0 * step as f32, 8.0 + 4.0 * step as f32, 30.0, 22.0]),
+        3.0,
+        glass,
+    );
+}
+
+#[test]
+fn a_window_in_which_only_changes_are_drawn_shows_what_one_that_is_drawn_whole_shows() {
+    let size = [160, 100];
+    let (mut kept, mut whole) = (Window::open(size), Window::open(size));
+    let context = egui::Context::default();
+    let (mut painter, mut triangles) = (Painter::default(), Vec::new());
+    for step in 0..16 {
+        // The view stays for some steps, and its picture changes in each.
+        let view = [40, 10, if step < 12 { 80 } else { 70 }, 66];
+        let shade = [16 * step as u8, 100, 200];
+        let picture = flat(Format::Rgba16Float, [view[2], if step == 6 { 50 } else { 66 }], shade);
+        let under = composition(size, view, Mode::A, picture, None);
+        let input = egui::RawInput {
+            screen_rect: Some(Rect::from_min_size(pos2(0.0, 0.0), vec2(160.0, 100.0))),
+            ..Default::default()
+        };
+        let output = context.run_ui(input, |ui| panels(ui, step));
+        let meshes = context.tessellate(output.shapes, 1.0);
+        let changes = painter.paint(output.textures_delta, &meshes, 1.0, &under);
+        let drawn = kept.draw(&under, &changes);
+        // The same painter, which has the textures, when it does not know what is shown.
+        painter.forget();
+        let everything = painter.paint(Default::default(), &meshes, 1.0, &under);
+        let expected = whole.draw(&under, &everything);
+        painter.drawn();
+        assert!(drawn.pixels == expected.pixels, "step {step}");
+        let count = |painted: &Painted| {
+            let mut buffers = Default::default();
+            painted.give(&mut buffers);
+            let BufferContents::Bytes(draw) = &buffers[paint::DRAW] else { panic!("of the host") };
+            u32::from_le_bytes([draw[0], draw[1], draw[2], draw[3]]) / 3
+        };
+        triangles.push((count(&changes), count(&everything)));
+    }
+    // The first step has all, and the next ones the box alone, where it was and where it is.
+    assert!(
+        triangles[0].0 == triangles[0].1 && triangles[1..4].iter().all(|(some, all)| some < all),
+        "{triangles:?}"
+    );
+    kept.close();
+    whole.close();
 }

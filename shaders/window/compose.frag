@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Draws the scene's part of the window: picture A, or A and B with a line between them, or their difference. Pictures are
-// buffers, row 0 at the top, with pixels packed in their format. Each has four parts of whole rows.
+// Draws the scene's part of the window where picture.frag cannot: A and B with a line between them, their difference, or a picture
+// of another size. Pictures are buffers, row 0 at the top, with pixels packed in their format. Each has four parts of whole rows.
 
 #include "window.glsl"
 
@@ -31,34 +31,18 @@ uint word(uint part, uint i) {
     }
 }
 
-// Reads a pixel, clamped to 0..1 as on a display; beyond the border, the nearest one.
+// Reads a pixel; beyond the border, the nearest one.
 vec3 texel(bool b, uvec4 picture, ivec2 at) {
     at = clamp(at, ivec2(0), ivec2(picture.xy) - 1);
     uint part = uint(at.y) / picture.w;
     uint pixel = (uint(at.y) - part * picture.w) * picture.x + uint(at.x);
     part += b ? 4u : 0u;
-    // The words of a pixel, and those of them that hold r, g and b.
-    uint stride = picture.z == FORMAT_RGBA16F ? 2u : picture.z == FORMAT_RGBA32F ? 4u : 1u;
+    uint stride = words_of(picture.z);
     uvec3 read = uvec3(0u);
     for (uint i = 0u; i < min(stride, 3u); i++) {
         read = uvec3(read.yz, word(part, stride * pixel + i));
     }
-    vec3 colour;
-    switch (picture.z) {
-    case FORMAT_RGBA8:
-        colour = unpackUnorm4x8(read.z).rgb;
-        break;
-    case FORMAT_RGBA16F:
-        colour = vec3(unpackHalf2x16(read.y), unpackHalf2x16(read.z).x);
-        break;
-    case FORMAT_RGBA32F:
-        colour = uintBitsToFloat(read);
-        break;
-    default:
-        colour = vec3(uintBitsToFloat(read.z));
-        break;
-    }
-    return clamp(colour, 0.0, 1.0);
+    return unpack(picture.z, read);
 }
 
 // Samples a picture at a place of the view, in pixels from its top left corner.

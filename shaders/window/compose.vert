@@ -1,8 +1,11 @@
 #version 460
+#extension GL_GOOGLE_include_directive : require
 
-// Makes one triangle that covers the window.
+// Makes the rectangle of the view.
+
+#include "window.glsl"
 
 void main() {
-    vec2 corner = vec2(float(gl_VertexIndex & 1), float(gl_VertexIndex >> 1));
-    gl_Position = vec4(4.0 * corner - 1.0, 0.0, 1.0);
+    vec2 first = vec2(window.view.xy);
+    gl_Position = corner(first, first + vec2(window.view.zw), gl_VertexIndex);
 }

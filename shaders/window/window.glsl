@@ -16,6 +16,37 @@ const uint FORMAT_RGBA16F = 2u;
 const uint FORMAT_RGBA32F = 3u;
 const uint FORMAT_R32F = 4u;  // shown as grey
 
+// Unpacks a pixel from the last of its words that hold r, g and b, and clamps it to 0..1 as on a display.
+vec3 unpack(uint format, uvec3 words) {
+    vec3 colour;
+    switch (format) {
+    case FORMAT_RGBA8:
+        colour = unpackUnorm4x8(words.z).rgb;
+        break;
+    case FORMAT_RGBA16F:
+        colour = vec3(unpackHalf2x16(words.y), unpackHalf2x16(words.z).x);
+        break;
+    case FORMAT_RGBA32F:
+        colour = uintBitsToFloat(words);
+        break;
+    default:
+        colour = vec3(uintBitsToFloat(words.z));
+        break;
+    }
+    return clamp(colour, 0.0, 1.0);
+}
+
+// Counts the words of a pixel.
+uint words_of(uint format) {
+    return format == FORMAT_RGBA16F ? 2u : format == FORMAT_RGBA32F ? 4u : 1u;
+}
+
+// Places a corner of a rectangle, of two triangles with six vertices, in the window. Lengths are in pixels.
+vec4 corner(vec2 first, vec2 beyond, int vertex) {
+    vec2 share = vec2(vertex == 1 || vertex >= 4 ? 1.0 : 0.0, vertex >= 2 && vertex != 4 ? 1.0 : 0.0);
+    return vec4(2.0 * mix(first, beyond, share) / window.size - 1.0, 0.0, 1.0);
+}
+
 const uint MODE_A = 0u;
 const uint MODE_SPLIT = 1u;
 const uint MODE_DIFFERENCE = 2u;

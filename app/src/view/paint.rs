@@ -5,9 +5,13 @@
 //! writes the arguments of one indirect draw. The vertex shader fetches vertices by index; the fragment shader clips and
 //! filters. A [`Composition`] defines the pictures below the user interface.
 //!
+//! The graph keeps what the window shows, so that only what changed is drawn: the view, whose pictures are new in every frame, and the
+//! rectangles around other meshes that changed ([`damage`]). Each is drawn anew from its background up.
+//!
 //! The structs here match those of `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
 
 use bytemuck::{Pod, Zeroable};
+use damage::{Area, Interface, Piece};
 use egui::epaint::textures::TexturesDelta;
 use egui::epaint::{ClippedPrimitive, Mesh, Primitive};
 use splatgraph_api::BufferContents;
@@ -19,6 +23,7 @@ use textures::{Texture, Textures};
 pub use composition::{Composition, Mode, Shown, WINDOW, WINDOW_BYTES};
 
 mod composition;
+mod damage;
 #[cfg(test)]
 mod tests;
 mod textures;
@@ -36,6 +41,8 @@ pub const CLIPS: &str = "frame.ui_clips";
 pub const TEXELS: &str = "frame.ui_texels";
 /// Name of the buffer with the arguments of the indirect draw.
 pub const DRAW: &str = "frame.ui_draw";
+/// Name of the buffer with the arguments of the draws of the view: one for each part of picture A, and one for all else.
+pub const VIEW_DRAW: &str = "frame.view_draw";
 /// Names of the buffers with the pixels of picture A and B, packed. Each has parts of so many rows that no part is larger than
 /// a storage binding may be.
 pub const PICTURES: [[&str; PARTS]; 2] = [
@@ -79,6 +86,7 @@ pub fn offer(catalog: &mut Catalog) {
         (CLIPS, HostBuffer { stride: size_of::<Clip>() as u64, least: 1 }),
         (TEXELS, words),
         (DRAW, HostBuffer { stride: 4, least: 4 }),
+        (VIEW_DRAW, HostBuffer { stride: 16, least: PARTS as u64 + 1 }),
     ];
     catalog.buffers.extend(PICTURES.as_flattened().iter().map(|name| ((*name).to_owned(), words)));
     catalog.buffers.extend(buffers.map(|(name, buffer)| (name.to_owned(), buffer)));
@@ -89,6 +97,10 @@ pub fn offer(catalog: &mut Catalog) {
 #[derive(Debug, Default)]
 pub struct Painter {
     textures: Textures,
+    /// The interface that the window shows; none if that is unknown.
+    shown: Option<Interface>,
+    /// The one that was packed last.
+    packed: Option<Interface>,
 }
 
 /// The buffers of one frame's user interface. Each has at least one element, which an empty interface does not draw.
@@ -120,17 +132,19 @@ impl Painted {
 impl Painter {
     /// Packs the output of one pass of egui: all of `FullOutput::textures_delta`, and the meshes of `Context::tessellate`.
     ///
-    /// `pixels_per_point` is the scale of the meshes.
+    /// `pixels_per_point` is the scale of the meshes. Of the interface over a composition, packs what differs from the one that the
+    /// window shows: see [`Painter::drawn`].
     pub fn paint(
         &mut self,
         mut changes: TexturesDelta,
         primitives: &[ClippedPrimitive],
         pixels_per_point: f32,
+        under: &Composition,
     ) -> Painted {
         let freed = std::mem::take(&mut changes.free);
         self.textures.set(std::mem::take(&mut changes.set));
-        let mut meshes = Meshes::default();
         let mut left_out = 0;
+        let mut pieces = Vec::new();
         for ClippedPrimitive { clip_rect, primitive } in primitives {
             let drawable = match primitive {
                 Primitive::Mesh(mesh) if mesh.is_valid() && mesh.indices.len() % 3 == 0 => {
@@ -144,20 +158,47 @@ impl Painter {
             };
             // Whole pixels, so that neighbours neither overlap nor leave a gap; and no infinities.
             let pixel = |p: egui::Pos2| [p.x, p.y].map(|v| (v * pixels_per_point).round().clamp(-1e6, 1e6));
-            let clip = Clip { first: pixel(clip_rect.min), beyond: pixel(clip_rect.max), texture };
-            meshes.add(mesh, clip, pixels_per_point);
+            let clip = Area { first: pixel(clip_rect.min), beyond: pixel(clip_rect.max) };
+            pieces.push((Piece::new(mesh, clip, texture, pixels_per_point), mesh));
         }
+        let texels = self.textures.texels();
+        let now = Interface::new(under, texels.clone(), pieces.iter().map(|(piece, _)| *piece).collect());
+        let mut meshes = Meshes::default();
+        let [r, g, b] = under.background.map(|v| (v * 255.0).round() as u8);
+        for (area, erased) in now.areas(self.shown.as_ref()) {
+            if erased {
+                meshes.rectangle(area, [r, g, b, 255]);
+            }
+            for (piece, mesh) in &pieces {
+                let clip = piece.bounds.and(area);
+                if !clip.is_empty() {
+                    let clip = Clip { first: clip.first, beyond: clip.beyond, texture: piece.texture };
+                    meshes.add(mesh, clip, pixels_per_point);
+                }
+            }
+        }
+        self.packed = Some(now);
         let painted = Painted {
             draw: bytes(&[meshes.indices.len() as u32, 1, 0, 0]),
             vertices: bytes(&meshes.vertices),
             indices: bytes(&meshes.indices),
             clips: bytes(&meshes.clips),
-            texels: self.textures.texels(),
+            texels,
             left_out,
         };
         // This frame may still use the freed textures.
         self.textures.free(freed);
         painted
+    }
+
+    /// Takes note that the window shows what was packed last.
+    pub fn drawn(&mut self) {
+        self.shown = self.packed.take();
+    }
+
+    /// Takes note that nothing is known of what the window shows: the whole interface is packed next.
+    pub fn forget(&mut self) {
+        self.shown = None;
     }
 }
 
@@ -170,17 +211,45 @@ struct Meshes {
 }
 
 impl Meshes {
+    /// Adds the triangles of a mesh that touch its clip rectangle, and their vertices.
     fn add(&mut self, mesh: &Mesh, clip: Clip, pixels_per_point: f32) {
-        let first = self.vertices.len() as u32;
         let index = self.clips.len() as u32;
         self.clips.push(clip);
-        self.indices.extend(mesh.indices.iter().map(|i| first + i));
-        self.vertices.extend(mesh.vertices.iter().map(|vertex| Vertex {
-            position: [vertex.pos.x * pixels_per_point, vertex.pos.y * pixels_per_point],
-            uv: [vertex.uv.x, vertex.uv.y],
-            colour: vertex.color.to_array(),
-            clip: index,
-        }));
+        let area = Area { first: clip.first, beyond: clip.beyond };
+        let position = |i: u32| {
+            let egui::Pos2 { x, y } = mesh.vertices[i as usize].pos;
+            [x * pixels_per_point, y * pixels_per_point]
+        };
+        let mut places: Vec<Option<u32>> = vec![None; mesh.vertices.len()];
+        for triangle in mesh.indices.as_chunks::<3>().0 {
+            if Area::around(triangle.iter().map(|i| position(*i))).and(area).is_empty() {
+                continue;
+            }
+            for i in triangle {
+                let place = *places[*i as usize].get_or_insert_with(|| {
+                    let vertex = mesh.vertices[*i as usize];
+                    self.vertices.push(Vertex {
+                        position: position(*i),
+                        uv: [vertex.uv.x, vertex.uv.y],
+                        colour: vertex.color.to_array(),
+                        clip: index,
+                    });
+                    self.vertices.len() as u32 - 1
+                });
+                self.indices.push(place);
+            }
+        }
+    }
+
+    /// Adds a rectangle of one colour.
+    fn rectangle(&mut self, area: Area, colour: [u8; 4]) {
+        let (clip, first) = (self.clips.len() as u32, self.vertices.len() as u32);
+        let Area { first: [left, top], beyond: [right, bottom] } = area;
+        self.clips.push(Clip { first: area.first, beyond: area.beyond, texture: Texture::zeroed() });
+        // The texture is not read where it begins: that is the white texel.
+        let vertex = |position| Vertex { position, uv: [0.0; 2], colour, clip };
+        self.vertices.extend([[left, top], [right, top], [left, bottom], [right, bottom]].map(vertex));
+        self.indices.extend([0, 1, 2, 1, 2, 3].map(|i| first + i));
     }
 }
 

@@ -6,15 +6,18 @@
 
 use super::events::{Event, RendererId};
 use super::history::History;
-use super::paint::{self, Composition, Mode, Painted, Painter};
+use super::paint::{self, Composition, Mode, Painter};
 use super::panels::{Command, Panels};
 use super::profile::{self, zone};
 use super::renderer::{Failure, PlanInputs, Renderer, Wake};
 use super::viewer::{Viewer, ViewerError};
 use super::viewport::Viewport;
+use egui::epaint::ClippedPrimitive;
+use egui::epaint::textures::TexturesDelta;
 use egui::{Context, FontDefinitions, FontFamily, RawInput, Rect};
 use splatgraph_api::{BackendError, Device, FrameInputs, Pixels, Running};
 use splatgraph_framework::ir::Catalog;
+use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -162,7 +165,6 @@ impl<D: Device> Shell<D> {
         });
         let pixels_per_point = output.pixels_per_point;
         let primitives = self.ctx.tessellate(output.shapes, pixels_per_point);
-        let painted = self.painter.paint(output.textures_delta, &primitives, pixels_per_point);
 
         let pixel = |v: f32| (v * request.pixels_per_point).round().max(0.0) as u32;
         let Rect { min, max } = view;
@@ -179,7 +181,8 @@ impl<D: Device> Shell<D> {
             self.owed = !self.is_ready(self.canvas.patience);
             self.canvas.paused = self.owed;
         }
-        let (drawn, picture) = self.paint(request, view, &painted);
+        let interface = (output.textures_delta, primitives.as_slice(), pixels_per_point);
+        let (drawn, picture) = self.paint(request, view, interface);
         profile::frame();
         let lost = self.viewer.lost().or_else(|| self.canvas.lost()).cloned();
         Frame { platform: output.platform_output, commands, drawn, picture, lost }
@@ -214,7 +217,12 @@ impl<D: Device> Shell<D> {
     }
 
     /// Draws the window.
-    fn paint(&mut self, request: FrameRequest, view: [u32; 4], painted: &Painted) -> (bool, Option<Pixels>) {
+    fn paint(
+        &mut self,
+        request: FrameRequest,
+        view: [u32; 4],
+        (textures, primitives, pixels_per_point): (TexturesDelta, &[ClippedPrimitive], f32),
+    ) -> (bool, Option<Pixels>) {
         let inputs =
             PlanInputs { scene: None, catalog: self.catalog.clone(), size: request.size, share_memory: true };
         self.canvas.poll(&inputs, Instant::now());
@@ -229,6 +237,12 @@ impl<D: Device> Shell<D> {
             a,
             b,
         };
+        // A new plan may start with another picture; and a graph of the user's may keep none.
+        let keeps = |plan: &Arc<Plan>| plan.resource(plan.output).history.is_some();
+        if self.canvas.is_first_next() || !self.canvas.plan().is_some_and(keeps) {
+            self.painter.forget();
+        }
+        let painted = self.painter.paint(textures, primitives, pixels_per_point, &composition);
         let mut inputs =
             FrameInputs { present: request.present, read_output: request.read, ..FrameInputs::default() };
         composition.give(&mut inputs);
@@ -237,6 +251,11 @@ impl<D: Device> Shell<D> {
         if request.read && matches!(drawn, Ok(true)) {
             // The picture comes with this frame or not at all.
             drawn = self.canvas.finish(READING).map(|()| true);
+        }
+        match &drawn {
+            Ok(true) => self.painter.drawn(),
+            Ok(false) => {}
+            Err(_) => self.painter.forget(),
         }
         let drawn = drawn.unwrap_or_else(|error| {
             self.canvas.report(error);

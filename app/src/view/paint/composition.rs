@@ -1,6 +1,6 @@
 //! Defines the pictures below the user interface: their place and their comparison.
 
-use super::{PARTS, PICTURES};
+use super::{PARTS, PICTURES, VIEW_DRAW, bytes};
 use bytemuck::{Pod, Zeroable};
 use splatgraph_api::{BufferContents, FrameInputs, Picture, ROWS_ALIGNMENT};
 use splatgraph_framework::ir::Format;
@@ -108,9 +108,24 @@ impl Composition {
         bytemuck::bytes_of(&block).to_vec()
     }
 
-    /// Adds the block and the pictures to a frame's inputs.
+    /// Packs the arguments of the draws of the view: each part of a picture that stands in it pixel by pixel, or everything else.
+    pub(super) fn draws(&self) -> [[u32; 4]; PARTS + 1] {
+        let [_, _, width, height] = self.view;
+        let plain = self.a.as_ref().filter(|a| {
+            self.mode == Mode::A && shape(&self.a)[2] != 0 && [a.width, a.height] == [width, height]
+        });
+        let mut draws = [[6, 0, 0, 0]; PARTS + 1];
+        for (part, draw) in (0..).zip(&mut draws[..PARTS]) {
+            draw[1] = u32::from(plain.is_some_and(|picture| picture.part(part).is_some()));
+        }
+        draws[PARTS][1] = u32::from(plain.is_none() && width > 0 && height > 0);
+        draws
+    }
+
+    /// Adds the block, the pictures and their draws to a frame's inputs.
     pub fn give(&self, inputs: &mut FrameInputs) {
         inputs.uniforms.insert(WINDOW.to_owned(), self.bytes());
+        inputs.buffers.insert(VIEW_DRAW.to_owned(), BufferContents::Bytes(bytes(&self.draws())));
         for (names, picture) in PICTURES.into_iter().zip([&self.a, &self.b]) {
             for (part, name) in (0..).zip(names) {
                 // A missing part is one word, which the shader does not read.

@@ -29,10 +29,15 @@ fn whole(size: [usize; 2], tag: u8) -> ImageDelta {
     ImageDelta::full(image(size, tag), TextureOptions::LINEAR)
 }
 
+/// Returns a composition whose view is the whole window, so that the interface is drawn in one piece.
+fn whole_view() -> Composition {
+    Composition { window: [1000, 800], view: [0, 0, 1000, 800], ..composition() }
+}
+
 /// Makes a painter with a font texture of 2 x 2 texels.
 fn painter() -> Painter {
     let mut painter = Painter::default();
-    painter.paint(changes(vec![(FONT, whole([2, 2], 0))], &[]), &[], 1.0);
+    painter.paint(changes(vec![(FONT, whole([2, 2], 0))], &[]), &[], 1.0, &whole_view());
     painter
 }
 
@@ -65,7 +70,12 @@ fn a_rectangle_becomes_two_triangles_with_its_colour_and_clip() {
     let clip = Rect::from_min_max(pos2(12.3, 0.0), pos2(1e9, f32::INFINITY));
     let mut painter = painter();
     let first = rectangle(Rect::EVERYTHING, Color32::BLACK, Rect::EVERYTHING, FONT);
-    let painted = painter.paint(TexturesDelta::default(), &[first, rectangle(rect, red, clip, FONT)], 2.0);
+    let painted = painter.paint(
+        TexturesDelta::default(),
+        &[first, rectangle(rect, red, clip, FONT)],
+        2.0,
+        &whole_view(),
+    );
     assert_eq!(words(&painted.draw), [12, 1, 0, 0]);
     let indices = words(&painted.indices);
     assert!(indices[6..].iter().all(|i| (4..8).contains(i)), "counted through all meshes: {indices:?}");
@@ -84,26 +94,27 @@ fn a_rectangle_becomes_two_triangles_with_its_colour_and_clip() {
         .sum();
     assert_eq!(area, 600.0);
     let clips: Vec<Clip> = read(&painted.clips);
-    assert_eq!(clips[1].first, [25.0, 0.0], "rounded to whole pixels");
-    assert_eq!(clips[1].beyond, [1e6, 1e6], "and finite");
+    assert_eq!(clips[0].beyond, [1000.0, 800.0], "within the window");
+    assert_eq!(clips[1].first, [25.0, 40.0], "rounded to whole pixels");
+    assert_eq!(clips[1].beyond, [80.0, 50.0], "around what is drawn");
     assert_eq!(clips[1].texture, painter.textures.get(FONT).unwrap());
 }
 
 #[test]
 fn an_empty_interface_draws_nothing_and_its_buffers_are_not_empty() {
-    let painted = Painter::default().paint(TexturesDelta::default(), &[], 1.0);
+    let painted = Painter::default().paint(TexturesDelta::default(), &[], 1.0, &whole_view());
     assert_eq!(words(&painted.draw), [0, 1, 0, 0]);
     let mut given = BTreeMap::new();
     painted.give(&mut given);
     let mut catalog = Catalog::default();
     offer(&mut catalog);
-    for (name, buffer) in
-        catalog.buffers.iter().filter(|(name, _)| !PICTURES.as_flattened().contains(&name.as_str()))
-    {
+    // The others come from the composition.
+    let others = [PICTURES.as_flattened(), &[VIEW_DRAW]].concat();
+    for (name, buffer) in catalog.buffers.iter().filter(|(name, _)| !others.contains(&name.as_str())) {
         let Some(BufferContents::Bytes(bytes)) = given.get(name) else { panic!("no {name}") };
         assert!(bytes.len() as u64 >= buffer.least * buffer.stride, "{name}");
     }
-    assert_eq!(given.len(), catalog.buffers.len() - PICTURES.as_flattened().len());
+    assert_eq!(given.len(), catalog.buffers.len() - others.len());
 }
 
 #[test]
@@ -115,7 +126,7 @@ fn what_cannot_be_drawn_is_counted() {
         mesh.indices[1] = 4;
     }
     let fine = rectangle(rect, Color32::RED, rect, FONT);
-    let painted = painter().paint(TexturesDelta::default(), &[strange, broken, fine], 1.0);
+    let painted = painter().paint(TexturesDelta::default(), &[strange, broken, fine], 1.0, &whole_view());
     assert_eq!((painted.left_out, words(&painted.draw)[0]), (2, 6));
 }
 
@@ -123,9 +134,9 @@ fn what_cannot_be_drawn_is_counted() {
 fn a_part_of_a_texture_lands_at_its_texels() {
     let mut painter = painter();
     let id = TextureId::Managed(3);
-    painter.paint(changes(vec![(id, whole([4, 3], 1))], &[]), &[], 1.0);
+    painter.paint(changes(vec![(id, whole([4, 3], 1))], &[]), &[], 1.0, &whole_view());
     let part = ImageDelta::partial([1, 1], image([2, 2], 2), TextureOptions::NEAREST);
-    painter.paint(changes(vec![(id, part)], &[]), &[], 1.0);
+    painter.paint(changes(vec![(id, part)], &[]), &[], 1.0, &whole_view());
     let found: Vec<(u8, u8)> = texels(&painter, id).iter().map(|t| (t[1], t[0])).collect();
     let expected = [
         [(1, 0), (1, 1), (1, 2), (1, 3)],
@@ -142,8 +153,8 @@ fn a_part_that_sticks_out_of_its_texture_changes_nothing() {
     let mut painter = painter();
     let before = texels(&painter, FONT);
     let part = |at| ImageDelta::partial(at, image([2, 1], 9), TextureOptions::LINEAR);
-    painter.paint(changes(vec![(FONT, part([1, 0])), (FONT, part([0, 2]))], &[]), &[], 1.0);
-    painter.paint(changes(vec![(TextureId::User(1), part([0, 0]))], &[]), &[], 1.0);
+    painter.paint(changes(vec![(FONT, part([1, 0])), (FONT, part([0, 2]))], &[]), &[], 1.0, &whole_view());
+    painter.paint(changes(vec![(TextureId::User(1), part([0, 0]))], &[]), &[], 1.0, &whole_view());
     assert_eq!(texels(&painter, FONT), before);
     assert_eq!(painter.textures.get(TextureId::User(1)), None);
 }
@@ -152,16 +163,16 @@ fn a_part_that_sticks_out_of_its_texture_changes_nothing() {
 fn the_room_of_textures_that_are_freed_is_used_again() {
     let mut painter = painter();
     let [a, b, c] = [1, 2, 3].map(TextureId::Managed);
-    painter.paint(changes(vec![(a, whole([8, 8], 1)), (b, whole([4, 4], 2))], &[]), &[], 1.0);
+    painter.paint(changes(vec![(a, whole([8, 8], 1)), (b, whole([4, 4], 2))], &[]), &[], 1.0, &whole_view());
     let (room, length) = (painter.textures.get(a).unwrap().texels, painter.textures.texels().len());
-    painter.paint(changes(vec![], &[a]), &[], 1.0);
+    painter.paint(changes(vec![], &[a]), &[], 1.0, &whole_view());
     assert_eq!(painter.textures.get(a), None);
-    painter.paint(changes(vec![(c, whole([7, 9], 3))], &[]), &[], 1.0);
+    painter.paint(changes(vec![(c, whole([7, 9], 3))], &[]), &[], 1.0, &whole_view());
     assert_eq!(painter.textures.get(c).unwrap().texels, room);
     assert_eq!(painter.textures.texels().len(), length);
     assert_eq!((texels(&painter, c)[62], texels(&painter, b)[15]), ([62, 3, 0, 255], [15, 2, 0, 255]));
     // One that does not fit the gap goes to the end, and leaves its neighbours alone.
-    painter.paint(changes(vec![(c, whole([9, 9], 4))], &[]), &[], 1.0);
+    painter.paint(changes(vec![(c, whole([9, 9], 4))], &[]), &[], 1.0, &whole_view());
     assert_eq!((texels(&painter, c)[80], texels(&painter, b)[15]), ([80, 4, 0, 255], [15, 2, 0, 255]));
     assert_eq!(painter.textures.get(c).unwrap().texels, 4 + 64 + 16);
 }
@@ -172,17 +183,17 @@ fn a_texture_that_goes_after_a_frame_is_still_drawn_in_it() {
     let rect = Rect::from_min_size(Pos2::ZERO, vec2(1.0, 1.0));
     let id = TextureId::Managed(5);
     let mesh = || [rectangle(rect, Color32::WHITE, rect, id)];
-    let painted = painter.paint(changes(vec![(id, whole([1, 1], 7))], &[id]), &mesh(), 1.0);
+    let painted = painter.paint(changes(vec![(id, whole([1, 1], 7))], &[id]), &mesh(), 1.0, &whole_view());
     assert_eq!(painted.left_out, 0);
     let clips: Vec<Clip> = read(&painted.clips);
     assert_eq!(painted.texels[4 * clips[0].texture.texels as usize + 1], 7);
-    assert_eq!(painter.paint(TexturesDelta::default(), &mesh(), 1.0).left_out, 1);
+    assert_eq!(painter.paint(TexturesDelta::default(), &mesh(), 1.0, &whole_view()).left_out, 1);
 }
 
 #[test]
 fn texels_are_handed_over_anew_only_when_they_changed() {
     let mut painter = painter();
-    let texels = |painter: &mut Painter, changes| painter.paint(changes, &[], 1.0).texels;
+    let texels = |painter: &mut Painter, changes| painter.paint(changes, &[], 1.0, &whole_view()).texels;
     let first = texels(&mut painter, TexturesDelta::default());
     let held = first.to_vec();
     assert!(Arc::ptr_eq(&first, &texels(&mut painter, TexturesDelta::default())));
@@ -233,10 +244,45 @@ fn the_windows_graph_builds_and_each_of_its_barriers_is_needed() {
     assert_eq!(given, catalog.buffers.len(), "it imports all that is offered");
     assert_eq!(catalog.uniforms[WINDOW], 96);
     let phases: Vec<&str> = plan.frame.iter().map(|step| plan.pass(step.pass).phase.as_str()).collect();
-    assert_eq!(phases[..2], ["compose", "ui"]);
-    let ui = &plan.pass(plan.frame[1].pass).work;
+    assert_eq!(phases[..6], ["compose", "compose", "compose", "compose", "compose", "ui"]);
+    let ui = &plan.pass(plan.frame[5].pass).work;
     assert!(matches!(ui, Work::Draw { call: DrawCall::Indirect { offset: 0, .. }, .. }));
     let violations = replay(&plan, &Replay::default());
     assert!(violations.is_empty(), "{:?}", violations.iter().map(|o| o.describe(&plan)).collect::<Vec<_>>());
     assert_eq!(needless(&plan).len(), 0);
+}
+
+#[test]
+fn a_picture_of_the_views_size_is_copied_and_others_are_composed() {
+    let draws =
+        |under: &Composition| -> Vec<u32> { under.draws().map(|[_, instances, ..]| instances).to_vec() };
+    let a = Composition { mode: Mode::A, view: [200, 10, 3, 2], ..composition() };
+    assert_eq!(draws(&a), [1, 0, 0, 0, 0]);
+    let general = [0, 0, 0, 0, 1];
+    assert_eq!(draws(&Composition { mode: Mode::Split, ..a.clone() }), general);
+    assert_eq!(draws(&Composition { view: [200, 10, 3, 4], ..a.clone() }), general);
+    assert_eq!(draws(&Composition { a: None, ..a.clone() }), general);
+    assert_eq!(draws(&Composition { a: a.b.clone(), ..a.clone() }), general, "no colours");
+    assert_eq!(draws(&Composition { view: [200, 10, 3, 0], ..a }), [0; 5]);
+}
+
+#[test]
+fn an_interface_that_is_shown_is_not_packed_again_until_it_is_forgotten() {
+    let under = Composition { window: [1000, 800], view: [0, 0, 500, 800], ..composition() };
+    let rect = Rect::from_min_size(pos2(600.0, 10.0), vec2(30.0, 5.0));
+    let mut painter = painter();
+    let packed = |painter: &mut Painter, colour| {
+        let mesh = rectangle(rect, colour, Rect::EVERYTHING, FONT);
+        words(&painter.paint(TexturesDelta::default(), &[mesh], 1.0, &under).draw)[0]
+    };
+    let both = 12;
+    assert_eq!(packed(&mut painter, Color32::RED), both, "the background and the rectangle");
+    assert_eq!(packed(&mut painter, Color32::RED), both, "it was not drawn");
+    painter.drawn();
+    assert_eq!(packed(&mut painter, Color32::RED), 0);
+    painter.drawn();
+    assert_eq!(packed(&mut painter, Color32::GREEN), both);
+    assert_eq!(packed(&mut painter, Color32::RED), 0, "the green one was not drawn");
+    painter.forget();
+    assert_eq!(packed(&mut painter, Color32::RED), both);
 }

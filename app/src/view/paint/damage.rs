@@ -1,0 +1,234 @@
+//! Finds what of a window must be drawn again: its damage.
+//!
+//! The view is drawn in every frame, since its pictures are new. Around it are four strips, above, left of, right of and below it. In
+//! each of them, one rectangle is drawn again: around the meshes that are there and were not, or were and are not. So areas never overlap, and what
+//! is blended is blended once.
+
+use super::Composition;
+use super::textures::Texture;
+use egui::epaint::Mesh;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::Arc;
+
+/// A rectangle, in pixels of the window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Area {
+    /// Its top left corner.
+    pub first: [f32; 2],
+    /// Its bottom right corner.
+    pub beyond: [f32; 2],
+}
+
+impl Area {
+    /// The area of nothing.
+    const NONE: Area = Area { first: [f32::INFINITY; 2], beyond: [f32::NEG_INFINITY; 2] };
+
+    /// Finds the whole pixels around some points.
+    pub fn around(points: impl Iterator<Item = [f32; 2]>) -> Area {
+        let mut area = Area::NONE;
+        for point in points {
+            for (axis, at) in point.into_iter().enumerate() {
+                area.first[axis] = area.first[axis].min(at.floor());
+                area.beyond[axis] = area.beyond[axis].max(at.ceil());
+            }
+        }
+        area
+    }
+
+    /// Returns what both areas cover.
+    pub fn and(self, other: Area) -> Area {
+        Area {
+            first: [0, 1].map(|axis| self.first[axis].max(other.first[axis])),
+            beyond: [0, 1].map(|axis| self.beyond[axis].min(other.beyond[axis])),
+        }
+    }
+
+    /// Returns the smallest area around both.
+    fn with(self, other: Area) -> Area {
+        Area {
+            first: [0, 1].map(|axis| self.first[axis].min(other.first[axis])),
+            beyond: [0, 1].map(|axis| self.beyond[axis].max(other.beyond[axis])),
+        }
+    }
+
+    /// Returns true if no pixel is covered.
+    pub fn is_empty(&self) -> bool {
+        // Not `>=`: what is no number covers nothing.
+        !(self.first[0] < self.beyond[0] && self.first[1] < self.beyond[1])
+    }
+}
+
+/// What a mesh covers, and what tells it from others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Piece {
+    /// The pixels that it may change.
+    pub bounds: Area,
+    /// Its texture.
+    pub texture: Texture,
+    hash: u64,
+}
+
+impl Piece {
+    /// Describes a mesh with its clip rectangle.
+    pub fn new(mesh: &Mesh, clip: Area, texture: Texture, pixels_per_point: f32) -> Piece {
+        let mut hasher = DefaultHasher::new();
+        (pixels_per_point.to_bits(), &mesh.indices).hash(&mut hasher);
+        for vertex in &mesh.vertices {
+            let place = [vertex.pos.x, vertex.pos.y, vertex.uv.x, vertex.uv.y];
+            (place.map(f32::to_bits), vertex.color).hash(&mut hasher);
+        }
+        let points = mesh.vertices.iter().map(|v| [v.pos.x * pixels_per_point, v.pos.y * pixels_per_point]);
+        Piece { bounds: Area::around(points).and(clip), texture, hash: hasher.finish() }
+    }
+}
+
+/// A user interface over a composition.
+#[derive(Clone, Debug)]
+pub struct Interface {
+    window: [u32; 2],
+    view: [u32; 4],
+    background: [f32; 3],
+    texels: Arc<Vec<u8>>,
+    pieces: Vec<Piece>,
+}
+
+impl Interface {
+    /// Holds the meshes, in their order.
+    pub fn new(under: &Composition, texels: Arc<Vec<u8>>, pieces: Vec<Piece>) -> Interface {
+        let Composition { window, view, background, .. } = *under;
+        Interface { window, view, background, texels, pieces }
+    }
+
+    /// Lists the areas to draw over a window that shows `former`, each with true if its background must be drawn, too.
+    pub fn areas(&self, former: Option<&Interface>) -> Vec<(Area, bool)> {
+        let [width, height] = self.window.map(|side| side as f32);
+        let [left, top, across, down] = self.view.map(|length| length as f32);
+        let (left, top) = (left.min(width), top.min(height));
+        let (right, bottom) = ((left + across).min(width), (top + down).min(height));
+        let strips = [
+            ([0.0, 0.0], [width, top]),
+            ([0.0, top], [left, bottom]),
+            ([right, top], [width, bottom]),
+            ([0.0, bottom], [width, height]),
+        ];
+        let strips = strips.map(|(first, beyond)| Area { first, beyond });
+        // Elsewhere texels and places mean other things.
+        let known = former.filter(|former| {
+            (former.window, former.view, former.background) == (self.window, self.view, self.background)
+                && Arc::ptr_eq(&former.texels, &self.texels)
+        });
+        let damage = strips.map(|strip| match known {
+            None => strip,
+            Some(former) => {
+                let changed = changed(&former.pieces, &self.pieces).map(|piece| piece.bounds.and(strip));
+                changed.filter(|area| !area.is_empty()).fold(Area::NONE, Area::with)
+            }
+        });
+        let view = Area { first: [left, top], beyond: [right, bottom] };
+        let all = damage.into_iter().map(|area| (area, true)).chain([(view, false)]);
+        all.filter(|(area, _)| !area.is_empty()).collect()
+    }
+}
+
+/// Iterates over the meshes that are in one list and not at the same place in the other; if one is longer, over all between the
+/// common start and the common end.
+fn changed<'a>(before: &'a [Piece], now: &'a [Piece]) -> impl Iterator<Item = &'a Piece> {
+    let same = |(a, b): &(&Piece, &Piece)| a == b;
+    let (mut first, mut last) = (0, 0);
+    if before.len() != now.len() {
+        first = before.iter().zip(now).take_while(same).count();
+        last = before[first..].iter().rev().zip(now[first..].iter().rev()).take_while(same).count();
+    }
+    let (before, now) = (&before[first..before.len() - last], &now[first..now.len() - last]);
+    let paired = before.len() == now.len();
+    let differs = move |(index, piece): (usize, &'a Piece), other: &[Piece]| {
+        (!paired || other[index] != *piece).then_some(piece)
+    };
+    let gone = before.iter().enumerate().filter_map(move |piece| differs(piece, now));
+    gone.chain(now.iter().enumerate().filter_map(move |piece| differs(piece, before)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::paint::Mode;
+
+    fn piece(rect: [f32; 4], hash: u64) -> Piece {
+        let [left, top, right, bottom] = rect;
+        let texture = Texture { texels: 0, width: 1, height: 1, smoothing: 0 };
+        Piece { bounds: Area { first: [left, top], beyond: [right, bottom] }, texture, hash }
+    }
+
+    fn interface(view: [u32; 4], texels: &Arc<Vec<u8>>, pieces: &[Piece]) -> Interface {
+        let under = Composition {
+            window: [100, 50],
+            view,
+            a: None,
+            b: None,
+            mode: Mode::A,
+            split: 0.5,
+            amplification: 1.0,
+            background: [0.0; 3],
+        };
+        Interface::new(&under, texels.clone(), pieces.to_vec())
+    }
+
+    fn drawn(now: &Interface, former: Option<&Interface>) -> Vec<([f32; 4], bool)> {
+        let numbers = |area: Area| [area.first[0], area.first[1], area.beyond[0], area.beyond[1]];
+        now.areas(former).into_iter().map(|(area, erased)| (numbers(area), erased)).collect()
+    }
+
+    const VIEW: [u32; 4] = [20, 10, 60, 30];
+    const VIEW_ALONE: ([f32; 4], bool) = ([20.0, 10.0, 80.0, 40.0], false);
+
+    #[test]
+    fn at_first_everything_is_drawn_and_no_pixel_twice() {
+        let texels = Arc::default();
+        for view in [VIEW, [0, 0, 100, 50], [0, 0, 0, 0], [20, 10, 600, 300], [0, 10, 60, 40]] {
+            let areas = drawn(&interface(view, &texels, &[]), None);
+            let covers = |x: f32, y: f32| {
+                areas.iter().filter(|([l, t, r, b], _)| *l <= x && x < *r && *t <= y && y < *b).count()
+            };
+            for (x, y) in (0..50).flat_map(|y| (0..100).map(move |x| (x as f32, y as f32))) {
+                assert_eq!(covers(x, y), 1, "({x}, {y}) of {view:?}: {areas:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn only_the_view_and_what_changed_around_it_are_drawn_again() {
+        let texels = Arc::default();
+        let left = piece([2.0, 12.0, 18.0, 20.0], 1);
+        let right = piece([85.0, 12.0, 99.0, 20.0], 2);
+        let over = piece([30.0, 5.0, 40.0, 30.0], 3);
+        let shown = interface(VIEW, &texels, &[left, right, over]);
+        assert_eq!(drawn(&shown, Some(&shown)), [VIEW_ALONE]);
+        let now = interface(VIEW, &texels, &[left, piece([85.0, 30.0, 90.0, 45.0], 4), over]);
+        let expected = [
+            // From where it was to where it is, as far as that is right of the view, and below it.
+            ([85.0, 12.0, 99.0, 40.0], true),
+            ([85.0, 40.0, 90.0, 45.0], true),
+            VIEW_ALONE,
+        ];
+        assert_eq!(drawn(&now, Some(&shown)), expected);
+        // What leaves, what comes, and what changes its colour or its order.
+        let above = ([30.0, 5.0, 40.0, 10.0], true);
+        let gone = interface(VIEW, &texels, &[left, right]);
+        assert_eq!(drawn(&gone, Some(&shown)), [above, VIEW_ALONE]);
+        assert_eq!(drawn(&shown, Some(&gone)), [above, VIEW_ALONE]);
+        let other = interface(VIEW, &texels, &[left, right, piece([30.0, 5.0, 40.0, 30.0], 9)]);
+        assert_eq!(drawn(&other, Some(&shown)), [above, VIEW_ALONE]);
+        let turned = interface(VIEW, &texels, &[left, over, right]);
+        assert_eq!(drawn(&turned, Some(&shown)).len(), 3);
+    }
+
+    #[test]
+    fn after_a_change_of_the_view_or_of_a_texture_everything_is_drawn() {
+        let texels: Arc<Vec<u8>> = Arc::default();
+        let shown = interface(VIEW, &texels, &[]);
+        let whole = drawn(&shown, None);
+        assert_eq!(drawn(&interface(VIEW, &Arc::default(), &[]), Some(&shown)), whole);
+        let moved = interface([21, 10, 60, 30], &texels, &[]);
+        assert_eq!(drawn(&moved, Some(&shown)), drawn(&moved, None));
+    }
+}
