@@ -44,7 +44,8 @@ float power_of_2(float x) {
 void blend(inout vec4 sum, Record r, vec2 d, float least, float most, float least_light) {
     float u = r.root.x * d.x + r.root.y * d.y;
     float v = r.root.z * d.y;
-    float alpha = min(most, power_of_2(r.log_alpha - (u * u + v * v)));
+    // Positive floats compare like integers, which takes one instruction.
+    float alpha = intBitsToFloat(min(floatBitsToInt(most), floatBitsToInt(power_of_2(r.log_alpha - (u * u + v * v)))));
     float light = (alpha >= least ? alpha : 0.0) * sum.a;
     float behind = sum.a - light;
     bool is_open = behind >= least_light;

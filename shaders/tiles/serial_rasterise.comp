@@ -26,18 +26,26 @@ layout(set = 0, binding = 2, std430) readonly buffer Records { StoredRecord reco
 layout(set = 0, binding = 3, std430) buffer Deep { uint deep[]; };
 layout(set = 0, binding = 4, rgba32f) writeonly uniform image2D picture;
 
-// The bits of LOADERS splats for each block.
-const uint PER_WORD = 32u / LOADERS;
+// Splats that a lane loads at a time. More make the blocks' loops longer, whose ends a CPU cannot foresee.
+const uint OWN = LOADERS <= 16 ? 2u : 1u;
+const uint CHUNK = OWN * uint(LOADERS);
+// The bits of the chunk's splats for each block.
+const uint PER_WORD = 32u / CHUNK;
 const uint WORDS = BLOCKS / PER_WORD;
 
 // Returns the index of the lowest bit, which may be none.
 uint lowest_bit(uint bits) {
-#if LOADERS < 32
+#if LOADERS < 16
     // By way of a float: no vector instruction of CPUs finds bits.
-    return uint((floatBitsToInt(float(int(bits & (~bits + 1u)))) >> 23) - 127) & uint(LOADERS - 1);
+    return uint((floatBitsToInt(float(int(bits & (~bits + 1u)))) >> 23) - 127) & (CHUNK - 1u);
 #else
-    return uint(findLSB(bits)) & uint(LOADERS - 1);
+    return uint(findLSB(bits)) & (CHUNK - 1u);
 #endif
+}
+
+Record choose(bool first, Record a, Record b) {
+    return Record(first ? a.centre : b.centre, first ? a.root : b.root, first ? a.log_alpha : b.log_alpha, 0.0,
+                  first ? a.colour : b.colour);
 }
 
 void main() {
@@ -67,25 +75,33 @@ void main() {
     // The blocks with light.
     uint open = (1u << BLOCKS) - 1u;
 
-    for (uint first = begin; first < end && open != 0u; first += uint(LOADERS)) {
-        uint at = min(first + lane, end - 1u);
-        Record own = unpack_record(records[lists[at]]);
-        uint touched = blocks_of(own, corner, least) & open;
-        touched = lane < uint(LOADERS) && first + lane < end ? touched : 0u;
+    for (uint first = begin; first < end && open != 0u; first += CHUNK) {
+        Record own[OWN];
         uint words[WORDS];
         [[unroll]] for (uint w = 0u; w < WORDS; w++) {
-            uint bits = 0u;
-            [[unroll]] for (uint b = 0u; b < PER_WORD; b++) {
-                bits |= ((touched >> (w * PER_WORD + b)) & 1u) << (b * uint(LOADERS));
+            words[w] = 0u;
+        }
+        [[unroll]] for (uint o = 0u; o < OWN; o++) {
+            uint at = first + o * uint(LOADERS) + lane;
+            own[o] = unpack_record(records[lists[min(at, end - 1u)]]);
+            uint touched = lane < uint(LOADERS) && at < end ? blocks_of(own[o], corner, least) & open : 0u;
+            [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {
+                words[b / PER_WORD] |= ((touched >> b) & 1u) << ((b % PER_WORD) * CHUNK + o * uint(LOADERS) + (lane & uint(LOADERS - 1)));
             }
-            words[w] = any_lane(bits << (lane & uint(LOADERS - 1)));
+        }
+        [[unroll]] for (uint w = 0u; w < WORDS; w++) {
+            words[w] = any_lane(words[w]);
         }
         uint closed = 0u;
 
 #define BLEND_BLOCK(b) { \
-        uint bits = bitfieldExtract(words[b / PER_WORD], int((b % PER_WORD) * uint(LOADERS)), LOADERS); \
+        uint bits = bitfieldExtract(words[b / PER_WORD], int((b % PER_WORD) * CHUNK), int(CHUNK)); \
         do { \
-            Record r = record_of_lane(own, lowest_bit(bits)); \
+            uint next = lowest_bit(bits); \
+            Record r = record_of_lane(own[0], next & uint(LOADERS - 1)); \
+            if (OWN > 1u) { \
+                r = choose(next < uint(LOADERS), r, record_of_lane(own[OWN - 1u], next & uint(LOADERS - 1))); \
+            } \
             r.log_alpha = bits != 0u ? r.log_alpha : -1e6; \
             bits &= bits - 1u; \
             vec2 d = corner - r.centre; \
