@@ -72,7 +72,8 @@ pub const USUAL_SUBGROUP_SIZE: u32 = 32;
 pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
     .union(Features::SUBGROUP_VOTE)
     .union(Features::SUBGROUP_ARITHMETIC)
-    .union(Features::SUBGROUP_BALLOT);
+    .union(Features::SUBGROUP_BALLOT)
+    .union(Features::SUBGROUP_SHUFFLE);
 
 /// Returns the facts of the smallest device that the built-in graphs run on.
 ///

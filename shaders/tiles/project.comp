@@ -13,11 +13,18 @@
 #include "../spherical_harmonics.glsl"
 #include "../projection.glsl"
 
+#define IS_SERIAL (RASTERISER == RASTERISER_SERIAL)
+#if IS_SERIAL
+layout(local_size_x = DEVICE_SUBGROUP_SIZE) in;
+#else
 layout(local_size_x = 256) in;
+#endif
 
 layout(set = 0, binding = 3, std430) writeonly buffer Records { StoredRecord records[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
+#if !IS_SERIAL
 layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_count[]; };
+#endif
 layout(set = 0, binding = 6, std430) writeonly buffer Bins { uint bins_of[]; };
 
 #if RECORD == RECORD_F32
@@ -29,9 +36,11 @@ const float BRIGHTEST = BRIGHTEST_HALF;
 // sqrt(log2(e) / 2): the power of the falloff is one of 2.
 const float ROOT_SCALE = 0.8493218002880191;
 
+#if !IS_SERIAL
 // The number of visible splats in the workgroup. It is counted without ballots: invocations leave `project` at different
 // places, and nothing says that a subgroup is whole again after that.
 shared uint visible_count;
+#endif
 
 // Returns the radius that the published rasteriser gives a splat, in pixels: three standard deviations, rounded up.
 float published_radius(Projection p) {
@@ -76,6 +85,15 @@ float project(uint i) {
     return p.depth;
 }
 
+#if IS_SERIAL
+// Counting takes barriers, so serial_visible.comp does it.
+void main() {
+    uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
+    if (i < uint(SCENE_COUNT)) {
+        depth_of[i] = project(i);
+    }
+}
+#else
 void main() {
     uint group = group_index();
     uint i = group * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
@@ -102,3 +120,4 @@ void main() {
         block_count[group] = visible_count;
     }
 }
+#endif

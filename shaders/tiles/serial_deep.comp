@@ -1,0 +1,87 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_EXT_control_flow_attributes : require
+
+// Goes on with the tiles that serial_rasterise.comp has left with light: up to DEEP_ENTRIES more entries of their lists. A workgroup
+// takes one block of a tile. All splats of a chunk are blended in one round of the loop, so that lavapipe's limit of 65,535
+// rounds is out of reach.
+
+#include "../camera.glsl"
+#include "serial.glsl"
+#include "live.glsl"
+#include "record.glsl"
+#include "serial_blend.glsl"
+
+layout(push_constant) uniform Turn { uint turn; };
+
+layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
+layout(set = 0, binding = 1, std430) readonly buffer Lists { uint lists[]; };
+layout(set = 0, binding = 2, std430) readonly buffer Records { StoredRecord records[]; };
+layout(set = 0, binding = 3, std430) readonly buffer Deep { uint deep[]; };
+layout(set = 0, binding = 4, rgba32f) uniform image2D picture;
+
+void main() {
+    uint slot = gl_WorkGroupID.z * 65535u + gl_WorkGroupID.y;
+    if (slot >= deep[3]) {
+        return;
+    }
+    uint lane = gl_SubgroupInvocationID;
+    uint tile_index = deep[4u + slot];
+    uvec2 tile = uvec2(tile_index % TILES_X, tile_index / TILES_X);
+    uint block = gl_WorkGroupID.x;
+    vec2 corner = vec2(tile * TILE);
+    uint bin = bin_of_tile(tile);
+    uint list_end = min(starts[bin + 1u], uint(ENTRIES));
+    uint list = min(starts[bin], uint(ENTRIES)) + uint(SERIAL_SEGMENT);
+    uint skipped = turn * uint(DEEP_ENTRIES);
+    if (list >= list_end || list_end - list <= skipped) {
+        return;
+    }
+    uint begin = list + skipped;
+    uint end = begin + min(list_end - begin, uint(DEEP_ENTRIES));
+    float least = alpha_floor;
+    float most = alpha_cap;
+    // Not 0: arithmetic with denormal floats takes a hundred times as long.
+    float least_light = max(stop, 1e-35);
+
+    vec4 sums[VECTORS];
+    [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
+        sums[v] = imageLoad(picture, ivec2(tile * TILE + pixel_in_tile(block, v, lane)));
+        // What is beyond the picture is done.
+        uvec2 at = tile * TILE + pixel_in_tile(block, v, lane);
+        sums[v].a = at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT) ? sums[v].a : -1.0;
+    }
+    bool open = true;
+    for (uint first = begin; first < end && open; first += uint(LOADERS)) {
+        uint at = min(first + lane, end - 1u);
+        Record own = unpack_record(records[lists[at]]);
+        bool touches = first + lane < end && ((blocks_of(own, corner, least) >> block) & 1u) != 0u;
+        own.log_alpha = touches ? own.log_alpha : -1e6;
+        [[unroll]] for (uint s = 0u; s < uint(LOADERS); s++) {
+            Record r = record_of_lane(own, s);
+            vec2 d = corner - r.centre;
+            [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
+                blend(sums[v], r, d + vec2(pixel_in_tile(block, v, lane)), least, most, least_light);
+            }
+        }
+        float most_light = sums[0].a;
+        [[unroll]] for (uint v = 1u; v < VECTORS; v++) {
+            most_light = max(most_light, sums[v].a);
+        }
+        open = any_lane(most_light > 0.0 ? 1u : 0u) != 0u;
+    }
+
+    bool is_whole = end == list_end;
+    vec3 background = camera.background.rgb;
+    [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
+        uvec2 at = tile * TILE + pixel_in_tile(block, v, lane);
+        vec4 sum = sums[v];
+        vec4 whole = vec4(sum.rgb + abs(sum.a) * background, 1.0);
+        if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
+            imageStore(picture, ivec2(at), is_whole ? whole : sum);
+        }
+    }
+}

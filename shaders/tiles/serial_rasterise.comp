@@ -1,0 +1,148 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_EXT_control_flow_attributes : require
+
+// Blends the first SERIAL_SEGMENT entries of a tile's list, near to far, and writes the tile. A workgroup is one subgroup, without
+// barriers or shared memory. It takes the entries LOADERS at a time: each lane loads a splat and finds the blocks that it touches.
+// Then each block walks the splats that touch it, which lanes hand each other by shuffles. On a CPU only loops branch: what an
+// `if` leaves out is computed all the same. So each block has a loop of its own, and its first round is never wasted if a splat
+// touches it.
+//
+// Where a list is longer and light still comes through, the picture holds colour and transmittance, and serial_deep.comp goes on.
+
+#include "../camera.glsl"
+#include "serial.glsl"
+#include "live.glsl"
+#include "record.glsl"
+#include "serial_blend.glsl"
+
+layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
+layout(set = 0, binding = 1, std430) readonly buffer Lists { uint lists[]; };
+layout(set = 0, binding = 2, std430) readonly buffer Records { StoredRecord records[]; };
+// Words 0 to 2: the indirect dispatch of serial_deep.comp; 3: the tiles left to it, and then these.
+layout(set = 0, binding = 3, std430) buffer Deep { uint deep[]; };
+layout(set = 0, binding = 4, rgba32f) writeonly uniform image2D picture;
+
+// Splats that a lane loads at a time. More make the blocks' loops longer, whose ends a CPU cannot foresee.
+const uint OWN = LOADERS <= 16 ? 2u : 1u;
+const uint CHUNK = OWN * uint(LOADERS);
+// The bits of the chunk's splats for each block.
+const uint PER_WORD = 32u / CHUNK;
+const uint WORDS = BLOCKS / PER_WORD;
+
+// Returns the index of the lowest bit, which may be none.
+uint lowest_bit(uint bits) {
+#if LOADERS < 16
+    // By way of a float: no vector instruction of CPUs finds bits.
+    return uint((floatBitsToInt(float(int(bits & (~bits + 1u)))) >> 23) - 127) & (CHUNK - 1u);
+#else
+    return uint(findLSB(bits)) & (CHUNK - 1u);
+#endif
+}
+
+Record choose(bool first, Record a, Record b) {
+    return Record(first ? a.centre : b.centre, first ? a.root : b.root, first ? a.log_alpha : b.log_alpha, 0.0,
+                  first ? a.colour : b.colour);
+}
+
+void main() {
+    uint tile_index = group_index();
+    if (tile_index >= TILES_X * TILES_Y) {
+        return;
+    }
+    uint lane = gl_SubgroupInvocationID;
+    uvec2 tile = uvec2(tile_index % TILES_X, tile_index / TILES_X);
+    uvec2 first_pixel = tile * TILE;
+    vec2 corner = vec2(first_pixel);
+    uint bin = bin_of_tile(tile);
+    uint begin = min(starts[bin], uint(ENTRIES));
+    uint list_end = min(starts[bin + 1u], uint(ENTRIES));
+    uint end = min(list_end, begin + uint(SERIAL_SEGMENT));
+    float least = alpha_floor;
+    float most = alpha_cap;
+    // Not 0: arithmetic with denormal floats takes a hundred times as long.
+    float least_light = max(stop, 1e-35);
+
+    vec4 sums[BLOCKS][VECTORS];
+    [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {
+        [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
+            sums[b][v] = vec4(0.0, 0.0, 0.0, 1.0);
+        }
+    }
+    // The blocks with light.
+    uint open = (1u << BLOCKS) - 1u;
+
+    for (uint first = begin; first < end && open != 0u; first += CHUNK) {
+        Record own[OWN];
+        uint words[WORDS];
+        [[unroll]] for (uint w = 0u; w < WORDS; w++) {
+            words[w] = 0u;
+        }
+        [[unroll]] for (uint o = 0u; o < OWN; o++) {
+            uint at = first + o * uint(LOADERS) + lane;
+            own[o] = unpack_record(records[lists[min(at, end - 1u)]]);
+            uint touched = lane < uint(LOADERS) && at < end ? blocks_of(own[o], corner, least) & open : 0u;
+            [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {
+                words[b / PER_WORD] |= ((touched >> b) & 1u) << ((b % PER_WORD) * CHUNK + o * uint(LOADERS) + (lane & uint(LOADERS - 1)));
+            }
+        }
+        [[unroll]] for (uint w = 0u; w < WORDS; w++) {
+            words[w] = any_lane(words[w]);
+        }
+        uint closed = 0u;
+
+#define BLEND_BLOCK(b) { \
+        uint bits = bitfieldExtract(words[b / PER_WORD], int((b % PER_WORD) * CHUNK), int(CHUNK)); \
+        do { \
+            uint next = lowest_bit(bits); \
+            Record r = record_of_lane(own[0], next & uint(LOADERS - 1)); \
+            if (OWN > 1u) { \
+                r = choose(next < uint(LOADERS), r, record_of_lane(own[OWN - 1u], next & uint(LOADERS - 1))); \
+            } \
+            r.log_alpha = bits != 0u ? r.log_alpha : -1e6; \
+            bits &= bits - 1u; \
+            vec2 d = corner - r.centre; \
+            [[unroll]] for (uint v = 0u; v < VECTORS; v++) { \
+                blend(sums[b][v], r, d + vec2(pixel_in_tile(b, v, lane)), least, most, least_light); \
+            } \
+        } while (bits != 0u); \
+        float most_light = sums[b][0].a; \
+        [[unroll]] for (uint v = 1u; v < VECTORS; v++) { \
+            most_light = max(most_light, sums[b][v].a); \
+        } \
+        closed |= most_light > 0.0 ? 1u << b : 0u; }
+
+        BLEND_BLOCK(0u)
+        BLEND_BLOCK(1u)
+        BLEND_BLOCK(2u)
+        BLEND_BLOCK(3u)
+        BLEND_BLOCK(4u)
+        BLEND_BLOCK(5u)
+        BLEND_BLOCK(6u)
+        BLEND_BLOCK(7u)
+        open = any_lane(closed);
+    }
+
+    bool is_whole = end == list_end || open == 0u;
+    if (!is_whole && lane == 0u) {
+        uint slot = atomicAdd(deep[3], 1u);
+        deep[4u + slot] = tile_index;
+        atomicMax(deep[0], BLOCKS);
+        atomicMax(deep[1], min(slot + 1u, 65535u));
+        atomicMax(deep[2], slot / 65535u + 1u);
+    }
+    vec3 background = camera.background.rgb;
+    [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {
+        [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
+            uvec2 at = first_pixel + pixel_in_tile(b, v, lane);
+            vec4 sum = sums[b][v];
+            vec4 whole = vec4(sum.rgb + abs(sum.a) * background, 1.0);
+            if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
+                imageStore(picture, ivec2(at), is_whole ? whole : sum);
+            }
+        }
+    }
+}

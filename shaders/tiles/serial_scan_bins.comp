@@ -1,0 +1,31 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
+
+// Fifth pass of binning, serial: places the bins' lists one after the other, in one workgroup. Each invocation takes a range of
+// bins. Word BIN_COUNT is the sum, all entries that the frame needs, which may be more than the buffer holds.
+
+#include "serial.glsl"
+
+layout(set = 0, binding = 0, std430) readonly buffer Lengths { uint lengths[]; };
+layout(set = 0, binding = 1, std430) readonly buffer Work { uint work[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer Starts { uint starts[]; };
+
+void main() {
+    const uint RANGE = (uint(BIN_COUNT) + gl_WorkGroupSize.x - 1u) / gl_WorkGroupSize.x;
+    uint first = gl_SubgroupInvocationID * RANGE;
+    uint end = min(first + RANGE, uint(BIN_COUNT));
+    uint sum = 0u;
+    for (uint bin = first; bin < end; bin++) {
+        sum += lengths[bin];
+    }
+    uint start = subgroupExclusiveAdd(sum);
+    for (uint bin = first; bin < end; bin++) {
+        starts[bin] = start;
+        start += lengths[bin];
+    }
+    if (gl_SubgroupInvocationID == 0u) {
+        starts[BIN_COUNT] = work[WORK_PAIRS];
+    }
+}
