@@ -2,6 +2,10 @@
 // a subgroup are pixels of a block, VECTORS times over, so the sums of a pixel are in registers; and they are splats of the list
 // when these are loaded and tested against the tile, LOADERS at a time.
 
+#if CELL % 2 != 0
+#error "expected an even cell size: bins are cut into tiles of 16 x 16 pixels"
+#endif
+
 #define LANES DEVICE_SUBGROUP_SIZE
 
 const uint TILE = 16u;

@@ -6,7 +6,7 @@
 #extension GL_EXT_control_flow_attributes : require
 
 // Blends the first SERIAL_SEGMENT entries of a tile's list, near to far, and writes the tile. A workgroup is one subgroup, without
-// barriers or shared memory. It takes the entries LOADERS at a time: each lane loads a splat and finds the blocks that it touches.
+// barriers or shared memory. It takes the entries CHUNK at a time: each lane loads splats and finds the blocks that they touch.
 // Then each block walks the splats that touch it, which lanes hand each other by shuffles. On a CPU only loops branch: what an
 // `if` leaves out is computed all the same. So each block has a loop of its own, and its first round is never wasted if a splat
 // touches it.
@@ -43,6 +43,7 @@ uint lowest_bit(uint bits) {
 #endif
 }
 
+// Returns `a` or `b`.
 Record choose(bool first, Record a, Record b) {
     return Record(first ? a.centre : b.centre, first ? a.root : b.root, first ? a.log_alpha : b.log_alpha, 0.0,
                   first ? a.colour : b.colour);
@@ -92,7 +93,7 @@ void main() {
         [[unroll]] for (uint w = 0u; w < WORDS; w++) {
             words[w] = any_lane(words[w]);
         }
-        uint closed = 0u;
+        uint lit = 0u;
 
 #define BLEND_BLOCK(b) { \
         uint bits = bitfieldExtract(words[b / PER_WORD], int((b % PER_WORD) * CHUNK), int(CHUNK)); \
@@ -113,7 +114,7 @@ void main() {
         [[unroll]] for (uint v = 1u; v < VECTORS; v++) { \
             most_light = max(most_light, sums[b][v].a); \
         } \
-        closed |= most_light > 0.0 ? 1u << b : 0u; }
+        lit |= most_light > 0.0 ? 1u << b : 0u; }
 
         BLEND_BLOCK(0u)
         BLEND_BLOCK(1u)
@@ -123,7 +124,7 @@ void main() {
         BLEND_BLOCK(5u)
         BLEND_BLOCK(6u)
         BLEND_BLOCK(7u)
-        open = any_lane(closed);
+        open = any_lane(lit);
     }
 
     bool is_whole = end == list_end || open == 0u;

@@ -26,7 +26,7 @@ const CONSTANTS: [(&str, &str, &str); 6] = [
     ("shaders/window/compose.frag", "shown = vec4(colour, 1.0)", "shown = vec4(0.5 * colour, 1.0)"),
     ("pipelines/splat.ron", "Int(default: 8, range: (1, 11)", "Int(default: 6, range: (1, 11)"),
     ("pipelines/splat.ron", "Float(default: 3.33,", "Float(default: 2.5,"),
-    ("pipelines/view/window.ron", "Clear(0, 0, 0, 1)", "Clear(0.5, 0, 0, 1)"),
+    ("pipelines/view/window.ron", "history: true", "history: false"),
 ];
 
 /// Edits that do not build.
