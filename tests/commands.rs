@@ -38,6 +38,8 @@ fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
         &[
             "render",
             "scene.ply",
+            "--pipeline",
+            "splat",
             "--cameras",
             "cameras.json",
             "--size",
@@ -131,7 +133,7 @@ fn dumps_show_eight_four_and_three_digits() {
 fn the_accounts_of_a_file_and_of_a_plan_are_complete() {
     let folder = scene();
     let bytes = std::fs::metadata(folder.path().join("scene.ply")).expect("there").len();
-    let text = done(folder.path(), &["info", "scene.ply"]);
+    let text = done(folder.path(), &["info", "scene.ply", "--pipeline", "splat"]);
     assert!(text.contains(&format!("{} bytes", splatgraph_assets::grouped(bytes))), "{text}");
     for name in ["covariances", "keys#1", "sort.table"] {
         assert!(text.contains(name), "no {name} in\n{text}");

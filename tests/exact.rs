@@ -43,6 +43,8 @@ fn the_exact_renderer_is_a_backend_of_render_and_close_to_a_graph_with_its_exact
         "scene.ply",
         "-c",
         "cameras.json",
+        "--pipeline",
+        "splat",
         "--set",
         "target=rgba32f",
         "-o",

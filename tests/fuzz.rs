@@ -136,7 +136,12 @@ fn builds() -> Vec<Build> {
         set: other.map(|(name, value)| (name.into(), value.into())).to_vec(),
         lanes: facts::USUAL_SUBGROUP_SIZE,
     };
-    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([other]).collect()
+    let lists = Build {
+        graph: "tiled".into(),
+        set: vec![("show".into(), "lists".into())],
+        lanes: facts::USUAL_SUBGROUP_SIZE,
+    };
+    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([other, lists]).collect()
 }
 
 /// Holds the outcome of a build: the plan, or the diagnostics, each with its rendering.

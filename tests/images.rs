@@ -6,21 +6,23 @@ use splatgraph::session::{FrameOptions, Session, image_of};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_vulkan::Vulkan;
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::common;
 
 const SCENES: [&str; 3] = ["biker", "playbot-31k", "rules"];
 
 /// Draws a scene with a preset from each camera; the validation layers must have nothing to say.
-pub fn draw(data: &Path, scene: &str, preset: &str, background: [f32; 3]) -> Vec<Image> {
+fn draw(data: &Path, scene: &str, preset: &str, background: [f32; 3]) -> Vec<Image> {
     let scenes = data.join("scenes");
     let loaded = Scene::load(scenes.join(format!("{scene}.ply")), &|_, _| {}).expect("the scene loads");
     let cameras = Camera::load(scenes.join(format!("{scene}.cameras.json"))).expect("the cameras load");
     draw_scene(loaded, &cameras, preset, background, &[])
 }
 
+/// As `draw`, with a scene and parameters.
 pub fn draw_scene(
-    scene: Scene,
+    scene: impl Into<Arc<Scene>>,
     cameras: &[Camera],
     preset: &str,
     background: [f32; 3],

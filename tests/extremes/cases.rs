@@ -86,79 +86,79 @@ fn shaped(width: u32, height: u32) -> (Scene, Camera) {
 pub const CASES: &[Case] = &[
     Case {
         name: "giants", scene: || generated("giants", 500), factored: true,
-        bounds: Bounds { exact: 105.0, worst: 1e-3, tiled_exact: 0.0, tiled: 0.0, half: 28.0, bytes: None, key16: 90.0, unsorted: 10.0, naive: 11.0 },
+        bounds: Bounds { exact: 105.0, worst: 1e-3, tiled_exact: 113.0, tiled: 76.0, half: 28.0, bytes: None, key16: 90.0, unsorted: 10.0, naive: 11.0 },
     },
     Case {
         name: "needles", scene: || generated("needles", 2000), factored: true,
-        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 35.0, bytes: None, key16: 100.0, unsorted: 13.0, naive: 12.0 },
+        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 128.0, tiled: 84.0, half: 35.0, bytes: None, key16: 100.0, unsorted: 13.0, naive: 12.0 },
     },
     Case {
         name: "quaternions", scene: || generated("quaternions", 2000), factored: false,
-        bounds: Bounds { exact: 130.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 42.0, bytes: None, key16: 100.0, unsorted: 13.0, naive: 9.0 },
+        bounds: Bounds { exact: 130.0, worst: 1e-5, tiled_exact: 134.0, tiled: 81.0, half: 42.0, bytes: None, key16: 100.0, unsorted: 13.0, naive: 9.0 },
     },
     Case {
         name: "logits", scene: || generated("logits", 2000), factored: false,
-        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 50.0, bytes: None, key16: 100.0, unsorted: 16.0, naive: 12.0 },
+        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 131.0, tiled: 80.0, half: 50.0, bytes: None, key16: 100.0, unsorted: 16.0, naive: 12.0 },
     },
     Case {
         name: "coincident", scene: || halved("coincident", 10_000), factored: false,
-        bounds: Bounds { exact: 115.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 27.0, bytes: None, key16: 125.0, unsorted: 125.0, naive: 16.0 },
+        bounds: Bounds { exact: 115.0, worst: 1e-5, tiled_exact: 120.0, tiled: 87.0, half: 27.0, bytes: None, key16: 125.0, unsorted: 125.0, naive: 16.0 },
     },
     Case {
         name: "ties", scene: || generated("ties", 2000), factored: false,
-        bounds: Bounds { exact: 128.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 41.0, bytes: None, key16: 130.0, unsorted: 15.0, naive: 12.0 },
+        bounds: Bounds { exact: 128.0, worst: 1e-5, tiled_exact: 133.0, tiled: 80.0, half: 41.0, bytes: None, key16: 130.0, unsorted: 15.0, naive: 12.0 },
     },
     Case {
         name: "near-plane", scene: || generated("near-plane", 2000), factored: false,
-        bounds: Bounds { exact: 125.0, worst: 2e-5, tiled_exact: 0.0, tiled: 0.0, half: 42.0, bytes: None, key16: 100.0, unsorted: 16.0, naive: 12.0 },
+        bounds: Bounds { exact: 125.0, worst: 2e-5, tiled_exact: 136.0, tiled: 80.0, half: 42.0, bytes: None, key16: 100.0, unsorted: 16.0, naive: 12.0 },
     },
     Case {
         name: "far", scene: || generated("far", 2000), factored: false,
-        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 47.0, bytes: None, key16: 75.0, unsorted: 17.0, naive: 13.0 },
+        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 133.0, tiled: 82.0, half: 47.0, bytes: None, key16: 75.0, unsorted: 17.0, naive: 13.0 },
     },
     Case {
         name: "remote", scene: || generated("remote", 2000), factored: false,
-        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 47.0, bytes: None, key16: 100.0, unsorted: 17.0, naive: 13.0 },
+        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 133.0, tiled: 82.0, half: 47.0, bytes: None, key16: 100.0, unsorted: 17.0, naive: 13.0 },
     },
     Case {
         name: "fov-1", scene: || ball(120.0, 1.0), factored: false,
-        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 41.0, bytes: None, key16: 100.0, unsorted: 12.0, naive: 8.0 },
+        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 133.0, tiled: 80.0, half: 41.0, bytes: None, key16: 100.0, unsorted: 12.0, naive: 8.0 },
     },
     Case {
         name: "fov-170", scene: || ball(1.5, 170.0), factored: false,
-        bounds: Bounds { exact: 140.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 58.0, bytes: None, key16: 120.0, unsorted: 28.0, naive: 26.0 },
+        bounds: Bounds { exact: 140.0, worst: 1e-5, tiled_exact: 149.0, tiled: 99.0, half: 58.0, bytes: None, key16: 120.0, unsorted: 28.0, naive: 26.0 },
     },
     Case {
         name: "one-pixel", scene: || shaped(1, 1), factored: false,
-        bounds: Bounds { exact: 120.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 40.0, bytes: None, key16: 100.0, unsorted: 5.0, naive: 5.0 },
+        bounds: Bounds { exact: 120.0, worst: 1e-5, tiled_exact: 139.0, tiled: 76.0, half: 40.0, bytes: None, key16: 100.0, unsorted: 5.0, naive: 5.0 },
     },
     Case {
         name: "one-row", scene: || shaped(16_384, 1), factored: false,
-        bounds: Bounds { exact: 100.0, worst: 1e-3, tiled_exact: 0.0, tiled: 0.0, half: 30.0, bytes: None, key16: 80.0, unsorted: 10.0, naive: 10.0 },
+        bounds: Bounds { exact: 100.0, worst: 1e-3, tiled_exact: 109.0, tiled: 85.0, half: 30.0, bytes: None, key16: 80.0, unsorted: 10.0, naive: 10.0 },
     },
     Case {
         name: "layers-opaque", scene: || halved("layers-opaque", 4096), factored: false,
-        bounds: Bounds { exact: 135.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 60.0, bytes: Some(50.0), key16: 135.0, unsorted: 135.0, naive: 3.0 },
+        bounds: Bounds { exact: 135.0, worst: 1e-5, tiled_exact: 139.0, tiled: 75.0, half: 60.0, bytes: Some(50.0), key16: 135.0, unsorted: 135.0, naive: 3.0 },
     },
     Case {
         name: "layers-faint", scene: || halved("layers-faint", 4096), factored: false,
-        bounds: Bounds { exact: 100.0, worst: 1e-4, tiled_exact: 0.0, tiled: 0.0, half: 15.0, bytes: Some(6.0), key16: 100.0, unsorted: 100.0, naive: 4.0 },
+        bounds: Bounds { exact: 100.0, worst: 1e-4, tiled_exact: 104.0, tiled: 91.0, half: 15.0, bytes: Some(6.0), key16: 100.0, unsorted: 100.0, naive: 4.0 },
     },
     Case {
         name: "harmonics", scene: || generated("harmonics", 2000), factored: false,
-        bounds: Bounds { exact: 135.0, worst: 5e-5, tiled_exact: 0.0, tiled: 0.0, half: 80.0, bytes: Some(13.0), key16: 120.0, unsorted: 45.0, naive: 45.0 },
+        bounds: Bounds { exact: 135.0, worst: 5e-5, tiled_exact: 140.0, tiled: 76.0, half: 80.0, bytes: Some(13.0), key16: 120.0, unsorted: 45.0, naive: 45.0 },
     },
     Case {
         name: "cover", scene: || generated("huge", 1), factored: false,
-        bounds: Bounds { exact: 140.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 68.0, bytes: Some(50.0), key16: 140.0, unsorted: 140.0, naive: 140.0 },
+        bounds: Bounds { exact: 140.0, worst: 1e-5, tiled_exact: 150.0, tiled: 84.0, half: 68.0, bytes: Some(50.0), key16: 140.0, unsorted: 140.0, naive: 140.0 },
     },
     Case {
         name: "huge", scene: || generated("huge", 2000), factored: false,
-        bounds: Bounds { exact: 130.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 46.0, bytes: None, key16: 110.0, unsorted: 21.0, naive: 12.0 },
+        bounds: Bounds { exact: 130.0, worst: 1e-5, tiled_exact: 136.0, tiled: 82.0, half: 46.0, bytes: None, key16: 110.0, unsorted: 21.0, naive: 12.0 },
     },
     Case {
         name: "faint", scene: || generated("faint", 2000), factored: false,
-        bounds: Bounds { exact: 150.0, worst: 1e-5, tiled_exact: 0.0, tiled: 0.0, half: 90.0, bytes: None, key16: 150.0, unsorted: 150.0, naive: 150.0 },
+        bounds: Bounds { exact: 150.0, worst: 1e-5, tiled_exact: 171.0, tiled: 171.0, half: 90.0, bytes: None, key16: 150.0, unsorted: 150.0, naive: 150.0 },
     },
     Case {
         name: "empty-view", scene: || generated("empty-view", 2000), factored: false,

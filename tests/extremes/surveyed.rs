@@ -46,7 +46,7 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
 
     let draw = |more: &[&str], out: &str| {
         let size = format!("{}x{}", SIZE.0, SIZE.1);
-        let background = ["--background", "0.2,0.3,0.4", "--set", "target=rgba32f", "-o", out];
+        let background = ["--background", "0.2,0.3,0.4", "-p", "splat", "--set", "target=rgba32f", "-o", out];
         let (code, errors) =
             place.code(&[&["render", "far.ply", "--size", &size], more, &background].concat());
         assert_eq!(code, Some(0), "{errors}");

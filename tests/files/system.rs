@@ -59,7 +59,7 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
         &["dump", "unsorted"],
     ] {
         for (resource, most) in
-            [(Resource::Nproc, 1), (Resource::Nproc, 2), (Resource::Nproc, 3), (Resource::As, 300_000 * 1024)]
+            [(Resource::Nproc, 1), (Resource::Nproc, 2), (Resource::Nproc, 3), (Resource::As, 400_000 * 1024)]
         {
             let mut command = Command::new(&program);
             command.args(args).current_dir(place.at(".")).env("RAYON_NUM_THREADS", "64");

@@ -7,7 +7,7 @@
 
 use splatgraph_api::FRAMES_IN_FLIGHT;
 use splatgraph_framework::ir::{
-    Accesses, Binding, DescriptorKind, DrawCall, Groups, PassId, ResourceId, ShaderId, Stages, Work,
+    Accesses, Binding, DescriptorKind, DrawCall, Groups, PassId, ResourceId, ShaderId, Shape, Stages, Work,
 };
 use splatgraph_framework::oracle::{Actor, Missing, Replay, Violation, ViolationKind, When, replay};
 use splatgraph_framework::plan::Plan;
@@ -33,6 +33,8 @@ pub enum Blind {
     SeenByAnother,
     /// A fill counts as a copy, and the backend says `CLEAR` and `COPY` for the one: each implies the other.
     FillsAreCopies,
+    /// A buffer and an image in the same memory: images have addresses of their own in the layer.
+    BesideImages,
     /// The layer does not track contents of memory.
     Contents,
 }
@@ -48,6 +50,7 @@ impl fmt::Display for Blind {
             Blind::Fences => "fences",
             Blind::SeenByAnother => "seen by another reader",
             Blind::FillsAreCopies => "fills are copies",
+            Blind::BesideImages => "buffers beside images",
             Blind::Contents => "contents",
         })
     }
@@ -117,6 +120,10 @@ impl Layer<'_> {
         let Some(first) = first else { return Err(Blind::Contents) };
         if frame(second).saturating_sub(frame(first)) >= FRAMES_IN_FLIGHT as u32 {
             return Err(Blind::Fences);
+        }
+        let is_image = |id| matches!(self.plan.resource(id).shape, Shape::Image { .. });
+        if is_image(through.unwrap_or(resource)) != is_image(resource) {
+            return Err(Blind::BesideImages);
         }
         let sides = [(first, through.unwrap_or(resource)), (second, resource)];
         let [before, after] = sides.map(|(actor, resource)| self.views(actor, resource));

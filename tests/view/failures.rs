@@ -91,7 +91,7 @@ fn without_a_display_the_program_says_so_and_with_one_of_two_it_takes_that() {
 fn a_window_is_no_larger_than_the_display_and_ends_with_it() {
     let mut program = Program::launch(100, &[], |_| {});
     assert!(program.window.appears(), "no window came");
-    assert_eq!(program.window.size(), (1280, 736));
+    assert_eq!(program.window.size(), (1280, 828));
     program.frames(3);
     program.lose_display();
     let (status, errors) = program.end();

@@ -47,7 +47,7 @@ impl Program {
         change: impl FnOnce(&mut Command),
         arrange: impl FnOnce(&Path),
     ) -> Program {
-        let screen = Screen::start(1280, 800);
+        let screen = Screen::start(1280, 900);
         let folder = copy_of_shipped_files();
         let at = |name: &str| folder.path().join(name);
         let scene = synth::generate("demo", splats, 0).expect("the demo scene is generated");

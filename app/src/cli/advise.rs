@@ -301,7 +301,7 @@ fn advice(args: &Args, found: &Tried, tried: &[Tried]) -> String {
     args.scene.iter().for_each(|path| add(&path.display().to_string()));
     args.cameras.iter().for_each(|cameras| ["-c", cameras].into_iter().for_each(&mut add));
     args.size.iter().for_each(|(w, h)| ["--size", &format!("{w}x{h}")].into_iter().for_each(&mut add));
-    if found.setting.pipeline != DEFAULT_PIPELINE {
+    if found.setting.pipeline != options::DRAWN_PIPELINE {
         ["--pipeline", &found.setting.pipeline].into_iter().for_each(&mut add);
     }
     for (name, value) in &found.setting.set {

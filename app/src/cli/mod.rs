@@ -166,7 +166,9 @@ pub fn main() -> ExitCode {
 
 /// Makes the command line, with the lists of graphs and scenes in its long help.
 fn command() -> clap::Command {
-    let command = Cli::command();
+    // The budget of the nearest splats, and the cost of a fragment, are those of quads.
+    let command = Cli::command()
+        .mut_subcommand("sweep", |c| c.mut_arg("pipeline", |a| a.default_value(options::DEFAULT_PIPELINE)));
     // The lists take some milliseconds to make, so only long help has them.
     let asked = std::env::args_os().skip(1).any(|arg| arg == "--help" || arg == "help");
     if !asked {
@@ -192,7 +194,7 @@ fn preset_list() -> String {
     let presets = builtin::presets();
     let rows = presets.iter().map(|p| (p.name.to_owned(), p.summary.clone()));
     let mut text = format!("Built-in graphs:\n{}", options::two_columns(rows.collect()));
-    if let Some(default) = presets.iter().find(|p| p.name == options::DEFAULT_PIPELINE) {
+    if let Some(default) = presets.iter().find(|p| p.name == options::DRAWN_PIPELINE) {
         let row = |Control { param, label, help }: &Control| {
             let about = if help.is_empty() { label } else { help };
             let domain = options::domain(&param.domain);

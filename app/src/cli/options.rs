@@ -19,7 +19,10 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// Default of `--pipeline`.
+/// Default of `--pipeline` where pictures are drawn: the fastest graph, whose variant the device's facts choose.
+pub const DRAWN_PIPELINE: &str = "tiled";
+
+/// Default of `--pipeline` where settings are measured: the graph with the most of them.
 pub const DEFAULT_PIPELINE: &str = "splat";
 
 /// Parses `NAME=VALUE`.
@@ -262,7 +265,7 @@ impl DeviceArgs {
 #[derive(Debug, clap::Args)]
 pub struct Drawing {
     /// The graph: the name of a built-in one (see --help), or a path
-    #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
+    #[arg(short, long, value_name = "NAME", default_value = DRAWN_PIPELINE)]
     pub pipeline: String,
     /// Set a parameter of the graph; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]

@@ -1,0 +1,45 @@
+//! The tiles for CPUs against those for GPUs and against quads, where a list is longer than one pass of the rasteriser blends.
+
+use splatgraph::image::Image;
+use splatgraph::metrics;
+
+use crate::common;
+use crate::files::Place;
+
+#[test]
+fn serial_tiles_draw_a_stack_deeper_than_one_pass_like_the_other_renderers() {
+    let place = Place::new();
+    let run = |args: &[&str]| {
+        let (code, errors) = place.code(args);
+        assert_eq!(code, Some(0), "{args:?}: {errors}");
+    };
+    run(&["synth", "layers-faint", "--count", "12000", "-o", "stack.ply", "--cameras", "stack.json"]);
+    let draw = |name: &str, set: &[&str]| {
+        run(&[&["render", "stack.ply", "-c", "stack.json#0", "--size", "64x48", "-o", name], set].concat());
+        Image::load(&place.at(name)).expect("a picture")
+    };
+    let tiles = ["--pipeline", "tiled_exact", "--set", "stop=0", "--validate", "--set"];
+    let serial = draw("serial.npy", &[&tiles[..], &["rasteriser=serial"]].concat());
+    let cells = draw("cells.npy", &[&tiles[..], &["rasteriser=cells"]].concat());
+    let quads = draw("quads.npy", &["--pipeline", "splat", "--set", "target=rgba32f"]);
+    for (name, other) in [("cells", cells), ("quads", quads)] {
+        let found = metrics::compare(&serial, &other).expect("of one size");
+        assert!(found.psnr() > 80.0, "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn serial_tiles_draw_the_same_stack_with_subgroups_of_4_lanes() {
+    common::again_with_vectors_of(
+        128,
+        "serial_tiles::serial_tiles_draw_a_stack_deeper_than_one_pass_like_the_other_renderers",
+    );
+}
+
+#[test]
+fn serial_tiles_draw_the_same_stack_with_subgroups_of_16_lanes() {
+    common::again_with_vectors_of(
+        512,
+        "serial_tiles::serial_tiles_draw_a_stack_deeper_than_one_pass_like_the_other_renderers",
+    );
+}
