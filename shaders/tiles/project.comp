@@ -71,7 +71,6 @@ float project(uint i) {
     if (!(first.x <= last.x && first.y <= last.y)) {
         return -1.0;
     }
-
     bins_of[i] = pack_bins(BinRect(uvec2(first) / BIN, uvec2(last) / BIN));
 
     Record r;
