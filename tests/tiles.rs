@@ -94,7 +94,7 @@ fn every_variant_of_tiles_draws_the_same_picture() {
 }
 
 #[test]
-fn pictures_wider_than_255_bins_have_larger_ones() {
+fn pictures_wider_than_256_bins_have_larger_ones() {
     let scene = Arc::new(synth::generate("demo", 3000, 0).expect("a scene"));
     let camera = synth::demo_cameras().swap_remove(0).resized(8200, 40);
     let truth = Truth::draw(&scene, &camera, [0.0; 3], &rules(&[]).expect("rules")).image();
