@@ -49,7 +49,7 @@ fn fast_tiles_agree_with_the_published_rasteriser_to_75_decibels_on_captures() {
     }
 }
 
-/// The demo scene in small.
+/// Makes the small demo scene and two of its cameras.
 fn demo(size: (u32, u32)) -> (Scene, Vec<Camera>) {
     let scene = synth::generate("demo", 20_000, 0).expect("a scene");
     let cameras = synth::demo_cameras().into_iter().take(2).map(|camera| camera.resized(size.0, size.1));
@@ -142,8 +142,7 @@ fn lists_without_room_grow_until_the_picture_is_whole() {
     }
 }
 
-/// Small faint splats all over the picture, one behind the other: lists far longer than a segment, in which each pixel has but
-/// a few hundred splats and is not done.
+/// Draws lists far longer than a segment: small faint splats all over the picture, one behind the other, so that no pixel is done.
 #[test]
 fn long_lists_are_blended_to_their_end() {
     const COUNT: usize = 90_000;

@@ -27,9 +27,11 @@ Cut cut_of(Record r, vec2 corner) {
     c.lean = -r.root.y * c.inverse_x;
     float reach = sqrt(c.limit);
     float half_height = reach / r.root.z;
-    float slant = sqrt(r.root.z * r.root.z + r.root.y * r.root.y);
-    c.peak = -r.root.y * half_height / slant;
-    vec2 half_size = vec2(slant * half_height * c.inverse_x, half_height) + CELL_MARGIN;
+    // A length whose squares need not be floats.
+    float longer = max(r.root.z, abs(r.root.y));
+    float slant = longer * length(r.root.zy / longer);
+    c.peak = -(r.root.y / slant) * half_height;
+    vec2 half_size = vec2((slant / r.root.z) * reach * c.inverse_x, half_height) + CELL_MARGIN;
     c.low = max(c.centre - half_size, vec2(0.0));
     c.high = min(c.centre + half_size, vec2(float(BIN) - 1.0));
 #if EXTENT == EXTENT_TILES

@@ -32,7 +32,11 @@ void main() {
     }
     uint from = i == 0u ? 0u : bin_of(i - 1u) + 1u;
     uint to = i == count ? BINS : bin_of(i);
-    for (uint bin = from; bin <= to; bin++) {
+    // Two a round: lavapipe ends loops after 65,535 rounds.
+    for (uint bin = from; bin <= to; bin += 2u) {
         starts[bin] = i;
+        if (bin < to) {
+            starts[bin + 1u] = i;
+        }
     }
 }

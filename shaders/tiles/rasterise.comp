@@ -93,6 +93,10 @@ void mark_cells(Cut cut, bool is_valid, uint at, uint lane) {
                 if (lane == x) {
                     touching[word] = touch.x;
                     touching[word + CELLS] = touch.y;
+#if LANES > 64
+                    touching[word + 2u * CELLS] = touch.z;
+                    touching[word + 3u * CELLS] = touch.w;
+#endif
                 }
 #else
                 if (lane == 0u && touch.x != 0u) {
@@ -117,8 +121,8 @@ void main() {
     uint list = min(starts[bin], uint(ENTRIES));
     uint list_end = min(starts[bin + 1u], uint(ENTRIES));
     uint segment = group - segment_starts[bin];
-    uint begin = list + segment * uint(SEGMENT);
-    uint end = min(begin + uint(SEGMENT), list_end);
+    uint begin = list + segment * uint(SEGMENT_ENTRIES);
+    uint end = min(begin + uint(SEGMENT_ENTRIES), list_end);
 
     // Colour and transmittance of each pixel; its alpha floor, which no alpha reaches when it is done; whether all of an
     // invocation's pixels in a cell are.

@@ -25,7 +25,7 @@ Record unpack_record(StoredRecord s) {
 #else
 struct StoredRecord { vec4 centre_root; vec2 rest; uvec2 colour; };
 
-// Colours are half floats. A radius is a whole number; what is beyond 16 bits covers every picture.
+// Colours are half floats. A radius is a whole number; one beyond 16 bits is taken for one that reaches everything.
 StoredRecord pack_record(Record r) {
     uint blue = packHalf2x16(vec2(r.colour.b, 0.0));
     return StoredRecord(vec4(r.centre, r.root.xy), vec2(r.root.z, r.log_alpha),
@@ -34,7 +34,8 @@ StoredRecord pack_record(Record r) {
 
 Record unpack_record(StoredRecord s) {
     vec3 colour = vec3(unpackHalf2x16(s.colour.x), unpackHalf2x16(s.colour.y & 0xffffu).x);
-    return Record(s.centre_root.xy, vec3(s.centre_root.zw, s.rest.x), s.rest.y, float(s.colour.y >> 16), colour);
+    uint radius = s.colour.y >> 16;
+    return Record(s.centre_root.xy, vec3(s.centre_root.zw, s.rest.x), s.rest.y, radius == 65535u ? 1e30 : float(radius), colour);
 }
 #endif
 

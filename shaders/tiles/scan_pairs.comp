@@ -28,6 +28,8 @@ void main() {
     uint blocks = (count + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);
     uint thread = thread_index();
     uint needed = 0u;
+    // The same in units of 256, which does not overflow.
+    uint coarse = 0u;
     uint round = 0u;
     for (uint first = 0u; first < blocks; first += THREADS * PER_THREAD) {
         uint at = first + thread * PER_THREAD;
@@ -38,6 +40,7 @@ void main() {
             sum += count[j];
         }
         uint next = exclusive_sum(sum, round++, needed);
+        exclusive_sum(sum >> 8, round++, coarse);
         [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
             if (at + j < blocks) {
                 block_pairs[at + j] = next;
@@ -46,6 +49,8 @@ void main() {
         }
     }
     if (thread == 0u) {
+        // More than any list holds: the frame is short, whatever the sum of 32 bits says.
+        needed = coarse >= (1u << 23) ? 0x7fffffffu : needed;
         uint held = min(needed, uint(ENTRIES));
         uint groups = (held + uint(GROUP_PAIRS) - 1u) / uint(GROUP_PAIRS);
         uint x = min(groups, uint(DEVICE_MAX_GROUPS_X));

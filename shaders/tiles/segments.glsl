@@ -1,8 +1,8 @@
-// The division of a bin's list into segments of SEGMENT entries, which are blended independently of each other and then composited,
+// The division of a bin's list into segments of SEGMENT_ENTRIES entries, which are blended independently of each other and then composited,
 // so that a long list keeps many workgroups busy.
 
 uint segments_of(uint entries) {
-    return (entries + uint(SEGMENT) - 1u) / uint(SEGMENT);
+    return (entries + uint(SEGMENT_ENTRIES) - 1u) / uint(SEGMENT_ENTRIES);
 }
 
 // The invocations of a workgroup of the rasteriser.

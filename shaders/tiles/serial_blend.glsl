@@ -2,8 +2,8 @@
 // a subgroup are pixels of a block, VECTORS times over, so the sums of a pixel are in registers; and they are splats of the list
 // when these are loaded and tested against the tile, LOADERS at a time.
 
-#if CELL % 2 != 0
-#error "expected an even cell size: bins are cut into tiles of 16 x 16 pixels"
+#if BIN_CELLS % 4 != 0
+#error "expected bins of whole tiles of 16 x 16 pixels"
 #endif
 
 #define LANES DEVICE_SUBGROUP_SIZE
@@ -28,7 +28,7 @@ uint bin_of_tile(uvec2 tile) {
     return (tile.y / BIN_TILES) * uint(BINS_X) + tile.x / BIN_TILES;
 }
 
-// Returns 2^x, within 1e-7 of it, for x below 127; 0 or almost for x below -126.
+// Returns 2^x, within 2.5e-7 of it relatively, for x below 127; 0 or almost for x below -126.
 float power_of_2(float x) {
     const float TO_INTEGER = 12582912.0;  // 1.5 2^23: a sum with it has no fraction
     x = max(x, -126.0);
@@ -57,7 +57,7 @@ void blend(inout vec4 sum, Record r, vec2 d, float least, float most, float leas
     sum = vec4(sum.rgb + light * r.colour, is_open ? behind : -abs(sum.a));
 }
 
-// Returns the blocks of a tile within a distance that rounding cannot bridge, bit 2 row + column. `corner` is the tile's first pixel.
+// Returns the blocks of a tile that a splat touches, with a margin for rounding: bit 2 row + column. `corner` is the tile's first pixel.
 //
 // The ellipse at the alpha floor is cut by each row of blocks, as cells.glsl does.
 uint blocks_of(Record r, vec2 corner, float least) {
@@ -68,7 +68,8 @@ uint blocks_of(Record r, vec2 corner, float least) {
     float half_height = reach / r.root.z + SLACK;
     float lean = -r.root.y / r.root.x;
     // The height of the rightmost point below the centre (y points down); the leftmost is as far above.
-    float peak = -r.root.y * reach * inversesqrt(r.root.z * r.root.z + r.root.y * r.root.y) / r.root.z;
+    float longer = max(r.root.z, abs(r.root.y));  // so that squares are floats
+    float peak = -(r.root.y / (longer * length(r.root.zy / longer))) * (reach / r.root.z);
     vec2 low = vec2(0.0, max(centre.y - half_height, 0.0));
     vec2 high = vec2(float(TILE) - 1.0, min(centre.y + half_height, float(TILE) - 1.0));
 #if EXTENT == EXTENT_TILES

@@ -43,16 +43,17 @@ void main() {
     uint begin = list + skipped;
     uint end = begin + min(list_end - begin, uint(DEEP_ENTRIES));
     float least = alpha_floor;
-    float most = alpha_cap;
+    // Below 1, where no light would be left to compare with the early stop.
+    float most = min(alpha_cap, 0.9999999);
     // Not 0: arithmetic with denormal floats takes a hundred times as long.
     float least_light = max(stop, 1e-35);
 
     vec4 sums[VECTORS];
     [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
         sums[v] = imageLoad(picture, ivec2(tile * TILE + pixel_in_tile(block, v, lane)));
-        // What is beyond the picture is done.
+        // What is beyond the picture or the block is done.
         uvec2 at = tile * TILE + pixel_in_tile(block, v, lane);
-        sums[v].a = at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT) ? sums[v].a : -1.0;
+        sums[v].a = lane < BLOCK_PIXELS && at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT) ? sums[v].a : -1.0;
     }
     bool open = true;
     for (uint first = begin; first < end && open; first += uint(LOADERS)) {
@@ -80,7 +81,7 @@ void main() {
         uvec2 at = tile * TILE + pixel_in_tile(block, v, lane);
         vec4 sum = sums[v];
         vec4 whole = vec4(sum.rgb + abs(sum.a) * background, 1.0);
-        if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
+        if (lane < BLOCK_PIXELS && at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
             imageStore(picture, ivec2(at), is_whole ? whole : sum);
         }
     }

@@ -63,7 +63,8 @@ void main() {
     uint list_end = min(starts[bin + 1u], uint(ENTRIES));
     uint end = min(list_end, begin + uint(SERIAL_SEGMENT));
     float least = alpha_floor;
-    float most = alpha_cap;
+    // Below 1, where no light would be left to compare with the early stop.
+    float most = min(alpha_cap, 0.9999999);
     // Not 0: arithmetic with denormal floats takes a hundred times as long.
     float least_light = max(stop, 1e-35);
 
