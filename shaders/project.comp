@@ -2,8 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 // Projects Gaussians to quads on the screen: cull, project, colour. Each invocation takes one splat. A visible splat
-// gets a record and its depth at its own index, an invisible one the depth -1. Every workgroup counts its visible splats,
-// so that compact.comp can close the gaps and keep the order of the indices.
+// gets a record and its depth at its own index, an invisible one the depth -1.
 
 #include "camera.glsl"
 #include "groups.glsl"
@@ -12,25 +11,12 @@
 #include "spherical_harmonics.glsl"
 #include "projection.glsl"
 
-layout(local_size_x = 256) in;
-
 layout(set = 0, binding = 3, std430) writeonly buffer Splats { Splat splats[]; };
-layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
-layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_count[]; };
 
 #if TARGET == TARGET_RGBA16F
 const float BRIGHTEST = BRIGHTEST_HALF;
 #else
 const float BRIGHTEST = BRIGHTEST_FLOAT;
-#endif
-
-// The number of visible splats in the workgroup. It is counted without ballots: invocations leave `project` at different
-// places, and nothing says that a subgroup is whole again after that.
-shared uint visible_count;
-
-#if ORDER_OF == ORDER_OF_LAST_FRAME
-// The record of an invisible splat, which is drawn if it was visible in the previous frame.
-const Splat NOTHING = Splat(vec2(0.0), vec2(1.0, 0.0), vec2(0.0, 1.0), 0.0, 0.0, vec4(0.0));
 #endif
 
 // Projects splat `i`, writes its record if it is visible, and returns its view depth, or -1 if it is not.
@@ -59,29 +45,15 @@ float project(uint i) {
     return p.depth;
 }
 
-void main() {
-    uint group = group_index();
-    uint i = group * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
-    if (gl_LocalInvocationIndex == 0u) {
-        visible_count = 0u;
-    }
-    barrier();
-
-    float z = -1.0;
-    if (i < uint(SCENE_COUNT)) {
-        z = project(i);
-        depth_of[i] = z;
+// Leaves a record that draws nothing where a splat is drawn if it was visible in the previous frame.
+void leave_out(uint i) {
 #if ORDER_OF == ORDER_OF_LAST_FRAME
-        if (!(z > 0.0)) {
-            splats[i] = NOTHING;
-        }
+    splats[i] = Splat(vec2(0.0), vec2(1.0, 0.0), vec2(0.0, 1.0), 0.0, 0.0, vec4(0.0));
 #endif
-    }
-    if (z > 0.0) {
-        atomicAdd(visible_count, 1u);
-    }
-    barrier();
-    if (gl_LocalInvocationIndex == 0u && group * gl_WorkGroupSize.x < uint(SCENE_COUNT)) {
-        block_count[group] = visible_count;
-    }
+}
+
+#include "project_all.glsl"
+
+void main() {
+    project_all();
 }

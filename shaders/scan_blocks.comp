@@ -7,6 +7,7 @@
 // is the number of visible splats, which determines the amounts to sort and to draw.
 
 #include "args.glsl"
+#include "fold_groups.glsl"
 #include "live.glsl"
 
 layout(local_size_x = 256) in;
@@ -19,15 +20,14 @@ const uint THREADS = 256u;
 const uint PER_THREAD = 16u;
 const uint SUBGROUPS = THREADS / uint(DEVICE_SUBGROUP_SIZE);
 
-// Two alternating sets, so that one barrier per round is enough.
-shared uint subgroup_sum[2][SUBGROUPS];
+#include "workgroup_sum.glsl"
 
 void write_args(uint visible) {
     uint groups = (visible + uint(GROUP_KEYS) - 1u) / uint(GROUP_KEYS);
-    uint x = min(groups, uint(DEVICE_MAX_GROUPS_X));
-    args[ARGS_SORT_GROUPS] = x;
-    args[ARGS_SORT_GROUPS + 1u] = x == 0u ? 1u : (groups + x - 1u) / x;
-    args[ARGS_SORT_GROUPS + 2u] = 1u;
+    uvec3 folded = fold_groups(groups);
+    args[ARGS_SORT_GROUPS] = folded.x;
+    args[ARGS_SORT_GROUPS + 1u] = folded.y;
+    args[ARGS_SORT_GROUPS + 2u] = folded.z;
     args[ARGS_VISIBLE] = visible;
 
     uint drawn = budget >= 1.0 ? visible : min(visible, uint(ceil(max(budget, 0.0) * float(visible))));
@@ -52,19 +52,7 @@ void main() {
         for (uint j = 0u; j < PER_THREAD; j++) {
             sum += count[j];
         }
-
-        uint inclusive = subgroupInclusiveAdd(sum);
-        if (gl_SubgroupInvocationID == gl_SubgroupSize - 1u) {
-            subgroup_sum[round & 1u][gl_SubgroupID] = inclusive;
-        }
-        barrier();
-        uint offset = carry + inclusive - sum;
-        for (uint s = 0u; s < SUBGROUPS; s++) {
-            uint other = subgroup_sum[round & 1u][s];
-            offset += s < gl_SubgroupID ? other : 0u;
-            carry += other;
-        }
-
+        uint offset = exclusive_sum(sum, round, carry);
         for (uint j = 0u; j < PER_THREAD; j++) {
             if (at + j < BLOCKS) {
                 block_count[at + j] = offset;

@@ -4,6 +4,7 @@
 // Makes pairs of a random key and its index, and says how many there are.
 
 #include "../args.glsl"
+#include "../fold_groups.glsl"
 #include "../groups.glsl"
 
 layout(local_size_x = 256) in;
@@ -27,10 +28,10 @@ void main() {
     }
     if (i == 0u) {
         uint groups = (uint(PAIRS) + uint(GROUP_KEYS) - 1u) / uint(GROUP_KEYS);
-        uint x = min(groups, uint(DEVICE_MAX_GROUPS_X));
-        args[ARGS_SORT_GROUPS] = x;
-        args[ARGS_SORT_GROUPS + 1u] = (groups + x - 1u) / x;
-        args[ARGS_SORT_GROUPS + 2u] = 1u;
+        uvec3 folded = fold_groups(groups);
+        args[ARGS_SORT_GROUPS] = folded.x;
+        args[ARGS_SORT_GROUPS + 1u] = folded.y;
+        args[ARGS_SORT_GROUPS + 2u] = folded.z;
         args[ARGS_VISIBLE] = uint(PAIRS);
     }
 }

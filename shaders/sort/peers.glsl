@@ -1,4 +1,4 @@
-// Finds the lanes of the subgroup with the same number of PEER_BITS bits: one ballot per bit, keeping the lanes with an equal
+// Finds the lanes of the subgroup with the same digit: one ballot per bit of the digit, keeping the lanes with an equal
 // bit. A mask has as many words as the subgroup needs. Must be called by whole subgroups.
 
 #if DEVICE_SUBGROUP_SIZE <= 32
@@ -27,7 +27,7 @@ uint bits_in(uvec4 mask) {
 // Returns the valid lanes with this lane's `bin`; undefined for a lane that is not valid.
 LaneMask peers_of(uint bin, bool valid) {
     LaneMask peers = MASK_OF(subgroupBallot(valid));
-    [[unroll]] for (uint b = 0u; b < uint(PEER_BITS); b++) {
+    [[unroll]] for (uint b = 0u; b < uint(DIGIT_BITS); b++) {
         uint bit = (bin >> b) & 1u;
         LaneMask ones = MASK_OF(subgroupBallot(bit != 0u));
         peers &= ones ^ LaneMask(bit - 1u);
@@ -41,9 +41,4 @@ uint lanes_in(LaneMask mask) {
 
 uint lanes_below(LaneMask mask) {
     return bits_in(mask & MASK_OF(gl_SubgroupLtMask));
-}
-
-// Waits for the subgroup's accesses to shared memory. Unlike subgroupBarrier(), it does not wait for writes to buffers.
-void shared_barrier() {
-    controlBarrier(gl_ScopeSubgroup, gl_ScopeSubgroup, gl_StorageSemanticsShared, gl_SemanticsAcquireRelease);
 }

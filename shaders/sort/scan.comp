@@ -7,31 +7,13 @@
 // bins, and each block's after those of the blocks before it.
 
 #include "block.glsl"
+#include "../workgroup_sum.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
 layout(set = 0, binding = 1, std430) buffer Table { uint table[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Totals { uint totals[]; };
 
 const uint PER_THREAD = 8u;
-
-// Two alternating sets, so that one barrier per round is enough.
-shared uint subgroup_sum[2][SUBGROUPS];
-
-// Sums `value` over lower threads, and adds the sum over all threads to `carry`. Must be called by the whole workgroup.
-uint exclusive_sum(uint value, uint round, inout uint carry) {
-    uint inclusive = subgroupInclusiveAdd(value);
-    if (gl_SubgroupInvocationID == LANES - 1u) {
-        subgroup_sum[round & 1u][gl_SubgroupID] = inclusive;
-    }
-    barrier();
-    uint sum = carry + inclusive - value;
-    for (uint s = 0u; s < SUBGROUPS; s++) {
-        uint other = subgroup_sum[round & 1u][s];
-        sum += s < gl_SubgroupID ? other : 0u;
-        carry += other;
-    }
-    return sum;
-}
 
 void main() {
     uint bin = group_index();

@@ -1,6 +1,5 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#extension GL_KHR_memory_scope_semantics : require
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -14,7 +13,6 @@
 // neighbouring lanes write neighbouring words.
 
 #include "block.glsl"
-#define PEER_BITS DIGIT_BITS
 #include "peers.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
@@ -81,12 +79,12 @@ void main() {
         LaneMask peers = peers_of(bin, valid);
         uint below = lanes_below(peers);
         rank[i] = counter(gl_SubgroupID, bin) + below;
-        shared_barrier();  // all lanes read before one of them writes
+        subgroupBarrier();  // all lanes read before one of them writes
         if (valid && below == 0u) {
             // Atomic, because another bin's counter shares the word.
             atomicAdd(words[gl_SubgroupID * WORDS + (bin >> 1)], lanes_in(peers) << (16u * (bin & 1u)));
         }
-        shared_barrier();  // the write is complete before the next read
+        subgroupBarrier();  // the write is complete before the next read
     }
 #if REORDER
     uint values[STEPS];

@@ -1,61 +1,16 @@
 // Finds the cells of a bin that a splat touches.
-//
-// The ellipse at the alpha floor is cut by each row of cells. Its leftmost and rightmost points within a row are those of the
-// whole ellipse if they are in the row, and on the nearer edge of the row otherwise.
 
-// A splat as its bin sees it: distances in pixels from the bin's first pixel.
-struct Cut {
-    vec2 centre;
-    float limit;        // of the squared distance in sigmas, scaled as the root is
-    float lean;         // x of the middle of the ellipse per y
-    float peak;         // from the centre down to the rightmost point; the leftmost is as far above
-    float inverse_x;    // pixels per scaled sigma in a row
-    float root_y;       // scaled sigmas per pixel from row to row
-    vec2 low, high;     // the pixels that may be touched
-};
+#include "cut.glsl"
 
-// So much farther than the ellipse reaches, in pixels, that rounding drops no pixel.
-const float CELL_MARGIN = 1.0 / 64.0;
 const float SIDE = float(CELL);
-
-Cut cut_of(Record r, vec2 corner) {
-    Cut c;
-    c.limit = max(r.log_alpha - log2(alpha_floor), 0.0);
-    c.centre = r.centre - corner;
-    c.inverse_x = 1.0 / r.root.x;
-    c.root_y = r.root.z;
-    c.lean = -r.root.y * c.inverse_x;
-    float reach = sqrt(c.limit);
-    float half_height = reach / r.root.z;
-    // A length whose squares need not be floats.
-    float longer = max(r.root.z, abs(r.root.y));
-    float slant = longer * length(r.root.zy / longer);
-    c.peak = -(r.root.y / slant) * half_height;
-    vec2 half_size = vec2((slant / r.root.z) * reach * c.inverse_x, half_height) + CELL_MARGIN;
-    c.low = max(c.centre - half_size, vec2(0.0));
-    c.high = min(c.centre + half_size, vec2(float(BIN) - 1.0));
-#if EXTENT == EXTENT_TILES
-    vec2 columns = tile_range(r.centre.x, r.radius) - corner.x;
-    vec2 rows = tile_range(r.centre.y, r.radius) - corner.y;
-    c.low = max(c.low, vec2(columns.x, rows.x));
-    c.high = min(c.high, vec2(columns.y, rows.y));
-#endif
-    return c;
-}
 
 // Returns the columns of the cells of `row` that the splat touches, a bit each.
 uint columns_of(Cut c, uint row) {
-    float first = max(float(row) * SIDE, c.low.y) - c.centre.y;
-    float last = min(float(row) * SIDE + (SIDE - 1.0), c.high.y) - c.centre.y;
-    vec2 at = clamp(vec2(-c.peak, c.peak), first - CELL_MARGIN, last + CELL_MARGIN);
-    vec2 v = c.root_y * at;
-    vec2 half_width = sqrt(max(c.limit - v * v, 0.0)) * c.inverse_x + CELL_MARGIN;
-    float left = max(c.centre.x + c.lean * at.x - half_width.x, c.low.x);
-    float right = min(c.centre.x + c.lean * at.y + half_width.y, c.high.x);
-    if (!(first <= last && left <= right)) {
+    vec2 span = span_of(c, float(row) * SIDE, float(row) * SIDE + (SIDE - 1.0));
+    if (!(span.x <= span.y)) {
         return 0u;
     }
-    uint from = uint(max(ceil((left - (SIDE - 1.0)) / SIDE), 0.0));
-    uint to = uint(right / SIDE);
+    uint from = uint(max(ceil((span.x - (SIDE - 1.0)) / SIDE), 0.0));
+    uint to = uint(span.y / SIDE);
     return from <= to ? (2u << to) - (1u << from) : 0u;
 }

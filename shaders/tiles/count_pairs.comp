@@ -10,7 +10,6 @@
 #include "../args.glsl"
 #include "../groups.glsl"
 #include "bins.glsl"
-#define SCAN_THREADS 256
 #include "scan.glsl"
 
 layout(set = 0, binding = 2, std430) readonly buffer Bins { uint bins_of[]; };

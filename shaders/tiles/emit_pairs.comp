@@ -13,7 +13,6 @@
 #include "../depth_key.glsl"
 #include "../groups.glsl"
 #include "bins.glsl"
-#define SCAN_THREADS 256
 #include "scan.glsl"
 
 layout(set = 0, binding = 3, std430) readonly buffer Blocks { uint block_start[]; };

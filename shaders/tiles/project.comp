@@ -2,8 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 // Projects Gaussians for the tiled rasterisers: cull, project, colour. Each invocation takes one splat. A visible splat gets
-// a record, the bins that it may touch, and its depth at its own index, an invisible one the depth -1. Every workgroup counts
-// its visible splats, so that compact.comp can close the gaps and keep the order of the indices.
+// a record, the bins that it may touch, and its depth at its own index, an invisible one the depth -1.
 
 #include "../camera.glsl"
 #include "../groups.glsl"
@@ -13,18 +12,7 @@
 #include "../spherical_harmonics.glsl"
 #include "../projection.glsl"
 
-#define IS_SERIAL (RASTERISER == RASTERISER_SERIAL)
-#if IS_SERIAL
-layout(local_size_x = DEVICE_SUBGROUP_SIZE) in;
-#else
-layout(local_size_x = 256) in;
-#endif
-
 layout(set = 0, binding = 3, std430) writeonly buffer Records { StoredRecord records[]; };
-layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
-#if !IS_SERIAL
-layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_count[]; };
-#endif
 layout(set = 0, binding = 6, std430) writeonly buffer Bins { uint bins_of[]; };
 
 #if RECORD == RECORD_F32
@@ -35,12 +23,6 @@ const float BRIGHTEST = BRIGHTEST_HALF;
 
 // sqrt(log2(e) / 2): the power of the falloff is one of 2.
 const float ROOT_SCALE = 0.8493218002880191;
-
-#if !IS_SERIAL
-// The number of visible splats in the workgroup. It is counted without ballots: invocations leave `project` at different
-// places, and nothing says that a subgroup is whole again after that.
-shared uint visible_count;
-#endif
 
 // Returns the radius that the published rasteriser gives a splat, in pixels: three standard deviations, rounded up.
 float published_radius(Projection p) {
@@ -84,7 +66,11 @@ float project(uint i) {
     return p.depth;
 }
 
-#if IS_SERIAL
+#if RASTERISER == RASTERISER_SERIAL
+layout(local_size_x = DEVICE_SUBGROUP_SIZE) in;
+
+layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
+
 // Counting takes barriers, so serial_visible.comp does it.
 void main() {
     uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
@@ -93,30 +79,16 @@ void main() {
     }
 }
 #else
-void main() {
-    uint group = group_index();
-    uint i = group * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
-    if (gl_LocalInvocationIndex == 0u) {
-        visible_count = 0u;
-    }
-    barrier();
-
-    float z = -1.0;
-    if (i < uint(SCENE_COUNT)) {
-        z = project(i);
-        depth_of[i] = z;
+// Leaves no bins where all splats are binned.
+void leave_out(uint i) {
 #if SORTED == SORTED_PAIRS
-        if (!(z > 0.0)) {
-            bins_of[i] = NO_BINS;
-        }
+    bins_of[i] = NO_BINS;
 #endif
-    }
-    if (z > 0.0) {
-        atomicAdd(visible_count, 1u);
-    }
-    barrier();
-    if (gl_LocalInvocationIndex == 0u && group * gl_WorkGroupSize.x < uint(SCENE_COUNT)) {
-        block_count[group] = visible_count;
-    }
+}
+
+#include "../project_all.glsl"
+
+void main() {
+    project_all();
 }
 #endif

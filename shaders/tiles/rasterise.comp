@@ -153,7 +153,7 @@ void main() {
             touching[w] = 0u;
         }
         barrier();
-        mark_cells(cut_of(unpack_record(stored), corner), first + thread < end, thread, lane);
+        mark_cells(cut_of(unpack_record(stored), corner, float(BIN), alpha_floor), first + thread < end, thread, lane);
         barrier();
 
         [[unroll]] for (uint o = 0u; o < OWN; o++) {

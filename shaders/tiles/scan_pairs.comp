@@ -8,7 +8,7 @@
 // number of pairs that the frame needs; as many as the lists hold are sorted.
 
 #include "../args.glsl"
-#define SCAN_THREADS 256
+#include "../fold_groups.glsl"
 #include "scan.glsl"
 
 #if SORTED == SORTED_SPLATS
@@ -53,17 +53,16 @@ void main() {
         needed = coarse >= (1u << 23) ? 0x7fffffffu : needed;
         uint held = min(needed, uint(ENTRIES));
         uint groups = (held + uint(GROUP_PAIRS) - 1u) / uint(GROUP_PAIRS);
-        uint x = min(groups, uint(DEVICE_MAX_GROUPS_X));
-        pair_args[ARGS_SORT_GROUPS] = x;
-        pair_args[ARGS_SORT_GROUPS + 1u] = x == 0u ? 1u : (groups + x - 1u) / x;
-        pair_args[ARGS_SORT_GROUPS + 2u] = 1u;
+        uvec3 folded = fold_groups(groups);
+        pair_args[ARGS_SORT_GROUPS] = folded.x;
+        pair_args[ARGS_SORT_GROUPS + 1u] = folded.y;
+        pair_args[ARGS_SORT_GROUPS + 2u] = folded.z;
         pair_args[ARGS_VISIBLE] = held;
         // An invocation for each pair, and one for the end.
-        groups = held / 256u + 1u;
-        x = min(groups, uint(DEVICE_MAX_GROUPS_X));
-        pair_args[ARGS_DRAW] = x;
-        pair_args[ARGS_DRAW + 1u] = (groups + x - 1u) / x;
-        pair_args[ARGS_DRAW + 2u] = 1u;
+        folded = fold_groups(held / 256u + 1u);
+        pair_args[ARGS_DRAW] = folded.x;
+        pair_args[ARGS_DRAW + 1u] = folded.y;
+        pair_args[ARGS_DRAW + 2u] = folded.z;
         pair_args[ARGS_DRAWN] = needed;
     }
 }

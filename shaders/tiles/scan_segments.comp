@@ -8,9 +8,9 @@
 // determines the workgroups of the rasteriser. Segments that are to be composited, those of lists with more than one, are numbered
 // once more: these numbers are the places of their sums.
 
+#include "../fold_groups.glsl"
 #include "bins.glsl"
 #include "segments.glsl"
-#define SCAN_THREADS 256
 #include "scan.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
@@ -52,9 +52,9 @@ void main() {
     }
     if (thread_index() == 0u) {
         segment_starts[BIN_COUNT] = segments;
-        uint x = min(segments, uint(DEVICE_MAX_GROUPS_X));
-        groups[0] = x;
-        groups[1] = x == 0u ? 1u : (segments + x - 1u) / x;
-        groups[2] = 1u;
+        uvec3 folded = fold_groups(segments);
+        groups[0] = folded.x;
+        groups[1] = folded.y;
+        groups[2] = folded.z;
     }
 }

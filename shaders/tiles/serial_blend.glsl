@@ -6,6 +6,8 @@
 #error "expected bins of whole tiles of 16 x 16 pixels"
 #endif
 
+#include "cut.glsl"
+
 #define LANES DEVICE_SUBGROUP_SIZE
 
 const uint TILE = 16u;
@@ -58,38 +60,14 @@ void blend(inout vec4 sum, Record r, vec2 d, float least, float most, float leas
 }
 
 // Returns the blocks of a tile that a splat touches, with a margin for rounding: bit 2 row + column. `corner` is the tile's first pixel.
-//
-// The ellipse at the alpha floor is cut by each row of blocks, as cells.glsl does.
 uint blocks_of(Record r, vec2 corner, float least) {
-    const float SLACK = 1.0 / 64.0;
-    float limit = max(r.log_alpha - log2(least), 0.0);
-    vec2 centre = r.centre - corner;
-    float reach = sqrt(limit);
-    float half_height = reach / r.root.z + SLACK;
-    float lean = -r.root.y / r.root.x;
-    // The height of the rightmost point below the centre (y points down); the leftmost is as far above.
-    float longer = max(r.root.z, abs(r.root.y));  // so that squares are floats
-    float peak = -(r.root.y / (longer * length(r.root.zy / longer))) * (reach / r.root.z);
-    vec2 low = vec2(0.0, max(centre.y - half_height, 0.0));
-    vec2 high = vec2(float(TILE) - 1.0, min(centre.y + half_height, float(TILE) - 1.0));
-#if EXTENT == EXTENT_TILES
-    vec2 columns = tile_range(r.centre.x, r.radius) - corner.x;
-    vec2 rows = tile_range(r.centre.y, r.radius) - corner.y;
-    low = max(low, vec2(columns.x, rows.x));
-    high = min(high, vec2(columns.y, rows.y));
-#endif
+    Cut cut = cut_of(r, corner, float(TILE), least);
     uint blocks = 0u;
     [[unroll]] for (uint row = 0u; row < 4u; row++) {
-        float first = max(float(row) * 4.0, low.y) - centre.y;
-        float last = min(float(row) * 4.0 + 3.0, high.y) - centre.y;
-        vec2 at = clamp(vec2(-peak, peak), first - SLACK, last + SLACK);
-        vec2 v = r.root.z * at;
-        vec2 half_width = sqrt(max(limit - v * v, 0.0)) / r.root.x + SLACK;
-        float left = max(centre.x + lean * at.x - half_width.x, low.x);
-        float right = min(centre.x + lean * at.y + half_width.y, high.x);
-        bool touches = first <= last + SLACK && left <= right;
-        blocks |= touches && left <= 7.0 ? 1u << (2u * row) : 0u;
-        blocks |= touches && right >= 8.0 ? 2u << (2u * row) : 0u;
+        vec2 span = span_of(cut, float(row) * 4.0, float(row) * 4.0 + 3.0);
+        bool touches = span.x <= span.y;
+        blocks |= touches && span.x <= 7.0 ? 1u << (2u * row) : 0u;
+        blocks |= touches && span.y >= 8.0 ? 2u << (2u * row) : 0u;
     }
     return blocks;
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 /// Sums the buffers and images that a pass reads and those that it writes, each once, at their declared size.
 ///
-/// What is read and written counts twice, as in a copy; a target that is cleared is not read. A pass that reads something again moves
+/// A resource that is read and written counts twice, as in a copy; a target that is cleared is not read. A pass that reads something again moves
 /// more. One that finds less to do than there is room for, such as a sort of the visible splats alone, moves less.
 pub fn of_pass(plan: &Plan, pass: &Pass) -> u64 {
     if let Work::Export = pass.work {

@@ -32,8 +32,7 @@ pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
 /// Draws the curves of a scene. `splats` are the numbers that were asked for; if none, the scene's own.
 pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<Plot> {
     let rows: Vec<&Row> = report.rows.iter().filter(|row| row.scene == scene).collect();
-    let mut counts: Vec<u32> = rows.iter().map(|row| row.splats).collect();
-    counts.dedup();
+    let counts = unique(rows.iter().map(|row| row.splats));
     let mut plots = Vec::new();
     let title = |of: String| format!("{}, {of}, {}", scene_name(scene), report.origin.device);
     if splats.len() > 1 {
@@ -45,7 +44,7 @@ pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<
         }));
     }
     if sizes.len() > 1 {
-        plots.extend(unique(&counts).into_iter().map(|count| {
+        plots.extend(counts.into_iter().map(|count| {
             let own = rows.iter().copied().filter(|row| row.splats == count);
             let x = Axis { label: "pixels".into(), logarithmic: true };
             let title = title(format!("{} splats", grouped(count.into())));
@@ -56,11 +55,12 @@ pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<
     plots
 }
 
-fn unique(counts: &[u32]) -> Vec<u32> {
-    let mut found: Vec<u32> = Vec::new();
-    for count in counts {
-        if !found.contains(count) {
-            found.push(*count);
+/// Lists the items in their order, each once.
+fn unique<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut found = Vec::new();
+    for item in items {
+        if !found.contains(&item) {
+            found.push(item);
         }
     }
     found
@@ -75,12 +75,7 @@ fn plot(
     position: impl Fn(&Row) -> Option<f64>,
 ) -> Plot {
     let on_gpu = report.drawn().all(|found| found.mean.gpu_ms.is_some());
-    let mut names: Vec<&str> = Vec::new();
-    for row in rows {
-        if !names.contains(&row.pipeline.as_str()) {
-            names.push(&row.pipeline);
-        }
-    }
+    let names = unique(rows.iter().map(|row| row.pipeline.as_str()));
     let point = |row: &&Row| {
         let mean = &row.found.as_ref().ok()?.mean;
         let figure = if on_gpu { mean.gpu_ms } else { mean.wall_ms };

@@ -142,7 +142,7 @@ fn cameras(rows: &[Row]) -> String {
     table(&lines)
 }
 
-/// What a line of the overview is about: the scene, the size and the candidate.
+/// Names a line of the overview: the scene, the size and the candidate.
 type Line<'a> = (&'a str, Option<(u32, u32)>, &'a str);
 
 fn line_of(row: &Row) -> Line<'_> {

@@ -78,7 +78,7 @@ pub struct Args {
     device: DeviceArgs,
 }
 
-/// What is measured.
+/// Selects the measurements.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 enum Suite {
     #[default]

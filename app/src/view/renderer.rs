@@ -87,7 +87,7 @@ pub struct FinishedFrame {
     pub first: bool,
     /// The requested inspections.
     pub inspected: Vec<Inspect>,
-    /// What the frame had no room for.
+    /// Lists that the frame had no room for.
     pub short: Vec<Shortage>,
 }
 

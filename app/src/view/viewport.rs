@@ -61,7 +61,7 @@ pub struct Viewport<D: Device> {
     pub inspection: Option<Inspection>,
     /// The graph's statistics of the newest finished frame.
     pub stats: Vec<(String, u32)>,
-    /// What the newest finished frame had no room for.
+    /// Lists that the newest finished frame had no room for.
     pub short: Vec<Shortage>,
     /// The progress of reading a picture back; see [`Viewport::take_picture`].
     reading: Reading,

@@ -58,7 +58,7 @@ impl Area {
     }
 }
 
-/// What a mesh covers, and what tells it from others.
+/// Holds the area of a mesh, and a hash that tells it from others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Piece {
     /// The pixels that it may change.
