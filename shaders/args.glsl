@@ -5,7 +5,9 @@
 //      3    12   visible splats, which is the number of keys to sort
 //      4    16   an indirect draw: vertices, instances, first vertex, first instance
 //      8    32   splats drawn: the nearest `ceil(budget * visible)`
+//      9    36   where pairs are sorted once: visible splats
 const uint ARGS_SORT_GROUPS = 0u;
 const uint ARGS_VISIBLE = 3u;
 const uint ARGS_DRAW = 4u;
 const uint ARGS_DRAWN = 8u;
+const uint ARGS_SEEN = 9u;

@@ -11,11 +11,15 @@ uint exclusive_sum(uint value, uint round, inout uint carry) {
         subgroup_sum[round & 1u][gl_SubgroupID] = inclusive;
     }
     barrier();
-    uint sum = carry + inclusive - value;
-    for (uint s = 0u; s < SUBGROUPS; s++) {
+    // Lanes share the sums of the subgroups: one after the other takes longer than two more operations of the subgroup.
+    uint lower = 0u;
+    uint all = 0u;
+    for (uint s = gl_SubgroupInvocationID; s < SUBGROUPS; s += gl_SubgroupSize) {
         uint other = subgroup_sum[round & 1u][s];
-        sum += s < gl_SubgroupID ? other : 0u;
-        carry += other;
+        lower += s < gl_SubgroupID ? other : 0u;
+        all += other;
     }
+    uint sum = carry + subgroupAdd(lower) + inclusive - value;
+    carry += subgroupAdd(all);
     return sum;
 }

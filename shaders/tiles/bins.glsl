@@ -1,10 +1,7 @@
-// The division of the picture. A *cell* is a square of 4 x 4 pixels, and a *bin* one of BIN_CELLS x BIN_CELLS cells. Binning makes
-// a list of the splats that may touch each bin, near to far; a rasteriser finds the cells that each of them touches.
+// The division of the picture into *bins*, squares of BIN x BIN pixels. Binning makes a list of the splats that may touch each bin, near
+// to far.
 
-const uint CELL = 4u;
-const uint ACROSS = uint(BIN_CELLS);
-const uint CELLS = ACROSS * ACROSS;
-const uint BIN = ACROSS * CELL;
+const uint BIN = uint(BIN_SIDE);
 
 // The bins that a splat may touch: the first and the last column and row, 8 bits each.
 struct BinRect { uvec2 first, last; };

@@ -10,6 +10,9 @@
 #include "../args.glsl"
 #include "../groups.glsl"
 #include "bins.glsl"
+
+const uint THREADS = 256u;
+layout(local_size_x = 256) in;
 #include "scan.glsl"
 
 layout(set = 0, binding = 2, std430) readonly buffer Bins { uint bins_of[]; };

@@ -5,7 +5,8 @@
 #extension GL_EXT_control_flow_attributes : require
 
 // Third pass of binning: writes the pairs in the order of the splats, dealt to the invocations whatever the number of bins of each
-// splat. The key of a pair is its bin; if splats are not sorted by depth before, followed by as many bits of depth as fit. A stable
+// splat. The key of a pair is its bin; if splats are not sorted by depth before, followed by as many bits of the depth's key as fit;
+// some more stand above the splat's index. A stable
 // sort of the pairs then makes a list for each bin, near to far.
 
 #include "../args.glsl"
@@ -13,6 +14,9 @@
 #include "../depth_key.glsl"
 #include "../groups.glsl"
 #include "bins.glsl"
+
+const uint THREADS = 256u;
+layout(local_size_x = 256) in;
 #include "scan.glsl"
 
 layout(set = 0, binding = 3, std430) readonly buffer Blocks { uint block_start[]; };
@@ -57,7 +61,11 @@ void main() {
     }
     barrier();
 
+#if SORTED == SORTED_SPLATS
     uint start = block_start[block];
+#else
+    uint start = block_start[block * PER_THREAD];
+#endif
     for (uint pair = thread; pair < total; pair += THREADS) {
         // The splat of the pair: the first whose pairs go beyond it.
         uint at = 0u;
@@ -75,7 +83,12 @@ void main() {
             pair_keys[start + pair] = bin;
             pair_splats[start + pair] = order[splat];
 #else
-            pair_keys[start + pair] = (bin << DEPTH_BITS) | depth_key(depth[splat]);
+            uint key = depth_key(depth[splat]);
+            pair_keys[start + pair] = (bin << HELD_BITS) | (key >> (DEPTH_BITS - HELD_BITS));
+#if REST_BITS > 0
+            uint rest = (key >> (DEPTH_BITS - HELD_BITS - REST_BITS)) & ((1u << REST_BITS) - 1u);
+            splat |= rest << INDEX_BITS;
+#endif
             pair_splats[start + pair] = splat;
 #endif
         }

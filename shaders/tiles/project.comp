@@ -32,6 +32,10 @@ float published_radius(Projection p) {
     return ceil(3.0 * sqrt(0.5 * (p.xx + p.yy) + spread) * p.unit);
 }
 
+#if SORTED == SORTED_PAIRS
+uint splat_pairs = 0u;
+#endif
+
 // Projects splat `i`, writes its record if it is visible, and returns its view depth, or -1 if it is not.
 float project(uint i) {
     Projection p;
@@ -53,7 +57,11 @@ float project(uint i) {
     if (!(first.x <= last.x && first.y <= last.y)) {
         return -1.0;
     }
-    bins_of[i] = pack_bins(BinRect(uvec2(first) / BIN, uvec2(last) / BIN));
+    BinRect rect = BinRect(uvec2(first) / BIN, uvec2(last) / BIN);
+    bins_of[i] = pack_bins(rect);
+#if SORTED == SORTED_PAIRS
+    splat_pairs = bins_in(rect);
+#endif
 
     Record r;
     r.centre = p.centre;
@@ -79,6 +87,10 @@ void main() {
     }
 }
 #else
+#if SORTED == SORTED_PAIRS
+#define COUNTS_PAIRS
+#endif
+
 // Leaves no bins where all splats are binned.
 void leave_out(uint i) {
 #if SORTED == SORTED_PAIRS

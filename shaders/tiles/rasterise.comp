@@ -6,8 +6,8 @@
 #extension GL_EXT_control_flow_attributes : require
 
 // Blends a segment of a bin's list, near to far. The workgroup takes the entries in chunks: each invocation loads a splat to
-// shared memory and notes the cells that it touches. Then every eight invocations walk, for each of their own cells, only the splats
-// that touch it, with the sums of its pixels in registers.
+// shared memory and notes the cells that it touches. Then the invocations that share a cell list the splats that touch it, and walk
+// this list with the sums of the cell's pixels in registers.
 
 #include "../camera.glsl"
 #include "../groups.glsl"
@@ -21,38 +21,58 @@
 const uint THREADS = RASTER_THREADS;
 layout(local_size_x = 256) in;
 
-layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
-layout(set = 0, binding = 1, std430) readonly buffer Segments { uint segment_starts[]; };
+layout(set = 0, binding = 0, std430) readonly buffer Ranges { uvec2 ranges[]; };
+layout(set = 0, binding = 1, std430) readonly buffer Further { uint further[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Lists { uint lists[]; };
 layout(set = 0, binding = 3, std430) readonly buffer Records { StoredRecord records[]; };
-layout(set = 0, binding = 4, std430) readonly buffer Places { uint sum_places[]; };
-layout(set = 0, binding = 5, std430) writeonly buffer Sums { StoredSum sums[]; };
-layout(set = 0, binding = 6, rgba32f) writeonly uniform image2D picture;
+layout(set = 0, binding = 4, std430) writeonly buffer Sums { StoredSum sums[]; };
+layout(set = 0, binding = 5, rgba32f) writeonly uniform image2D picture;
 
 // Cells of an invocation.
-const uint OWN = CELLS / CELLS_AT_ONCE;
+const uint OWN = BIN_CELLS / CELLS_AT_ONCE;
 
-const uint CHUNK = THREADS;
+// An invocation takes a splat; the first takes one that is nowhere, which fills lists up.
+const uint CHUNK = THREADS - 1u;
 // Splats that touch more cells than this are noted by ballots.
 const uint FEW_CELLS = 16u;
-const uint WORDS = CHUNK / 32u;
-// The records of the chunk's splats, in the parts of 16 bytes that shared memory reads at once.
-shared vec4 chunk_root[CHUNK];
-shared uvec4 chunk_rest[CHUNK];
+const uint WORDS = THREADS / 32u;
+// The records of the chunk's splats, in the parts of 16 bytes that shared memory reads at once; in place of the centre, u and v of
+// the falloff at the corner of the bin (record.glsl).
+shared vec4 chunk_root[THREADS];
+shared uvec4 chunk_rest[THREADS];
 #if RECORD == RECORD_F32
-shared vec4 chunk_colour[CHUNK];
+shared vec4 chunk_colour[THREADS];
 #endif
-// A row for each 32 splats of the chunk: for each cell, a bit for each of them that touches it.
-shared uint touching[WORDS * CELLS];
+// A row for each 32 splats of the chunk: for each cell, a bit for each of them that touches it. Rows are not a multiple of the memory's
+// banks long, because the invocations of a cell each read another row.
+const uint ROW = BIN_CELLS + 4u;
+shared uint touching[WORDS * ROW];
+// A part of the list of each cell, which is walked at a time: places in the chunk, a byte each. Every invocation has a word of its
+// cell's.
+const uint LISTED = 4u * CELL_LANES;
+shared uint listed[THREADS];
+// Words of `touching` for each invocation of a cell.
+const uint PARTS = WORDS / CELL_LANES;
+// Whether light comes through somewhere after a chunk, for even and odd chunks.
+shared uint is_open[2];
 
-// Finds the bin of segment `group`: the last that starts at or before it.
-uint bin_of(uint group, uint lane) {
+// Returns the splat of a pair, above whose index bits of the depth may stand.
+uint splat_of(uint pair) {
+#if REST_BITS > 0
+    return pair & ((1u << INDEX_BITS) - 1u);
+#else
+    return pair;
+#endif
+}
+
+// Finds the bin of the further segment `number`: the last whose further segments start at or before it.
+uint bin_of(uint number, uint lane) {
     uint bin = 0u;
     uint span = uint(BIN_COUNT);
     while (span > 1u) {
         uint stride = (span + uint(LANES) - 1u) / uint(LANES);
         uint probe = bin + lane * stride;
-        bool is_before = lane * stride < span && probe < uint(BIN_COUNT) && segment_starts[probe] <= group;
+        bool is_before = lane * stride < span && probe < uint(BIN_COUNT) && further[probe] <= number;
         bin += (subgroupBallotBitCount(subgroupBallot(is_before)) - 1u) * stride;
         span = stride;
     }
@@ -61,9 +81,9 @@ uint bin_of(uint group, uint lane) {
 
 // Notes the cells that splat `at` of the chunk touches. Must be called by whole subgroups.
 void mark_cells(Cut cut, bool is_valid, uint at, uint lane) {
-    uint row = at / 32u * CELLS;
-    uvec2 low = uvec2(cut.low / SIDE);
-    uvec2 high = uvec2(max(cut.high, vec2(0.0)) / SIDE);
+    uint row = at / 32u * ROW;
+    uvec2 low = uvec2(cut.low) / CELL;
+    uvec2 high = uvec2(max(cut.high, vec2(0.0))) / CELL;
     bool touches = is_valid && cut.low.x <= cut.high.x && cut.low.y <= cut.high.y;
     uint box = touches ? (high.x - low.x + 1u) * (high.y - low.y + 1u) : 0u;
     if (subgroupAll(box <= FEW_CELLS)) {
@@ -92,10 +112,10 @@ void mark_cells(Cut cut, bool is_valid, uint at, uint lane) {
 #elif LANES > 32
                 if (lane == x) {
                     touching[word] = touch.x;
-                    touching[word + CELLS] = touch.y;
+                    touching[word + ROW] = touch.y;
 #if LANES > 64
-                    touching[word + 2u * CELLS] = touch.z;
-                    touching[word + 3u * CELLS] = touch.w;
+                    touching[word + 2u * ROW] = touch.z;
+                    touching[word + 3u * ROW] = touch.w;
 #endif
                 }
 #else
@@ -110,19 +130,24 @@ void mark_cells(Cut cut, bool is_valid, uint at, uint lane) {
 
 void main() {
     uint group = group_index();
-    if (group >= segment_starts[BIN_COUNT]) {
+    uint number = group - uint(BIN_COUNT);
+    if (group >= uint(BIN_COUNT) && number >= further[BIN_COUNT]) {
         return;
     }
     uint lane = gl_SubgroupInvocationID;
     uint thread = gl_SubgroupID * uint(LANES) + lane;
-    uint bin = bin_of(group, lane);
+    // The first segment of each bin, then the further ones.
+    uint bin = group;
+    uint segment = 0u;
+    if (group >= uint(BIN_COUNT)) {
+        bin = bin_of(number, lane);
+        segment = number - further[bin] + 1u;
+    }
     vec2 corner = vec2(uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN);
 
-    uint list = min(starts[bin], uint(ENTRIES));
-    uint list_end = min(starts[bin + 1u], uint(ENTRIES));
-    uint segment = group - segment_starts[bin];
-    uint begin = list + segment * uint(SEGMENT_ENTRIES);
-    uint end = min(begin + uint(SEGMENT_ENTRIES), list_end);
+    uvec2 range = ranges[bin];
+    uint begin = range.x + segment * uint(SEGMENT_ENTRIES);
+    uint end = min(begin + uint(SEGMENT_ENTRIES), range.y);
 
     // Colour and transmittance of each pixel; its alpha floor, which no alpha reaches when it is done; whether all of an
     // invocation's pixels in a cell are.
@@ -139,64 +164,107 @@ void main() {
         }
     }
 
-    for (uint first = begin; first < end; first += CHUNK) {
-        StoredRecord stored = records[lists[min(first + thread, end - 1u)]];
+    uint round = 0u;
+    for (uint first = begin; first < end; first += CHUNK, round++) {
+        uint entry = first + thread - 1u;
+        bool is_entry = thread > 0u && entry < end;
+        StoredRecord stored = records[splat_of(lists[is_entry ? entry : first])];
         barrier();
-        chunk_root[thread] = stored.centre_root;
+        if (first != begin && is_open[round & 1u] == 0u) {
+            break;
+        }
+        if (thread == 0u) {
+            is_open[(round + 1u) & 1u] = 0u;
+        }
+        Record r = unpack_record(stored);
+        if (!is_entry) {
+            r.root = vec3(0.0);
+            r.log_alpha = -1e30;
+        }
+        vec2 centre = r.centre - corner;
+        chunk_root[thread] = vec4(r.root.xy, -(r.root.x * centre.x + r.root.y * centre.y), -r.root.z * centre.y);
 #if RECORD == RECORD_F32
-        chunk_rest[thread] = floatBitsToUint(stored.rest);
+        chunk_rest[thread] = floatBitsToUint(vec4(r.root.z, r.log_alpha, 0.0, 0.0));
         chunk_colour[thread] = stored.colour;
 #else
-        chunk_rest[thread] = uvec4(floatBitsToUint(stored.rest), stored.colour);
+        chunk_rest[thread] = uvec4(floatBitsToUint(vec2(r.root.z, r.log_alpha)), stored.colour);
 #endif
-        for (uint w = thread; w < WORDS * CELLS; w += THREADS) {
+        for (uint w = thread; w < WORDS * ROW; w += THREADS) {
             touching[w] = 0u;
         }
         barrier();
-        mark_cells(cut_of(unpack_record(stored), corner, float(BIN), alpha_floor), first + thread < end, thread, lane);
+        mark_cells(cut_of(r, corner, float(BIN), alpha_floor), is_entry, thread, lane);
         barrier();
 
+        bool all_done = true;
         [[unroll]] for (uint o = 0u; o < OWN; o++) {
-            uint cell = o * CELLS_AT_ONCE + thread / CELL_THREADS;
-            vec2 place = corner + vec2(pixel_at(pixel_place(thread, o, 0u)));
-            uint words = 0u;
-            [[unroll]] for (uint w = 0u; w < WORDS; w++) {
-                words |= touching[w * CELLS + cell] != 0u ? 1u << w : 0u;
+            uint cell = o * CELLS_AT_ONCE + thread / CELL_LANES;
+            vec2 place = vec2(pixel_at(pixel_place(thread, o, 0u)));
+            bool is_cell_open = (subgroupBallot(!is_done[o])[lane / 32u] >> (lane & 31u & ~(CELL_LANES - 1u)) & ((1u << CELL_LANES) - 1u)) != 0u;
+            // The splats that touch the cell, and those that the words before this invocation's have.
+            uint part = thread % CELL_LANES * PARTS;
+            uint total = 0u;
+            uint next = 0u;
+            uint rest_of[PARTS];
+            if (is_cell_open) {
+                [[unroll]] for (uint w = 0u; w < WORDS; w++) {
+                    uint count = uint(bitCount(touching[w * ROW + cell]));
+                    next += w < part ? count : 0u;
+                    total += count;
+                }
+                [[unroll]] for (uint i = 0u; i < PARTS; i++) {
+                    rest_of[i] = touching[(part + i) * ROW + cell];
+                }
+            } else {
+                [[unroll]] for (uint i = 0u; i < PARTS; i++) {
+                    rest_of[i] = 0u;
+                }
             }
-            words = is_done[o] ? 0u : words;
-            uint word = 0u;
-            uint bits = 0u;
-            while ((words | bits) != 0u) {
-                if (bits == 0u) {
-                    word = uint(findLSB(words));
-                    words &= words - 1u;
-                    bits = touching[word * CELLS + cell];
+            uint list = thread / CELL_LANES * CELL_LANES;
+            for (uint from = 0u; subgroupAny(from < total); from += LISTED) {
+                listed[thread] = 0u;
+                subgroupBarrier();
+                [[unroll]] for (uint i = 0u; i < PARTS; i++) {
+                    while (rest_of[i] != 0u && next < from + LISTED) {
+                        uint at = (part + i) * 32u + uint(findLSB(rest_of[i]));
+                        rest_of[i] &= rest_of[i] - 1u;
+                        uint place = next - from;
+                        atomicOr(listed[list + place / 4u], at << (8u * (place & 3u)));
+                        next++;
+                    }
                 }
-                uint at = word * 32u + uint(findLSB(bits));
-                bits &= bits - 1u;
-                vec4 centre_root = chunk_root[at];
-                uvec4 rest = chunk_rest[at];
+                subgroupBarrier();
+                uint count = is_done[o] || from >= total ? 0u : min(total - from, LISTED);
+                for (uint k = 0u; k < count; k += 4u) {
+                    uint four = listed[list + k / 4u];
+                    [[unroll]] for (uint j = 0u; j < 4u; j++) {
+                        uint at = (four >> (8u * j)) & 255u;
+                        vec4 root = chunk_root[at];
+                        uvec4 rest = chunk_rest[at];
+                        float u = root.x * place.x + (root.y * place.y + root.z);
+                        float v = uintBitsToFloat(rest.x) * place.y + root.w;
+                        float log_alpha = uintBitsToFloat(rest.y);
 #if RECORD == RECORD_F32
-                Record r = unpack_record(StoredRecord(centre_root, uintBitsToFloat(rest), chunk_colour[at]));
+                        vec3 colour = chunk_colour[at].rgb;
 #else
-                Record r = unpack_record(StoredRecord(centre_root, uintBitsToFloat(rest.xy), rest.zw));
+                        vec3 colour = vec3(unpackHalf2x16(rest.z), unpackHalf2x16(rest.w).x);
 #endif
-                vec2 d = place - r.centre;
-                float u = r.root.x * d.x + r.root.y * d.y;
-                float v = r.root.z * d.y;
-                [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
-                    float alpha = min(alpha_cap, exp2(r.log_alpha - u * u - v * v));
-                    float light = alpha >= floors[o][p] ? alpha * lights[o][p] : 0.0;
+                        [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
+                            float alpha = min(alpha_cap, exp2(log_alpha - u * u - v * v));
+                            float light = alpha >= floors[o][p] ? alpha * lights[o][p] : 0.0;
 #if STOP_AFTER == STOP_AFTER_SPLAT
-                    bool stops = lights[o][p] - light < stop;
-                    floors[o][p] = stops ? 2.0 : floors[o][p];
-                    light = stops ? 0.0 : light;
+                            bool stops = lights[o][p] - light < stop;
+                            floors[o][p] = stops ? 2.0 : floors[o][p];
+                            light = stops ? 0.0 : light;
 #endif
-                    colours[o][p] += light * r.colour;
-                    lights[o][p] -= light;
-                    u += float(ROWS_BETWEEN) * r.root.y;
-                    v += float(ROWS_BETWEEN) * r.root.z;
+                            colours[o][p] += light * colour;
+                            lights[o][p] -= light;
+                            u += float(ROWS_AT_ONCE) * root.y;
+                            v += float(ROWS_AT_ONCE) * uintBitsToFloat(rest.x);
+                        }
+                    }
                 }
+                subgroupBarrier();
             }
             is_done[o] = true;
             [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
@@ -205,11 +273,14 @@ void main() {
 #endif
                 is_done[o] = is_done[o] && floors[o][p] == 2.0;
             }
+            all_done = all_done && is_done[o];
+        }
+        if (!all_done) {
+            is_open[(round + 1u) & 1u] = 1u;
         }
     }
 
-    bool is_whole = segment_starts[bin + 1u] - segment_starts[bin] == 1u;
-    uint sum_place = sum_places[bin] + group - segment_starts[bin];
+    bool is_whole = segments_of(range.y - range.x) == 1u;
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
             uint place = pixel_place(thread, o, p);
@@ -221,7 +292,7 @@ void main() {
             } else {
                 // Below 0 if the pixel is done: what is behind it adds nothing.
                 float light = floors[o][p] == 2.0 ? -lights[o][p] : lights[o][p];
-                sums[sum_place * BIN_PIXELS + place] = pack_sum(vec4(colours[o][p], light));
+                sums[group * BIN_PIXELS + place] = pack_sum(vec4(colours[o][p], light));
             }
         }
     }

@@ -1,8 +1,5 @@
-// Scans over a workgroup of 256 invocations.
+// Scans over a workgroup of THREADS invocations, a constant that the including file defines.
 
-layout(local_size_x = 256) in;
-
-const uint THREADS = 256u;
 const uint SUBGROUPS = THREADS / uint(DEVICE_SUBGROUP_SIZE);
 
 #include "../workgroup_sum.glsl"

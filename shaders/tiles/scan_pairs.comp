@@ -5,42 +5,59 @@
 #extension GL_EXT_control_flow_attributes : require
 
 // Second pass of binning: turns the blocks' counts of pairs into places, by an exclusive scan in one workgroup. The sum is the
-// number of pairs that the frame needs; as many as the lists hold are sorted.
+// number of pairs that the frame needs; as many as the lists hold are sorted. Where pairs are sorted once, blocks are those of
+// the projection, whose visible splats are summed as well.
 
 #include "../args.glsl"
 #include "../fold_groups.glsl"
+
+const uint THREADS = uint(SCAN_THREADS);
+layout(local_size_x = SCAN_THREADS) in;
 #include "scan.glsl"
 
 #if SORTED == SORTED_SPLATS
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
+#else
+layout(set = 0, binding = 3, std430) readonly buffer BlockCount { uint block_visible[]; };
 #endif
+// Pairs that order_ties.comp has to leave in the order of the file.
+layout(set = 0, binding = 4, std430) writeonly buffer Unordered { uint unordered; };
 layout(set = 0, binding = 1, std430) buffer Blocks { uint block_pairs[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer PairArgs { uint pair_args[]; };
+// Emptied for the pass that finds the lists.
+layout(set = 0, binding = 5, std430) writeonly buffer Ranges { uvec2 ranges[]; };
 
 const uint PER_THREAD = 8u;
 
 void main() {
 #if SORTED == SORTED_SPLATS
-    uint count = args[ARGS_DRAWN];
+    uint blocks = (args[ARGS_DRAWN] + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);
 #else
-    uint count = uint(SCENE_COUNT);
+    uint blocks = (uint(SCENE_COUNT) + 255u) / 256u;
 #endif
-    uint blocks = (count + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);
     uint thread = thread_index();
+    for (uint bin = thread; bin < uint(BIN_COUNT); bin += THREADS) {
+        ranges[bin] = uvec2(0u);
+    }
     uint needed = 0u;
-    // The same in units of 256, which does not overflow.
-    uint coarse = 0u;
+    // This invocation's share of the same in units of 256, which does not overflow, and of the visible splats.
+    uint coarse_part = 0u;
+    uint visible_part = 0u;
     uint round = 0u;
     for (uint first = 0u; first < blocks; first += THREADS * PER_THREAD) {
         uint at = first + thread * PER_THREAD;
         uint count[PER_THREAD];
         uint sum = 0u;
         [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
-            count[j] = at + j < blocks ? block_pairs[at + j] : 0u;
+            bool is_block = at + j < blocks;
+            count[j] = is_block ? block_pairs[at + j] : 0u;
             sum += count[j];
+#if SORTED == SORTED_PAIRS
+            visible_part += is_block ? block_visible[at + j] : 0u;
+#endif
         }
+        coarse_part += sum >> 8;
         uint next = exclusive_sum(sum, round++, needed);
-        exclusive_sum(sum >> 8, round++, coarse);
         [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
             if (at + j < blocks) {
                 block_pairs[at + j] = next;
@@ -48,6 +65,10 @@ void main() {
             next += count[j];
         }
     }
+    uint coarse = 0u;
+    uint visible = 0u;
+    exclusive_sum(coarse_part, round++, coarse);
+    exclusive_sum(visible_part, round++, visible);
     if (thread == 0u) {
         // More than any list holds: the frame is short, whatever the sum of 32 bits says.
         needed = coarse >= (1u << 23) ? 0x7fffffffu : needed;
@@ -64,5 +85,9 @@ void main() {
         pair_args[ARGS_DRAW + 1u] = folded.y;
         pair_args[ARGS_DRAW + 2u] = folded.z;
         pair_args[ARGS_DRAWN] = needed;
+        unordered = 0u;
+#if SORTED == SORTED_PAIRS
+        pair_args[ARGS_SEEN] = visible;
+#endif
     }
 }

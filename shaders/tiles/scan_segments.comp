@@ -4,57 +4,66 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Last pass of binning: numbers the segments of all lists, by an exclusive scan in one workgroup. Word BIN_COUNT is their sum, which
-// determines the workgroups of the rasteriser. Segments that are to be composited, those of lists with more than one, are numbered
-// once more: these numbers are the places of their sums.
+// Last pass of binning: numbers the segments of all lists beyond the first of each, by an exclusive scan in one workgroup, and the bins
+// that have such.
 
 #include "../fold_groups.glsl"
 #include "bins.glsl"
 #include "segments.glsl"
+
+const uint THREADS = uint(SCAN_THREADS);
+layout(local_size_x = SCAN_THREADS) in;
 #include "scan.glsl"
 
-layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
-layout(set = 0, binding = 1, std430) writeonly buffer Segments { uint segment_starts[]; };
-layout(set = 0, binding = 2, std430) writeonly buffer Places { uint sum_places[]; };
-// An indirect dispatch: a workgroup for each segment.
+layout(set = 0, binding = 0, std430) readonly buffer Ranges { uvec2 ranges[]; };
+// The number of each bin's second segment. Word BIN_COUNT is their sum.
+layout(set = 0, binding = 1, std430) writeonly buffer Further { uint further[]; };
+// The bins with several segments.
+layout(set = 0, binding = 2, std430) writeonly buffer Composited { uint composited_bins[]; };
+// Two indirect dispatches: a workgroup for each segment, and those for the pixels of the bins with several; the number of these.
 layout(set = 0, binding = 3, std430) writeonly buffer Groups { uint groups[]; };
 
 const uint PER_THREAD = 8u;
 
+void write_groups(uint at, uint count) {
+    uvec3 folded = fold_groups(count);
+    groups[at] = folded.x;
+    groups[at + 1u] = folded.y;
+    groups[at + 2u] = folded.z;
+}
+
 void main() {
     uint segments = 0u;
-    uint places = 0u;
+    uint bins = 0u;
     uint round = 0u;
     for (uint first = 0u; first < uint(BIN_COUNT); first += THREADS * PER_THREAD) {
         uint at = first + thread_index() * PER_THREAD;
-        uint start[PER_THREAD + 1u];
-        [[unroll]] for (uint j = 0u; j <= PER_THREAD; j++) {
-            start[j] = starts[min(at + j, uint(BIN_COUNT))];
-        }
         uint count[PER_THREAD];
         uint sum = 0u;
-        uint composited = 0u;
+        uint several = 0u;
         [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
-            count[j] = segments_of(start[j + 1u] - start[j]);
+            uvec2 range = ranges[min(at + j, uint(BIN_COUNT) - 1u)];
+            count[j] = at + j < uint(BIN_COUNT) ? segments_of(range.y - range.x) - 1u : 0u;
             sum += count[j];
-            composited += count[j] > 1u ? count[j] : 0u;
+            several += min(count[j], 1u);
         }
         uint before = exclusive_sum(sum, round++, segments);
-        uint place = exclusive_sum(composited, round++, places);
+        uint number = exclusive_sum(several, round++, bins);
         [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
             if (at + j < uint(BIN_COUNT)) {
-                segment_starts[at + j] = before;
-                sum_places[at + j] = place;
+                further[at + j] = before;
             }
             before += count[j];
-            place += count[j] > 1u ? count[j] : 0u;
+            if (count[j] > 0u) {
+                composited_bins[number] = at + j;
+                number++;
+            }
         }
     }
     if (thread_index() == 0u) {
-        segment_starts[BIN_COUNT] = segments;
-        uvec3 folded = fold_groups(segments);
-        groups[0] = folded.x;
-        groups[1] = folded.y;
-        groups[2] = folded.z;
+        further[BIN_COUNT] = segments;
+        write_groups(0u, uint(BIN_COUNT) + segments);
+        write_groups(3u, bins * (BIN_PIXELS / 256u));
+        groups[6] = bins;
     }
 }

@@ -1,18 +1,23 @@
 // The division of a bin's list into segments of SEGMENT_ENTRIES entries, which are blended independently of each other and then composited,
 // so that a long list keeps many workgroups busy.
 
+// An empty list has one, too.
 uint segments_of(uint entries) {
-    return (entries + uint(SEGMENT_ENTRIES) - 1u) / uint(SEGMENT_ENTRIES);
+    return max(1u, (entries + uint(SEGMENT_ENTRIES) - 1u) / uint(SEGMENT_ENTRIES));
 }
 
 // The invocations of a workgroup of the rasteriser.
 const uint RASTER_THREADS = 256u;
 
-// Eight invocations share a cell: two of its rows, and the rows below by turns.
-const uint CELL_THREADS = 8u;
-const uint CELL_PIXELS = CELL * CELL / CELL_THREADS;
-const uint ROWS_BETWEEN = CELL_THREADS / CELL;
-const uint CELLS_AT_ONCE = RASTER_THREADS / CELL_THREADS;
+// The rasteriser divides a bin into *cells* of CELL x CELL pixels, each shared by neighbouring invocations of a subgroup: as many rows
+// as they cover, and those below by turns.
+const uint CELL = 4u;
+const uint ACROSS = BIN / CELL;
+const uint BIN_CELLS = ACROSS * ACROSS;
+const uint CELL_LANES = min(8u, uint(DEVICE_SUBGROUP_SIZE));
+const uint CELL_PIXELS = CELL * CELL / CELL_LANES;
+const uint ROWS_AT_ONCE = CELL_LANES / CELL;
+const uint CELLS_AT_ONCE = RASTER_THREADS / CELL_LANES;
 const uint BIN_PIXELS = BIN * BIN;
 
 // Returns the place, in the sums of a bin, of pixel `p` of an invocation in the cell that it takes in `turn`: neighbouring
@@ -25,7 +30,7 @@ uint pixel_place(uint thread, uint turn, uint p) {
 uvec2 pixel_at(uint place) {
     uint thread = place % RASTER_THREADS;
     uint pass = place / RASTER_THREADS;
-    uint cell = pass / CELL_PIXELS * CELLS_AT_ONCE + thread / CELL_THREADS;
-    uvec2 within = uvec2(thread % CELL, thread % CELL_THREADS / CELL + pass % CELL_PIXELS * ROWS_BETWEEN);
+    uint cell = pass / CELL_PIXELS * CELLS_AT_ONCE + thread / CELL_LANES;
+    uvec2 within = uvec2(thread % CELL, thread % CELL_LANES / CELL + pass % CELL_PIXELS * ROWS_AT_ONCE);
     return CELL * uvec2(cell % ACROSS, cell / ACROSS) + within;
 }

@@ -2,7 +2,7 @@
 // a subgroup are pixels of a block, VECTORS times over, so the sums of a pixel are in registers; and they are splats of the list
 // when these are loaded and tested against the tile, LOADERS at a time.
 
-#if BIN_CELLS % 4 != 0
+#if BIN_SIDE % 16 != 0
 #error "expected bins of whole tiles of 16 x 16 pixels"
 #endif
 

@@ -17,7 +17,7 @@
 
 layout(push_constant) uniform Turn { uint turn; };
 
-layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
+layout(set = 0, binding = 0, std430) readonly buffer Ranges { uvec2 ranges[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Lists { uint lists[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Records { StoredRecord records[]; };
 layout(set = 0, binding = 3, std430) readonly buffer Deep { uint deep[]; };
@@ -34,8 +34,8 @@ void main() {
     uint block = gl_WorkGroupID.x;
     vec2 corner = vec2(tile * TILE);
     uint bin = bin_of_tile(tile);
-    uint list_end = min(starts[bin + 1u], uint(ENTRIES));
-    uint list = min(starts[bin], uint(ENTRIES)) + uint(SERIAL_SEGMENT);
+    uint list_end = min(ranges[bin].y, uint(ENTRIES));
+    uint list = min(ranges[bin].x, uint(ENTRIES)) + uint(SERIAL_SEGMENT);
     uint skipped = turn * uint(DEEP_ENTRIES);
     if (list >= list_end || list_end - list <= skipped) {
         return;

@@ -19,7 +19,7 @@
 #include "record.glsl"
 #include "serial_blend.glsl"
 
-layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
+layout(set = 0, binding = 0, std430) readonly buffer Ranges { uvec2 ranges[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Lists { uint lists[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Records { StoredRecord records[]; };
 // Words 0 to 2: the indirect dispatch of serial_deep.comp; 3: the tiles left to it, and then these.
@@ -59,8 +59,8 @@ void main() {
     uvec2 first_pixel = tile * TILE;
     vec2 corner = vec2(first_pixel);
     uint bin = bin_of_tile(tile);
-    uint begin = min(starts[bin], uint(ENTRIES));
-    uint list_end = min(starts[bin + 1u], uint(ENTRIES));
+    uint begin = min(ranges[bin].x, uint(ENTRIES));
+    uint list_end = min(ranges[bin].y, uint(ENTRIES));
     uint end = min(list_end, begin + uint(SERIAL_SEGMENT));
     float least = alpha_floor;
     // Below 1, where no light would be left to compare with the early stop.

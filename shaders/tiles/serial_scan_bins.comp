@@ -4,13 +4,12 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
 // Fifth pass of binning, serial: places the bins' lists one after the other, in one workgroup. Each invocation takes a range of
-// bins. Word BIN_COUNT is the sum, all entries that the frame needs, which may be more than the buffer holds.
+// bins. The lists may need more entries than the buffer holds.
 
 #include "serial.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Lengths { uint lengths[]; };
-layout(set = 0, binding = 1, std430) readonly buffer Work { uint work[]; };
-layout(set = 0, binding = 2, std430) writeonly buffer Starts { uint starts[]; };
+layout(set = 0, binding = 1, std430) writeonly buffer Ranges { uvec2 ranges[]; };
 
 void main() {
     const uint RANGE = (uint(BIN_COUNT) + gl_WorkGroupSize.x - 1u) / gl_WorkGroupSize.x;
@@ -22,10 +21,8 @@ void main() {
     }
     uint start = subgroupExclusiveAdd(sum);
     for (uint bin = first; bin < end; bin++) {
-        starts[bin] = start;
-        start += lengths[bin];
-    }
-    if (gl_SubgroupInvocationID == 0u) {
-        starts[BIN_COUNT] = work[WORK_PAIRS];
+        uint end = start + lengths[bin];
+        ranges[bin] = uvec2(start, end);
+        start = end;
     }
 }

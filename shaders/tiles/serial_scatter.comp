@@ -12,7 +12,7 @@ layout(set = 0, binding = 1, std430) readonly buffer Runs { uint runs[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Work { uint work[]; };
 layout(set = 0, binding = 3, std430) readonly buffer SortedBins { uint sorted_bins[]; };
 layout(set = 0, binding = 4, std430) readonly buffer Order { uint order[]; };
-layout(set = 0, binding = 5, std430) readonly buffer Starts { uint starts[]; };
+layout(set = 0, binding = 5, std430) readonly buffer Ranges { uvec2 ranges[]; };
 layout(set = 0, binding = 6, std430) buffer Table { uint table[]; };
 layout(set = 0, binding = 7, std430) writeonly buffer Lists { uint lists[]; };
 
@@ -33,7 +33,7 @@ void main() {
         uint bin = bin_index(w.bin);
         uint rank = table[row + bin];
         table[row + bin] = rank + 1u;
-        uint place = starts[bin] + rank;
+        uint place = ranges[bin].x + rank;
         if (place < uint(ENTRIES)) {
             lists[place] = index;
         }

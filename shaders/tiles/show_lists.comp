@@ -9,7 +9,7 @@
 
 layout(local_size_x = 256) in;
 
-layout(set = 0, binding = 0, std430) readonly buffer Starts { uint starts[]; };
+layout(set = 0, binding = 0, std430) readonly buffer Ranges { uvec2 ranges[]; };
 layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D picture;
 
 const vec3 COLOURS[6] = vec3[](vec3(0.0), vec3(0.1, 0.1, 0.6), vec3(0.7, 0.1, 0.5), vec3(0.95, 0.4, 0.1),
@@ -22,7 +22,7 @@ void main() {
         return;
     }
     uint bin = pixel.y / BIN * uint(BINS_X) + pixel.x / BIN;
-    float doublings = log2(1.0 + float(starts[bin + 1u] - starts[bin]));
+    float doublings = log2(1.0 + float(ranges[bin].y - ranges[bin].x));
     float step = clamp(doublings / 4.0, 0.0, 4.999);
     vec3 colour = mix(COLOURS[uint(step)], COLOURS[uint(step) + 1u], fract(step));
     // A line between bins.

@@ -1,0 +1,16 @@
+// Writes the range of the sorted pairs that is each bin's list to the array `ranges` of the including file: its first pair and its end.
+// Both are 0 before, which stays where a bin has no pairs.
+
+// A pair that differs from the one before it starts the list of its bin and ends that of the other's. Takes the bins of both;
+// pair `count` ends all lists.
+void find_ranges(uint pair, uint count, uint bin_before, uint bin) {
+    const uint last = uint(BIN_COUNT) - 1u;
+    bool is_first = pair == 0u;
+    bool is_end = pair == count;
+    if (!is_end && (is_first || bin_before != bin)) {
+        ranges[min(bin, last)].x = pair;
+    }
+    if (!is_first && (is_end || bin_before != bin)) {
+        ranges[min(bin_before, last)].y = pair;
+    }
+}
