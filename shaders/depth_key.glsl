@@ -2,7 +2,8 @@
 //
 // `float_bits` takes the bits of the float, which sort like the number if it is positive: exact at 32 bits, and still
 // exact below that if the scene's depth range has at most 2^DEPTH_BITS floats. `linear` gives equal steps of depth,
-// `logarithmic` equal ratios. Depths outside of the scene's range are clamped to it.
+// `logarithmic` equal ratios. `equalised` gives each class of depths as many keys as it has splats in this frame, in proportion,
+// and equal steps within it: at most 31 bits. Depths outside of the scene's range are clamped to it.
 //
 // Every step is monotone in floating point too: integer arithmetic, or one correctly rounded operation by a constant.
 // That excludes log2() and division by the range, which need not be monotone on every device.
@@ -33,6 +34,21 @@ uint stretch(uint x, uint range) {
     return x;
 }
 
+#if KEY_MAP == KEY_MAP_EQUALISED
+#include "depth_classes.glsl"
+
+// The first key of each class, and the end of the last: see equalise.comp.
+layout(set = 0, binding = 9, std430) readonly buffer KeyStarts { uint key_starts[]; };
+
+uint depth_key(float z) {
+    uint place = depth_place(z);
+    uint c = place >> (32u - CLASS_BITS);
+    uint start = key_starts[c];
+    uint key, low;
+    umulExtended(place << CLASS_BITS, key_starts[c + 1u] - start, key, low);
+    return start + key;
+}
+#else
 uint depth_key(float z) {
     float near = camera.depth.y;
     float far = max(camera.depth.z, near);
@@ -53,3 +69,4 @@ uint depth_key(float z) {
     return uint(min(share, 0.99999994) * exp2(float(DEPTH_BITS)));
 #endif
 }
+#endif

@@ -1,22 +1,69 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Rounds the coefficients of spherical harmonics to half floats, once per scene. Each invocation takes one splat.
+// Rounds the coefficients of spherical harmonics, once per scene. Each invocation takes one splat.
+//
+// `f16` has the planes of four floats in half floats. `q8` has a plane with the three constant coefficients and a scale in half
+// floats, and then planes of eight bytes: each of the other coefficients as a share of the scale, the largest of them, in steps of
+// 1/127. A coefficient is so rounded by at most 1/254 of the splat's largest one.
 
 #include "groups.glsl"
 
 layout(local_size_x = 256) in;
 
 layout(set = 0, binding = 0, std430) readonly buffer Sh { vec4 v[]; } sh[SH_PLANES];
-layout(set = 0, binding = SH_PLANES, std430) writeonly buffer ShHalf { uvec2 sh_half[]; };
+layout(set = 0, binding = SH_PLANES, std430) writeonly buffer Packed { uvec2 packed_sh[]; };
 
 // The largest half float. Conversion of more is not defined.
 const float LARGEST = 65504.0;
 
+#if SH_STORAGE == SH_STORAGE_F16
 void store(uint plane, uint i, vec4 v) {
     v = clamp(v, -LARGEST, LARGEST);
-    sh_half[plane * uint(SCENE_COUNT) + i] = uvec2(packHalf2x16(v.xy), packHalf2x16(v.zw));
+    packed_sh[plane * uint(SCENE_COUNT) + i] = uvec2(packHalf2x16(v.xy), packHalf2x16(v.zw));
 }
+#else
+vec4 planes[SH_PLANES];
+
+void store(uint plane, uint i, vec4 v) {
+    planes[plane] = v;
+}
+
+float largest(vec4 v) {
+    v = abs(v);
+    return max(max(v.x, v.y), max(v.z, v.w));
+}
+
+// Four coefficients from float 4 `word` + 3 on; 0 beyond the last.
+uint bytes_of(uint word, float scale) {
+    vec4 v = vec4(0.0);
+    if (word < uint(SH_WORDS)) {
+        v.x = planes[word].w;
+        v.yzw = word + 1u < uint(SH_PLANES) ? planes[word + 1u].xyz : vec3(0.0);
+    }
+    return packSnorm4x8(v / scale);
+}
+
+void store_bytes(uint i) {
+#if SH_DEGREE == 0 || SH_DEGREE == 2
+    // Of the next band, or none.
+    planes[SH_PLANES - 1].w = 0.0;
+#endif
+    float most = abs(planes[0].w);
+    for (uint plane = 1u; plane < uint(SH_PLANES); plane++) {
+        most = max(most, largest(planes[plane]));
+    }
+    vec3 constant = clamp(planes[0].xyz, -LARGEST, LARGEST);
+    uvec2 head = uvec2(packHalf2x16(constant.xy), packHalf2x16(vec2(constant.z, min(most, LARGEST))));
+    packed_sh[i] = head;
+    // The scale as it is read again; where it is 0, all shares are.
+    float scale = unpackHalf2x16(head.y).y;
+    for (uint word = 0u; word < uint(SH_WORDS); word += 2u) {
+        uvec2 bytes = scale > 0.0 ? uvec2(bytes_of(word, scale), bytes_of(word + 1u, scale)) : uvec2(0u);
+        packed_sh[(1u + word / 2u) * uint(SCENE_COUNT) + i] = bytes;
+    }
+}
+#endif
 
 void main() {
     uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
@@ -41,5 +88,8 @@ void main() {
     store(9u, i, sh[9].v[i]);
     store(10u, i, sh[10].v[i]);
     store(11u, i, sh[11].v[i]);
+#endif
+#if SH_STORAGE == SH_STORAGE_Q8
+    store_bytes(i);
 #endif
 }

@@ -4,7 +4,13 @@
 // The rules are those of the published rasteriser (see docs/splatting.md); the formulas are arranged to stay accurate in
 // 32-bit floats: see `Ellipse` and `project_covariance`.
 
+#if POSITION_STORAGE == POSITION_STORAGE_FIXED16
+#include "packed_position.glsl"
+#endif
+
+#if POSITION_STORAGE == POSITION_STORAGE_F32
 struct Position3 { float x, y, z; };
+#endif
 #if COVARIANCE == COVARIANCE_FACTORED
 struct Covariance3 { float m[9]; };
 #elif COVARIANCE == COVARIANCE_HALF
@@ -13,7 +19,30 @@ struct Covariance3 { uint l00_l10, l20_l11, l21_l22; };
 struct Covariance3 { float l00, l10, l20, l11, l21, l22; };
 #endif
 
+#if POSITION_STORAGE == POSITION_STORAGE_F32
 layout(set = 0, binding = 0, std430) readonly buffer Position { Position3 position[]; };
+
+vec3 position_of(uint i) {
+    return vec3(position[i].x, position[i].y, position[i].z);
+}
+#else
+layout(set = 0, binding = 0, std430) readonly buffer Position { uint position[]; };
+
+vec3 position_of(uint i) {
+    uint first = (i >> 8) * BLOCK_WORDS;
+    uint at = 3u * (i & 255u);
+    uint a = position[first + (at >> 1)];
+    uint b = position[first + (at >> 1) + 1u];
+    uvec3 steps = (at & 1u) == 0u ? uvec3(a & 0xffffu, a >> 16, b & 0xffffu) : uvec3(a >> 16, b & 0xffffu, b >> 16);
+    uint box = first + STEP_WORDS;
+    vec3 least = uintBitsToFloat(uvec3(position[box], position[box + 1u], position[box + 2u]));
+    vec3 most = uintBitsToFloat(uvec3(position[box + 3u], position[box + 4u], position[box + 5u]));
+    // The ends are met exactly, and no product overflows.
+    vec3 share = vec3(steps) / 65535.0;
+    return least * (1.0 - share) + most * share;
+}
+#endif
+
 layout(set = 0, binding = 1, std430) readonly buffer Opacity { float opacity[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Covariance { Covariance3 covariance[]; };
 
@@ -140,7 +169,7 @@ struct Projection {
 
 // Projects splat `i`; returns false if it is behind the near plane, fainter than the alpha floor, or not a number.
 bool project_splat(uint i, out Projection splat) {
-    vec3 p = vec3(position[i].x, position[i].y, position[i].z);
+    vec3 p = position_of(i);
     mat4 view = camera.view;
 
     // The depth that decides about culling and order. The exact expression matters, as its rounding defines the order of the
@@ -163,6 +192,12 @@ bool project_splat(uint i, out Projection splat) {
 
     // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
     vec2 slope = vec2(x, y) / z;
+#if CULLS_CENTRES
+    // As others do, whatever the splat's size.
+    if (any(greaterThan(abs(slope), (1.0 + 2.0 * CULL_MARGIN) * camera.focal.zw))) {
+        return false;
+    }
+#endif
     vec2 limit = jacobian_limit * camera.focal.zw;
     vec2 held = clamp(slope, -limit, limit);
     vec3 w0 = vec3(view[0][0], view[1][0], view[2][0]);

@@ -1,6 +1,7 @@
 // Evaluates view-dependent colour: real spherical harmonics up to degree SH_DEGREE, in the basis and the sign convention
 // of 3D Gaussian Splatting. The coefficients are in planes of four floats per splat; float 3 k + c of a splat is channel c
-// of coefficient k, so four coefficients fill three planes. Half floats have the planes one after the other in a buffer.
+// of coefficient k, so four coefficients fill three planes. Half floats have the planes one after the other in a buffer, and so
+// have 8-bit coefficients, whose planes pack_sh.comp describes.
 //
 // Source of the basis: Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2013; signs as in Kerbl et al. 2023.
 
@@ -10,6 +11,25 @@ layout(set = 0, binding = 8, std430) readonly buffer Sh { uvec2 sh[]; };
 vec4 sh_plane(uint plane, uint i) {
     uvec2 halves = sh[plane * uint(SCENE_COUNT) + i];
     return vec4(unpackHalf2x16(halves.x), unpackHalf2x16(halves.y));
+}
+#elif SH_STORAGE == SH_STORAGE_Q8
+layout(set = 0, binding = 8, std430) readonly buffer Sh { uvec2 sh[]; };
+
+// The constant coefficients and the scale of the others.
+vec4 sh_head(uint i) {
+    uvec2 halves = sh[i];
+    return vec4(unpackHalf2x16(halves.x), unpackHalf2x16(halves.y));
+}
+
+// Floats 4 w + 3 to 4 w + 6, as shares of the scale; 0 beyond the last.
+vec4 sh_word(uint w, uint i) {
+    return w < uint(SH_WORDS) ? unpackSnorm4x8(sh[(1u + w / 2u) * uint(SCENE_COUNT) + i][w & 1u]) : vec4(0.0);
+}
+
+vec4 sh_plane(uint plane, uint i) {
+    vec4 head = sh_head(i);
+    float next = head.w * sh_word(plane, i).x;
+    return plane == 0u ? vec4(head.xyz, next) : vec4(head.w * sh_word(plane - 1u, i).yzw, next);
 }
 #else
 layout(set = 0, binding = 8, std430) readonly buffer Sh { vec4 v[]; } sh[SH_PLANES];

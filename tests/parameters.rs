@@ -1,4 +1,4 @@
-//! The parameters of `splat`: each draws what the exact renderer draws with the same rule changed.
+//! The parameters of the graphs: each draws what the exact renderer draws with the same rule changed, or of the same scene rounded.
 
 use crate::common;
 use splatgraph::image::Image;
@@ -31,8 +31,25 @@ fn scene() -> (Arc<Scene>, Camera) {
 }
 
 fn drawn(session: &mut Session<Vulkan>, camera: &Camera, set: &[(&str, &str)]) -> Image {
-    let set: Vec<(String, String)> = set.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect();
-    session.set_graph("splat", &[vec![("target".into(), "rgba32f".into())], set].concat());
+    drawn_by(session, camera, QUADS, set)
+}
+
+/// A graph with parameters that make it exact.
+type Graph = (&'static str, &'static [(&'static str, &'static str)]);
+
+const QUADS: Graph = ("splat", &[("target", "rgba32f")]);
+
+/// Both kinds of graphs, and both rasterisers of tiles, by the rules of quads.
+const ALL: [Graph; 3] = [
+    QUADS,
+    ("tiled_exact", &[("stop", "0.0"), ("extent", "alpha"), ("rasteriser", "serial")]),
+    ("tiled_exact", &[("stop", "0.0"), ("extent", "alpha"), ("rasteriser", "cells")]),
+];
+
+fn drawn_by(session: &mut Session<Vulkan>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
+    let all = graph.1.iter().chain(set);
+    let set: Vec<(String, String)> = all.map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect();
+    session.set_graph(graph.0, &set);
     session.prepare((camera.width, camera.height), &mut |_| {}).expect("it is prepared");
     shot::take(session, camera).expect("a picture").image
 }
@@ -75,7 +92,7 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
 }
 
 #[test]
-fn half_floats_cost_some_accuracy_and_change_nothing_else() {
+fn fewer_bits_cost_some_accuracy_and_change_nothing_else() {
     let (scene, camera) = scene();
     let mut session = Session::new(common::device(), scene, "splat", &[]);
     let single = drawn(&mut session, &camera, &[]);
@@ -83,6 +100,8 @@ fn half_floats_cost_some_accuracy_and_change_nothing_else() {
         ("covariance", "factored", 90.0, f64::INFINITY),
         ("covariance", "half", 50.0, 90.0),
         ("sh_storage", "f16", 50.0, 90.0),
+        ("sh_storage", "q8", 40.0, 80.0),
+        ("position_storage", "fixed16", 30.0, 80.0),
     ] {
         let found = psnr(&drawn(&mut session, &camera, &[(name, setting)]), &single);
         assert!((least..=most).contains(&found), "{name}={setting}: {found:.1} dB");
@@ -95,5 +114,117 @@ fn half_floats_cost_some_accuracy_and_change_nothing_else() {
         let found = psnr(&half, &single);
         assert!((50.0..100.0).contains(&found), "degree {degree}: {found:.1} dB");
     }
-    common::assert_silent(session.device(), "half floats");
+    common::assert_silent(session.device(), "fewer bits");
+}
+
+/// Rounds positions as `position_storage=fixed16` does: 65,535 steps in the box of each 256 splats.
+fn with_rounded_positions(scene: &Scene) -> Scene {
+    let boxes: Vec<[[f32; 2]; 3]> = scene
+        .positions()
+        .chunks(256)
+        .map(|block| {
+            [0, 1, 2].map(|axis| {
+                let of = block.iter().map(|p| p[axis]);
+                of.fold([f32::INFINITY, f32::NEG_INFINITY], |[a, b], v| [a.min(v), b.max(v)])
+            })
+        })
+        .collect();
+    Scene::generate(scene.count(), 3, |i| {
+        let splat = scene.splat(i);
+        let rounded = |axis: usize| {
+            let [low, high] = boxes[i / 256][axis].map(f64::from);
+            let step = ((f64::from(splat.position[axis]) - low) / (high - low) * 65535.0).round();
+            (low + (high - low) * step / 65535.0) as f32
+        };
+        Splat { position: [0, 1, 2].map(rounded), ..splat }
+    })
+}
+
+/// Rounds harmonics as `sh_storage=q8` does: half floats, and shares of the largest view-dependent coefficient in 127ths.
+fn with_rounded_harmonics(scene: &Scene) -> Scene {
+    let half = |v: f32| half::f16::from_f32(v).to_f32();
+    Scene::generate(scene.count(), 3, |i| {
+        let mut splat = scene.splat(i);
+        let scale = half(splat.sh[3..].iter().fold(0.0, |most: f32, c| most.max(c.abs())));
+        for (at, c) in splat.sh.iter_mut().enumerate() {
+            *c = match at {
+                0..3 => half(*c),
+                _ if scale > 0.0 => ((*c / scale).clamp(-1.0, 1.0) * 127.0).round() / 127.0 * scale,
+                _ => 0.0,
+            };
+        }
+        splat
+    })
+}
+
+#[test]
+fn rounded_storage_draws_the_scene_with_its_numbers_rounded() {
+    let (scene, camera) = scene();
+    let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
+    for (rounded, name, value) in [
+        (with_rounded_positions(&scene), "position_storage", "fixed16"),
+        (with_rounded_harmonics(&scene), "sh_storage", "q8"),
+    ] {
+        let mut of_rounded = Session::new(common::device(), rounded, "splat", &[]);
+        for graph in ALL {
+            let found = drawn_by(&mut session, &camera, graph, &[(name, value)]);
+            let expected = drawn_by(&mut of_rounded, &camera, graph, &[]);
+            let (near, far) =
+                (psnr(&found, &expected), psnr(&found, &drawn_by(&mut session, &camera, graph, &[])));
+            assert!(
+                near > 75.0 && near > far + 15.0,
+                "{name}, {graph:?}: {near:.1} dB, {far:.1} from the scene as it is"
+            );
+        }
+    }
+    common::assert_silent(session.device(), "rounded storage");
+}
+
+#[test]
+fn a_cull_margin_leaves_out_the_splats_whose_centre_is_beyond_it() {
+    let (scene, camera) = scene();
+    // The tangents of the margin's border.
+    let size = [(camera.width, camera.fx), (camera.height, camera.fy)];
+    let border = size.map(|(side, focal)| (1.0 + 2.0 * 0.3) * 0.5 * f64::from(side) / focal);
+    let inside = |i: &usize| {
+        let [x, y, z] = camera.to_view(scene.positions()[*i].map(f64::from));
+        x.abs() <= border[0] * z && y.abs() <= border[1] * z
+    };
+    let kept: Vec<usize> = (0..scene.count() as usize).filter(inside).collect();
+    let fewer = Scene::generate(kept.len() as u32, 3, |at| scene.splat(kept[at]));
+    let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
+    let mut of_fewer = Session::new(common::device(), fewer, "splat", &[]);
+    for graph in ALL {
+        let whole = drawn_by(&mut session, &camera, graph, &[]);
+        let culled = drawn_by(&mut session, &camera, graph, &[("cull_margin", "0.3")]);
+        let near = psnr(&culled, &drawn_by(&mut of_fewer, &camera, graph, &[]));
+        let far = psnr(&culled, &whole);
+        assert!(near > 100.0 && far < 60.0, "{graph:?}: {near:.1} dB from the rest, {far:.1} from the whole");
+    }
+    common::assert_silent(session.device(), "the cull margin");
+}
+
+#[test]
+fn equalised_keys_are_right_where_they_are_wide_and_the_nearest_to_right_where_they_are_narrow() {
+    let (scene, camera) = scene();
+    // An outlier takes the bits of the others.
+    let count = scene.count();
+    let far = Splat { position: [0.0, 0.0, 1e6], ..scene.splat(0) };
+    let scene = Scene::generate(count + 1, 3, |i| if i < count as usize { scene.splat(i) } else { far });
+    let mut session = Session::new(common::device(), scene, "splat", &[]);
+    let tiles = (
+        "tiled",
+        &[("rasteriser", "cells"), ("sorted", "pairs"), ("record", "f32"), ("sh_storage", "f32")][..],
+    );
+    for graph in ALL.into_iter().chain([tiles]) {
+        let right = drawn_by(&mut session, &camera, graph, &[("key_bits", "32")]);
+        let mut at = |map: &str, bits: &str| {
+            psnr(&drawn_by(&mut session, &camera, graph, &[("key_map", map), ("key_bits", bits)]), &right)
+        };
+        let wide = at("equalised", "22");
+        assert!(wide > 85.0, "{graph:?}: {wide:.1} dB");
+        let (equalised, bits) = (at("equalised", "9"), at("float_bits", "9"));
+        assert!(equalised > bits + 3.0, "{graph:?}: {equalised:.1} dB, {bits:.1} by the bits of floats");
+    }
+    common::assert_silent(session.device(), "equalised keys");
 }

@@ -59,7 +59,7 @@ fn mistakes_are_told_and_no_input_is_written_over() {
     let short = |more: &[&str]| place.code(&[&SHORT[..], &["1"], more].concat());
     for (more, code, why) in [
         (&["--steps", "1"][..], 2, "--steps"),
-        (&["--set", "cutof=1"], 1, "did you mean `cutoff`"),
+        (&["--set", "alpha_flor=0.1"], 1, "did you mean `alpha_floor`"),
         (&["-o", "scene.ply"], 2, "scene.ply/sweep.html, which cannot be written"),
     ] {
         let found = short(more);

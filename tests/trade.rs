@@ -74,18 +74,8 @@ fn the_ledger_holds_each_setting_against_the_truth_and_goes_on_after_an_interrup
 fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_is_drawn() {
     let place = Place::new();
     place.cameras(&["one"]);
-    let (code, errors) = place.code(&[
-        "render",
-        "scene.ply",
-        "-p",
-        "splat",
-        "-c",
-        "cameras.json",
-        "-o",
-        "true",
-        "--format",
-        "npy",
-    ]);
+    let (code, errors) =
+        place.code(&["render", "scene.ply", "-c", "cameras.json", "-o", "true", "--format", "npy"]);
     assert_eq!(code, Some(0), "{errors}");
     let short = ["trade", "scene.ply", "-c", "cameras.json", "--rounds", "1", "--frames", "1", "--only"];
     let output = place.run(&[&short[..], &["defaults", "--truth", "true"]].concat());

@@ -5,6 +5,7 @@
 //! [`SUBGROUP_SIZES`] builds for every device with at least these limits.
 
 use crate::camera::{CAMERA, CAMERA_BYTES};
+use crate::keys;
 use splatgraph_assets::{ATTRIBUTES, Scene, Splat};
 use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Value};
 
@@ -20,11 +21,14 @@ pub struct SceneFacts {
     pub sh_degree: u32,
     /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,
+    /// Bits at which depth keys put all splats that overlap on the screen in the right order, in a few views: see [`keys::of_scene`].
+    pub key_bits: u32,
 }
 
 impl SceneFacts {
     /// The facts of a nominal scene, for plans without a scene.
-    pub const NOMINAL: SceneFacts = SceneFacts { count: 1_000_000, sh_degree: 3, stored_sh_degree: 3 };
+    pub const NOMINAL: SceneFacts =
+        SceneFacts { count: 1_000_000, sh_degree: 3, stored_sh_degree: 3, key_bits: *keys::WIDTHS.end() };
 
     /// Collects the facts of a loaded scene.
     pub fn of(scene: &Scene) -> SceneFacts {
@@ -32,6 +36,7 @@ impl SceneFacts {
             count: scene.count().into(),
             sh_degree: scene.effective_degree(),
             stored_sh_degree: scene.stored_degree(),
+            key_bits: keys::of_scene(scene),
         }
     }
 }
@@ -43,6 +48,7 @@ pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Fact
         ("scene.count", scene.count as i64),
         ("scene.sh_degree", scene.sh_degree.into()),
         ("scene.stored_sh_degree", scene.stored_sh_degree.into()),
+        ("scene.key_bits", scene.key_bits.into()),
     ];
     facts.host.extend(scene.map(|(name, value)| (name.to_owned(), Value::Int(value))));
     facts

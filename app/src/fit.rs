@@ -200,7 +200,12 @@ pub fn check_header(
         return Ok(());
     }
     let catalog = facts::nominal_catalog();
-    let scene = facts::SceneFacts { count, sh_degree: 0, stored_sh_degree: stored_degree };
+    let scene = facts::SceneFacts {
+        count,
+        sh_degree: 0,
+        stored_sh_degree: stored_degree,
+        ..facts::SceneFacts::NOMINAL
+    };
     let wanted = Wanted { graph, set, scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
     // Errors of the graph are reported when it is built for the loaded scene.
     match fit(&mut Planner::default(), &wanted, &target) {

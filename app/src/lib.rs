@@ -7,6 +7,7 @@
 //! - [`backend`]: the choice of the graphics backend;
 //! - [`builtin`]: the built-in graphs and shaders;
 //! - [`facts`]: the facts and imports of graphs;
+//! - [`keys`]: the width that depth keys need;
 //! - [`growth`]: frames that were drawn in part, and room for them;
 //! - [`planner`]: builds plans from graphs;
 //! - [`fit`]: whether a scene fits a device;
@@ -46,6 +47,7 @@ pub mod fit;
 pub mod growth;
 pub mod image;
 pub mod inspect;
+pub mod keys;
 pub mod metrics;
 #[cfg(test)]
 #[path = "../../tests/numbers.rs"]

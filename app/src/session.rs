@@ -109,6 +109,8 @@ pub struct FrameOptions {
     pub read_output: bool,
     /// Resources to read back, each after a pass.
     pub inspect: Vec<Inspect>,
+    /// True to time the frame as a whole only: see [`FrameInputs::untimed_passes`].
+    pub untimed_passes: bool,
 }
 
 impl<D: Device> Session<D> {
@@ -260,6 +262,7 @@ impl<D: Device> Session<D> {
             live: plan.live_bytes(),
             read_output: request.read_output,
             inspect: request.inspect.clone(),
+            untimed_passes: request.untimed_passes,
             ..FrameInputs::default()
         };
         let id = self.device.submit(&inputs)?;

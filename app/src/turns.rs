@@ -33,14 +33,32 @@ pub struct Timed {
 /// The frames of a session, by round.
 pub type Rounds = Vec<Vec<Timed>>;
 
-/// Draws a frame alone on the device.
+/// The parts of a frame that have timestamps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Timestamps {
+    /// The frame, and each of its passes.
+    Passes,
+    /// The frame alone: those of passes take a device some time themselves.
+    Frame,
+}
+
+/// Draws a frame alone on the device, with timestamps of its passes.
 ///
 /// # Errors
 /// The device fails.
 pub fn frame<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Timed, SessionError> {
+    draw(session, camera, Timestamps::Passes)
+}
+
+fn draw<D: Device>(
+    session: &mut Session<D>,
+    camera: &Camera,
+    timestamps: Timestamps,
+) -> Result<Timed, SessionError> {
     let begun = Instant::now();
     let ms = || 1e3 * begun.elapsed().as_secs_f64();
-    let frame = session.submit(camera, &FrameOptions::default())?;
+    let options = FrameOptions { untimed_passes: timestamps == Timestamps::Frame, ..FrameOptions::default() };
+    let frame = session.submit(camera, &options)?;
     let submit_ms = ms();
     let result = session.wait(frame)?;
     Ok(Timed { result, submit_ms, wall_ms: ms() })
@@ -56,13 +74,14 @@ pub fn in_turns<D: Device>(
     sessions: &mut [&mut Session<D>],
     camera: &Camera,
     effort: Effort,
+    timestamps: Timestamps,
 ) -> Result<Vec<Rounds>, SessionError> {
     let mut all: Vec<Rounds> = sessions.iter().map(|_| Vec::new()).collect();
     for _ in 0..effort.rounds {
         all.iter_mut().for_each(|rounds| rounds.push(Vec::new()));
         for _ in 0..effort.frames {
             for (session, rounds) in sessions.iter_mut().zip(&mut all) {
-                let frame = frame(session, camera)?;
+                let frame = draw(session, camera, timestamps)?;
                 rounds.last_mut().expect("a round was begun").push(frame);
             }
         }

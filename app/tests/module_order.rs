@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 29] = [
+const CRATE: [&str; 30] = [
     "numbers",
     "output",
     "backend",
@@ -20,6 +20,7 @@ const CRATE: [&str; 29] = [
     "truth",
     "inspect",
     "stats",
+    "keys",
     "facts",
     "builtin",
     "growth",

@@ -351,6 +351,7 @@ pub struct Scene {
     /// Sizes of the file's parts; empty for a generated scene until they are asked for.
     pub(crate) size_breakdown: OnceLock<SizeBreakdown>,
     robust: OnceLock<Bounds>,
+    key_bits: OnceLock<u32>,
     pub(crate) identity: OnceLock<u64>,
 }
 
@@ -366,6 +367,7 @@ impl Scene {
             bounds: if empty { Bounds::ORIGIN } else { gathered.bounds },
             size_breakdown: size_breakdown.map_or_else(OnceLock::new, OnceLock::from),
             robust: OnceLock::new(),
+            key_bits: OnceLock::new(),
             identity: OnceLock::new(),
         }
     }
@@ -509,6 +511,11 @@ impl Scene {
     /// Returns the box from the 1st to the 99th percentile of each coordinate, which ignores outliers.
     pub fn robust_bounds(&self) -> Bounds {
         *self.robust.get_or_init(|| Bounds::percentiles(&self.columns.position, 0.01, 0.99))
+    }
+
+    /// Returns the bits that a depth key needs, which `compute` finds on the first call: it takes a renderer.
+    pub fn key_bits(&self, compute: impl FnOnce() -> u32) -> u32 {
+        *self.key_bits.get_or_init(compute)
     }
 }
 

@@ -238,5 +238,15 @@ fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
     });
     exact(&scene, &camera, &QUADS);
     exact(&scene, &camera, &[]);
-    draw(scene, &camera, Way::all(true, true));
+    let mut ways = Way::all(true, true);
+    for set in [
+        ("position_storage", "fixed16"),
+        ("sh_storage", "q8"),
+        ("key_map", "equalised"),
+        ("cull_margin", "0.0"),
+    ] {
+        let set = [set, ("key_bits", "20")];
+        ways.extend(["splat", "tiled_exact"].map(|preset| Way::new(preset, &set, |_| 0.0)));
+    }
+    draw(scene, &camera, ways);
 }

@@ -1,14 +1,13 @@
 //! Runs `splatgraph advise`: what a scene needs, and the cheapest setting within a budget.
 
-use super::options::{self, DEFAULT_PIPELINE, DeviceArgs, EffortArgs};
+use super::options::{self, DRAWN_PIPELINE, DeviceArgs, EffortArgs};
 use super::{Outcome, Usage};
 use crate::advise::harmonics::{self, Band};
-use crate::advise::keys::{self, Mapping, Need, WIDTHS};
 use crate::advise::search::{Budget, Tried, best, combinations};
 use crate::backend::Backend;
 use crate::builtin;
 use crate::fit;
-use crate::orbit;
+use crate::keys::{self, Mapping, Need, Seen, WIDTHS};
 use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::progress::Progress;
 use crate::session::Session;
@@ -18,9 +17,8 @@ use crate::turns::Effort;
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Report, Scene};
+use splatgraph_assets::{Camera, Report};
 use splatgraph_framework::lower::Control;
-use splatgraph_reference::{Rules, visible};
 use std::path::{Path, PathBuf};
 
 /// Advise how to draw a scene: its flaws, its keys, its harmonics, and the cheapest setting within a budget
@@ -42,7 +40,7 @@ pub struct Args {
     /// A .ply file in the layout of the reference implementation [default: the demo scene]
     scene: Option<PathBuf>,
     /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are tried as they are
-    #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
+    #[arg(short, long, value_name = "NAME", default_value = DRAWN_PIPELINE)]
     pipeline: String,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: four around the scene]
     #[arg(short, long, value_name = "FILE[#INDEX]")]
@@ -87,10 +85,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let sampled = given.is_none();
     let (scene, mut cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
     if sampled {
-        cameras = around(&scene, cameras.first().context("no cameras")?);
+        cameras = keys::around(&scene, cameras.first().context("no cameras")?, AROUND);
     }
     let report = Report::new(&scene, &cameras);
-    let needs = needs(&scene, &cameras, args.errors);
+    let needs = keys::needs(&Seen::new(&scene, &cameras).views(), args.errors);
     let bands = harmonics::bands(&scene);
     let name = args.scene.as_ref().map_or_else(|| "the demo scene".into(), |path| path.display().to_string());
     let silent = args.json.as_deref().is_some_and(crate::output::is_standard_output);
@@ -136,34 +134,13 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Makes cameras around the middle of a scene, the given one first.
-fn around(scene: &Scene, first: &Camera) -> Vec<Camera> {
-    let center = scene.robust_bounds().center();
-    let turned = |at: u32| Camera {
-        img_name: format!("{} {at}", first.img_name),
-        ..orbit::turned(first, center, 360.0 / f64::from(AROUND) * f64::from(at))
-    };
-    (0..AROUND).map(turned).collect()
-}
-
-/// Finds the widths that keys need in these views.
-fn needs(scene: &Scene, cameras: &[Camera], errors: u64) -> Vec<Need> {
-    let seen: Vec<_> = cameras.iter().map(|camera| visible(scene, camera, &Rules::PUBLISHED)).collect();
-    let mut views = Vec::new();
-    for ((visible, tiles), camera) in seen.iter().zip(cameras) {
-        let [near, far] = crate::camera::depth_range(camera, &scene.bounds()).map(|z| z as f32);
-        views.push(keys::View { visible, tiles: *tiles, range: (near, far) });
-    }
-    keys::needs(&views, errors)
-}
-
 /// The mapping with the narrowest keys, the cheapest of several.
 fn narrowest(needs: &[Need]) -> Option<(Mapping, u32)> {
     let of = |need: &Need| Some((need.map, need.bits?));
     needs.iter().filter_map(of).reduce(|best, other| if other.1 < best.1 { other } else { best })
 }
 
-fn keys_text(needs: &[Need], errors: u64) -> String {
+pub(super) fn keys_text(needs: &[Need], errors: u64) -> String {
     let wrong = match errors {
         0 => "no two splats that overlap change places".to_owned(),
         errors => format!("at most {errors} pairs of splats that overlap change places in a view"),
@@ -180,7 +157,7 @@ fn keys_text(needs: &[Need], errors: u64) -> String {
     }
 }
 
-fn bands_text(bands: &[Band]) -> String {
+pub(super) fn bands_text(bands: &[Band]) -> String {
     let of = |band: &Band| {
         let share = 100.0 * band.share;
         format!(
@@ -301,7 +278,7 @@ fn advice(args: &Args, found: &Tried, tried: &[Tried]) -> String {
     args.scene.iter().for_each(|path| add(&path.display().to_string()));
     args.cameras.iter().for_each(|cameras| ["-c", cameras].into_iter().for_each(&mut add));
     args.size.iter().for_each(|(w, h)| ["--size", &format!("{w}x{h}")].into_iter().for_each(&mut add));
-    if found.setting.pipeline != options::DRAWN_PIPELINE {
+    if found.setting.pipeline != DRAWN_PIPELINE {
         ["--pipeline", &found.setting.pipeline].into_iter().for_each(&mut add);
     }
     for (name, value) in &found.setting.set {
@@ -378,16 +355,5 @@ mod tests {
         );
         assert!(text.contains("most accurate: exact: 80.00, 81.00 dB, 10.000 ms, 100.0 %"), "{text}");
         assert!(text.contains("fastest: target = h: 60.00, 61.00 dB, 2.500 ms, 25.0 %"), "{text}");
-    }
-
-    #[test]
-    fn the_cameras_around_a_scene_keep_their_distance() {
-        let scene = splatgraph_assets::synth::generate("uniform", 200, 0).unwrap();
-        let cameras = around(&scene, &Camera::framing(&scene, 64, 48));
-        let center = scene.robust_bounds().center();
-        let depth: Vec<f64> = cameras.iter().map(|camera| camera.to_view(center)[2]).collect();
-        assert_eq!(cameras.len(), 4);
-        assert!(depth.iter().all(|z| (z - depth[0]).abs() < 1e-9 && *z > 0.0), "{depth:?}");
-        assert_ne!(cameras[0].position, cameras[2].position);
     }
 }

@@ -1,9 +1,12 @@
 //! Runs `splatgraph info`: reports a scene's contents, flaws and memory.
 
 use super::Outcome;
+use super::advise::{bands_text, keys_text};
 use super::options::{self, Drawing};
+use crate::advise::harmonics;
 use crate::facts::{self, SceneFacts};
 use crate::fit::{self, Target, Wanted};
+use crate::keys::{self, Seen};
 use crate::planner::Planner;
 use anyhow::Result;
 use serde_json::json;
@@ -19,8 +22,9 @@ pub const EXAMPLES: &str = "Examples:
 /// Show the size breakdown of a scene file, its flaws, and the GPU memory that a graph needs for it
 ///
 /// The size breakdown accounts for every byte of the file: fields x bytes x splats. The report counts dropped and unusual
-/// splats, and shows the depth range that a sort key must resolve, for the given cameras or one that frames the scene. The last
-/// lines say whether the scene fits the device, and if not, how many of its splats would.
+/// splats, and shows the depth range that a sort key must resolve, for the given cameras or one that frames the scene; the width
+/// at which depth keys put every two splats that overlap there in the right order; and how much each band of spherical
+/// harmonics changes the colours. The last lines say whether the scene fits the device, and if not, how many of its splats would.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -45,7 +49,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let own_size = cameras.first().map_or(facts::DEFAULT_SIZE, |c| (c.width, c.height));
     let size = args.drawing.size.unwrap_or(own_size);
-    let worksheet = format!("{}: {}\n{report}", args.scene.display(), scene.size_breakdown());
+    let needs = keys::needs(&Seen::new(&scene, &cameras).views(), 0);
+    let (key_bits, views) = (keys::of_scene(&scene), keys::sampled(&scene).len());
+    let bands = harmonics::bands(&scene);
+    let worksheet = format!(
+        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): what float_bits needs in {views} views from near, far and the middle\n{}",
+        args.scene.display(),
+        scene.size_breakdown(),
+        keys_text(&needs, 0),
+        bands_text(&bands)
+    );
     if !args.json {
         // Whatever the graph or the device says, the scene's own part is known.
         options::write_text(None, &worksheet)?;
@@ -87,6 +100,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
             "size_breakdown": size_breakdown,
             "accounted_bytes": size_breakdown.sum(),
             "report": report,
+            "keys": needs,
+            "key_bits": key_bits,
+            "bands": bands,
             "pipeline": plan.name,
             "size": [size.0, size.1],
             "buffers": buffers,

@@ -166,9 +166,7 @@ pub fn main() -> ExitCode {
 
 /// Makes the command line, with the lists of graphs and scenes in its long help.
 fn command() -> clap::Command {
-    // The budget of the nearest splats, and the cost of a fragment, are those of quads.
-    let command = Cli::command()
-        .mut_subcommand("sweep", |c| c.mut_arg("pipeline", |a| a.default_value(options::DEFAULT_PIPELINE)));
+    let command = Cli::command();
     // The lists take some milliseconds to make, so only long help has them.
     let asked = std::env::args_os().skip(1).any(|arg| arg == "--help" || arg == "help");
     if !asked {

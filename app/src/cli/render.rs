@@ -411,6 +411,7 @@ fn draw(
             background: args.background,
             read_output: wanted && last,
             inspect: asked.iter().map(|&i| targets[i]).collect(),
+            untimed_passes: false,
         };
         if flying.len() == FRAMES_IN_FLIGHT
             && let Some(oldest) = flying.pop_front()

@@ -9,7 +9,7 @@ use crate::output::{self, one_line, say};
 use crate::progress::Progress;
 use crate::session::Session;
 use crate::sweep::approach;
-use crate::sweep::choice::{BUDGET, Choice};
+use crate::sweep::choice::{BUDGET, Choice, for_nearest};
 use crate::sweep::measure::{Step, Sweep, counts};
 use crate::sweep::page::{PLOTS, Shown, gather};
 use crate::trade::measure::View;
@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 ///
 /// Draws the scene with all splats, a half, a quarter and so on, chosen in four ways: the first of the file (a naive truncation),
 /// by opacity times size in the world or on the screen (the usual heuristics for levels of detail, applied before keys are made),
-/// and the nearest visible ones (cut after the sort). Each picture is held against the exact renderer's picture of all splats.
+/// and the nearest visible ones (cut after the sort, with `sorted=splats` where pairs are sorted). Each picture is held against the exact renderer's picture of all splats.
 ///
 /// Then a camera comes closer, so that time goes into covered pixels: the draw's cost is held against their number times overlap.
 ///
@@ -73,13 +73,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let mut whole = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     let controls = whole.controls((first.width, first.height))?;
-    let has_budget = controls.iter().any(|control| control.param.name == BUDGET);
-    if !has_budget {
+    let nearest = for_nearest(&controls);
+    if nearest.is_none() {
         say(format!(
             "{}: no parameter `{BUDGET}`: the nearest splats are not measured",
             args.drawing.pipeline
         ));
     }
+    // Quads blend every fragment.
+    let stops = controls.iter().any(|control| control.param.name == "stop");
     let mut progress = Progress::new("sweeping");
     let per_view = (1 + Choice::ALL.len() * (counts.len() - 1)) as u64;
     let of = per_view * cameras.len() as u64 + approach::STEPS.len() as u64;
@@ -92,7 +94,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         whole.prepare((camera.width, camera.height), &mut |_| {})?;
         let effort = args.effort.choose(&mut whole, camera, 1)?;
         let (pipeline, set) = (args.drawing.pipeline.as_str(), args.drawing.set.as_slice());
-        let mut sweep = Sweep { whole: &mut whole, pipeline, set, has_budget };
+        let mut sweep = Sweep { whole: &mut whole, pipeline, set, nearest: nearest.as_deref() };
         let refused = |why: String| anyhow!("{}: {why}", one_line(&camera.img_name));
         let mut keep = |step: Step, picture| {
             done += 1;
@@ -111,7 +113,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let closer = approach::cameras(whole.scene(), first);
     whole.prepare((first.width, first.height), &mut |_| {})?;
     let effort = args.effort.choose(&mut whole, first, 1)?;
-    let closer = approach::measure(&mut whole, &closer, effort, &mut |at| {
+    let closer = approach::measure(&mut whole, &closer, stops, effort, &mut |at| {
         progress.set(done + at as u64, of, "a camera comes closer");
     })?;
     drop(progress);

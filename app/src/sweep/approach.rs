@@ -22,7 +22,7 @@ pub struct Closer {
     pub covered: u64,
     /// Splats at a covered pixel, in the mean: the overlap.
     pub overlap: f64,
-    /// Covered pixels times overlap: the fragments that are blended if no pixel stops early.
+    /// Covered pixels times overlap: the fragments that are blended.
     pub fragments: u64,
     /// The time of a frame.
     pub time: Option<Time>,
@@ -67,17 +67,18 @@ pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
 
 /// Measures each camera of [`cameras`]; `each` is told the number done before each.
 ///
-/// Fragments are counted by the exact renderer, without the early stop.
+/// Fragments are counted by the exact renderer, with the early stop if the graph `stops`.
 ///
 /// # Errors
 /// The device fails.
 pub fn measure<D: Device>(
     session: &mut Session<D>,
     cameras: &[Camera],
+    stops: bool,
     effort: Effort,
     each: &mut dyn FnMut(usize),
 ) -> Result<Vec<Closer>, SessionError> {
-    let rules = Rules { stop: None, ..Rules::PUBLISHED };
+    let rules = Rules { stop: Rules::PUBLISHED.stop.filter(|_| stops), ..Rules::PUBLISHED };
     let mut found = Vec::new();
     for (at, (camera, (distance, _))) in cameras.iter().zip(STEPS).enumerate() {
         each(at);
@@ -93,11 +94,16 @@ pub fn measure<D: Device>(
     Ok(found)
 }
 
-/// Fits a line to the times of the phase `draw`, by least squares; `None` with fewer than three different steps.
+/// The milliseconds of the phase that blends: `draw` of quads, `rasterise` of tiles.
+pub fn blending(time: &Time) -> Option<f64> {
+    time.phases.get("draw").or_else(|| time.phases.get("rasterise")).copied()
+}
+
+/// Fits a line to the times of the phase that blends, by least squares; `None` with fewer than three different steps.
 pub fn fit(steps: &[Closer]) -> Option<Fit> {
     let points: Vec<(f64, f64)> = steps
         .iter()
-        .filter_map(|step| Some((step.fragments as f64, *step.time.as_ref()?.phases.get("draw")?)))
+        .filter_map(|step| Some((step.fragments as f64, blending(step.time.as_ref()?)?)))
         .collect();
     let count = points.len() as f64;
     let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;
@@ -149,6 +155,7 @@ mod tests {
                 spread_ms: 0.0,
                 of_exact: 1.0,
                 phases: [("draw".into(), ms)].into(),
+                phase_spreads: [].into(),
             }),
         };
         let steps = [step(1_000_000, 3.0), step(2_000_000, 5.0), step(4_000_000, 9.0)];

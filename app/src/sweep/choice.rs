@@ -3,6 +3,8 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use splatgraph_assets::{Camera, NEAR, Scene};
+use splatgraph_framework::ir::{Domain, Value};
+use splatgraph_framework::lower::Control;
 
 /// A way to choose the splats that are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,6 +47,24 @@ impl Choice {
         }
     }
 }
+
+/// Lists the parameters that [`Choice::Nearest`] takes besides [`BUDGET`]; `None` if the graph has no budget.
+///
+/// A graph with the parameter `sorted` knows the nearest splats only if it sorts splats, and not their pairs with bins.
+pub fn for_nearest(controls: &[Control]) -> Option<Vec<(String, String)>> {
+    let param = |name: &str| controls.iter().map(|control| &control.param).find(|param| param.name == name);
+    param(BUDGET)?;
+    let by_splats = |names: &[String]| names.iter().any(|name| name == BY_SPLATS);
+    let sorted = param(SORTED).filter(|param| {
+        matches!(&param.domain, Domain::Choice(names) if by_splats(names))
+            && param.value != Value::Text(BY_SPLATS.into())
+    });
+    Some(sorted.map(|_| (SORTED.to_owned(), BY_SPLATS.to_owned())).into_iter().collect())
+}
+
+/// The parameter that says what is sorted by depth, and its value for splats.
+const SORTED: &str = "sorted";
+const BY_SPLATS: &str = "splats";
 
 /// Lists the splats by falling significance; `None` for [`Choice::Nearest`], which the graph chooses itself.
 ///
@@ -124,6 +144,18 @@ mod tests {
         assert_eq!(order(Choice::WorldSize), Some(vec![2, 1, 0, 4, 3]));
         assert_eq!(order(Choice::ScreenSize), Some(vec![0, 4, 1, 3, 2]));
         assert_eq!(order(Choice::Nearest), None);
+    }
+
+    #[test]
+    fn the_nearest_splats_are_known_where_splats_are_sorted() {
+        let presets = crate::builtin::presets();
+        let needs = |name: &str| {
+            for_nearest(&presets.iter().find(|preset| preset.name == name).expect("built in").params)
+        };
+        // On a GPU, tiles sort pairs by default.
+        assert_eq!(needs("tiled"), Some(vec![("sorted".to_owned(), "splats".to_owned())]));
+        assert_eq!((needs("splat"), needs("tiled_exact")), (Some(Vec::new()), Some(Vec::new())));
+        assert_eq!(for_nearest(&[]), None);
     }
 
     #[test]

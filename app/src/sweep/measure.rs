@@ -45,8 +45,8 @@ pub struct Sweep<'a, D> {
     pub pipeline: &'a str,
     /// See `pipeline`.
     pub set: &'a [(String, String)],
-    /// The graph has the parameter [`BUDGET`].
-    pub has_budget: bool,
+    /// The parameters of [`Choice::Nearest`] besides [`BUDGET`], which the graph has; `None` if it has not.
+    pub nearest: Option<&'a [(String, String)]>,
 }
 
 impl<D: Device> Sweep<'_, D> {
@@ -84,13 +84,13 @@ impl<D: Device> Sweep<'_, D> {
                     let part = subset(self.whole.scene(), &ranking[..count as usize]);
                     self.whole.beside_with(part, self.pipeline, self.set)?
                 }
-                None if self.has_budget => {
+                None => {
+                    let Some(needed) = self.nearest else { return Ok(Ok(())) };
                     let share = f64::from(count) / f64::from(all);
-                    let own = self.set.iter().filter(|(name, _)| name != BUDGET).cloned();
-                    let set: Vec<_> = own.chain([(BUDGET.to_owned(), share.to_string())]).collect();
-                    self.whole.beside(self.pipeline, &set)?
+                    // Later values win.
+                    let budget = [(BUDGET.to_owned(), share.to_string())];
+                    self.whole.beside(self.pipeline, &[self.set, needed, &budget].concat())?
                 }
-                None => return Ok(Ok(())),
             };
             match self.step(&mut session, Some(choice), count, view, effort)? {
                 Ok((step, picture)) => each(step, picture),

@@ -1,6 +1,6 @@
 //! Shows a sweep: the table, the plots, and a page with the pictures.
 
-use super::approach::{Closer, Fit, fit};
+use super::approach::{Closer, Fit, blending, fit};
 use super::choice::Choice;
 use super::measure::Step;
 use crate::image::Image;
@@ -134,7 +134,7 @@ impl Swept {
     /// Plots the time of the draw over the fragments of the approach, with the line through it.
     pub fn approach(&self) -> Plot {
         let drawn = |step: &Closer| {
-            let (x, y) = (step.fragments as f64 / 1e6, *step.time.as_ref()?.phases.get("draw")?);
+            let (x, y) = (step.fragments as f64 / 1e6, blending(step.time.as_ref()?)?);
             let (width, height) = step.size;
             Some(Point { x, y, name: format!("{} of the distance, {width} x {height}", step.distance) })
         };
@@ -150,7 +150,7 @@ impl Swept {
         Plot {
             title: "A camera that comes closer: cost against covered pixels x overlap".into(),
             x: Axis { label: "fragments blended, millions".into(), logarithmic: false },
-            y: Axis { label: "GPU time of the draw, ms".into(), logarithmic: false },
+            y: Axis { label: "GPU time of the blending, ms".into(), logarithmic: false },
             series,
         }
     }
@@ -164,12 +164,12 @@ impl Swept {
             ),
             (
                 self.times(),
-                "What is chosen before the keys are made spares every phase; what is cut after the sort spares the draw alone.",
+                "What is chosen before the keys are made spares every phase; what is cut after the sort spares what comes after it alone.",
             ),
             (self.trade(), "Up and left is better."),
             (
                 self.shares(),
-                "The phases grow with different things: the sort with splats, the draw with the pixels that they cover.",
+                "The phases grow with different things: the sort with splats, blending with the pixels that they cover.",
             ),
             (
                 self.approach(),
@@ -182,8 +182,21 @@ impl Swept {
 
     /// Sets the table for a terminal: a step in a line, in the mean over the views.
     pub fn table(&self) -> String {
-        let header = HEADER.map(String::from).to_vec();
-        text::table(&std::iter::once(header).chain(self.rows()).collect::<Vec<_>>())
+        text::table(&std::iter::once(self.header()).chain(self.rows()).collect::<Vec<_>>())
+    }
+
+    /// The columns of the table.
+    fn header(&self) -> Vec<String> {
+        let fixed = ["choice", "splats", "PSNR dB", "GPU ms"].map(String::from);
+        fixed.into_iter().chain(self.phases().iter().map(|name| name.to_string())).collect()
+    }
+
+    /// The phases that were measured, in the order of a frame.
+    fn phases(&self) -> Vec<&'static str> {
+        let measured = |name: &&str| {
+            self.steps.iter().flat_map(|step| &step.time).any(|time| time.phases.contains_key(*name))
+        };
+        PHASES.into_iter().filter(measured).collect()
     }
 
     fn rows(&self) -> Vec<Vec<String>> {
@@ -192,15 +205,14 @@ impl Swept {
             for mean in self.means(choice).iter().rev() {
                 let phase = |name: &str| mean.phases.iter().find(|(own, _)| own == name).map(|(_, ms)| *ms);
                 let ms = |ms: Option<f64>| ms.map_or("-".into(), |ms| format!("{ms:.3}"));
-                rows.push(vec![
+                let mut row = vec![
                     choice.name().to_owned(),
                     grouped(mean.count.into()),
                     if mean.psnr_db.is_finite() { format!("{:.1}", mean.psnr_db) } else { "equal".into() },
                     ms(mean.gpu_ms),
-                    ms(phase("project")),
-                    ms(phase("sort")),
-                    ms(phase("draw")),
-                ]);
+                ];
+                row.extend(self.phases().into_iter().map(|name| ms(phase(name))));
+                rows.push(row);
             }
         }
         rows
@@ -261,7 +273,8 @@ impl Swept {
             "`file order` keeps the first splats of the file, which says nothing about their worth. `opacity x world size` and \
              `opacity x screen size` are the usual heuristics for levels of detail: the product of opacity and of the two longest \
              half axes, in the world or on the screen of each view; both are applied before keys are made. `nearest, after \
-             the sort` draws the nearest visible splats and so saves no work before the draw.",
+             the sort` draws the nearest visible splats and so saves no work before the sort, which is one of splats and not of their pairs with \
+             bins there.",
         );
         for text in self.findings() {
             page.text(&text);
@@ -273,7 +286,7 @@ impl Swept {
         page.text("A camera moves towards the middle of what the first view sees, then its picture becomes smaller. `fragments` is covered pixels times overlap.");
         if let Some(Fit { fixed_ms, ns_per_fragment, r_squared }) = self.fit {
             page.text(&format!(
-                "Draw = {fixed_ms:.3} ms + {ns_per_fragment:.3} ns x fragments explains {:.1} % of the variance.",
+                "Blending = {fixed_ms:.3} ms + {ns_per_fragment:.3} ns x fragments explains {:.1} % of the variance.",
                 100.0 * r_squared
             ));
         }
@@ -289,16 +302,17 @@ impl Swept {
                 grouped(step.fragments),
                 time(|time| Some(time.gpu_ms)),
                 time(|time| time.phases.get("sort").copied()),
-                time(|time| time.phases.get("draw").copied()),
+                time(blending),
             ]
         };
         let rows: Vec<_> = self.closer.iter().map(row).collect();
         page.table(
-            &["distance", "picture", "covered pixels", "overlap", "fragments", "GPU ms", "sort", "draw"],
+            &["distance", "picture", "covered pixels", "overlap", "fragments", "GPU ms", "sort", "blending"],
             &rows,
         );
         page.heading("All steps");
-        page.table(&HEADER, &self.rows());
+        let header = self.header();
+        page.table(&header.iter().map(String::as_str).collect::<Vec<_>>(), &self.rows());
         page.heading("Pictures of the first view");
         for choice in Choice::ALL {
             let own = |shown: &&Shown| shown.choice.is_none_or(|own| own == choice);
@@ -344,8 +358,8 @@ impl Swept {
     }
 }
 
-/// The columns of the table.
-const HEADER: [&str; 7] = ["choice", "splats", "PSNR dB", "GPU ms", "project", "sort", "draw"];
+/// The phases of the graphs that take time that changes with the splats.
+const PHASES: [&str; 5] = ["project", "sort", "bin", "draw", "rasterise"];
 
 /// Measures the line of an approach, and gathers the sweep.
 pub fn gather(

@@ -1,11 +1,12 @@
 //! Keeps the rows of a ledger in a file, and prints them.
 
-use super::measure::{Measured, Row};
+use super::measure::{Measured, Row, Time};
 use crate::metrics::squared_error;
 use crate::output;
 use crate::report::text;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -124,6 +125,8 @@ pub struct Line {
     pub inversions: Option<u64>,
     /// Most bytes on the device.
     pub gpu_bytes: u64,
+    /// The phases: a name, the mean of the views' milliseconds, and the largest spread of a view.
+    pub phases: Vec<(String, f64, f64)>,
     /// No setting is at least as fast and as accurate, and better in one of both.
     pub best: bool,
 }
@@ -177,8 +180,27 @@ fn line(name: &str, views: &[&Measured]) -> Line {
         off: mean(errors().map(|error| error.off)),
         inversions: views.iter().map(|view| view.inversions).sum(),
         gpu_bytes: views.iter().map(|view| view.gpu_bytes).max().unwrap_or(0),
+        phases: phases(&times.unwrap_or_default()),
         best: false,
     }
+}
+
+/// Sums the phases of all views up.
+fn phases(times: &[&Time]) -> Vec<(String, f64, f64)> {
+    let names: BTreeSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
+    let of = |name: &String| {
+        let ms = mean(times.iter().map(|time| time.phases.get(name).copied().unwrap_or(0.0)));
+        let spreads = times.iter().filter_map(|time| time.phase_spreads.get(name).copied());
+        (name.clone(), ms, spreads.fold(0.0, f64::max))
+    };
+    names.into_iter().map(of).collect()
+}
+
+/// Lists the phases of all lines.
+pub(super) fn phase_names(lines: &[Line]) -> Vec<String> {
+    let names: BTreeSet<&String> =
+        lines.iter().flat_map(|line| line.phases.iter().map(|(name, ..)| name)).collect();
+    names.into_iter().cloned().collect()
 }
 
 /// Marks the lines that no other dominates in time and PSNR: the Pareto front. Without times, the most accurate.
@@ -241,11 +263,14 @@ pub fn table(lines: &[Line]) -> String {
 /// Writes lines as CSV (RFC 4180), with all digits; a value that there is none of is empty.
 pub fn csv(lines: &[Line]) -> String {
     let mut text = String::from(
-        "setting,gpu_ms,spread_ms,of_exact,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto\n",
+        "setting,gpu_ms,spread_ms,of_exact,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto",
     );
+    let phases = phase_names(lines);
+    phases.iter().for_each(|name| text += &format!(",{name}_ms,{name}_spread_ms"));
+    text += "\n";
     let optional = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
     for line in lines {
-        let cells = [
+        let mut cells = vec![
             text::quoted(&line.setting),
             optional(line.gpu_ms),
             optional(line.spread_ms),
@@ -260,6 +285,11 @@ pub fn csv(lines: &[Line]) -> String {
             line.gpu_bytes.to_string(),
             line.best.to_string(),
         ];
+        for name in &phases {
+            let phase = line.phases.iter().find(|(own, ..)| own == name);
+            cells.push(optional(phase.map(|(_, ms, _)| *ms)));
+            cells.push(optional(phase.map(|(.., spread)| *spread)));
+        }
         text += &(cells.join(",") + "\n");
     }
     text
@@ -303,6 +333,7 @@ pub(super) mod testing {
             off: 0.25,
             inversions: Some(7),
             gpu_bytes: 1 << 20,
+            phases: vec![("draw".into(), gpu_ms, 0.1)],
             best,
         }
     }
@@ -321,6 +352,7 @@ mod tests {
             spread_ms: 0.1,
             of_exact: ms / 4.0,
             phases: [("draw".to_string(), ms)].into(),
+            phase_spreads: [("draw".to_string(), 0.05)].into(),
         };
         let error = Error {
             psnr_db,
@@ -359,7 +391,10 @@ mod tests {
         assert_eq!((lines[1].gpu_ms, lines[1].inversions), (Some(2.0), Some(14)));
         let table = table(&lines);
         assert!(table.contains("* fast") && table.contains("  bad") && table.contains("equal"), "{table}");
-        assert_eq!(csv(&lines).lines().count(), 4);
+        let csv = csv(&lines);
+        assert_eq!(csv.lines().count(), 4);
+        assert!(csv.starts_with("setting,gpu_ms") && csv.contains(",draw_ms,draw_spread_ms\n"), "{csv}");
+        assert_eq!(lines[1].phases, [("draw".to_string(), 2.0, 0.05)]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use crate::session::{Session, SessionError};
 use crate::shot::{self, ShotError};
 use crate::stats::CameraStats;
 use crate::truth::Truth;
-use crate::turns::{self, Effort, Timed};
+use crate::turns::{self, Effort, Figure, Timed, Timestamps};
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
@@ -53,8 +53,10 @@ pub struct Time {
     pub spread_ms: f64,
     /// The share of the exact settings' time, measured in the same rounds: the median of the rounds.
     pub of_exact: f64,
-    /// Milliseconds per phase, in the median round.
+    /// Milliseconds per phase: the median of the rounds' medians.
     pub phases: BTreeMap<String, f64>,
+    /// The largest of a phase's rounds without the smallest, in milliseconds.
+    pub phase_spreads: BTreeMap<String, f64>,
 }
 
 /// A line of the ledger: a setting in a view.
@@ -131,7 +133,9 @@ pub fn time_in_turns<D: Device>(
     camera: &Camera,
     effort: Effort,
 ) -> Result<Option<Time>, SessionError> {
-    let mut of_each = turns::in_turns(&mut [&mut *baseline, &mut *session], camera, effort)?.into_iter();
+    let mut of_each =
+        turns::in_turns(&mut [&mut *baseline, &mut *session], camera, effort, Timestamps::Passes)?
+            .into_iter();
     let (of_baseline, of_session) = (of_each.next().unwrap_or_default(), of_each.next().unwrap_or_default());
     let mut rounds = Vec::new();
     for (of_baseline, of_session) in of_baseline.into_iter().zip(of_session) {
@@ -150,7 +154,9 @@ pub fn time_alone<D: Device>(
     effort: Effort,
 ) -> Result<Option<Time>, SessionError> {
     let mut rounds = Vec::new();
-    for round in turns::in_turns(&mut [&mut *session], camera, effort)?.into_iter().flatten() {
+    for round in
+        turns::in_turns(&mut [&mut *session], camera, effort, Timestamps::Passes)?.into_iter().flatten()
+    {
         let stats = stats(session, camera, round)?;
         let baseline = stats.gpu_ms;
         rounds.push((stats, baseline));
@@ -167,12 +173,19 @@ fn time(rounds: &mut [(CameraStats, Option<f64>)]) -> Option<Time> {
     rounds.sort_by(|(a, _), (b, _)| ms(a).total_cmp(&ms(b)));
     let (middle, _) = rounds.get(rounds.len() / 2)?;
     let (first, last) = (&rounds.first()?.0, &rounds.last()?.0);
-    let phase = |(name, ms): (&String, &serde_json::Value)| Some((name.clone(), ms.as_f64()?));
+    let figure = |name: &String| {
+        let of = |(stats, _): &(CameraStats, Option<f64>)| stats.phases.get(name).and_then(|ms| ms.as_f64());
+        Figure::of(rounds.iter().map(|round| vec![of(round)])).map(|figure| (name.clone(), figure))
+    };
+    let phases: Vec<(String, Figure)> = middle.phases.keys().filter_map(figure).collect();
+    let each =
+        |of: fn(&Figure) -> f64| phases.iter().map(|(name, figure)| (name.clone(), of(figure))).collect();
     Some(Time {
         gpu_ms: ms(middle),
         spread_ms: ms(last) - ms(first),
         of_exact: shares[shares.len() / 2],
-        phases: middle.phases.iter().filter_map(phase).collect(),
+        phases: each(|figure| figure.median),
+        phase_spreads: each(|figure| figure.spread),
     })
 }
 

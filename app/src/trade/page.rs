@@ -1,6 +1,6 @@
 //! Shows a ledger as a plot of time against error, and as a page.
 
-use super::ledger::{COLUMNS, Ledger, Line, cells};
+use super::ledger::{COLUMNS, Ledger, Line, cells, phase_names};
 use crate::report::page::Page;
 use crate::report::plot::{Axis, Form, Plot, PlotError, Point, Series};
 
@@ -66,6 +66,20 @@ pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Res
         })
         .collect();
     page.table(&COLUMNS, &rows);
+    let phases = phase_names(lines);
+    if !phases.is_empty() {
+        page.heading("Milliseconds of each phase");
+        let header: Vec<&str> = std::iter::once("setting").chain(phases.iter().map(String::as_str)).collect();
+        let row = |line: &Line| {
+            let cell = |name: &String| {
+                let phase = line.phases.iter().find(|(own, ..)| own == name);
+                phase.map_or("-".into(), |(_, ms, spread)| format!("{ms:.3} ± {:.3}", 0.5 * spread))
+            };
+            std::iter::once(line.setting.clone()).chain(phases.iter().map(cell)).collect()
+        };
+        page.table(&header, &lines.iter().map(row).collect::<Vec<Vec<String>>>());
+        page.text("The median of the rounds, mean of the views, ± half of the largest spread of a view.");
+    }
     for (setting, why) in failed {
         page.text(&format!("`{setting}` was not measured:"));
         page.block(why);
@@ -105,7 +119,15 @@ mod tests {
         assert_eq!((names(0), names(1)), (vec!["bad"], vec!["fast", "exact (equal)"]));
         assert_eq!((plot.series[0].form, plot.series[1].points[1].y), (Form::Muted, 46.0));
         let html = page(&ledger, &lines, &[("broken".into(), "error: no".into())]).unwrap();
-        for text in ["fast *", "<td>bad</td>", "<svg", "<code>broken</code>", "error: no", "one view"] {
+        for text in [
+            "fast *",
+            "<td>bad</td>",
+            "<svg",
+            "<code>broken</code>",
+            "error: no",
+            "one view",
+            "4.000 ± 0.050",
+        ] {
             assert!(html.contains(text), "{text}: {html}");
         }
     }

@@ -72,17 +72,23 @@ mod tests {
 
     #[test]
     fn every_parameter_with_an_exact_value_leaves_it_and_the_others_stay() {
+        for (name, exact) in [("splat", ("target", "rgba32f")), ("tiled", ("sorted", "splats"))] {
+            settings_of(name, exact);
+        }
+    }
+
+    fn settings_of(graph: &str, (name, exactly): (&str, &str)) {
         let presets = builtin::presets();
-        let splat = presets.iter().find(|preset| preset.name == "splat").expect("it is built in");
-        let all = list("splat", &splat.params, &["splat", "key16"]);
+        let built_in = presets.iter().find(|preset| preset.name == graph).expect("it is built in");
+        let all = list(graph, &built_in.params, &[graph, "key16"]);
         assert_eq!((all[0].name.as_str(), all.last().unwrap().name.as_str()), (EXACT, "preset key16"));
         let exact = &all[0].set;
         let value = |set: &[(String, String)], name: &str| {
             set.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone()).unwrap_or_default()
         };
-        assert_eq!(value(exact, "target"), "rgba32f");
+        assert_eq!(value(exact, name), exactly);
         assert_eq!(value(exact, "digit_bits"), "", "it changes no picture");
-        for control in splat.params.iter().filter(|control| control.param.exact.is_some()) {
+        for control in built_in.params.iter().filter(|control| control.param.exact.is_some()) {
             let name = &control.param.name;
             let changed: Vec<&Setting> =
                 all.iter().filter(|s| s.name.split(' ').next() == Some(name.as_str())).collect();
@@ -95,5 +101,10 @@ mod tests {
         let widths: Vec<&str> =
             all.iter().filter_map(|setting| setting.name.strip_prefix("key_bits = ")).collect();
         assert_eq!(widths, ["8", "14", "20", "26"]);
+        for name in
+            ["key_map = equalised", "sh_storage = q8", "position_storage = fixed16", "cull_margin = 0.25"]
+        {
+            assert!(all.iter().any(|setting| setting.name == name), "{graph}: {name}");
+        }
     }
 }

@@ -175,6 +175,8 @@ pub struct FrameInputs {
     /// Read resources back, each right after a pass of the frame (by index into the plan's passes), or after a pass of the
     /// prologue in the frame that runs it.
     pub inspect: Vec<Inspect>,
+    /// Leave out the timestamps of the passes, which take a device some time themselves. Those of the whole frame stay.
+    pub untimed_passes: bool,
 }
 
 /// The contents of a host buffer for one frame.

@@ -36,6 +36,7 @@ pub(crate) struct Pending<G: Gpu> {
     /// The shared outputs that it reads, and the one that it writes.
     pub outputs: Vec<Arc<SharedOutput<G>>>,
     read_output: bool,
+    untimed_passes: bool,
     record_ms: f64,
 }
 
@@ -101,7 +102,7 @@ impl<G: Gpu> Slot<G> {
             plan: compiled.name.clone(),
             names: compiled.pass_names.clone(),
             passes: passes.clone(),
-            timestamps: compiled.slots[slot].timestamps.clone(),
+            timestamps: compiled.slots[slot].timestamps.clone().filter(|_| !inputs.untimed_passes),
         };
         self.pending = Some(Pending {
             frame: id,
@@ -111,6 +112,7 @@ impl<G: Gpu> Slot<G> {
             inspected,
             outputs: output.cloned().into_iter().chain(compiled.resources.take_outputs(slot)).collect(),
             read_output: inputs.read_output,
+            untimed_passes: inputs.untimed_passes,
             record_ms: (start.elapsed() - waited).as_secs_f64() * 1e3,
         });
         Ok(image)
@@ -152,7 +154,8 @@ impl<G: Gpu> Slot<G> {
 
     /// Says which of the pending frame's passes are known to be complete; none where there is no timer.
     pub fn finished(&self, gpu: &G, own: &PlanSlot<G>) -> Option<Vec<bool>> {
-        let passes = self.pending.as_ref()?.passes.len();
+        let pending = self.pending.as_ref().filter(|pending| !pending.untimed_passes)?;
+        let passes = pending.passes.len();
         Times::read(gpu, own.timestamps.as_deref(), passes).ok()?.finished(passes)
     }
 }

@@ -87,9 +87,14 @@ impl<G: Gpu> Recorder<'_, G> {
         self.barriers(&step.barriers, carried, &mut recorded.layouts);
         if pass.work != Work::Host && !self.compiled.is_left_out(step) {
             let query = queries(recorded.passes.len());
-            self.timestamp(query);
+            let is_timed = !self.inputs.untimed_passes;
+            if is_timed {
+                self.timestamp(query);
+            }
             self.work(step.pass, pass);
-            self.timestamp(query + 1);
+            if is_timed {
+                self.timestamp(query + 1);
+            }
             recorded.passes.push(step.pass);
         }
         self.encoder.pop_label();

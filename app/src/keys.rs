@@ -1,0 +1,417 @@
+//! Finds how wide a depth key must be.
+//!
+//! A key never decreases with depth, so that only equal keys can be in the wrong order: they keep the order of the file.
+//! Only pairs that overlap on the screen matter; others may change places without a trace. The keys are those of
+//! shaders/depth_key.glsl, computed here with the same operations, and a test holds the two together.
+//!
+//! [`of_scene`] is the width that a scene needs in a few views, which the graphs know as the fact `scene.key_bits`.
+
+use crate::camera::depth_range;
+use crate::orbit;
+use rayon::prelude::*;
+use serde::Serialize;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::{Rules, Visible, visible};
+
+/// A mapping of depth to keys, by the names of the graphs' parameter `key_map`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mapping {
+    /// The bits of the float.
+    FloatBits,
+    /// Equal steps of depth.
+    Linear,
+    /// Equal ratios of depth, nearly.
+    Logarithmic,
+    /// Equal numbers of the frame's splats, nearly.
+    Equalised,
+}
+
+/// Widths of keys in bits, from the narrowest to the widest.
+pub const WIDTHS: std::ops::RangeInclusive<u32> = 8..=32;
+
+impl Mapping {
+    /// Lists all, the cheapest to compute first.
+    pub const ALL: [Mapping; 4] =
+        [Mapping::FloatBits, Mapping::Linear, Mapping::Logarithmic, Mapping::Equalised];
+
+    /// The parameter's value.
+    pub fn name(self) -> &'static str {
+        match self {
+            Mapping::FloatBits => "float_bits",
+            Mapping::Linear => "linear",
+            Mapping::Logarithmic => "logarithmic",
+            Mapping::Equalised => "equalised",
+        }
+    }
+}
+
+/// The keys of a frame.
+pub struct Keys {
+    map: Mapping,
+    range: (f32, f32),
+    bits: u32,
+    /// The first key of each class of depths, and the end of the last; only for equalised keys.
+    starts: Vec<u32>,
+}
+
+/// Classes of depths of equalised keys: see shaders/depth_classes.glsl.
+const CLASS_BITS: u32 = 11;
+
+impl Keys {
+    /// Prepares keys of so many bits; `range` is the depth range of the scene's box, neither below the near plane.
+    ///
+    /// `depths` are those of the frame's visible splats.
+    pub fn new(map: Mapping, (near, far): (f32, f32), bits: u32, depths: impl Iterator<Item = f32>) -> Keys {
+        let mut keys = Keys { map, range: (near, far.max(near)), bits, starts: Vec::new() };
+        if map == Mapping::Equalised {
+            let mut counts = vec![0u32; 1 << CLASS_BITS];
+            depths.for_each(|z| counts[(keys.place(z) >> (32 - CLASS_BITS)) as usize] += 1);
+            let all = counts.iter().sum();
+            let mut before = 0;
+            keys.starts.push(0);
+            for count in counts {
+                before += count;
+                keys.starts.push(key_after(before, all, bits.min(31)));
+            }
+        }
+        keys
+    }
+
+    /// Computes the place of a depth in the range, as a share of 2^32, as `depth_place` of the shader.
+    fn place(&self, z: f32) -> u32 {
+        let (near, far) = self.range;
+        let range = far.to_bits() - near.to_bits();
+        let x = z.clamp(near, far).to_bits() - near.to_bits();
+        if range == 0 { 0 } else { x << range.leading_zeros() }
+    }
+
+    /// Computes the key of a depth.
+    pub fn of(&self, z: f32) -> u32 {
+        let ((near, far), bits) = (self.range, self.bits);
+        let z_held = z.clamp(near, far);
+        match self.map {
+            Mapping::Equalised => {
+                let place = self.place(z);
+                let class = (place >> (32 - CLASS_BITS)) as usize;
+                let width = self.starts[class + 1] - self.starts[class];
+                self.starts[class] + high(place << CLASS_BITS, width)
+            }
+            Mapping::FloatBits if bits == 32 => z.to_bits(),
+            Mapping::FloatBits => {
+                stretch(z_held.to_bits() - near.to_bits(), far.to_bits() - near.to_bits(), bits)
+            }
+            Mapping::Logarithmic => {
+                let first = fixed_log2(near);
+                stretch(fixed_log2(z_held) - first, fixed_log2(far) - first, bits)
+            }
+            Mapping::Linear => {
+                let share = (z_held - near) * (1.0 / (far - near).max(1e-30));
+                // The cast saturates as the shader's product never does: it stays below 2^bits.
+                (share.min(0.999_999_94) * (bits as f32).exp2()) as u32
+            }
+        }
+    }
+}
+
+/// The upper half of a product.
+fn high(a: u32, b: u32) -> u32 {
+    ((u64::from(a) * u64::from(b)) >> 32) as u32
+}
+
+/// Computes the key before which `count` of `all` splats come, as `key_after` of shaders/equalise.comp.
+fn key_after(count: u32, all: u32, bits: u32) -> u32 {
+    if all == 0 {
+        return 0;
+    }
+    let up = all.leading_zeros();
+    high(count << up, factor(all << up, bits)).min((1 << bits) - 1)
+}
+
+/// Computes 2^bits over a range of 2^31 or more, in units of 2^-32. It is rounded, but the same for every key.
+fn factor(range: u32, bits: u32) -> u32 {
+    let factor = (bits as f32).exp2() * (4_294_967_296.0 / (range as f32 + 1.0));
+    factor.min(4_294_967_040.0) as u32
+}
+
+/// Computes log2 of a positive float in fixed point, with 24 fractional bits, as `fixed_log2` of the shader.
+fn fixed_log2(z: f32) -> u32 {
+    let bits = z.to_bits();
+    let m = bits << 9;
+    ((bits >> 23) << 24) + (m >> 8) + (high(high(m, !m), 1_477_468_750) >> 8)
+}
+
+/// Scales 0 .. range to `bits` bits; returns x unchanged if the range fits.
+fn stretch(x: u32, range: u32, bits: u32) -> u32 {
+    if bits >= 32 || range >> bits == 0 {
+        return x;
+    }
+    let up = range.leading_zeros();
+    high(x << up, factor(range << up, bits)).min((1 << bits) - 1)
+}
+
+/// A view as far as its order goes.
+pub struct View<'a> {
+    /// The visible splats, near to far.
+    pub visible: &'a [Visible],
+    /// Tiles across and down.
+    pub tiles: [u32; 2],
+    /// The depth range that keys are made for.
+    pub range: (f32, f32),
+}
+
+/// The width that a mapping needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Need {
+    /// The mapping.
+    pub map: Mapping,
+    /// Bits of the key; `None` if even 32 are not enough.
+    pub bits: Option<u32>,
+}
+
+/// Finds the least width for each mapping that leaves at most `errors` overlapping pairs in the wrong order, in any view.
+pub fn needs(views: &[View], errors: u64) -> Vec<Need> {
+    Mapping::ALL.into_par_iter().map(|map| Need { map, bits: need(views, map, errors) }).collect()
+}
+
+/// Finds the least width of a mapping; `None` if even 32 bits are not enough.
+fn need(views: &[View], map: Mapping, errors: u64) -> Option<u32> {
+    let enough = |bits: &u32| views.iter().all(|view| wrong_pairs(view, map, *bits, errors) <= errors);
+    // From wide to narrow: wide keys have few ties, and the first width with too many ends the search.
+    WIDTHS.rev().take_while(enough).last()
+}
+
+/// What cameras see of a scene, as far as its order goes.
+pub struct Seen<'a> {
+    scene: &'a Scene,
+    cameras: &'a [Camera],
+    visible: Vec<(Vec<Visible>, [u32; 2])>,
+}
+
+impl Seen<'_> {
+    /// Projects the scene into every view, by the published rules.
+    pub fn new<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
+        let visible = cameras.iter().map(|camera| visible(scene, camera, &Rules::PUBLISHED)).collect();
+        Seen { scene, cameras, visible }
+    }
+
+    /// Lists the views.
+    pub fn views(&self) -> Vec<View<'_>> {
+        let mut views = Vec::new();
+        for ((visible, tiles), camera) in self.visible.iter().zip(self.cameras) {
+            let [near, far] = depth_range(camera, &self.scene.bounds()).map(|z| z as f32);
+            views.push(View { visible, tiles: *tiles, range: (near, far) });
+        }
+        views
+    }
+}
+
+/// Makes `count` cameras around the middle of a scene, the given one first.
+pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
+    let center = scene.robust_bounds().center();
+    let turned = |at: u32| Camera {
+        img_name: format!("{} {at}", first.img_name),
+        ..orbit::turned(first, center, 360.0 / f64::from(count) * f64::from(at))
+    };
+    (0..count).map(turned).collect()
+}
+
+/// Size of the views that [`of_scene`] samples, in pixels.
+const SAMPLED_SIZE: (u32, u32) = (960, 540);
+/// Distances from the scene's middle, as shares of that of a camera that frames it, each in as many directions.
+const SAMPLED_DISTANCES: [f64; 3] = [1.0 / 3.0, 1.0, 0.0];
+/// Splats that are projected in all views together, above which there are fewer views.
+const SAMPLED_SPLATS: u32 = 4_000_000;
+
+/// Lists the views that [`of_scene`] samples: nine that look to the scene's middle from near and far, and outwards from there.
+/// Scenes of more than 444,444 splats are seen in fewer.
+pub fn sampled(scene: &Scene) -> Vec<Camera> {
+    let middle = scene.robust_bounds().center();
+    let nearer = |camera: &Camera, share: f64| Camera {
+        position: std::array::from_fn(|i| middle[i] + share * (camera.position[i] - middle[i])),
+        ..camera.clone()
+    };
+    let framing = Camera::framing(scene, SAMPLED_SIZE.0, SAMPLED_SIZE.1);
+    let directions = around(scene, &framing, SAMPLED_DISTANCES.len() as u32);
+    let views = directions.iter().flat_map(|camera| SAMPLED_DISTANCES.map(|share| nearer(camera, share)));
+    views.take((SAMPLED_SPLATS / scene.count().max(1)).max(1) as usize).collect()
+}
+
+/// Finds the width of keys by the bits of the float at which no two splats that overlap change places in [`sampled`] views.
+///
+/// 8 to 32. It is computed once for a scene.
+pub fn of_scene(scene: &Scene) -> u32 {
+    scene.key_bits(|| {
+        // One view after the other: what a scene of many splats needs for each is large.
+        let width = |camera: Camera| {
+            let cameras = [camera];
+            need(&Seen::new(scene, &cameras).views(), Mapping::FloatBits, 0).unwrap_or(*WIDTHS.end())
+        };
+        sampled(scene).into_iter().map(width).max().unwrap_or(*WIDTHS.end())
+    })
+}
+
+/// Counts the pairs that overlap on the screen and are drawn in the wrong order; stops beyond `limit`.
+///
+/// Pairs overlap if they touch a common tile, which may be a few more than share a pixel.
+fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
+    let of = Keys::new(map, view.range, bits, view.visible.iter().map(|splat| splat.depth as f32));
+    let keys: Vec<u32> = view.visible.par_iter().map(|splat| of.of(splat.depth as f32)).collect();
+    let mut in_tile: Vec<Vec<usize>> = vec![Vec::new(); (view.tiles[0] * view.tiles[1]) as usize];
+    let mut touched = Vec::new();
+    let mut count = 0;
+    let mut begin = 0;
+    while begin < keys.len() {
+        let end = begin + keys[begin..].iter().take_while(|key| **key == keys[begin]).count();
+        if end - begin > 1 {
+            for at in begin..end {
+                let splat = &view.visible[at];
+                let [x0, y0, x1, y1] = splat.tiles;
+                for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
+                    let tile = (y * view.tiles[0] + x) as usize;
+                    for &nearer in &in_tile[tile] {
+                        let other = &view.visible[nearer];
+                        // A pair is counted in the first tile that both touch.
+                        let first = (x0.max(other.tiles[0]), y0.max(other.tiles[1]));
+                        count += u64::from(other.index > splat.index && first == (x, y));
+                    }
+                    if count > limit {
+                        return count;
+                    }
+                    in_tile[tile].push(at);
+                    touched.push(tile);
+                }
+            }
+            touched.drain(..).for_each(|tile| in_tile[tile].clear());
+        }
+        begin = end;
+    }
+    count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Splats at depths, each nearer one later in the file, so that every tie is an error where they overlap.
+    fn reversed(depths: &[f64], tiles: impl Fn(usize) -> [u32; 4]) -> Vec<Visible> {
+        let last = depths.len() - 1;
+        let splat = |(at, depth): (usize, &f64)| Visible {
+            index: (last - at) as u32,
+            depth: *depth,
+            tiles: tiles(at),
+        };
+        depths.iter().enumerate().map(splat).collect()
+    }
+
+    fn bits(visible: &[Visible], map: Mapping, errors: u64) -> Option<u32> {
+        let (near, far) = (visible[0].depth as f32, visible[visible.len() - 1].depth as f32);
+        let views = [View { visible, tiles: [4, 4], range: (near, far) }];
+        needs(&views, errors).into_iter().find(|need| need.map == map).expect("all are there").bits
+    }
+
+    #[test]
+    fn steps_within_one_unit_of_depth_need_as_many_bits_as_there_are_steps() {
+        // 512 depths in equal steps: linear keys need 9 bits.
+        let depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
+        let visible = reversed(&depths, |_| [0, 0, 1, 1]);
+        assert_eq!(bits(&visible, Mapping::Linear, 0), Some(9));
+        // At 10 to 11, floats are in equal steps, too.
+        assert_eq!(bits(&visible, Mapping::FloatBits, 0), Some(9));
+    }
+
+    #[test]
+    fn an_outlier_takes_the_bits_of_linear_keys_and_not_those_of_the_others() {
+        // 64 depths from 1 to 2 in steps of 1/64, and one at 2e7.
+        let mut depths: Vec<f64> = (0..64).map(|i| 1.0 + f64::from(i) / 64.0).collect();
+        depths.push(2e7);
+        let visible = reversed(&depths, |_| [0, 0, 1, 1]);
+        // A step is 1 / (64 * 2e7) = 2^-30.3 of the range.
+        assert_eq!(bits(&visible, Mapping::Linear, 0), Some(31));
+        // From 1 to 2e7 are 24.25 octaves of 2^23 floats, and a step is 2^17 of them: 1552 steps.
+        assert_eq!(bits(&visible, Mapping::FloatBits, 0), Some(11));
+        let logarithmic = bits(&visible, Mapping::Logarithmic, 0).unwrap();
+        assert!((11..=12).contains(&logarithmic), "{logarithmic}");
+    }
+
+    #[test]
+    fn pairs_that_do_not_overlap_or_keep_the_order_of_the_file_are_no_errors() {
+        let depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
+        let apart = reversed(&depths, |at| {
+            let (x, y) = ((at % 4) as u32, (at / 4 % 4) as u32);
+            [x, y, x + 1, y + 1]
+        });
+        // The next one in the same tile is 16 steps away: 5 bits would do, and 8 are the least.
+        assert_eq!(bits(&apart, Mapping::Linear, 0), Some(8));
+        let mut in_order = reversed(&depths, |_| [0, 0, 1, 1]);
+        in_order.iter_mut().enumerate().for_each(|(at, splat)| splat.index = at as u32);
+        assert_eq!(bits(&in_order, Mapping::Linear, 0), Some(8));
+    }
+
+    #[test]
+    fn a_number_of_errors_can_be_allowed() {
+        let depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
+        // A pair of two large splats shares four tiles and counts once.
+        let visible = reversed(&depths, |_| [0, 0, 2, 2]);
+        // With 8 bits, about every two neighbours have one key.
+        let view = View { visible: &visible, tiles: [4, 4], range: (10.0, 10.0 + 511.0 / 512.0) };
+        let wrong = wrong_pairs(&view, Mapping::Linear, 8, u64::MAX);
+        assert_eq!(wrong, 256);
+        assert_eq!(
+            (bits(&visible, Mapping::Linear, 256), bits(&visible, Mapping::Linear, 255)),
+            (Some(8), Some(9))
+        );
+    }
+
+    #[test]
+    fn the_cameras_around_a_scene_keep_their_distance() {
+        let scene = splatgraph_assets::synth::generate("uniform", 200, 0).unwrap();
+        let cameras = around(&scene, &Camera::framing(&scene, 64, 48), 4);
+        let center = scene.robust_bounds().center();
+        let depth: Vec<f64> = cameras.iter().map(|camera| camera.to_view(center)[2]).collect();
+        assert_eq!(cameras.len(), 4);
+        assert!(depth.iter().all(|z| (z - depth[0]).abs() < 1e-9 && *z > 0.0), "{depth:?}");
+        assert_ne!(cameras[0].position, cameras[2].position);
+    }
+
+    #[test]
+    fn equalised_keys_go_where_the_splats_are() {
+        // 512 depths from 10 to 11, an outlier at 2e7: 10 bits do, of which linear keys take 33.
+        let mut depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
+        depths.push(2e7);
+        let visible = reversed(&depths, |_| [0, 0, 1, 1]);
+        let wide = bits(&visible, Mapping::FloatBits, 0).unwrap();
+        let narrow = bits(&visible, Mapping::Equalised, 0).unwrap();
+        assert!((9..=11).contains(&narrow) && narrow + 2 < wide, "{narrow} of {wide}");
+        assert_eq!(bits(&visible, Mapping::Linear, 0), None);
+    }
+
+    #[test]
+    fn a_scene_is_sampled_from_near_and_far_and_its_middle_and_large_ones_less_often() {
+        let scene = |count| splatgraph_assets::synth::generate("uniform", count, 0).unwrap();
+        let small = scene(2000);
+        let cameras = sampled(&small);
+        let seen = Seen::new(&small, &cameras);
+        let found = needs(&seen.views(), 0).into_iter().find(|need| need.map == Mapping::FloatBits).unwrap();
+        assert_eq!((cameras.len(), Some(of_scene(&small))), (9, found.bits));
+        let middle = small.robust_bounds().center();
+        let depth = |at: usize| cameras[at].to_view(middle)[2];
+        assert!(depth(1) > 0.0 && (depth(0) - depth(1) / 3.0).abs() < 1e-9 && depth(2).abs() < 1e-9);
+        assert_eq!(sampled(&scene(1_500_000)).len(), 2);
+    }
+
+    proptest! {
+        #[test]
+        fn keys_never_decrease_with_depth(a in 0.2f32..1e6, b in 0.2f32..1e6, width in 8u32..=32, far in 1f32..1e6) {
+            let (a, b) = (a.min(b), a.max(b));
+            for map in Mapping::ALL {
+                // Any depths may be in the frame.
+                let keys = Keys::new(map, (0.2, far), width, [a, 0.3, 7.0, 7.1].into_iter());
+                let (first, second) = (keys.of(a), keys.of(b));
+                prop_assert!(first <= second, "{map:?}: {first} {second}");
+                prop_assert!(width == 32 || second < 1 << width, "{map:?}: {second}");
+            }
+        }
+    }
+}
