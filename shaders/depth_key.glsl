@@ -19,7 +19,8 @@ uint fixed_log2(float z) {
     return ((bits >> 23) << 24) + (m >> 8) + (scaled >> 8);
 }
 
-// Scales 0 .. range to DEPTH_BITS bits; returns x unchanged if the range fits.
+// Scales 0 .. range to DEPTH_BITS bits; returns x unchanged if the range fits. With KEYS_FILL_THEIR_BITS it moves x up instead, for
+// those who sort by the highest bits first.
 uint stretch(uint x, uint range) {
 #if DEPTH_BITS < 32
     if ((range >> DEPTH_BITS) != 0u) {
@@ -31,7 +32,11 @@ uint stretch(uint x, uint range) {
         return min(key, (1u << DEPTH_BITS) - 1u);
     }
 #endif
+#ifdef KEYS_FILL_THEIR_BITS
+    return x << (uint(DEPTH_BITS) - 1u - uint(findMSB(max(range, 1u))));
+#else
     return x;
+#endif
 }
 
 #if KEY_MAP == KEY_MAP_EQUALISED
@@ -53,7 +58,7 @@ uint depth_key(float z) {
     float near = camera.depth.y;
     float far = max(camera.depth.z, near);
 #if KEY_MAP == KEY_MAP_FLOAT_BITS
-#if DEPTH_BITS == 32
+#if DEPTH_BITS == 32 && !defined(KEYS_FILL_THEIR_BITS)
     return floatBitsToUint(z);
 #else
     uint first = floatBitsToUint(near);

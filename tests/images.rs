@@ -30,7 +30,7 @@ pub fn draw_scene(
 ) -> Vec<Image> {
     let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
     let mut session: Session<Vulkan> = Session::new(common::device(), scene, preset, &set);
-    let request = FrameOptions { background, read_output: true, inspect: Vec::new() };
+    let request = FrameOptions { background, read_output: true, ..FrameOptions::default() };
     let mut images = Vec::new();
     for camera in cameras {
         session

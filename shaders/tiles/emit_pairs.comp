@@ -11,6 +11,7 @@
 
 #include "../args.glsl"
 #include "../camera.glsl"
+#define KEYS_FILL_THEIR_BITS
 #include "../depth_key.glsl"
 #include "../groups.glsl"
 #include "bins.glsl"

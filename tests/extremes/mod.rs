@@ -114,7 +114,7 @@ impl Way {
 /// Draws a scene from a camera in these ways; none may make a picture with a value that is not finite, or a validation message.
 fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
     let mut session: Session<Vulkan> = Session::new(common::device(), scene, "splat", &[]);
-    let request = FrameOptions { background: BACKGROUND, read_output: true, inspect: Vec::new() };
+    let request = FrameOptions { background: BACKGROUND, read_output: true, ..FrameOptions::default() };
     let mut drawn = Vec::new();
     for way in ways {
         session.set_graph(way.preset, &way.set);
