@@ -4,8 +4,10 @@
 use crate::common;
 use crate::images::{bytes, draw_scene, golden, psnr};
 use splatgraph::image::Image;
+use splatgraph::session::{FrameOptions, Session};
 use splatgraph::truth::{Truth, rules};
 use splatgraph_assets::{Camera, Scene, synth};
+use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 
 const EXACT: &str = "tiled_exact";
@@ -50,8 +52,8 @@ fn fast_tiles_agree_with_the_published_rasteriser_to_75_decibels_on_captures() {
 }
 
 /// Makes the small demo scene and two of its cameras.
-fn demo(size: (u32, u32)) -> (Scene, Vec<Camera>) {
-    let scene = synth::generate("demo", 20_000, 0).expect("a scene");
+fn demo(size: (u32, u32)) -> (Arc<Scene>, Vec<Camera>) {
+    let scene = Arc::new(synth::generate("demo", 20_000, 0).expect("a scene"));
     let cameras = synth::demo_cameras().into_iter().take(2).map(|camera| camera.resized(size.0, size.1));
     (scene, cameras.collect())
 }
@@ -91,6 +93,37 @@ fn every_variant_of_tiles_draws_the_same_picture() {
     {
         assert_close(&format!("{set:?}"), &drawn(EXACT, set), &expected, 65.0);
     }
+}
+
+/// The subgroup's sort of pairs, which orders as many bits of bin and depth by radix.
+fn by_pairs(bits: &'static str) -> [(&'static str, &'static str); 4] {
+    [("rasteriser", "cells"), ("sorter", "subgroup"), ("sorted", "pairs"), ("pair_bits", bits)]
+}
+
+#[test]
+fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
+    let splats = [("rasteriser", "cells"), ("sorter", "subgroup"), ("sorted", "splats")];
+    let expected: Vec<Vec<u32>> = drawn(EXACT, &splats).iter().map(bytes).collect();
+    for bits in ["32", "24", "20"] {
+        let found: Vec<Vec<u32>> = drawn(EXACT, &by_pairs(bits)).iter().map(bytes).collect();
+        assert!(found == expected, "pairs sorted by {bits} bits are blended in another order");
+    }
+}
+
+#[test]
+fn pairs_in_runs_too_long_to_be_ordered_are_counted() {
+    let (scene, cameras) = demo((400, 225));
+    let unordered = |bits| {
+        let set = by_pairs(bits).map(|(name, value)| (name.to_string(), value.to_string()));
+        let mut session: Session<Vulkan> = Session::new(common::device(), scene.clone(), EXACT, &set);
+        session.prepare((400, 225), &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+        let frame = session.submit(&cameras[0], &FrameOptions::default()).expect("submitted");
+        let stats = session.wait(frame).expect("drawn").stats;
+        stats.iter().find(|(name, _)| name == "unordered").expect("the graph counts them").1
+    };
+    assert_eq!(unordered("20"), 0);
+    let most = unordered("16");
+    assert!(most > 1000, "9 bits of depth leave long runs, {most} pairs were counted");
 }
 
 #[test]
