@@ -130,7 +130,13 @@ fn builds() -> Vec<Build> {
             lanes,
         })
     };
-    let other = [("sorter", "serial"), ("covariance", "factored"), ("sh_storage", "f16")];
+    let other = [
+        ("sorter", "serial"),
+        ("covariance", "factored"),
+        ("sh_storage", "q8"),
+        ("position_storage", "fixed16"),
+        ("key_map", "equalised"),
+    ];
     let other = Build {
         graph: "splat".into(),
         set: other.map(|(name, value)| (name.into(), value.into())).to_vec(),

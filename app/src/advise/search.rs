@@ -59,10 +59,12 @@ impl Budget {
     }
 
     /// Returns true if the first of two settings within the limits is the better: the faster where an error is allowed, else the more accurate.
+    ///
+    /// Shares of the exact settings' time, from the same rounds, tell which is the faster: the device's load may have changed between
+    /// two settings.
     fn prefers(&self, a: &Tried, b: &Tried) -> bool {
-        let time = |tried: &Tried| tried.gpu_ms.unwrap_or(tried.of_exact);
         match self.psnr {
-            Some(_) => time(a) < time(b),
+            Some(_) => a.of_exact < b.of_exact,
             None => a.least_psnr() > b.least_psnr(),
         }
     }
@@ -211,5 +213,12 @@ mod tests {
         assert_eq!(name(None, Some(5.0)), Some("target = h"));
         assert_eq!(name(Some(55.0), Some(4.0)), None);
         assert_eq!(name(Some(81.0), None), None);
+        // The device became slower while the second was measured.
+        let slowed = [
+            tried("a", ["f", "3"], 50.0, 6.0),
+            Tried { gpu_ms: Some(9.0), ..tried("b", ["h", "3"], 50.0, 5.0) },
+        ];
+        let budget = Budget { psnr: Some(45.0), ms: None };
+        assert_eq!(best(&slowed, &budget).map(|tried| tried.setting.name.as_str()), Some("b"));
     }
 }

@@ -8,13 +8,16 @@ use crate::report::plot::{Axis, Form, Plot, PlotError, Point, Series};
 const ABOVE: f64 = 6.0;
 
 /// Plots time against PSNR, with the Pareto front joined and the dominated settings grey; `None` without times.
+///
+/// Time is the share of the exact settings' in the same rounds, by which the front is chosen: milliseconds of settings that were
+/// measured one after the other differ with the device's load, too.
 pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     let finite = lines.iter().map(|line| line.psnr_db).filter(|db| db.is_finite());
     let top = finite.fold(0.0, f64::max) + ABOVE;
     let point = |line: &Line| {
         let equal = line.psnr_db.is_infinite();
         let name = if equal { format!("{} (equal)", line.setting) } else { line.setting.clone() };
-        Some(Point { x: line.gpu_ms?, y: line.psnr_db.min(top), name })
+        Some(Point { x: 100.0 * line.of_exact?, y: line.psnr_db.min(top), name })
     };
     let points = |best: bool| lines.iter().filter(move |line| line.best == best).filter_map(point);
     let mut front: Vec<Point> = points(true).collect();
@@ -25,7 +28,10 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     }
     Some(Plot {
         title: format!("{}: time and error of each setting", ledger.origin.title()),
-        x: Axis { label: "GPU time of a frame, ms".into(), logarithmic: true },
+        x: Axis {
+            label: "GPU time of a frame, % of the exact settings' in the same rounds".into(),
+            logarithmic: true,
+        },
         y: Axis { label: "PSNR against the truth, dB".into(), logarithmic: false },
         series: vec![
             Series { name: "beaten in time and error by another".into(), form: Form::Muted, points: muted },
@@ -134,7 +140,7 @@ mod tests {
 
     #[test]
     fn without_times_there_is_a_table_and_no_plot() {
-        let lines = [Line { gpu_ms: None, ..line("exact", 4.0, 50.0, true) }];
+        let lines = [Line { gpu_ms: None, of_exact: None, ..line("exact", 4.0, 50.0, true) }];
         let ledger = ledger(Vec::new());
         assert_eq!(plot(&ledger, &lines), None);
         assert!(!page(&ledger, &lines, &[]).unwrap().contains("<svg"));
