@@ -133,6 +133,7 @@ impl Script {
                 window: Some(size),
                 faults: std::mem::take(&mut faults),
                 patience: Duration::from_millis(20),
+                compile_patience: Duration::from_millis(500),
                 ..config.clone()
             };
             let (canvas, journal) = open(&config);
@@ -201,7 +202,7 @@ impl Script {
 
     /// Lets a device that hangs go on, once the viewer said that it does.
     fn resume(&mut self) {
-        let stuck = |text: String| text.contains("has been running");
+        let stuck = |text: String| text.contains("it may never end");
         let said = self.shell.problem().is_some_and(stuck)
             || self.viewer().a.inspection.as_ref().is_some_and(|i| matches!(&i.found, Some(Err(_))));
         if self.shell.stalled().is_some() || said {
@@ -409,6 +410,11 @@ impl Script {
         for (index, (probe, journal)) in devices.take().opened.into_iter().enumerate() {
             let messages = probe.map(Null::close).unwrap_or_default();
             assert_eq!(messages, Vec::<String>::new(), "device {index} under {faults:?}");
+            // A compiler that was given up, and has gone on, is still to see that nobody waits.
+            let begun = Instant::now();
+            while !journal.alive().is_empty() && begun.elapsed() < PATIENCE {
+                std::thread::sleep(Duration::from_millis(1));
+            }
             assert_eq!(journal.alive(), BTreeMap::new(), "left on device {index} under {faults:?}");
             if index == 0 {
                 let all = splatgraph_null::Point::ALL;
