@@ -33,6 +33,7 @@ fn a_driver_that_is_none_is_an_error_that_says_so() {
             let errors = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(1), "{manifest}, {args:?}: {errors}");
             assert!(errors.contains("error: "), "{manifest}, {args:?}: {errors}");
+            assert!(!errors.contains("0 bytes"), "{manifest}, {args:?}: {errors}");
         }
     }
     assert!(!place.at("a.png").exists());

@@ -133,7 +133,6 @@ impl Script {
                 window: Some(size),
                 faults: std::mem::take(&mut faults),
                 patience: Duration::from_millis(20),
-                compile_patience: Duration::from_millis(500),
                 ..config.clone()
             };
             let (canvas, journal) = open(&config);
@@ -198,6 +197,17 @@ impl Script {
         let frame = self.recovery.frame(&mut self.shell, input, request).expect("another device opens");
         self.events.extend(self.shell.take_events());
         frame
+    }
+
+    /// Counts the pipelines that the devices were asked for.
+    pub fn pipelines(&self) -> u64 {
+        let devices = self.devices.borrow();
+        devices.opened.iter().map(|(_, journal)| journal.reached(splatgraph_null::Point::Compile)).sum()
+    }
+
+    /// Returns true if frames are drawn.
+    pub fn draws(&mut self) -> bool {
+        (0..100).any(|_| self.frame(false).is_some_and(|frame| frame.drawn))
     }
 
     /// Lets a device that hangs go on, once the viewer said that it does.
