@@ -35,11 +35,13 @@ fn set_digits(script: &mut Script, digits: i64) {
 }
 
 fn failures(events: &[Event]) -> Vec<&str> {
-    let text = |event| match event {
-        &Event::Failed { ref text, .. } => Some(text.as_str()),
-        _ => None,
-    };
-    events.iter().filter_map(text).collect()
+    let mut failures = Vec::new();
+    for event in events {
+        if let Event::Failed { text, .. } = event {
+            failures.push(text.as_str());
+        }
+    }
+    failures
 }
 
 #[test]
