@@ -26,7 +26,7 @@ use splatgraph_framework::shader::{
 use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render};
 
 /// Damaged files in the long run, and in the one that everybody does.
-const CASES: (u64, u64) = (100_000, 150);
+const CASES: (u64, u64) = (100_000, 1_500);
 
 /// Cases between two lines about the progress.
 const TOLD: u64 = 1_000;
