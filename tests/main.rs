@@ -36,6 +36,7 @@ mod plans;
 mod popping;
 mod random;
 mod reference;
+mod results;
 mod serial_tiles;
 mod sort;
 #[cfg(target_os = "linux")]

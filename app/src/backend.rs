@@ -1,3 +1,3 @@
 //! Chooses the graphics backend. No other module of the application names one.
 
-pub use splatgraph_vulkan::{Options, Validation, Vulkan as Backend};
+pub use splatgraph_vulkan::{Options, Validation, Vulkan as Backend, compilers_given_up};

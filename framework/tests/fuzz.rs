@@ -26,7 +26,10 @@ use splatgraph_framework::shader::{
 use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render};
 
 /// Damaged files in the long run, and in the one that everybody does.
-const CASES: (u64, u64) = (100_000, 150);
+const CASES: (u64, u64) = (100_000, 1_500);
+
+/// Cases between two lines about the progress.
+const TOLD: u64 = 1_000;
 
 /// A case that takes this long hangs: far beyond the limits of the compiler.
 const LONGEST: Duration = Duration::from_secs(120);
@@ -207,7 +210,8 @@ fn catalog() -> Catalog {
 fn compiler() -> Glslang {
     let program = std::env::current_exe().expect("this program");
     let arguments = ["--exact", "the_worker_of_the_other_tests_serves_when_it_is_asked", "--nocapture"];
-    let limits = Limits { memory_bytes: 256 << 20, time: Duration::from_secs(1) };
+    // The memory is that of the program: with less, the worker is a new process for each shader.
+    let limits = Limits { time: Duration::from_secs(1), ..Limits::default() };
     Glslang::in_worker(Worker { program, arguments: arguments.map(Into::into).into(), limits })
 }
 
@@ -292,6 +296,9 @@ fn fuzz<'a, Attempt>(
             let case = next.fetch_add(1, Relaxed);
             if case >= cases {
                 return counts;
+            }
+            if case > 0 && case.is_multiple_of(TOLD) {
+                let _ = writeln!(std::io::stderr(), "fuzz: {case} of {cases} {what}");
             }
             let mut random = Random(case);
             let (name, build) = attempt(&mut random);

@@ -1,5 +1,6 @@
 //! What leaves the real program: files that are whole or not there, refusals, exit codes, and text that no terminal obeys.
 
+mod drivers;
 mod full;
 mod kills;
 mod lines;

@@ -2,6 +2,7 @@
 
 use super::Place;
 use rustix::process::{Resource, Rlimit, setrlimit};
+use splatgraph_assets::synth;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
@@ -33,6 +34,7 @@ fn a_driver_that_is_none_is_an_error_that_says_so() {
             let errors = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(1), "{manifest}, {args:?}: {errors}");
             assert!(errors.contains("error: "), "{manifest}, {args:?}: {errors}");
+            assert!(!errors.contains("0 bytes"), "{manifest}, {args:?}: {errors}");
         }
     }
     assert!(!place.at("a.png").exists());
@@ -83,6 +85,36 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
             }
         }
     }
+}
+
+#[test]
+fn counts_that_no_memory_holds_are_errors_in_one_sentence_and_write_nothing() {
+    let place = Place::new();
+    let most = u32::MAX.to_string();
+    let mut lines: Vec<Vec<&str>> = synth::generators()
+        .iter()
+        .map(|generator| vec!["synth", generator.name, "--count", &most, "-o", "big.ply"])
+        .collect();
+    assert!(lines.len() > 10);
+    lines.push(vec!["synth", "--enlarge", "scene.ply", "--count", &most, "-o", "big.ply"]);
+    lines.push(vec!["check", "unsorted", "--splats", &most]);
+    for line in lines {
+        let (code, errors) = place.code(&line);
+        assert_eq!(code, Some(1), "{line:?}: {errors}");
+        assert!(errors.starts_with("error: ") && !errors.contains("panicked"), "{line:?}: {errors}");
+        if line[0] == "synth" {
+            assert!(
+                errors.contains("expected a scene that fits in memory, found 4294967295 splats"),
+                "{errors}"
+            );
+            assert_eq!(errors.trim_end().lines().count(), 1, "{errors}");
+        }
+    }
+    for count in ["0", "4294967296", "18446744073709551616", "1e9"] {
+        let (code, errors) = place.code(&["synth", "uniform", "--count", count, "-o", "big.ply"]);
+        assert_eq!(code, Some(2), "{count}: {errors}");
+    }
+    assert!(!place.at("big.ply").exists());
 }
 
 #[test]

@@ -13,6 +13,7 @@ use splatgraph_api::Device;
 use splatgraph_vulkan::{Validation, Vulkan};
 use std::fs::File;
 use std::io::Write;
+use std::process::Command;
 use std::time::Instant;
 
 const SIZE: (u32, u32) = (400, 225);
@@ -21,6 +22,10 @@ const SPLATS: u32 = 2_000;
 /// The graph and a shader of it.
 const GRAPH: &str = "pipelines/splat.ron";
 const SHADER: &str = "shaders/project.comp";
+
+/// A graph that the graph includes, and a file that the shader does.
+const INCLUDE: &str = "pipelines/sort_serial.ron";
+const HEADER: &str = "shaders/camera.glsl";
 
 /// As in the soak test: the allocator's padding depends on what was there before.
 const PADDING_BYTES: u64 = 4 << 10;
@@ -68,6 +73,11 @@ impl Cycles {
             1,
         );
         self.broken_file(cycle, "shader", SHADER, &shader);
+        for (kind, name) in
+            [("graph", GRAPH), ("include", INCLUDE), ("shader", SHADER), ("shader's include", HEADER)]
+        {
+            self.no_file(cycle, kind, name);
+        }
         self.broken_scene(cycle);
         self.broken_inspection(cycle);
         self.odd_sizes(cycle);
@@ -121,6 +131,24 @@ impl Cycles {
         self.viewer.until("the mending", |viewer| viewer.shell.viewer.a.renderer.failure().is_none());
         self.note(cycle, kind, "mended", Some(since));
         self.check(kind);
+    }
+
+    /// Replaces a file by a pipe, which no reader comes to the end of.
+    fn no_file(&mut self, cycle: u32, kind: &str, name: &str) {
+        let (shipped, path) = (self.viewer.shipped[name].clone(), self.viewer.path(name));
+        std::fs::remove_file(&path).expect("it is removed");
+        assert!(Command::new("mkfifo").arg(&path).status().expect("mkfifo runs").success());
+        self.viewer.until("the pipe", |viewer| {
+            let failure = viewer.shell.viewer.a.renderer.failure();
+            failure.is_some_and(|failure| failure.text(false).contains("is a pipe, not a file"))
+        });
+        self.note(cycle, &format!("pipe for the {kind}"), "broken", None);
+        let since = Instant::now();
+        std::fs::remove_file(&path).expect("it is removed");
+        self.viewer.write(name, shipped);
+        self.viewer.until("the mending", |viewer| viewer.shell.viewer.a.renderer.failure().is_none());
+        self.note(cycle, &format!("pipe for the {kind}"), "mended", Some(since));
+        self.check("a pipe");
     }
 
     fn broken_scene(&mut self, cycle: u32) {

@@ -25,10 +25,10 @@ mod trade;
 #[cfg(feature = "window")]
 mod view;
 
-use crate::builtin;
 use crate::output::{self, Claims, say, say_styled, terminal};
 use crate::planner::{self, GraphErrors};
 use crate::session::SessionError;
+use crate::{backend, builtin};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::reload::Wanted;
@@ -157,11 +157,16 @@ pub fn main() -> ExitCode {
         Command::Popping(args) => popping::run(args),
         Command::Devices(args) => devices::run(args),
     };
-    match result {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Failed) => ExitCode::from(1),
+    let code = match result {
+        Ok(Outcome::Done) => 0,
+        Ok(Outcome::Failed) => 1,
         Err(error) => report(&error),
+    };
+    if backend::compilers_given_up() > 0 {
+        // A library's exit handler may wait for its compiler, which nobody else does any more.
+        output::signals::end_now(code);
     }
+    ExitCode::from(code)
 }
 
 /// Makes the command line, with the lists of graphs and scenes in its long help.
@@ -213,7 +218,7 @@ fn colour() -> bool {
 }
 
 /// Prints an error with its causes, each once, and returns the exit code.
-fn report(error: &anyhow::Error) -> ExitCode {
+fn report(error: &anyhow::Error) -> u8 {
     // These are rendered with the source text and need no prefix.
     let graph_errors = |e: &'_ (dyn std::error::Error + 'static)| match e.downcast_ref::<SessionError>() {
         Some(SessionError::Graph(errors)) => Some(errors.text(colour()).to_owned()),
@@ -221,7 +226,7 @@ fn report(error: &anyhow::Error) -> ExitCode {
     };
     if let Some(text) = error.chain().find_map(graph_errors) {
         say_styled(&format!("{}\n", text.trim_end()));
-        return ExitCode::from(1);
+        return 1;
     }
     say(format!("error: {error}"));
     let mut said = error.to_string();
@@ -233,7 +238,7 @@ fn report(error: &anyhow::Error) -> ExitCode {
         }
         said = cause;
     }
-    ExitCode::from(if error.is::<Usage>() { 2 } else { 1 })
+    if error.is::<Usage>() { 2 } else { 1 }
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 //! between frames. If the build fails, the current plan stays and the failure is reported. Live parameters need no build: they
 //! go to the device with the next frame.
 //!
-//! One plan is built at a time; changes during a build are combined into the next one.
+//! One plan is built at a time; changes during a build are combined into the next one, for which a build that takes long is cancelled.
 //!
 //! A frame that was drawn in part, for want of room in a list, is shown as it is, and a plan with more room is built like any other
 //! ([`growth`]). The room stays until another graph or scene is chosen, or the parameter is set by hand. If the device
@@ -376,6 +376,7 @@ impl<D: Device> Renderer<D> {
             self.rebuild = None;
             self.want(Cause::Retry, now);
         }
+        self.builder.set_outdated(self.building.is_some() && self.pending_build.is_some());
         // An empty size has no pictures, so the former plan stays until there is one.
         let drawable = inputs.size.0 > 0 && inputs.size.1 > 0;
         if drawable
@@ -449,6 +450,20 @@ impl<D: Device> Renderer<D> {
         }
         let (plan, controls, ready) = match built.outcome {
             Ok(made) => made,
+            Err(Failure::Cancelled) => {
+                self.building = None;
+                // What it was cancelled for is built next, for both reasons.
+                let (cause, now) = (built.cause, Instant::now());
+                self.pending_build = Some(match self.pending_build.take() {
+                    Some(newer) => PendingBuild {
+                        cause: cause.and(newer.cause),
+                        asked: built.asked.min(newer.asked),
+                        ..newer
+                    },
+                    None => PendingBuild { cause, asked: built.asked, attempt: self.state.asked(now) },
+                });
+                return;
+            }
             Err(failure) => return self.refuse(&built.cause, failure),
         };
         let Some(device) = &mut self.device else { return };

@@ -1,5 +1,6 @@
 //! Makes plans for tests that need only names, and drives the viewer on the null device.
 
+mod compilers;
 mod faults;
 mod room;
 mod script;

@@ -61,6 +61,23 @@ pub enum BackendError {
         /// Seconds since the device last finished a pass.
         seconds: u64,
     },
+    /// The driver's compiler did not come to the end of a pipeline, and the plan was given up. The same plan can be tried again once it has.
+    #[error(
+        "the driver has been compiling shader `{shader}` for pass `{pass}` of `{plan}` for more than {seconds} s; it may never end"
+    )]
+    StuckCompiler {
+        /// The plan's name.
+        plan: String,
+        /// The first pass that the pipeline is for.
+        pass: String,
+        /// The shader; of a draw, that of the vertices.
+        shader: String,
+        /// Seconds that were waited.
+        seconds: u64,
+    },
+    /// The caller asked for the end of a load; see [`Loader::cancelled_by`](crate::Loader::cancelled_by).
+    #[error("the load was cancelled")]
+    Cancelled,
     /// The device stopped; names the pass that ran last.
     #[error("device lost: {0}")]
     DeviceLost(String),
@@ -96,7 +113,10 @@ impl BackendError {
     /// Returns the class of the error.
     pub fn recovery(&self) -> Recovery {
         match self {
-            BackendError::Busy { .. } | BackendError::Stuck { .. } => Recovery::Retry,
+            BackendError::Busy { .. }
+            | BackendError::Stuck { .. }
+            | BackendError::StuckCompiler { .. }
+            | BackendError::Cancelled => Recovery::Retry,
             BackendError::Unavailable(_)
             | BackendError::SurfaceLost { .. }
             | BackendError::Limit(_)
@@ -172,6 +192,14 @@ mod tests {
         assert_eq!(
             stuck.to_string(),
             "pass `sort.scan[0]` of `splat` has been running for 12 s; it may never end"
+        );
+        assert_eq!(stuck.recovery(), Recovery::Retry);
+        let [plan, pass, shader] = ["splat", "sort.scan[0]", "sort/scan.comp"].map(str::to_string);
+        let stuck = BackendError::StuckCompiler { plan, pass, shader, seconds: 60 };
+        assert_eq!(
+            stuck.to_string(),
+            "the driver has been compiling shader `sort/scan.comp` for pass `sort.scan[0]` of `splat` for more than 60 s; \
+             it may never end"
         );
         assert_eq!(stuck.recovery(), Recovery::Retry);
     }

@@ -14,6 +14,7 @@ pub use error::{BackendError, LimitExceeded, Recovery, Unit, display_bytes};
 use serde::Serialize;
 use splatgraph_framework::ir::{DeviceFacts, Format, PassId, ResourceId};
 use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::Cancel;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
@@ -103,6 +104,9 @@ pub struct Options {
     /// 10 seconds, and ten minutes where the device is a CPU. Where the device does not tell its passes apart while it runs, as
     /// lavapipe does not, it is the time of a frame.
     pub patience: Option<Duration>,
+    /// The longest time that the driver may take over one pipeline before the load of its plan fails with
+    /// [`BackendError::StuckCompiler`]. Without it 60 seconds.
+    pub compile_patience: Option<Duration>,
     /// Leaves accesses beyond the ends of buffers and images unchecked, to measure what the checks cost. See
     /// [`DeviceInfo::robustness`].
     pub unchecked: bool,
@@ -295,8 +299,23 @@ pub trait Loader: Send + 'static {
     /// A plan with everything that was created for it.
     type Ready: Send + 'static;
 
+    /// Makes [`Loader::prepare`] end early with [`BackendError::Cancelled`] when `cancel` asks for it, in whatever the driver is then.
+    ///
+    /// An upload that was begun goes on to its end: the next plan finds the scene on the device.
+    #[must_use]
+    fn cancelled_by(self, cancel: Cancel) -> Self;
+
+    /// Lets the plan take over what passes with `run: Once` of other plans of the device have computed, where all that it depends on is
+    /// equal. The passes are left out, and both plans hold one buffer. Not for measurements and inspections of these passes.
+    #[must_use]
+    fn sharing_results(self) -> Self;
+
     /// Creates the plan's pipelines and resources, and uploads the scene attributes that it reads and that are not on the device
     /// yet.
+    ///
+    /// # Errors
+    /// [`BackendError::StuckCompiler`] if the driver takes longer over a pipeline than [`Options::compile_patience`]. Nobody waits for
+    /// it any more then; the same plan is refused with the same error until the driver has come to its end.
     fn prepare(
         self,
         plan: Plan,
@@ -383,7 +402,7 @@ pub trait Device: Sized {
     fn running(&mut self) -> Option<Running>;
 
     /// Lists names and bytes of device memory: the plan's resources first, then scene attributes, then the backend's own. Every
-    /// piece of memory is listed once, so that the sum is the allocated memory: resources that share one are one entry, under their
+    /// piece of memory is listed once, so that the sum is the allocated memory (of each context, what several share): resources that share one are one entry, under their
     /// names joined by ` + `; a resource that exists once per frame in flight is one entry.
     fn memory(&self) -> Vec<(String, u64)>;
 

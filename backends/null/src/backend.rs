@@ -4,12 +4,12 @@ use crate::encoder::Encoder;
 use crate::fault::Point;
 use crate::gpu::{Bindings, Config, Memory, NullGpu, Swapchain, Timestamps};
 use crate::journal::{Call, Hung, Object, Owned, Used};
-use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Progress};
-use splatgraph_framework::ir::{Binding, Format, PassId, Stages};
+use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options};
+use splatgraph_framework::ir::{Binding, Format, PassId, ShaderId, Stages, Work};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
     Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, MemoryKind,
-    Messages, Presented, Requirements, Show, Window, binding_copies,
+    Messages, NextPipeline, Presented, Requirements, Show, Window, binding_copies,
 };
 use std::collections::HashMap;
 use std::sync::atomic::Ordering;
@@ -60,6 +60,10 @@ impl Gpu for NullGpu {
 
     fn patience(&self) -> Duration {
         self.patience
+    }
+
+    fn compile_patience(&self) -> Duration {
+        self.compile_patience
     }
 
     fn wait_idle(&self, limit: Duration) -> bool {
@@ -122,10 +126,23 @@ impl Gpu for NullGpu {
     fn create_pipelines(
         self: &Arc<Self>,
         plan: &Plan,
-        progress: &mut dyn FnMut(Progress),
+        next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Owned, BackendError> {
-        for (done, shader) in plan.shaders.iter().enumerate() {
-            progress(Progress::Pipeline { done, of: plan.shaders.len(), shader: &shader.name });
+        // One for each shader, a draw's two being one.
+        let steps = plan.prologue.iter().chain(&plan.frame).map(|step| step.pass);
+        let mut pipelines: Vec<(ShaderId, PassId)> = Vec::new();
+        for pass in steps {
+            let (Work::Dispatch { shader, .. } | Work::Draw { vertex: shader, .. }) = plan.pass(pass).work
+            else {
+                continue;
+            };
+            if !pipelines.iter().any(|(known, _)| *known == shader) {
+                pipelines.push((shader, pass));
+            }
+        }
+        for (done, &(shader, pass)) in pipelines.iter().enumerate() {
+            next(NextPipeline { done, of: pipelines.len(), shader, pass })?;
+            self.journal.compile();
         }
         self.create(Object::Pipelines, &plan.name)
     }

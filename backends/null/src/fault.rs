@@ -16,6 +16,8 @@ pub enum Point {
     Allocate,
     /// An object other than memory cannot be created.
     Create,
+    /// The driver does not come to the end of a pipeline until [`Journal::resume`](crate::Journal::resume).
+    Compile,
     /// The device is lost when commands are submitted.
     Submit,
     /// The device is lost while it executes a submission, half of whose timestamps are written.
@@ -45,9 +47,10 @@ pub enum Point {
 
 impl Point {
     /// Every kind.
-    pub const ALL: [Point; 14] = [
+    pub const ALL: [Point; 15] = [
         Point::Allocate,
         Point::Create,
+        Point::Compile,
         Point::Submit,
         Point::Execute,
         Point::Hang,

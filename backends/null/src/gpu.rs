@@ -23,6 +23,8 @@ pub struct Config {
     pub faults: Vec<Fault>,
     /// See [`splatgraph_api::Options::patience`].
     pub patience: Duration,
+    /// See [`splatgraph_api::Options::compile_patience`].
+    pub compile_patience: Duration,
     /// The word that the host reads wherever it reads: in statistics, pictures and inspections.
     pub read: u32,
 }
@@ -35,6 +37,8 @@ impl Default for Config {
             budget: None,
             faults: Vec::new(),
             patience: Duration::from_millis(20),
+            // Long enough for a thread to be given a processor on a busy machine.
+            compile_patience: Duration::from_secs(1),
             read: 0,
         }
     }
@@ -45,6 +49,7 @@ pub struct NullGpu {
     pub(crate) limits: Limits,
     pub(crate) budget: Option<u64>,
     pub(crate) patience: Duration,
+    pub(crate) compile_patience: Duration,
     pub(crate) read: u32,
     pub(crate) journal: Journal,
     /// Bytes of memory that are allocated.
@@ -107,6 +112,7 @@ impl NullGpu {
             limits: config.limits.clone(),
             budget: config.budget,
             patience: config.patience,
+            compile_patience: config.compile_patience,
             read: config.read,
             used: Arc::default(),
             tick: AtomicU64::new(1),

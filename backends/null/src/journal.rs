@@ -6,6 +6,7 @@ use splatgraph_runtime::{Location, Messages};
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// A kind of object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -169,6 +170,8 @@ struct State {
     in_flight: Vec<InFlight>,
     /// The device executes nothing that is submitted.
     hangs: bool,
+    /// The compilers that do not come to an end.
+    compilers: u64,
     lost: bool,
 }
 
@@ -250,7 +253,19 @@ impl Journal {
     pub fn resume(&self) {
         let mut state = self.state();
         state.hangs = false;
+        state.compilers = 0;
         state.in_flight.iter_mut().for_each(|submission| submission.hung = false);
+    }
+
+    /// Compiles a pipeline, which may take until [`Journal::resume`].
+    pub(crate) fn compile(&self) {
+        if !self.fails(Point::Compile) {
+            return;
+        }
+        self.state().compilers += 1;
+        while self.state().compilers > 0 {
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// Counts a submission, and says whether the device hangs.

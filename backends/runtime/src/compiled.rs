@@ -3,16 +3,19 @@
 //! It is made beside the frames, on any thread ([`CompiledPlan::new`]), and becomes the current one when it
 //! [follows](CompiledPlan::follow) the plan before it. Only then is it known which histories that one leaves.
 
+use crate::aliasing::Transient;
 use crate::attributes::{self, PlaneKey};
 use crate::bindings::Bindings;
 use crate::check;
 use crate::gpu::{Buffer, Gpu, Memory};
 use crate::history::{self, History};
 use crate::resources::Resources;
+use crate::results::{self, Recipe, Recipes};
 use crate::shared::Shared;
 use crate::timing::queries;
 use crate::upload::upload;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress, SceneData, display_bytes};
+use splatgraph_framework::shader::Cancel;
 use splatgraph_framework::{ir::*, plan::*};
 use std::sync::Arc;
 
@@ -22,7 +25,7 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub pipelines: G::Pipelines,
     pub slots: [PlanSlot<G>; FRAMES_IN_FLIGHT],
     pub resources: Resources<G>,
-    pub plan: Plan,
+    pub plan: Arc<Plan>,
     /// The plan's name, and those of its passes, as errors tell them.
     pub name: Arc<str>,
     pub pass_names: Arc<[String]>,
@@ -34,6 +37,10 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub layouts: Vec<Layout>,
     /// Resources that go on from the history of a former plan, until the first frame was submitted.
     pub carried: Vec<ResourceId>,
+    /// The results of the prologue that other plans can take over.
+    recipes: Recipes,
+    /// Passes of the prologue whose results were taken over from another plan.
+    left_out: Vec<PassId>,
     /// The next frame is the first: it runs the prologue.
     pub prologue_due: bool,
     /// The host's step of the frame makes all copies before it visible to the host, not those of the statistics alone.
@@ -54,17 +61,24 @@ impl<G: Gpu> CompiledPlan<G> {
         shared: &Shared<G>,
         plan: Plan,
         scene: &dyn SceneData,
+        (cancel, share_results): (&Cancel, bool),
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Self, BackendError> {
         let gpu = &shared.gpu;
         check::check(&plan, gpu.limits())?;
         let identity = scene.identity();
-        let pipelines = gpu.create_pipelines(&plan, progress)?;
+        let plan = Arc::new(plan);
+        let pipelines = shared.compilers.create(gpu, &plan, cancel, progress)?;
         // Where planes are missing this may wait, so it comes after the pipelines.
         let (mut planes, turn) = shared.attributes.find(&attributes::keys(&plan, identity));
         let absent = |key: &PlaneKey| !planes.contains_key(key);
-        within_budget(&plan, gpu.available(), attributes::keys(&plan, identity).into_iter().filter(absent))?;
-        let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes)?;
+        let recipes = results::recipes(&plan, identity);
+        let mut taken = if share_results { shared.results.find(&plan, &recipes) } else { Default::default() };
+        let left_out = results::left_out(&plan, &mut taken);
+        let absent = attributes::keys(&plan, identity).into_iter().filter(absent);
+        let held = taken.values().map(|buffer| buffer.bytes).sum();
+        within_budget(&plan, gpu.available(), absent, held)?;
+        let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes, &taken)?;
         let bindings = Bindings::new(gpu, &plan, &pipelines, &resources)?;
         let slots = [PlanSlot::new(gpu, &plan)?, PlanSlot::new(gpu, &plan)?];
         // Last, since it takes the longest: a plan that cannot run is refused before.
@@ -80,6 +94,8 @@ impl<G: Gpu> CompiledPlan<G> {
             identity,
             layouts: vec![Layout::Undefined; plan.resources.len()],
             carried: Vec::new(),
+            recipes,
+            left_out,
             prologue_due: true,
             host_sees_copies: host_sees_copies(&plan),
             name: plan.name.as_str().into(),
@@ -128,9 +144,24 @@ impl<G: Gpu> CompiledPlan<G> {
         if self.prologue_due { &self.plan.prologue } else { &[] }
     }
 
-    /// Says whether the step would zero a history that goes on: then its pass does not run.
+    /// Says whether the step would zero a history that goes on, or compute again what was taken over: then its pass does not run.
     pub fn is_left_out(&self, step: &Step) -> bool {
-        matches!(self.plan.pass(step.pass).work, Work::Start { resource } if self.carried.contains(&resource))
+        let goes_on = |resource: &ResourceId| self.carried.contains(resource);
+        matches!(&self.plan.pass(step.pass).work, Work::Start { resource } if goes_on(resource))
+            || self.left_out.contains(&step.pass)
+    }
+
+    /// Says whether the first frame reads what frames of other plans have left.
+    pub fn goes_on(&self) -> bool {
+        !self.carried.is_empty() || self.prologue_due && !self.left_out.is_empty()
+    }
+
+    /// Lists the results of the prologue that other plans can take over, once its frame was submitted.
+    pub fn results(&self) -> impl Iterator<Item = (&Arc<Recipe>, &Arc<Buffer<G>>)> {
+        self.recipes.iter().filter_map(|(id, recipe)| match self.resources.transient(*id)? {
+            Transient::Buffer(buffer) => Some((recipe, buffer)),
+            Transient::Image(_) => None,
+        })
     }
 
     /// Iterates over the steps whose passes the next frame runs.
@@ -169,7 +200,8 @@ impl<G: Gpu> PlanSlot<G> {
     }
 }
 
-/// Refuses a plan whose resources, with the planes that it still lacks, need more than the `available` bytes of the device.
+/// Refuses a plan whose resources, with the planes that it still lacks and without the `held` bytes that it takes over, need more than
+/// the `available` bytes of the device.
 ///
 /// The driver's number is an estimate. Without this, memory would be taken piece by piece until one fails, or until other programs
 /// lose theirs.
@@ -177,8 +209,10 @@ fn within_budget(
     plan: &Plan,
     available: Option<u64>,
     absent: impl Iterator<Item = PlaneKey>,
+    held: u64,
 ) -> Result<(), BackendError> {
-    let needed = absent.fold(plan.transient_bytes(), |sum, key| sum.saturating_add(key.bytes));
+    let own = plan.transient_bytes().saturating_sub(held);
+    let needed = absent.fold(own, |sum, key| sum.saturating_add(key.bytes));
     match available {
         Some(available) if needed > available => Err(BackendError::OutOfMemory {
             name: format!("the plan `{}`", plan.name),

@@ -14,6 +14,7 @@ use splatgraph_api::{
     BackendError, Device, DeviceInfo, DeviceMemory, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult,
     Heap, Options, Picture, Running, Windowed,
 };
+use splatgraph_framework::shader::Cancel;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -226,7 +227,12 @@ impl<G: Gpu> Device for Executor<G> {
     }
 
     fn loader(&self) -> Loader<G> {
-        Loader { shared: self.shared.clone(), executor: self.id }
+        Loader {
+            shared: self.shared.clone(),
+            executor: self.id,
+            cancel: Cancel::default(),
+            share_results: false,
+        }
     }
 
     /// Goes on from the histories of the plan that is current now, whenever the loader was taken.

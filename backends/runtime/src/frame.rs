@@ -94,6 +94,9 @@ impl<G: Gpu> Slot<G> {
         let waited = waiting.elapsed();
         let show = swapchain.as_mut().zip(image).and_then(|(swapchain, image)| swapchain.show(image, slot));
         gpu.submit(&mut self.encoder, show)?;
+        if compiled.prologue_due {
+            shared.results.add(compiled.results());
+        }
         compiled.layouts = recorded.layouts;
         compiled.prologue_due = false;
         compiled.carried.clear();

@@ -14,7 +14,7 @@
 use crate::limits::Limits;
 use crate::messages::Messages;
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle};
-use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Progress};
+use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options};
 use splatgraph_framework::{ir::*, plan::*};
 use std::fmt::{Arguments, Debug};
 use std::ops::Range;
@@ -82,6 +82,9 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Returns the longest time that one pass may run before calls that wait for it give up.
     fn patience(&self) -> Duration;
 
+    /// Returns the longest time that the driver may take over one pipeline before it is given up.
+    fn compile_patience(&self) -> Duration;
+
     /// Blocks until the device has finished all submitted work, as a lost device has, or until the time is over. Returns true in
     /// the first case. Others can submit meanwhile.
     fn wait_idle(&self, limit: Duration) -> bool;
@@ -120,11 +123,14 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         memory: &Self::Memory,
     ) -> Result<Self::Image, BackendError>;
 
-    /// Creates the pipelines of all dispatches and draws of a checked plan, reporting each before it is made.
+    /// Creates the pipelines of all dispatches and draws of a checked plan, announcing each before it is made. An error of `next` ends
+    /// it there.
+    ///
+    /// Called on a thread that nobody may wait for any more when it returns.
     fn create_pipelines(
         self: &Arc<Self>,
         plan: &Plan,
-        progress: &mut dyn FnMut(Progress),
+        next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Self::Pipelines, BackendError>;
 
     /// Creates the bindings of all passes that run: [`binding_copies`] for each that binds anything. They are not written.
@@ -196,6 +202,19 @@ pub trait Gpu: Sized + Send + Sync + 'static {
 
     /// Presents an image whose blit was submitted.
     fn present(&self, show: Show<Self>) -> Result<Presented, BackendError>;
+}
+
+/// The pipeline that is made next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NextPipeline {
+    /// Pipelines that were made.
+    pub done: usize,
+    /// Pipelines of the plan.
+    pub of: usize,
+    /// Its shader; of a draw, that of the vertices.
+    pub shader: ShaderId,
+    /// The first pass that it is for.
+    pub pass: PassId,
 }
 
 /// A swapchain's image that the frame in a slot is shown in.

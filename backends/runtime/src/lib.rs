@@ -4,8 +4,10 @@
 //! through the crate:
 //!
 //! 1. `check` checks it against itself and against the device's `limits`;
-//! 2. `resources` (with `aliasing`, `attributes` and `host_buffers`), `bindings` and `upload` create what it needs, which together is
+//! 2. `pipelines` lets the driver compile them, on a thread that can be given up;
+//!    `resources` (with `aliasing`, `attributes` and `host_buffers`), `bindings` and `upload` create what it needs, which together is
 //!    a `compiled` plan; a `loader` does all this on any thread;
+//!    What another plan has computed once is taken over (`results`);
 //! 3. the plan becomes the current one of an `executor`, and goes on from the `history` of the one before;
 //! 4. `record` records a frame of it, step by step, and `frame` submits it and reads the results back; `window` shows its output, and
 //!    `outputs` shares it with other executors;
@@ -35,8 +37,10 @@ mod limits;
 mod loader;
 mod messages;
 mod outputs;
+mod pipelines;
 mod record;
 mod resources;
+mod results;
 mod shared;
 #[cfg(test)]
 mod testing;
@@ -49,10 +53,11 @@ mod window;
 pub use executor::Executor;
 pub use gpu::{
     Acquired, BindingTarget, Buffer, BufferDesc, Draw, Encoder, FormatSupport, Gpu, Image, ImageDesc,
-    LayoutChange, Location, Memory, MemoryKind, PlanBarrier, Presented, Requirements, Show, Window,
-    binding_copies,
+    LayoutChange, Location, Memory, MemoryKind, NextPipeline, PlanBarrier, Presented, Requirements, Show,
+    Window, binding_copies,
 };
 pub use limits::{Limits, SubgroupLimits};
 pub use loader::{Loader, Ready};
 pub use messages::Messages;
+pub use pipelines::compilers_given_up;
 pub use window::waiting_for_copies;

@@ -9,6 +9,7 @@ use crate::gpu::Gpu;
 use crate::shared::Shared;
 use splatgraph_api::{BackendError, Progress, SceneData};
 use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::Cancel;
 use std::sync::Arc;
 
 /// Makes plans ready for one [`Executor`](crate::Executor); see [`splatgraph_api::Device::loader`].
@@ -17,6 +18,8 @@ use std::sync::Arc;
 pub struct Loader<G: Gpu> {
     pub(crate) shared: Arc<Shared<G>>,
     pub(crate) executor: u64,
+    pub(crate) cancel: Cancel,
+    pub(crate) share_results: bool,
 }
 
 /// A plan that [`splatgraph_api::Device::swap`] makes the current one, of the [`Executor`](crate::Executor) that the loader was
@@ -29,6 +32,14 @@ pub struct Ready<G: Gpu> {
 impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
     type Ready = Ready<G>;
 
+    fn cancelled_by(self, cancel: Cancel) -> Self {
+        Loader { cancel, ..self }
+    }
+
+    fn sharing_results(self) -> Self {
+        Loader { share_results: true, ..self }
+    }
+
     fn prepare(
         self,
         plan: Plan,
@@ -37,7 +48,8 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
     ) -> Result<Ready<G>, BackendError> {
         self.shared.check_lost()?;
         self.shared.drop_abandoned();
-        let compiled = CompiledPlan::new(&self.shared, plan, scene, progress)
+        let Loader { shared, cancel, share_results, .. } = &self;
+        let compiled = CompiledPlan::new(shared, plan, scene, (cancel, *share_results), progress)
             .map_err(|error| self.shared.losing(error, || None))?;
         Ok(Ready { compiled, executor: self.executor })
     }

@@ -63,11 +63,11 @@ impl<G: Gpu> Recorder<'_, G> {
         Ok(recorded)
     }
 
-    /// Orders everything after the frames of another plan, whose histories this one goes on from. Images come to the layout that
+    /// Orders everything after the frames of another plan, whose histories or results this one goes on from. Images come to the layout that
     /// [`Work::Start`] leaves them in.
     fn take_over(&mut self, layouts: &mut [Layout]) {
         let carried = &self.compiled.carried;
-        if carried.is_empty() {
+        if !self.compiled.goes_on() {
             return;
         }
         let resources = &self.compiled.resources;

@@ -13,7 +13,7 @@ use crate::outputs::SharedOutput;
 use crate::usage::usage;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_framework::{ir::*, plan::*};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -29,15 +29,16 @@ pub(crate) struct Resources<G: Gpu> {
 }
 
 impl<G: Gpu> Resources<G> {
-    /// Creates the resources of `plan`, but for the `planes` that are on the device. The missing ones are created, added to
+    /// Creates the resources of `plan`, but for those `taken` over and the `planes` that are on the device. The missing ones are created, added to
     /// `planes`, and returned: their data is still to be uploaded.
     pub fn create(
         gpu: &Arc<G>,
         plan: &Plan,
         identity: u64,
         planes: &mut Planes<Buffer<G>>,
+        taken: &BTreeMap<ResourceId, Arc<Buffer<G>>>,
     ) -> Result<(Resources<G>, Vec<PlaneKey>), BackendError> {
-        let mut transients = transients(gpu, plan)?;
+        let mut transients = transients(gpu, plan, taken)?;
         let (mut held, mut missing) = (Vec::new(), Vec::new());
         for (index, resource) in plan.resources.iter().enumerate() {
             let bytes = resource.bytes();
@@ -208,10 +209,15 @@ impl<G: Gpu> Resources<G> {
     }
 }
 
-/// Creates the members of all blocks.
-fn transients<G: Gpu>(gpu: &Arc<G>, plan: &Plan) -> Result<HashMap<ResourceId, Transient<G>>, BackendError> {
-    let mut all = HashMap::new();
-    for block in &plan.blocks {
+/// Creates the members of all blocks, but for those `taken` over, which are alone in theirs.
+fn transients<G: Gpu>(
+    gpu: &Arc<G>,
+    plan: &Plan,
+    taken: &BTreeMap<ResourceId, Arc<Buffer<G>>>,
+) -> Result<HashMap<ResourceId, Transient<G>>, BackendError> {
+    let mut all: HashMap<_, _> =
+        taken.iter().map(|(id, buffer)| (*id, Transient::Buffer(buffer.clone()))).collect();
+    for block in plan.blocks.iter().filter(|block| !block.aliases.iter().any(|id| taken.contains_key(id))) {
         let mut members = Vec::new();
         for &id in &block.aliases {
             let resource = plan.resource(id);

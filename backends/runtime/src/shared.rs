@@ -3,6 +3,8 @@
 use crate::attributes::AttributeCache;
 use crate::gpu::{Buffer, Gpu};
 use crate::outputs::SharedOutputs;
+use crate::pipelines::Compilers;
+use crate::results::Results;
 use crate::watch::Watch;
 use splatgraph_api::BackendError;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -11,8 +13,10 @@ use std::time::Duration;
 /// An opened device, the scene's planes and the outputs on it, what it executes, and its loss.
 pub(crate) struct Shared<G: Gpu> {
     pub attributes: AttributeCache<Buffer<G>>,
+    pub results: Results<G>,
     pub outputs: SharedOutputs<G>,
     pub watch: Arc<Watch<G>>,
+    pub compilers: Compilers,
     /// The first report of the device's loss; nothing works after that.
     lost: OnceLock<String>,
     /// Objects that nobody needs any more, and that the device may use as long as it is not idle.
@@ -24,8 +28,10 @@ impl<G: Gpu> Shared<G> {
     pub fn new(gpu: Arc<G>) -> Arc<Self> {
         Arc::new(Shared {
             attributes: AttributeCache::default(),
+            results: Results::default(),
             outputs: SharedOutputs::default(),
             watch: Arc::default(),
+            compilers: Compilers::default(),
             lost: OnceLock::new(),
             abandoned: Mutex::default(),
             gpu,

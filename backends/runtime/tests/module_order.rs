@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 24] = [
+const ORDER: [&str; 26] = [
     "limits",
     "messages",
     "gpu",
@@ -16,7 +16,9 @@ const ORDER: [&str; 24] = [
     "check",
     "aliasing",
     "attributes",
+    "results",
     "outputs",
+    "pipelines",
     "shared",
     "host_buffers",
     "resources",

@@ -10,12 +10,12 @@ use crate::pipelines::Pipelines;
 use crate::swapchain::{self, Swapchain};
 use crate::{device, lower, queue};
 use ash::{khr, vk};
-use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Progress, Robustness, Validation};
+use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Robustness, Validation};
 use splatgraph_framework::ir::{Binding, Format, PassId, Stages};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
     Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, Messages,
-    Presented, Requirements, Show, Window,
+    NextPipeline, Presented, Requirements, Show, Window,
 };
 use std::ffi::CStr;
 use std::sync::{Arc, PoisonError};
@@ -93,6 +93,10 @@ impl Gpu for VulkanGpu {
         self.patience
     }
 
+    fn compile_patience(&self) -> Duration {
+        self.compile_patience
+    }
+
     fn wait_idle(&self, limit: Duration) -> bool {
         match queue::idle(self, limit) {
             Ok(idle) => idle,
@@ -145,9 +149,9 @@ impl Gpu for VulkanGpu {
     fn create_pipelines(
         self: &Arc<Self>,
         plan: &Plan,
-        progress: &mut dyn FnMut(Progress),
+        next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Pipelines, BackendError> {
-        Pipelines::new(self, plan, progress)
+        Pipelines::new(self, plan, next)
     }
 
     fn create_bindings(

@@ -21,6 +21,9 @@ use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+/// The longest time that the driver may take over one pipeline where the program does not say: some take seconds.
+const COMPILE_PATIENCE: Duration = Duration::from_secs(60);
+
 /// An opened Vulkan device; see [`crate::Vulkan`].
 pub struct VulkanGpu {
     pub(crate) device: ash::Device,
@@ -38,6 +41,8 @@ pub struct VulkanGpu {
     fences: Mutex<Vec<vk::Fence>>,
     /// See [`splatgraph_runtime::Gpu::patience`].
     pub(crate) patience: Duration,
+    /// See [`splatgraph_runtime::Gpu::compile_patience`].
+    pub(crate) compile_patience: Duration,
     labels: Option<ext::debug_utils::Device>,
     // Dropped after the device is destroyed.
     pub(crate) instance: Instance,
@@ -65,6 +70,7 @@ impl VulkanGpu {
             allocator: Mutex::new(None),
             fences: Mutex::default(),
             patience: options.patience.unwrap_or_else(|| physical.patience()),
+            compile_patience: options.compile_patience.unwrap_or(COMPILE_PATIENCE),
             labels,
             instance,
         };

@@ -210,7 +210,14 @@ fn instance_extensions(
 ) -> Result<Vec<vk::ExtensionProperties>, BackendError> {
     // SAFETY: `layer` is a C string or none.
     unsafe { entry.enumerate_instance_extension_properties(layer) }
-        .map_err(api("vkEnumerateInstanceExtensionProperties"))
+        .map_err(|answer| match answer {
+            // The loader says so of manifests that it cannot read.
+            vk::Result::ERROR_OUT_OF_HOST_MEMORY => BackendError::Unavailable(format!(
+                "expected manifests of drivers and layers that the Vulkan loader can read, found one that it cannot, or too \
+                 little memory for it (vkEnumerateInstanceExtensionProperties answered {answer:?}; VK_LOADER_DEBUG=all names the files)"
+            )),
+            answer => api("vkEnumerateInstanceExtensionProperties")(answer),
+        })
 }
 
 pub(crate) fn offers(extensions: &[vk::ExtensionProperties], name: &CStr) -> bool {

@@ -7,9 +7,10 @@ use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
 use crate::lower::{self, Interface, Lowered, PipelineState, Subgroups, TargetState};
 use ash::vk;
-use splatgraph_api::{BackendError, Progress};
+use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{PassId, ShaderId};
 use splatgraph_framework::plan::Plan;
+use splatgraph_runtime::NextPipeline;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -41,7 +42,7 @@ impl Pipelines {
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         plan: &Plan,
-        progress: &mut dyn FnMut(Progress),
+        next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Pipelines, BackendError> {
         let lowered = lower::lower(plan, &gpu.limits.subgroup);
         let layouts: Vec<PipelineLayout> =
@@ -54,8 +55,12 @@ impl Pipelines {
                 PipelineState::Compute { shader, .. } => vec![shader],
                 PipelineState::Draw { vertex, fragment, .. } => vec![vertex, fragment],
             };
-            let name = &plan.shader(shaders[0]).name;
-            progress(Progress::Pipeline { done, of: lowered.pipelines.len(), shader: name });
+            let (shader, of) = (shaders[0], lowered.pipelines.len());
+            let name = &plan.shader(shader).name;
+            let Some(pass) = lowered.of_pass.iter().position(|pipeline| *pipeline == Some(done)) else {
+                unreachable!("each pipeline is that of a pass")
+            };
+            next(NextPipeline { done, of, shader, pass: PassId(pass as u32) })?;
             for shader in shaders {
                 if let Entry::Vacant(entry) = modules.entry(shader) {
                     entry.insert(module(gpu, plan, shader)?);

@@ -2,7 +2,8 @@
 //!
 //! At most one job waits: a newer one replaces it. A job that was begun is finished if it takes less than [`PATIENCE`], even where a
 //! newer one waits, and every output is returned, in order: an older one may be the last without an error. A job that takes longer
-//! is asked to end, by the [`Cancel`] that its function was made with, as soon as a newer one waits or the rebuilder is dropped.
+//! is asked to end, by the [`Cancel`] that its function was made with, as soon as a newer one waits (here, or with the owner, who says
+//! so by [`Rebuilder::set_outdated`]) or the rebuilder is dropped.
 
 use std::any::Any;
 use std::collections::VecDeque;
@@ -45,13 +46,16 @@ struct State<Job, Output> {
     /// Since when a job is being built.
     building: Option<Instant>,
     done: VecDeque<Result<Output, Panicked>>,
+    /// The owner has a newer job.
+    outdated: bool,
     ending: bool,
 }
 
 impl<Job, Output> State<Job, Output> {
     /// Returns true if nobody waits for the job that is being built.
     fn is_cancelled(&self) -> bool {
-        self.ending || self.waiting.is_some() && self.building.is_some_and(|begun| begun.elapsed() > PATIENCE)
+        let newer = self.outdated || self.waiting.is_some();
+        self.ending || newer && self.building.is_some_and(|begun| begun.elapsed() > PATIENCE)
     }
 }
 
@@ -70,7 +74,8 @@ impl<Job: Send + 'static, Output: Send + 'static> Rebuilder<Job, Output> {
         mut make: impl FnMut(Cancel) -> Build + Send + 'static,
         wake: impl Fn() + Send + 'static,
     ) -> std::io::Result<Self> {
-        let state = State { waiting: None, building: None, done: VecDeque::new(), ending: false };
+        let state =
+            State { waiting: None, building: None, done: VecDeque::new(), outdated: false, ending: false };
         let shared = Arc::new(Shared { state: Mutex::new(state), called: Condvar::new() });
         let builder = thread::Builder::new().name("rebuild".into());
         let thread = builder.spawn({
@@ -89,6 +94,11 @@ impl<Job, Output> Rebuilder<Job, Output> {
         let before = self.shared.state().waiting.replace(job);
         self.shared.called.notify_one();
         before
+    }
+
+    /// Says whether the owner has a job that is newer than all that were queued, and waits for their end.
+    pub fn set_outdated(&self, outdated: bool) {
+        self.shared.state().outdated = outdated;
     }
 
     /// Takes the oldest output that was not taken yet.
@@ -289,11 +299,21 @@ mod tests {
         begins.recv().expect("begun");
         rebuilder.submit(2);
         wakes.recv().expect("woken");
+        // A job's time begins somewhat before the job looks at its clock.
+        let least = PATIENCE / 2;
         let (job, took) = rebuilder.poll().expect("an output").expect("no panic");
-        assert!(job == 1 && took >= PATIENCE && took < Duration::from_secs(60), "{took:?}");
+        assert!(job == 1 && took >= least && took < Duration::from_secs(60), "{took:?}");
+        begins.recv().expect("begun");
+        // One whose owner keeps the newer job to himself.
+        rebuilder.set_outdated(true);
+        wakes.recv().expect("woken");
+        let (job, took) = rebuilder.poll().expect("an output").expect("no panic");
+        assert!(job == 2 && took >= least && took < Duration::from_secs(60), "{took:?}");
+        rebuilder.set_outdated(false);
+        rebuilder.submit(3);
         begins.recv().expect("begun");
         drop(rebuilder);
-        wakes.recv().expect("the second ended too");
+        wakes.recv().expect("the third ended too");
     }
 
     #[test]

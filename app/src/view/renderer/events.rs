@@ -70,6 +70,8 @@ pub enum Failure {
     Backend(BackendError),
     /// The build panicked, which is a bug of this program.
     Panicked(String),
+    /// Something newer was to be built, and this took long.
+    Cancelled,
     /// The device was lost again and again with this graph, which therefore waits for a change.
     Held(String),
 }
@@ -83,6 +85,7 @@ impl Failure {
             Failure::Panicked(message) => {
                 format!("error: internal error while building the plan: {message}")
             }
+            Failure::Cancelled => "error: the build was cancelled".to_owned(),
             Failure::Held(loss) => format!(
                 "error: {loss}\nThe device was lost again and again. This graph is drawn again after the next change of its \
                  files, its parameters or the scene."
@@ -96,7 +99,7 @@ impl Failure {
             Failure::Backend(error) => {
                 matches!(error, BackendError::OutOfMemory { .. }) || error.recovery() == Recovery::Retry
             }
-            Failure::Graph(_) | Failure::Panicked(_) | Failure::Held(_) => false,
+            Failure::Graph(_) | Failure::Panicked(_) | Failure::Cancelled | Failure::Held(_) => false,
         }
     }
 }

@@ -47,11 +47,11 @@ pub(super) struct Built<R> {
 /// Makes the function of the building thread, with its cache of compiled shaders.
 pub(super) fn builder<L: Loader>(cancel: Cancel) -> impl FnMut(Job<L>) -> Built<L::Ready> {
     let mut planner = Planner::default();
-    planner.set_cancel(cancel);
-    move |job| build(&mut planner, job)
+    planner.set_cancel(cancel.clone());
+    move |job| build(&mut planner, &cancel, job)
 }
 
-fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
+fn build<L: Loader>(planner: &mut Planner, cancel: &Cancel, job: Job<L>) -> Built<L::Ready> {
     let Job { graph, mut set, grown, strict, inputs, device, loader, cause, asked, progress } = job;
     let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
     zone!("build a plan");
@@ -76,11 +76,16 @@ fn build<L: Loader>(planner: &mut Planner, job: Job<L>) -> Built<L::Ready> {
     let wanted = planner.wanted();
     let begun = Instant::now();
     let outcome = plan.map_err(Failure::Graph).and_then(|(plan, controls)| {
+        let loader = loader.cancelled_by(cancel.clone());
+        // A plan for inspections runs its whole prologue, so that the contents after each pass can be seen.
+        let loader = if inputs.share_memory { loader.sharing_results() } else { loader };
         let ready = loader
             .prepare(plan.clone(), &Upload(scene), &mut |step| set_progress(&progress, describe(&step)));
         set_progress(&progress, String::new());
         Ok((plan, controls, ready.map_err(Failure::Backend)?))
     });
+    // Whatever it failed for: nobody wants to know.
+    let outcome = outcome.map_err(|failure| if cancel.is_asked() { Failure::Cancelled } else { failure });
     let prepare_ms = milliseconds(begun);
     Built { outcome, wanted, dropped, grown, inputs, cause, asked, plan_ms, prepare_ms }
 }

@@ -56,7 +56,7 @@ impl<D: Device> Renderer<D> {
         let ended = match &failure {
             Failure::Backend(error) => ends_device(error),
             Failure::Panicked(_) => true,
-            Failure::Graph(_) | Failure::Held(_) => false,
+            Failure::Graph(_) | Failure::Cancelled | Failure::Held(_) => false,
         };
         let grew = self.grown != self.drawn_with;
         if ended || !grew {

@@ -8,6 +8,7 @@ use crate::view::events::Event;
 use splatgraph_null::{Config, Fault, Point};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 /// Faults of each kind without `SPLATGRAPH_LONG`.
 const SOME: u64 = 4;
@@ -21,8 +22,15 @@ const THREADS: usize = 6;
 fn visit(faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<Point, u64>) {
     let folder = tempfile::tempdir().expect("a folder");
     arrange(folder.path());
-    let mut script =
-        Script::open(folder.path(), &Config { faults: faults.to_vec(), read: NEEDED, ..Config::default() });
+    let mut script = Script::open(
+        folder.path(),
+        &Config {
+            faults: faults.to_vec(),
+            read: NEEDED,
+            compile_patience: Duration::from_millis(500),
+            ..Config::default()
+        },
+    );
     script.visit();
     script.close(faults)
 }

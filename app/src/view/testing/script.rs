@@ -199,9 +199,20 @@ impl Script {
         frame
     }
 
+    /// Counts the pipelines that the devices were asked for.
+    pub fn pipelines(&self) -> u64 {
+        let devices = self.devices.borrow();
+        devices.opened.iter().map(|(_, journal)| journal.reached(splatgraph_null::Point::Compile)).sum()
+    }
+
+    /// Returns true if frames are drawn.
+    pub fn draws(&mut self) -> bool {
+        (0..100).any(|_| self.frame(false).is_some_and(|frame| frame.drawn))
+    }
+
     /// Lets a device that hangs go on, once the viewer said that it does.
     fn resume(&mut self) {
-        let stuck = |text: String| text.contains("has been running");
+        let stuck = |text: String| text.contains("it may never end");
         let said = self.shell.problem().is_some_and(stuck)
             || self.viewer().a.inspection.as_ref().is_some_and(|i| matches!(&i.found, Some(Err(_))));
         if self.shell.stalled().is_some() || said {
@@ -409,6 +420,11 @@ impl Script {
         for (index, (probe, journal)) in devices.take().opened.into_iter().enumerate() {
             let messages = probe.map(Null::close).unwrap_or_default();
             assert_eq!(messages, Vec::<String>::new(), "device {index} under {faults:?}");
+            // A compiler that was given up, and has gone on, is still to see that nobody waits.
+            let begun = Instant::now();
+            while !journal.alive().is_empty() && begun.elapsed() < PATIENCE {
+                std::thread::sleep(Duration::from_millis(1));
+            }
             assert_eq!(journal.alive(), BTreeMap::new(), "left on device {index} under {faults:?}");
             if index == 0 {
                 let all = splatgraph_null::Point::ALL;

@@ -5,6 +5,7 @@ use crate::testing::plan;
 use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect, Recovery, Windowed};
 use splatgraph_framework::ir::PassId;
 use splatgraph_null::{Call, Config, Fault, Journal, Null, Point, open};
+use std::time::{Duration, Instant};
 
 /// A device in the middle of the script.
 struct Script {
@@ -79,7 +80,12 @@ struct Outcome {
 }
 
 fn run(faults: &[Fault]) -> Outcome {
-    let config = Config { window: Some((64, 32)), faults: faults.to_vec(), ..Config::default() };
+    let config = Config {
+        window: Some((64, 32)),
+        faults: faults.to_vec(),
+        compile_patience: Duration::from_millis(200),
+        ..Config::default()
+    };
     let (null, journal) = open(&config);
     let mut errors = Vec::new();
     let mut last = Vec::new();
@@ -92,17 +98,28 @@ fn run(faults: &[Fault]) -> Outcome {
                 if let Err(error) = step(&mut script) {
                     // Someone waited in vain. The device goes on, and so does the script.
                     journal.resume();
+                    until_compilers_end();
                     errors.push((Some(index), error));
                 } else if index == STEPS.len() - 1 {
                     last = last_frame(&journal.take()).to_vec();
                 }
             }
             journal.resume();
+            until_compilers_end();
             assert_eq!(script.null.close(), Vec::<String>::new(), "a promise is broken under {faults:?}");
         }
     }
     assert_eq!(journal.alive(), Default::default(), "objects are left under {faults:?}");
     Outcome { errors, last, journal }
+}
+
+/// Waits for compilers that were given up and go on: they are still to see that nobody waits.
+fn until_compilers_end() {
+    let begun = Instant::now();
+    while splatgraph_runtime::compilers_given_up() > 0 {
+        assert!(begun.elapsed() < Duration::from_secs(60), "a compiler does not end");
+        std::thread::sleep(Duration::from_millis(1));
+    }
 }
 
 /// The last frame without the number in its label.
@@ -148,7 +165,7 @@ fn check(fault: Fault, outcome: &Outcome, sound: &Outcome) {
         // The surface of a device that is opened has not been there before, and is not made anew.
         Point::Surface if fault.after > 0 => None,
         Point::Submit | Point::Execute | Point::Present => Some(Recovery::DeviceEnded),
-        Point::Hang => Some(Recovery::Retry),
+        Point::Hang | Point::Compile => Some(Recovery::Retry),
         Point::Allocate | Point::Create | Point::Surface => Some(Recovery::User),
     };
     let first = outcome.errors.first();

@@ -1,12 +1,14 @@
 //! The runtime on a device that executes nothing: frames, histories, swaps, uploads, windows, faults and every preset, call by call.
 
 mod common;
+mod compilers;
 mod faults;
 mod frames;
 mod histories;
 #[path = "../../../../tests/module_order.rs"]
 mod module_order;
 mod presets;
+mod results;
 #[path = "../../../runtime/src/testing.rs"]
 mod testing;
 mod uploads;

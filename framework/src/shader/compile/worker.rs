@@ -185,7 +185,8 @@ impl Parent {
 
 fn crashed() -> Failure {
     Failure::Log(
-        "ERROR: the compiler crashed on this shader (a name that is declared twice does that)".into(),
+        "ERROR: the compiler crashed on this shader (a name that is declared twice does that, and so does a low limit on the memory of processes)"
+            .into(),
     )
 }
 

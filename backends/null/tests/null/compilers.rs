@@ -1,0 +1,117 @@
+//! Drivers whose compiler does not come to an end.
+
+use crate::common::*;
+use crate::testing::plan;
+use splatgraph_api::{BackendError, Device, Loader, Progress, Recovery};
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::Cancel;
+use splatgraph_null::{Config, Fault, Journal, Null, Object, Point, open};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// A device whose driver hangs over these pipelines, counted from the first.
+fn hanging(pipelines: impl IntoIterator<Item = u64>) -> (Null, Journal) {
+    let faults = pipelines.into_iter().map(|after| Fault { point: Point::Compile, after }).collect();
+    let config = Config { faults, compile_patience: Duration::from_millis(200), ..Config::default() };
+    let (null, journal) = open(&config);
+    (null.expect("it opens"), journal)
+}
+
+/// The plan of the tests under another name, so that it is another plan.
+fn named(name: &str) -> Plan {
+    Plan { name: name.to_string(), ..plan() }
+}
+
+fn load_error(null: &mut Null, plan: Plan) -> BackendError {
+    error_of(null.load(plan, &Zeros::default(), &mut |_| {}))
+}
+
+/// Waits until the threads that were given up are gone.
+fn until(journal: &Journal, object: Object, count: i64) {
+    let begun = Instant::now();
+    while journal.alive().get(&object).copied().unwrap_or(0) != count {
+        assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", journal.alive());
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn a_pipeline_without_an_end_is_given_up_and_the_error_names_its_pass_and_shader() {
+    // The first plan has two pipelines; the third is the scan of the second plan, the fourth its draw.
+    let (mut null, journal) = hanging([3]);
+    load(&mut null, plan());
+    frame(&mut null, &inputs());
+    let error = load_error(&mut null, named("other"));
+    let BackendError::StuckCompiler { plan: name, pass, shader, .. } = &error else { panic!("{error}") };
+    let other = plan();
+    assert_eq!((name.as_str(), pass.as_str()), ("other", "splat"));
+    assert!(other.shaders.iter().any(|known| known.name == *shader), "{shader}");
+    assert_eq!(error.recovery(), Recovery::Retry);
+    // The last good plan draws on, beside the compiler.
+    frame(&mut null, &inputs());
+    // The same plan is refused at once, by whichever context, and another one is made.
+    let reached = journal.reached(Point::Compile);
+    assert_eq!(load_error(&mut null, named("other")), error);
+    let mut beside = null.new_context().expect("there can be another");
+    assert_eq!(load_error(&mut beside, named("other")), error);
+    assert_eq!(journal.reached(Point::Compile), reached, "the compiler is not asked again");
+    load(&mut beside, named("third"));
+    frame(&mut beside, &inputs());
+    // Once the driver has come to its end, the plan has another chance.
+    journal.resume();
+    let begun = Instant::now();
+    while let Err(again) = null.load(named("other"), &Zeros::default(), &mut |_| {}) {
+        assert_eq!(again, error);
+        assert!(begun.elapsed() < Duration::from_secs(20), "the thread does not end");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    frame(&mut null, &inputs());
+    drop(beside);
+    finish(null, &journal);
+}
+
+#[test]
+fn a_load_that_nobody_wants_any_more_ends_in_the_compiler_and_between_pipelines() {
+    // In the first pipeline.
+    let (null, journal) = hanging([0]);
+    let wanted_no_more = Arc::new(AtomicBool::new(false));
+    let cancel = Cancel::new({
+        let asked = wanted_no_more.clone();
+        move || asked.load(Ordering::Relaxed)
+    });
+    let mut seen = Vec::new();
+    let mut progress = |step: Progress| {
+        seen.push(format!("{step:?}"));
+        wanted_no_more.store(true, Ordering::Relaxed);
+    };
+    let prepared = null.loader().cancelled_by(cancel).prepare(plan(), &Zeros::default(), &mut progress);
+    assert_eq!(error_of(prepared), BackendError::Cancelled);
+    assert_eq!(seen.len(), 1, "{seen:?}");
+    // The thread goes on to the end of that pipeline, and makes no other.
+    journal.resume();
+    let reached = journal.reached(Point::Compile);
+    drop(null);
+    until(&journal, Object::Device, 0);
+    assert_eq!((journal.reached(Point::Compile), journal.alive()), (reached, Default::default()));
+}
+
+#[test]
+fn compilers_without_an_end_do_not_pile_up() {
+    let (mut null, journal) = hanging(0..100);
+    let mut errors = Vec::new();
+    for index in 0..20 {
+        errors.push(load_error(&mut null, named(&format!("plan {index}"))).to_string());
+    }
+    assert_eq!(journal.reached(Point::Compile), 8, "as many threads were tried");
+    assert!(errors[7].contains("of `plan 7`"), "{}", errors[7]);
+    assert!(errors[8..].iter().all(|error| error.contains("of `plan 0`")), "{errors:#?}");
+    // Each pipeline of these plans hangs, so that each thread has to be told.
+    drop(null);
+    let begun = Instant::now();
+    while !journal.alive().is_empty() {
+        journal.resume();
+        assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", journal.alive());
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}

@@ -1,0 +1,194 @@
+//! Pipelines, which the driver compiles on a thread of its own, so that a compiler without an end holds nobody up.
+//!
+//! A driver's compiler can be neither bounded nor stopped from outside. So the thread is given up: when it has worked on one pipeline for
+//! longer than the device's patience, the load fails with an error that names the pass and the shader, and when nobody wants the plan
+//! any more, the load ends at once. The thread looks for that between two pipelines, and frees what it made; until then it holds
+//! the device open. A plan that a thread was given up with is refused as long as that thread lives, so that attempts to load it
+//! again do not pile threads up; and so is any other, once there are [`MOST_ABANDONED`].
+
+use crate::gpu::{Gpu, NextPipeline};
+use splatgraph_api::{BackendError, Progress};
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::Cancel;
+use std::panic::resume_unwind;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Threads of a device that were given up and work on, at most, before no plan is tried any more.
+const MOST_ABANDONED: usize = 8;
+
+/// Interval of asking whether somebody still waits.
+const ASK_EVERY: Duration = Duration::from_millis(20);
+
+/// The threads of this process that were given up and have not come to their end.
+static GIVEN_UP: AtomicUsize = AtomicUsize::new(0);
+
+/// Counts the threads of this process that were given up in a driver's compiler and have not come to their end.
+///
+/// A program that ends meanwhile should do so without the exit handlers of its libraries, which may wait for the compiler.
+pub fn compilers_given_up() -> usize {
+    GIVEN_UP.load(Ordering::Relaxed)
+}
+
+/// The pipelines that a device's driver compiles in vain.
+#[derive(Default)]
+pub(crate) struct Compilers {
+    abandoned: Mutex<Vec<Abandoned>>,
+}
+
+/// A plan that was given up while its driver compiled.
+struct Abandoned {
+    /// Held by the thread alone, until its end.
+    plan: Weak<Plan>,
+    current: Option<NextPipeline>,
+    /// The start of that pipeline.
+    begun: Instant,
+    /// The driver took longer than the patience, and that was told.
+    told: Option<BackendError>,
+}
+
+/// Counts one thread that was given up, while it lives.
+struct GivenUp;
+
+impl GivenUp {
+    fn new() -> GivenUp {
+        GIVEN_UP.fetch_add(1, Ordering::Relaxed);
+        GivenUp
+    }
+}
+
+impl Drop for GivenUp {
+    fn drop(&mut self) {
+        GIVEN_UP.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// The end of a thread, and its count once it was given up before that.
+#[derive(Default)]
+struct End {
+    over: bool,
+    counted: Option<GivenUp>,
+}
+
+enum Message<P> {
+    Next(NextPipeline),
+    Made(Result<P, BackendError>),
+}
+
+impl Compilers {
+    fn abandoned(&self) -> MutexGuard<'_, Vec<Abandoned>> {
+        self.abandoned.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Creates the pipelines of a checked plan; see [`Gpu::create_pipelines`].
+    pub fn create<G: Gpu>(
+        &self,
+        gpu: &Arc<G>,
+        plan: &Arc<Plan>,
+        cancel: &Cancel,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<G::Pipelines, BackendError> {
+        self.refuse(plan)?;
+        let (sender, messages) = channel();
+        let end: Arc<Mutex<End>> = Arc::default();
+        let thread = thread::Builder::new().name("pipelines".into()).spawn({
+            let (gpu, plan, end) = (gpu.clone(), plan.clone(), end.clone());
+            move || {
+                work(&gpu, &plan, &sender);
+                // Before the end is told, and the sender first: nobody is left to take what was made.
+                drop((sender, plan, gpu));
+                let mut end = end_of(&end);
+                end.over = true;
+                end.counted = None;
+            }
+        });
+        let thread = thread.map_err(|error| BackendError::Api {
+            call: "the start of a thread for the driver's compiler",
+            answer: error.to_string(),
+        })?;
+        let (mut current, mut begun) = (None, Instant::now());
+        let told = loop {
+            match messages.recv_timeout(ASK_EVERY) {
+                Ok(Message::Next(next)) => {
+                    let NextPipeline { done, of, shader, .. } = next;
+                    progress(Progress::Pipeline { done, of, shader: &plan.shader(shader).name });
+                    (current, begun) = (Some(next), Instant::now());
+                }
+                Ok(Message::Made(made)) => {
+                    drop(messages);
+                    thread.join().unwrap_or_else(|panic| resume_unwind(panic));
+                    return made;
+                }
+                Err(RecvTimeoutError::Disconnected) => {
+                    let Err(panic) = thread.join() else { unreachable!("a thread tells what it made") };
+                    resume_unwind(panic)
+                }
+                Err(RecvTimeoutError::Timeout) if cancel.is_asked() => break None,
+                Err(RecvTimeoutError::Timeout) if begun.elapsed() > gpu.compile_patience() => {
+                    break Some(stuck(plan, current, gpu.compile_patience()));
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        };
+        drop(messages);
+        let mut end = end_of(&end);
+        if !end.over {
+            end.counted = Some(GivenUp::new());
+        }
+        let error = told.clone().unwrap_or(BackendError::Cancelled);
+        self.abandoned().push(Abandoned { plan: Arc::downgrade(plan), current, begun, told });
+        Err(error)
+    }
+
+    /// Refuses a plan that the driver compiles in vain, and any while it does so with too many.
+    fn refuse(&self, plan: &Plan) -> Result<(), BackendError> {
+        let mut abandoned = self.abandoned();
+        abandoned.retain(|former| former.plan.strong_count() > 0);
+        for former in abandoned.iter() {
+            if let (Some(told), Some(former)) = (&former.told, former.plan.upgrade())
+                && compiles_as(&former, plan)
+            {
+                return Err(told.clone());
+            }
+        }
+        if abandoned.len() >= MOST_ABANDONED
+            && let Some((oldest, former)) = abandoned.first().and_then(|a| Some((a, a.plan.upgrade()?)))
+        {
+            return Err(stuck(&former, oldest.current, oldest.begun.elapsed()));
+        }
+        Ok(())
+    }
+}
+
+/// Makes the pipelines, as long as somebody listens.
+fn work<G: Gpu>(gpu: &Arc<G>, plan: &Plan, sender: &Sender<Message<G::Pipelines>>) {
+    let mut next = |next| sender.send(Message::Next(next)).map_err(|_| BackendError::Cancelled);
+    let made = gpu.create_pipelines(plan, &mut next);
+    // Nobody may want them any more.
+    let _ = sender.send(Message::Made(made));
+}
+
+fn end_of(end: &Mutex<End>) -> MutexGuard<'_, End> {
+    end.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Returns true if two plans have the same pipelines: the same commands by the same shaders.
+fn compiles_as(one: &Plan, other: &Plan) -> bool {
+    one.name == other.name
+        && one.shaders == other.shaders
+        && one.passes.len() == other.passes.len()
+        && one.passes.iter().zip(&other.passes).all(|(one, other)| one.name == other.name)
+}
+
+fn stuck(plan: &Plan, current: Option<NextPipeline>, patience: Duration) -> BackendError {
+    let name = |name: Option<&str>| name.unwrap_or("?").to_string();
+    BackendError::StuckCompiler {
+        plan: plan.name.clone(),
+        pass: name(current.map(|next| plan.pass(next.pass).name.as_str())),
+        shader: name(current.map(|next| plan.shader(next.shader).name.as_str())),
+        seconds: patience.as_secs(),
+    }
+}

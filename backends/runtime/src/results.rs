@@ -1,0 +1,229 @@
+//! Results of a prologue that plans share: buffers that one plan has computed once, and another need not compute again.
+//!
+//! Where a window changes its size or a constant its value, most of what the passes with `run: Once` compute (covariances, packed
+//! coefficients) stays as it is. A [`Recipe`] is everything that such a result depends on: the passes that lead to it, in their order, with
+//! the code of their shaders, their numbers of workgroups, their push constants and what they bind, down to the planes of the scene.
+//! Two results of one recipe have the same bytes. So when a plan is made ready, the [`Results`] of the device are asked for each of its
+//! recipes; the new plan takes over the buffers that are found, holds them together with the plan that has them, and
+//! leaves out the passes all of whose results are taken over.
+//!
+//! A buffer has a recipe if it is written in the prologue alone and has its memory to itself, and if nothing that it depends on comes
+//! from the host. It is entered when the frame that computes it was submitted: whatever reads it comes later in the queue, behind a
+//! barrier. It is never written again, and goes with the last plan that holds it.
+
+use crate::attributes::{self, PlaneKey};
+use crate::gpu::{Buffer, Gpu};
+use crate::usage::usage;
+use splatgraph_framework::{ir::*, plan::*};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+/// Everything that the bytes of a result depend on, with resources numbered in the order of their first appearance.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Recipe {
+    result: usize,
+    resources: Vec<Ingredient>,
+    steps: Vec<RecipeStep>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Ingredient {
+    Plane(PlaneKey),
+    Buffer(Shape),
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct RecipeStep {
+    command: Command,
+    /// Binding, element, kind and resource.
+    bindings: Vec<(u32, u32, DescriptorKind, usize)>,
+    push: Vec<u8>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Command {
+    Dispatch { spirv: Arc<Vec<u32>>, groups: [u32; 3] },
+    DispatchIndirect { spirv: Arc<Vec<u32>>, arguments: usize, offset: u64 },
+    Fill { buffer: usize, value: u32 },
+}
+
+/// The recipes of a plan, by the results that they lead to.
+pub(crate) type Recipes = BTreeMap<ResourceId, Arc<Recipe>>;
+
+/// Lists the recipes of a plan for the scene with this identity.
+pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
+    let prologue = Prologue::new(plan);
+    let results = prologue.writers.keys().filter(|id| prologue.is_result(**id));
+    results.filter_map(|&id| Some((id, Arc::new(prologue.recipe(id, identity)?)))).collect()
+}
+
+/// Returns the passes of the prologue that write `taken` results alone. `taken` loses those that another pass computes, too.
+pub(crate) fn left_out<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Vec<PassId> {
+    let prologue = Prologue::new(plan);
+    loop {
+        let runs = |pass: &PassId| prologue.written(*pass).any(|id| !taken.contains_key(&id));
+        let computed: Vec<ResourceId> = taken
+            .keys()
+            .filter(|id| prologue.writers.get(id).is_none_or(|passes| passes.iter().any(runs)))
+            .copied()
+            .collect();
+        if computed.is_empty() {
+            break;
+        }
+        for id in computed {
+            taken.remove(&id);
+        }
+    }
+    let writes_taken = |pass: &PassId| prologue.written(*pass).any(|id| taken.contains_key(&id));
+    plan.prologue.iter().map(|step| step.pass).filter(writes_taken).collect()
+}
+
+/// The prologue of a plan, by what its passes write.
+struct Prologue<'a> {
+    plan: &'a Plan,
+    /// The passes that write a resource, in their order.
+    writers: BTreeMap<ResourceId, Vec<PassId>>,
+    /// The resources that passes of the frame write.
+    written_later: BTreeSet<ResourceId>,
+}
+
+/// Lists what a pass touches, and whether it writes that; some appear more than once.
+fn touched(pass: &Pass) -> impl Iterator<Item = (ResourceId, bool)> + '_ {
+    let uses = pass.uses.iter().map(|used| (used.resource, used.accesses.writes()));
+    let bound = pass.bindings.iter().map(|binding| (binding.resource, false));
+    let own = match pass.work {
+        Work::Fill { buffer, .. } => Some((buffer, true)),
+        Work::Start { resource } => Some((resource, true)),
+        Work::Dispatch { groups: Groups::Indirect { buffer, .. }, .. } => Some((buffer, false)),
+        _ => None,
+    };
+    uses.chain(bound).chain(own)
+}
+
+impl<'a> Prologue<'a> {
+    fn new(plan: &'a Plan) -> Prologue<'a> {
+        let mut writers: BTreeMap<ResourceId, Vec<PassId>> = BTreeMap::new();
+        for step in &plan.prologue {
+            for (id, _) in touched(plan.pass(step.pass)).filter(|(_, writes)| *writes) {
+                let passes = writers.entry(id).or_default();
+                if passes.last() != Some(&step.pass) {
+                    passes.push(step.pass);
+                }
+            }
+        }
+        let later = plan.frame.iter().flat_map(|step| touched(plan.pass(step.pass)));
+        let written_later = later.filter(|(_, writes)| *writes).map(|(id, _)| id).collect();
+        Prologue { plan, writers, written_later }
+    }
+
+    fn written(&self, pass: PassId) -> impl Iterator<Item = ResourceId> + '_ {
+        touched(self.plan.pass(pass)).filter(|(_, writes)| *writes).map(|(id, _)| id)
+    }
+
+    /// Returns true for a buffer that keeps what the prologue wrote, in memory of its own.
+    fn is_result(&self, id: ResourceId) -> bool {
+        let resource = self.plan.resource(id);
+        resource.source == Source::Transient
+            && resource.history.is_none()
+            && matches!(resource.shape, Shape::Buffer { .. })
+            && self.plan.aliases(id).next().is_none()
+            && !self.written_later.contains(&id)
+    }
+
+    /// Returns the recipe of a result; none if it depends on more than the scene.
+    fn recipe(&self, result: ResourceId, identity: u64) -> Option<Recipe> {
+        let plan = self.plan;
+        let mut passes = BTreeSet::new();
+        let (mut wanted, mut seen) = (vec![result], BTreeSet::from([result]));
+        while let Some(id) = wanted.pop() {
+            if attributes::key(plan.resource(id), identity).is_some() {
+                continue;
+            }
+            // What nothing writes before has no contents, and is nothing to depend on.
+            for &pass in self.writers.get(&id)? {
+                passes.insert(pass);
+                wanted.extend(touched(plan.pass(pass)).map(|(id, _)| id).filter(|id| seen.insert(*id)));
+            }
+        }
+        let mut numbers: Vec<ResourceId> = Vec::new();
+        let mut number = |id: ResourceId| {
+            numbers.iter().position(|known| *known == id).unwrap_or_else(|| {
+                numbers.push(id);
+                numbers.len() - 1
+            })
+        };
+        let mut steps = Vec::new();
+        for pass in plan.prologue.iter().map(|step| step.pass).filter(|pass| passes.contains(pass)) {
+            let pass = plan.pass(pass);
+            let command = match pass.work {
+                Work::Dispatch { shader, groups } => {
+                    let spirv = plan.shader(shader).spirv.clone();
+                    match groups {
+                        Groups::Direct(groups) => Command::Dispatch { spirv, groups },
+                        Groups::Indirect { buffer, offset } => {
+                            Command::DispatchIndirect { spirv, arguments: number(buffer), offset }
+                        }
+                    }
+                }
+                Work::Fill { buffer, value } => Command::Fill { buffer: number(buffer), value },
+                _ => return None,
+            };
+            let bindings = pass.bindings.iter().map(|b| (b.binding, b.element, b.kind, number(b.resource)));
+            steps.push(RecipeStep { command, bindings: bindings.collect(), push: pass.push.clone() });
+        }
+        let result = number(result);
+        let ingredient = |id: &ResourceId| {
+            let resource = plan.resource(*id);
+            match (&resource.source, resource.shape, attributes::key(resource, identity)) {
+                (_, _, Some(plane)) => Some(Ingredient::Plane(plane)),
+                (Source::Transient, shape @ Shape::Buffer { .. }, _) if resource.history.is_none() => {
+                    Some(Ingredient::Buffer(shape))
+                }
+                _ => None,
+            }
+        };
+        let resources = numbers.iter().map(ingredient).collect::<Option<_>>()?;
+        Some(Recipe { result, resources, steps })
+    }
+}
+
+/// A recipe with its result, which the plans hold that use it.
+type Computed<G> = (Arc<Recipe>, Weak<Buffer<G>>);
+
+/// The results on a device, as long as some plan holds them.
+pub(crate) struct Results<G: Gpu> {
+    computed: Mutex<Vec<Computed<G>>>,
+}
+
+impl<G: Gpu> Default for Results<G> {
+    fn default() -> Self {
+        Results { computed: Mutex::default() }
+    }
+}
+
+impl<G: Gpu> Results<G> {
+    /// Finds the results of a plan's recipes that some plan holds, made for every use that this one makes of them.
+    pub fn find(&self, plan: &Plan, recipes: &Recipes) -> BTreeMap<ResourceId, Arc<Buffer<G>>> {
+        let computed = self.computed.lock().unwrap_or_else(PoisonError::into_inner);
+        let find = |(id, recipe): (&ResourceId, &Arc<Recipe>)| {
+            let fit = |(known, buffer): &Computed<G>| {
+                let buffer = buffer.upgrade().filter(|_| known == recipe)?;
+                buffer.usage.contains(usage(plan.resource(*id))).then_some(buffer)
+            };
+            Some((*id, computed.iter().find_map(fit)?))
+        };
+        recipes.iter().filter_map(find).collect()
+    }
+
+    /// Enters results whose frame was submitted.
+    pub fn add<'a>(&self, results: impl Iterator<Item = (&'a Arc<Recipe>, &'a Arc<Buffer<G>>)>) {
+        let mut computed = self.computed.lock().unwrap_or_else(PoisonError::into_inner);
+        computed.retain(|(_, buffer)| buffer.strong_count() > 0);
+        for (recipe, buffer) in results {
+            let known = computed.iter().any(|(_, known)| std::ptr::eq(known.as_ptr(), Arc::as_ptr(buffer)));
+            if !known {
+                computed.push((recipe.clone(), Arc::downgrade(buffer)));
+            }
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Results of `Once` passes that a plan takes over from another: the picture is the same to the byte, on a real driver.
+
+use crate::common;
+use splatgraph::planner::Planner;
+use splatgraph::{camera, facts};
+use splatgraph_api::{Device, FrameInputs, FrameResult, Loader, SceneData};
+use splatgraph_assets::{Camera, Scene, synth};
+use splatgraph_framework::ir::Run;
+use splatgraph_framework::plan::Plan;
+use splatgraph_vulkan::Vulkan;
+
+struct Upload<'a>(&'a Scene);
+
+impl SceneData for Upload<'_> {
+    fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
+        self.0.write_attribute(attribute, plane, offset, target)
+    }
+
+    fn identity(&self) -> u64 {
+        self.0.identity()
+    }
+}
+
+fn plan(device: &Vulkan, scene: &Scene, graph: &str, set: &[(&str, &str)], size: (u32, u32)) -> Plan {
+    let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
+    let facts = facts::facts(&facts::SceneFacts::of(scene), &device.info().facts, size);
+    let plan = Planner::default().plan(graph, &set, &facts, &facts::catalog(scene));
+    plan.unwrap_or_else(|errors| panic!("{errors}"))
+}
+
+fn draw(device: &mut Vulkan, scene: &Scene, plan: Plan, camera: &Camera, sharing: bool) -> FrameResult {
+    let loader = device.loader();
+    let loader = if sharing { loader.sharing_results() } else { loader };
+    let inputs = FrameInputs {
+        uniforms: camera::frame_uniforms(camera, &scene.bounds(), [0.25, 0.5, 0.75], 0),
+        live: plan.live_bytes(),
+        read_output: true,
+        ..FrameInputs::default()
+    };
+    let ready = loader.prepare(plan, &Upload(scene), &mut |_| {}).expect("it is made ready");
+    device.swap(ready).expect("it is swapped in");
+    let frame = device.submit(&inputs).expect("submitted");
+    device.wait(frame).expect("drawn")
+}
+
+/// The names of the passes of the prologue that a frame ran.
+fn once(plan: &Plan, result: &FrameResult) -> Vec<String> {
+    let passes = result.pass_ms.iter().map(|(id, _)| plan.pass(*id));
+    passes.filter(|pass| pass.run == Run::Once).map(|pass| pass.name.clone()).collect()
+}
+
+#[test]
+fn a_resize_and_a_changed_constant_draw_the_same_bytes_with_results_that_are_taken_over() {
+    let scene = synth::generate("demo", 3000, 0).expect("a scene");
+    let all = ["covariance", "pack_sh"];
+    type Step<'a> = ((u32, u32), &'a [(&'a str, &'a str)], &'a [&'a str]);
+    for graph in ["splat", "tiled"] {
+        let (halves, keys) = (("sh_storage", "f16"), ("key_bits", "16"));
+        let steps: [Step; 5] = [
+            ((64, 48), &[halves], &all),
+            // Another size, and another constant of other passes: nothing is computed again.
+            ((80, 60), &[halves], &[]),
+            ((80, 60), &[halves, keys], &[]),
+            // A constant of one of the passes: that one alone.
+            ((80, 60), &[halves, keys, ("covariance", "half")], &["covariance"]),
+            ((64, 48), &[halves, ("covariance", "half")], &[]),
+        ];
+        let mut sharing = common::device();
+        let mut apart = common::device();
+        for (size, set, expected) in steps {
+            let camera = Camera::framing(&scene, size.0, size.1);
+            let plan = plan(&sharing, &scene, graph, set, size);
+            let with = draw(&mut sharing, &scene, plan.clone(), &camera, true);
+            let without = draw(&mut apart, &scene, plan.clone(), &camera, false);
+            assert_eq!(once(&plan, &with), expected, "{graph} {size:?} {set:?}");
+            assert_eq!(once(&plan, &without), all, "{graph} {size:?} {set:?}");
+            let bytes = |result: FrameResult| result.output.expect("asked for").bytes;
+            let (with, without) = (bytes(with), bytes(without));
+            assert!(with == without, "{graph} {size:?} {set:?}: other bytes");
+            assert!(with.iter().any(|byte| *byte != with[0]), "{graph} {size:?} {set:?}: an empty picture");
+            assert_eq!(sharing.memory(), apart.memory(), "{graph} {size:?} {set:?}");
+            common::assert_silent(&mut sharing, graph);
+        }
+        assert_eq!(sharing.close(), Vec::<String>::new());
+        assert_eq!(apart.close(), Vec::<String>::new());
+    }
+}
