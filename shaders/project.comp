@@ -12,6 +12,7 @@
 #include "projection.glsl"
 
 layout(set = 0, binding = 3, std430) writeonly buffer Splats { Splat splats[]; };
+layout(set = 0, binding = 6, std430) writeonly buffer Colours { vec4 colours[]; };
 
 #if TARGET == TARGET_RGBA16F
 const float BRIGHTEST = BRIGHTEST_HALF;
@@ -40,15 +41,16 @@ float project(uint i) {
         || !covers_a_pixel(p.centre.y, bounds.y, camera.viewport.y)) {
         return -1.0;
     }
-    splat.colour = vec4(finite_colour(i, p.from_camera, BRIGHTEST), 0.0);
     splats[i] = splat;
+    colours[i] = vec4(finite_colour(i, p.from_camera, BRIGHTEST), 0.0);
     return p.depth;
 }
 
 // Leaves a record that draws nothing where a splat is drawn if it was visible in the previous frame.
 void leave_out(uint i) {
 #if ORDER_OF == ORDER_OF_LAST_FRAME
-    splats[i] = Splat(vec2(0.0), vec2(1.0, 0.0), vec2(0.0, 1.0), 0.0, 0.0, vec4(0.0));
+    splats[i] = Splat(vec2(0.0), vec2(1.0, 0.0), vec2(0.0, 1.0), 0.0, 0.0);
+    colours[i] = vec4(0.0);
 #endif
 }
 

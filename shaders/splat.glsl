@@ -1,9 +1,9 @@
-// A projected splat, written by project.comp for splat.vert.
+// A projected splat, written by project.comp for splat.vert. Its colour stands in a buffer of its own (display-encoded r, g, b, not
+// below 0; w unused): a storage buffer of the smallest devices has 128 MiB.
 struct Splat {
     vec2 centre;      // in pixels, pixel centres at integers
     vec2 major;       // half axis of the ellipse of one sigma, in pixels
     vec2 minor;       // the other one, perpendicular to it
     float extent;     // sigmas from the centre to the edge of the quad
     float opacity;
-    vec4 colour;      // display-encoded r, g, b, not below 0; w unused
 };

@@ -12,6 +12,7 @@
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Order { uint order[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Splats { Splat splats[]; };
+layout(set = 0, binding = 3, std430) readonly buffer Colours { vec4 colours[]; };
 
 layout(location = 0) flat out vec2 centre;
 layout(location = 1) flat out vec4 inverse_axes;
@@ -25,7 +26,8 @@ void main() {
 #if BLEND == BLEND_BACK_TO_FRONT
     rank = args[ARGS_DRAWN] - 1u - rank;
 #endif
-    Splat splat = splats[order[rank]];
+    uint index = order[rank];
+    Splat splat = splats[index];
 
     float major2 = dot(splat.major, splat.major);
     float minor2 = dot(splat.minor, splat.minor);
@@ -40,5 +42,5 @@ void main() {
     gl_Position = vec4((2.0 * pixel + 1.0) * camera.viewport.zw - 1.0, 0.0, 1.0);
     centre = splat.centre;
     inverse_axes = vec4(splat.major / major2, splat.minor / minor2);
-    colour = vec4(splat.colour.rgb, splat.opacity);
+    colour = vec4(colours[index].rgb, splat.opacity);
 }

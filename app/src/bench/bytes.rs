@@ -53,7 +53,7 @@ mod tests {
         assert_eq!(bytes("sort.clear"), totals);
         let (camera, pixels) = (256, 640 * 480);
         // The cleared target is blended into, which is writing alone as far as the memory must see it.
-        assert_eq!(bytes("back_to_front"), camera + args + 4 * n + 48 * n + 8 * pixels + LIVE);
+        assert_eq!(bytes("back_to_front"), camera + args + 4 * n + (32 + 16) * n + 8 * pixels + LIVE);
         assert_eq!(bytes("compose"), camera + (8 + 16) * pixels);
         assert_eq!(bytes("export"), 2 * 2 * 4);
     }

@@ -462,7 +462,10 @@ mod tests {
         assert!(why.contains("`from` has 2000 MiB"), "{why}");
         let found = outcomes[1].as_ref().expect("it fits");
         assert_eq!(found.views[0].frames, 3);
-        assert!(found.memory_bytes > 50 * 48 && found.memory.iter().any(|size| size.name.contains("splats")));
+        assert!(
+            found.memory_bytes > 50 * (32 + 16)
+                && found.memory.iter().any(|size| size.name.contains("splats"))
+        );
     }
 
     #[test]
