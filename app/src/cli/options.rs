@@ -19,8 +19,8 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// Default of `--pipeline` where pictures are drawn: the fastest graph, whose variant the device's facts choose.
-pub const DRAWN_PIPELINE: &str = "tiled";
+/// Default of `--pipeline` where pictures are drawn: the fastest graph for the device, chosen by its facts.
+pub const DRAWN_PIPELINE: &str = "auto";
 
 /// Default of `--pipeline` where settings are measured: the graph with the most of them.
 pub const DEFAULT_PIPELINE: &str = "splat";
