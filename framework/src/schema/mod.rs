@@ -436,7 +436,9 @@ fn every_frame() -> Run {
     Run::Frame
 }
 
+// See `Document` for why.
 /// Counts the workgroups of a dispatch.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 pub enum Size {
     /// Enough workgroups for this many invocations.
