@@ -4,9 +4,8 @@
 // Composes the blended splats with the background.
 
 #include "camera.glsl"
-#include "groups.glsl"
 
-layout(local_size_x = 256) in;
+layout(local_size_x = 16, local_size_y = 16) in;
 
 #if TARGET == TARGET_RGBA16F
 layout(set = 0, binding = 0, rgba16f) readonly uniform image2D color;
@@ -18,9 +17,8 @@ layout(set = 0, binding = 0, rgba32f) readonly uniform image2D color;
 layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D composed;
 
 void main() {
-    uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
-    ivec2 pixel = ivec2(i % uint(VIEWPORT_WIDTH), i / uint(VIEWPORT_WIDTH));
-    if (pixel.y >= VIEWPORT_HEIGHT) {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    if (pixel.x >= VIEWPORT_WIDTH || pixel.y >= VIEWPORT_HEIGHT) {
         return;
     }
     vec4 blended = imageLoad(color, pixel);

@@ -315,6 +315,48 @@ fn check_and_dump_count_what_is_left_out_and_warn_where_a_result_was_asked_for()
 }
 
 #[test]
+fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reasons() {
+    let folder = scene();
+    let needs = r#"require: [("device.max_groups_x < 1", "a device without workgroups")], fallback: "splat""#;
+    std::fs::write(
+        folder.path().join("odd.ron"),
+        format!(r#"Preset(graph: "tiled", summary: "an odd one", set: {{}}, {needs})"#),
+    )
+    .expect("writable");
+    let draw = |pipeline: &str| {
+        let args = ["render", "scene.ply", "-p", pipeline, "-c", "cameras.json#0", "--size", "64x36"];
+        let args = [&args[..], &["--json", "stats.json", "--device", "llvmpipe"]].concat();
+        let output = splatgraph(folder.path(), &args);
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{errors}");
+        let text = std::fs::read_to_string(folder.path().join("stats.json")).expect("statistics");
+        let stats: Value = serde_json::from_str(&text).expect("JSON");
+        (errors, stats[0].clone())
+    };
+    let (errors, stats) = draw("odd.ron");
+    assert_eq!(errors.matches("`splat` stands in for `odd.ron`, which needs a device without workgroups (device.max_groups_x = ").count(), 1, "{errors}");
+    assert_eq!((&stats["pipeline"], &stats["stand_ins"][0]["taken"]), (&"odd.ron".into(), &"splat".into()));
+    assert!(stats["phases"]["draw"].is_number(), "quads are drawn: {stats}");
+    let text = done(folder.path(), &["dump", "odd.ron"]);
+    assert!(text.contains("\n`splat` stands in for `odd.ron`, which needs"), "{text}");
+    let text = done(folder.path(), &["check", "odd.ron"]);
+    assert!(text.starts_with("odd.ron: not for the smallest supported device\n"), "{text}");
+
+    let (errors, stats) = draw("auto");
+    assert!(!errors.contains("stands in"), "{errors}");
+    assert_eq!(stats["based_on"], serde_json::json!(["tiled"]));
+    let reason = &stats["reasons"]["rasteriser"];
+    assert!(
+        reason["expression"].as_str().is_some_and(|text| text.contains("device.subgroup_size < 16")),
+        "{stats}"
+    );
+    assert!(reason["values"]["device.subgroup_size"].is_number(), "{stats}");
+    let text = done(folder.path(), &["dump", "auto"]);
+    assert!(text.contains("\nbased on tiled\n"), "{text}");
+    assert!(text.contains("\nparameter rasteriser=cells, because device.subgroup_size = 32 ("), "{text}");
+}
+
+#[test]
 fn without_a_display_there_is_no_window_and_the_program_says_what_to_do() {
     let folder = scene();
     for display in [None, Some(":4321")] {

@@ -91,6 +91,8 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
         subgroup_size,
         max_storage_bytes: 1 << 27,
         max_groups_x: 65_535,
+        max_groups_y: 65_535,
+        max_groups_z: 65_535,
         shared_bytes: 16 << 10,
         max_invocations: 256,
         rounds_half: false,

@@ -4,7 +4,7 @@ use crate::builtin;
 use crate::growth::Grown;
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Facts, Request};
-use splatgraph_framework::lower::{self, Control};
+use splatgraph_framework::lower::{self, Control, Standing};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::{Cancel, Glslang, Worker};
@@ -93,6 +93,18 @@ impl Planner {
         lower::controls(&request, &mut self.files)
             .map(|(_, controls)| controls)
             .map_err(|found| GraphErrors::new(&self.files, &found))
+    }
+
+    /// Says what stands in for `graph` where the facts lack what it needs, and what is lacking where nothing does.
+    pub fn standing(
+        &mut self,
+        graph: &str,
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<Standing, GraphErrors> {
+        let share_memory = self.share_memory;
+        let request = Request { graph, set: &[], grown: &[], facts, catalog, share_memory };
+        lower::standing(&request, &mut self.files).map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
     /// Drops the files in memory, so that the next plan reads them again. Unchanged shaders are not recompiled.

@@ -15,13 +15,14 @@ use crate::facts::{self, SceneFacts};
 use crate::growth::{self, Grown, Shortage};
 use crate::image::Image;
 use crate::inspect::{self, InspectError};
+use crate::output::say;
 use crate::planner::{GraphErrors, Planner};
 use half::f16;
 use splatgraph_api::{
     BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
 };
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::Format;
+use splatgraph_framework::ir::{Format, StandIn};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -80,6 +81,8 @@ pub struct Session<D> {
     planner: Planner,
     /// Warnings about the graph were printed.
     warned: bool,
+    /// The fallbacks that were told of last.
+    told: Vec<StandIn>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
     frame: u32,
     /// Frames that may have to be drawn again, in the order of submission.
@@ -130,6 +133,7 @@ impl<D: Device> Session<D> {
             set: set.to_vec(),
             planner: Planner::default(),
             warned: false,
+            told: Vec::new(),
             loaded: None,
             frame: 0,
             flying: Vec::new(),
@@ -219,7 +223,8 @@ impl<D: Device> Session<D> {
 
     /// Builds and loads the plan for pictures of this size, unless it is loaded already.
     ///
-    /// Returns true if it did; the next frame then runs the plan's prologue. Warnings about the graph go to standard error, once.
+    /// Returns true if it did; the next frame then runs the plan's prologue. Warnings about the graph go to standard error, once, and
+    /// so does a line for each fallback that stands in for the graph.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -234,6 +239,10 @@ impl<D: Device> Session<D> {
         if !plan.warnings.is_empty() && !std::mem::replace(&mut self.warned, true) {
             // A warning that cannot be written is no reason to stop.
             let _ = std::io::stderr().write_all(self.planner.warnings(&plan, false).as_bytes());
+        }
+        if plan.stand_ins != self.told {
+            self.told.clone_from(&plan.stand_ins);
+            plan.stand_ins.iter().for_each(say);
         }
         self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress)?;
         self.loaded = Some((Arc::new(plan), size));

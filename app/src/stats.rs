@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use splatgraph_api::{DeviceInfo, FrameResult};
 use splatgraph_assets::grouped;
-use splatgraph_framework::ir::{PassId, Run, Value};
+use splatgraph_framework::ir::{PassId, Reason, Run, StandIn, Value};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 
@@ -22,12 +22,18 @@ pub struct CameraStats {
     pub height: u32,
     /// The graph's name.
     pub pipeline: String,
+    /// The graphs and presets that it is based on, the graph last; empty for a graph.
+    pub based_on: Vec<String>,
+    /// The fallbacks that stood in for it, in order.
+    pub stand_ins: Vec<StandIn>,
     /// The device's name.
     pub device: String,
     /// The device's driver, with its version.
     pub driver: String,
     /// All parameters of the graph with their values, in the order of the file.
     pub parameters: Map<String, Json>,
+    /// Why parameters have their values, of those that an expression over facts or other parameters gave.
+    pub reasons: BTreeMap<String, Reason>,
     /// Counts: `loaded` splats of the scene, and the graph's statistics of the last frame, such as `visible` and `drawn`.
     pub counts: Map<String, Json>,
     /// The passes, in order of execution.
@@ -91,9 +97,12 @@ impl CameraStats {
             width,
             height,
             pipeline: plan.name.clone(),
+            based_on: plan.based_on.clone(),
+            stand_ins: plan.stand_ins.clone(),
             device: device.name.clone(),
             driver: device.driver.clone(),
             parameters: plan.params.iter().map(|p| (p.name.clone(), json(&p.value))).collect(),
+            reasons: reasons(plan),
             counts,
             phases: phase_times(&passes),
             passes,
@@ -133,6 +142,11 @@ impl CameraStats {
         }
         line
     }
+}
+
+/// Collects the reasons of a plan's parameters, by name.
+pub(crate) fn reasons(plan: &Plan) -> BTreeMap<String, Reason> {
+    plan.params.iter().filter_map(|param| Some((param.name.clone(), param.reason.clone()?))).collect()
 }
 
 /// Converts the value of a parameter.

@@ -25,6 +25,8 @@ fn facts() -> Facts {
         subgroup_size: 32,
         max_storage_bytes: 1 << 27,
         max_groups_x: 65_535,
+        max_groups_y: 65_535,
+        max_groups_z: 65_535,
         shared_bytes: 32 << 10,
         max_invocations: 1024,
         rounds_half: true,

@@ -35,6 +35,8 @@ use crate::{link, lower, solve};
 ///     subgroup_size: 32,
 ///     max_storage_bytes: 128 << 20,
 ///     max_groups_x: 65_535,
+///     max_groups_y: 65_535,
+///     max_groups_z: 65_535,
 ///     shared_bytes: 16 << 10,
 ///     max_invocations: 256,
 ///     rounds_half: true,

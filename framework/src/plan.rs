@@ -11,8 +11,8 @@
 use std::collections::BTreeMap;
 
 use crate::ir::{
-    Accesses, BlockId, Culled, Domain, Hazard, Layout, Origin, Param, ParamBinding, Pass, PassId, ResourceId,
-    Shader, ShaderId, Shape, Source, Stages, Stat, Usage, Value,
+    Accesses, BlockId, Culled, Domain, Hazard, Layout, Origin, Param, ParamBinding, Pass, PassId, Reason,
+    ResourceId, Shader, ShaderId, Shape, Source, Stages, StandIn, Stat, Usage, Value,
 };
 use crate::source::Diagnostic;
 
@@ -23,6 +23,10 @@ pub struct Plan {
     pub name: String,
     /// One line that describes the graph.
     pub summary: String,
+    /// The graphs and presets that it is based on, the graph last; empty for a graph.
+    pub based_on: Vec<String>,
+    /// The fallbacks that stand in for what was asked for, in order; the last one's is this plan's graph.
+    pub stand_ins: Vec<StandIn>,
     /// The facts of the scene, the device and the viewport that the plan was built from.
     pub facts: BTreeMap<String, Value>,
     /// Parameters, in the order of the file.
@@ -75,6 +79,32 @@ impl Plan {
     /// Finds a resource by name, for instance `"keys#0"`.
     pub fn find_resource(&self, name: &str) -> Option<ResourceId> {
         self.resources.iter().position(|r| r.name == name).map(|i| ResourceId(i as u32))
+    }
+
+    /// Returns the name of the graph or preset that is drawn: the requested one, or the fallback that stands in for it.
+    pub fn drawn(&self) -> &str {
+        self.stand_ins.last().map_or(&self.name, |stand_in| &stand_in.taken)
+    }
+
+    /// Lists the choices that facts made: `rasteriser = serial and sorter = serial, because device.subgroup_size = 8`.
+    ///
+    /// They are the constant choices and bools whose value an expression over facts gave; those of the same facts share a line.
+    pub fn decisions(&self) -> Vec<String> {
+        let mut found: Vec<(&Reason, Vec<String>)> = Vec::new();
+        for param in &self.params {
+            let Some(reason) = param.reason.as_ref().filter(|reason| reason.has_fact()) else { continue };
+            if param.binding != ParamBinding::Const
+                || !matches!(param.domain, Domain::Choice(_) | Domain::Bool)
+            {
+                continue;
+            }
+            let text = format!("{} = {}", param.name, param.value);
+            match found.iter_mut().find(|(other, _)| other.values == reason.values) {
+                Some((_, all)) => all.push(text),
+                None => found.push((reason, vec![text])),
+            }
+        }
+        found.iter().map(|(reason, all)| format!("{}, because {reason}", all.join(" and "))).collect()
     }
 
     /// Encodes the live uniform block from the plan's own values; empty if no pass reads it. A choice is the index of its

@@ -2,7 +2,8 @@
 //! thousand and without C++.
 //!
 //! A shader's text is a line for each block: `r Keys 4` (reads a storage buffer with elements of 4 bytes), `w`, `rw`, `rwa` (by atomics), `uniform Camera
-//! 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`, `varying 0 vec4`. Anything else is ignored.
+//! 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`, `varying 0 vec4`.
+//! `local 8 4 1` is the size of a workgroup, 64 in x without it. Anything else is ignored.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -69,6 +70,9 @@ impl ShaderCompiler for ListCompiler {
                     let format = Format::ALL.into_iter().find(|f| f.name() == format).expect("a format");
                     bind(name, how, ReflectedKind::StorageImage { format: Some(format) }, number);
                 }
+                ["local", ref size @ ..] if size.len() == 3 => {
+                    reflection.local_size = std::array::from_fn(|axis| size[axis].parse().unwrap());
+                }
                 ["push", name] => {
                     let block = reflection.push.get_or_insert(PushBlock { bytes: 0, members: vec![] });
                     block.members.push(Member {
@@ -103,6 +107,8 @@ pub fn facts() -> Facts {
         subgroup_size: 8,
         max_storage_bytes: 128 << 20,
         max_groups_x: 65_535,
+        max_groups_y: 65_535,
+        max_groups_z: 65_535,
         shared_bytes: u32::MAX,
         max_invocations: u32::MAX,
         rounds_half: false,

@@ -4,10 +4,9 @@
 // Shows the length of each bin's list instead of the picture: black for none, then from blue over red and yellow to white, a colour for
 // each four doublings, up to 2^20 splats.
 
-#include "../groups.glsl"
 #include "bins.glsl"
 
-layout(local_size_x = 256) in;
+layout(local_size_x = 16, local_size_y = 16) in;
 
 layout(set = 0, binding = 0, std430) readonly buffer Ranges { uvec2 ranges[]; };
 layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D picture;
@@ -16,9 +15,8 @@ const vec3 COLOURS[6] = vec3[](vec3(0.0), vec3(0.1, 0.1, 0.6), vec3(0.7, 0.1, 0.
                                vec3(1.0, 0.85, 0.2), vec3(1.0));
 
 void main() {
-    uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
-    uvec2 pixel = uvec2(i % uint(VIEWPORT_WIDTH), i / uint(VIEWPORT_WIDTH));
-    if (pixel.y >= uint(VIEWPORT_HEIGHT)) {
+    uvec2 pixel = gl_GlobalInvocationID.xy;
+    if (pixel.x >= uint(VIEWPORT_WIDTH) || pixel.y >= uint(VIEWPORT_HEIGHT)) {
         return;
     }
     uint bin = pixel.y / BIN * uint(BINS_X) + pixel.x / BIN;

@@ -79,7 +79,7 @@ impl Way {
             "unsorted" => Way::new(preset, &full, |bounds| bounds.unsorted),
             "front_to_back_naive" => Way::new(preset, &full, |bounds| bounds.naive),
             "key16" => Way::new(preset, &full, |bounds| bounds.key16),
-            "tiled" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled),
+            "auto" | "tiled" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled),
             "tiled_exact" => {
                 Way::new(preset, &[("stop", "0.0"), ("extent", "alpha")], |bounds| bounds.tiled_exact)
             }
@@ -102,7 +102,7 @@ impl Way {
 
     /// Returns true if splats are blended in the order of exact depths.
     fn is_right(&self) -> bool {
-        !["unsorted", "front_to_back_naive", "key16", "tiled"].contains(&self.preset)
+        !["unsorted", "front_to_back_naive", "key16", "auto", "tiled"].contains(&self.preset)
     }
 
     fn name(&self) -> String {

@@ -26,6 +26,8 @@ fn facts() -> Facts {
         subgroup_size: 8,
         max_storage_bytes: 128 << 20,
         max_groups_x: 65_535,
+        max_groups_y: 65_535,
+        max_groups_z: 65_535,
         shared_bytes: u32::MAX,
         max_invocations: u32::MAX,
         rounds_half: false,

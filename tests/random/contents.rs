@@ -52,9 +52,14 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
             };
             let halves: Vec<ResourceId> = names.iter().filter_map(|name| plan.find_resource(name)).collect();
             let live = halves.iter().filter(|id| plan.resource(**id).history.is_some()).count();
+            // What no pass reads cannot matter, and then the fill or the clear that began the frame is left out.
+            let unread = |id: &ResourceId| {
+                let mut uses = plan.passes.iter().flat_map(|pass| &pass.uses);
+                !uses.any(|touch| touch.resource == *id && touch.accesses.reads())
+            };
             // Of a ping-pong buffer, the half that the frame ends with is the history. It may be in no use.
-            let free =
-                halves.iter().all(|id| starts_anew(plan, *id) && !once(id)) || halves.len() < names.len();
+            let free = halves.iter().all(|id| (starts_anew(plan, *id) || unread(id)) && !once(id))
+                || halves.len() < names.len();
             match live {
                 0 if halves.is_empty() => {}
                 0 if names.len() == 2 && halves.iter().any(|id| starts_anew(plan, *id) && !once(id)) => {}

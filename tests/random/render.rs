@@ -164,8 +164,8 @@ impl Writer<'_> {
             Node::Pass(at) => {
                 self.sketch.passes[*at].uses().all(|(what, _)| matches!(what.of, Target::Buffer(_)))
             }
-            Node::Swap(_) => true,
-            Node::Repeat(_, body) => body.iter().all(|node| self.fits_a_part(node)),
+            Node::Swap(..) => true,
+            Node::Repeat(_, _, body) => body.iter().all(|node| self.fits_a_part(node)),
         }
     }
 
@@ -219,17 +219,21 @@ impl Writer<'_> {
                     self.idle_pass(*at);
                 }
             }
-            Node::Swap(at) => {
+            Node::Swap(at, when) => {
                 let name = self.style.resource(Target::Buffer(*at));
-                self.line(&format!("Swap(\"{name}\"),"));
+                match condition(*when) {
+                    "" => self.line(&format!("Swap(\"{name}\"),")),
+                    when => self.line(&format!("Swap(name: \"{name}\",{when}),")),
+                }
             }
-            Node::Repeat(count, body) => {
+            Node::Repeat(count, when, body) => {
                 let count = match count {
                     Count::Literal(n) => n.to_string(),
                     Count::Steps => "\"steps\"".into(),
                     Count::StepsLeft => "\"4 - steps\"".into(),
                 };
-                self.line(&format!("Repeat(var: \"i\", count: {count}, body: ["));
+                let when = condition(*when);
+                self.line(&format!("Repeat(var: \"i\", count: {count},{when} body: ["));
                 self.nodes(body, true);
                 self.line("]),");
             }
@@ -295,7 +299,9 @@ impl Writer<'_> {
                 let shader = self.shader(text, "comp");
                 let size = indirect.unwrap_or_else(|| {
                     let largest = slots.iter().filter(|s| s.bind.writes).map(|s| elements(sketch, s)).max();
-                    format!("Threads({})", largest.unwrap_or(1))
+                    // In one, two or three dimensions: all in x.
+                    let others = ["", ", 1", ", 1, 1"][pass.salt as usize % 3];
+                    format!("Threads({}{others})", largest.unwrap_or(1))
                 });
                 let run = if *once { " run: Once," } else { "" };
                 self.line(&format!(
@@ -366,8 +372,8 @@ fn touched(nodes: &[Node], sketch: &Sketch, buffers: &mut BTreeMap<usize, bool>)
                     }
                 }
             }
-            Node::Swap(at) => *buffers.entry(*at).or_default() = true,
-            Node::Repeat(_, body) => touched(body, sketch, buffers),
+            Node::Swap(at, _) => *buffers.entry(*at).or_default() = true,
+            Node::Repeat(_, _, body) => touched(body, sketch, buffers),
         }
     }
 }

@@ -28,8 +28,8 @@ pub struct Sketch {
 pub enum Node {
     Pass(usize),
     /// A ping-pong buffer.
-    Swap(usize),
-    Repeat(Count, Vec<Node>),
+    Swap(usize, When),
+    Repeat(Count, When, Vec<Node>),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -179,18 +179,18 @@ impl Sketch {
                 self.passes.push(pass);
                 Some(Node::Pass(self.passes.len() - 1))
             }
-            Item::Swap(index) => {
+            Item::Swap(index, when) => {
                 let pick = Pick { index: *index, want: Want::Front };
                 match self.resolve(pick) {
                     Ref { of: Target::Buffer(at), .. } if self.buffers[at].role == Role::PingPong => {
-                        Some(Node::Swap(at))
+                        Some(Node::Swap(at, *when))
                     }
                     _ => None,
                 }
             }
-            Item::Repeat(count, body) => {
+            Item::Repeat(count, when, body) => {
                 let body: Vec<Node> = body.iter().filter_map(|item| self.node(item, limits)).collect();
-                Some(Node::Repeat(*count, body))
+                Some(Node::Repeat(*count, *when, body))
             }
         }
     }
@@ -346,8 +346,10 @@ impl Sketch {
                     runs.passes.push((*at, runs.fronts.clone()));
                 }
                 Node::Pass(_) => {}
-                Node::Swap(at) => runs.fronts[*at] = 1 - runs.fronts[*at],
-                Node::Repeat(count, body) => {
+                Node::Swap(at, when) if when.holds(settings) => runs.fronts[*at] = 1 - runs.fronts[*at],
+                Node::Swap(..) => {}
+                Node::Repeat(_, when, _) if !when.holds(settings) => {}
+                Node::Repeat(count, _, body) => {
                     (0..count.of(settings)).for_each(|_| self.unroll(body, settings, runs))
                 }
             }
@@ -514,8 +516,8 @@ fn count_writers(nodes: &[Node], passes: &[Pass], times: usize, writers: &mut BT
                     *writers.entry(what.of).or_default() += times;
                 }
             }
-            Node::Swap(_) => {}
-            Node::Repeat(_, body) => count_writers(body, passes, 2, writers),
+            Node::Swap(..) => {}
+            Node::Repeat(_, _, body) => count_writers(body, passes, 2, writers),
         }
     }
 }

@@ -111,7 +111,8 @@ fn camera(program: &mut Program, first: &Pixels) {
     program.act();
     program.point(panel);
     let there = program.view_is_not("what a drag onto a panel shows", &orbited);
-    program.point([panel[0], panel[1] + 80]);
+    // Back up: below, the camera may already look straight down.
+    program.point([panel[0], panel[1] - 80]);
     program.view_is_not("what a drag over a panel shows", &there);
     program.window.release(1);
     program.act();

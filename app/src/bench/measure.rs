@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use splatgraph_api::{BackendError, Device};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::{PassId, Run};
+use splatgraph_framework::ir::{PassId, Reason, Run, StandIn};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -105,8 +105,12 @@ pub struct View {
 /// The measurements of a candidate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Found {
+    /// The fallbacks that were measured in place of the graph, in order; empty where it is the graph itself.
+    pub stand_ins: Vec<StandIn>,
     /// All parameters of the graph with their values.
     pub parameters: Map<String, Json>,
+    /// Why parameters have their values, of those that an expression over facts or other parameters gave.
+    pub reasons: BTreeMap<String, Reason>,
     /// The mean of the views' medians.
     pub mean: Figures,
     /// The views, one per camera.
@@ -323,6 +327,7 @@ fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, S
     let plan = runner.session.plan().ok_or(SessionError::NotPrepared)?;
     let parameters =
         plan.params.iter().map(|param| (param.name.clone(), stats::json(&param.value))).collect();
+    let (stand_ins, reasons) = (plan.stand_ins.clone(), stats::reasons(plan));
     let memory: Vec<BufferSize> = runner
         .session
         .device()
@@ -331,6 +336,8 @@ fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, S
         .map(|(name, bytes)| BufferSize { name, bytes })
         .collect();
     Ok(Found {
+        stand_ins,
+        reasons,
         parameters,
         mean: mean(&runner.views, copy),
         views: runner.views,
@@ -401,7 +408,16 @@ pub(super) mod testing {
         let views = vec![view("one"), view("two")];
         let memory = vec![BufferSize { name: "color".into(), bytes: 1 << 20 }];
         let mean = mean(&views, Some(2000.0));
-        Found { parameters: Map::new(), mean, views, once: Vec::new(), memory, memory_bytes: 1 << 20 }
+        Found {
+            stand_ins: Vec::new(),
+            parameters: Map::new(),
+            reasons: BTreeMap::new(),
+            mean,
+            views,
+            once: Vec::new(),
+            memory,
+            memory_bytes: 1 << 20,
+        }
     }
 }
 

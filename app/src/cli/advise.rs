@@ -1,11 +1,10 @@
 //! Runs `splatgraph advise`: what a scene needs, and the cheapest setting within a budget.
 
-use super::options::{self, DRAWN_PIPELINE, DeviceArgs, EffortArgs};
+use super::options::{self, DeviceArgs, EffortArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage};
 use crate::advise::harmonics::{self, Band};
 use crate::advise::search::{Budget, Tried, best, combinations};
 use crate::backend::Backend;
-use crate::builtin;
 use crate::fit;
 use crate::keys::{self, Mapping, Need, Seen, WIDTHS};
 use crate::output::names::{self, MAX_NAME_BYTES};
@@ -40,7 +39,7 @@ pub struct Args {
     /// A .ply file in the layout of the reference implementation [default: the demo scene]
     scene: Option<PathBuf>,
     /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are tried as they are
-    #[arg(short, long, value_name = "NAME", default_value = DRAWN_PIPELINE)]
+    #[arg(short, long, value_name = "NAME", default_value = MEASURED_PIPELINE)]
     pipeline: String,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: four around the scene]
     #[arg(short, long, value_name = "FILE[#INDEX]")]
@@ -182,7 +181,7 @@ fn search(
 ) -> Result<Vec<Tried>> {
     let first = cameras.first().context("no cameras")?;
     let controls = session.controls((first.width, first.height))?;
-    let mut singles = settings::list(&args.pipeline, &controls, &builtin::names());
+    let mut singles = settings::list(&args.pipeline, &controls, &options::measured_names());
     singles.extend(advised_keys(&singles[0], needs));
     let mut exact = session.beside(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
@@ -278,7 +277,7 @@ fn advice(args: &Args, found: &Tried, tried: &[Tried]) -> String {
     args.scene.iter().for_each(|path| add(&path.display().to_string()));
     args.cameras.iter().for_each(|cameras| ["-c", cameras].into_iter().for_each(&mut add));
     args.size.iter().for_each(|(w, h)| ["--size", &format!("{w}x{h}")].into_iter().for_each(&mut add));
-    if found.setting.pipeline != DRAWN_PIPELINE {
+    if found.setting.pipeline != MEASURED_PIPELINE {
         ["--pipeline", &found.setting.pipeline].into_iter().for_each(&mut add);
     }
     for (name, value) in &found.setting.set {

@@ -9,6 +9,7 @@ use crate::planner::{GraphErrors, Planner};
 use anyhow::Result;
 use splatgraph_framework::dump;
 use splatgraph_framework::ir::Catalog;
+use splatgraph_framework::lower::Standing;
 use splatgraph_framework::oracle::{self, Replay, mutate};
 use splatgraph_framework::plan::Plan;
 
@@ -20,7 +21,8 @@ pub const EXAMPLES: &str = "Examples:
 /// Check graphs and their shaders, without a GPU
 ///
 /// Every graph is built, and its shaders are compiled and checked against it, for a nominal scene and the smallest supported
-/// device, with subgroups of 4 to 64 lanes. Errors are shown at their line and column. An oracle then replays the barriers of
+/// device, with subgroups of 4 to 64 lanes. Errors are shown at their line and column. Where that device lacks what a graph
+/// requires, that is said, and is no error. An oracle then replays the barriers of
 /// each plan, and tests that they suffice and that none of them, and no bit of one, is needless.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -47,7 +49,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut outcome = Outcome::Done;
     for graph in graphs {
         match check(&mut planner, graph, &args.set, args.splats.into()) {
-            Ok(Ok(lines)) => options::print(&format!("{graph}: OK{lines}"))?,
+            Ok(Ok(lines)) => options::print(&format!("{graph}: {lines}"))?,
             // Not the graph's fault: the solver's.
             Ok(Err(violations)) => {
                 outcome = Outcome::Failed;
@@ -81,8 +83,9 @@ struct Verified {
 
 /// Builds a graph for every subgroup size, because graphs may depend on it, and verifies each plan.
 ///
-/// Returns a line for the sizes with equal counts, or the violations of the first size that has any; and the errors of the first
-/// size that has any. Warnings are printed once each.
+/// Returns a verdict and a line for the sizes with equal counts, or the violations of the first size that has any; and the errors of
+/// the first size that has any. Where the device lacks what the graph requires, the line says so: nothing is built. Warnings are
+/// printed once each.
 fn check(
     planner: &mut Planner,
     graph: &str,
@@ -91,9 +94,17 @@ fn check(
 ) -> Result<Result<String, String>, GraphErrors> {
     let (catalog, scene) = nominal(splats);
     let mut found: Vec<Verified> = Vec::new();
+    let mut unsuited: Vec<(Vec<String>, String)> = Vec::new();
     let mut warned = Vec::new();
     for lanes in facts::SUBGROUP_SIZES {
         let facts = facts::facts(&scene, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
+        if let Some(line) = lacking(planner.standing(graph, &facts, &catalog)?) {
+            match unsuited.iter_mut().find(|(_, other)| *other == line) {
+                Some((all, _)) => all.push(lanes.to_string()),
+                None => unsuited.push((vec![lanes.to_string()], line)),
+            }
+            continue;
+        }
         let plan = planner.plan(graph, set, &facts, &catalog)?;
         let warnings = planner.warnings(&plan, colour());
         if !warnings.is_empty() && !warned.contains(&warnings) {
@@ -116,8 +127,21 @@ fn check(
             None => found.push(Verified { lanes: vec![lanes.to_string()], plan, line }),
         }
     }
-    let line = |verified: &Verified| format!("\n  {} lanes: {}", verified.lanes.join(", "), verified.line);
-    Ok(Ok(found.iter().map(line).collect()))
+    let verdict = if found.is_empty() { "not for the smallest supported device" } else { "OK" };
+    let found = found.into_iter().map(|verified| (verified.lanes, verified.line));
+    let line = |(lanes, line): (Vec<String>, String)| format!("\n  {} lanes: {line}", lanes.join(", "));
+    Ok(Ok(verdict.to_owned() + &found.chain(unsuited).map(line).collect::<String>()))
+}
+
+/// Says what a device lacks that a graph requires, and what stands in for the graph; none if it lacks nothing.
+fn lacking(Standing { stand_ins, unmet }: Standing) -> Option<String> {
+    let mut parts: Vec<String> = stand_ins.iter().map(ToString::to_string).collect();
+    if !unmet.is_empty() {
+        let needs: Vec<String> = unmet.iter().map(ToString::to_string).collect();
+        let whose = stand_ins.last().map_or("the graph".to_owned(), |last| format!("`{}`", last.taken));
+        parts.push(format!("{whose} needs {}, and nothing stands in", needs.join(" and ")));
+    }
+    (!parts.is_empty()).then(|| parts.join("; "))
 }
 
 /// Returns true if two plans have the same passes, memory and barriers.
@@ -213,6 +237,35 @@ mod tests {
             "{fit}"
         );
         assert_eq!(too_large(planner, "unsorted", &[], 1_000_000), None);
+    }
+
+    #[test]
+    fn a_graph_that_needs_more_than_the_smallest_device_is_no_error_and_says_what_and_what_stands_in() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let written = |name: &str, more: &str| {
+            let path = folder.path().join(name);
+            let text = format!("Preset(graph: \"unsorted\", summary: \"\", set: {{}}, {more})");
+            std::fs::write(&path, text).expect("writable");
+            path.display().to_string()
+        };
+        let wide = r#"require: [("device.max_invocations >= 1024", "workgroups of 1024 invocations")]"#;
+        let checked = |graph: &str| {
+            check(&mut Planner::default(), graph, &[], 1000).expect("no error").expect("no violation")
+        };
+        assert_eq!(
+            checked(&written("wide.ron", wide)),
+            "not for the smallest supported device\n  4, 8, 16, 32, 64 lanes: the graph needs workgroups of 1024 \
+             invocations (device.max_invocations = 256), and nothing stands in"
+        );
+        let narrow = r#"require: [("device.subgroup_size <= 32", "narrow subgroups")], fallback: "splat""#;
+        let text = checked(&written("narrow.ron", narrow));
+        assert!(text.starts_with("OK\n  4, 8"), "{text}");
+        let last = text.lines().last().expect("a line");
+        assert!(last.starts_with("  64 lanes: `splat` stands in for `"), "{text}");
+        assert!(
+            last.ends_with("narrow.ron`, which needs narrow subgroups (device.subgroup_size = 64)"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -19,8 +19,16 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// Default of `--pipeline`: the fastest graph, whose variant the device's facts choose.
-pub const DRAWN_PIPELINE: &str = "tiled";
+/// Default of `--pipeline` where pictures are drawn: the fastest graph for the device, chosen by its facts.
+pub const DRAWN_PIPELINE: &str = "auto";
+
+/// Default of `--pipeline` where graphs and settings are measured: the one that [`DRAWN_PIPELINE`] takes where it can.
+pub const MEASURED_PIPELINE: &str = "tiled";
+
+/// Lists the built-in graphs to measure: all but the one that takes another of them.
+pub fn measured_names() -> Vec<&'static str> {
+    builtin::names().into_iter().filter(|name| *name != DRAWN_PIPELINE).collect()
+}
 
 /// Parses `NAME=VALUE`.
 pub fn setting(text: &str) -> Result<(String, String), String> {

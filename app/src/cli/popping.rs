@@ -1,9 +1,8 @@
 //! Runs `splatgraph popping`: the error that changes from frame to frame.
 
-use super::options::{self, DRAWN_PIPELINE, DeviceArgs};
+use super::options::{self, DeviceArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::backend::Backend;
-use crate::builtin;
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::{self, Claims, is_standard_output, one_line};
@@ -80,7 +79,7 @@ const PNG: &str = "popping.png";
 fn variant(text: &str) -> Result<Variant, String> {
     let set = text.split(',').map(options::setting).collect::<Result<Vec<_>, _>>()?;
     let name = set.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",");
-    Ok(Variant { name, pipeline: DRAWN_PIPELINE.into(), set })
+    Ok(Variant { name, pipeline: MEASURED_PIPELINE.into(), set })
 }
 
 fn degrees(text: &str) -> Result<f64, String> {
@@ -107,7 +106,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     measure::check(&path)?;
     let origin = origin(args, &scene, &path, device.info());
     let size = (path[0].width, path[0].height);
-    let mut session = Session::new(device, scene, DRAWN_PIPELINE, &[]);
+    let mut session = Session::new(device, scene, MEASURED_PIPELINE, &[]);
     // Mistakes in a graph are told before the true pictures are drawn, which takes the longest.
     for variant in &variants {
         session.set_graph(&variant.pipeline, &variant.set);
@@ -153,9 +152,9 @@ fn variants(args: &Args) -> Vec<Variant> {
     let graph = |name: &str| Variant { name: name.into(), pipeline: name.into(), set: Vec::new() };
     let mut all: Vec<Variant> = args.pipeline.iter().map(|name| graph(name)).collect();
     if all.is_empty() && args.with.is_empty() {
-        all = builtin::names().into_iter().map(graph).collect();
+        all = options::measured_names().into_iter().map(graph).collect();
     } else if all.is_empty() {
-        all.push(graph(DRAWN_PIPELINE));
+        all.push(graph(MEASURED_PIPELINE));
     }
     all.extend(args.with.iter().cloned());
     let mut kept: Vec<Variant> = Vec::new();

@@ -1,9 +1,8 @@
 //! Runs `splatgraph trade`: the ledger of what each setting saves and costs.
 
-use super::options::{self, DRAWN_PIPELINE, DeviceArgs, EffortArgs};
+use super::options::{self, DeviceArgs, EffortArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
-use crate::builtin;
 use crate::fit;
 use crate::image::{Format, Image};
 use crate::output::names::{self, MAX_NAME_BYTES};
@@ -44,7 +43,7 @@ pub struct Args {
     /// A .ply file in the layout of the reference implementation
     scene: Option<PathBuf>,
     /// The graph whose parameters are changed: the name of a built-in one, or a path
-    #[arg(short, long, value_name = "NAME", default_value = DRAWN_PIPELINE)]
+    #[arg(short, long, value_name = "NAME", default_value = MEASURED_PIPELINE)]
     pipeline: String,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
     #[arg(short, long, value_name = "FILE[#INDEX]")]
@@ -160,7 +159,7 @@ fn only(args: &Args, setting: &Setting) -> bool {
 fn chosen(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Result<Vec<Setting>> {
     let camera = cameras.first().context("no cameras")?;
     let controls = session.controls((camera.width, camera.height))?;
-    let all = settings::list(&args.pipeline, &controls, &builtin::names());
+    let all = settings::list(&args.pipeline, &controls, &options::measured_names());
     for name in &args.only {
         if !all.iter().any(|setting| setting.name.starts_with(name.as_str())) {
             let names: Vec<&str> = all.iter().map(|setting| setting.name.as_str()).collect();

@@ -285,6 +285,8 @@ mod tests {
         Plan {
             name: "test".into(),
             summary: String::new(),
+            based_on: vec![],
+            stand_ins: vec![],
             facts: Default::default(),
             params: vec![],
             resources: vec![buffer("keys#0", 4), buffer("keys#1", 4), buffer("args", 8)],

@@ -23,6 +23,8 @@ pub fn plan(passes: &[(&str, &str)]) -> Plan {
     Plan {
         name: "test".into(),
         summary: String::new(),
+        based_on: vec![],
+        stand_ins: vec![],
         facts: Default::default(),
         params: vec![],
         resources: vec![],

@@ -90,6 +90,24 @@ impl<D: Device> Viewport<D> {
         self.stats.iter().find(|(stat, _)| stat == name).map(|(_, value)| *value)
     }
 
+    /// Describes what is drawn in place of a graph that the device lacks something for.
+    pub fn stand_in(&self) -> Option<String> {
+        let stand_ins = &self.renderer.plan()?.stand_ins;
+        let all: Vec<String> = stand_ins.iter().map(ToString::to_string).collect();
+        (!all.is_empty()).then(|| all.join("; "))
+    }
+
+    /// Describes what facts chose: the graph behind a preset, and the constants with their reasons.
+    pub fn decisions(&self) -> Option<String> {
+        let plan = self.renderer.plan()?;
+        let decisions = plan.decisions();
+        // A plan without decisions is what its name says.
+        (!decisions.is_empty()).then(|| {
+            let named = plan.based_on.iter().map(|base| format!("{base}: "));
+            named.collect::<String>() + &decisions.join("; ")
+        })
+    }
+
     /// Describes the newest finished frame if it was drawn in part: `drawn in part: 1,234 of 5,678 entries`.
     pub fn in_part(&self) -> Option<String> {
         if self.short.is_empty() {

@@ -92,6 +92,8 @@ impl Limits {
             subgroup_size: self.subgroup.size,
             max_storage_bytes: self.max_storage_bytes,
             max_groups_x: self.max_groups[0],
+            max_groups_y: self.max_groups[1],
+            max_groups_z: self.max_groups[2],
             shared_bytes: self.shared_bytes,
             max_invocations: self.max_invocations,
             rounds_half: self.rounds_half,

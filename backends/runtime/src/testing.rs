@@ -51,6 +51,8 @@ pub(crate) fn plan() -> Plan {
     Plan {
         name: "test".to_string(),
         summary: String::new(),
+        based_on: vec![],
+        stand_ins: vec![],
         facts: BTreeMap::new(),
         params: Vec::new(),
         resources: vec![

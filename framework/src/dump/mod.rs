@@ -21,7 +21,9 @@ mod text;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-use crate::ir::{Blend, DescriptorKind, Hazard, Layout, Load, Origin, Run, Shape, Topology, Value};
+use crate::ir::{
+    Blend, DescriptorKind, Hazard, Layout, Load, Origin, Reason, Run, Shape, StandIn, Topology, Value,
+};
 
 pub use diff::{
     BarrierChange, Diff, DiffSide, Differences, NamedChange, PropertyChange, ResourceSize, TotalChange, diff,
@@ -44,6 +46,12 @@ pub struct Dump {
     pub graph: String,
     /// One line that describes the graph.
     pub summary: String,
+    /// The graphs and presets that it is based on, as these name each other, the graph last; empty for a graph.
+    #[serde(default)]
+    pub based_on: Vec<String>,
+    /// The fallbacks that stand in for the graph that was asked for, in order.
+    #[serde(default)]
+    pub stand_ins: Vec<StandIn>,
     /// In the order of the file.
     pub parameters: Vec<DumpParameter>,
     /// Facts of the scene, the device and the viewport.
@@ -83,6 +91,8 @@ pub struct DumpParameter {
     pub value: Value,
     /// Value in use if none is set.
     pub default: Value,
+    /// Why it has the value, where an expression of a file gave it: the default's, or that of a preset.
+    pub reason: Option<Reason>,
     /// The value that costs no accuracy, where the graph names one.
     pub exact: Option<Value>,
     /// The statistic that the value grows with: a frame whose statistic exceeds the value was drawn in part.

@@ -27,8 +27,16 @@ pub fn text(dump: &Dump) -> String {
 
 fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
     writeln!(out, "{}: {}", dump.graph, dump.summary)?;
+    if !dump.based_on.is_empty() {
+        writeln!(out, "based on {}", dump.based_on.join(", "))?;
+    }
+    dump.stand_ins.iter().try_for_each(|stand_in| writeln!(out, "{stand_in}"))?;
     let parameters: Vec<String> = dump.parameters.iter().map(|p| format!("{}={}", p.name, p.value)).collect();
     writeln!(out, "parameters: {}", parameters.join(" "))?;
+    for p in &dump.parameters {
+        let Some(reason) = &p.reason else { continue };
+        writeln!(out, "parameter {}={}, because {reason} ({})", p.name, p.value, reason.expression)?;
+    }
     for p in &dump.parameters {
         let Some(stat) = &p.grows else { continue };
         writeln!(out, "parameter {} grows with stat {stat}", p.name)?;

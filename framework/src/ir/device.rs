@@ -11,8 +11,12 @@ pub struct DeviceFacts {
     pub subgroup_size: u32,
     /// Bytes of the largest storage binding.
     pub max_storage_bytes: u64,
-    /// Workgroups of a dispatch in x, and as many in y.
+    /// Workgroups of a dispatch in x.
     pub max_groups_x: u32,
+    /// Workgroups of a dispatch in y.
+    pub max_groups_y: u32,
+    /// Workgroups of a dispatch in z.
+    pub max_groups_z: u32,
     /// Bytes of shared memory of a workgroup.
     pub shared_bytes: u32,
     /// Invocations of a workgroup.
@@ -24,16 +28,26 @@ pub struct DeviceFacts {
 }
 
 impl DeviceFacts {
+    /// Returns the most workgroups of a dispatch in x, y and z.
+    pub fn max_groups(&self) -> [u32; 3] {
+        [self.max_groups_x, self.max_groups_y, self.max_groups_z]
+    }
+
     /// Lists the facts under their names in graphs, in alphabetical order.
-    pub fn named(&self) -> [(&'static str, Value); 6] {
+    pub fn named(&self) -> [(&'static str, Value); 10] {
         let bytes = i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX);
+        let has = |feature| Value::Bool(self.features.contains(feature));
         [
             ("device.max_groups_x", Value::Int(self.max_groups_x.into())),
             ("device.max_invocations", Value::Int(self.max_invocations.into())),
             ("device.max_storage_bytes", Value::Int(bytes)),
             ("device.rounds_half", Value::Bool(self.rounds_half)),
             ("device.shared_bytes", Value::Int(self.shared_bytes.into())),
+            ("device.subgroup_arithmetic", has(Features::SUBGROUP_ARITHMETIC)),
+            ("device.subgroup_ballot", has(Features::SUBGROUP_BALLOT)),
+            ("device.subgroup_shuffle", has(Features::SUBGROUP_SHUFFLE)),
             ("device.subgroup_size", Value::Int(self.subgroup_size.into())),
+            ("device.subgroup_vote", has(Features::SUBGROUP_VOTE)),
         ]
     }
 }

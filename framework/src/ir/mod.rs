@@ -12,6 +12,7 @@ mod id;
 mod location;
 mod names;
 mod pass;
+mod reason;
 mod request;
 mod resource;
 mod shader;
@@ -25,6 +26,7 @@ pub use id::{BlockId, PassId, ResourceId, ShaderId};
 pub use location::{FileId, Origin, Span};
 pub use names::{EXPORT, HOST, LIVE_BINDING, LIVE_BLOCK};
 pub use pass::{Binding, Culled, DescriptorKind, DrawCall, Groups, Pass, Run, Stat, Target, Use, Work};
+pub use reason::{Reason, StandIn, Unmet};
 pub use request::{Attribute, Catalog, Facts, HostBuffer, Request};
 pub use resource::{Shape, Source, Usage};
 pub use shader::{

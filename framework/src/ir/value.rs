@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::Origin;
+use super::{Origin, Reason};
 
 /// Holds the value of a parameter, a fact or an expression.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,6 +46,8 @@ pub struct Param {
     pub value: Value,
     /// The value where nothing sets it.
     pub default: Value,
+    /// The reason for the value, where an expression of a file gave it: the default's, or that of a preset.
+    pub reason: Option<Reason>,
     /// The value that costs no accuracy, where the graph names one.
     pub exact: Option<Value>,
     /// The statistic that the value grows with: a frame whose statistic exceeds the value was drawn in part.

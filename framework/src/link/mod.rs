@@ -13,7 +13,7 @@ use crate::ir::{
     Span, Stages, Use, Work,
 };
 use crate::lower::{
-    Lowered, LoweredPass, LoweredResource, LoweredSize, LoweredWork, ResourceHandle, ShaderName,
+    Extent, Lowered, LoweredPass, LoweredResource, LoweredSize, LoweredWork, ResourceHandle, ShaderName,
 };
 use crate::shader::{CANCELLED, Compiled, ShaderCompiler, ShaderRequest};
 use crate::source::{Diagnostic, Kind, SourceMap};
@@ -306,39 +306,61 @@ impl Linker<'_> {
     }
 
     fn groups(&mut self, id: ShaderHandle, size: LoweredSize, span: Span) -> Option<Groups<ResourceHandle>> {
-        let local = self.shaders[id.index()].reflection.local_size;
-        if let (LoweredSize::Threads(_), [x, y, z]) = (size, local)
-            && y * z > 1
-        {
-            let message =
-                format!("`Threads` divides by `local_size_x` alone, and a workgroup here is {x} x {y} x {z}");
-            self.errors.push(
-                Diagnostic::new(message, span, "too many invocations would run").with_help(
-                    "give the shader a `local_size_x` alone, or count its workgroups with `Groups`",
-                ),
-            );
-            return None;
-        }
-        let groups = match size {
+        let local = self.shaders[id.index()].reflection.local_size.map(|n| u64::from(n.max(1)));
+        // Invocations of a workgroup that its indices count: all of those where groups are counted.
+        let (extent, each) = match size {
             LoweredSize::Indirect { buffer, offset } => return Some(Groups::Indirect { buffer, offset }),
-            LoweredSize::Groups(groups) => groups,
-            LoweredSize::Threads(threads) => threads.div_ceil(local[0].max(1) as u64),
+            LoweredSize::Groups(extent) => (extent, [1; 3]),
+            LoweredSize::Threads(extent) => (extent, local),
         };
-        let limit = u64::from(self.device.max_groups_x.max(1));
-        // Rows as short as they can be for their number, so that few groups are idle.
-        let rows = groups.div_ceil(limit).max(1);
-        if rows > limit {
-            self.errors.push(Diagnostic::new(
-                "this dispatch is larger than the device can do at once",
-                span,
-                format!("{groups} workgroups; {limit} in x and {limit} in y are possible"),
+        let Extent { size, dimensions } = extent;
+        if each[dimensions..].iter().any(|n| *n > 1) {
+            let [x, y, z] = local;
+            let divides = [
+                "`Threads` divides by `local_size_x` alone",
+                "`Threads(x, y)` divides by `local_size_x` and `_y` alone",
+            ];
+            let message = format!("{}, and a workgroup here is {x} x {y} x {z}", divides[dimensions - 1]);
+            self.errors.push(Diagnostic::new(message, span, "too many invocations would run").with_help(
+                "give the shader a local size in as many dimensions, or count its workgroups with `Groups`",
             ));
             return None;
         }
-        let width = groups.div_ceil(rows);
-        // Indices of invocations, or of groups where groups are counted, are `uint`s in shaders.
-        let each = if matches!(size, LoweredSize::Threads(_)) { u64::from(local[0].max(1)) } else { 1 };
-        let counted = (width * rows).saturating_mul(each);
+        let mut groups: [u64; 3] = std::array::from_fn(|axis| size[axis].div_ceil(each[axis]));
+        let limits = self.device.max_groups().map(|most| u64::from(most.max(1)));
+        let mut too_large = |found: String| {
+            self.errors.push(Diagnostic::new(
+                "this dispatch is larger than the device can do at once",
+                span,
+                found,
+            ));
+        };
+        if dimensions == 1 {
+            // Rows as short as they can be for their number, so that few groups are idle.
+            let [all, rows] = [groups[0], groups[0].div_ceil(limits[0]).max(1)];
+            if rows > limits[1] {
+                too_large(format!(
+                    "{all} workgroups; {} in x and {} in y are possible",
+                    limits[0], limits[1]
+                ));
+                return None;
+            }
+            groups = [all.div_ceil(rows), rows, 1];
+        } else if let Some(axis) = (0..3).find(|axis| groups[*axis] > limits[*axis]) {
+            too_large(format!(
+                "{} workgroups in {}; {} are possible",
+                groups[axis],
+                ["x", "y", "z"][axis],
+                limits[axis]
+            ));
+            return None;
+        }
+        // Indices of invocations, or of groups where groups are counted, are `uint`s in shaders: in one dimension all of them, in
+        // several those of each.
+        let counted = match dimensions {
+            1 => (groups[0] * groups[1]).saturating_mul(each[0]),
+            _ => (0..3).map(|axis| groups[axis].saturating_mul(each[axis])).max().unwrap_or(0),
+        };
         if counted > 1 << 32 {
             let found =
                 format!("expected at most 4294967296, those of unfinished rows included, found {counted}");
@@ -349,7 +371,7 @@ impl Linker<'_> {
             ));
             return None;
         }
-        Some(Groups::Direct([width as u32, rows as u32, 1]))
+        Some(Groups::Direct(groups.map(|n| n as u32)))
     }
 }
 

@@ -4,7 +4,7 @@ use indexmap::IndexMap;
 use std::rc::Rc;
 
 use crate::ir::{FileId, Span};
-use crate::schema::{Document, GRAPH_VERSION, Graph, Number};
+use crate::schema::{Document, Expression, GRAPH_VERSION, Graph, Number};
 use crate::source::{Diagnostic, Kind, Outline, Path, SourceMap, ron_error};
 
 /// A graph with what presets changed of it.
@@ -17,6 +17,30 @@ pub(super) struct Opened {
     pub summary: String,
     /// Settings of the presets, outer ones already laid over inner ones.
     pub set: IndexMap<String, Setting>,
+    /// The graphs and presets that it is based on, as the presets name them, the graph last.
+    pub based_on: Vec<String>,
+    /// The needs of the presets and the graph.
+    pub require: Vec<Requirement>,
+    /// The fallback of the outermost preset that has one, or of the graph.
+    pub fallback: Option<Fallback>,
+}
+
+/// A need of a graph or a preset: an entry of `require`.
+#[derive(Clone, Debug)]
+pub(super) struct Requirement {
+    pub condition: Expression,
+    pub words: String,
+    pub outline: Rc<Outline>,
+    pub path: Path,
+}
+
+/// The `fallback` of a graph or a preset.
+#[derive(Clone, Debug)]
+pub(super) struct Fallback {
+    pub name: String,
+    /// The file that names it.
+    pub file: FileId,
+    pub span: Span,
 }
 
 #[derive(Clone, Debug)]
@@ -29,23 +53,37 @@ pub(super) struct Setting {
 /// Limits how deep presets and includes nest, so that the stack cannot overflow.
 pub(super) const MAX_DEPTH: usize = 16;
 
-/// Opens a graph named on the command line, through its presets.
-pub(super) fn open(files: &mut SourceMap, name: &str) -> Result<Opened, Vec<Diagnostic>> {
-    let file = files.find(None, name, Kind::Graph).map_err(|error| {
+/// Finds a graph that is named on the command line.
+pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diagnostic>> {
+    files.find(None, name, Kind::Graph).map_err(|error| {
         // There is no file to point into: the name is shown as a text of its own.
         let file = files.add("command line", name);
         vec![error.at(Span { file, start: 0, end: name.len() })]
-    })?;
-    follow(files, file)
+    })
 }
 
 /// Reads a file; where it is a preset, goes on to its graph.
 pub(super) fn follow(files: &mut SourceMap, mut file: FileId) -> Result<Opened, Vec<Diagnostic>> {
     let mut set = IndexMap::new();
     let mut summary = None;
+    let (mut based_on, mut require, mut fallback) = (Vec::new(), Vec::new(), None);
     let mut chain: Vec<(FileId, Span)> = Vec::new();
     loop {
         let (document, outline) = parse(files, file)?;
+        let (needs, stand_in) = match &document {
+            Document::Graph(graph) => (&graph.require, &graph.fallback),
+            Document::Preset(preset) => (&preset.require, &preset.fallback),
+        };
+        require.extend(needs.iter().enumerate().map(|(index, (condition, words))| Requirement {
+            condition: condition.clone(),
+            words: words.clone(),
+            outline: outline.clone(),
+            path: Path::root().field("require").index(index),
+        }));
+        if let (None, Some(name)) = (&fallback, stand_in) {
+            let span = outline.value(&Path::root().field("fallback"));
+            fallback = Some(Fallback { name: name.clone(), file, span });
+        }
         match document {
             Document::Graph(graph) => {
                 if graph.version != GRAPH_VERSION {
@@ -57,7 +95,16 @@ pub(super) fn follow(files: &mut SourceMap, mut file: FileId) -> Result<Opened, 
                     )]);
                 }
                 let summary = summary.unwrap_or_else(|| graph.summary.clone());
-                return Ok(Opened { file, graph: Rc::new(graph), outline, summary, set });
+                return Ok(Opened {
+                    file,
+                    graph: Rc::new(graph),
+                    outline,
+                    summary,
+                    set,
+                    based_on,
+                    require,
+                    fallback,
+                });
             }
             Document::Preset(preset) => {
                 let base = outline.value(&Path::root().field("graph"));
@@ -81,6 +128,7 @@ pub(super) fn follow(files: &mut SourceMap, mut file: FileId) -> Result<Opened, 
                     }
                     return Err(vec![diagnostic]);
                 }
+                based_on.push(preset.graph);
                 file = next;
             }
         }

@@ -121,6 +121,16 @@ impl Lowering<'_> {
                 .with_label(graph_place.span(), "included here"));
             }
         }
+        if let Some(requirement) = opened.require.first() {
+            let span = requirement.outline.value(&requirement.path);
+            return Err(Diagnostic::new(
+                "an included graph has no `require` of its own",
+                span,
+                "declared here",
+            )
+            .with_label(graph_place.span(), "included here")
+            .with_help("state it in the graph that includes this one, with a `fallback` for all of it"));
+        }
         inner.include = Some(self.included.len());
         self.included.push(include);
         self.declare(&mut inner);

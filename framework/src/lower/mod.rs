@@ -5,15 +5,17 @@
 //! draws and fills over numbered resources, every expression has a value, and `front(keys)` is one definite buffer. Lowering
 //! does not look at shaders; whether the names under `bind` exist is checked by linking.
 //!
-//! Files: `document` loads files and follows presets; `params` resolves parameters, and `defines` turns them into
-//! preprocessor defines; `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes;
-//! `include` lowers included graphs.
+//! Files: `document` loads files and follows presets; `require` takes another graph where the device lacks what one needs; `params` resolves parameters, and `defines` turns them into
+//! preprocessor defines; `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes,
+//! `conditions` leaves some of them out; `include` lowers included graphs.
 
+mod conditions;
 mod defines;
 mod document;
 mod include;
 mod params;
 mod passes;
+mod require;
 mod resources;
 mod scope;
 
@@ -23,7 +25,8 @@ use std::rc::Rc;
 pub use params::parse_value;
 
 use crate::ir::{
-    Culled, DrawCall, FileId, Param, Request, Run, Shape, Source, Span, Stat, Target, Topology, Value,
+    Culled, DrawCall, FileId, Param, Request, Run, Shape, Source, Span, StandIn, Stat, Target, Topology,
+    Unmet, Value,
 };
 use crate::source::{Diagnostic, SourceMap};
 
@@ -34,6 +37,10 @@ pub struct Lowered {
     pub name: String,
     /// One line about it, of the outermost preset or the graph.
     pub summary: String,
+    /// The graphs and presets that it is based on, the graph last; empty for a graph.
+    pub based_on: Vec<String>,
+    /// The fallbacks that were taken, in order; the last one's is this graph.
+    pub stand_ins: Vec<StandIn>,
     /// Known values of scene, device and viewport.
     pub facts: BTreeMap<String, Value>,
     /// The parameters of the graph that was asked for.
@@ -201,9 +208,9 @@ pub enum LoweredWork {
 #[derive(Clone, Copy, Debug)]
 pub enum LoweredSize {
     /// Invocations.
-    Threads(u64),
+    Threads(Extent),
     /// Workgroups.
-    Groups(u64),
+    Groups(Extent),
     /// Three words of a buffer.
     Indirect {
         /// The buffer.
@@ -211,6 +218,15 @@ pub enum LoweredSize {
         /// Byte offset of the first word.
         offset: u64,
     },
+}
+
+/// Counts something in x, y and z.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Extent {
+    /// The numbers; 1 in the dimensions that are not given.
+    pub size: [u64; 3],
+    /// The number of dimensions that are given, 1 to 3. With one, what does not fit in x may continue in y.
+    pub dimensions: usize,
 }
 
 /// Binds resources to a block: one for each element of its array, or a single one.
@@ -257,7 +273,7 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
 
 /// Reads a graph's summary and parameters, without lowering its passes: for lists, help and controls.
 pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
-    let root = document::open(files, request.graph)?;
+    let (root, stand_ins) = require::open(request, files)?;
     let mut errors = Vec::new();
     let resolved = params::resolve(&root, request, files, &mut errors);
     let control = |param: Param| {
@@ -267,7 +283,28 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
         Control { label, help: help.to_string(), param }
     };
     let controls = resolved.params.into_iter().map(control).collect();
-    if errors.is_empty() { Ok((root.summary.clone(), controls)) } else { Err(errors) }
+    if errors.is_empty() {
+        Ok((root.summary.clone(), controls))
+    } else {
+        Err(require::explained(errors, &stand_ins))
+    }
+}
+
+/// Says which graph a device is given for the one that a request names.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Standing {
+    /// The fallbacks that are taken, in order; none where the graph itself suits the device.
+    pub stand_ins: Vec<StandIn>,
+    /// The needs of the last of them (or of the graph) that do not hold: some where nothing suits the device.
+    pub unmet: Vec<Unmet>,
+}
+
+/// Holds a graph's `require` against the facts, without lowering it.
+///
+/// # Errors
+/// Those of the graph's file, of its `require` and `fallback`, and of the files that these lead to.
+pub fn standing(request: &Request, files: &mut SourceMap) -> Result<Standing, Vec<Diagnostic>> {
+    require::standing(request, files).map(|(_, standing, _)| standing)
 }
 
 /// Values by name.

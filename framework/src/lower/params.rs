@@ -2,7 +2,7 @@
 
 use super::document::{Opened, Setting};
 use super::scope::{Names, Place, describe};
-use crate::ir::{Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, Request, Span, Value};
+use crate::ir::{Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, Reason, Request, Span, Value};
 use crate::schema::{Expression, Graph, Number, ParamDecl, ParamKind};
 use crate::source::{Diagnostic, Path, SourceMap, nearest};
 
@@ -53,7 +53,10 @@ pub(super) fn resolve(
             .and_then(|param| Ok(Param { grows: grows(declaration, &place, Some(&root.graph))?, ..param }));
         match made {
             Ok(mut param) => {
-                param.value = param.with_room(param.value.clone(), request.grown);
+                let value = param.with_room(param.value.clone(), request.grown);
+                // What frames needed is no reason that the file knows.
+                param.reason.take_if(|_| value != param.value);
+                param.value = value;
                 match param.binding {
                     ParamBinding::Const => drop(names.values.insert(name.clone(), param.value.clone())),
                     ParamBinding::Live { .. } => {
@@ -107,17 +110,20 @@ fn one(
     }
     let kind_place = place.index(0);
     let (domain, default, exact) = domain(kind, &kind_place, names)?;
-    let value = match (text, setting) {
-        (Some(text), _) => parse_value(text.value, &domain)
-            .map_err(|m| Diagnostic::new(format!("`{name}` cannot be set to this"), text.span, m))?,
+    let (value, reason) = match (text, setting) {
+        (Some(text), _) => {
+            let value = parse_value(text.value, &domain)
+                .map_err(|m| Diagnostic::new(format!("`{name}` cannot be set to this"), text.span, m))?;
+            (value, None)
+        }
         (None, Some(setting)) => {
             let at = Place { outline: setting.outline.clone(), path: setting.path.clone() };
-            given(&setting.number, &domain, names, &at)?
+            (given(&setting.number, &domain, names, &at)?, reason(&setting.number, &domain, names))
         }
-        (None, None) => default.clone(),
+        (None, None) => (default.clone(), reason(&written_default(kind), &domain, names)),
     };
     let origin = files.origin(place.key());
-    Ok(Param { name: name.into(), value, default, exact, grows: None, domain, binding, origin })
+    Ok(Param { name: name.into(), value, default, reason, exact, grows: None, domain, binding, origin })
 }
 
 /// The statistic that a parameter grows with. `graph` is that of the statistics; none for a graph that is included.
@@ -258,6 +264,25 @@ pub(super) fn given(
     within(value, domain).map_err(|m| at.error("this value does not fit the parameter", m))
 }
 
+/// The default as it stands in the file.
+fn written_default(kind: &ParamKind) -> Number {
+    match kind {
+        ParamKind::Bool { default, .. }
+        | ParamKind::Int { default, .. }
+        | ParamKind::Float { default, .. } => default.clone(),
+        ParamKind::Choice { default, .. } => Number::Expression(default.clone()),
+    }
+}
+
+/// The reason for a value that [`given`] returns: none for one that stands there as it is.
+fn reason(number: &Number, domain: &Domain, names: &Names) -> Option<Reason> {
+    match (number, domain) {
+        (Number::Literal(_), _) => None,
+        (Number::Expression(expression), Domain::Choice(of)) if of.contains(&expression.text) => None,
+        (Number::Expression(expression), _) => names.reason(expression),
+    }
+}
+
 /// The value, in the domain's type, or what is wrong with it.
 fn within(value: Value, domain: &Domain) -> Result<Value, String> {
     match (domain, value) {
@@ -331,6 +356,7 @@ pub(super) fn included(
     grows(declaration, place, None)?;
     if let Some((number, outer, at)) = given_here {
         param.value = given(number, &param.domain, outer, &at)?;
+        param.reason = None;
     }
     Ok(param)
 }

@@ -5,8 +5,9 @@ use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
 use super::defines::{Constants, define_text, defines};
-use super::document::{self, Opened};
+use super::document::Opened;
 use super::params;
+use super::require;
 use super::resources::{Handle, History, PingPong};
 use super::scope::{Names, Place};
 use super::{
@@ -17,7 +18,7 @@ use crate::ir::{
     Culled, DrawCall, EXPORT, FileId, Format, HOST, LIVE_BLOCK, Load, Param, Request, Run, Shape, Source,
     Span, Stat, Target, Value,
 };
-use crate::schema::{Call, Graph, Number, Part, PassDecl, Reference, ResourceName, Size};
+use crate::schema::{Call, Graph, Number, PassDecl, Reference, Size};
 use crate::source::{Diagnostic, Outline, Path, SourceMap};
 
 /// Passes that a graph may have after its repeats: far beyond any use, and short of exhausting memory by a typing error.
@@ -50,9 +51,9 @@ pub(super) struct Lowering<'a> {
     pass_names: BTreeMap<String, Option<Span>>,
     /// Name and place of every include, likewise.
     pub include_names: BTreeMap<String, Span>,
-    culled: Vec<Culled>,
+    pub culled: Vec<Culled>,
     pub histories: Vec<History>,
-    unwritten: Vec<RemovedUse>,
+    pub unwritten: Vec<RemovedUse>,
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
     pub included: Vec<LoweredInclude>,
@@ -108,10 +109,10 @@ impl<'a> Lowering<'a> {
     }
 
     pub fn run(mut self) -> Result<Lowered, Vec<Diagnostic>> {
-        let root = document::open(self.files, self.request.graph)?;
+        let (root, stand_ins) = require::open(self.request, self.files)?;
         let resolved = params::resolve(&root, self.request, self.files, &mut self.errors);
         if !self.errors.is_empty() {
-            return Err(self.errors);
+            return Err(require::explained(self.errors, &stand_ins));
         }
         let mut level = self.level(&root, resolved.names, &resolved.params, String::new());
         if let Some(port) = root.graph.ports.keys().next() {
@@ -137,6 +138,8 @@ impl<'a> Lowering<'a> {
             Some((output, output_span)) if self.errors.is_empty() => Ok(Lowered {
                 name: self.request.graph.into(),
                 summary: root.summary.clone(),
+                based_on: root.based_on,
+                stand_ins,
                 facts: self.request.facts.named(),
                 live_glsl: params::live_glsl(&resolved.params),
                 params: resolved.params,
@@ -246,8 +249,8 @@ impl<'a> Lowering<'a> {
                 }
                 let size_place = place.field("size");
                 let size = match size {
-                    Size::Threads(n) => LoweredSize::Threads(level.names.natural(n, &size_place.index(0))?),
-                    Size::Groups(n) => LoweredSize::Groups(level.names.natural(n, &size_place.index(0))?),
+                    Size::Threads(extent) => LoweredSize::Threads(level.names.extent(extent, &size_place)?),
+                    Size::Groups(extent) => LoweredSize::Groups(level.names.extent(extent, &size_place)?),
                     Size::Indirect(buffer, offset) => {
                         match self.arguments(level, (buffer, offset), 12, &size_place)? {
                             Some((buffer, offset)) => LoweredSize::Indirect { buffer, offset },
@@ -340,56 +343,17 @@ impl<'a> Lowering<'a> {
                 let none = (IndexMap::new(), IndexMap::new(), IndexMap::new());
                 self.emit(level, &head, LoweredWork::Fill { buffer: id, value }, &none.0, &none.1, &none.2)
             }
-            PassDecl::Repeat { var, count, body } => self.repeat(level, var, count, body, place),
-            PassDecl::Swap(name) => {
-                let at = place.index(0);
-                match level.handles.get(name) {
-                    Some(Some(Handle::PingPong(index))) => {
-                        let pair = &mut self.ping_pongs[*index];
-                        pair.front = 1 - pair.front;
-                        Ok(())
-                    }
-                    Some(None) => Ok(()),
-                    // A plain resource and an unknown one are told apart by the usual look-up.
-                    _ => {
-                        let front =
-                            ResourceName { name: name.clone(), part: Part::Front, range: 0..name.len() };
-                        self.look_up_name(level, Some(&front), &at, at.span()).map(|_| ())
-                    }
+            PassDecl::Repeat { var, count, when, body } => {
+                if self.repeats(level, when, var, body, place)? {
+                    self.repeat(level, var, count, body, place)?;
                 }
+                Ok(())
             }
+            PassDecl::Swap(swap) => self.swap(level, swap, place),
             PassDecl::Include { graph, name, when, with, set } => {
                 self.include(level, graph, name, when, with, set, place)
             }
         }
-    }
-
-    /// Evaluates the pass's `when`; a pass where it is false is listed as culled.
-    pub(super) fn wanted(
-        &mut self,
-        level: &Level,
-        when: &Option<Number>,
-        head: &Head,
-        users: &[&Reference],
-    ) -> Result<bool, Diagnostic> {
-        let Some(number) = when else { return Ok(true) };
-        let at = head.place.field("when");
-        if level.names.truth(number, &at)? {
-            return Ok(true);
-        }
-        let name = format!("{}{}{}", level.prefix, head.name, level.suffix);
-        let condition = match number {
-            Number::Expression(expression) => expression.text.clone(),
-            Number::Literal(value) => value.to_string(),
-        };
-        for user in users {
-            for id in self.look_up(level, user, &at).ok().flatten().unwrap_or_default() {
-                self.unwritten.push(RemovedUse { resource: id, pass: name.clone(), when: at.span() });
-            }
-        }
-        let origin = self.files.origin(head.place.span());
-        self.culled.push(Culled { pass: name, why: format!("its condition is false: {condition}"), origin });
-        Ok(false)
     }
 
     /// Checks the colour that a target is cleared to.

@@ -1,12 +1,13 @@
 //! Names with their values, and the evaluation of expressions in their scope.
 
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::rc::Rc;
 
-use super::Values;
+use super::{Extent, Values};
 use crate::expr::{ExprError, Scope};
-use crate::ir::{Span, Value};
-use crate::schema::{Expression, Number};
+use crate::ir::{Reason, Span, Value};
+use crate::schema::{self, Expression, Number};
 use crate::source::{Diagnostic, Outline, Path};
 
 /// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables.
@@ -96,6 +97,14 @@ impl Names {
         expr.eval(self).map_err(show)
     }
 
+    /// Says why an expression has its value: which names its evaluation reached. None for one that has no value, or names nothing.
+    pub fn reason(&self, expression: &Expression) -> Option<Reason> {
+        let reached = Reached { names: self, values: RefCell::default() };
+        expression.parsed.as_ref().ok()?.eval(&reached).ok()?;
+        let values = reached.values.into_inner();
+        (!values.is_empty()).then(|| Reason { expression: expression.text.clone(), values })
+    }
+
     pub fn integer(&self, number: &Number, place: &Place) -> Result<i64, Diagnostic> {
         match self.evaluate(number, place)? {
             Value::Int(v) => Ok(v),
@@ -107,6 +116,15 @@ impl Names {
     pub fn natural(&self, number: &Number, place: &Place) -> Result<u64, Diagnostic> {
         let v = self.integer(number, place)?;
         u64::try_from(v).map_err(|_| place.error("this cannot be negative", format!("is {v}")))
+    }
+
+    /// Integers from 0 up in one to three dimensions.
+    pub fn extent(&self, extent: &schema::Extent, place: &Place) -> Result<Extent, Diagnostic> {
+        let mut size = [1; 3];
+        for (axis, number) in extent.0.iter().enumerate() {
+            size[axis] = self.natural(number, &place.index(axis))?;
+        }
+        Ok(Extent { size, dimensions: extent.0.len() })
     }
 
     /// An integer from 1 up.
@@ -124,6 +142,24 @@ impl Names {
                 .error("a condition is needed here", format!("this is {}", describe(&other)))
                 .with_help("compare it with something, for instance `x != 0`")),
         }
+    }
+}
+
+/// Notes the names that an evaluation reaches.
+struct Reached<'a> {
+    names: &'a Names,
+    values: RefCell<Values>,
+}
+
+impl Scope for Reached<'_> {
+    fn get(&self, name: &str) -> Option<Value> {
+        let value = self.names.get(name)?;
+        self.values.borrow_mut().insert(name.to_string(), value.clone());
+        Some(value)
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.names.names()
     }
 }
 

@@ -30,6 +30,62 @@ fn a_pass_is_there_where_its_condition_holds() {
 }
 
 #[test]
+fn a_repeat_and_a_swap_are_there_where_their_conditions_hold() {
+    let keys = r#"Dispatch(name: "copy", shader: "copy.comp", size: Threads(64), bind: {"In": "front(keys)", "Out": "back(keys)"}),"#;
+    let passes = [
+        dispatch("make", "make.comp", r#""Out": "keys""#),
+        format!(r#"Repeat(var: "i", count: "width - 9", when: "width > 9", body: [{keys} Swap("keys")]),"#),
+        keys.replace("copy\"", "last\"").replace("size:", r#"when: "width != 8", size:"#),
+        r#"Swap(name: "keys", when: "width != 8"),"#.to_string(),
+        dispatch("show", "show.comp", r#""In": "keys", "Image": "image""#),
+    ]
+    .join("\n");
+    let plan = |width| {
+        let plan = plan(&graph(WIDTH, &passes), &[("width", width)]).unwrap_or_else(|e| panic!("{e}"));
+        let names: Vec<String> = plan.passes.iter().map(|pass| pass.name.clone()).collect();
+        let shown =
+            plan.passes.iter().find(|pass| pass.name == "show").expect("the last pass").bindings[0].resource;
+        let culled: Vec<String> = plan.culled.iter().map(|c| format!("{}: {}", c.pass, c.why)).collect();
+        (names.join(" "), plan.resource(shown).name.clone(), culled.join("; "))
+    };
+    // At 8 the count would be negative: nobody asks for it.
+    let (repeat, pass) =
+        ("copy: the condition of its repeat is false: width > 9", "last: its condition is false: width != 8");
+    assert_eq!(plan("8"), ("make show export".into(), "keys#0".into(), format!("{repeat}; {pass}")));
+    assert_eq!(plan("9"), ("make last show export".into(), "keys#1".into(), repeat.into()));
+    assert_eq!(plan("10"), ("make copy[0] last show export".into(), "keys#0".into(), String::new()));
+}
+
+#[test]
+fn threads_and_groups_have_up_to_three_dimensions_and_threads_are_divided_in_each() {
+    let square = "local 8 4 1\nimage w Image rgba16f";
+    let groups = |size: &str| {
+        let pass = format!(
+            r#"Dispatch(name: "paint", shader: "square.comp", size: {size}, bind: {{"Image": "image"}}),"#
+        );
+        let graph = graph(WIDTH, &pass);
+        let plan = plan_of(&[("graph.ron", &graph), ("square.comp", square)], &[])?;
+        let Work::Dispatch { groups: crate::ir::Groups::Direct(groups), .. } = plan.passes[0].work else {
+            panic!("a dispatch of known size");
+        };
+        Ok::<_, String>(groups)
+    };
+    assert_eq!(groups(r#"Threads("viewport.width + 1", "viewport.height")"#), Ok([9, 8, 1]));
+    assert_eq!(groups("Threads(8, 5, 3)"), Ok([1, 2, 3]));
+    assert_eq!(groups("Groups(8, 5)"), Ok([8, 5, 1]));
+    assert_eq!(groups("Groups(8, 5, 3)"), Ok([8, 5, 3]));
+    assert_eq!(
+        groups("Groups(70000)"),
+        Ok([35000, 2, 1]),
+        "in one dimension, what does not fit goes on in y"
+    );
+    let refused = groups("Groups(5, 70000)").unwrap_err();
+    assert!(refused.contains("70000 workgroups in y; 65535 are possible"), "{refused}");
+    let refused = groups("Threads(32)").unwrap_err();
+    assert!(refused.contains("a workgroup here is 8 x 4 x 1"), "{refused}");
+}
+
+#[test]
 fn an_included_graph_takes_its_ports_and_parameters_from_the_includer() {
     let include = r#"Graph(version: 1, summary: "steps", params: {"times": Const(Int(default: 1, range: (1, 9)))},
         ports: {"data": Buffer(stride: 4, ping_pong: true)},
@@ -51,6 +107,81 @@ fn an_included_graph_takes_its_ports_and_parameters_from_the_includer() {
     let plan = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
     let names: Vec<&str> = plan.passes.iter().map(|p| p.name.as_str()).collect();
     assert_eq!(names, ["make", "s.step[0]", "s.step[1]", "s.step[2]", "show", "export"]);
+}
+
+#[test]
+fn a_fallback_stands_in_where_a_need_does_not_hold_and_says_why() {
+    let base = |require: &str| {
+        graph(WIDTH, &[make(), shown("show")].join("\n")).replace("summary:", &format!("{require} summary:"))
+    };
+    let wide = base(
+        r#"require: [("device.max_groups_x >= 70000", "dispatches of 70000 workgroups"), ("true", "nothing")], fallback: "middle","#,
+    );
+    let middle = r#"Preset(graph: "narrow", summary: "Narrower", set: {"width": 5}, require: [("device.subgroup_size > 4096", "wide subgroups")], fallback: "narrow")"#;
+    let narrow = base("");
+    let mut files = SHADERS.to_vec();
+    files.extend([("graph.ron", wide.as_str()), ("middle.ron", middle), ("narrow.ron", narrow.as_str())]);
+    let plan = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((plan.name.as_str(), plan.drawn()), ("graph.ron", "narrow"));
+    let said: Vec<String> = plan.stand_ins.iter().map(ToString::to_string).collect();
+    let expected = [
+        "`middle` stands in for `graph.ron`, which needs dispatches of 70000 workgroups (device.max_groups_x = 65535)",
+        "`narrow` stands in for `middle`, which needs wide subgroups (device.subgroup_size = 8)",
+    ];
+    assert_eq!(said, expected);
+    // The settings of a preset go with it.
+    assert_eq!(plan.params[0].value, Value::Int(8));
+
+    // A preset's own fallback goes before that of its graph.
+    let preset = r#"Preset(graph: "wide", summary: "Wide", set: {}, fallback: "narrow")"#;
+    let mut files = SHADERS.to_vec();
+    files.extend([
+        ("graph.ron", preset),
+        ("wide.ron", wide.as_str()),
+        ("middle.ron", middle),
+        ("narrow.ron", narrow.as_str()),
+    ]);
+    let plan = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((plan.stand_ins.len(), plan.drawn()), (1, "narrow"));
+}
+
+#[test]
+fn a_value_that_an_expression_gave_carries_the_values_that_its_evaluation_reached() {
+    let params = r#"
+        "variant": Const(Choice(default: "device.subgroup_size < 16 ? 'serial' : scene.count < 5 ? 'few' : 'many'", of: ["serial", "few", "many"])),
+        "plain": Const(Choice(default: "many", of: ["serial", "few", "many"])),
+        "after": Const(Choice(default: "variant", of: ["serial", "few", "many"])),
+        "room": Const(Int(default: "max(2 * device.subgroup_size, 5)", range: (1, 1000), grows: "visible")),
+        "exact": Const(Bool(default: "device.subgroup_size == 8")),
+        "cutoff": Live(Float(default: 3.33, range: (1.0, 4.0))),"#;
+    let text = graph(params, &[make(), shown("show")].join("\n"))
+        .replace("output:", r#"stats: {"visible": ("a", 0)}, output:"#);
+    let reasons = |set: &[(&str, &str)], grown: &[(&str, i64)]| -> Vec<String> {
+        let plan = plan_grown(&text, set, grown).unwrap_or_else(|e| panic!("{e}"));
+        let mut all: Vec<String> = plan
+            .params
+            .iter()
+            .filter_map(|p| Some(format!("{} = {}: {}", p.name, p.value, p.reason.as_ref()?)))
+            .collect();
+        all.extend(plan.decisions());
+        all
+    };
+    let lanes = "device.subgroup_size = 8";
+    assert_eq!(
+        reasons(&[], &[]),
+        [
+            &format!("variant = serial: {lanes}"),
+            "after = serial: variant = serial",
+            &format!("room = 16: {lanes}"),
+            &format!("exact = true: {lanes}"),
+            &format!("variant = serial and exact = true, because {lanes}"),
+        ]
+    );
+    assert_eq!(
+        reasons(&[("variant", "few"), ("exact", "true")], &[("room", 40)]),
+        ["after = few: variant = few"],
+        "what is set or grown has no reason in the file"
+    );
 }
 
 #[test]

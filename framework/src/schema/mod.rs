@@ -8,7 +8,8 @@ mod expression;
 use indexmap::IndexMap;
 use ron::extensions::Extensions;
 use serde::Deserialize;
-use serde::de::{Deserializer, Error, Visitor};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use std::fmt;
 
 pub use expression::{Expression, Part, Reference, ResourceName, is_choice};
@@ -51,6 +52,12 @@ pub struct Preset {
     pub summary: String,
     /// Parameters with their values.
     pub set: IndexMap<String, Number>,
+    /// Needs that it has besides those of the graph; as there.
+    #[serde(default)]
+    pub require: Vec<(Expression, String)>,
+    /// Stands in where a need does not hold, in place of the graph's own fallback.
+    #[serde(default)]
+    pub fallback: Option<String>,
 }
 
 /// Describes a graph: the body of `Graph(...)`.
@@ -61,6 +68,12 @@ pub struct Graph {
     pub version: u32,
     /// One line that says what this renderer does.
     pub summary: String,
+    /// What it needs to run: conditions over facts, each with words for a person.
+    #[serde(default)]
+    pub require: Vec<(Expression, String)>,
+    /// The graph or preset that stands in where a need does not hold.
+    #[serde(default)]
+    pub fallback: Option<String>,
     /// Parameters, in order: each may use those before.
     #[serde(default)]
     pub params: IndexMap<String, ParamDecl>,
@@ -353,11 +366,14 @@ pub enum PassDecl {
         var: String,
         /// Number of iterations.
         count: Number,
+        /// Removes the passes where it is false; the count has no need of a value then.
+        #[serde(default)]
+        when: Option<Number>,
         /// Passes of one iteration.
         body: Vec<PassDecl>,
     },
     /// From here on the resource's front is its back, and the other way round.
-    Swap(String),
+    Swap(SwapDecl),
     /// The passes of another graph, with its ports bound to resources of this one.
     Include {
         /// Name of the included graph.
@@ -375,19 +391,89 @@ pub enum PassDecl {
     },
 }
 
+/// Names the resource of a `Swap`: `Swap("keys")`, or `Swap(name: "keys", when: "condition")`.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SwapDecl {
+    /// The name alone.
+    Always(String),
+    /// The name as a field, beside a condition.
+    When {
+        /// Name of the resource.
+        name: String,
+        /// Leaves the halves as they are where it is false.
+        when: Option<Number>,
+    },
+}
+
+impl<'de> Deserialize<'de> for SwapDecl {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields, rename = "Swap")]
+        struct Fields {
+            name: String,
+            #[serde(default)]
+            when: Option<Number>,
+        }
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = SwapDecl;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("the name of a resource in quotes, or the fields `name` and `when`")
+            }
+            fn visit_str<E: Error>(self, v: &str) -> Result<SwapDecl, E> {
+                Ok(SwapDecl::Always(v.to_string()))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<SwapDecl, A::Error> {
+                let Fields { name, when } = Fields::deserialize(MapAccessDeserializer::new(map))?;
+                Ok(SwapDecl::When { name, when })
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
 fn every_frame() -> Run {
     Run::Frame
 }
 
+// See `Document` for why.
 /// Counts the workgroups of a dispatch.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 pub enum Size {
-    /// Enough workgroups for this many invocations; those that do not fit in x are folded into y.
-    Threads(Number),
-    /// Workgroups in x.
-    Groups(Number),
+    /// Enough workgroups for this many invocations.
+    Threads(Extent),
+    /// Workgroups.
+    Groups(Extent),
     /// Three words of a buffer, at a byte offset.
     Indirect(Reference, Number),
+}
+
+/// Counts something in one to three dimensions: `(n)`, `(x, y)` or `(x, y, z)`. In one, what does not fit in x is folded into y.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Extent(pub Vec<Number>);
+
+impl<'de> Deserialize<'de> for Extent {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Dimensions;
+        impl<'de> Visitor<'de> for Dimensions {
+            type Value = Extent;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("one to three numbers")
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut numbers: A) -> Result<Extent, A::Error> {
+                let mut found = Vec::new();
+                while found.len() < 3 {
+                    match numbers.next_element()? {
+                        Some(number) => found.push(number),
+                        None => break,
+                    }
+                }
+                if found.is_empty() { Err(A::Error::invalid_length(0, &self)) } else { Ok(Extent(found)) }
+            }
+        }
+        deserializer.deserialize_tuple(3, Dimensions)
+    }
 }
 
 /// Counts the vertices and instances of a draw.

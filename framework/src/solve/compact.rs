@@ -138,6 +138,8 @@ pub(super) fn compact(
         shaders: shaders.into_iter().zip(&used.1).filter(|(_, used)| **used).map(|(s, _)| s).collect(),
         name: lowered.name,
         summary: lowered.summary,
+        based_on: lowered.based_on,
+        stand_ins: lowered.stand_ins,
         facts: lowered.facts,
         params: lowered.params,
         blocks: Vec::new(),

@@ -339,6 +339,12 @@ impl Panels {
                     ui.spinner();
                     ui.label(format!("{id}: {progress}"));
                 }
+                if let Some(text) = viewport.stand_in() {
+                    let label = ui.add(
+                        egui::Label::new(RichText::new(format!("{id}: {text}")).color(PARTIAL)).truncate(),
+                    );
+                    self.controls.see(&format!("stand_in:{id}"), label.on_hover_text(text).rect);
+                }
                 if let Some(text) = viewport.in_part() {
                     let label = ui.colored_label(PARTIAL, format!("{id}: {text}"));
                     self.controls.see(&format!("in_part:{id}"), label.rect);
@@ -350,6 +356,14 @@ impl Panels {
             let watching = viewer.a.renderer.watching();
             if watching != WatchKind::Events {
                 ui.colored_label(PARTIAL, format!("files are watched by {watching}"));
+            }
+            for id in [RendererId::A, RendererId::B] {
+                let Some(text) = viewer.viewport(id).and_then(|viewport| viewport.decisions()) else {
+                    continue;
+                };
+                let label = RichText::new(format!("{id}: {text}")).weak();
+                let label = ui.add(egui::Label::new(label).truncate());
+                self.controls.see(&format!("decisions:{id}"), label.on_hover_text(text).rect);
             }
             if let Some(line) = self.log.back() {
                 let log = self.log.iter().cloned().collect::<Vec<_>>().join("\n");

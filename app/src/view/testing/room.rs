@@ -86,6 +86,39 @@ fn a_frame_in_part_is_shown_and_said_until_a_plan_with_room_draws() {
 }
 
 #[test]
+fn what_facts_chose_and_what_stands_in_for_a_graph_are_said_with_their_reasons() {
+    let events = visit(0, limits(), |script| {
+        script.settle();
+        let a = &script.viewer().a;
+        assert_eq!((a.stand_in(), a.decisions()), (None, None), "the graph chooses nothing");
+        let lanes = a.renderer.plan().expect("a plan").facts["device.subgroup_size"].clone();
+        let path = script.path("chosen.ron");
+        let write = |text: &str| std::fs::write(&path, text).expect("a file is written");
+        let choice = r#""narrow": Const(Bool(default: "device.subgroup_size < 4096")),"#;
+        let text = std::fs::read_to_string(script.path("graph.ron")).expect("the graph");
+        write(&text.replace("params: {", &format!("params: {{ {choice}")));
+        let graph = script.path("wanted.ron");
+        let needs = r#"require: [("device.subgroup_size > 4096", "wide subgroups")], fallback: "chosen.ron""#;
+        std::fs::write(&graph, format!(r#"Preset(graph: "graph.ron", summary: "", set: {{}}, {needs})"#))
+            .expect("a file is written");
+        script.viewer().a.renderer.choose(&graph.to_string_lossy(), Default::default());
+        script.settle();
+        let a = &script.viewer().a;
+        let said = a.stand_in().expect("a fallback");
+        assert!(said.starts_with("`chosen.ron` stands in for `"), "{said}");
+        assert!(
+            said.ends_with(&format!("which needs wide subgroups (device.subgroup_size = {lanes})")),
+            "{said}"
+        );
+        assert_eq!(a.decisions(), Some(format!("narrow = true, because device.subgroup_size = {lanes}")));
+        script.viewer().a.renderer.set_param("narrow", Some(Value::Bool(false)));
+        script.settle();
+        assert_eq!(script.viewer().a.decisions(), None, "a person chose it");
+    });
+    assert_eq!(events.iter().find(|event| matches!(event, Event::Failed { .. })), None);
+}
+
+#[test]
 fn where_the_device_refuses_more_room_frames_stay_in_part_and_the_viewer_says_why() {
     let small = Limits { max_storage_bytes: 1 << 20, ..limits() };
     let events = visit(1_000_000, small, |script| {

@@ -128,6 +128,8 @@ impl Build {
             plan: Plan {
                 name: "hand-made".to_string(),
                 summary: String::new(),
+                based_on: vec![],
+                stand_ins: vec![],
                 facts: BTreeMap::new(),
                 params: Vec::new(),
                 resources: Vec::new(),

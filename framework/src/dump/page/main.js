@@ -40,7 +40,10 @@ function fillHeader() {
   );
   for (const p of dump.parameters) {
     const changed = JSON.stringify(p.value) !== JSON.stringify(p.default);
-    const title = `${p.label}${changed ? `; default ${p.default}` : ""}${p.live ? "; live" : ""}`;
+    const because = p.reason
+      ? `because ${Object.entries(p.reason.values).map(([name, value]) => `${name} = ${value}`).join(", ")}`
+      : null;
+    const title = [because, changed ? `default ${p.default}` : null, p.live ? "live" : null].filter((note) => note).join("; ");
     $("parameters").append(
       h("li", { title }, `${p.name} `, h("b", { class: changed ? "changed" : null }, String(p.value))),
     );

@@ -226,6 +226,10 @@ impl Maker {
         let param = |name: &str, value: Value, binding| Param {
             name: name.into(),
             default: value.clone(),
+            reason: (name == "digit_bits").then(|| Reason {
+                expression: "scene.count < 5000 ? 8 : 11".into(),
+                values: [("scene.count".into(), Value::Int(1000))].into(),
+            }),
             exact: Some(value.clone()),
             grows: (name == "digit_bits").then(|| "visible".into()),
             value,
@@ -236,6 +240,18 @@ impl Maker {
         let mut plan = Plan {
             name: "example".into(),
             summary: "Depth-sorted quads, made by hand".into(),
+            based_on: vec!["splat".into()],
+            stand_ins: vec![StandIn {
+                wanted: "example".into(),
+                taken: "digits".into(),
+                unmet: vec![Unmet {
+                    needs: "many splats".into(),
+                    reason: Reason {
+                        expression: "scene.count > 5000".into(),
+                        values: [("scene.count".into(), Value::Int(1000))].into(),
+                    },
+                }],
+            }],
             facts: BTreeMap::from([("scene.count".into(), Value::Int(1000))]),
             params: vec![
                 param("digit_bits", Value::Int((32 / digits).into()), ParamBinding::Const),

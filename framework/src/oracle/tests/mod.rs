@@ -29,6 +29,8 @@ impl Sketch {
         let plan = Plan {
             name: "sketch".into(),
             summary: String::new(),
+            based_on: vec![],
+            stand_ins: vec![],
             facts: BTreeMap::new(),
             params: vec![],
             resources: vec![],
