@@ -66,7 +66,7 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
 /// Largest number of storage buffers in a shader of the built-in graphs, with spherical harmonics of degree 3.
 ///
 /// Vulkan guarantees only 4 per stage (`maxPerStageDescriptorStorageBuffers`).
-pub const MAX_STORAGE_BUFFERS: usize = 18;
+pub const MAX_STORAGE_BUFFERS: usize = 20;
 
 /// Subgroup sizes of real devices: CPUs have 4 to 16 lanes, most GPUs 32, some 64.
 pub const SUBGROUP_SIZES: [u32; 5] = [4, 8, 16, 32, 64];

@@ -169,10 +169,13 @@ mod tests {
         for lanes in [4, facts::USUAL_SUBGROUP_SIZE] {
             let device = facts::portable_device(lanes);
             let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
-            let plan = planner.plan("splat", &[], &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
-            for pass in &plan.passes {
-                let buffers = pass.bindings.iter().filter(|b| b.kind == DescriptorKind::StorageBuffer);
-                most = most.max(buffers.count());
+            for graph in ["splat", "tiled"] {
+                let set = [("sh_storage".to_owned(), "f32".to_owned())];
+                let plan = planner.plan(graph, &set, &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
+                for pass in &plan.passes {
+                    let buffers = pass.bindings.iter().filter(|b| b.kind == DescriptorKind::StorageBuffer);
+                    most = most.max(buffers.count());
+                }
             }
         }
         assert_eq!(most, facts::MAX_STORAGE_BUFFERS);

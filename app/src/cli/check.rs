@@ -225,12 +225,12 @@ mod tests {
     fn a_scene_too_large_for_the_smallest_device_is_answered_with_one_that_fits() {
         let planner = &mut Planner::default();
         let errors =
-            check(planner, "unsorted", &[], 3_000_000).expect_err("the splats exceed a storage buffer");
+            check(planner, "unsorted", &[], 5_000_000).expect_err("the splats exceed a storage buffer");
         assert!(
-            errors.to_string().contains("`splats` has 138 MiB, and the device binds at most 128"),
+            errors.to_string().contains("`splats` has 153 MiB, and the device binds at most 128"),
             "{errors}"
         );
-        let fit = too_large(planner, "unsorted", &[], 3_000_000).expect("it is only too large");
+        let fit = too_large(planner, "unsorted", &[], 5_000_000).expect("it is only too large");
         assert!(
             fit.most_splats
                 .is_some_and(|most| check(planner, "unsorted", &[], most).is_ok_and(|r| r.is_ok())),
