@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Rules, Visible, visible};
+use std::ops::Range;
 
 /// A mapping of depth to keys, by the names of the graphs' parameter `key_map`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -251,42 +252,100 @@ pub fn of_scene(scene: &Scene) -> u32 {
     })
 }
 
+/// Tiles and pairs that are looked at for one width in one view. Splats that tie by the thousand, at one place or on a plane, would
+/// otherwise take the square of their number.
+const MOST_WORK: u64 = 20_000_000;
+
 /// Counts the pairs that overlap on the screen and are drawn in the wrong order; stops beyond `limit`.
 ///
-/// Pairs overlap if they touch a common tile, which may be a few more than share a pixel.
+/// Pairs overlap if they touch a common tile, which may be a few more than share a pixel. Where counting them takes more than
+/// [`MOST_WORK`], there are taken to be too many, so that keys are too wide rather than too narrow.
 fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     let of = Keys::new(map, view.range, bits, view.visible.iter().map(|splat| splat.depth as f32));
     let keys: Vec<u32> = view.visible.par_iter().map(|splat| of.of(splat.depth as f32)).collect();
-    let mut in_tile: Vec<Vec<usize>> = vec![Vec::new(); (view.tiles[0] * view.tiles[1]) as usize];
-    let mut touched = Vec::new();
-    let mut count = 0;
+    let mut ties = Ties { view, limit, work: 0, count: 0 };
+    let tiles = (view.tiles[0] * view.tiles[1]) as usize;
+    let (mut greatest, mut in_tile) = (vec![None; tiles], vec![Vec::new(); tiles]);
     let mut begin = 0;
-    while begin < keys.len() {
+    while begin < keys.len() && ties.count <= limit {
         let end = begin + keys[begin..].iter().take_while(|key| **key == keys[begin]).count();
-        if end - begin > 1 {
-            for at in begin..end {
-                let splat = &view.visible[at];
-                let [x0, y0, x1, y1] = splat.tiles;
-                for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
-                    let tile = (y * view.tiles[0] + x) as usize;
-                    for &nearer in &in_tile[tile] {
-                        let other = &view.visible[nearer];
-                        // A pair is counted in the first tile that both touch.
-                        let first = (x0.max(other.tiles[0]), y0.max(other.tiles[1]));
-                        count += u64::from(other.index > splat.index && first == (x, y));
-                    }
-                    if count > limit {
-                        return count;
-                    }
-                    in_tile[tile].push(at);
-                    touched.push(tile);
-                }
-            }
-            touched.drain(..).for_each(|tile| in_tile[tile].clear());
+        match (end - begin, limit) {
+            (1, _) => {}
+            (_, 0) => ties.find_one(begin..end, &mut greatest),
+            _ => ties.count_all(begin..end, &mut in_tile),
         }
         begin = end;
     }
-    count
+    ties.count
+}
+
+/// The wrong pairs among splats with equal keys.
+struct Ties<'a, 'b> {
+    view: &'a View<'b>,
+    limit: u64,
+    work: u64,
+    count: u64,
+}
+
+impl Ties<'_, '_> {
+    /// Counts a unit of work; too much of it counts as too many pairs.
+    fn work(&mut self, units: u64) -> bool {
+        self.work += units;
+        if self.work > MOST_WORK {
+            self.count = self.limit + 1;
+        }
+        self.count > self.limit
+    }
+
+    fn tiles(&self, at: usize) -> impl Iterator<Item = (u32, u32, usize)> + use<> {
+        let ([x0, y0, x1, y1], across) = (self.view.visible[at].tiles, self.view.tiles[0]);
+        (y0..y1).flat_map(move |y| (x0..x1).map(move |x| (x, y, (y * across + x) as usize)))
+    }
+
+    /// Looks for one wrong pair in a run of equal keys: a splat behind one that comes later in the file. `greatest` has, for each tile, the run
+    /// and the greatest index that it has seen.
+    fn find_one(&mut self, run: Range<usize>, greatest: &mut [Option<(usize, u32)>]) {
+        for at in run.clone() {
+            let index = self.view.visible[at].index;
+            for (_, _, tile) in self.tiles(at) {
+                if self.work(1) {
+                    return;
+                }
+                match &mut greatest[tile] {
+                    Some((begin, nearer)) if *begin == run.start => {
+                        if *nearer > index {
+                            self.count = 1;
+                            return;
+                        }
+                        *nearer = index;
+                    }
+                    other => *other = Some((run.start, index)),
+                }
+            }
+        }
+    }
+
+    /// Counts the wrong pairs of a run of equal keys. The lists in `in_tile` are empty before and after.
+    fn count_all(&mut self, run: Range<usize>, in_tile: &mut [Vec<usize>]) {
+        let mut touched = Vec::new();
+        'run: for at in run {
+            let splat = &self.view.visible[at];
+            for (x, y, tile) in self.tiles(at) {
+                if self.work(1 + in_tile[tile].len() as u64) {
+                    break 'run;
+                }
+                for &nearer in &in_tile[tile] {
+                    let other = &self.view.visible[nearer];
+                    // A pair is counted in the first tile that both touch.
+                    let first = (splat.tiles[0].max(other.tiles[0]), splat.tiles[1].max(other.tiles[1]));
+                    self.count += u64::from(other.index > splat.index && first == (x, y));
+                }
+                in_tile[tile].push(at);
+                touched.push(tile);
+            }
+        }
+        touched.into_iter().for_each(|tile| in_tile[tile].clear());
+    }
 }
 
 #[cfg(test)]
@@ -333,6 +392,18 @@ mod tests {
         assert_eq!(bits(&visible, Mapping::FloatBits, 0), Some(11));
         let logarithmic = bits(&visible, Mapping::Logarithmic, 0).unwrap();
         assert!((11..=12).contains(&logarithmic), "{logarithmic}");
+    }
+
+    #[test]
+    fn ten_thousand_splats_at_one_place_cost_no_more_than_their_number() {
+        let same: Vec<Visible> =
+            (0..10_000).map(|index| Visible { index, depth: 10.0, tiles: [0, 0, 4, 4] }).collect();
+        assert_eq!(bits(&same, Mapping::FloatBits, 0), Some(8), "they keep the order of the file");
+        let behind: Vec<Visible> =
+            (0..10_000).map(|index| Visible { index: 9_999 - index, ..same[0] }).collect();
+        assert_eq!(bits(&behind, Mapping::FloatBits, 0), None);
+        // To count their pairs would take too much.
+        assert_eq!(bits(&same, Mapping::FloatBits, 1), None);
     }
 
     #[test]
