@@ -5,6 +5,10 @@
 //      3    12   visible splats, which is the number of keys to sort
 //      4    16   an indirect draw: vertices, instances, first vertex, first instance
 //      8    32   splats drawn: the nearest `ceil(budget * visible)`
+//
+// The buffer `pair_args` of tiled.ron has the same for pairs of a splat and a bin: in word 3 the pairs to sort, in words 4 to 6 the workgroups of the pass
+// over them, in word 8 the pairs that the frame needs, and
+//
 //      9    36   where pairs are sorted once: visible splats
 const uint ARGS_SORT_GROUPS = 0u;
 const uint ARGS_VISIBLE = 3u;

@@ -21,20 +21,21 @@ layout(set = 0, binding = 4, rgba32f) writeonly uniform image2D picture;
 
 void main() {
     uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
-    if (i / BIN_PIXELS >= groups[6]) {
+    uint number = i / BIN_PIXELS;
+    if (number >= groups[6]) {
         return;
     }
-    uint bin = composited_bins[i / BIN_PIXELS];
+    uint bin = composited_bins[number];
     uint place = i % BIN_PIXELS;
     uvec2 pixel = uvec2(bin % uint(BINS_X), bin / uint(BINS_X)) * BIN + pixel_at(place);
 
     uint first = further[bin];
     uint end = further[bin + 1u];
-    vec4 sum = unpack_sum(sums[bin * BIN_PIXELS + place]);
+    vec4 sum = unpack_sum(sums[number * BIN_PIXELS + place]);
     vec3 colour = sum.rgb;
     float transmittance = sum.a;
     for (uint s = first; s < end && transmittance >= stop; s++) {
-        sum = unpack_sum(sums[(uint(BIN_COUNT) + s) * BIN_PIXELS + place]);
+        sum = unpack_sum(sums[(FURTHER_SUMS + s) * BIN_PIXELS + place]);
         colour += transmittance * sum.rgb;
         transmittance *= sum.a;
     }

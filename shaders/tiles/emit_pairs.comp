@@ -4,10 +4,9 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Third pass of binning: writes the pairs in the order of the splats, dealt to the invocations whatever the number of bins of each
-// splat. The key of a pair is its bin; if splats are not sorted by depth before, followed by as many bits of the depth's key as fit;
-// some more stand above the splat's index. A stable
-// sort of the pairs then makes a list for each bin, near to far.
+// Writes the pairs of a splat and a bin in the order of the splats, dealt to the invocations whatever the number of bins of each splat.
+// The key of a pair is its bin. If splats are not sorted by depth before, the bin is followed by as many bits of the depth's key as fit, and
+// some more stand above the splat's index. A stable sort of the pairs then makes a list for each bin, near to far.
 
 #include "../args.glsl"
 #include "../camera.glsl"

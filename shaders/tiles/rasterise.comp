@@ -26,6 +26,7 @@ layout(set = 0, binding = 1, std430) readonly buffer Further { uint further[]; }
 layout(set = 0, binding = 2, std430) readonly buffer Lists { uint lists[]; };
 layout(set = 0, binding = 3, std430) readonly buffer Records { StoredRecord records[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer Sums { StoredSum sums[]; };
+layout(set = 0, binding = 6, std430) readonly buffer Numbers { uint numbers[]; };
 layout(set = 0, binding = 5, rgba32f) writeonly uniform image2D picture;
 
 // Cells of an invocation.
@@ -281,6 +282,7 @@ void main() {
     }
 
     bool is_whole = segments_of(range.y - range.x) == 1u;
+    uint sum_place = is_whole ? 0u : segment == 0u ? numbers[bin] : FURTHER_SUMS + number;
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
             uint place = pixel_place(thread, o, p);
@@ -292,7 +294,7 @@ void main() {
             } else {
                 // Below 0 if the pixel is done: what is behind it adds nothing.
                 float light = floors[o][p] == 2.0 ? -lights[o][p] : lights[o][p];
-                sums[group * BIN_PIXELS + place] = pack_sum(vec4(colours[o][p], light));
+                sums[sum_place * BIN_PIXELS + place] = pack_sum(vec4(colours[o][p], light));
             }
         }
     }

@@ -4,7 +4,7 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Second pass of binning: turns the blocks' counts of pairs into places, by an exclusive scan in one workgroup. The sum is the
+// Turns the blocks' counts of pairs into places, by an exclusive scan in one workgroup. The sum is the
 // number of pairs that the frame needs; as many as the lists hold are sorted. Where pairs are sorted once, blocks are those of
 // the projection, whose visible splats are summed as well.
 
@@ -40,9 +40,11 @@ void main() {
         ranges[bin] = uvec2(0u);
     }
     uint needed = 0u;
-    // This invocation's share of the same in units of 256, which does not overflow, and of the visible splats.
+    // This invocation's share of the same in units of 4,096, which does not overflow, and of the visible splats.
     uint coarse_part = 0u;
+#if SORTED == SORTED_PAIRS
     uint visible_part = 0u;
+#endif
     uint round = 0u;
     for (uint first = 0u; first < blocks; first += THREADS * PER_THREAD) {
         uint at = first + thread * PER_THREAD;
@@ -56,7 +58,7 @@ void main() {
             visible_part += is_block ? block_visible[at + j] : 0u;
 #endif
         }
-        coarse_part += sum >> 8;
+        coarse_part += sum >> 12;
         uint next = exclusive_sum(sum, round++, needed);
         [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
             if (at + j < blocks) {
@@ -66,12 +68,14 @@ void main() {
         }
     }
     uint coarse = 0u;
-    uint visible = 0u;
     exclusive_sum(coarse_part, round++, coarse);
+#if SORTED == SORTED_PAIRS
+    uint visible = 0u;
     exclusive_sum(visible_part, round++, visible);
+#endif
     if (thread == 0u) {
         // More than any list holds: the frame is short, whatever the sum of 32 bits says.
-        needed = coarse >= (1u << 23) ? 0x7fffffffu : needed;
+        needed = coarse >= (1u << 18) ? 0x7fffffffu : needed;
         uint held = min(needed, uint(ENTRIES));
         uint groups = (held + uint(GROUP_PAIRS) - 1u) / uint(GROUP_PAIRS);
         uvec3 folded = fold_groups(groups);

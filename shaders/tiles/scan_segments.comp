@@ -18,8 +18,9 @@ layout(local_size_x = SCAN_THREADS) in;
 layout(set = 0, binding = 0, std430) readonly buffer Ranges { uvec2 ranges[]; };
 // The number of each bin's second segment. Word BIN_COUNT is their sum.
 layout(set = 0, binding = 1, std430) writeonly buffer Further { uint further[]; };
-// The bins with several segments.
+// The bins with several segments, numbered, and the number of each.
 layout(set = 0, binding = 2, std430) writeonly buffer Composited { uint composited_bins[]; };
+layout(set = 0, binding = 4, std430) writeonly buffer Numbers { uint numbers[]; };
 // Two indirect dispatches: a workgroup for each segment, and those for the pixels of the bins with several; the number of these.
 layout(set = 0, binding = 3, std430) writeonly buffer Groups { uint groups[]; };
 
@@ -56,6 +57,7 @@ void main() {
             before += count[j];
             if (count[j] > 0u) {
                 composited_bins[number] = at + j;
+                numbers[at + j] = number;
                 number++;
             }
         }

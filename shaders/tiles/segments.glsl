@@ -20,6 +20,9 @@ const uint ROWS_AT_ONCE = CELL_LANES / CELL;
 const uint CELLS_AT_ONCE = RASTER_THREADS / CELL_LANES;
 const uint BIN_PIXELS = BIN * BIN;
 
+// The place of the sums of further segments, behind those of the first segments, which are placed by the numbers of their bins.
+const uint FURTHER_SUMS = uint(MOST_SEVERAL);
+
 // Returns the place, in the sums of a bin, of pixel `p` of an invocation in the cell that it takes in `turn`: neighbouring
 // invocations have neighbouring places.
 uint pixel_place(uint thread, uint turn, uint p) {

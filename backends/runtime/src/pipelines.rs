@@ -91,7 +91,7 @@ impl Compilers {
         cancel: &Cancel,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<G::Pipelines, BackendError> {
-        self.refuse(plan)?;
+        self.wait_for_room(plan, cancel, gpu.compile_patience())?;
         let (sender, messages) = channel();
         let end: Arc<Mutex<End>> = Arc::default();
         let thread = thread::Builder::new().name("pipelines".into()).spawn({
@@ -143,8 +143,19 @@ impl Compilers {
         Err(error)
     }
 
-    /// Refuses a plan that the driver compiles in vain, and any while it does so with too many.
-    fn refuse(&self, plan: &Plan) -> Result<(), BackendError> {
+    /// Waits until few enough threads work for nobody. Those of builds that were only cancelled end by themselves.
+    fn wait_for_room(&self, plan: &Plan, cancel: &Cancel, patience: Duration) -> Result<(), BackendError> {
+        while !self.has_room(plan, patience)? {
+            if cancel.is_asked() {
+                return Err(BackendError::Cancelled);
+            }
+            thread::sleep(ASK_EVERY);
+        }
+        Ok(())
+    }
+
+    /// Refuses a plan that the driver compiles in vain, and any while it does so with too many. Says whether another may begin.
+    fn has_room(&self, plan: &Plan, patience: Duration) -> Result<bool, BackendError> {
         let mut abandoned = self.abandoned();
         abandoned.retain(|former| former.plan.strong_count() > 0);
         for former in abandoned.iter() {
@@ -154,12 +165,15 @@ impl Compilers {
                 return Err(told.clone());
             }
         }
-        if abandoned.len() >= MOST_ABANDONED
-            && let Some((oldest, former)) = abandoned.first().and_then(|a| Some((a, a.plan.upgrade()?)))
-        {
-            return Err(stuck(&former, oldest.current, oldest.begun.elapsed()));
+        if abandoned.len() < MOST_ABANDONED {
+            return Ok(true);
         }
-        Ok(())
+        match abandoned.first().and_then(|oldest| Some((oldest, oldest.plan.upgrade()?))) {
+            Some((oldest, former)) if oldest.begun.elapsed() > patience => {
+                Err(stuck(&former, oldest.current, oldest.begun.elapsed()))
+            }
+            _ => Ok(false),
+        }
     }
 }
 

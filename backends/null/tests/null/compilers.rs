@@ -115,3 +115,30 @@ fn compilers_without_an_end_do_not_pile_up() {
         std::thread::sleep(Duration::from_millis(1));
     }
 }
+
+#[test]
+fn builds_that_were_only_cancelled_end_by_themselves_and_the_next_one_waits_for_that() {
+    let faults = (0..8).map(|after| Fault { point: Point::Compile, after }).collect();
+    let config = Config { faults, compile_patience: Duration::from_secs(60), ..Config::default() };
+    let (null, journal) = open(&config);
+    let mut null = null.expect("it opens");
+    for index in 0..8 {
+        // Nobody wants it any more as soon as its first pipeline is being compiled.
+        let reached = journal.clone();
+        let cancel = Cancel::new(move || reached.reached(Point::Compile) > index);
+        let plan = named(&format!("plan {index}"));
+        let prepared = null.loader().cancelled_by(cancel).prepare(plan, &Zeros::default(), &mut |_| {});
+        assert_eq!(error_of(prepared), BackendError::Cancelled);
+    }
+    let driver = std::thread::spawn({
+        let journal = journal.clone();
+        move || {
+            std::thread::sleep(Duration::from_millis(100));
+            journal.resume();
+        }
+    });
+    load(&mut null, named("wanted"));
+    driver.join().expect("it ends");
+    frame(&mut null, &inputs());
+    finish(null, &journal);
+}
