@@ -21,7 +21,9 @@ pub struct SceneFacts {
     pub sh_degree: u32,
     /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,
-    /// Bits at which depth keys put all splats that overlap on the screen in the right order, in a few views: see [`keys::of_scene`].
+    /// Bits at which depth keys put all splats that overlap on the screen in the right order.
+    ///
+    /// A few views decide: see [`keys::of_scene`].
     pub key_bits: u32,
 }
 

@@ -2,8 +2,8 @@
 //!
 //! Two limits stop large scenes: the bytes of one storage buffer, 128 MiB on the smallest devices, and the device's memory. A graph
 //! is first built for the device as it is. If that fails, it is built for the same device with storage buffers of any size, which
-//! shows how large the buffers would be. From two numbers of splats follows how they grow, and from that the most that fit; that
-//! number is then tried.
+//! shows how large the buffers would be. From two numbers of splats follows how they grow, and from that about how many fit; that
+//! number is then tried, and some larger ones: at least so many would fit, perhaps a few more.
 
 use crate::facts;
 use crate::planner::{GraphErrors, Planner};
@@ -65,7 +65,9 @@ pub struct Fit {
     pub largest: Option<(String, u64)>,
     /// The storage buffers that are larger than the device binds, with their bytes.
     pub too_large: Vec<(String, u64)>,
-    /// The most splats that fit, of those that do not; none where the graph does not say how its buffers grow.
+    /// A number of splats that would fit, where those of the scene do not: at least so many.
+    ///
+    /// None where the graph does not say how its buffers grow.
     pub most_splats: Option<u64>,
 }
 
@@ -146,7 +148,7 @@ fn build(
     planner.plan(wanted.graph, wanted.set, &facts::facts(&scene, device, wanted.size), &catalog)
 }
 
-/// Finds the most splats that fit, about, rounded down.
+/// Finds a number of splats that fit, rounded down: at least so many would.
 fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) -> Option<u64> {
     let (count, half) = (wanted.scene.count, wanted.scene.count / 2);
     let fewer = Needs::of(&build(planner, wanted, &boundless(&device.facts), half.max(1)).ok()?);
@@ -181,8 +183,9 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) 
     None
 }
 
-/// Finds more splats that fit, between a number that does and one that does not: a graph may choose smaller formats where larger ones
-/// have no room, which the estimate does not know.
+/// Finds more splats that fit, between a number that does and one that does not.
+///
+/// A graph may choose smaller formats where larger ones have no room, which the estimate does not know.
 fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Option<u64> {
     let mut found = None;
     for _ in 0..8 {

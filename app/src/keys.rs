@@ -129,7 +129,9 @@ fn key_after(count: u32, all: u32, bits: u32) -> u32 {
     high(count << up, factor(all << up, bits)).min((1 << bits) - 1)
 }
 
-/// Computes 2^bits over a range of 2^31 or more, in units of 2^-32. It is rounded, but the same for every key.
+/// Computes 2^bits over a range of 2^31 or more, in units of 2^-32.
+///
+/// It is rounded, but the same for every key.
 fn factor(range: u32, bits: u32) -> u32 {
     let factor = (bits as f32).exp2() * (4_294_967_296.0 / (range as f32 + 1.0));
     factor.min(4_294_967_040.0) as u32
@@ -170,7 +172,9 @@ pub struct Need {
     pub bits: Option<u32>,
 }
 
-/// Finds the least width for each mapping that leaves at most `errors` overlapping pairs in the wrong order, in any view.
+/// Finds the least width for each mapping that orders the views well enough.
+///
+/// It leaves at most `errors` overlapping pairs in the wrong order, in any view.
 pub fn needs(views: &[View], errors: u64) -> Vec<Need> {
     Mapping::ALL.into_par_iter().map(|map| Need { map, bits: need(views, map, errors) }).collect()
 }
@@ -182,7 +186,7 @@ fn need(views: &[View], map: Mapping, errors: u64) -> Option<u32> {
     WIDTHS.rev().take_while(enough).last()
 }
 
-/// What cameras see of a scene, as far as its order goes.
+/// Holds the splats that cameras see of a scene, as far as their order goes.
 pub struct Seen<'a> {
     scene: &'a Scene,
     cameras: &'a [Camera],
@@ -224,8 +228,10 @@ const SAMPLED_DISTANCES: [f64; 3] = [1.0 / 3.0, 1.0, 0.0];
 /// Splats that are projected in all views together, above which there are fewer views.
 const SAMPLED_SPLATS: u32 = 4_000_000;
 
-/// Lists the views that [`of_scene`] samples: nine that look to the scene's middle from near and far, and outwards from there.
-/// Scenes of more than 444,444 splats are seen in fewer.
+/// Lists the views that [`of_scene`] samples.
+///
+/// They are nine that look to the scene's middle from near and far, and outwards from there. Scenes of more than 444,444 splats are
+/// seen in fewer.
 pub fn sampled(scene: &Scene) -> Vec<Camera> {
     let middle = scene.robust_bounds().center();
     let nearer = |camera: &Camera, share: f64| Camera {
@@ -238,9 +244,9 @@ pub fn sampled(scene: &Scene) -> Vec<Camera> {
     views.take((SAMPLED_SPLATS / scene.count().max(1)).max(1) as usize).collect()
 }
 
-/// Finds the width of keys by the bits of the float at which no two splats that overlap change places in [`sampled`] views.
+/// Finds the width of keys by the bits of the float that a scene needs, 8 to 32.
 ///
-/// 8 to 32. It is computed once for a scene.
+/// It is the least at which no two splats that overlap change places in [`sampled`] views. It is computed once for a scene.
 pub fn of_scene(scene: &Scene) -> u32 {
     scene.key_bits(|| {
         // One view after the other: what a scene of many splats needs for each is large.

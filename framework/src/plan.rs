@@ -81,7 +81,9 @@ impl Plan {
         self.resources.iter().position(|r| r.name == name).map(|i| ResourceId(i as u32))
     }
 
-    /// Returns the name of the graph or preset that is drawn: the requested one, or the fallback that stands in for it.
+    /// Returns the name of the graph or preset that is drawn.
+    ///
+    /// It is the requested one, or the fallback that stands in for it.
     pub fn drawn(&self) -> &str {
         self.stand_ins.last().map_or(&self.name, |stand_in| &stand_in.taken)
     }

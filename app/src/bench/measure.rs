@@ -69,8 +69,9 @@ impl Part {
 pub struct Figures {
     /// Milliseconds on the GPU from a frame's first command to its last; `None` if the device has no timestamps.
     pub gpu_ms: Option<Figure>,
-    /// Milliseconds in no pass: barriers, and the device's own time between passes. These and the passes are of frames with timestamps
-    /// of passes, which take a little longer.
+    /// Milliseconds in no pass: barriers, and the device's own time between passes.
+    ///
+    /// These and the passes are of frames with timestamps of passes, which take a little longer.
     pub between_ms: Option<Figure>,
     /// Milliseconds on the host's clock until a frame was submitted.
     pub submit_ms: Option<Figure>,
@@ -278,7 +279,9 @@ fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> Resu
     }
 }
 
-/// Summarises the frames of a view: `rounds` have timestamps of their passes, `whole` need not. Passes that run once are left out.
+/// Summarises the frames of a view: `rounds` have timestamps of their passes, `whole` need not.
+///
+/// Passes that run once are left out.
 fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> Figures {
     type Value<'a> = &'a dyn Fn(&Timed) -> Option<f64>;
     let of_rounds =

@@ -133,7 +133,9 @@ fn check(
     Ok(Ok(verdict.to_owned() + &found.chain(unsuited).map(line).collect::<String>()))
 }
 
-/// Says what a device lacks that a graph requires, and what stands in for the graph; none if it lacks nothing.
+/// Says what a device lacks that a graph requires, and what stands in for the graph.
+///
+/// None if it lacks nothing.
 fn lacking(Standing { stand_ins, unmet }: Standing) -> Option<String> {
     let mut parts: Vec<String> = stand_ins.iter().map(ToString::to_string).collect();
     if !unmet.is_empty() {

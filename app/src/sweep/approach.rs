@@ -99,7 +99,9 @@ pub fn blending(time: &Time) -> Option<f64> {
     time.phases.get("draw").or_else(|| time.phases.get("rasterise")).copied()
 }
 
-/// Fits a line to the times of the phase that blends, by least squares; `None` with fewer than three different steps.
+/// Fits a line to the times of the phase that blends, by least squares.
+///
+/// `None` with fewer than three different steps.
 pub fn fit(steps: &[Closer]) -> Option<Fit> {
     let points: Vec<(f64, f64)> = steps
         .iter()

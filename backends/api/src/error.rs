@@ -61,7 +61,9 @@ pub enum BackendError {
         /// Seconds since the device last finished a pass.
         seconds: u64,
     },
-    /// The driver's compiler did not come to the end of a pipeline, and the plan was given up. The same plan can be tried again once it has.
+    /// The driver's compiler did not come to the end of a pipeline, and the plan was given up.
+    ///
+    /// The same plan can be tried again once it has.
     #[error(
         "the driver has been compiling shader `{shader}` for pass `{pass}` of `{plan}` for more than {seconds} s; it may never end"
     )]

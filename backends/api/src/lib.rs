@@ -305,8 +305,10 @@ pub trait Loader: Send + 'static {
     #[must_use]
     fn cancelled_by(self, cancel: Cancel) -> Self;
 
-    /// Lets the plan take over what passes with `run: Once` of other plans of the device have computed, where all that it depends on is
-    /// equal. The passes are left out, and both plans hold one buffer. Not for measurements and inspections of these passes.
+    /// Lets the plan take over the results of passes with `run: Once` of other plans of the device.
+    ///
+    /// It takes over those for which all that they depend on is equal. The passes are left out, and both plans hold one buffer. Not for
+    /// measurements and inspections of these passes.
     #[must_use]
     fn sharing_results(self) -> Self;
 

@@ -144,7 +144,9 @@ impl<G: Gpu> CompiledPlan<G> {
         if self.prologue_due { &self.plan.prologue } else { &[] }
     }
 
-    /// Says whether the step would zero a history that goes on, or compute again what was taken over: then its pass does not run.
+    /// Says whether the step is left out.
+    ///
+    /// Its pass does not run where it would zero a history that goes on, or compute again what was taken over.
     pub fn is_left_out(&self, step: &Step) -> bool {
         let goes_on = |resource: &ResourceId| self.carried.contains(resource);
         matches!(&self.plan.pass(step.pass).work, Work::Start { resource } if goes_on(resource))
@@ -200,8 +202,9 @@ impl<G: Gpu> PlanSlot<G> {
     }
 }
 
-/// Refuses a plan whose resources, with the planes that it still lacks and without the `held` bytes that it takes over, need more than
-/// the `available` bytes of the device.
+/// Refuses a plan whose resources need more than the `available` bytes of the device.
+///
+/// They are counted with the planes that the plan still lacks and without the `held` bytes that it takes over.
 ///
 /// The driver's number is an estimate. Without this, memory would be taken piece by piece until one fails, or until other programs
 /// lose theirs.

@@ -123,8 +123,9 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         memory: &Self::Memory,
     ) -> Result<Self::Image, BackendError>;
 
-    /// Creates the pipelines of all dispatches and draws of a checked plan, announcing each before it is made. An error of `next` ends
-    /// it there.
+    /// Creates the pipelines of all dispatches and draws of a checked plan, announcing each before it is made.
+    ///
+    /// An error of `next` ends it there.
     ///
     /// Called on a thread that nobody may wait for any more when it returns.
     fn create_pipelines(

@@ -26,7 +26,7 @@ const ASK_EVERY: Duration = Duration::from_millis(20);
 /// The threads of this process that were given up and have not come to their end.
 static GIVEN_UP: AtomicUsize = AtomicUsize::new(0);
 
-/// Counts the threads of this process that were given up in a driver's compiler and have not come to their end.
+/// Counts the threads of this process that were given up in a driver's compiler and still run.
 ///
 /// A program that ends meanwhile should do so without the exit handlers of its libraries, which may wait for the compiler.
 pub fn compilers_given_up() -> usize {

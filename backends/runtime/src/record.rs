@@ -63,8 +63,9 @@ impl<G: Gpu> Recorder<'_, G> {
         Ok(recorded)
     }
 
-    /// Orders everything after the frames of another plan, whose histories or results this one goes on from. Images come to the layout that
-    /// [`Work::Start`] leaves them in.
+    /// Orders everything after the frames of another plan, whose histories or results this one goes on from.
+    ///
+    /// Images come to the layout that [`Work::Start`] leaves them in.
     fn take_over(&mut self, layouts: &mut [Layout]) {
         let carried = &self.compiled.carried;
         if !self.compiled.goes_on() {

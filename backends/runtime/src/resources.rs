@@ -29,8 +29,9 @@ pub(crate) struct Resources<G: Gpu> {
 }
 
 impl<G: Gpu> Resources<G> {
-    /// Creates the resources of `plan`, but for those `taken` over and the `planes` that are on the device. The missing ones are created, added to
-    /// `planes`, and returned: their data is still to be uploaded.
+    /// Creates the resources of `plan`, but for those `taken` over and the `planes` that are on the device.
+    ///
+    /// The missing planes are created, added to `planes`, and returned: their data is still to be uploaded.
     pub fn create(
         gpu: &Arc<G>,
         plan: &Plan,

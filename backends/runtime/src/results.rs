@@ -202,7 +202,9 @@ impl<G: Gpu> Default for Results<G> {
 }
 
 impl<G: Gpu> Results<G> {
-    /// Finds the results of a plan's recipes that some plan holds, made for every use that this one makes of them.
+    /// Finds the results of a plan's recipes that some plan holds.
+    ///
+    /// They were made for every use that this plan makes of them.
     pub fn find(&self, plan: &Plan, recipes: &Recipes) -> BTreeMap<ResourceId, Arc<Buffer<G>>> {
         let computed = self.computed.lock().unwrap_or_else(PoisonError::into_inner);
         let find = |(id, recipe): (&ResourceId, &Arc<Recipe>)| {

@@ -46,7 +46,9 @@ pub struct Dump {
     pub graph: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// The graphs and presets that it is based on, as these name each other, the graph last; empty for a graph.
+    /// The graphs and presets that it is based on, as these name each other.
+    ///
+    /// The graph is last; empty for a graph.
     #[serde(default)]
     pub based_on: Vec<String>,
     /// The fallbacks that stand in for the graph that was asked for, in order.

@@ -35,7 +35,9 @@ impl Lowering<'_> {
         Ok(false)
     }
 
-    /// Evaluates the `when` of a repeat; where it is false, the passes of its body are listed as culled, once each.
+    /// Evaluates the `when` of a repeat.
+    ///
+    /// Where it is false, the passes of its body are listed as culled, once each.
     pub(super) fn repeats(
         &mut self,
         level: &mut Level,

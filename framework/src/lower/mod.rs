@@ -5,9 +5,10 @@
 //! draws and fills over numbered resources, every expression has a value, and `front(keys)` is one definite buffer. Lowering
 //! does not look at shaders; whether the names under `bind` exist is checked by linking.
 //!
-//! Files: `document` loads files and follows presets; `require` takes another graph where the device lacks what one needs; `params` resolves parameters, and `defines` turns them into
-//! preprocessor defines; `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes,
-//! `conditions` leaves some of them out; `include` lowers included graphs.
+//! Files: `document` loads files and follows presets; `require` takes another graph where the device lacks what one needs;
+//! `params` resolves parameters, and `defines` turns them into preprocessor defines; `scope` evaluates expressions;
+//! `resources` numbers buffers and images; `passes` walks the passes, `conditions` leaves some of them out; `include` lowers
+//! included graphs.
 
 mod conditions;
 mod defines;
@@ -225,7 +226,9 @@ pub enum LoweredSize {
 pub struct Extent {
     /// The numbers; 1 in the dimensions that are not given.
     pub size: [u64; 3],
-    /// The number of dimensions that are given, 1 to 3. With one, what does not fit in x may continue in y.
+    /// The number of dimensions that are given, 1 to 3.
+    ///
+    /// With one, what does not fit in x may continue in y.
     pub dimensions: usize,
 }
 
@@ -295,7 +298,9 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
 pub struct Standing {
     /// The fallbacks that are taken, in order; none where the graph itself suits the device.
     pub stand_ins: Vec<StandIn>,
-    /// The needs of the last of them (or of the graph) that do not hold: some where nothing suits the device.
+    /// The needs of the last of them (or of the graph) that do not hold.
+    ///
+    /// There are some where nothing suits the device.
     pub unmet: Vec<Unmet>,
 }
 

@@ -18,8 +18,9 @@ pub(super) fn open(
     if unmet.is_empty() { Ok((opened, stand_ins)) } else { Err(explained(unmet, &stand_ins)) }
 }
 
-/// Follows the fallbacks to the first graph whose needs all hold. The last part has an error for each need of the last one that does
-/// not.
+/// Follows the fallbacks to the first graph whose needs all hold.
+///
+/// The last part has an error for each need of the last one that does not.
 pub(super) fn standing(
     request: &Request,
     files: &mut SourceMap,
@@ -40,8 +41,9 @@ pub(super) fn standing(
     }
 }
 
-/// The graph and its fallback, the fallback's own, and so on, with their names. All are read whether they are needed or not: a
-/// mistake is to be found on every device.
+/// Reads the graph and its fallback, the fallback's own, and so on, with their names.
+///
+/// All are read whether they are needed or not: a mistake is to be found on every device.
 fn chain(name: &str, files: &mut SourceMap) -> Result<Vec<(String, Opened)>, Vec<Diagnostic>> {
     let mut file = document::find(files, name)?;
     let mut name = name.to_string();
@@ -78,7 +80,7 @@ fn chain(name: &str, files: &mut SourceMap) -> Result<Vec<(String, Opened)>, Vec
     }
 }
 
-/// The needs that do not hold, each with the error that it is where no fallback stands in.
+/// Finds the needs that do not hold, each with the error that it is where no fallback stands in.
 fn unmet(require: &[Requirement], names: &Names) -> Result<(Vec<Unmet>, Vec<Diagnostic>), Vec<Diagnostic>> {
     let (mut unmet, mut refused, mut errors) = (Vec::new(), Vec::new(), Vec::new());
     for requirement in require {

@@ -97,7 +97,9 @@ impl Names {
         expr.eval(self).map_err(show)
     }
 
-    /// Says why an expression has its value: which names its evaluation reached. None for one that has no value, or names nothing.
+    /// Says why an expression has its value: which names its evaluation reached.
+    ///
+    /// None for one that has no value, or names nothing.
     pub fn reason(&self, expression: &Expression) -> Option<Reason> {
         let reached = Reached { names: self, values: RefCell::default() };
         expression.parsed.as_ref().ok()?.eval(&reached).ok()?;

@@ -68,7 +68,7 @@ pub struct Graph {
     pub version: u32,
     /// One line that says what this renderer does.
     pub summary: String,
-    /// What it needs to run: conditions over facts, each with words for a person.
+    /// The needs of the graph: conditions over facts, each with words for a person.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
     /// The graph or preset that stands in where a need does not hold.
@@ -449,7 +449,9 @@ pub enum Size {
     Indirect(Reference, Number),
 }
 
-/// Counts something in one to three dimensions: `(n)`, `(x, y)` or `(x, y, z)`. In one, what does not fit in x is folded into y.
+/// Counts something in one to three dimensions: `(n)`, `(x, y)` or `(x, y, z)`.
+///
+/// In one, what does not fit in x is folded into y.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Extent(pub Vec<Number>);
 

@@ -7,8 +7,9 @@ use splatgraph_null::{Config, Fault, Point};
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// A viewer that has drawn its first plan, on a device whose driver hangs over the next pipeline and gives nobody the result. Whoever
-/// waits has this much patience.
+/// Opens a viewer that has drawn its first plan, on a device whose driver hangs over the next pipeline.
+///
+/// Nobody gets the driver's result, and whoever waits has this much patience.
 fn hanging(patience: Duration) -> (Script, TempDir) {
     let mut made = None;
     loop {

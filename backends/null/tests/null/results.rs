@@ -19,8 +19,9 @@ fn bound(name: &str, number: u32, resource: ResourceId) -> Binding {
     Binding { name: name.to_string(), binding: number, element: 0, kind, resource }
 }
 
-/// The plan of the unit tests for pictures that are this many pixels wide, whose prologue has two more passes: `sum` computes `sums` of
-/// the scene, and `fold` a `table` of these.
+/// Builds the plan of the unit tests for pictures that are this many pixels wide, with two more passes.
+///
+/// They are in its prologue: `sum` computes `sums` of the scene, and `fold` a `table` of these.
 fn folding(width: u32) -> Plan {
     let mut plan = plan();
     for (index, name) in ["sums", "table"].into_iter().enumerate() {
