@@ -125,6 +125,10 @@ impl CameraStats {
         if let Some(visible) = self.count("visible") {
             line = format!("{} of {line} visible", grouped(visible));
         }
+        // Tiles leave pairs of a splat and a bin unordered if too many of a bin have nearly the same depth.
+        if let Some(pairs) = self.count("unordered").filter(|pairs| *pairs > 0) {
+            line += &format!(", {} pairs in the order of the file", grouped(pairs));
+        }
         if let Some(ms) = self.gpu_ms {
             line += &format!(", {ms:.3} ms");
         }
