@@ -18,6 +18,7 @@ fn facts() -> Facts {
         ("scene.count", 1_000_000),
         ("scene.sh_degree", 3),
         ("scene.stored_sh_degree", 3),
+        ("scene.key_bits", 24),
         ("viewport.width", 1920),
         ("viewport.height", 1080),
     ];

@@ -178,6 +178,7 @@ fn facts() -> Facts {
         ("scene.count", 1000),
         ("scene.sh_degree", 3),
         ("scene.stored_sh_degree", 3),
+        ("scene.key_bits", 24),
         ("viewport.width", 64),
         ("viewport.height", 32),
     ];

@@ -23,6 +23,7 @@ fn plans(share_memory: bool) -> Vec<Plan> {
         ("scene.count", 2_000),
         ("scene.sh_degree", 3),
         ("scene.stored_sh_degree", 3),
+        ("scene.key_bits", 24),
         ("viewport.width", 64),
         ("viewport.height", 36),
     ];
