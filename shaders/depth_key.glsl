@@ -1,7 +1,7 @@
-// Converts view depth to a sort key of DEPTH_BITS bits that never decreases in z, near to far.
+// Converts view depth to a sort key of KEY_BITS bits that never decreases in z, near to far.
 //
 // `float_bits` takes the bits of the float, which sort like the number if it is positive: exact at 32 bits, and still
-// exact below that if the scene's depth range has at most 2^DEPTH_BITS floats. `linear` gives equal steps of depth,
+// exact below that if the scene's depth range has at most 2^KEY_BITS floats. `linear` gives equal steps of depth,
 // `logarithmic` equal ratios. `equalised` gives each class of depths as many keys as it has splats in this frame, in proportion,
 // and equal steps within it: at most 31 bits. Depths outside of the scene's range are clamped to it.
 //
@@ -19,21 +19,21 @@ uint fixed_log2(float z) {
     return ((bits >> 23) << 24) + (m >> 8) + (scaled >> 8);
 }
 
-// Scales 0 .. range to DEPTH_BITS bits; returns x unchanged if the range fits. With KEYS_FILL_THEIR_BITS it moves x up instead, for
+// Scales 0 .. range to KEY_BITS bits; returns x unchanged if the range fits. With KEYS_FILL_THEIR_BITS it moves x up instead, for
 // those who sort by the highest bits first.
 uint stretch(uint x, uint range) {
-#if DEPTH_BITS < 32
-    if ((range >> DEPTH_BITS) != 0u) {
-        // x / range in units of 2^-32, times 2^DEPTH_BITS: the factor is rounded, but it is the same for every key.
+#if KEY_BITS < 32
+    if ((range >> KEY_BITS) != 0u) {
+        // x / range in units of 2^-32, times 2^KEY_BITS: the factor is rounded, but it is the same for every key.
         uint up = 31u - uint(findMSB(range));
-        float factor = exp2(float(DEPTH_BITS)) * (4294967296.0 / (float(range << up) + 1.0));
+        float factor = exp2(float(KEY_BITS)) * (4294967296.0 / (float(range << up) + 1.0));
         uint key, low;
         umulExtended(x << up, uint(min(factor, 4294967040.0)), key, low);
-        return min(key, (1u << DEPTH_BITS) - 1u);
+        return min(key, (1u << KEY_BITS) - 1u);
     }
 #endif
 #ifdef KEYS_FILL_THEIR_BITS
-    return x << (uint(DEPTH_BITS) - 1u - uint(findMSB(max(range, 1u))));
+    return x << (uint(KEY_BITS) - 1u - uint(findMSB(max(range, 1u))));
 #else
     return x;
 #endif
@@ -58,7 +58,7 @@ uint depth_key(float z) {
     float near = camera.depth.y;
     float far = max(camera.depth.z, near);
 #if KEY_MAP == KEY_MAP_FLOAT_BITS
-#if DEPTH_BITS == 32 && !defined(KEYS_FILL_THEIR_BITS)
+#if KEY_BITS == 32 && !defined(KEYS_FILL_THEIR_BITS)
     return floatBitsToUint(z);
 #else
     uint first = floatBitsToUint(near);
@@ -70,8 +70,8 @@ uint depth_key(float z) {
 #else
     precise float from_near = clamp(z, near, far) - near;
     precise float share = from_near * (1.0 / max(far - near, 1e-30));
-    // The largest float below 1 keeps the product below 2^DEPTH_BITS.
-    return uint(min(share, 0.99999994) * exp2(float(DEPTH_BITS)));
+    // The largest float below 1 keeps the product below 2^KEY_BITS.
+    return uint(min(share, 0.99999994) * exp2(float(KEY_BITS)));
 #endif
 }
 #endif

@@ -26,7 +26,7 @@ uint key_after(uint count, uint all) {
     if (all == 0u) {
         return 0u;
     }
-    uint bits = min(uint(DEPTH_BITS), 31u);
+    uint bits = min(uint(KEY_BITS), 31u);
     uint up = 31u - uint(findMSB(all));
     float factor = exp2(float(bits)) * (4294967296.0 / (float(all << up) + 1.0));
     uint key, low;

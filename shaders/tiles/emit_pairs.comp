@@ -84,9 +84,9 @@ void main() {
             pair_splats[start + pair] = order[splat];
 #else
             uint key = depth_key(depth[splat]);
-            pair_keys[start + pair] = (bin << HELD_BITS) | (key >> (DEPTH_BITS - HELD_BITS));
+            pair_keys[start + pair] = (bin << HELD_BITS) | (key >> (KEY_BITS - HELD_BITS));
 #if REST_BITS > 0
-            uint rest = (key >> (DEPTH_BITS - HELD_BITS - REST_BITS)) & ((1u << REST_BITS) - 1u);
+            uint rest = (key >> (KEY_BITS - HELD_BITS - REST_BITS)) & ((1u << REST_BITS) - 1u);
             splat |= rest << INDEX_BITS;
 #endif
             pair_splats[start + pair] = splat;

@@ -54,7 +54,7 @@ const uint LISTED = 4u * CELL_LANES;
 shared uint listed[THREADS];
 // Words of `touching` for each invocation of a cell.
 const uint PARTS = WORDS / CELL_LANES;
-// Whether light comes through somewhere after a chunk, for even and odd chunks.
+// Not 0 if light comes through somewhere after a chunk; for even and odd chunks.
 shared uint is_open[2];
 
 // Returns the splat of a pair, above whose index bits of the depth may stand.

@@ -444,10 +444,19 @@ mod tests {
     }
 
     fn measured(device: &Null, candidates: &[Candidate], cameras: &[&str]) -> Vec<Outcome> {
+        measured_in(FRAMES, device, candidates, cameras)
+    }
+
+    fn measured_in(
+        frames: Frames,
+        device: &Null,
+        candidates: &[Candidate],
+        cameras: &[&str],
+    ) -> Vec<Outcome> {
         let scene = synth::generate("demo", 50, 0).expect("a small scene");
         let camera = |name: &&str| Camera { img_name: (*name).into(), ..Camera::framing(&scene, 32, 24) };
         let cameras: Vec<Camera> = cameras.iter().map(camera).collect();
-        let bench = Bench { device, scene: scene.into(), frames: FRAMES, copy: Some(2.0) };
+        let bench = Bench { device, scene: scene.into(), frames, copy: Some(2.0) };
         bench.measure(candidates, &cameras, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"))
     }
 
@@ -509,12 +518,16 @@ mod tests {
             assert!((phase.gb_per_s.expect("timed") - rate).abs() <= 1e-9 * rate);
             assert!((phase.of_copy.expect("timed") - rate / 2.0).abs() <= 1e-9 * rate, "the limit is 2 GB/s");
         }
-        let of_phases: f64 = figures.phases.iter().map(|phase| phase.gpu_ms.expect("timed").median).sum();
-        let between = figures.between_ms.expect("timed").median;
-        assert!(
-            between > 0.0 && of_phases + between > median(figures),
-            "timestamps of passes take time, too"
-        );
+        let of_parts = |figures: &Figures| {
+            let phases = figures.phases.iter().map(|phase| phase.gpu_ms.expect("timed").median);
+            phases.sum::<f64>() + figures.between_ms.expect("timed").median
+        };
+        assert!(of_parts(figures) > median(figures), "timestamps of passes take time, too");
+        // One frame a round has all timestamps, and its parts are the whole.
+        let one = Frames { frames: Some(1), ..FRAMES };
+        let one = measured_in(one, &device, &[candidate("splat", &[])], &["one"]).remove(0);
+        let one = one.expect("it is drawn").mean;
+        assert!((of_parts(&one) - median(&one)).abs() < 1e-12);
         assert_eq!(found.once.iter().map(|part| part.name.as_str()).collect::<Vec<_>>(), ["covariance"]);
         assert!(
             figures.passes.iter().all(|pass| pass.name != "covariance"),

@@ -4,7 +4,8 @@
 //! longer than the device's patience, the load fails with an error that names the pass and the shader, and when nobody wants the plan
 //! any more, the load ends at once. The thread looks for that between two pipelines, and frees what it made; until then it holds
 //! the device open. A plan that a thread was given up with is refused as long as that thread lives, so that attempts to load it
-//! again do not pile threads up; and so is any other, once there are [`MOST_ABANDONED`].
+//! again do not pile threads up. Once there are [`MOST_ABANDONED`], any other plan waits until one of them ends, and is refused if the oldest
+//! has taken longer than the patience.
 
 use crate::gpu::{Gpu, NextPipeline};
 use splatgraph_api::{BackendError, Progress};
@@ -17,7 +18,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Threads of a device that were given up and work on, at most, before no plan is tried any more.
+/// Threads of a device that were given up and work on, at most, before other plans wait for their end.
 const MOST_ABANDONED: usize = 8;
 
 /// Interval of asking whether somebody still waits.

@@ -1,7 +1,7 @@
 //! Results of a prologue that plans share: buffers that one plan has computed once, and another need not compute again.
 //!
-//! Where a window changes its size or a constant its value, most of what the passes with `run: Once` compute (covariances, packed
-//! coefficients) stays as it is. A [`Recipe`] is everything that such a result depends on: the passes that lead to it, in their order, with
+//! Most results of passes with `run: Once` (covariances, packed coefficients) stay the same when a window changes its size or a constant its
+//! value. A [`Recipe`] is everything that such a result depends on: the passes that lead to it, in their order, with
 //! the code of their shaders, their numbers of workgroups, their push constants and what they bind, down to the planes of the scene.
 //! Two results of one recipe have the same bytes. So when a plan is made ready, the [`Results`] of the device are asked for each of its
 //! recipes; the new plan takes over the buffers that are found, holds them together with the plan that has them, and

@@ -37,7 +37,7 @@ impl Lowering<'_> {
 
     /// Evaluates the `when` of a repeat.
     ///
-    /// Where it is false, the passes of its body are listed as culled, once each.
+    /// A false one lists the passes of the body as culled, once each.
     pub(super) fn repeats(
         &mut self,
         level: &mut Level,
