@@ -146,6 +146,7 @@ fn shader(name: &str, stage: ShaderStage) -> Shader {
         defines: Vec::new(),
         spirv: Arc::new(vec![0x0723_0203]),
         reflection: reflection(stage, [64, 1, 1], false),
+        msl: None,
     }
 }
 

@@ -30,6 +30,7 @@ pub use reason::{Reason, StandIn, Unmet};
 pub use request::{Attribute, Catalog, Facts, HostBuffer, Request};
 pub use resource::{Shape, Source, Usage};
 pub use shader::{
-    Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Shader, ShaderStage, Varying,
+    Member, MemberKind, Msl, MslArgument, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Shader,
+    ShaderStage, Varying,
 };
 pub use value::{Domain, Param, ParamBinding, Value, to_f32};

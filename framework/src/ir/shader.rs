@@ -17,6 +17,39 @@ pub struct Shader {
     pub spirv: Arc<Vec<u32>>,
     /// Declarations and accesses.
     pub reflection: Reflection,
+    /// The same in Metal's language, for plans that Metal executes.
+    pub msl: Option<Arc<Msl>>,
+}
+
+/// Holds a shader in the Metal Shading Language, and where it expects its arguments.
+///
+/// Each stage has argument tables of its own: one for buffers, one for textures.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Msl {
+    /// The text of a library with one function.
+    pub source: String,
+    /// The function's name.
+    pub entry: String,
+    /// Places of the bindings that the code can reach, sorted by binding and element.
+    pub arguments: Vec<MslArgument>,
+    /// Index in the table of buffers for the push constants' bytes.
+    pub push: Option<u32>,
+    /// Index in the table of buffers for the sizes in bytes of the buffers whose length the code asks for: 32-bit words, by
+    /// buffer index.
+    pub sizes: Option<u32>,
+}
+
+/// Places a binding in a table of arguments.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MslArgument {
+    /// Number of the binding in set 0.
+    pub binding: u32,
+    /// Index in an array of descriptors, 0 where there is none.
+    pub element: u32,
+    /// The table is that of textures (storage images), not that of buffers.
+    pub texture: bool,
+    /// Index in the table.
+    pub index: u32,
 }
 
 /// Names the pipeline stage of a shader.

@@ -254,7 +254,7 @@ impl Linker<'_> {
         };
         match self.compiler.compile(self.files, &request) {
             Ok(Compiled { spirv, defines, reflection, declared }) => {
-                let shader = Shader { name: name.name.clone(), defines, spirv, reflection };
+                let shader = Shader { name: name.name.clone(), defines, spirv, reflection, msl: None };
                 let at = self.shaders.iter().position(|s| *s == shader).unwrap_or_else(|| {
                     self.shaders.push(shader);
                     self.shaders.len() - 1

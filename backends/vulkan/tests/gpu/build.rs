@@ -232,6 +232,7 @@ impl Build {
             defines: compiled.defines,
             spirv: compiled.spirv,
             reflection: compiled.reflection,
+            msl: None,
         });
         ShaderId(self.plan.shaders.len() as u32 - 1)
     }

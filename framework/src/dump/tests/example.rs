@@ -157,7 +157,13 @@ impl Maker {
             features: Features::empty(),
         };
         let defines = vec![("DIGIT_BITS".into(), "4".into())];
-        self.shaders.push(Shader { name: file.into(), defines, spirv: Arc::default(), reflection });
+        self.shaders.push(Shader {
+            name: file.into(),
+            defines,
+            spirv: Arc::default(),
+            reflection,
+            msl: None,
+        });
         ShaderId(self.shaders.len() as u32 - 1)
     }
 

@@ -157,6 +157,7 @@ fn two_stages_that_access_by_atomics_alone_do_not_race() {
         name: "count".into(),
         defines: vec![],
         spirv: Default::default(),
+        msl: None,
         reflection: Reflection {
             stage,
             local_size: [1; 3],
