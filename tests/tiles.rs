@@ -88,9 +88,14 @@ fn every_variant_of_tiles_draws_the_same_picture() {
         assert_close(&format!("{set:?}"), &drawn(EXACT, set), &expected, 75.0);
     }
     // And these round what they are made of.
-    for set in
-        [&[cells, ("sorted", "pairs")], &[cells, ("record", "packed")], &[cells, ("stop_after", "chunk")]]
-    {
+    let serial = ("rasteriser", "serial");
+    for set in [
+        &[cells, ("sorted", "pairs")],
+        &[cells, ("record", "packed")],
+        &[cells, ("stop_after", "chunk")],
+        &[serial, ("record", "packed")],
+        &[serial, ("stop_after", "chunk")],
+    ] {
         assert_close(&format!("{set:?}"), &drawn(EXACT, set), &expected, 65.0);
     }
 }

@@ -188,7 +188,7 @@ void main() {
         chunk_rest[thread] = floatBitsToUint(vec4(r.root.z, r.log_alpha, 0.0, 0.0));
         chunk_colour[thread] = stored.colour;
 #else
-        chunk_rest[thread] = uvec4(floatBitsToUint(vec2(r.root.z, r.log_alpha)), stored.colour);
+        chunk_rest[thread] = uvec4(floatBitsToUint(vec2(r.root.z, r.log_alpha)), stored.rest.zw);
 #endif
         for (uint w = thread; w < WORDS * ROW; w += THREADS) {
             touching[w] = 0u;

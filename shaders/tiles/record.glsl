@@ -23,19 +23,20 @@ Record unpack_record(StoredRecord s) {
     return Record(s.centre_root.xy, vec3(s.centre_root.zw, s.rest.x), s.rest.y, s.rest.z, s.colour.rgb);
 }
 #else
-struct StoredRecord { vec4 centre_root; vec2 rest; uvec2 colour; };
+struct StoredRecord { vec4 centre_root; uvec4 rest; };
 
 // Colours are half floats. A radius is a whole number; one beyond 16 bits is taken for one that reaches everything.
 StoredRecord pack_record(Record r) {
     uint blue = packHalf2x16(vec2(r.colour.b, 0.0));
-    return StoredRecord(vec4(r.centre, r.root.xy), vec2(r.root.z, r.log_alpha),
-                        uvec2(packHalf2x16(r.colour.rg), blue | (uint(min(r.radius, 65535.0)) << 16)));
+    return StoredRecord(vec4(r.centre, r.root.xy), uvec4(floatBitsToUint(vec2(r.root.z, r.log_alpha)), packHalf2x16(r.colour.rg),
+                                                         blue | (uint(min(r.radius, 65535.0)) << 16)));
 }
 
 Record unpack_record(StoredRecord s) {
-    vec3 colour = vec3(unpackHalf2x16(s.colour.x), unpackHalf2x16(s.colour.y & 0xffffu).x);
-    uint radius = s.colour.y >> 16;
-    return Record(s.centre_root.xy, vec3(s.centre_root.zw, s.rest.x), s.rest.y, radius == 65535u ? 1e30 : float(radius), colour);
+    vec3 colour = vec3(unpackHalf2x16(s.rest.z), unpackHalf2x16(s.rest.w & 0xffffu).x);
+    uint radius = s.rest.w >> 16;
+    vec2 rest = uintBitsToFloat(s.rest.xy);
+    return Record(s.centre_root.xy, vec3(s.centre_root.zw, rest.x), rest.y, radius == 65535u ? 1e30 : float(radius), colour);
 }
 #endif
 

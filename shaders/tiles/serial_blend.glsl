@@ -14,6 +14,9 @@ const uint TILE = 16u;
 const uint BLOCKS = 8u;
 const uint BLOCK_PIXELS = 32u;
 const uint VECTORS = LANES < 32 ? BLOCK_PIXELS / LANES : 1u;
+// Vectors of a row, and rows of a vector.
+const uint COLUMNS = LANES < 8 ? 8u / LANES : 1u;
+const uint ROWS = LANES < 8 ? 1u : LANES / 8u;
 // Tiles along a bin's side.
 const uint BIN_TILES = BIN / TILE;
 const uint TILES_X = uint(BINS_X) * BIN_TILES;
@@ -30,33 +33,103 @@ uint bin_of_tile(uvec2 tile) {
     return (tile.y / BIN_TILES) * uint(BINS_X) + tile.x / BIN_TILES;
 }
 
-// Returns 2^x, within 2.5e-7 of it relatively, for x below 127; 0 or almost for x below -126.
+// Returns 2^x for x from -126 to 127; anything below -126. Relatively within 7.5e-5 of it, or within 7.5e-8 where records are 32-bit floats.
 float power_of_2(float x) {
     const float TO_INTEGER = 12582912.0;  // 1.5 2^23: a sum with it has no fraction
-    x = max(x, -126.0);
     precise float rounded = x + TO_INTEGER;
     precise float integer = rounded - TO_INTEGER;
     precise float f = x - integer;
-    float p = 0.00132765 * f + 0.00967554;
-    p = p * f + 0.05550713;
-    p = p * f + 0.2402212;
-    p = p * f + 0.69314697;
+#if RECORD == RECORD_F32
+    float p = 0.00132764709 * f + 0.00967554162;
+    p = p * f + 0.0555071328;
+    p = p * f + 0.240221197;
+    p = p * f + 0.693146967;
     p = p * f + 1.00000007;
+#else
+    float p = 0.0551716594 * f + 0.24261114;
+    p = p * f + 0.693260989;
+    p = p * f + 0.999928073;
+#endif
     return intBitsToFloat(floatBitsToInt(p) + (floatBitsToInt(rounded) << 23));
 }
 
-// Blends a splat over a pixel at the distance `d` from its centre. A pixel is done where the light behind the splat would be less
-// than the early stop: that splat is left out, and the sign of the transmittance is set.
-void blend(inout vec4 sum, Record r, vec2 d, float least, float most, float least_light) {
-    float u = r.root.x * d.x + r.root.y * d.y;
-    float v = r.root.z * d.y;
+// A splat as a tile sees it.
+struct Splat {
+    vec2 at;          // u and v of the falloff (record.glsl) at the tile's first pixel
+    vec3 root;
+    float log_alpha;
+    vec3 colour;
+};
+
+// The limits of blending.
+struct Limits {
+    float least;  // the power of two of the alpha floor
+    float most;   // the alpha cap
+    float stop;   // the light of the early stop
+};
+
+// Returns the limits of this frame.
+Limits limits() {
+    // Below 1, where no light would be left to compare with the early stop. And that is not 0: arithmetic with denormal floats takes
+    // a hundred times as long.
+    return Limits(log2(alpha_floor), min(alpha_cap, 0.9999999), max(stop, 1e-35));
+}
+
+// Returns a splat as the tile at `corner` sees it.
+Splat seen_from(vec2 corner, Record r) {
+    vec2 d = corner - r.centre;
+    return Splat(vec2(r.root.x * d.x + r.root.y * d.y, r.root.z * d.y), r.root, r.log_alpha, r.colour);
+}
+
+// Blends a splat over a pixel where its falloff has the power `power`.
+//
+// With STOP_AFTER_SPLAT, a pixel is done where the light behind the splat would be less than the early stop: that splat is left out, and
+// the sign of the transmittance is set.
+void blend(inout vec4 sum, float power, vec3 colour, Limits limits) {
     // Positive floats compare like integers, which takes one instruction.
-    float alpha = intBitsToFloat(min(floatBitsToInt(most), floatBitsToInt(power_of_2(r.log_alpha - (u * u + v * v)))));
-    float light = (alpha >= least ? alpha : 0.0) * sum.a;
+    float alpha = intBitsToFloat(min(floatBitsToInt(limits.most), floatBitsToInt(power_of_2(power))));
+    float light = (power >= limits.least ? alpha : 0.0) * sum.a;
     float behind = sum.a - light;
-    bool is_open = behind >= least_light;
+#if STOP_AFTER == STOP_AFTER_SPLAT
+    bool is_open = behind >= limits.stop;
     light = is_open ? light : 0.0;
-    sum = vec4(sum.rgb + light * r.colour, is_open ? behind : -abs(sum.a));
+    sum = vec4(sum.rgb + light * colour, is_open ? behind : -abs(sum.a));
+#else
+    sum = vec4(sum.rgb + light * colour, behind);
+#endif
+}
+
+// Blends a splat over the pixels of a block. `first` is the lane's pixel of the first vector, from the tile's first pixel.
+//
+// The power is a polynomial of the second degree in the row: from row to row it changes by a step, and the step by a constant.
+void blend_block(inout vec4 sums[VECTORS], Splat s, vec2 first, Limits limits) {
+    float v = s.at.y + s.root.z * first.y;
+    [[unroll]] for (uint column = 0u; column < COLUMNS; column++) {
+        float u = s.at.x + (s.root.x * (first.x + float(column * LANES)) + s.root.y * first.y);
+        float power = s.log_alpha - (u * u + v * v);
+        vec2 down = float(ROWS) * s.root.yz;
+        float bend = dot(down, down);
+        float change = -2.0 * (u * down.x + v * down.y) - bend;
+        // Counted from 0, so that drivers unroll it.
+        [[unroll]] for (uint i = 0u; i < VECTORS / COLUMNS; i++) {
+            blend(sums[i * COLUMNS + column], power, s.colour, limits);
+            power += change;
+            change -= 2.0 * bend;
+        }
+    }
+}
+
+// Returns whether light comes through somewhere in a block.
+bool has_light(inout vec4 sums[VECTORS], Limits limits) {
+    float most = sums[0].a;
+    [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
+        most = max(most, sums[v].a);
+#if STOP_AFTER == STOP_AFTER_CHUNK
+        // The pixels of a block go on together, and one that is long done must not come to denormal floats.
+        sums[v].a = max(sums[v].a, 1e-20);
+#endif
+    }
+    return most >= limits.stop;
 }
 
 // Returns the blocks of a tile that a splat touches, with a margin for rounding: bit 2 row + column. `corner` is the tile's first pixel.
@@ -86,12 +159,6 @@ uint any_lane(uint bits) {
 }
 
 // Returns the splat that lane `lane` has loaded.
-Record record_of_lane(Record r, uint lane) {
-    Record s;
-    s.centre = subgroupShuffle(r.centre, lane);
-    s.root = subgroupShuffle(r.root, lane);
-    s.log_alpha = subgroupShuffle(r.log_alpha, lane);
-    s.radius = 0.0;
-    s.colour = subgroupShuffle(r.colour, lane);
-    return s;
+Splat splat_of_lane(Splat s, uint lane) {
+    return Splat(subgroupShuffle(s.at, lane), subgroupShuffle(s.root, lane), subgroupShuffle(s.log_alpha, lane), subgroupShuffle(s.colour, lane));
 }

@@ -42,11 +42,7 @@ void main() {
     }
     uint begin = list + skipped;
     uint end = begin + min(list_end - begin, uint(DEEP_ENTRIES));
-    float least = alpha_floor;
-    // Below 1, where no light would be left to compare with the early stop.
-    float most = min(alpha_cap, 0.9999999);
-    // Not 0: arithmetic with denormal floats takes a hundred times as long.
-    float least_light = max(stop, 1e-35);
+    Limits limits = limits();
 
     vec4 sums[VECTORS];
     [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
@@ -58,21 +54,14 @@ void main() {
     bool open = true;
     for (uint first = begin; first < end && open; first += uint(LOADERS)) {
         uint at = min(first + lane, end - 1u);
-        Record own = unpack_record(records[lists[at]]);
-        bool touches = first + lane < end && ((blocks_of(own, corner, least) >> block) & 1u) != 0u;
+        Record r = unpack_record(records[lists[at]]);
+        bool touches = first + lane < end && ((blocks_of(r, corner, alpha_floor) >> block) & 1u) != 0u;
+        Splat own = seen_from(corner, r);
         own.log_alpha = touches ? own.log_alpha : -1e6;
         [[unroll]] for (uint s = 0u; s < uint(LOADERS); s++) {
-            Record r = record_of_lane(own, s);
-            vec2 d = corner - r.centre;
-            [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
-                blend(sums[v], r, d + vec2(pixel_in_tile(block, v, lane)), least, most, least_light);
-            }
+            blend_block(sums, splat_of_lane(own, s), vec2(pixel_in_tile(block, 0u, lane)), limits);
         }
-        float most_light = sums[0].a;
-        [[unroll]] for (uint v = 1u; v < VECTORS; v++) {
-            most_light = max(most_light, sums[v].a);
-        }
-        open = any_lane(most_light > 0.0 ? 1u : 0u) != 0u;
+        open = any_lane(has_light(sums, limits) ? 1u : 0u) != 0u;
     }
 
     bool is_whole = end == list_end;

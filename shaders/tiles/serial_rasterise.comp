@@ -9,7 +9,7 @@
 // barriers or shared memory. It takes the entries CHUNK at a time: each lane loads splats and finds the blocks that they touch.
 // Then each block walks the splats that touch it, which lanes hand each other by shuffles. On a CPU only loops branch: what an
 // `if` leaves out is computed all the same. So each block has a loop of its own, and its first round is never wasted if a splat
-// touches it.
+// touches it. A round blends two splats, because at its end a CPU writes all sums, with a mask.
 //
 // Where a list is longer and light still comes through, the picture holds colour and transmittance, and serial_deep.comp goes on.
 
@@ -44,9 +44,20 @@ uint lowest_bit(uint bits) {
 }
 
 // Returns `a` or `b`.
-Record choose(bool first, Record a, Record b) {
-    return Record(first ? a.centre : b.centre, first ? a.root : b.root, first ? a.log_alpha : b.log_alpha, 0.0,
-                  first ? a.colour : b.colour);
+Splat choose(bool first, Splat a, Splat b) {
+    return Splat(first ? a.at : b.at, first ? a.root : b.root, first ? a.log_alpha : b.log_alpha, first ? a.colour : b.colour);
+}
+
+// Clears the lowest bit and returns its splat; one without light if no bit is left.
+Splat next_splat(Splat own[OWN], inout uint bits) {
+    uint next = lowest_bit(bits);
+    Splat s = splat_of_lane(own[0], next & uint(LOADERS - 1));
+    if (OWN > 1u) {
+        s = choose(next < uint(LOADERS), s, splat_of_lane(own[OWN - 1u], next & uint(LOADERS - 1)));
+    }
+    s.log_alpha = bits != 0u ? s.log_alpha : -1e6;
+    bits &= bits - 1u;
+    return s;
 }
 
 void main() {
@@ -62,11 +73,7 @@ void main() {
     uint begin = min(ranges[bin].x, uint(ENTRIES));
     uint list_end = min(ranges[bin].y, uint(ENTRIES));
     uint end = min(list_end, begin + uint(SERIAL_SEGMENT));
-    float least = alpha_floor;
-    // Below 1, where no light would be left to compare with the early stop.
-    float most = min(alpha_cap, 0.9999999);
-    // Not 0: arithmetic with denormal floats takes a hundred times as long.
-    float least_light = max(stop, 1e-35);
+    Limits limits = limits();
 
     vec4 sums[BLOCKS][VECTORS];
     [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {
@@ -78,15 +85,16 @@ void main() {
     uint open = (1u << BLOCKS) - 1u;
 
     for (uint first = begin; first < end && open != 0u; first += CHUNK) {
-        Record own[OWN];
+        Splat own[OWN];
         uint words[WORDS];
         [[unroll]] for (uint w = 0u; w < WORDS; w++) {
             words[w] = 0u;
         }
         [[unroll]] for (uint o = 0u; o < OWN; o++) {
             uint at = first + o * uint(LOADERS) + lane;
-            own[o] = unpack_record(records[lists[min(at, end - 1u)]]);
-            uint touched = lane < uint(LOADERS) && at < end ? blocks_of(own[o], corner, least) & open : 0u;
+            Record r = unpack_record(records[lists[min(at, end - 1u)]]);
+            own[o] = seen_from(corner, r);
+            uint touched = lane < uint(LOADERS) && at < end ? blocks_of(r, corner, alpha_floor) & open : 0u;
             [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {
                 words[b / PER_WORD] |= ((touched >> b) & 1u) << ((b % PER_WORD) * CHUNK + o * uint(LOADERS) + (lane & uint(LOADERS - 1)));
             }
@@ -99,23 +107,12 @@ void main() {
 #define BLEND_BLOCK(b) { \
         uint bits = bitfieldExtract(words[b / PER_WORD], int((b % PER_WORD) * CHUNK), int(CHUNK)); \
         do { \
-            uint next = lowest_bit(bits); \
-            Record r = record_of_lane(own[0], next & uint(LOADERS - 1)); \
-            if (OWN > 1u) { \
-                r = choose(next < uint(LOADERS), r, record_of_lane(own[OWN - 1u], next & uint(LOADERS - 1))); \
-            } \
-            r.log_alpha = bits != 0u ? r.log_alpha : -1e6; \
-            bits &= bits - 1u; \
-            vec2 d = corner - r.centre; \
-            [[unroll]] for (uint v = 0u; v < VECTORS; v++) { \
-                blend(sums[b][v], r, d + vec2(pixel_in_tile(b, v, lane)), least, most, least_light); \
-            } \
+            Splat one = next_splat(own, bits); \
+            Splat other = next_splat(own, bits); \
+            blend_block(sums[b], one, vec2(pixel_in_tile(b, 0u, lane)), limits); \
+            blend_block(sums[b], other, vec2(pixel_in_tile(b, 0u, lane)), limits); \
         } while (bits != 0u); \
-        float most_light = sums[b][0].a; \
-        [[unroll]] for (uint v = 1u; v < VECTORS; v++) { \
-            most_light = max(most_light, sums[b][v].a); \
-        } \
-        lit |= most_light > 0.0 ? 1u << b : 0u; }
+        lit |= has_light(sums[b], limits) ? 1u << b : 0u; }
 
         BLEND_BLOCK(0u)
         BLEND_BLOCK(1u)
