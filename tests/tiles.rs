@@ -6,7 +6,7 @@ use crate::images::{bytes, draw_scene, golden, psnr};
 use splatgraph::image::Image;
 use splatgraph::session::{FrameOptions, Session};
 use splatgraph::truth::{Truth, rules};
-use splatgraph_assets::{Camera, Scene, synth};
+use splatgraph_assets::{Camera, Scene, Splat, synth};
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 
@@ -115,20 +115,50 @@ fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
     }
 }
 
+/// Counts the pairs that tiles leave in the order of the file where they sort `bits` bits of bin and depth by radix.
+fn unordered(scene: &Arc<Scene>, camera: &Camera, bits: &'static str) -> u32 {
+    let set = by_pairs(bits).map(|(name, value)| (name.to_string(), value.to_string()));
+    let mut session: Session<Vulkan> = Session::new(common::device(), scene.clone(), EXACT, &set);
+    session.prepare((camera.width, camera.height), &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+    let frame = session.submit(camera, &FrameOptions::default()).expect("submitted");
+    let stats = session.wait(frame).expect("drawn").stats;
+    stats.iter().find(|(name, _)| name == "unordered").expect("the graph counts them").1
+}
+
 #[test]
 fn pairs_in_runs_too_long_to_be_ordered_are_counted() {
     let (scene, cameras) = demo((400, 225));
-    let unordered = |bits| {
-        let set = by_pairs(bits).map(|(name, value)| (name.to_string(), value.to_string()));
-        let mut session: Session<Vulkan> = Session::new(common::device(), scene.clone(), EXACT, &set);
-        session.prepare((400, 225), &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
-        let frame = session.submit(&cameras[0], &FrameOptions::default()).expect("submitted");
-        let stats = session.wait(frame).expect("drawn").stats;
-        stats.iter().find(|(name, _)| name == "unordered").expect("the graph counts them").1
-    };
-    assert_eq!(unordered("20"), 0);
-    let most = unordered("16");
+    assert_eq!(unordered(&scene, &cameras[0], "20"), 0);
+    let most = unordered(&scene, &cameras[0], "16");
     assert!(most > 1000, "9 bits of depth leave long runs, {most} pairs were counted");
+}
+
+#[test]
+fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
+    let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 48));
+    // Far to near in the file, all within one class of 14 bits of depth; and one far behind them, so that classes are that wide.
+    let scene = |run: usize| {
+        let splat = |at: usize| Splat {
+            position: if at == 0 {
+                [0.0, 0.0, 1000.0]
+            } else {
+                [-0.25, -0.2, 1.0 + 2e-6 * (run - at) as f32]
+            },
+            scale: [0.02; 3],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity: 0.05,
+            sh: std::array::from_fn(|i| if i == at % 3 { 1.0 } else { 0.0 }),
+        };
+        Arc::new(Scene::generate(run as u32 + 1, 0, splat))
+    };
+    assert_eq!(unordered(&scene(128), &camera, "16"), 0);
+    assert_eq!(unordered(&scene(129), &camera, "16"), 129);
+    let draw = |set: &[(&str, &str)]| {
+        let images = draw_scene(scene(128), std::slice::from_ref(&camera), EXACT, [0.0; 3], set);
+        bytes(&images[0])
+    };
+    let sorted = [("rasteriser", "cells"), ("sorter", "subgroup"), ("sorted", "splats")];
+    assert!(draw(&by_pairs("16")) == draw(&sorted), "128 pairs are blended in another order");
 }
 
 #[test]

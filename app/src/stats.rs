@@ -125,9 +125,8 @@ impl CameraStats {
         if let Some(visible) = self.count("visible") {
             line = format!("{} of {line} visible", grouped(visible));
         }
-        // Tiles leave pairs of a splat and a bin unordered if too many of a bin have nearly the same depth.
-        if let Some(pairs) = self.count("unordered").filter(|pairs| *pairs > 0) {
-            line += &format!(", {} pairs in the order of the file", grouped(pairs));
+        if let Some(text) = self.count("unordered").and_then(unordered) {
+            line += &format!(", {text}");
         }
         if let Some(ms) = self.gpu_ms {
             line += &format!(", {ms:.3} ms");
@@ -146,6 +145,13 @@ impl CameraStats {
         }
         line
     }
+}
+
+/// Formats the statistic `unordered`, unless it is 0: `12 pairs in the order of the file`.
+///
+/// Tiles leave pairs of a splat and a bin unordered if too many of a bin have nearly the same depth.
+pub(crate) fn unordered(pairs: u64) -> Option<String> {
+    (pairs > 0).then(|| format!("{} pairs in the order of the file", grouped(pairs)))
 }
 
 /// Collects the reasons of a plan's parameters, by name.
@@ -237,5 +243,11 @@ mod tests {
             [pass("sort", Some(1.0)), pass("draw", None), pass("sort", Some(2.5)), pass("draw", Some(1.0))];
         let phases = phase_times(&passes);
         assert_eq!(Json::Object(phases), serde_json::json!({ "sort": 3.5, "draw": null }));
+    }
+
+    #[test]
+    fn unordered_pairs_are_told_where_there_are_any() {
+        assert_eq!(unordered(0), None);
+        assert_eq!(unordered(1234).as_deref(), Some("1,234 pairs in the order of the file"));
     }
 }

@@ -6,6 +6,7 @@ use super::renderer::{Cause, Renderer};
 use crate::camera;
 use crate::growth::Shortage;
 use crate::inspect::{self, Finding};
+use crate::stats;
 use splatgraph_api::{BackendError, Device, FrameInputs, Inspect, Pixels, Recovery};
 use splatgraph_assets::{Camera, Scene};
 use std::time::Instant;
@@ -126,6 +127,12 @@ impl<D: Device> Viewport<D> {
             None => return None,
         };
         Some(format!("the picture is {}{reason}", self.in_part()?))
+    }
+
+    /// Counts the pairs that tiles left in the order of the file in the newest finished frame, if any: see [`stats::unordered`].
+    pub fn unordered(&self) -> Option<String> {
+        let (_, pairs) = self.stats.iter().find(|(name, _)| name == "unordered")?;
+        stats::unordered((*pairs).into())
     }
 
     /// Requests the next frame's picture.
