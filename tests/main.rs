@@ -37,6 +37,7 @@ mod popping;
 mod random;
 mod reference;
 mod results;
+#[cfg(target_os = "linux")]
 mod serial_tiles;
 mod sort;
 #[cfg(target_os = "linux")]
