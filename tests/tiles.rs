@@ -3,11 +3,11 @@
 
 use crate::common;
 use crate::images::{bytes, draw_scene, golden, psnr};
+use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::session::{FrameOptions, Session};
 use splatgraph::truth::{Truth, rules};
 use splatgraph_assets::{Camera, Scene, synth};
-use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 
 const EXACT: &str = "tiled_exact";
@@ -115,7 +115,7 @@ fn pairs_in_runs_too_long_to_be_ordered_are_counted() {
     let (scene, cameras) = demo((400, 225));
     let unordered = |bits| {
         let set = by_pairs(bits).map(|(name, value)| (name.to_string(), value.to_string()));
-        let mut session: Session<Vulkan> = Session::new(common::device(), scene.clone(), EXACT, &set);
+        let mut session: Session<Backend> = Session::new(common::device(), scene.clone(), EXACT, &set);
         session.prepare((400, 225), &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
         let frame = session.submit(&cameras[0], &FrameOptions::default()).expect("submitted");
         let stats = session.wait(frame).expect("drawn").stats;

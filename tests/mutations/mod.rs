@@ -15,7 +15,7 @@ use splatgraph_framework::ir::{DeviceFacts, Hazard, PassId, Stages, Work};
 use splatgraph_framework::oracle::mutate::{Mutation, apply, mutations, needless, needless_by};
 use splatgraph_framework::oracle::{Replay, Rules, replay};
 use splatgraph_framework::plan::{Barrier, Plan};
-use splatgraph_vulkan::Vulkan;
+use splatgraph_vulkan::{Validation, Vulkan};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io::Write;
 use std::time::Instant;
@@ -179,7 +179,9 @@ impl Bench {
     fn new() -> Bench {
         let scene = scene();
         let camera = Camera::framing(&scene, SIZE.0, SIZE.1);
-        Bench { device: common::device(), scene, camera, loads: 0 }
+        let device = Vulkan::open(&common::options(Validation::Synchronization))
+            .unwrap_or_else(|error| panic!("the tests need lavapipe and the validation layers: {error}"));
+        Bench { device, scene, camera, loads: 0 }
     }
 
     /// Draws a few frames of a plan and returns the layer's messages.

@@ -48,7 +48,7 @@ pub(crate) fn begin(device: &DeviceRef) -> Option<String> {
         let descriptor = CaptureDescriptor::new();
         descriptor.set_capture_device(device);
         descriptor.set_destination(MTLCaptureDestination::GpuTraceDocument);
-        descriptor.set_output_url(path);
+        objc::set_output(&descriptor, path)?;
         CaptureManager::shared().start_capture(&descriptor)
     });
     *state = if begun.is_ok() { State::Running } else { State::Idle };

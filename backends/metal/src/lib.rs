@@ -52,7 +52,7 @@ mod swapchain;
 
 #[cfg(test)]
 #[path = "../../runtime/src/testing.rs"]
-mod testing;
+mod handmade;
 
 #[cfg(target_vendor = "apple")]
 pub use capture::capture_next_frame;

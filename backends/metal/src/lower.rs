@@ -277,7 +277,7 @@ pub fn counted(value: u64) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::*;
+    use crate::handmade::*;
 
     fn argument(binding: u32, element: u32, texture: bool, index: u32) -> MslArgument {
         MslArgument { binding, element, texture, index }

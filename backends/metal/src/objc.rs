@@ -7,7 +7,8 @@ use metal::foreign_types::ForeignType;
 use metal::objc::runtime::{BOOL, Object, YES};
 use metal::objc::{class, msg_send, sel, sel_impl};
 use metal::*;
-use std::ffi::{CStr, c_char, c_void};
+use std::ffi::{CStr, CString, c_char, c_void};
+use std::path::Path;
 use std::ptr::NonNull;
 
 /// `MTLCommandBufferStatus` of one that ended well.
@@ -154,6 +155,21 @@ pub(crate) fn resolve(samples: &CounterSampleBufferRef, count: usize) -> Option<
         let words = (0..count).map(|word| unsafe { bytes.cast::<u64>().add(word).read_unaligned() });
         Some(words.collect())
     })
+}
+
+/// Names the document that a capture is written to.
+pub(crate) fn set_output(descriptor: &CaptureDescriptorRef, path: &Path) -> Result<(), String> {
+    let text = path.to_str().and_then(|path| CString::new(path).ok());
+    let text = text.ok_or_else(|| format!("expected a path in Unicode, found {}", path.display()))?;
+    pool(|| {
+        // SAFETY: the text ends with a zero, and is copied; classes of Foundation. The descriptor retains the URL.
+        unsafe {
+            let path: *mut Object = msg_send![class!(NSString), stringWithUTF8String: text.as_ptr()];
+            let url: *mut Object = msg_send![class!(NSURL), fileURLWithPath: path];
+            let () = msg_send![descriptor, setOutputURL: url];
+        }
+    });
+    Ok(())
 }
 
 /// Makes a layer the content of a view. Call it on the main thread.

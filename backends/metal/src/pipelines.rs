@@ -11,7 +11,9 @@ use metal::*;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{Msl, PassId, ShaderId, Topology, Work};
 use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::msl::add_msl;
 use splatgraph_runtime::NextPipeline;
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -56,6 +58,7 @@ impl Pipelines {
         plan: &Plan,
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Pipelines, BackendError> {
+        let plan = &*translated(plan)?;
         let lowered = lower::lower(plan)?;
         // Needed only until the pipelines are made.
         let mut functions = HashMap::new();
@@ -103,6 +106,19 @@ impl Pipelines {
     pub(crate) fn of(&self, pass: PassId) -> Option<&Pipeline> {
         self.lowered.of_pass[pass.index()].map(|pipeline| &self.pipelines[pipeline])
     }
+}
+
+/// Translates the shaders that were not translated with the plan.
+fn translated(plan: &Plan) -> Result<Cow<'_, Plan>, BackendError> {
+    if plan.shaders.iter().all(|shader| shader.msl.is_some()) {
+        return Ok(Cow::Borrowed(plan));
+    }
+    let mut plan = plan.clone();
+    add_msl(&mut plan).map_err(|errors| {
+        let errors: Vec<String> = errors.iter().map(ToString::to_string).collect();
+        BackendError::Unsupported(errors.join("\n"))
+    })?;
+    Ok(Cow::Owned(plan))
 }
 
 fn function(gpu: &MetalGpu, plan: &Plan, shader: ShaderId) -> Result<Function, BackendError> {

@@ -362,7 +362,7 @@ mod tests {
 
     #[test]
     fn a_plan_is_divided_with_every_pass_but_the_hosts_in_an_encoder() {
-        let plan = crate::testing::plan();
+        let plan = crate::handmade::plan();
         let walked = Walked::new(&plan);
         for divided in &walked.divisions {
             let places: Vec<bool> = divided.places.iter().map(Option::is_some).collect();
