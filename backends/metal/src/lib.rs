@@ -9,3 +9,5 @@
 
 pub mod barriers;
 pub mod model;
+#[cfg(test)]
+mod testing;

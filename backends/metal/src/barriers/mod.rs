@@ -45,6 +45,8 @@ mod accesses;
 mod divide;
 mod fences;
 mod order;
+#[cfg(test)]
+mod tests;
 
 use splatgraph_framework::{ir::*, plan::*};
 

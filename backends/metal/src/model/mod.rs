@@ -31,6 +31,8 @@ use std::collections::HashMap;
 use std::fmt;
 
 pub mod mutate;
+#[cfg(test)]
+mod tests;
 
 /// Frames that are replayed: enough for each to follow a frame that followed one.
 const FRAMES: u32 = 3;
