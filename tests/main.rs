@@ -14,6 +14,7 @@ mod bench;
 mod commands;
 mod common;
 mod covariance;
+mod encoders;
 #[cfg(target_os = "linux")]
 mod exact;
 #[cfg(target_os = "linux")]

@@ -153,6 +153,11 @@ impl Encoder {
         for step in &moves {
             match *step {
                 Move::AfterAll => self.after_all(),
+                // What is submitted later may begin before an event that only these commands wait for.
+                Move::HandOver => {
+                    self.order_midst();
+                    self.publishes = true;
+                }
                 Move::Open(kind) => {
                     self.close();
                     self.next = Some(kind);
@@ -177,6 +182,11 @@ impl Encoder {
     fn order_everything(&mut self) {
         self.interrupt();
         self.after_all();
+        self.order_midst();
+    }
+
+    /// Lets the commands that come wait for those before them.
+    fn order_midst(&mut self) {
         let (event, value) = &mut self.midst;
         *value += 1;
         if let Some(commands) = &self.commands {

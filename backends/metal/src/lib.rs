@@ -5,6 +5,7 @@
 //!
 //! - [`features`]: the limits of a device, from the few numbers that Metal tells;
 //! - [`barriers`]: the passes divided into encoders, with fences between them;
+//! - [`model`]: the model of Metal's rules that checks them;
 //! - [`lower`]: pipelines, arguments, usages and copies;
 //! - [`walk`]: which encoder is opened, ordered and closed when, as the passes of a frame come by;
 //! - [`error`]: Metal's answers as errors.
@@ -23,6 +24,7 @@ pub mod barriers;
 pub mod error;
 pub mod features;
 pub mod lower;
+pub mod model;
 pub mod walk;
 
 #[cfg(target_vendor = "apple")]
@@ -53,6 +55,8 @@ mod swapchain;
 #[cfg(test)]
 #[path = "../../runtime/src/testing.rs"]
 mod handmade;
+#[cfg(test)]
+mod testing;
 
 #[cfg(target_vendor = "apple")]
 pub use capture::capture_next_frame;

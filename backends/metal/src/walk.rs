@@ -66,6 +66,8 @@ pub enum Move {
     /// Orders everything that comes after everything that was submitted before: the encoders of this frame are others than those of
     /// the frame before, and know nothing of their fences.
     AfterAll,
+    /// Orders everything that comes after everything before: the prologue is over.
+    HandOver,
     /// Updates a fence after the last command of the open encoder.
     Update(FenceUse),
     /// Closes the open encoder.
@@ -116,6 +118,13 @@ impl Walk {
             Some((current, false)) if current == index => moves.push(Move::Open(encoding.kind)),
             _ => {
                 self.close(walked, moves);
+                let prologue = divided.encoders.prologue.len();
+                if divided.encoders.handover
+                    && self.current.is_some_and(|(c, _)| c < prologue)
+                    && index >= prologue
+                {
+                    moves.push(Move::HandOver);
+                }
                 moves.push(Move::Open(encoding.kind));
                 let updated = encoding.waits.iter().filter(|wait| self.updated[wait.fence as usize]);
                 moves.extend(updated.copied().map(Move::Wait));
@@ -228,6 +237,7 @@ mod tests {
                 ),
                 encoding(EncoderKind::Blit, &[fence(2)], &[(EXPORT, false)], &[fence(3)]),
             ],
+            handover: true,
             fences: 4,
         };
         let places = vec![Some((0, 0)), Some((1, 0)), Some((1, 1)), Some((2, 0)), Some((3, 0)), None];
@@ -263,6 +273,7 @@ mod tests {
             Open(EncoderKind::Compute),
             Update(fence(0)),
             Close,
+            HandOver,
             Open(EncoderKind::Compute),
             // Fence 3, of the frame before, was never updated.
             Wait(fence(0)),
@@ -281,7 +292,7 @@ mod tests {
         assert_eq!(first, expected);
         let second = frame(&mut walked, &FRAME, false);
         assert_eq!(second[..3], [Open(EncoderKind::Compute), Wait(fence(0)), Wait(fence(3))]);
-        assert_eq!(second[3..], expected[5..]);
+        assert_eq!(second[3..], expected[6..]);
     }
 
     #[test]
@@ -305,7 +316,7 @@ mod tests {
             walk.pass(&walked, CLEAR, false, moves);
             walk.pass(&walked, FIRST, false, moves);
         });
-        assert_eq!(found[3..], [Open(EncoderKind::Compute), Wait(fence(0))]);
+        assert_eq!(found[3..], [HandOver, Open(EncoderKind::Compute), Wait(fence(0))]);
         assert_eq!(moves(|moves| walk.interrupt(&walked, moves)), [Update(fence(1)), Close]);
         assert!(moves(|moves| walk.interrupt(&walked, moves)).is_empty(), "it is closed");
         let found = moves(|moves| walk.pass(&walked, SECOND, false, moves));

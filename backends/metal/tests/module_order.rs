@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 17] = [
+const ORDER: [&str; 18] = [
     "objc",
     "error",
     "surface",
@@ -15,6 +15,7 @@ const ORDER: [&str; 17] = [
     "device",
     "gpu",
     "barriers",
+    "model",
     "walk",
     "lower",
     "memory",
