@@ -28,8 +28,6 @@ mod fuzz;
 mod growth;
 mod images;
 mod mistakes;
-// The messages are those of Vulkan's layers.
-#[cfg(not(target_vendor = "apple"))]
 mod mutations;
 mod numbers;
 mod page;

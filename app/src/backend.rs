@@ -55,18 +55,20 @@ impl Api {
     /// # Errors
     /// The names that there are, and why `metal` is not among them where it is not.
     pub fn parse(name: &str) -> Result<Api, String> {
-        if let Some(api) = Api::ALL.into_iter().find(|api| api.name() == name) {
-            return Ok(api);
-        }
-        let why = if name == "metal" { ": Metal is on Apple's systems alone" } else { "" };
-        Err(format!("expected {}, found {name}{why}", Api::names()))
+        Api::find(name).ok_or_else(|| Api::refusal(name, &[]))
     }
 
-    /// Lists the names of all: `vulkan or null`.
-    pub fn names() -> String {
-        let names = Api::ALL.map(Api::name);
-        let (last, others) = names.split_last().expect("there is a backend");
-        format!("{} or {last}", others.join(", "))
+    /// Finds the API of this name.
+    pub fn find(name: &str) -> Option<Api> {
+        Api::ALL.into_iter().find(|api| api.name() == name)
+    }
+
+    /// Says that there is no API of this name, where the names of `others` would do, too.
+    pub fn refusal(name: &str, others: &[&str]) -> String {
+        let names = [&Api::ALL.map(Api::name), others].concat();
+        let (last, first) = names.split_last().expect("there is a backend");
+        let why = if name == "metal" { ": Metal is on Apple's systems alone" } else { "" };
+        format!("expected {} or {last}, found {name}{why}", first.join(", "))
     }
 
     /// Lists the devices.
@@ -335,7 +337,8 @@ mod tests {
     fn a_backend_that_is_not_there_is_refused_with_those_that_are_and_the_reason() {
         let expected = "expected vulkan or null, found metal: Metal is on Apple's systems alone";
         assert_eq!(Api::parse("metal").unwrap_err(), expected);
-        assert_eq!(Api::parse("opengl").unwrap_err(), "expected vulkan or null, found opengl");
+        let expected = "expected vulkan, null or reference, found opengl";
+        assert_eq!(Api::refusal("opengl", &["reference"]), expected);
         assert_eq!(Api::default(), Api::Vulkan);
     }
 

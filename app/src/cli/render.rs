@@ -111,7 +111,7 @@ impl fmt::Display for Renderer {
 fn renderer(text: &str) -> Result<Renderer, String> {
     match text {
         REFERENCE => Ok(Renderer::Reference),
-        _ => Api::parse(text).map(Renderer::Device).map_err(|error| format!("{error} (or {REFERENCE})")),
+        _ => Api::find(text).map(Renderer::Device).ok_or_else(|| Api::refusal(text, &[REFERENCE])),
     }
 }
 
