@@ -48,4 +48,5 @@ mod tiles;
 #[cfg(target_os = "linux")]
 mod trade;
 mod view;
+mod walk;
 mod window_graph;

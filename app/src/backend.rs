@@ -99,34 +99,34 @@ impl fmt::Display for Api {
 
 /// An opened device, and the plan that it executes.
 pub enum Backend {
-    /// Of Vulkan.
+    /// Runs on Vulkan.
     Vulkan(Vulkan),
-    /// Of Metal.
+    /// Runs on Metal.
     #[cfg(target_vendor = "apple")]
     Metal(Metal),
-    /// Of no API. Nobody reads the journal of its calls.
+    /// Executes nothing. Nobody reads the journal of its calls.
     Null(Null, Journal),
 }
 
 /// Makes plans ready for one [`Backend`].
 pub enum Loader {
-    /// Of Vulkan.
+    /// Runs on Vulkan.
     Vulkan(<Vulkan as Device>::Loader),
-    /// Of Metal.
+    /// Runs on Metal.
     #[cfg(target_vendor = "apple")]
     Metal(<Metal as Device>::Loader),
-    /// Of no API.
+    /// Executes nothing.
     Null(<Null as Device>::Loader),
 }
 
 /// A plan that was made ready for one [`Backend`].
 pub enum Ready {
-    /// Of Vulkan.
+    /// Runs on Vulkan.
     Vulkan(ReadyOf<Vulkan>),
-    /// Of Metal.
+    /// Runs on Metal.
     #[cfg(target_vendor = "apple")]
     Metal(ReadyOf<Metal>),
-    /// Of no API.
+    /// Executes nothing.
     Null(ReadyOf<Null>),
 }
 

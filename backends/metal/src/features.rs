@@ -6,7 +6,7 @@
 use splatgraph_framework::ir::{Features, Format};
 use splatgraph_runtime::{FormatSupport, Limits, SubgroupLimits};
 
-/// What a device tells of itself.
+/// Holds the numbers that a device tells of itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Told {
     /// `maxBufferLength`
@@ -74,8 +74,8 @@ pub fn limits(told: &Told) -> Limits {
             selectable: false,
             max_per_group: told.max_threads[0] / LANES,
         },
-        // Assumed; see docs/metal.md.
-        rounds_half: true,
+        // Not documented; docs/metal.md says how to find out. Plans for devices that do not round are right on all.
+        rounds_half: false,
         features: features(),
         timestamp_bits: 64,
         // Samples can be resolved when their command buffer has completed.

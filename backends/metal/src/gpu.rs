@@ -49,7 +49,7 @@ pub(crate) struct Submission {
     pub event: SharedEvent,
     pub value: u64,
     pub last: CommandBuffer,
-    /// Whatever is recorded later waits for it.
+    /// All that is recorded later waits for it.
     pub publishes: bool,
 }
 

@@ -35,7 +35,7 @@ pub struct Pipelines {
 /// The order of a plan's frames: its encoders and their fences. Encoders keep it until their submission is noted in it.
 pub(crate) struct Order {
     walked: Mutex<Walked>,
-    /// Of both divisions: merged, by pass.
+    /// The fences of both divisions: merged, by pass.
     fences: [Vec<Fence>; 2],
     /// The pass that makes the output readable by copies.
     pub export: Option<PassId>,

@@ -60,7 +60,7 @@ impl Walked {
     }
 }
 
-/// What is to be done next.
+/// Tells the executor what to do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Move {
     /// Orders everything that comes after everything that was submitted before: the encoders of this frame are others than those of
