@@ -8,6 +8,7 @@
 #![deny(missing_docs)]
 
 pub mod barriers;
+pub mod dump;
 pub mod model;
 #[cfg(test)]
 mod testing;

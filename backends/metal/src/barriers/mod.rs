@@ -164,7 +164,7 @@ impl Division {
 
 /// One reason for a barrier, a wait or the handover: the accesses of `before` conflict with those of `after`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Reason {
+pub struct Cause {
     /// What it is a reason for.
     pub at: Place,
     /// The kind of conflict.
@@ -210,7 +210,7 @@ pub fn encoders(plan: &Plan, division: Division) -> Encoders {
 }
 
 /// Divides the passes of a plan into encoders as [`encoders`], and gives the reasons for every wait and barrier, in their order.
-pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<Reason>) {
+pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<Cause>) {
     let footprints = accesses::Footprints::of(plan);
     let prologue = divide::divide(plan, &plan.prologue, &footprints, division);
     let frame = divide::divide(plan, &plan.frame, &footprints, division);

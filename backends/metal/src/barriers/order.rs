@@ -75,7 +75,7 @@ pub(super) fn order(
     prologue: Vec<Group>,
     frame: Vec<Group>,
     footprints: &Footprints,
-) -> (Encoders, Vec<Reason>) {
+) -> (Encoders, Vec<Cause>) {
     let mut walk = Walk {
         footprints,
         cells: vec![Cell::default(); footprints.cells],
@@ -186,10 +186,10 @@ impl Walk<'_> {
             for cell in &self.cells[access.cells.clone()] {
                 let read = cell.reads.iter().filter(|_| access.writes).map(|mark| (mark, true));
                 for (mark, was_read) in cell.writes.iter().map(|mark| (mark, false)).chain(read) {
-                    let hazard = match (was_read, access.writes) {
+                    let hazard = match (was_read, access.reads) {
                         (true, _) => Hazard::WriteAfterRead,
-                        (false, true) => Hazard::WriteAfterWrite,
-                        (false, false) => Hazard::ReadAfterWrite,
+                        (false, true) => Hazard::ReadAfterWrite,
+                        (false, false) => Hazard::WriteAfterWrite,
                     };
                     let need = Need {
                         after: mark.clone(),
@@ -311,7 +311,7 @@ fn place(ordered: &mut Ordered, position: usize, mut needs: Vec<Need>) {
 }
 
 fn add_reasons(
-    reasons: &mut Vec<Reason>,
+    reasons: &mut Vec<Cause>,
     encoder: &Ordered,
     at: impl Fn(Point) -> Place,
     previous: impl Fn(&Need) -> bool,
@@ -329,10 +329,10 @@ fn add_reasons(
 }
 
 /// Adds a need to the reasons: to one that differs in the passes that are waited for alone, if there is one.
-fn add_reason(reasons: &mut Vec<Reason>, at: Place, need: &Need, previous_frame: bool) {
+fn add_reason(reasons: &mut Vec<Cause>, at: Place, need: &Need, previous_frame: bool) {
     let resource = need.resource;
     let alias = Some(need.after.access.resource).filter(|other| *other != resource);
-    let same = |reason: &&mut Reason| {
+    let same = |reason: &&mut Cause| {
         (reason.at, reason.before, reason.resource, reason.alias, reason.previous_frame)
             == (at, need.pass, resource, alias, previous_frame)
     };
@@ -346,7 +346,7 @@ fn add_reason(reasons: &mut Vec<Reason>, at: Place, need: &Need, previous_frame:
                 reason.after.push(need.after.pass);
             }
         }
-        None => reasons.push(Reason {
+        None => reasons.push(Cause {
             at,
             hazard: need.hazard,
             before: need.pass,
