@@ -220,19 +220,16 @@ fn write_reasons(out: &mut String, title: &str, what: &str, reasons: &[DumpReaso
 
 fn write_counts(out: &mut String, dump: &Dump, encoders: &DumpEncoders) -> fmt::Result {
     let totals = &dump.totals;
+    let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let metal = |of: &EncoderTotals| {
-        let count = |n: usize, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });
-        [
-            count(of.encoders, "encoder", "encoders"),
-            count(of.fences, "fence", "fences"),
-            count(of.waits, "wait", "waits"),
-            count(of.barriers, "barrier", "barriers"),
-        ]
-        .join(", ")
+        let EncoderTotals { encoders, fences, waits, barriers, .. } = *of;
+        [(encoders, "encoder"), (fences, "fence"), (waits, "wait"), (barriers, "barrier")]
+            .map(|(n, what)| count(n, what))
+            .join(", ")
     };
     let vulkan = |of: &BarrierTotals| {
-        let BarrierTotals { calls, memory_barriers, image_barriers, .. } = of;
-        format!("{calls} calls ({memory_barriers} barriers on memory, {image_barriers} on images)")
+        let memory = count(of.memory_barriers, "barrier");
+        format!("{} ({memory} on memory, {} on images)", count(of.calls, "call"), of.image_barriers)
     };
     writeln!(out, "counts")?;
     row(out, "once", &metal(&encoders.prologue_totals), &vulkan(&totals.prologue))?;

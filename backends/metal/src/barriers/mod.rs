@@ -37,7 +37,7 @@
 //!
 //! Not found in Apple's pages, and to be confirmed on a Mac (`docs/metal.md` has the list): that arguments of indirect draws are read
 //! in the stage of the vertices, and those of indirect dispatches within a barrier's scope for buffers; that targets are loaded,
-//! cleared and stored in the stage of the fragments (MoltenVK maps Vulkan's stages in this way, `MVKCommandBuffer.mm`); that a barrier
+//! cleared and stored in the stage of the fragments (MoltenVK maps Vulkan's stages in this way, `MVKCmdPipeline.mm`); that a barrier
 //! orders writes after reads, as it orders reads after writes; that an encoder without commands still waits and updates; and that a
 //! fence can be updated for the next frame while encoders of this one, submitted earlier, have yet to see the former update.
 
