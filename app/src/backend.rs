@@ -18,6 +18,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 pub use splatgraph_api::{Options, Validation};
+pub use splatgraph_metal::dump::add_encoders as add_metal_encoders;
 pub use splatgraph_runtime::{Window, compilers_given_up};
 
 /// Names a graphics API.

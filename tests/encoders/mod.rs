@@ -7,9 +7,11 @@ use splatgraph::builtin;
 use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::Planner;
 use splatgraph::view::paint;
+use splatgraph_framework::dump::{self, EncoderTotals};
 use splatgraph_framework::ir::Facts;
 use splatgraph_framework::plan::Plan;
 use splatgraph_metal::barriers::{Division, Encoders, Encoding, encoders};
+use splatgraph_metal::dump::add_encoders;
 use splatgraph_metal::model::{Model, mutate};
 use std::io::Write;
 
@@ -108,4 +110,38 @@ fn no_built_in_graph_has_more_encoders_fences_or_barriers_on_metal_than_it_must_
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn the_page_on_metal_shows_what_the_command_prints() {
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/metal.md");
+    let page = std::fs::read_to_string(page).expect("the page is there");
+    let mut missing = Vec::new();
+    let mut expect = |text: String| {
+        if !page.contains(&text) {
+            missing.push(text);
+        }
+    };
+    let shown = [builtin::names(), vec![paint::GRAPH]].concat();
+    let plans = plans(true);
+    for name in shown {
+        // The first plan of a name is that of its defaults.
+        let plan = plans.iter().find(|plan| plan.name == name).expect("it is one of them");
+        let dump = add_encoders(dump::dump(plan), plan);
+        let text = dump::encoders_text(&dump).expect("they were added");
+        let totals = dump.encoders.expect("they were added").frame_totals;
+        let EncoderTotals { encoders, fences, waits, barriers, .. } = totals;
+        let (passes, calls) = (plan.frame.len(), dump.totals.frame.calls);
+        expect(format!("| `{name}` | {passes} | {encoders} | {fences} | {waits} | {barriers} | {calls} |"));
+        if ["auto", "digit4"].contains(&name) {
+            let frame = plan.frame.iter().map(|step| plan.pass(step.pass).bindings.len());
+            let (updates, bindings) = (totals.updates, frame.sum::<usize>());
+            expect(format!("| {fences} ({waits}, {updates}) | {barriers} | {bindings} |"));
+            let (table, rest) = text.split_once("\nreasons\n").expect("both parts");
+            let (_, counts) = rest.split_once("\ncounts\n").expect("both parts");
+            expect(table.to_string());
+            expect(format!("\ncounts\n{counts}"));
+        }
+    }
+    assert!(missing.is_empty(), "docs/metal.md lacks\n{}", missing.join("\n"));
 }

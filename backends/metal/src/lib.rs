@@ -5,6 +5,7 @@
 //!
 //! - [`features`]: the limits of a device, from the few numbers that Metal tells;
 //! - [`barriers`]: the passes divided into encoders, with fences between them;
+//! - [`dump`]: the encoders for `splatgraph dump`;
 //! - [`model`]: the model of Metal's rules that checks them;
 //! - [`lower`]: pipelines, arguments, usages and copies;
 //! - [`walk`]: which encoder is opened, ordered and closed when, as the passes of a frame come by;
@@ -21,6 +22,7 @@
 #![deny(missing_docs)]
 
 pub mod barriers;
+pub mod dump;
 pub mod error;
 pub mod features;
 pub mod lower;

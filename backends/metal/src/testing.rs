@@ -13,6 +13,22 @@ fn origin() -> Origin {
     Origin { file: "graph.ron".into(), line: 1, column: 1 }
 }
 
+fn shader(stage: ShaderStage) -> Shader {
+    let reflection = Reflection {
+        stage,
+        local_size: [1; 3],
+        shared_bytes: 0,
+        bindings: vec![],
+        push: None,
+        inputs: vec![],
+        outputs: vec![],
+        subgroups: false,
+        features: Features::empty(),
+    };
+    let (name, spirv) = ("shader".into(), Default::default());
+    Shader { name, defines: vec![], spirv, reflection, msl: None }
+}
+
 impl Sketch {
     pub fn new() -> Sketch {
         let plan = Plan {
@@ -23,7 +39,7 @@ impl Sketch {
             facts: BTreeMap::new(),
             params: vec![],
             resources: vec![],
-            shaders: vec![],
+            shaders: vec![shader(ShaderStage::Vertex), shader(ShaderStage::Fragment)],
             passes: vec![],
             blocks: vec![],
             prologue: vec![],

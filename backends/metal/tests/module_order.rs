@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 18] = [
+const ORDER: [&str; 19] = [
     "objc",
     "error",
     "surface",
@@ -16,6 +16,7 @@ const ORDER: [&str; 18] = [
     "gpu",
     "barriers",
     "model",
+    "dump",
     "walk",
     "lower",
     "memory",

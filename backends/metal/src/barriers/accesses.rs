@@ -16,6 +16,7 @@ pub(super) struct Access {
     /// The stage at which it starts, and the one at whose end it is over: the same one of a draw, both of what has one stage.
     pub from: RenderStages,
     pub to: RenderStages,
+    pub reads: bool,
     pub writes: bool,
     /// As a target of a draw: in order with those of other draws in the encoder.
     pub target: bool,
@@ -108,8 +109,9 @@ fn extents(plan: &Plan, pass: &Pass) -> Vec<Extent> {
         let mut add = |(from, to), accesses: Accesses, bytes: Range<u64>| {
             if !accesses.is_empty() && !bytes.is_empty() {
                 let (writes, target) = (accesses.writes(), accesses.intersects(COLOR));
+                let reads = accesses.reads() && !touch.discards;
                 let access =
-                    Access { resource: touch.resource, from, to, writes, target, scope, cells: 0..0 };
+                    Access { resource: touch.resource, from, to, reads, writes, target, scope, cells: 0..0 };
                 extents.push(Extent { access, bytes });
             }
         };

@@ -37,7 +37,7 @@
 //!
 //! Not found in Apple's pages, and to be confirmed on a Mac (`docs/metal.md` has the list): that arguments of indirect draws are read
 //! in the stage of the vertices, and those of indirect dispatches within a barrier's scope for buffers; that targets are loaded,
-//! cleared and stored in the stage of the fragments (MoltenVK maps Vulkan's stages in this way, `MVKCommandBuffer.mm`); that a barrier
+//! cleared and stored in the stage of the fragments (MoltenVK maps Vulkan's stages in this way, `MVKCmdPipeline.mm`); that a barrier
 //! orders writes after reads, as it orders reads after writes; that an encoder without commands still waits and updates; and that a
 //! fence can be updated for the next frame while encoders of this one, submitted earlier, have yet to see the former update.
 
@@ -164,7 +164,7 @@ impl Division {
 
 /// One reason for a barrier, a wait or the handover: the accesses of `before` conflict with those of `after`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Reason {
+pub struct Cause {
     /// What it is a reason for.
     pub at: Place,
     /// The kind of conflict.
@@ -210,7 +210,7 @@ pub fn encoders(plan: &Plan, division: Division) -> Encoders {
 }
 
 /// Divides the passes of a plan into encoders as [`encoders`], and gives the reasons for every wait and barrier, in their order.
-pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<Reason>) {
+pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<Cause>) {
     let footprints = accesses::Footprints::of(plan);
     let prologue = divide::divide(plan, &plan.prologue, &footprints, division);
     let frame = divide::divide(plan, &plan.frame, &footprints, division);

@@ -57,8 +57,9 @@ struct Walk<'a> {
     cells: Vec<Cell>,
     /// By instance of an encoder: in the prologue, the first frame and the second.
     waits: Vec<Vec<Edge>>,
-    /// The instance that was looked at last in a search, to look once.
-    seen: Vec<(usize, RenderStages)>,
+    /// By end of a stage, the last search that came by; and the number of searches.
+    seen: Vec<u32>,
+    searches: u32,
 }
 
 /// The outcome for one encoder.
@@ -75,12 +76,13 @@ pub(super) fn order(
     prologue: Vec<Group>,
     frame: Vec<Group>,
     footprints: &Footprints,
-) -> (Encoders, Vec<Reason>) {
+) -> (Encoders, Vec<Cause>) {
     let mut walk = Walk {
         footprints,
         cells: vec![Cell::default(); footprints.cells],
         waits: Vec::new(),
         seen: Vec::new(),
+        searches: 0,
     };
     let once: Vec<Ordered> = prologue.iter().map(|group| walk.encoder(group, 0)).collect();
     let start = once.len();
@@ -186,10 +188,10 @@ impl Walk<'_> {
             for cell in &self.cells[access.cells.clone()] {
                 let read = cell.reads.iter().filter(|_| access.writes).map(|mark| (mark, true));
                 for (mark, was_read) in cell.writes.iter().map(|mark| (mark, false)).chain(read) {
-                    let hazard = match (was_read, access.writes) {
+                    let hazard = match (was_read, access.reads) {
                         (true, _) => Hazard::WriteAfterRead,
-                        (false, true) => Hazard::WriteAfterWrite,
-                        (false, false) => Hazard::ReadAfterWrite,
+                        (false, true) => Hazard::ReadAfterWrite,
+                        (false, false) => Hazard::WriteAfterWrite,
                     };
                     let need = Need {
                         after: mark.clone(),
@@ -264,16 +266,17 @@ impl Walk<'_> {
 
     /// Returns true if the end of a stage comes before the end of another, or is it.
     fn reaches(&mut self, first: (usize, RenderStages), last: (usize, RenderStages)) -> bool {
-        self.seen.clear();
+        self.searches += 1;
+        self.seen.resize(2 * self.waits.len(), 0);
         let mut open = vec![last];
         while let Some((instance, stage)) = open.pop() {
             if instance == first.0 && first.1 <= stage {
                 return true;
             }
-            if instance <= first.0 || self.seen.contains(&(instance, stage)) {
+            let seen = &mut self.seen[2 * instance + stage as usize];
+            if instance <= first.0 || std::mem::replace(seen, self.searches) == self.searches {
                 continue;
             }
-            self.seen.push((instance, stage));
             // A stage ends after it began, and after the stages before it.
             let before = self.waits[instance].iter().filter(|edge| edge.before <= stage);
             open.extend(before.map(|edge| (edge.source, edge.after)));
@@ -294,14 +297,13 @@ impl Need {
 
 /// Sees to it that there is a barrier between each of these accesses and the pass at `position`.
 fn place(ordered: &mut Ordered, position: usize, mut needs: Vec<Need>) {
+    needs.retain(|need| {
+        let covers = |barrier: &Option<MemoryBarrier>| barrier.is_some_and(|b| b.contains(need.scope));
+        !ordered.barriers[need.after.position + 1..position].iter().rev().any(covers)
+    });
     // Those after the last barrier need a new one, which then serves all.
     needs.sort_by_key(|need| std::cmp::Reverse(need.after.position));
-    let older: Vec<Option<MemoryBarrier>> = ordered.barriers[..position].to_vec();
     for need in needs {
-        let covers = |barrier: &Option<MemoryBarrier>| barrier.is_some_and(|b| b.contains(need.scope));
-        if older[need.after.position + 1..].iter().any(covers) {
-            continue;
-        }
         let last = (need.after.position + 1..=position).rev().find(|at| ordered.barriers[*at].is_some());
         let at = last.unwrap_or(position);
         let barrier = ordered.barriers[at].get_or_insert_default();
@@ -311,7 +313,7 @@ fn place(ordered: &mut Ordered, position: usize, mut needs: Vec<Need>) {
 }
 
 fn add_reasons(
-    reasons: &mut Vec<Reason>,
+    reasons: &mut Vec<Cause>,
     encoder: &Ordered,
     at: impl Fn(Point) -> Place,
     previous: impl Fn(&Need) -> bool,
@@ -329,10 +331,10 @@ fn add_reasons(
 }
 
 /// Adds a need to the reasons: to one that differs in the passes that are waited for alone, if there is one.
-fn add_reason(reasons: &mut Vec<Reason>, at: Place, need: &Need, previous_frame: bool) {
+fn add_reason(reasons: &mut Vec<Cause>, at: Place, need: &Need, previous_frame: bool) {
     let resource = need.resource;
     let alias = Some(need.after.access.resource).filter(|other| *other != resource);
-    let same = |reason: &&mut Reason| {
+    let same = |reason: &&mut Cause| {
         (reason.at, reason.before, reason.resource, reason.alias, reason.previous_frame)
             == (at, need.pass, resource, alias, previous_frame)
     };
@@ -346,7 +348,7 @@ fn add_reason(reasons: &mut Vec<Reason>, at: Place, need: &Need, previous_frame:
                 reason.after.push(need.after.pass);
             }
         }
-        None => reasons.push(Reason {
+        None => reasons.push(Cause {
             at,
             hazard: need.hazard,
             before: need.pass,

@@ -301,7 +301,7 @@ fn reasons_name_the_hazard_the_passes_and_both_resources() {
     s.dispatch("make", &[writes(x)]);
     s.dispatch("over", &[writes(y)]);
     let (_, reasons) = explained(&s.plan, Division::Merged);
-    let reason = |point, hazard, before, resource, after, previous_frame, alias| Reason {
+    let reason = |point, hazard, before, resource, after, previous_frame, alias| Cause {
         at: Place::Frame(0, point),
         hazard,
         before: PassId(before),
