@@ -82,8 +82,8 @@ fn attributes(msl: &Msl) -> Vec<&str> {
     line.split("[[").skip(1).map(|rest| rest.split("]]").next().expect("it ends")).collect()
 }
 
-/// Fails if the places of the arguments in the text are not those that the backend is told.
-pub fn assert_places(shader: &Shader) {
+/// Fails if the places of the arguments in the text are not those that the backend is told. Returns the number of buffers.
+pub fn assert_places(shader: &Shader) -> usize {
     let msl = shader.msl.as_ref().expect("translated");
     let found: BTreeSet<String> =
         attributes(msl).into_iter().filter(|name| name.contains('(')).map(str::to_string).collect();
@@ -96,6 +96,7 @@ pub fn assert_places(shader: &Shader) {
     let all: BTreeSet<String> = told.iter().cloned().collect();
     assert_eq!(all.len(), told.len(), "{}: two arguments have one place: {told:?}", shader.name);
     assert_eq!(found, all, "{}", shader.name);
+    all.iter().filter(|place| place.starts_with("buffer")).count()
 }
 
 /// Divides shaders among files that are compiled side by side; equal ones are taken once.

@@ -2,7 +2,8 @@
 // runs until it comes to an operation of its SIMD-group or to a barrier of its threadgroup, and goes on when those that take part have
 // come there, too. So nothing but these operations orders the threads of a SIMD-group: a kernel that counts on lockstep fails.
 //
-// The test can turn the order of lanes and SIMD-groups around: a result that depends on it is a race.
+// The test can turn around the order of threadgroups, SIMD-groups and lanes, and which threads are in which SIMD-group: a result
+// that depends on it is a race.
 #include <metal_stdlib>
 
 #undef kernel
@@ -164,6 +165,8 @@ Machine* make() {
     return made;
 }
 
+metal::uint3 place_in(metal::uint3 box, unsigned i) { return {i % box.x, i / box.x % box.y, i / box.x / box.y}; }
+
 }
 
 extern "C" Lanes machine_exchange(const void* value, unsigned bytes, unsigned line) {
@@ -187,12 +190,15 @@ extern "C" const char* machine_run(void (*kernel)(const Call&), const char* name
     m.lanes = lanes;
     m.threads = size[0] * size[1] * size[2];
     if (m.threads > MOST_THREADS || lanes > MOST_LANES) return "more threads or lanes than the machine has";
-    for (unsigned i = 0; i < groups[0] * groups[1] * groups[2]; i++) {
-        metal::uint3 group = {i % groups[0], i / groups[0] % groups[1], i / groups[0] / groups[1]};
+    unsigned all = groups[0] * groups[1] * groups[2];
+    metal::uint3 threads = {size[0], size[1], size[2]}, count = {groups[0], groups[1], groups[2]};
+    for (unsigned i = 0; i < all; i++) {
+        metal::uint3 group = place_in(count, reversed ? all - 1 - i : i);
         for (unsigned t = 0; t < m.threads; t++) {
-            metal::uint3 within = {t % size[0], t / size[0] % size[1], t / size[0] / size[1]};
-            metal::uint3 all = {size[0], size[1], size[2]}, count = {groups[0], groups[1], groups[2]};
-            m.fibers[t].call = Call{buffers, images, group, count, group * all + within, t, t % lanes, t / lanes};
+            // Which threads make a SIMD-group is open.
+            unsigned index = reversed ? m.threads - 1 - t : t;
+            metal::uint3 within = place_in(threads, index);
+            m.fibers[t].call = Call{buffers, images, group, count, group * threads + within, index, t % lanes, t / lanes};
         }
         if (!run_threadgroup(reversed)) {
             machine = nullptr; // its fibers are somewhere in the kernel
