@@ -101,7 +101,7 @@ pub fn alone(test: &str, body: impl FnOnce()) {
 }
 
 /// Runs a test of this binary again in a process of its own. Gives whether it passed, and what it printed.
-fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
+pub fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
     let output = std::process::Command::new(std::env::current_exe().expect("this program"))
         .args([test, "--exact", "--nocapture", "--include-ignored"])
         .envs(set.iter().map(|(name, value)| (name, value)))

@@ -27,6 +27,8 @@ mod fuzz;
 #[cfg(target_os = "linux")]
 mod growth;
 mod images;
+#[cfg(target_os = "linux")]
+mod metal;
 mod mistakes;
 mod mutations;
 mod numbers;
