@@ -85,7 +85,7 @@ pub fn again_with_vectors_of(bits: u32, test: &str) {
 }
 
 /// Set in the processes that [`alone`] starts.
-const ALONE: &str = "SPLATGRAPH_ALONE";
+pub const ALONE: &str = "SPLATGRAPH_ALONE";
 
 /// Runs `body` in a process that has nothing else to do: what belongs to a process (memory, threads, open files, a panic on
 /// whatever thread) is then the test's. The process is this binary, told to run `test` alone, which is the test that calls this.

@@ -2,7 +2,7 @@
 //!
 //! Metal runs the code that Vulkan runs: each shader's SPIR-V becomes the text of a library with one function, which a Mac compiles
 //! when it makes the pipeline. Vulkan numbers a shader's bindings freely; Metal has tables of arguments, one for buffers and one for
-//! textures. [`arguments`] numbers them, and the function is told so.
+//! textures. `places` numbers them, and the function is told so.
 //!
 //! What the executor owes the function:
 //!

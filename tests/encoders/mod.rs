@@ -10,7 +10,7 @@ use splatgraph::view::paint;
 use splatgraph_framework::dump::{self, EncoderTotals};
 use splatgraph_framework::ir::Facts;
 use splatgraph_framework::plan::Plan;
-use splatgraph_metal::barriers::{Division, Encoders, Encoding, encoders};
+use splatgraph_metal::barriers::{Division, Encoders, Encoding, FenceUse, encoders};
 use splatgraph_metal::dump::add_encoders;
 use splatgraph_metal::model::{Model, mutate};
 use std::io::Write;
@@ -107,6 +107,14 @@ fn no_built_in_graph_has_more_encoders_fences_or_barriers_on_metal_than_it_must_
         };
         if found != least {
             wrong.push(format!("{}: expected {least:?}, found {found:?}", plan.name));
+        }
+        // Metal's pages say of this alone that a fence can be used again.
+        let waits_first = |encoding: &Encoding| {
+            let waited = |update: &FenceUse| encoding.waits.iter().any(|wait| wait.fence == update.fence);
+            encoding.updates.iter().all(waited)
+        };
+        if !merged.frame.iter().all(waits_first) {
+            wrong.push(format!("{}: a fence is updated by an encoder that does not wait for it", plan.name));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));

@@ -22,6 +22,16 @@ fn lavapipe() -> Vulkan {
     Vulkan::open(&common::options(Validation::Off)).unwrap_or_else(|e| panic!("the tests need lavapipe: {e}"))
 }
 
+/// Runs `body` alone in a process, since kernels can end it; `./x test --long` runs it at lavapipe's other widths of subgroups, too.
+fn at_every_width_of_lavapipe(test: &str, body: impl FnOnce()) {
+    common::alone(test, body);
+    if common::long() && common::lanes_are_usual() && std::env::var_os(common::ALONE).is_none() {
+        for bits in [128, 512] {
+            common::again_with_vectors_of(bits, test);
+        }
+    }
+}
+
 fn owned(set: &[(&str, &str)]) -> Vec<(String, String)> {
     set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect()
 }

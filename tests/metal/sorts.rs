@@ -3,7 +3,7 @@
 use super::clang::Library;
 use super::cpu::Cpu;
 use super::parity::compare;
-use super::{change, lavapipe, owned, shaders, translated};
+use super::{at_every_width_of_lavapipe, change, lavapipe, owned, shaders, translated};
 use crate::common;
 use splatgraph::{builtin, facts};
 use splatgraph_api::{Device, FrameInputs, NoScene};
@@ -52,7 +52,7 @@ fn inputs(few: bool) -> FrameInputs {
 fn sorts_with_digits_of_every_width_give_every_byte_of_lavapipe_after_every_pass() {
     const NAME: &str =
         "metal::sorts::sorts_with_digits_of_every_width_give_every_byte_of_lavapipe_after_every_pass";
-    common::alone(NAME, || {
+    at_every_width_of_lavapipe(NAME, || {
         let mut device = lavapipe();
         let plans = plans(&device.info().facts, &every());
         let library = Library::new(&shaders(&plans));

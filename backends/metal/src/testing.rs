@@ -68,7 +68,7 @@ impl Sketch {
         self.resource(name, Shape::Buffer { stride: 4, count: 16 }, Source::Transient)
     }
 
-    /// Of which each frame in flight has its own.
+    /// Adds a buffer of which each frame in flight has its own.
     pub fn readback(&mut self) -> ResourceId {
         self.resource("readback", Shape::Buffer { stride: 4, count: 16 }, Source::Readback)
     }

@@ -44,7 +44,7 @@ pub struct DumpEncoder {
 pub struct DumpWait {
     /// Number of the fence.
     pub fence: u32,
-    /// Of draws, the stage that waits: `vertex` (and so all) or `fragment`.
+    /// The stage of draws that waits: `vertex` (and so all) or `fragment`.
     pub stage: Option<String>,
     /// The conflicts behind it.
     pub reasons: Vec<DumpReason>,
@@ -55,7 +55,7 @@ pub struct DumpWait {
 pub struct DumpUpdate {
     /// Number of the fence.
     pub fence: u32,
-    /// Of draws, the stage after which it is updated: `vertex` or `fragment` (and so all).
+    /// The stage of draws after which it is updated: `vertex` or `fragment` (and so all).
     pub stage: Option<String>,
 }
 
@@ -71,7 +71,7 @@ pub struct EncodedPass {
 /// A barrier within an encoder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EncoderBarrier {
-    /// What it is for: `buffers`, `textures`.
+    /// The kinds of resources that it is for: `buffers`, `textures`.
     pub scope: Vec<String>,
     /// The conflicts behind it.
     pub reasons: Vec<DumpReason>,

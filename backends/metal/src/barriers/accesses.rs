@@ -1,4 +1,4 @@
-//! What each pass touches, by its bytes and by the stages of Metal.
+//! Lists what each pass touches, by its bytes and by the stages of Metal.
 //!
 //! Memory is cut into cells at every boundary of an access, so that the copy of one word of a buffer does not concern its other words,
 //! and an alias of a block nothing beyond its own end. Memory of which each frame in flight has its own copy is not in here: no pass
@@ -9,7 +9,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
-/// What a pass does to some bytes.
+/// Describes what a pass does to some bytes.
 #[derive(Clone, Debug)]
 pub(super) struct Access {
     pub resource: ResourceId,
@@ -38,7 +38,7 @@ impl Access {
     }
 }
 
-/// The accesses of all passes of a plan.
+/// Holds the accesses of all passes of a plan.
 pub(super) struct Footprints {
     /// By pass.
     pub passes: Vec<Vec<Access>>,
@@ -46,7 +46,7 @@ pub(super) struct Footprints {
     pub cells: usize,
 }
 
-/// An access before memory is cut.
+/// Describes an access before memory is cut.
 struct Extent {
     access: Access,
     bytes: Range<u64>,

@@ -50,9 +50,9 @@ mod tests;
 
 use splatgraph_framework::{ir::*, plan::*};
 
-/// The encoders of a plan.
+/// Lists the encoders of a plan.
 ///
-/// What an executor has to keep, for the fences to hold:
+/// For the fences to hold, an executor keeps these rules:
 ///
 /// - Encoders are opened in this order, all of them: one whose passes have nothing to do, or are left out, still waits for its fences
 ///   and updates them, since others may count on the order through it.
@@ -74,7 +74,7 @@ pub struct Encoders {
     pub fences: u32,
 }
 
-/// One encoder, with passes of one kind.
+/// Describes one encoder, with passes of one kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Encoding {
     /// The kind of its commands.
@@ -87,7 +87,7 @@ pub struct Encoding {
     pub updates: Vec<FenceUse>,
 }
 
-/// The kinds of encoders.
+/// Classifies encoders by their commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum EncoderKind {
     /// Dispatches, and fills and clears, which are dispatches of kernels of our own. They may run at the same time
@@ -99,17 +99,17 @@ pub enum EncoderKind {
     Blit,
 }
 
-/// A fence that an encoder waits for or updates.
+/// Names a fence that an encoder waits for or updates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FenceUse {
     /// Its number, below [`Encoders::fences`].
     pub fence: u32,
-    /// Of an encoder of draws: waits before these stages, or updates after them (vertices alone, or vertices and fragments). `None` for
-    /// others.
+    /// The stages, in an encoder of draws: it waits before them, or updates after them (vertices alone, or vertices and fragments).
+    /// `None` for others.
     pub stages: Option<RenderStages>,
 }
 
-/// Stages of a draw, in their order.
+/// Names stages of a draw, in their order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RenderStages {
     /// Reading of indirect arguments, and vertex shaders.
@@ -118,7 +118,7 @@ pub enum RenderStages {
     Fragment,
 }
 
-/// A pass, and the barrier before it.
+/// Holds a pass, and the barrier before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EncodedPass {
     /// Orders everything before it in the encoder before it and everything after.
@@ -127,7 +127,7 @@ pub struct EncodedPass {
     pub pass: PassId,
 }
 
-/// A memory barrier within an encoder of dispatches.
+/// Describes a memory barrier within an encoder of dispatches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct MemoryBarrier {
     /// For buffers.
@@ -148,7 +148,7 @@ impl MemoryBarrier {
     }
 }
 
-/// The choice between few encoders and times of passes.
+/// Chooses between few encoders and times of passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Division {
     /// As few encoders as the kinds of passes allow.
@@ -162,10 +162,10 @@ impl Division {
     pub const ALL: [Division; 2] = [Division::Merged, Division::Passes];
 }
 
-/// One reason for a barrier, a wait or the handover: the accesses of `before` conflict with those of `after`.
+/// Gives one reason for a barrier, a wait or the handover: the accesses of `before` conflict with those of `after`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cause {
-    /// What it is a reason for.
+    /// The wait, the barrier or the handover that it explains.
     pub at: Place,
     /// The kind of conflict.
     pub hazard: Hazard,

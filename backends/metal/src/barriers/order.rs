@@ -1,4 +1,4 @@
-//! What has to wait for what: a walk over prologue and frames with a state of all memory.
+//! Finds what has to wait for what, in a walk over prologue and frames with a state of all memory.
 //!
 //! For each cell the state has the last write and the reads since: what conflicts with an older access is ordered after it through
 //! these. The walk takes the prologue and two frames. The second frame follows a frame like itself, as all later ones do, so its waits
@@ -9,9 +9,9 @@
 //! barrier could cover but for its scope adds to the last barrier's scope.
 //!
 //! **Fences.** An encoder has to wait for those that it conflicts with, but for those that another wait implies: what is left is
-//! the transitive reduction, which is unique. Draws have two beginnings and two ends, of vertices and of fragments. The fragments
-//! begin no earlier and end no later than what their vertices wait for and are waited for by; all else is kept apart, so that
-//! vertices can run ahead.
+//! the transitive reduction, which is unique. Draws have two beginnings and two ends, of vertices and of fragments. Fragments wait for
+//! whatever their vertices wait for, and who waits for fragments waits for their vertices, too; nothing else of the two is mixed, so
+//! that vertices can run ahead.
 
 use super::accesses::{Access, Footprints};
 use super::divide::Group;
@@ -22,7 +22,7 @@ use super::*;
 #[derive(Clone, Debug)]
 struct Mark {
     instance: usize,
-    /// Of the pass in its encoder.
+    /// Index of the pass in its encoder.
     position: usize,
     pass: PassId,
     access: Access,
@@ -57,7 +57,7 @@ struct Walk<'a> {
     cells: Vec<Cell>,
     /// By instance of an encoder: in the prologue, the first frame and the second.
     waits: Vec<Vec<Edge>>,
-    /// By end of a stage, the last search that came by; and the number of searches.
+    /// The last search that came by, for the end of each stage; and the number of searches.
     seen: Vec<u32>,
     searches: u32,
 }

@@ -37,7 +37,7 @@ mod tests;
 /// Frames that are replayed: enough for each to follow a frame that followed one.
 const FRAMES: u32 = 3;
 
-/// Something that a list of encoders leaves undefined, or gets wrong.
+/// Names something that a list of encoders leaves undefined, or gets wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Objection {
     /// Two accesses may run at the same time.
@@ -55,7 +55,7 @@ pub enum Objection {
     Malformed(String),
 }
 
-/// A pass, and when it runs.
+/// Locates a pass in time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Actor {
     /// The pass.
@@ -105,7 +105,7 @@ impl fmt::Display for Actor {
     }
 }
 
-/// The part of a pass that accesses something: only draws have two.
+/// Names the part of a pass that accesses something: only draws have two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Part {
     /// Vertices, and the arguments of the draw.
@@ -114,7 +114,7 @@ enum Part {
     Rest,
 }
 
-/// Two accesses that must not run at the same time.
+/// Pairs two accesses that must not run at the same time.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Pair {
     ends: [(PassId, Part, ResourceId); 2],
@@ -125,17 +125,17 @@ struct Pair {
     per_frame: bool,
 }
 
-/// A plan whose encoders are to be judged.
+/// Judges the encoders of a plan.
 pub struct Model<'a> {
     plan: &'a Plan,
     pairs: Vec<Pair>,
 }
 
-/// An encoder that was submitted.
+/// Records an encoder that was submitted.
 struct Submitted<'a> {
     encoding: &'a Encoding,
     frame: Option<u32>,
-    /// What is over when its vertices begin, and when the rest does: a bit for each part of each encoder.
+    /// The parts that are over when its vertices begin, and when the rest does: a bit for each part of each encoder.
     over: [Vec<u64>; 2],
 }
 
