@@ -1,15 +1,14 @@
 //! Shares an opened device, the data folder, and the choice of long runs among the tests.
 
+use splatgraph::backend::{Api, Backend, Options, Validation};
 use splatgraph_api::Device;
 use splatgraph_framework::shader::Worker;
-use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::io::Write;
 use std::path::PathBuf;
 
-/// The CPU driver, with synchronization validation on.
-pub fn device() -> Vulkan {
-    let device = Vulkan::open(&options(Validation::Synchronization))
-        .unwrap_or_else(|e| panic!("the tests need lavapipe and the validation layers: {e}"));
+/// The machine's device, with all validation on: on Apple's systems the GPU, by Metal; elsewhere lavapipe, by Vulkan.
+pub fn device() -> Backend {
+    let device = open(&options(Validation::Synchronization));
     if let Ok(lanes) = std::env::var(EXPECTED_LANES) {
         let found = device.info().facts.subgroup_size;
         assert_eq!(found.to_string(), lanes, "the driver did not take the vector width");
@@ -17,10 +16,18 @@ pub fn device() -> Vulkan {
     device
 }
 
+/// Opens a device of the API that the machine's tests run on.
+pub fn open(options: &Options) -> Backend {
+    Backend::open(Api::default(), options).unwrap_or_else(|error| {
+        panic!("the tests need lavapipe and the validation layers, or an Apple GPU and MTL_DEBUG_LAYER=1: {error}")
+    })
+}
+
 /// The same as options, with other validation.
 pub fn options(validation: Validation) -> Options {
-    let name = std::env::var("SPLATGRAPH_TEST_DEVICE").unwrap_or_else(|_| "llvmpipe".into());
-    Options { device: Some(name), validation, ..Options::default() }
+    let usual = if Api::default() == Api::Vulkan { Some("llvmpipe".into()) } else { None };
+    let device = std::env::var("SPLATGRAPH_TEST_DEVICE").ok().or(usual);
+    Options { device, validation, ..Options::default() }
 }
 
 /// Set in the processes that [`again_with_vectors_of`] starts.
@@ -78,7 +85,7 @@ pub fn again_with_vectors_of(bits: u32, test: &str) {
 }
 
 /// Set in the processes that [`alone`] starts.
-const ALONE: &str = "SPLATGRAPH_ALONE";
+pub const ALONE: &str = "SPLATGRAPH_ALONE";
 
 /// Runs `body` in a process that has nothing else to do: what belongs to a process (memory, threads, open files, a panic on
 /// whatever thread) is then the test's. The process is this binary, told to run `test` alone, which is the test that calls this.
@@ -94,7 +101,7 @@ pub fn alone(test: &str, body: impl FnOnce()) {
 }
 
 /// Runs a test of this binary again in a process of its own. Gives whether it passed, and what it printed.
-fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
+pub fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
     let output = std::process::Command::new(std::env::current_exe().expect("this program"))
         .args([test, "--exact", "--nocapture", "--include-ignored"])
         .envs(set.iter().map(|(name, value)| (name, value)))

@@ -3,10 +3,10 @@
 //! The bound is relative to the largest element of each splat's covariance: f32 has 24 bits, and an element is a sum of
 //! three products of sums, so a few units in the last place are lost.
 
+use splatgraph::backend::Backend;
 use splatgraph::inspect;
 use splatgraph::session::{FrameOptions, Session};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_vulkan::Vulkan;
 
 use crate::common;
 
@@ -39,7 +39,7 @@ fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     let exact: Vec<[f64; 6]> =
         (0..scene.count() as usize).map(|i| six(factor(scene.rotations()[i], scene.scales()[i]))).collect();
     let set = [("covariance".to_string(), form.to_string())];
-    let mut session: Session<Vulkan> = Session::new(common::device(), scene, "splat", &set);
+    let mut session: Session<Backend> = Session::new(common::device(), scene, "splat", &set);
     session.prepare((camera.width, camera.height), &mut |_| {}).expect("prepared");
     let plan = session.plan().expect("there is a plan");
     let target = inspect::resolve(plan, "covariances", "covariance").expect("the pass and its buffer");

@@ -3,10 +3,10 @@
 use crate::common;
 use crate::files::Place;
 use serde_json::Value as Json;
+use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::session::{FrameOptions, Session, image_of};
 use splatgraph_assets::{Camera, synth};
-use splatgraph_vulkan::Vulkan;
 use std::fs;
 
 const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growing/graph.ron");
@@ -20,7 +20,7 @@ fn white(image: &Image) -> usize {
 fn every_frame_of_a_session_is_whole_also_those_in_flight() {
     let scene = synth::generate("demo", 10, 0).expect("a scene");
     let camera = Camera::framing(&scene, 61, 33);
-    let mut session: Session<Vulkan> = Session::new(common::device(), scene, GRAPH, &[]);
+    let mut session: Session<Backend> = Session::new(common::device(), scene, GRAPH, &[]);
     let request = FrameOptions { read_output: true, ..FrameOptions::default() };
     for (size, entries) in [((61, 33), 2516), ((64, 40), 3200), ((8, 8), 3200)] {
         let camera = camera.resized(size.0, size.1);

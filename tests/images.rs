@@ -1,10 +1,10 @@
 //! The presets on captured scenes: against the images of the published CUDA rasteriser, and against each other.
 
+use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::metrics;
 use splatgraph::session::{FrameOptions, Session, image_of};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_vulkan::Vulkan;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -29,7 +29,7 @@ pub fn draw_scene(
     set: &[(&str, &str)],
 ) -> Vec<Image> {
     let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
-    let mut session: Session<Vulkan> = Session::new(common::device(), scene, preset, &set);
+    let mut session: Session<Backend> = Session::new(common::device(), scene, preset, &set);
     let request = FrameOptions { background, read_output: true, ..FrameOptions::default() };
     let mut images = Vec::new();
     for camera in cameras {

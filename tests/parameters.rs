@@ -1,12 +1,12 @@
 //! The parameters of the graphs: each draws what the exact renderer draws with the same rule changed, or of the same scene rounded.
 
 use crate::common;
+use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::session::Session;
 use splatgraph::truth::{Truth, rules};
 use splatgraph::{metrics, shot};
 use splatgraph_assets::{Camera, Scene, Splat, synth};
-use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 
 /// The demo scene in small, with splats beside the picture that reach into it, and many narrower than a pixel.
@@ -30,7 +30,7 @@ fn scene() -> (Arc<Scene>, Camera) {
     (Arc::new(scene), camera)
 }
 
-fn drawn(session: &mut Session<Vulkan>, camera: &Camera, set: &[(&str, &str)]) -> Image {
+fn drawn(session: &mut Session<Backend>, camera: &Camera, set: &[(&str, &str)]) -> Image {
     drawn_by(session, camera, QUADS, set)
 }
 
@@ -46,7 +46,7 @@ const ALL: [Graph; 3] = [
     ("tiled_exact", &[("stop", "0.0"), ("extent", "alpha"), ("rasteriser", "cells")]),
 ];
 
-fn drawn_by(session: &mut Session<Vulkan>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
+fn drawn_by(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
     let all = graph.1.iter().chain(set);
     let set: Vec<(String, String)> = all.map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect();
     session.set_graph(graph.0, &set);

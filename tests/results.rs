@@ -1,13 +1,13 @@
 //! Results of `Once` passes that a plan takes over from another: the picture is the same to the byte, on a real driver.
 
 use crate::common;
+use splatgraph::backend::Backend;
 use splatgraph::planner::Planner;
 use splatgraph::{camera, facts};
 use splatgraph_api::{Device, FrameInputs, FrameResult, Loader, SceneData};
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_framework::ir::Run;
 use splatgraph_framework::plan::Plan;
-use splatgraph_vulkan::Vulkan;
 
 struct Upload<'a>(&'a Scene);
 
@@ -21,14 +21,14 @@ impl SceneData for Upload<'_> {
     }
 }
 
-fn plan(device: &Vulkan, scene: &Scene, graph: &str, set: &[(&str, &str)], size: (u32, u32)) -> Plan {
+fn plan(device: &Backend, scene: &Scene, graph: &str, set: &[(&str, &str)], size: (u32, u32)) -> Plan {
     let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
     let facts = facts::facts(&facts::SceneFacts::of(scene), &device.info().facts, size);
     let plan = Planner::default().plan(graph, &set, &facts, &facts::catalog(scene));
     plan.unwrap_or_else(|errors| panic!("{errors}"))
 }
 
-fn draw(device: &mut Vulkan, scene: &Scene, plan: Plan, camera: &Camera, sharing: bool) -> FrameResult {
+fn draw(device: &mut Backend, scene: &Scene, plan: Plan, camera: &Camera, sharing: bool) -> FrameResult {
     let loader = device.loader();
     let loader = if sharing { loader.sharing_results() } else { loader };
     let inputs = FrameInputs {

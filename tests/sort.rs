@@ -3,6 +3,7 @@
 //! `tests/graphs/sort_only.ron` runs the includes that the presets use, on pairs that a shader makes from a description; the
 //! test makes the same pairs here, sorts them, and compares keys and values.
 
+use splatgraph::backend::Backend;
 use splatgraph::builtin;
 use splatgraph_api::{Device, FrameInputs, Inspect, NoScene};
 use splatgraph_framework::build;
@@ -10,7 +11,6 @@ use splatgraph_framework::ir::{Catalog, Facts, Request, Value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{SourceMap, render};
-use splatgraph_vulkan::Vulkan;
 
 use crate::common;
 
@@ -55,7 +55,7 @@ impl Run {
 
 /// A sort of a certain shape, loaded.
 struct Sorter<'a> {
-    device: &'a mut Vulkan,
+    device: &'a mut Backend,
     plan: Plan,
     key_bits: u32,
     name: String,
@@ -63,7 +63,7 @@ struct Sorter<'a> {
 
 /// Builds plans with one compiler, which remembers its shaders.
 struct Bench {
-    device: Vulkan,
+    device: Backend,
     files: SourceMap,
     compiler: Glslang,
 }

@@ -3,11 +3,11 @@
 
 use crate::common;
 use crate::images::{bytes, draw_scene, golden, psnr};
+use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::session::{FrameOptions, Session};
 use splatgraph::truth::{Truth, rules};
 use splatgraph_assets::{Camera, Scene, Splat, synth};
-use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 
 const EXACT: &str = "tiled_exact";
@@ -118,7 +118,7 @@ fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
 /// Counts the pairs that tiles leave in the order of the file where they sort `bits` bits of bin and depth by radix.
 fn unordered(scene: &Arc<Scene>, camera: &Camera, bits: &'static str) -> u32 {
     let set = by_pairs(bits).map(|(name, value)| (name.to_string(), value.to_string()));
-    let mut session: Session<Vulkan> = Session::new(common::device(), scene.clone(), EXACT, &set);
+    let mut session: Session<Backend> = Session::new(common::device(), scene.clone(), EXACT, &set);
     session.prepare((camera.width, camera.height), &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
     let frame = session.submit(camera, &FrameOptions::default()).expect("submitted");
     let stats = session.wait(frame).expect("drawn").stats;

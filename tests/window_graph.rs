@@ -2,19 +2,19 @@
 
 use egui::{Align2, Color32, FontId, Rect, TextureOptions, pos2, vec2};
 use half::f16;
+use splatgraph::backend::Backend;
 use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::Planner;
 use splatgraph::view::paint::{self, Composition, Mode, Painted, Painter, Shown};
 use splatgraph_api::{BufferContents, Device, FrameInputs, NoScene};
 use splatgraph_framework::ir::{Catalog, Format};
-use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 
 use crate::common;
 
 /// Draws windows of one size.
 struct Window {
-    device: Vulkan,
+    device: Backend,
     size: [u32; 2],
 }
 

@@ -7,7 +7,7 @@
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
 use anyhow::{Context, Result, bail};
-use splatgraph::backend::{Backend, Options};
+use splatgraph::backend::{Api, Backend, Options};
 use splatgraph::view::events::Event;
 use splatgraph::view::viewer::Viewer;
 use splatgraph_api::Device;
@@ -72,7 +72,8 @@ fn main() -> Result<()> {
         None => (synth::generate("demo", 200_000, 0)?, folder.path().join("demo.ply")),
     };
     let splats = scene.count();
-    let device = Backend::open(&Options { device: args.device.clone(), ..Options::default() })?;
+    let device =
+        Backend::open(Api::default(), &Options { device: args.device.clone(), ..Options::default() })?;
     println!("{}, {splats} splats, {} x {}", device.info().name, args.size.0, args.size.1);
     let graph = folder.path().join("pipelines/splat.ron");
     let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], Arc::new(|| {}))?;

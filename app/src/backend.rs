@@ -1,3 +1,357 @@
 //! Chooses the graphics backend. No other module of the application names one.
+//!
+//! A [`Backend`] is a device of whichever API was chosen, and hands every call on. The program has those that its system can have;
+//! `--backend` chooses among them.
 
-pub use splatgraph_vulkan::{Options, Validation, Vulkan as Backend, compilers_given_up};
+use splatgraph_api::{
+    BackendError, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap, Picture,
+    Progress, Running, SceneData, Windowed,
+};
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::Cancel;
+#[cfg(target_vendor = "apple")]
+use splatgraph_metal::Metal;
+use splatgraph_null::{Config, Journal, Null};
+use splatgraph_vulkan::Vulkan;
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+pub use splatgraph_api::{Options, Validation};
+pub use splatgraph_metal::dump::add_encoders as add_metal_encoders;
+pub use splatgraph_runtime::{Window, compilers_given_up};
+
+/// Names a graphics API.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Api {
+    /// Vulkan 1.3, on all systems that have a driver.
+    Vulkan,
+    /// Metal, on Apple's.
+    #[cfg(target_vendor = "apple")]
+    Metal,
+    /// None: a device that executes nothing.
+    Null,
+}
+
+impl Api {
+    /// Lists those that this program has.
+    #[cfg(target_vendor = "apple")]
+    pub const ALL: [Api; 3] = [Api::Metal, Api::Vulkan, Api::Null];
+    /// Lists those that this program has.
+    #[cfg(not(target_vendor = "apple"))]
+    pub const ALL: [Api; 2] = [Api::Vulkan, Api::Null];
+
+    /// Returns the name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Api::Vulkan => "vulkan",
+            #[cfg(target_vendor = "apple")]
+            Api::Metal => "metal",
+            Api::Null => "null",
+        }
+    }
+
+    /// Finds the API of this name.
+    ///
+    /// # Errors
+    /// The names that there are, and why `metal` is not among them where it is not.
+    pub fn parse(name: &str) -> Result<Api, String> {
+        Api::find(name).ok_or_else(|| Api::refusal(name, &[]))
+    }
+
+    /// Finds the API of this name.
+    pub fn find(name: &str) -> Option<Api> {
+        Api::ALL.into_iter().find(|api| api.name() == name)
+    }
+
+    /// Says that there is no API of this name, where the names of `others` would do, too.
+    pub fn refusal(name: &str, others: &[&str]) -> String {
+        let names = [&Api::ALL.map(Api::name), others].concat();
+        let (last, first) = names.split_last().expect("there is a backend");
+        let why = if name == "metal" { ": Metal is on Apple's systems alone" } else { "" };
+        format!("expected {} or {last}, found {name}{why}", first.join(", "))
+    }
+
+    /// Lists the devices.
+    ///
+    /// # Errors
+    /// The API is not installed.
+    pub fn devices(self) -> Result<Vec<DeviceInfo>, BackendError> {
+        match self {
+            Api::Vulkan => Vulkan::devices(),
+            #[cfg(target_vendor = "apple")]
+            Api::Metal => Metal::devices(),
+            Api::Null => Null::devices(),
+        }
+    }
+}
+
+impl Default for Api {
+    fn default() -> Api {
+        Api::ALL[0]
+    }
+}
+
+impl fmt::Display for Api {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// An opened device, and the plan that it executes.
+pub enum Backend {
+    /// Runs on Vulkan.
+    Vulkan(Vulkan),
+    /// Runs on Metal.
+    #[cfg(target_vendor = "apple")]
+    Metal(Metal),
+    /// Executes nothing. Nobody reads the journal of its calls.
+    Null(Null, Journal),
+}
+
+/// Makes plans ready for one [`Backend`].
+pub enum Loader {
+    /// Runs on Vulkan.
+    Vulkan(<Vulkan as Device>::Loader),
+    /// Runs on Metal.
+    #[cfg(target_vendor = "apple")]
+    Metal(<Metal as Device>::Loader),
+    /// Executes nothing.
+    Null(<Null as Device>::Loader),
+}
+
+/// A plan that was made ready for one [`Backend`].
+pub enum Ready {
+    /// Runs on Vulkan.
+    Vulkan(ReadyOf<Vulkan>),
+    /// Runs on Metal.
+    #[cfg(target_vendor = "apple")]
+    Metal(ReadyOf<Metal>),
+    /// Executes nothing.
+    Null(ReadyOf<Null>),
+}
+
+type ReadyOf<D> = <<D as Device>::Loader as splatgraph_api::Loader>::Ready;
+
+/// Hands a call on to the device.
+macro_rules! each {
+    ($backend:expr, $device:ident => $call:expr) => {
+        match $backend {
+            Backend::Vulkan($device) => $call,
+            #[cfg(target_vendor = "apple")]
+            Backend::Metal($device) => $call,
+            Backend::Null($device, _) => $call,
+        }
+    };
+}
+
+impl Backend {
+    /// Opens a device.
+    ///
+    /// # Errors
+    /// [`BackendError::Unavailable`], with what to install, where a driver, the validation or a fit device is missing.
+    pub fn open(api: Api, options: &Options) -> Result<Backend, BackendError> {
+        match api {
+            Api::Vulkan => Vulkan::open(options).map(Backend::Vulkan),
+            #[cfg(target_vendor = "apple")]
+            Api::Metal => Metal::open(options).map(Backend::Metal),
+            Api::Null => null(options, None),
+        }
+    }
+
+    /// Opens a device that shows its frames in `window`, which has `size` pixels now. Call it on the main thread.
+    ///
+    /// # Errors
+    /// As [`Backend::open`], and [`BackendError::Unavailable`] where pictures cannot be shown in the window.
+    pub fn open_in_window(
+        api: Api,
+        options: &Options,
+        window: Arc<impl Window + 'static>,
+        size: (u32, u32),
+    ) -> Result<Backend, BackendError> {
+        match api {
+            Api::Vulkan => Vulkan::open_in_window(options, window, size).map(Backend::Vulkan),
+            #[cfg(target_vendor = "apple")]
+            Api::Metal => Metal::open_in_window(options, window, size).map(Backend::Metal),
+            Api::Null => null(options, Some(size)),
+        }
+    }
+
+    /// Drops the device, and returns the validation messages that were not taken, those of its closing included.
+    pub fn close(self) -> Vec<String> {
+        each!(self, device => device.close())
+    }
+
+    /// Reports the memory of the device, of all that share it.
+    pub fn device_memory(&self) -> DeviceMemory {
+        each!(self, device => device.device_memory())
+    }
+}
+
+/// Opens the device that executes nothing.
+fn null(options: &Options, window: Option<(u32, u32)>) -> Result<Backend, BackendError> {
+    let devices = Null::devices()?;
+    splatgraph_runtime::choose(&devices.iter().collect::<Vec<_>>(), options.device.as_deref())?;
+    // It never hangs, but on a busy machine its threads may wait for a processor.
+    const PATIENCE: Duration = Duration::from_secs(60);
+    let config = Config { window, patience: PATIENCE, compile_patience: PATIENCE, ..Config::default() };
+    let (device, journal) = splatgraph_null::open(&config);
+    device.map(|device| Backend::Null(device, journal))
+}
+
+impl splatgraph_api::Loader for Loader {
+    type Ready = Ready;
+
+    fn cancelled_by(self, cancel: Cancel) -> Self {
+        match self {
+            Loader::Vulkan(loader) => Loader::Vulkan(loader.cancelled_by(cancel)),
+            #[cfg(target_vendor = "apple")]
+            Loader::Metal(loader) => Loader::Metal(loader.cancelled_by(cancel)),
+            Loader::Null(loader) => Loader::Null(loader.cancelled_by(cancel)),
+        }
+    }
+
+    fn sharing_results(self) -> Self {
+        match self {
+            Loader::Vulkan(loader) => Loader::Vulkan(loader.sharing_results()),
+            #[cfg(target_vendor = "apple")]
+            Loader::Metal(loader) => Loader::Metal(loader.sharing_results()),
+            Loader::Null(loader) => Loader::Null(loader.sharing_results()),
+        }
+    }
+
+    fn prepare(
+        self,
+        plan: Plan,
+        scene: &dyn SceneData,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Ready, BackendError> {
+        match self {
+            Loader::Vulkan(loader) => loader.prepare(plan, scene, progress).map(Ready::Vulkan),
+            #[cfg(target_vendor = "apple")]
+            Loader::Metal(loader) => loader.prepare(plan, scene, progress).map(Ready::Metal),
+            Loader::Null(loader) => loader.prepare(plan, scene, progress).map(Ready::Null),
+        }
+    }
+}
+
+impl Device for Backend {
+    type Loader = Loader;
+
+    fn info(&self) -> &DeviceInfo {
+        each!(self, device => device.info())
+    }
+
+    fn new_context(&self) -> Result<Self, BackendError> {
+        match self {
+            Backend::Vulkan(device) => device.new_context().map(Backend::Vulkan),
+            #[cfg(target_vendor = "apple")]
+            Backend::Metal(device) => device.new_context().map(Backend::Metal),
+            Backend::Null(device, journal) => {
+                device.new_context().map(|device| Backend::Null(device, journal.clone()))
+            }
+        }
+    }
+
+    fn loader(&self) -> Loader {
+        match self {
+            Backend::Vulkan(device) => Loader::Vulkan(device.loader()),
+            #[cfg(target_vendor = "apple")]
+            Backend::Metal(device) => Loader::Metal(device.loader()),
+            Backend::Null(device, _) => Loader::Null(device.loader()),
+        }
+    }
+
+    fn swap(&mut self, ready: Ready) -> Result<(), BackendError> {
+        match (self, ready) {
+            (Backend::Vulkan(device), Ready::Vulkan(ready)) => device.swap(ready),
+            #[cfg(target_vendor = "apple")]
+            (Backend::Metal(device), Ready::Metal(ready)) => device.swap(ready),
+            (Backend::Null(device, _), Ready::Null(ready)) => device.swap(ready),
+            _ => Err(BackendError::Invalid("a plan was made ready for a device of another API".to_owned())),
+        }
+    }
+
+    fn picture(&self) -> Option<Picture> {
+        each!(self, device => device.picture())
+    }
+
+    fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError> {
+        if let Backend::Null(_, journal) = self {
+            drop(journal.take());
+        }
+        each!(self, device => device.submit(inputs))
+    }
+
+    fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError> {
+        each!(self, device => device.wait(frame))
+    }
+
+    fn try_wait(&mut self, frame: FrameId) -> Result<Option<FrameResult>, BackendError> {
+        each!(self, device => device.try_wait(frame))
+    }
+
+    fn is_ready(&mut self) -> Result<bool, BackendError> {
+        each!(self, device => device.is_ready())
+    }
+
+    fn running(&mut self) -> Option<Running> {
+        each!(self, device => device.running())
+    }
+
+    fn memory(&self) -> Vec<(String, u64)> {
+        each!(self, device => device.memory())
+    }
+
+    fn heap(&self) -> Heap {
+        each!(self, device => device.heap())
+    }
+
+    fn take_messages(&mut self) -> Vec<String> {
+        each!(self, device => device.take_messages())
+    }
+}
+
+impl Windowed for Backend {
+    fn resize_window(&mut self, width: u32, height: u32) {
+        each!(self, device => device.resize_window(width, height));
+    }
+
+    fn set_vsync(&mut self, vsync: bool) {
+        each!(self, device => device.set_vsync(vsync));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_backend_is_found_by_its_name() {
+        for api in Api::ALL {
+            assert_eq!(Api::parse(api.name()), Ok(api));
+        }
+    }
+
+    #[cfg(not(target_vendor = "apple"))]
+    #[test]
+    fn a_backend_that_is_not_there_is_refused_with_those_that_are_and_the_reason() {
+        let expected = "expected vulkan or null, found metal: Metal is on Apple's systems alone";
+        assert_eq!(Api::parse("metal").unwrap_err(), expected);
+        let expected = "expected vulkan, null or reference, found opengl";
+        assert_eq!(Api::refusal("opengl", &["reference"]), expected);
+        assert_eq!(Api::default(), Api::Vulkan);
+    }
+
+    #[test]
+    fn the_device_that_executes_nothing_is_opened_by_its_own_name_alone() {
+        let options = |device: &str| Options { device: Some(device.to_owned()), ..Options::default() };
+        let opened = |device: &str| {
+            Backend::open(Api::Null, &options(device)).map(|device| device.info().name.clone())
+        };
+        assert_eq!(opened("null").unwrap(), "null");
+        assert_eq!(opened("0").unwrap(), "null");
+        let error = opened("llvmpipe").unwrap_err().to_string();
+        assert!(error.contains("there is no device `llvmpipe`; there are 0: null"), "{error}");
+    }
+}

@@ -4,18 +4,21 @@
 
 use std::{error::Error, fs::File};
 
-use splatgraph_api::{Device, FrameInputs, NoScene};
+use splatgraph_api::{Device, FrameInputs, NoScene, Options};
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Request};
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{SourceMap, render};
-use splatgraph_vulkan::{Options, Vulkan};
+#[cfg(target_vendor = "apple")]
+use splatgraph_metal::Metal as Backend;
+#[cfg(not(target_vendor = "apple"))]
+use splatgraph_vulkan::Vulkan as Backend;
 
 const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/gray_scott/graph.ron");
 const FRAMES: usize = 60;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let mut device = Vulkan::open(&Options::default())?;
+    let mut device = Backend::open(&Options::default())?;
 
     // Text to plan. The files that were read stay in `files`, so that errors can show them.
     let mut files = SourceMap::default();

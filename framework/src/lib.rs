@@ -15,7 +15,7 @@
 //! 5. [`shader`] compiles GLSL to SPIR-V and reads back what each shader binds and touches;
 //! 6. `link` compiles the shaders and holds the flat list against them;
 //! 7. [`solve`] orders the passes and places the barriers;
-//! 8. [`plan`] is the result, [`dump`] writes it for people and programs.
+//! 8. [`plan`] is the result, [`dump`] writes it for people and programs, and `msl` translates its shaders for Metal.
 //!
 //! When a file changes, [`reload`] has the plan built again, while the last good plan is still drawn.
 
@@ -27,6 +27,8 @@ mod expr;
 pub mod ir;
 mod link;
 pub mod lower;
+#[cfg(feature = "msl")]
+pub mod msl;
 pub mod oracle;
 pub mod plan;
 pub mod reload;

@@ -10,12 +10,12 @@ mod surveyed;
 
 use crate::common;
 use cases::{Bounds, Case};
+use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::session::{FrameOptions, Session, image_of};
 use splatgraph::{builtin, metrics, truth};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Rules, Splats, render};
-use splatgraph_vulkan::Vulkan;
 
 /// Behind everything, so that transmittance shows.
 const BACKGROUND: [f32; 3] = [0.2, 0.3, 0.4];
@@ -113,7 +113,7 @@ impl Way {
 
 /// Draws a scene from a camera in these ways; none may make a picture with a value that is not finite, or a validation message.
 fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
-    let mut session: Session<Vulkan> = Session::new(common::device(), scene, "splat", &[]);
+    let mut session: Session<Backend> = Session::new(common::device(), scene, "splat", &[]);
     let request = FrameOptions { background: BACKGROUND, read_output: true, ..FrameOptions::default() };
     let mut drawn = Vec::new();
     for way in ways {

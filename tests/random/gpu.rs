@@ -1,12 +1,12 @@
 //! Random graphs on the CPU driver, with synchronization validation: a plan gives the same bytes whatever the order of its passes,
 //! whether or not its resources share memory, and with every barrier as wide as can be.
 
+use splatgraph::backend::Backend;
 use splatgraph_api::{Device, FrameInputs, Inspect, SceneData};
 use splatgraph_framework::ir::{Accesses, PassId, ResourceId, Source, Stages};
 use splatgraph_framework::plan::{Barrier, Plan, Step};
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::solve::reorder;
-use splatgraph_vulkan::Vulkan;
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -21,7 +21,7 @@ use crate::common::{self, long};
 
 /// One device and one compiler for many plans.
 pub struct Bench {
-    device: Vulkan,
+    device: Backend,
     compiler: Glslang,
     /// Histories are kept from plan to plan of one run.
     run: u64,
@@ -73,7 +73,7 @@ impl Bench {
         self.run += 1;
         let mut waiting = Vec::new();
         let mut outcomes = Vec::new();
-        let mut wait = |device: &mut Vulkan, (frame, names): (_, Vec<String>)| -> Result<(), String> {
+        let mut wait = |device: &mut Backend, (frame, names): (_, Vec<String>)| -> Result<(), String> {
             let result = device.wait(frame).map_err(|e| e.to_string())?;
             let output = result.output.ok_or("no output")?.bytes;
             let contents = names.into_iter().zip(result.inspected).collect();

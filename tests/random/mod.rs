@@ -7,6 +7,7 @@
 pub mod builds;
 mod compiler;
 mod contents;
+mod encoders;
 pub mod gpu;
 mod histories;
 mod orders;

@@ -13,6 +13,7 @@
 use super::dice::Dice;
 use super::whole::TestShell;
 use crate::common;
+use splatgraph::backend::{Backend, Validation};
 use splatgraph::facts::{self, SceneFacts};
 use splatgraph::planner::{Planner, Settings};
 use splatgraph::view::events::{Event, RendererId};
@@ -20,7 +21,6 @@ use splatgraph::view::paint;
 use splatgraph::view::renderer::{Cause, Renderer};
 use splatgraph_framework::ir::{Catalog, Facts, Origin, Value};
 use splatgraph_framework::plan::Plan;
-use splatgraph_vulkan::{Validation, Vulkan};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
@@ -191,7 +191,7 @@ impl Fuzz {
     }
 }
 
-fn renderer(viewer: &TestShell, who: RendererId) -> &Renderer<Vulkan> {
+fn renderer(viewer: &TestShell, who: RendererId) -> &Renderer<Backend> {
     match who {
         RendererId::Window => viewer.shell.window(),
         _ => &viewer.shell.viewer.a.renderer,

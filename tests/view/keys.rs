@@ -3,10 +3,10 @@
 use super::whole::TestShell;
 use crate::common;
 use egui::{Event as Input, Key, Modifiers};
+use splatgraph::backend::Validation;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::renderer::Cause;
 use splatgraph_assets::synth;
-use splatgraph_vulkan::Validation;
 use std::sync::Arc;
 
 fn viewer(size: (u32, u32)) -> TestShell {

@@ -7,10 +7,10 @@
 use super::soak::process::resident;
 use super::whole::{PATIENCE, TestShell};
 use crate::common;
+use splatgraph::backend::Validation;
 use splatgraph::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph_api::Device;
-use splatgraph_vulkan::{Validation, Vulkan};
 use std::fs::File;
 use std::io::Write;
 use std::process::Command;
@@ -208,7 +208,7 @@ impl Cycles {
         }
         self.note(cycle, "device", "broken", None);
         let since = Instant::now();
-        let canvas = Vulkan::open(&common::options(Validation::Off)).expect("it opens again");
+        let canvas = common::open(&common::options(Validation::Off));
         let device = canvas.new_context().expect("a second executor");
         self.viewer.shell.give(canvas, device).expect("there is no B");
         self.viewer.until("a picture", |viewer| viewer.shell.viewer.pictures()[0].is_some());

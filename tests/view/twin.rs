@@ -1,12 +1,12 @@
 //! The viewer without its window, as a script drives it: files are edited, parameters changed, and pictures read back.
 
 use crate::common;
+use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::session::image_of;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::viewer::Viewer;
 use splatgraph_assets::synth;
-use splatgraph_vulkan::Vulkan;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,7 +21,7 @@ pub const SIZE: (u32, u32) = (96, 54);
 /// A viewer over graphs and shaders of its own, which can be edited.
 pub struct Twin {
     /// Draws.
-    pub viewer: Viewer<Vulkan>,
+    pub viewer: Viewer<Backend>,
     /// Events so far.
     pub events: Vec<Event>,
     /// Size of the view, in pixels.
@@ -87,7 +87,7 @@ impl Twin {
     }
 
     /// Returns A's device.
-    pub fn device(&mut self) -> &mut Vulkan {
+    pub fn device(&mut self) -> &mut Backend {
         self.viewer.a.renderer.device_mut().expect("the device is not lost")
     }
 

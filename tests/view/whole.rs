@@ -4,6 +4,7 @@
 use super::twin::copy_of_shipped_files;
 use crate::common;
 use egui::{Event as Input, Pos2, RawInput, Rect, Vec2, ViewportId, ViewportInfo};
+use splatgraph::backend::{Backend, Options};
 use splatgraph::image::Image;
 use splatgraph::session::image_of;
 use splatgraph::view::events::{Event, RendererId};
@@ -12,7 +13,6 @@ use splatgraph::view::shell::{Frame, FrameRequest, Shell};
 use splatgraph::view::viewer::Viewer;
 use splatgraph_api::Device;
 use splatgraph_assets::{Scene, synth};
-use splatgraph_vulkan::{Options, Vulkan};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -31,7 +31,7 @@ pub const PIXELS_PER_POINT: f32 = 0.4;
 
 /// A viewer over graphs and shaders of its own, which can be edited.
 pub struct TestShell {
-    pub shell: Shell<Vulkan>,
+    pub shell: Shell<Backend>,
     /// Events that were not taken yet.
     pub events: Vec<Event>,
     /// Size of the window, in pixels.
@@ -63,7 +63,7 @@ impl TestShell {
         let scene = Scene::load(&path, &|_, _| {}).expect("the scene is loaded");
         let graph = folder.path().join(graph);
         let window = folder.path().join("pipelines/view/window.ron");
-        let canvas = Vulkan::open(options).unwrap_or_else(|error| panic!("the tests need lavapipe: {error}"));
+        let canvas = common::open(options);
         let device = canvas.new_context().expect("a second executor");
         let (sender, woken) = channel();
         let wake = || {

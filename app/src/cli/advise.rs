@@ -1,6 +1,6 @@
 //! Runs `splatgraph advise`: what a scene needs, and the cheapest setting within a budget.
 
-use super::options::{self, DeviceArgs, EffortArgs, MEASURED_PIPELINE};
+use super::options::{self, BackendArgs, EffortArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage};
 use crate::advise::harmonics::{self, Band};
 use crate::advise::search::{Budget, Tried, best, combinations};
@@ -62,7 +62,7 @@ pub struct Args {
     #[command(flatten)]
     effort: EffortArgs,
     #[command(flatten)]
-    device: DeviceArgs,
+    device: BackendArgs,
 }
 
 /// Parses a number above 0.
@@ -99,7 +99,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut all =
         json!({ "scene": args.scene, "cameras": cameras, "report": report, "keys": needs, "bands": bands });
     if budget != Budget::default() {
-        let device = Backend::open(&args.device.options())?;
+        let device = args.device.open()?;
         if let Some(path) = &args.scene {
             fit::check_header(path, device.info(), &args.pipeline, &[])?;
         }

@@ -1,6 +1,6 @@
 //! Runs `splatgraph bench`: time, bytes and memory of graphs, drawn in turns.
 
-use super::options::{self, DeviceArgs, EffortArgs, MEASURED_PIPELINE};
+use super::options::{self, BackendArgs, EffortArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
 use crate::bench::limit::{self, CopyLimit};
@@ -75,7 +75,7 @@ pub struct Args {
     #[command(flatten)]
     effort: EffortArgs,
     #[command(flatten)]
-    device: DeviceArgs,
+    device: BackendArgs,
 }
 
 /// Selects the measurements.
@@ -93,7 +93,7 @@ const SORT_PLOT: &str = "sort";
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let work = prepare(args)?;
-    let device = Backend::open(&args.device.options())?;
+    let device = args.device.open()?;
     if args.suite == Suite::Frames {
         check_graphs(args, device.info())?;
     }

@@ -1,19 +1,22 @@
 //! Runs `splatgraph devices`: lists the devices of this machine.
 
 use super::{Outcome, options};
-use crate::backend::Backend;
+use crate::backend::Api;
+use crate::output::say;
 use anyhow::{Result, bail};
+use splatgraph_api::DeviceInfo;
 use splatgraph_assets::memory::display;
 
-/// List this machine's Vulkan devices
+/// List this machine's devices
 ///
-/// --device takes an index, or a part of a name. Without --device, a discrete GPU is preferred, then an integrated one, then
-/// any other; a device that runs on the CPU comes last.
+/// --device takes an index of the chosen backend's devices, or a part of a name. Without --device, a discrete GPU is preferred, then
+/// an integrated one, then any other; a device that runs on the CPU comes last. The device `null` executes nothing.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph devices
   splatgraph devices --json
-  splatgraph render --device llvmpipe -o demo.png")]
+  splatgraph render --device llvmpipe -o demo.png
+  splatgraph view --backend null")]
 pub struct Args {
     /// Print JSON, with the facts for graphs
     #[arg(long)]
@@ -21,16 +24,32 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let devices = Backend::devices()?;
+    let mut devices: Vec<(Api, DeviceInfo)> = Vec::new();
+    for api in Api::ALL {
+        match api.devices() {
+            Ok(found) => devices.extend(found.into_iter().map(|device| (api, device))),
+            // The others are of use only to who asks for them.
+            Err(error) if api == Api::default() => return Err(error.into()),
+            Err(error) => say(format!("{api}: {error}")),
+        }
+    }
     if args.json {
-        options::write_text(None, &format!("{:#}\n", serde_json::to_value(&devices)?))?;
+        let all = devices.iter().map(|(api, device)| {
+            let mut value = serde_json::to_value(device)?;
+            value["backend"] = api.name().into();
+            Ok(value)
+        });
+        let all = all.collect::<Result<Vec<_>>>()?;
+        options::write_text(None, &format!("{:#}\n", serde_json::Value::from(all)))?;
         return Ok(Outcome::Done);
     }
-    if devices.is_empty() {
+    if !devices.iter().any(|(api, _)| *api == Api::default()) {
         bail!("no device was found");
     }
-    for device in &devices {
-        options::print(&format!("{}: {} ({}; {})", device.index, device.name, device.kind, device.driver))?;
+    for (api, device) in &devices {
+        let DeviceInfo { index, name, kind, driver, .. } = device;
+        let driver = if driver.is_empty() { String::new() } else { format!("; {driver}") };
+        options::print(&format!("{api} {index}: {name} ({kind}{driver})"))?;
         for (name, value) in device.facts.named() {
             options::print(&format!("     {name} = {value}"))?;
         }

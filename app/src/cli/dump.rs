@@ -2,6 +2,7 @@
 
 use super::options;
 use super::{Outcome, Usage, claim_graph_files};
+use crate::backend;
 use crate::facts::{self, SceneFacts};
 use crate::output::{Claims, say};
 use crate::planner::Planner;
@@ -26,7 +27,10 @@ What a run took, in the page:
 Two plans side by side:
   splatgraph dump splat --diff digit4                      # two graphs
   splatgraph dump splat --diff splat --set-b digit_bits=4  # one graph with two values of a parameter
-  splatgraph dump splat --diff key16 --set cutoff=3 --format json";
+  splatgraph dump splat --diff key16 --set cutoff=3 --format json
+
+On Apple's GPUs:
+  splatgraph dump digit4 --backend metal                   # encoders, fences and barriers, beside Vulkan's";
 
 /// Show the plan that a graph becomes: passes in order, barriers, resources
 ///
@@ -62,6 +66,9 @@ pub struct Args {
     size: (u32, u32),
     #[arg(long, value_enum, default_value_t = Form::Text)]
     format: Form,
+    /// Show how this API runs the plan
+    #[arg(long, value_enum, default_value_t = Api::Vulkan, conflicts_with = "diff")]
+    backend: Api,
     /// Output file [default: standard output, as for `-`]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -78,6 +85,15 @@ enum Form {
     Dot,
     /// A page with a timeline, in one file, for any browser
     Html,
+}
+
+/// The API whose synchronization is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Api {
+    /// The barriers of the plan, which are Vulkan's
+    Vulkan,
+    /// Beside them encoders, fences and barriers of Metal
+    Metal,
 }
 
 /// Lists the files of the command line; an error if the output is an input.
@@ -102,6 +118,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if args.diff.is_some() && matches!(args.format, Form::Dot | Form::Html) {
         return Err(Usage("expected --format text or json with --diff; leave out one of them".into()).into());
     }
+    if args.backend == Api::Metal && matches!(args.format, Form::Dot | Form::Html) {
+        return Err(Usage(
+            "expected --format text or json with --backend metal; leave out one of them".into(),
+        )
+        .into());
+    }
     let mut claims = claims(args)?;
     // Before the plan is made, which takes longer to fail.
     let times = args.times.as_deref().map(times::load).transpose()?;
@@ -116,7 +138,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let facts = facts::facts(&scene, &device, args.size);
     let mut planner = Planner::default();
     let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
-        Ok(dump::dump(&planner.plan(graph, set, &facts, &catalog)?))
+        let plan = planner.plan(graph, set, &facts, &catalog)?;
+        let dump = dump::dump(&plan);
+        Ok(if args.backend == Api::Metal { backend::add_metal_encoders(dump, &plan) } else { dump })
     };
     let mut a = dump_of(&args.graph, &args.set)?;
     let text = if let Some(other) = &args.diff {
@@ -131,7 +155,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             a = with_times(a, &times)?;
         }
         match args.format {
-            Form::Text => dump::text(&a),
+            Form::Text => dump::encoders_text(&a).unwrap_or_else(|| dump::text(&a)),
             Form::Json => format!("{:#}\n", dump::json(&a)),
             Form::Dot => dump::dot(&a),
             Form::Html => dump::html(&a),
@@ -221,6 +245,25 @@ mod tests {
     }
 
     #[test]
+    fn metals_encoders_stand_beside_the_barriers_of_the_same_plan() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let text = dumped(folder.path(), "digit4 --backend metal").expect("it has a plan");
+        assert!(text.contains("encoder 1 (compute)") && text.contains("barrier 2 on all memory"), "{text}");
+        let json = |words: &str| -> Value {
+            serde_json::from_str(&dumped(folder.path(), words).expect("it has a plan")).expect("JSON")
+        };
+        let (metal, mut vulkan) =
+            (json("digit4 --backend metal --format json"), json("digit4 --format json"));
+        assert_eq!(vulkan["encoders"], Value::Null);
+        // Encoders hold the passes of a frame, but for the host's.
+        let encoders = metal["encoders"]["frame"].as_array().into_iter().flatten();
+        let encoded: usize = encoders.filter_map(|encoder| encoder["passes"].as_array()).map(Vec::len).sum();
+        assert_eq!(metal["totals"]["frame_passes"], json!(encoded + 1));
+        vulkan["encoders"] = metal["encoders"].clone();
+        assert_eq!(metal, vulkan, "the plan is the same");
+    }
+
+    #[test]
     fn what_cannot_be_is_refused_with_a_reason() {
         let folder = tempfile::tempdir().expect("a folder");
         for (words, reason) in [
@@ -228,6 +271,9 @@ mod tests {
             ("splat --set-b digit_bits=4", "--diff"),
             ("splat --diff digit4 --times stats.json", "--times"),
             ("splat --times no-such-file.json", "no-such-file.json"),
+            ("splat --backend metal --format html", "text or json"),
+            ("splat --backend metal --diff digit4", "--diff"),
+            ("splat --backend null", "vulkan, metal"),
         ] {
             let error = format!("{:#}", dumped(folder.path(), words).unwrap_err());
             assert!(error.contains(reason), "{words}: {error}");

@@ -1,8 +1,7 @@
 //! Runs `splatgraph experiment`: pages that show what an equation says.
 
-use super::options::{self, DeviceArgs};
+use super::options::{self, BackendArgs};
 use super::{Outcome, Usage, claim_graph_files};
-use crate::backend::Backend;
 use crate::experiment::{GRAPH, order, sh};
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
@@ -58,7 +57,7 @@ struct Common {
     #[arg(short, long, value_name = "FILE.html")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    device: DeviceArgs,
+    device: BackendArgs,
 }
 
 /// Width of the pictures without `--size`, in pixels: a page holds some twenty of them.
@@ -93,7 +92,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let names = options::camera_names(common.scene.as_deref(), given.as_deref());
     let stems = names::unique(&names, MAX_NAME_BYTES);
     let mut claims = claims(args)?;
-    let device = Backend::open(&common.device.options())?;
+    let device = common.device.open()?;
     if let Some(path) = &common.scene {
         fit::check_header(path, device.info(), GRAPH, &[])?;
     }

@@ -1,7 +1,7 @@
 //! Defines options and helpers of several commands.
 
 use super::Usage;
-use crate::backend::{Backend, Options, Validation};
+use crate::backend::{Api, Backend, Options, Validation};
 use crate::bench;
 use crate::builtin;
 use crate::demo;
@@ -12,6 +12,7 @@ use crate::progress::Progress;
 use crate::session::Session;
 use crate::turns::{Effort, suitable_frames};
 use anyhow::{Context, Result};
+use splatgraph_api::BackendError;
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
 use std::collections::HashMap;
@@ -227,14 +228,14 @@ pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
         return Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
     };
     let options = Options { device: Some(wanted.to_owned()), ..Default::default() };
-    let device = Backend::open(&options).context("the device's limits are not available")?;
+    let device = Backend::open(Api::default(), &options).context("the device's limits are not available")?;
     Ok(splatgraph_api::Device::info(&device).facts)
 }
 
 /// Opens the named device, or the one that is taken without a name, and describes it.
 pub fn target(wanted: Option<&str>) -> Result<Target> {
     let options = Options { device: wanted.map(str::to_owned), ..Default::default() };
-    let device = Backend::open(&options).context("the device's limits are not available")?;
+    let device = Backend::open(Api::default(), &options).context("the device's limits are not available")?;
     let info = splatgraph_api::Device::info(&device);
     Ok(Target { name: info.name.clone(), facts: info.facts, heap: info.heap })
 }
@@ -245,7 +246,7 @@ pub struct DeviceArgs {
     /// Device: a part of its name, or its index in `splatgraph devices`
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
-    /// Use Vulkan's validation layer with synchronization validation; exit with code 1 if it reports anything
+    /// Use the API's validation (of Vulkan with synchronization validation); exit with code 1 if it reports anything
     #[arg(long)]
     pub validate: bool,
     /// Leave accesses beyond the ends of buffers and images unchecked, to measure what the checks cost
@@ -263,6 +264,31 @@ impl DeviceArgs {
             unchecked: self.no_robustness,
             ..Options::default()
         }
+    }
+}
+
+/// Options of the device, and its API.
+#[derive(Debug, clap::Args)]
+pub struct BackendArgs {
+    /// Graphics API: `vulkan`, on Apple's systems `metal`, or `null`, which executes nothing (pictures are black, and times mean nothing)
+    #[arg(long, value_name = "NAME", default_value_t = Api::default(), value_parser = Api::parse)]
+    pub backend: Api,
+    #[command(flatten)]
+    pub device: DeviceArgs,
+}
+
+impl BackendArgs {
+    /// Opens the device.
+    pub fn open(&self) -> Result<Backend, BackendError> {
+        Backend::open(self.backend, &self.device.options())
+    }
+}
+
+impl std::ops::Deref for BackendArgs {
+    type Target = DeviceArgs;
+
+    fn deref(&self) -> &DeviceArgs {
+        &self.device
     }
 }
 

@@ -1,8 +1,7 @@
 //! Runs `splatgraph popping`: the error that changes from frame to frame.
 
-use super::options::{self, DeviceArgs, MEASURED_PIPELINE};
+use super::options::{self, BackendArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage, claim_graph_files};
-use crate::backend::Backend;
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::{self, Claims, is_standard_output, one_line};
@@ -63,7 +62,7 @@ pub struct Args {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    device: DeviceArgs,
+    device: BackendArgs,
 }
 
 /// Frames of an orbit without `--frames`.
@@ -95,7 +94,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let stems = names::unique(&names, MAX_NAME_BYTES);
     let mut claims = claims(args)?;
     let variants = variants(args);
-    let device = Backend::open(&args.device.options())?;
+    let device = args.device.open()?;
     if let Some(path) = &args.scene {
         for variant in &variants {
             fit::check_header(path, device.info(), &variant.pipeline, &variant.set)?;

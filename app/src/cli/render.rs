@@ -2,7 +2,7 @@
 
 use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
 use super::{Outcome, Usage, claim_graph_files};
-use crate::backend::Backend;
+use crate::backend::{Api, Backend};
 use crate::fit;
 use crate::image::{Format, Image};
 use crate::inspect::{self, Finding};
@@ -17,6 +17,7 @@ use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect};
 use splatgraph_assets::Camera;
 use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 mod destination;
@@ -46,11 +47,11 @@ pub struct Args {
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
-    /// Renderer: `vulkan` executes the graph on a device, `reference` is the exact renderer, on the CPU
+    /// Renderer: `vulkan`, or on Apple's systems `metal`, executes the graph on a device; `reference` is the exact renderer, on the CPU
     ///
-    /// The exact renderer follows the published CUDA rasteriser rule by rule in f64, shares no arithmetic with the shaders and
+    /// `null` executes nothing, for a look at what everything else costs: its pictures are black, and its times mean nothing. The exact renderer follows the published CUDA rasteriser rule by rule in f64, shares no arithmetic with the shaders and
     /// executes no graph. Other pictures are measured against its own.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
     backend: Renderer,
     /// Change a rule of the exact renderer; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = exact::rule_help())]
@@ -88,11 +89,30 @@ pub struct Args {
 }
 
 /// Names the renderer of `--backend`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Renderer {
-    #[default]
-    Vulkan,
+    Device(Api),
     Reference,
+}
+
+/// The name of the exact renderer.
+const REFERENCE: &str = "reference";
+
+impl fmt::Display for Renderer {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Renderer::Device(api) => api.fmt(f),
+            Renderer::Reference => f.write_str(REFERENCE),
+        }
+    }
+}
+
+/// Parses the value of `--backend`.
+fn renderer(text: &str) -> Result<Renderer, String> {
+    match text {
+        REFERENCE => Ok(Renderer::Reference),
+        _ => Api::find(text).map(Renderer::Device).ok_or_else(|| Api::refusal(text, &[REFERENCE])),
+    }
 }
 
 /// A parsed `RESOURCE@PASS[=FILE.npy]`.
@@ -209,11 +229,9 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
 pub fn run(args: &Args) -> Result<Outcome> {
     // Errors of the command line and of the device are reported before a large scene is loaded.
     let work = prepare(args)?;
-    if args.backend == Renderer::Reference {
-        return run_exactly(args, work);
-    }
+    let Renderer::Device(api) = args.backend else { return run_exactly(args, work) };
     let Work { given, destination, stems, mut claims } = work;
-    let device = Backend::open(&args.device.options())?;
+    let device = Backend::open(api, &args.device.options())?;
     if let Some(path) = &args.scene {
         fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
     }
@@ -292,7 +310,7 @@ fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Res
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     let device = &args.device;
     let given = match args.backend {
-        Renderer::Vulkan => vec![("--rule", !args.rule.is_empty()), ("--map", !args.map.is_empty())],
+        Renderer::Device(_) => vec![("--rule", !args.rule.is_empty()), ("--map", !args.map.is_empty())],
         Renderer::Reference => vec![
             ("--pipeline", args.drawing.pipeline != options::DRAWN_PIPELINE),
             ("--set", !args.drawing.set.is_empty()),
@@ -305,7 +323,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     };
     let Some((option, _)) = given.iter().find(|(_, given)| *given) else { return Ok(()) };
     Err(Usage(match args.backend {
-        Renderer::Vulkan => format!("{option} is for the exact renderer: add --backend reference"),
+        Renderer::Device(_) => format!("{option} is for the exact renderer: add --backend reference"),
         Renderer::Reference => format!(
             "{option} is for graphs, and the exact renderer executes none; its rules are changed with --rule"
         ),

@@ -1,8 +1,7 @@
 //! Runs `splatgraph sweep`: quality and time with fewer and fewer splats.
 
-use super::options::{self, DeviceArgs, Drawing, EffortArgs};
+use super::options::{self, BackendArgs, Drawing, EffortArgs};
 use super::{Outcome, Usage};
-use crate::backend::Backend;
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::{self, one_line, say};
@@ -45,7 +44,7 @@ pub struct Args {
     #[command(flatten)]
     effort: EffortArgs,
     #[command(flatten)]
-    device: DeviceArgs,
+    device: BackendArgs,
 }
 
 /// Files in the folder of `--output` besides plots and pictures.
@@ -58,7 +57,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let room = MAX_NAME_BYTES - 40;
     let stems = names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), room);
     claim_files(args)?;
-    let device = Backend::open(&args.device.options())?;
+    let device = args.device.open()?;
     if let Some(path) = &args.scene {
         fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
     }

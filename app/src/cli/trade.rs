@@ -1,6 +1,6 @@
 //! Runs `splatgraph trade`: the ledger of what each setting saves and costs.
 
-use super::options::{self, DeviceArgs, EffortArgs, MEASURED_PIPELINE};
+use super::options::{self, BackendArgs, EffortArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
 use crate::fit;
@@ -63,7 +63,7 @@ pub struct Args {
     #[command(flatten)]
     effort: EffortArgs,
     #[command(flatten)]
-    device: DeviceArgs,
+    device: BackendArgs,
 }
 
 /// Files in the folder of `--output`.
@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let stems =
         names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), MAX_NAME_BYTES - 5);
     claim_files(args)?;
-    let device = Backend::open(&args.device.options())?;
+    let device = args.device.open()?;
     if let Some(path) = &args.scene {
         fit::check_header(path, device.info(), &args.pipeline, &[])?;
     }

@@ -1,6 +1,6 @@
 //! Runs `splatgraph view`: opens a window on a scene.
 
-use super::options::{self, DeviceArgs, Drawing};
+use super::options::{self, BackendArgs, Drawing};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
 use crate::image::Format;
@@ -71,7 +71,7 @@ pub struct Args {
     #[arg(long)]
     no_vsync: bool,
     #[command(flatten)]
-    device: DeviceArgs,
+    device: BackendArgs,
     /// Write events as JSON, one object per line; `-` is standard output
     #[arg(long, value_name = "FILE")]
     events: Option<PathBuf>,
@@ -191,6 +191,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         size: args.size(),
         // A script asks for the picture's size.
         exact_size: args.drawing.size.is_some() && args.screenshot.is_some(),
+        backend: args.device.backend,
         device: args.device.options(),
         vsync: !args.no_vsync,
         setup: Box::new(move |shell, size| initial.apply(shell, size)),

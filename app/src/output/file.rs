@@ -428,6 +428,7 @@ pub(crate) mod faults {
         }
     }
 
+    #[cfg(target_os = "linux")]
     pub fn hidden_only() -> bool {
         HIDDEN_ONLY.get()
     }

@@ -1,12 +1,14 @@
-//! Connects the profilers Tracy and RenderDoc, each behind a feature.
+//! Connects the profilers Tracy and RenderDoc, each behind a feature, and Apple's capture of frames.
 //!
 //! With the feature `tracy`, host code is marked with zones ([`zone!`]), and the GPU times of every pass appear in a GPU context.
 //! They are measured durations, laid end to end before the time at which the frame was found finished, because host and device
 //! share no clock. With the feature `renderdoc`, the program can capture a frame if RenderDoc started it or its library is
-//! preloaded; labels and names in the capture are the graph's. See `docs/profiling.md`.
+//! preloaded; labels and names in the capture are the graph's. On Apple's systems, Metal writes the frame as a document for Xcode. See
+//! `docs/profiling.md`.
 
 use splatgraph_api::FrameResult;
 use splatgraph_framework::plan::Plan;
+use std::path::PathBuf;
 
 /// Marks the host's work from here to the end of the block, with a name for Tracy.
 macro_rules! zone {
@@ -33,15 +35,32 @@ pub fn frame() {
     }
 }
 
-/// Captures the next frame of the window with RenderDoc.
+/// Says what captures the next frame of the window on request; none where nothing can.
+pub const CAPTURES: Option<&str> = if cfg!(feature = "renderdoc") {
+    Some("RenderDoc")
+} else if cfg!(target_vendor = "apple") {
+    Some("Metal, for Xcode")
+} else {
+    None
+};
+
+/// Captures the next frame of the window, with RenderDoc where it is compiled in. `document` names a new file for Metal's.
 ///
 /// # Errors
-/// RenderDoc is not compiled in, or not available.
-pub fn capture_next_frame() -> Result<(), String> {
+/// Nothing that captures is compiled in, or available.
+pub fn capture_next_frame(document: impl FnOnce() -> PathBuf) -> Result<(), String> {
     #[cfg(feature = "renderdoc")]
-    return capture::next_frame();
-    #[cfg(not(feature = "renderdoc"))]
-    Err("the program was built without the feature `renderdoc`".to_owned())
+    {
+        let _ = document;
+        capture::next_frame()
+    }
+    #[cfg(all(target_vendor = "apple", not(feature = "renderdoc")))]
+    return splatgraph_metal::capture_next_frame(document());
+    #[cfg(not(any(target_vendor = "apple", feature = "renderdoc")))]
+    {
+        let _ = document;
+        Err("the program was built without the feature `renderdoc`".to_owned())
+    }
 }
 
 /// The GPU times of one renderer's frames, in Tracy.

@@ -14,7 +14,7 @@ use super::panels::Command;
 use super::recovery::Recovery;
 use super::shell::{FrameRequest, Shell};
 use super::viewer::Viewer;
-use crate::backend::{Backend, Options};
+use crate::backend::{Api, Backend, Options};
 use crate::output::{Log, one_line, say};
 use crate::session::image_of;
 use anyhow::{Context as _, Result, anyhow, bail};
@@ -67,6 +67,8 @@ pub struct WindowOptions {
     pub size: (u32, u32),
     /// True for this size on any display.
     pub exact_size: bool,
+    /// The API of the device.
+    pub backend: Api,
     /// The device, and its validation.
     pub device: Options,
     /// True to wait for the display's refresh.
@@ -155,9 +157,9 @@ impl App {
         let size = window.inner_size();
         let size = (size.width, size.height);
         let mut recovery = Recovery::new(Box::new({
-            let (device, window) = (options.device, window.clone());
+            let (api, device, window) = (options.backend, options.device, window.clone());
             move |size, vsync| {
-                let mut canvas = Backend::open_in_window(&device, window.clone(), size)?;
+                let mut canvas = Backend::open_in_window(api, &device, window.clone(), size)?;
                 canvas.set_vsync(vsync);
                 let device = canvas.new_context()?;
                 Ok((canvas, device))
@@ -414,10 +416,10 @@ impl Running {
 
     fn apply(&mut self, command: Command) {
         match command {
-            Command::Screenshot => self.save = Some(fresh_name("splatgraph-window")),
+            Command::Screenshot => self.save = Some(fresh_name("splatgraph-window", "png")),
             Command::SavePicture => {
                 self.shell.viewer.a.want_picture();
-                self.save_a = Some(fresh_name("splatgraph"));
+                self.save_a = Some(fresh_name("splatgraph", "png"));
             }
             Command::Vsync(vsync) => {
                 if let Some(canvas) = self.shell.canvas_mut() {
@@ -429,8 +431,9 @@ impl Running {
                 self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
             }
             Command::Capture => {
-                if let Err(error) = super::profile::capture_next_frame() {
-                    self.shell.report(Event::FileFailed { path: "RenderDoc".into(), error });
+                let document = || fresh_name("splatgraph", "gputrace");
+                if let Err(error) = super::profile::capture_next_frame(document) {
+                    self.shell.report(Event::FileFailed { path: "Capture".into(), error });
                 }
             }
         }
@@ -475,7 +478,7 @@ fn title(scene: &Path) -> String {
 }
 
 /// Finds the first of `NAME-1.png`, `NAME-2.png`, ... that does not exist.
-fn fresh_name(stem: &str) -> PathBuf {
-    let name = |number: u32| PathBuf::from(format!("{stem}-{number}.png"));
+fn fresh_name(stem: &str, extension: &str) -> PathBuf {
+    let name = |number: u32| PathBuf::from(format!("{stem}-{number}.{extension}"));
     (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
 }

@@ -479,6 +479,11 @@ pub trait Encoder<G: Gpu>: Send {
     /// Ends the recording.
     fn end(&mut self) -> Result<(), BackendError>;
 
+    /// Announces the pass whose barriers and commands follow, if it runs any. With `timed`, timestamps stand before and after them.
+    ///
+    /// An API whose commands belong to encoders of their own learns here where the pass stands.
+    fn pass(&mut self, _pipelines: &G::Pipelines, _id: PassId, _timed: bool) {}
+
     /// Opens a label around the next commands, for captures and messages.
     fn push_label(&mut self, name: Arguments);
 

@@ -26,6 +26,7 @@ mod attributes;
 mod bindings;
 mod check;
 mod compiled;
+mod devices;
 mod executor;
 mod frame;
 mod gpu;
@@ -50,6 +51,7 @@ mod usage;
 mod watch;
 mod window;
 
+pub use devices::choose;
 pub use executor::Executor;
 pub use gpu::{
     Acquired, BindingTarget, Buffer, BufferDesc, Draw, Encoder, FormatSupport, Gpu, Image, ImageDesc,

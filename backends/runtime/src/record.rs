@@ -84,11 +84,12 @@ impl<G: Gpu> Recorder<'_, G> {
     /// Records barriers, the pass of a step, and copies of the resources to inspect after it.
     fn step(&mut self, step: &Step, carried: &[ResourceId], recorded: &mut Recorded) {
         let pass = self.compiled.plan.pass(step.pass);
+        let is_timed = !self.inputs.untimed_passes && self.compiled.slots[self.slot].timestamps.is_some();
+        self.encoder.pass(&self.compiled.pipelines, step.pass, is_timed);
         self.encoder.push_label(format_args!("{}", pass.name));
         self.barriers(&step.barriers, carried, &mut recorded.layouts);
         if pass.work != Work::Host && !self.compiled.is_left_out(step) {
             let query = queries(recorded.passes.len());
-            let is_timed = !self.inputs.untimed_passes;
             if is_timed {
                 self.timestamp(query);
             }

@@ -6,7 +6,8 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 26] = [
+const ORDER: [&str; 27] = [
+    "devices",
     "limits",
     "messages",
     "gpu",

@@ -41,46 +41,14 @@ pub(crate) fn all(instance: &Instance) -> Result<Vec<Physical>, BackendError> {
     Ok(handles.into_iter().enumerate().map(|(index, handle)| describe(instance, handle, index)).collect())
 }
 
-/// The device that `wanted` names: an index, or a part of the name in any case. Without a name the first discrete GPU
-/// that is fit, else the first integrated one, else any other, a CPU last.
+/// Finds the device to open; see [`splatgraph_runtime::choose`].
 pub(crate) fn choose(devices: Vec<Physical>, wanted: Option<&str>) -> Result<Physical, BackendError> {
     if devices.is_empty() {
         return Err(BackendError::Unavailable(NO_DRIVER.to_string()));
     }
-    let listed =
-        devices.iter().map(|d| format!("{}: {}", d.info.index, d.info.name)).collect::<Vec<_>>().join(", ");
-    let found = match wanted {
-        Some(text) => {
-            let index: Option<usize> = text.trim().parse().ok();
-            let part = text.to_lowercase();
-            // A number may also be a part of a name ("4090").
-            let by_index = devices.iter().position(|d| Some(d.info.index) == index);
-            by_index
-                .or_else(|| devices.iter().position(|d| d.info.name.to_lowercase().contains(&part)))
-                .ok_or_else(|| {
-                    BackendError::Unavailable(format!("there is no device `{text}`; there are {listed}"))
-                })?
-        }
-        None => (0..devices.len())
-            .filter(|&i| devices[i].info.unfit.is_none())
-            .min_by_key(|&i| preference(devices[i].kind))
-            .unwrap_or(0),
-    };
-    let device = devices.into_iter().nth(found).expect("the index was found in this list");
-    match &device.info.unfit {
-        Some(why) => Err(BackendError::Unavailable(format!("{} cannot run plans: {why}", device.info.name))),
-        None => Ok(device),
-    }
-}
-
-fn preference(kind: vk::PhysicalDeviceType) -> u32 {
-    match kind {
-        vk::PhysicalDeviceType::DISCRETE_GPU => 0,
-        vk::PhysicalDeviceType::INTEGRATED_GPU => 1,
-        vk::PhysicalDeviceType::VIRTUAL_GPU => 2,
-        vk::PhysicalDeviceType::CPU => 4,
-        _ => 3,
-    }
+    let infos: Vec<&DeviceInfo> = devices.iter().map(|device| &device.info).collect();
+    let found = splatgraph_runtime::choose(&infos, wanted)?;
+    Ok(devices.into_iter().nth(found).expect("the index was found in this list"))
 }
 
 fn kind_name(kind: vk::PhysicalDeviceType) -> &'static str {
@@ -315,51 +283,6 @@ pub(crate) fn create(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatgraph_framework::ir::DeviceFacts;
-
-    fn device(index: usize, name: &str, kind: vk::PhysicalDeviceType, unfit: Option<&str>) -> Physical {
-        let info = DeviceInfo {
-            index,
-            name: name.to_string(),
-            kind: kind_name(kind).to_string(),
-            driver: String::new(),
-            facts: DeviceFacts::default(),
-            robustness: Robustness::default(),
-            heap: Heap::default(),
-            unfit: unfit.map(str::to_string),
-        };
-        let limits = Limits::default();
-        Physical { handle: vk::PhysicalDevice::null(), family: 0, info, limits, budget: false, kind }
-    }
-
-    fn machine() -> Vec<Physical> {
-        vec![
-            device(0, "llvmpipe", vk::PhysicalDeviceType::CPU, None),
-            device(1, "Iris", vk::PhysicalDeviceType::INTEGRATED_GPU, None),
-            device(2, "GeForce 4090", vk::PhysicalDeviceType::DISCRETE_GPU, None),
-            device(3, "Radeon", vk::PhysicalDeviceType::DISCRETE_GPU, Some("it is too old")),
-        ]
-    }
-
-    fn chosen(devices: Vec<Physical>, wanted: Option<&str>) -> Result<usize, String> {
-        choose(devices, wanted).map(|d| d.info.index).map_err(|e| e.to_string())
-    }
-
-    #[test]
-    fn the_first_fit_discrete_device_is_the_default_and_the_cpu_the_last_resort() {
-        assert_eq!(chosen(machine(), None), Ok(2));
-        assert_eq!(chosen(machine().drain(..2).collect(), None), Ok(1));
-        assert_eq!(chosen(machine().drain(..1).collect(), None), Ok(0));
-    }
-
-    #[test]
-    fn a_device_is_named_by_its_index_or_by_a_part_of_its_name() {
-        assert_eq!(chosen(machine(), Some("1")), Ok(1));
-        assert_eq!(chosen(machine(), Some("LLVM")), Ok(0));
-        assert_eq!(chosen(machine(), Some("4090")), Ok(2));
-        let error = chosen(machine(), Some("arc")).unwrap_err();
-        assert!(error.contains("no device `arc`") && error.contains("1: Iris"), "{error}");
-    }
 
     #[test]
     fn the_queue_is_of_a_family_that_draws_and_computes_and_shows_pictures_in_the_window() {
@@ -372,9 +295,8 @@ mod tests {
     }
 
     #[test]
-    fn an_unfit_device_is_refused_with_its_reason() {
-        assert_eq!(chosen(machine(), Some("3")), Err("Radeon cannot run plans: it is too old".to_string()));
-        assert!(chosen(machine().drain(3..).collect(), None).unwrap_err().contains("too old"));
-        assert!(chosen(Vec::new(), None).unwrap_err().contains("mesa-vulkan-drivers"));
+    fn a_machine_without_drivers_is_told_what_to_install() {
+        let error = choose(Vec::new(), None).map(|device| device.info.name).unwrap_err().to_string();
+        assert!(error.contains("mesa-vulkan-drivers"), "{error}");
     }
 }

@@ -67,6 +67,7 @@ pub fn dump(plan: &Plan) -> Dump {
             })
             .collect(),
         gpu_ms: None,
+        encoders: None,
     }
 }
 

@@ -3,7 +3,8 @@
 //! [`Dump`] is the plan with names in place of numbers. Its JSON ([`json`]) is the canonical form, and every other form is
 //! made from it alone: [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to
 //! compare two dumps. It lists the passes in their order with the resources that each accesses; the memory and the lifetime
-//! of each resource; and for every barrier the hazards, the passes and the lines of the graph behind it.
+//! of each resource; and for every barrier the hazards, the passes and the lines of the graph behind it. A backend
+//! whose API has encoders can add them ([`DumpEncoders`]; [`encoders_text`] shows these).
 //!
 //! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`; a test keeps the three
 //! consistent.
@@ -11,6 +12,7 @@
 mod diff;
 mod diff_text;
 mod dot;
+mod encoders;
 mod from_plan;
 mod html;
 mod repeats;
@@ -30,6 +32,10 @@ pub use diff::{
 };
 pub use diff_text::diff_text;
 pub use dot::dot;
+pub use encoders::{
+    DumpEncoder, DumpEncoders, DumpReason, DumpUpdate, DumpWait, EncodedPass, EncoderBarrier, EncoderTotals,
+    encoders_text,
+};
 pub use from_plan::{dump, json};
 pub use html::html;
 pub use text::{barrier_line, bytes, dependency_line, left_out_counts, text};
@@ -82,6 +88,9 @@ pub struct Dump {
     pub stats: Vec<DumpStat>,
     /// Milliseconds that the frame's passes take on the GPU, in sum. Filled in by [`Dump::with_times`].
     pub gpu_ms: Option<f64>,
+    /// The encoders of an API that has these. Filled in by its backend.
+    #[serde(default)]
+    pub encoders: Option<DumpEncoders>,
 }
 
 /// A parameter of the graph.

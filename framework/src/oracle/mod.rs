@@ -21,7 +21,7 @@
 //!
 //! The files: `stages` holds the logical order of pipeline stages; `trace` lists the accesses of each pass by their
 //! bytes; `cell` holds the records of a few bytes, and how barriers and accesses change them; `calls` puts the barriers down until a
-//! cell is next touched; `memory_state` walks the plan.
+//! cell is next touched; `memory_state` walks the plan. [`conflicts()`] lists what a model of another API has to keep apart.
 //!
 //! # Where the model stops
 //!
@@ -34,6 +34,7 @@ use crate::plan::Plan;
 
 mod calls;
 mod cell;
+mod conflicts;
 mod memory_state;
 pub mod mutate;
 mod stages;
@@ -42,6 +43,7 @@ mod tests;
 mod trace;
 mod violation;
 
+pub use conflicts::{Conflict, Touch, conflicts};
 use memory_state::MemoryState;
 use trace::Trace;
 pub use violation::{Actor, Missing, Violation, ViolationKind, When};

@@ -14,6 +14,7 @@ mod presets;
 use super::events::{Event, RendererId};
 use super::history::History;
 use super::paint::Mode;
+use super::profile::CAPTURES;
 use super::viewer::Viewer;
 use egui::{Align2, CentralPanel, Color32, Context, Frame, Panel, Rect, RichText, Ui};
 use presets::{Presets, file_name};
@@ -43,7 +44,7 @@ pub enum Command {
     SavePicture,
     /// Turn waiting for the display's refresh on or off.
     Vsync(bool),
-    /// Capture the next frame with RenderDoc.
+    /// Capture the next frame.
     Capture,
     /// Switch full screen on or off.
     Fullscreen,
@@ -311,10 +312,11 @@ impl Panels {
             if ui.toggle_value(&mut self.vsync, "vsync").on_hover_text("V").changed() {
                 commands.push(Command::Vsync(self.vsync));
             }
-            if cfg!(feature = "renderdoc")
-                && ui.button("Capture").on_hover_text("Capture the next frame with RenderDoc").clicked()
-            {
-                commands.push(Command::Capture);
+            if let Some(with) = CAPTURES {
+                let hover = format!("Capture the next frame with {with}");
+                if ui.button("Capture").on_hover_text(hover).clicked() {
+                    commands.push(Command::Capture);
+                }
             }
             if ui.button("?").on_hover_text("Keys and mouse (F1)").clicked() {
                 self.help = !self.help;

@@ -21,7 +21,6 @@ const ENDING: Duration = Duration::from_secs(2);
 /// # Errors
 /// There is none.
 pub fn event_loop() -> Result<EventLoop<()>> {
-    #[cfg_attr(not(all(unix, not(target_os = "macos"))), expect(unused_mut))]
     let mut builder = EventLoop::builder();
     #[cfg(all(unix, not(target_os = "macos")))]
     if !wayland::answers() && is_set("DISPLAY") {

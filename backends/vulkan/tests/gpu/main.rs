@@ -2,6 +2,9 @@
 //!
 //! Every test opens a device of its own and ends with [`build::finish`], which closes it and wants no message: not of
 //! the frames, and not of the closing. Those of windows ([`screen`]) start an X server besides.
+//!
+//! Not on Apple's systems, which have no lavapipe.
+#![cfg(not(target_vendor = "apple"))]
 
 mod bounds;
 mod build;
@@ -12,10 +15,10 @@ mod frames;
 mod given;
 mod loading;
 mod pictures;
-#[cfg(all(unix, not(target_os = "macos")))]
+#[cfg(unix)]
 mod screen;
 mod sharing;
 mod swapping;
 mod threads;
-#[cfg(all(unix, not(target_os = "macos")))]
+#[cfg(unix)]
 mod x11;

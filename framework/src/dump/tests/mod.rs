@@ -1,6 +1,7 @@
 //! Tests the forms of a dump, one sentence each.
 
 mod diff;
+mod encoders;
 mod example;
 mod schema;
 

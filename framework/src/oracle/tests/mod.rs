@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::*;
 use crate::{ir::*, plan::*};
 
+mod conflicts;
 mod contents;
 mod frames;
 mod images;

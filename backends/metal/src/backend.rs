@@ -1,0 +1,216 @@
+//! Metal as the runtime's graphics API.
+
+use crate::capture;
+use crate::descriptors::ArgumentTables;
+use crate::device;
+use crate::encoder::Encoder;
+use crate::features;
+use crate::gpu::MetalGpu;
+use crate::memory::{self, Memory, UnboundBuffer, UnboundImage};
+use crate::objc;
+use crate::pipelines::Pipelines;
+use crate::queue::{self, Timestamps};
+use crate::swapchain::Swapchain;
+use metal::{Buffer, Texture};
+use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Validation};
+use splatgraph_framework::ir::{Binding, Format, PassId, Stages};
+use splatgraph_framework::plan::Plan;
+use splatgraph_runtime::{
+    Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, Messages,
+    NextPipeline, Presented, Requirements, Show, Window,
+};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+impl Gpu for MetalGpu {
+    type Memory = Memory;
+    type Dedicated = ();
+    type UnboundBuffer = UnboundBuffer;
+    type UnboundImage = UnboundImage;
+    type Buffer = Buffer;
+    type Image = Texture;
+    type Pipelines = Pipelines;
+    type Bindings = ArgumentTables;
+    type Timestamps = Timestamps;
+    type Encoder = Encoder;
+    type Swapchain = Swapchain;
+
+    fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
+        Ok(device::all().into_iter().map(|device| device.info).collect())
+    }
+
+    fn open(
+        options: &Options,
+        window: Option<Arc<dyn Window>>,
+    ) -> Result<(DeviceInfo, Arc<Self>), BackendError> {
+        check_validation(options.validation)?;
+        let physical = device::choose(device::all(), options.device.as_deref())?;
+        let info = physical.info.clone();
+        Ok((info, Arc::new(MetalGpu::new(physical, window, options)?)))
+    }
+
+    fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    fn messages(&self) -> &Arc<Messages> {
+        &self.messages
+    }
+
+    fn memory(&self) -> DeviceMemory {
+        let used = self.allocated.load(Ordering::Relaxed);
+        DeviceMemory { used, reserved: used.max(objc::allocated_bytes(&self.device)) }
+    }
+
+    fn available(&self) -> Option<u64> {
+        Some(self.limits.heap_bytes.saturating_sub(objc::allocated_bytes(&self.device)))
+    }
+
+    fn format_support(&self, format: Format) -> FormatSupport {
+        features::format_support(format)
+    }
+
+    fn patience(&self) -> Duration {
+        self.patience
+    }
+
+    fn compile_patience(&self) -> Duration {
+        self.compile_patience
+    }
+
+    fn wait_idle(&self, limit: Duration) -> bool {
+        queue::idle(self, limit)
+    }
+
+    fn create_buffer(
+        self: &Arc<Self>,
+        desc: &BufferDesc,
+    ) -> Result<(UnboundBuffer, Requirements<()>), BackendError> {
+        Ok(memory::create_buffer(self, desc))
+    }
+
+    fn create_image(
+        self: &Arc<Self>,
+        desc: &ImageDesc,
+    ) -> Result<(UnboundImage, Requirements<()>), BackendError> {
+        Ok(memory::create_image(self, desc))
+    }
+
+    fn allocate(
+        self: &Arc<Self>,
+        name: &str,
+        requirements: &Requirements<()>,
+        location: Location,
+    ) -> Result<Memory, BackendError> {
+        objc::pool(|| Memory::new(self, name, requirements, location))
+    }
+
+    fn bind_buffer(self: &Arc<Self>, buffer: UnboundBuffer, memory: &Memory) -> Result<Buffer, BackendError> {
+        objc::pool(|| memory::bind_buffer(&buffer, memory))
+    }
+
+    fn bind_image(self: &Arc<Self>, image: UnboundImage, memory: &Memory) -> Result<Texture, BackendError> {
+        objc::pool(|| memory::bind_image(&image, memory))
+    }
+
+    fn create_pipelines(
+        self: &Arc<Self>,
+        plan: &Plan,
+        next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
+    ) -> Result<Pipelines, BackendError> {
+        Pipelines::new(self, plan, next)
+    }
+
+    fn create_bindings(
+        self: &Arc<Self>,
+        plan: &Plan,
+        pipelines: &Pipelines,
+    ) -> Result<ArgumentTables, BackendError> {
+        Ok(ArgumentTables::new(plan, pipelines))
+    }
+
+    fn write_binding(
+        &self,
+        bindings: &mut ArgumentTables,
+        pass: PassId,
+        copy: usize,
+        binding: &Binding,
+        target: BindingTarget<Self>,
+    ) {
+        bindings.write(pass, copy, binding, &target);
+    }
+
+    fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Timestamps>, BackendError> {
+        Timestamps::new(self, count).map(Some)
+    }
+
+    fn read_timestamps(&self, timestamps: &Timestamps, count: u32) -> Result<Vec<Option<u64>>, BackendError> {
+        Ok(timestamps.read(count))
+    }
+
+    fn create_encoder(self: &Arc<Self>, name: &str) -> Result<Encoder, BackendError> {
+        Ok(Encoder::new(self, name))
+    }
+
+    fn submit(&self, encoder: &mut Encoder, show: Option<Show<Self>>) -> Result<(), BackendError> {
+        objc::pool(|| encoder.submit(show.map(|show| show.swapchain)))
+    }
+
+    fn wait(&self, encoder: &mut Encoder, limit: Duration) -> Result<bool, BackendError> {
+        encoder.wait(limit)
+    }
+
+    fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
+        Ok((told.0 > 0 && told.1 > 0).then_some(told))
+    }
+
+    /// A layer is never lost.
+    fn renew_surface(&self) -> Result<(), BackendError> {
+        Ok(())
+    }
+
+    fn create_swapchain(
+        self: &Arc<Self>,
+        size: (u32, u32),
+        vsync: bool,
+        _: Option<&Swapchain>,
+    ) -> Result<Swapchain, BackendError> {
+        Swapchain::new(self, size, vsync)
+    }
+
+    fn acquire(&self, swapchain: &mut Swapchain, _: usize) -> Result<Acquired, BackendError> {
+        Ok(swapchain.acquire())
+    }
+
+    /// The draw is recorded with the submission, which knows the fences of the frame.
+    fn record_blit(
+        &self,
+        show: Show<Self>,
+        output: &splatgraph_runtime::Image<Self>,
+        _: Stages,
+    ) -> Result<(), BackendError> {
+        show.swapchain.set_output(output);
+        Ok(())
+    }
+
+    /// The draw's command buffer presents it.
+    fn present(&self, _: Show<Self>) -> Result<Presented, BackendError> {
+        capture::end();
+        Ok(Presented::Shown)
+    }
+}
+
+/// Refuses validation that the process was not started with: Metal cannot turn it on later.
+fn check_validation(validation: Validation) -> Result<(), BackendError> {
+    let names = ["MTL_DEBUG_LAYER", "METAL_DEVICE_WRAPPER_TYPE"];
+    let is_on = names.iter().any(|name| std::env::var_os(name).is_some_and(|value| value == "1"));
+    if validation == Validation::Off || is_on {
+        return Ok(());
+    }
+    Err(BackendError::Unavailable(
+        "validation was asked for, which Metal turns on when a program starts: set MTL_DEBUG_LAYER=1 (and \
+         MTL_SHADER_VALIDATION=1 for the shaders); it ends the program at the first mistake, and says why on standard error"
+            .to_string(),
+    ))
+}

@@ -1,0 +1,54 @@
+//! From the passes, in their order, to encoders: each as long as the next pass is of its kind.
+
+use super::accesses::Footprints;
+use super::{Division, EncoderKind};
+use splatgraph_framework::{ir::*, plan::*};
+
+/// The passes of one encoder.
+pub(super) struct Group {
+    pub kind: EncoderKind,
+    pub passes: Vec<PassId>,
+}
+
+/// Divides steps into the encoders that hold them.
+pub(super) fn divide(plan: &Plan, steps: &[Step], footprints: &Footprints, division: Division) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for step in steps {
+        let Some(kind) = kind(&plan.pass(step.pass).work) else { continue };
+        let joins = |group: &&mut Group| {
+            division == Division::Merged
+                && group.kind == kind
+                && (kind != EncoderKind::Render || draws_with(plan, group, step.pass, footprints))
+        };
+        match groups.last_mut().filter(joins) {
+            Some(group) => group.passes.push(step.pass),
+            None => groups.push(Group { kind, passes: vec![step.pass] }),
+        }
+    }
+    groups
+}
+
+fn kind(work: &Work) -> Option<EncoderKind> {
+    match work {
+        Work::Draw { .. } => Some(EncoderKind::Render),
+        Work::Export => Some(EncoderKind::Blit),
+        Work::Host => None,
+        Work::Dispatch { .. } | Work::Fill { .. } | Work::Start { .. } => Some(EncoderKind::Compute),
+    }
+}
+
+/// Returns true if a draw keeps the targets of the draws before it, and conflicts with them nowhere else.
+fn draws_with(plan: &Plan, group: &Group, pass: PassId, footprints: &Footprints) -> bool {
+    let targets = |pass: PassId| match &plan.pass(pass).work {
+        Work::Draw { targets, .. } => targets.as_slice(),
+        _ => &[],
+    };
+    let (own, others) = (targets(pass), targets(group.passes[0]));
+    let images = |targets: &[Target]| targets.iter().map(|target| target.image).collect::<Vec<_>>();
+    images(own) == images(others)
+        && own.iter().all(|target| target.load == Load::Keep)
+        && group.passes.iter().flat_map(|earlier| footprints.pass(*earlier)).all(|earlier| {
+            let clashes = |own: &super::accesses::Access| own.conflicts(earlier) && !own.in_order(earlier);
+            !footprints.pass(pass).iter().any(clashes)
+        })
+}

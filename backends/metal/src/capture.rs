@@ -1,0 +1,65 @@
+//! A frame of the window for Xcode, as a `.gputrace`.
+//!
+//! The capture begins with the first commands that are recorded after it was asked for, and ends when the window's next frame was
+//! handed over. Metal writes documents only for programs that were started with `METAL_CAPTURE_ENABLED=1` (or by Xcode).
+
+use crate::objc;
+use metal::{CaptureDescriptor, CaptureManager, DeviceRef, MTLCaptureDestination};
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+enum State {
+    Idle,
+    /// The next commands begin a capture into this document.
+    Asked(PathBuf),
+    Running,
+}
+
+static STATE: Mutex<State> = Mutex::new(State::Idle);
+
+fn state() -> MutexGuard<'static, State> {
+    STATE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Captures the next frame of the window into the document `path`, which does not exist.
+///
+/// # Errors
+/// The program was not started in a way that lets it capture, or a capture is running.
+pub fn capture_next_frame(path: PathBuf) -> Result<(), String> {
+    let able =
+        objc::pool(|| CaptureManager::shared().supports_destination(MTLCaptureDestination::GpuTraceDocument));
+    if !able {
+        return Err("Metal captures nothing of this process: start the program with METAL_CAPTURE_ENABLED=1"
+            .to_string());
+    }
+    let mut state = state();
+    match *state {
+        State::Idle => *state = State::Asked(path),
+        State::Asked(_) | State::Running => return Err("a frame is being captured already".to_string()),
+    }
+    Ok(())
+}
+
+/// Begins the capture that was asked for, before commands are recorded. Returns Metal's reason if there is none.
+pub(crate) fn begin(device: &DeviceRef) -> Option<String> {
+    let mut state = state();
+    let State::Asked(path) = &*state else { return None };
+    let begun = objc::pool(|| {
+        let descriptor = CaptureDescriptor::new();
+        descriptor.set_capture_device(device);
+        descriptor.set_destination(MTLCaptureDestination::GpuTraceDocument);
+        objc::set_output(&descriptor, path)?;
+        CaptureManager::shared().start_capture(&descriptor)
+    });
+    *state = if begun.is_ok() { State::Running } else { State::Idle };
+    begun.err()
+}
+
+/// Ends the capture that is running, once a frame was handed to the window.
+pub(crate) fn end() {
+    let mut state = state();
+    if matches!(*state, State::Running) {
+        objc::pool(|| CaptureManager::shared().stop_capture());
+        *state = State::Idle;
+    }
+}

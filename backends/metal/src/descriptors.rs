@@ -1,0 +1,104 @@
+//! Tables of arguments: the bindings of a plan's passes.
+//!
+//! Metal keeps no sets of descriptors: each argument is set in the encoder before its command. So the tables are lists on the host of
+//! what to set where.
+
+use crate::features::BUFFERS;
+use crate::gpu::MetalGpu;
+use crate::lower::{Place, Stage};
+use crate::pipelines::Pipelines;
+use metal::{Buffer, Texture};
+use splatgraph_framework::ir::{Binding, PassId};
+use splatgraph_framework::plan::Plan;
+use splatgraph_runtime::{BindingTarget, binding_copies};
+
+/// The arguments of all passes of a plan.
+pub struct ArgumentTables {
+    /// By pass, then by copy; empty for passes that bind nothing.
+    tables: Vec<Vec<Table>>,
+    /// The places of the bindings, by pass.
+    places: Vec<Vec<((u32, u32), Place)>>,
+}
+
+/// The arguments of a pass in one frame.
+#[derive(Clone, Default)]
+pub(crate) struct Table {
+    pub arguments: Vec<(Place, Argument)>,
+    /// The sizes in bytes of the buffers of each stage that asks for some, by buffer index.
+    pub sizes: Vec<(Stage, [u32; BUFFERS as usize])>,
+}
+
+/// An object to set.
+#[derive(Clone)]
+pub(crate) enum Argument {
+    /// A buffer from a byte on.
+    Buffer(Buffer, u64),
+    Texture(Texture),
+}
+
+impl ArgumentTables {
+    /// Makes the tables of all passes that run and bind something.
+    pub(crate) fn new(plan: &Plan, pipelines: &Pipelines) -> ArgumentTables {
+        let mut tables = vec![Vec::new(); plan.passes.len()];
+        let mut places = vec![Vec::new(); plan.passes.len()];
+        for id in plan.prologue.iter().chain(&plan.frame).map(|step| step.pass) {
+            let pass = plan.pass(id);
+            if pass.bindings.is_empty() {
+                continue;
+            }
+            let all = pass.bindings.iter().flat_map(|binding| {
+                let at = (binding.binding, binding.element);
+                pipelines.lowered.places(id, binding).map(move |place| (at, place))
+            });
+            places[id.index()] = all.collect();
+            tables[id.index()] = vec![Table::default(); binding_copies(plan, pass)];
+        }
+        ArgumentTables { tables, places }
+    }
+
+    /// Writes one binding of one copy of a pass's table.
+    pub(crate) fn write(
+        &mut self,
+        pass: PassId,
+        copy: usize,
+        binding: &Binding,
+        target: &BindingTarget<MetalGpu>,
+    ) {
+        let table = &mut self.tables[pass.index()][copy];
+        let at = (binding.binding, binding.element);
+        for &(_, place) in self.places[pass.index()].iter().filter(|(binding, _)| *binding == at) {
+            let argument = match target {
+                BindingTarget::Buffer(buffer, bytes) => {
+                    table.set_size(place, bytes.end - bytes.start);
+                    Argument::Buffer(buffer.raw.clone(), bytes.start)
+                }
+                BindingTarget::Image(image) => Argument::Texture(image.raw.clone()),
+            };
+            match table.arguments.iter_mut().find(|(known, _)| *known == place) {
+                Some((_, known)) => *known = argument,
+                None => table.arguments.push((place, argument)),
+            }
+        }
+    }
+
+    /// Returns the table of a pass for the frame in this slot; none for passes that bind nothing.
+    pub(crate) fn of(&self, pass: PassId, slot: usize) -> Option<&Table> {
+        let copies = &self.tables[pass.index()];
+        copies.get(slot.checked_rem(copies.len())?)
+    }
+}
+
+impl Table {
+    fn set_size(&mut self, place: Place, bytes: u64) {
+        if !place.sized {
+            return;
+        }
+        let known = self.sizes.iter().position(|(stage, _)| *stage == place.stage);
+        let known = known.unwrap_or_else(|| {
+            self.sizes.push((place.stage, [0; BUFFERS as usize]));
+            self.sizes.len() - 1
+        });
+        // No binding is longer; see the limits.
+        self.sizes[known].1[place.index as usize] = u32::try_from(bytes).unwrap_or(u32::MAX);
+    }
+}

@@ -1,0 +1,57 @@
+//! The machine's GPUs: what they are, and what graphs may know of them.
+
+use crate::features::{self, Told};
+use crate::objc;
+use metal::{Device, MTLGPUFamily};
+use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
+
+/// A GPU and what is known of it.
+pub(crate) struct Physical {
+    pub raw: Device,
+    pub info: DeviceInfo,
+    pub told: Told,
+}
+
+/// Every GPU of the machine.
+pub(crate) fn all() -> Vec<Physical> {
+    objc::pool(|| Device::all().into_iter().enumerate().map(|(index, raw)| describe(raw, index)).collect())
+}
+
+/// Finds the device to open; see [`splatgraph_runtime::choose`].
+pub(crate) fn choose(devices: Vec<Physical>, wanted: Option<&str>) -> Result<Physical, BackendError> {
+    if devices.is_empty() {
+        return Err(BackendError::Unavailable("Metal finds no GPU".to_string()));
+    }
+    let infos: Vec<&DeviceInfo> = devices.iter().map(|device| &device.info).collect();
+    let found = splatgraph_runtime::choose(&infos, wanted)?;
+    Ok(devices.into_iter().nth(found).expect("the index was found in this list"))
+}
+
+fn describe(raw: Device, index: usize) -> Physical {
+    let threads = raw.max_threads_per_threadgroup();
+    let told = Told {
+        max_buffer_bytes: objc::max_buffer_length(&raw),
+        threadgroup_bytes: raw.max_threadgroup_memory_length() as u32,
+        max_threads: [threads.width as u32, threads.height as u32, threads.depth as u32],
+        working_set: raw.recommended_max_working_set_size(),
+        filters_floats: objc::filters_floats(&raw),
+    };
+    let fit = raw.supports_family(MTLGPUFamily::Apple7);
+    let info = DeviceInfo {
+        index,
+        name: raw.name().to_string(),
+        kind: if raw.has_unified_memory() { "integrated" } else { "discrete" }.to_string(),
+        driver: format!("Metal, macOS {}", objc::system()),
+        facts: features::limits(&told).facts(),
+        // Accesses of buffers are not checked, and nothing can be asked for.
+        robustness: Robustness::default(),
+        heap: Heap {
+            bytes: told.working_set,
+            available: Some(told.working_set.saturating_sub(objc::allocated_bytes(&raw))),
+        },
+        unfit: (!fit).then(|| {
+            "it is of an older family than Apple 7, the first of Macs with Apple silicon".to_string()
+        }),
+    };
+    Physical { raw, info, told }
+}

@@ -1,0 +1,123 @@
+//! The encoders of a plan in its dump, with names in place of numbers.
+
+use crate::barriers::{self, *};
+use splatgraph_framework::dump::{self, Dump, DumpEncoder, DumpEncoders, DumpReason, EncoderTotals};
+use splatgraph_framework::{ir::*, plan::*};
+
+/// Adds the encoders of a plan to its dump.
+pub fn add_encoders(dump: Dump, plan: &Plan) -> Dump {
+    let (encoders, reasons) = explained(plan, Division::Merged);
+    let at = |place: Place| -> Vec<DumpReason> {
+        reasons.iter().filter(|reason| reason.at == place).map(|reason| reason_of(plan, reason)).collect()
+    };
+    let list = |encodings: &[Encoding], place: fn(usize, Point) -> Place| -> Vec<DumpEncoder> {
+        let encoder = |(index, encoding)| encoder_of(plan, encoding, |point| at(place(index, point)));
+        encodings.iter().enumerate().map(encoder).collect()
+    };
+    Dump {
+        encoders: Some(DumpEncoders {
+            prologue: list(&encoders.prologue, Place::Prologue),
+            handover: at(Place::Handover),
+            frame: list(&encoders.frame, Place::Frame),
+            prologue_totals: totals(&encoders.prologue),
+            frame_totals: totals(&encoders.frame),
+            timed_totals: totals(&barriers::encoders(plan, Division::Passes).frame),
+        }),
+        ..dump
+    }
+}
+
+fn encoder_of(plan: &Plan, encoding: &Encoding, reasons: impl Fn(Point) -> Vec<DumpReason>) -> DumpEncoder {
+    let stage = |of: Option<RenderStages>| of.map(|stages| format!("{stages:?}").to_lowercase());
+    let wait = |(index, wait): (usize, &FenceUse)| dump::DumpWait {
+        fence: wait.fence,
+        stage: stage(wait.stages),
+        reasons: reasons(Point::Wait(index)),
+    };
+    let update = |update: &FenceUse| dump::DumpUpdate { fence: update.fence, stage: stage(update.stages) };
+    let pass = |(index, of): (usize, &EncodedPass)| dump::EncodedPass {
+        pass: plan.pass(of.pass).name.clone(),
+        barrier: of.barrier.map(|MemoryBarrier { buffers, textures }| {
+            let scope = [("buffers", buffers), ("textures", textures)].into_iter().filter(|(_, on)| *on);
+            dump::EncoderBarrier {
+                scope: scope.map(|(name, _)| name.to_string()).collect(),
+                reasons: reasons(Point::Barrier(index)),
+            }
+        }),
+    };
+    DumpEncoder {
+        kind: format!("{:?}", encoding.kind).to_lowercase(),
+        waits: encoding.waits.iter().enumerate().map(wait).collect(),
+        passes: encoding.passes.iter().enumerate().map(pass).collect(),
+        updates: encoding.updates.iter().map(update).collect(),
+    }
+}
+
+fn reason_of(plan: &Plan, reason: &Cause) -> DumpReason {
+    let pass = |id: &PassId| dump::Place {
+        name: plan.pass(*id).name.clone(),
+        declared: plan.pass(*id).origin.clone(),
+    };
+    let resource = |id: ResourceId| dump::Place {
+        name: plan.resource(id).name.clone(),
+        declared: plan.resource(id).origin.clone(),
+    };
+    DumpReason {
+        hazard: reason.hazard,
+        before: pass(&reason.before),
+        resource: resource(reason.resource),
+        after: reason.after.iter().map(pass).collect(),
+        previous_frame: reason.previous_frame,
+        alias: reason.alias.map(resource),
+    }
+}
+
+fn totals(encodings: &[Encoding]) -> EncoderTotals {
+    let mut fences: Vec<u32> = encodings.iter().flat_map(|e| &e.updates).map(|update| update.fence).collect();
+    fences.sort_unstable();
+    fences.dedup();
+    let passes = encodings.iter().flat_map(|encoding| &encoding.passes);
+    EncoderTotals {
+        encoders: encodings.len(),
+        fences: fences.len(),
+        waits: encodings.iter().map(|encoding| encoding.waits.len()).sum(),
+        updates: encodings.iter().map(|encoding| encoding.updates.len()).sum(),
+        barriers: passes.filter(|pass| pass.barrier.is_some()).count(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::*;
+
+    #[test]
+    fn encoders_are_told_beside_the_barriers_of_the_plan_with_their_reasons_and_counts() {
+        let mut s = Sketch::new();
+        let (x, y, image) = (s.buffer("x"), s.buffer("y"), s.image("image"));
+        s.once("once", &[writes(y)]);
+        s.dispatch("make", &[reads(y), writes(x)]);
+        s.dispatch("change", &[reads(x), writes(x)]);
+        s.draw("draw", image, CLEAR, &[vertices_read(x)]);
+        s.export(image, None);
+        let dump = add_encoders(dump::dump(&s.plan), &s.plan);
+        let text = dump::encoders_text(&dump).expect("they were added");
+        let lines: Vec<&str> = text.lines().map(str::trim).collect();
+        for line in [
+            "encoder 1 (compute)",
+            "change                       barrier: buffers",
+            "wait for fence 0 before vertex stage",
+            "update fence 1 after fragment stage",
+            "write after read on x, after draw of the frame before, for make",
+            "read after write on x, after make, for change",
+        ] {
+            assert!(lines.contains(&line), "{line} is not in\n{text}");
+        }
+        let encoders = dump.encoders.expect("they were added");
+        let compute = &encoders.frame[0];
+        assert_eq!((compute.kind.as_str(), encoders.frame.len()), ("compute", 3));
+        assert_eq!(compute.passes[1].barrier.as_ref().map(|barrier| barrier.reasons.len()), Some(1));
+        assert_eq!(encoders.handover.len(), 1);
+        assert_eq!(encoders.timed_totals.encoders, 4);
+    }
+}

@@ -1,0 +1,482 @@
+//! The recording of commands into a command buffer.
+//!
+//! The plan's order is not decided here: [`Walk`] says which encoder a pass belongs to, and what it waits for. An encoder is opened with
+//! the first of its commands, since only then are the targets of draws and the samples of times known.
+
+use crate::barriers::{EncoderKind, FenceUse};
+use crate::capture;
+use crate::descriptors::{Argument, ArgumentTables, Table};
+use crate::error::no_object;
+use crate::gpu::MetalGpu;
+use crate::lower::{self, CLEAR_THREADS, Stage};
+use crate::objc;
+use crate::pipelines::{Order, Pipeline, Pipelines};
+use crate::queue::{self, Timestamps};
+use crate::swapchain::Swapchain;
+use crate::walk::{Move, Walk};
+use metal::*;
+use splatgraph_api::BackendError;
+use splatgraph_framework::ir::{Format, Pass, PassId, Target};
+use splatgraph_runtime::{Buffer, Draw, Image, LayoutChange, PlanBarrier};
+use std::ffi::c_void;
+use std::fmt::Arguments;
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Duration;
+
+mod open;
+
+use open::Open;
+
+/// A command buffer, and the events around it.
+pub struct Encoder {
+    name: String,
+    commands: Option<CommandBuffer>,
+    /// The last submission, until it was waited for.
+    submitted: Vec<CommandBuffer>,
+    /// Signalled when a submission has completed.
+    done: (SharedEvent, u64),
+    /// Signalled and waited for in the midst of the commands.
+    midst: (Event, u64),
+    /// Signalled when everything submitted before has completed; see [`queue::submit`].
+    others: (Event, u64),
+    /// The commands being recorded wait for `others`.
+    after_all: bool,
+    /// All that is submitted later waits for them.
+    publishes: bool,
+    walk: Walk,
+    order: Option<Arc<Order>>,
+    moves: Vec<Move>,
+    /// The encoder that commands are recorded to.
+    open: Open,
+    /// The encoder that the next command opens, and the fences that it then waits for.
+    next: Option<EncoderKind>,
+    waits: Vec<FenceUse>,
+    bound: Bound,
+    /// Takes the times of the frame.
+    times: Option<Timestamps>,
+    /// The first of two samples of the next encoder.
+    sample: Option<u32>,
+    label: String,
+    /// Debug groups that are open in the encoder.
+    groups: usize,
+    gpu: Arc<MetalGpu>,
+}
+
+/// The pipeline and the arguments of the next command.
+#[derive(Default)]
+struct Bound {
+    pipeline: Option<Pipeline>,
+    table: Table,
+    /// Words to copy with the command: push constants, and sizes of buffers.
+    bytes: Vec<u8>,
+    copied: Vec<(Stage, u32, Range<usize>)>,
+}
+
+impl Encoder {
+    pub(crate) fn new(gpu: &Arc<MetalGpu>, name: &str) -> Encoder {
+        Encoder {
+            name: name.to_string(),
+            commands: None,
+            submitted: Vec::new(),
+            done: (gpu.device.new_shared_event(), 0),
+            midst: (gpu.device.new_event(), 0),
+            others: (gpu.device.new_event(), 0),
+            after_all: false,
+            publishes: false,
+            walk: Walk::default(),
+            order: None,
+            moves: Vec::new(),
+            open: Open::None,
+            next: None,
+            waits: Vec::new(),
+            bound: Bound::default(),
+            times: None,
+            sample: None,
+            label: String::new(),
+            groups: 0,
+            gpu: gpu.clone(),
+        }
+    }
+
+    /// Submits what was recorded, and behind it the draw of the output into a window.
+    pub(crate) fn submit(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
+        let Some(commands) = self.commands.take() else {
+            return Err(BackendError::Invalid(format!("the encoder `{}` has nothing recorded", self.name)));
+        };
+        self.done.1 += 1;
+        commands.encode_signal_event(&self.done.0, self.done.1);
+        self.submitted.clear();
+        self.submitted.push(commands);
+        if let Some(window) = window {
+            let frame = (&**self.done.0, self.done.1);
+            let shown = match (&self.order, self.walk.division()) {
+                (Some(order), Some(division)) => {
+                    let walked = order.walked();
+                    let updates = order.export.map_or(&[][..], |export| self.walk.updates(&walked, export));
+                    let fences = updates.iter().map(|update| order.fence(division, update.fence));
+                    window.draw(&self.gpu, &fences.collect::<Vec<_>>(), frame)?
+                }
+                _ => window.draw(&self.gpu, &[], frame)?,
+            };
+            self.done.1 += 1;
+            shown.encode_signal_event(&self.done.0, self.done.1);
+            self.submitted.push(shown);
+        }
+        let after = self.after_all.then_some((&*self.others.0, self.others.1));
+        let done = (&*self.done.0, self.done.1);
+        queue::submit(&self.gpu, &self.submitted, done, after, self.publishes)?;
+        if let Some(order) = self.order.take() {
+            order.walked().submitted(&self.walk);
+        }
+        Ok(())
+    }
+
+    /// Blocks until the last submission has completed, or the time is over. Returns true in the first case.
+    pub(crate) fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
+        let done = queue::wait(&self.submitted, (&self.done.0, self.done.1), limit)?;
+        if let (true, Some(frame)) = (done, self.submitted.first()) {
+            if let Some(times) = self.times.take() {
+                times.completed(objc::device_times(frame));
+            }
+            self.submitted.clear();
+        }
+        Ok(done)
+    }
+
+    /// Makes what the walk says of the encoders.
+    fn follow(&mut self) {
+        let moves = std::mem::take(&mut self.moves);
+        for step in &moves {
+            match *step {
+                Move::AfterAll => self.after_all(),
+                // What is submitted later may begin before an event that only these commands wait for.
+                Move::HandOver => {
+                    self.order_midst();
+                    self.publishes = true;
+                }
+                Move::Open(kind) => {
+                    self.close();
+                    self.next = Some(kind);
+                    self.waits.clear();
+                    self.sample = None;
+                }
+                Move::Wait(fence) => self.waits.push(fence),
+                Move::Barrier(barrier) => {
+                    if let Open::Compute(encoder) = &self.open {
+                        objc::memory_barrier(encoder, barrier.buffers, barrier.textures);
+                    }
+                }
+                Move::Update(fence) => self.update(fence),
+                Move::Close => self.close(),
+            }
+        }
+        self.moves = moves;
+        self.moves.clear();
+    }
+
+    /// Ends everything that was recorded, and lets what comes wait for it and for all that was submitted before.
+    fn order_everything(&mut self) {
+        self.interrupt();
+        self.after_all();
+        self.order_midst();
+    }
+
+    /// Lets the commands that come wait for those before them.
+    fn order_midst(&mut self) {
+        let (event, value) = &mut self.midst;
+        *value += 1;
+        if let Some(commands) = &self.commands {
+            commands.encode_signal_event(event, *value);
+            commands.encode_wait_for_event(event, *value);
+        }
+    }
+
+    /// Closes the plan's encoder, or that of copies which the plan knows nothing of.
+    fn interrupt(&mut self) {
+        if let Some(order) = self.order.clone() {
+            self.walk.interrupt(&order.walked(), &mut self.moves);
+            self.follow();
+        }
+        self.close();
+    }
+
+    /// Lets what comes wait for all that will have been submitted before these commands.
+    fn after_all(&mut self) {
+        if self.after_all {
+            return;
+        }
+        self.close();
+        self.after_all = true;
+        self.others.1 += 1;
+        if let Some(commands) = &self.commands {
+            commands.encode_wait_for_event(&self.others.0, self.others.1);
+        }
+    }
+}
+
+impl Bound {
+    /// Sets pipeline and arguments of a dispatch. Returns the threads of its threadgroups.
+    fn dispatch(&self, encoder: &ComputeCommandEncoderRef) -> Option<MTLSize> {
+        let Some(Pipeline::Compute { raw, threads }) = &self.pipeline else { return None };
+        encoder.set_compute_pipeline_state(raw);
+        for (place, argument) in &self.table.arguments {
+            let index = place.index.into();
+            match argument {
+                Argument::Buffer(buffer, offset) => encoder.set_buffer(index, Some(buffer), *offset),
+                Argument::Texture(texture) => encoder.set_texture(index, Some(texture)),
+            }
+        }
+        for (_, index, range) in &self.copied {
+            let bytes = &self.bytes[range.clone()];
+            encoder.set_bytes((*index).into(), bytes.len() as u64, pointer(bytes));
+        }
+        Some(*threads)
+    }
+
+    /// Sets pipeline and arguments of a draw. Returns its primitives.
+    fn draw(&self, encoder: &RenderCommandEncoderRef) -> Option<MTLPrimitiveType> {
+        let Some(Pipeline::Draw { raw, primitives }) = &self.pipeline else { return None };
+        encoder.set_render_pipeline_state(raw);
+        for (place, argument) in &self.table.arguments {
+            let index = place.index.into();
+            match (place.stage == Stage::Vertex, argument) {
+                (true, Argument::Buffer(buffer, offset)) => {
+                    encoder.set_vertex_buffer(index, Some(buffer), *offset)
+                }
+                (false, Argument::Buffer(buffer, offset)) => {
+                    encoder.set_fragment_buffer(index, Some(buffer), *offset);
+                }
+                (true, Argument::Texture(texture)) => encoder.set_vertex_texture(index, Some(texture)),
+                (false, Argument::Texture(texture)) => encoder.set_fragment_texture(index, Some(texture)),
+            }
+        }
+        for (stage, index, range) in &self.copied {
+            let bytes = &self.bytes[range.clone()];
+            let (index, length) = ((*index).into(), bytes.len() as u64);
+            match stage {
+                Stage::Vertex => encoder.set_vertex_bytes(index, length, pointer(bytes)),
+                _ => encoder.set_fragment_bytes(index, length, pointer(bytes)),
+            }
+        }
+        Some(*primitives)
+    }
+}
+
+/// Metal copies the bytes during the call.
+fn pointer(bytes: &[u8]) -> *const c_void {
+    bytes.as_ptr().cast()
+}
+
+impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
+    fn begin(&mut self) -> Result<(), BackendError> {
+        // An encoder that is dropped must have ended; the recording before may have been given up.
+        self.close();
+        if let Some(reason) = capture::begin(&self.gpu.device) {
+            self.gpu.messages.add(format!("no frame is captured: {reason}"));
+        }
+        let commands = objc::pool(|| self.gpu.commands(&self.name))?;
+        for before in self.gpu.in_flight().iter().filter(|before| before.publishes) {
+            commands.encode_wait_for_event(&before.event, before.value);
+        }
+        self.commands = Some(commands);
+        self.order = None;
+        self.walk.begin();
+        (self.after_all, self.publishes) = (false, false);
+        (self.times, self.sample) = (None, None);
+        Ok(())
+    }
+
+    fn end(&mut self) -> Result<(), BackendError> {
+        self.interrupt();
+        if self.commands.is_some() { Ok(()) } else { Err(no_object("commandBuffer")) }
+    }
+
+    fn pass(&mut self, pipelines: &Pipelines, id: PassId, timed: bool) {
+        let order = self.order.get_or_insert_with(|| pipelines.order.clone()).clone();
+        let timed = timed && self.gpu.timestamps.is_some();
+        // What the plan knows nothing of ends with its next pass.
+        if !self.walk.is_open() {
+            self.close();
+        }
+        self.walk.pass(&order.walked(), id, timed, &mut self.moves);
+        self.follow();
+    }
+
+    fn push_label(&mut self, name: Arguments) {
+        if !self.gpu.labels {
+            return;
+        }
+        self.label = name.to_string();
+        objc::pool(|| match &self.open {
+            Open::None => {}
+            Open::Compute(encoder) => encoder.push_debug_group(&self.label),
+            Open::Render(encoder) => encoder.push_debug_group(&self.label),
+            Open::Blit(encoder) => encoder.push_debug_group(&self.label),
+        });
+        if !matches!(self.open, Open::None) {
+            self.groups += 1;
+        }
+    }
+
+    fn pop_label(&mut self) {
+        if self.groups > 0 {
+            self.groups -= 1;
+            self.pop_group();
+        }
+    }
+
+    /// The walk has its own: Metal's encoders are ordered by fences, and images have no layouts.
+    fn barriers<'a>(&mut self, _: impl Iterator<Item = PlanBarrier<'a, MetalGpu>>) {}
+
+    fn full_barrier<'a>(&mut self, _: impl Iterator<Item = LayoutChange<'a, MetalGpu>>) {
+        self.order_everything();
+    }
+
+    fn before_copy(&mut self, _: &Buffer<MetalGpu>) {
+        self.order_everything();
+    }
+
+    fn after_copy(&mut self, _: &Buffer<MetalGpu>, _: Range<u64>) {
+        self.publishes = true;
+    }
+
+    /// The host sees whatever was written, once the command buffer has completed.
+    fn copies_to_host(&mut self) {}
+
+    fn bind(
+        &mut self,
+        pipelines: &Pipelines,
+        bindings: &ArgumentTables,
+        id: PassId,
+        pass: &Pass,
+        slot: usize,
+    ) {
+        let Bound { pipeline, table, bytes, copied } = &mut self.bound;
+        *pipeline = pipelines.of(id).cloned();
+        table.arguments.clear();
+        table.sizes.clear();
+        bytes.clear();
+        copied.clear();
+        if let Some(of) = bindings.of(id, slot) {
+            table.arguments.extend_from_slice(&of.arguments);
+            table.sizes.extend_from_slice(&of.sizes);
+        }
+        for stage in &pipelines.lowered.arguments[id.index()] {
+            if let (Some(index), false) = (stage.msl.push, pass.push.is_empty()) {
+                let start = bytes.len();
+                bytes.extend_from_slice(&pass.push);
+                copied.push((stage.stage, index, start..bytes.len()));
+            }
+            let sizes = table.sizes.iter().find(|(of, _)| *of == stage.stage);
+            if let (Some(index), Some((_, sizes))) = (stage.msl.sizes, sizes) {
+                let start = bytes.len();
+                bytes.extend(sizes.iter().flat_map(|size| size.to_le_bytes()));
+                copied.push((stage.stage, index, start..bytes.len()));
+            }
+        }
+    }
+
+    fn dispatch(&mut self, [x, y, z]: [u32; 3]) {
+        let Some(encoder) = self.compute() else { return };
+        let Some(threads) = self.bound.dispatch(&encoder) else { return };
+        encoder.dispatch_thread_groups(MTLSize::new(x.into(), y.into(), z.into()), threads);
+    }
+
+    fn dispatch_indirect(&mut self, arguments: &Buffer<MetalGpu>, offset: u64) {
+        let Some(encoder) = self.compute() else { return };
+        let Some(threads) = self.bound.dispatch(&encoder) else { return };
+        encoder.dispatch_thread_groups_indirect(&arguments.raw, offset, threads);
+    }
+
+    fn draw<'a>(
+        &mut self,
+        targets: impl Iterator<Item = (&'a Target, &'a Image<MetalGpu>)>,
+        draw: Draw<MetalGpu>,
+    ) {
+        let Some(encoder) = self.render(targets) else { return };
+        let Some(primitives) = self.bound.draw(&encoder) else { return };
+        match draw {
+            Draw::Direct { vertices, instances } => {
+                encoder.draw_primitives_instanced(primitives, 0, vertices.into(), instances.into());
+            }
+            Draw::Indirect(buffer, offset) => {
+                encoder.draw_primitives_indirect(primitives, &buffer.raw, offset)
+            }
+        }
+    }
+
+    fn fill(&mut self, buffer: &Buffer<MetalGpu>, value: u32) {
+        let Some(encoder) = self.compute() else { return };
+        let words = buffer.bytes / 4;
+        let fill = [words as u32, value].map(u32::to_le_bytes).concat();
+        encoder.set_compute_pipeline_state(&self.gpu.builtin.fill_words);
+        encoder.set_buffer(0, Some(&buffer.raw), 0);
+        encoder.set_bytes(1, fill.len() as u64, pointer(&fill));
+        let groups = MTLSize::new(lower::fill_groups(words).into(), 1, 1);
+        encoder.dispatch_thread_groups(groups, MTLSize::new(256, 1, 1));
+    }
+
+    fn clear(&mut self, image: &Image<MetalGpu>) {
+        let Some(encoder) = self.compute() else { return };
+        let builtin = &self.gpu.builtin;
+        let kernel =
+            if image.format == Format::R32Uint { &builtin.clear_words } else { &builtin.clear_floats };
+        let ([x, y], [width, height]) = (lower::clear_groups(image.size), CLEAR_THREADS);
+        encoder.set_compute_pipeline_state(kernel);
+        encoder.set_texture(0, Some(&image.raw));
+        encoder.dispatch_thread_groups(
+            MTLSize::new(x.into(), y.into(), 1),
+            MTLSize::new(width.into(), height.into(), 1),
+        );
+    }
+
+    fn copy_buffer(
+        &mut self,
+        source: (&Buffer<MetalGpu>, u64),
+        target: (&Buffer<MetalGpu>, u64),
+        bytes: u64,
+    ) {
+        let Some(encoder) = self.blit() else { return };
+        encoder.copy_from_buffer(&source.0.raw, source.1, &target.0.raw, target.1, bytes);
+    }
+
+    fn copy_image(&mut self, image: &Image<MetalGpu>, target: &Buffer<MetalGpu>) {
+        let Some(encoder) = self.blit() else { return };
+        let (width, height) = (u64::from(image.size.0), u64::from(image.size.1));
+        let row = width * u64::from(image.format.bytes_per_pixel());
+        encoder.copy_from_texture_to_buffer(
+            &image.raw,
+            0,
+            0,
+            MTLOrigin { x: 0, y: 0, z: 0 },
+            MTLSize::new(width, height, 1),
+            &target.raw,
+            0,
+            row,
+            row * height,
+            MTLBlitOption::empty(),
+        );
+    }
+
+    fn reset_timestamps(&mut self, timestamps: &Timestamps, _: u32) {
+        timestamps.reset();
+        self.times = Some(timestamps.clone());
+    }
+
+    /// Those of a pass are samples of its encoder, which the first of its commands opens: of both, the first names them.
+    fn timestamp(&mut self, _: &Timestamps, index: u32) {
+        if let (Some(sample), Some(_)) = (lower::sample(index), self.next)
+            && sample.is_multiple_of(2)
+        {
+            self.sample = Some(sample);
+        }
+    }
+}
+
+impl Drop for Encoder {
+    /// Metal asks that encoders end before they are released.
+    fn drop(&mut self) {
+        self.close();
+    }
+}

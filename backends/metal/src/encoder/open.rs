@@ -1,0 +1,203 @@
+//! The encoders of Metal's: opened with their fences, samples and targets, and closed again.
+
+use super::Encoder;
+use crate::barriers::{EncoderKind, FenceUse, RenderStages};
+use crate::gpu::MetalGpu;
+use crate::objc;
+use metal::*;
+use splatgraph_framework::ir::{Load, Target};
+use splatgraph_runtime::Image;
+
+/// The encoder of Metal's that commands are recorded to.
+pub(super) enum Open {
+    None,
+    Compute(ComputeCommandEncoder),
+    Render(RenderCommandEncoder),
+    Blit(BlitCommandEncoder),
+}
+
+impl Encoder {
+    pub(super) fn update(&mut self, update: FenceUse) {
+        // Orders lead also through encoders without commands. (Draws always have some.)
+        match self.next {
+            Some(EncoderKind::Compute) => drop(self.compute()),
+            Some(EncoderKind::Blit) => drop(self.blit()),
+            Some(EncoderKind::Render) | None => {}
+        }
+        let (Some(order), Some(division)) = (&self.order, self.walk.division()) else { return };
+        let fence = order.fence(division, update.fence);
+        match &self.open {
+            Open::Compute(encoder) => encoder.update_fence(fence),
+            Open::Blit(encoder) => encoder.update_fence(fence),
+            Open::Render(encoder) => encoder.update_fence(fence, stages(update, MTLRenderStages::Fragment)),
+            Open::None => {}
+        }
+    }
+
+    pub(super) fn close(&mut self) {
+        for _ in 0..std::mem::take(&mut self.groups) {
+            self.pop_group();
+        }
+        match std::mem::replace(&mut self.open, Open::None) {
+            Open::None => {}
+            Open::Compute(encoder) => encoder.end_encoding(),
+            Open::Render(encoder) => encoder.end_encoding(),
+            Open::Blit(encoder) => encoder.end_encoding(),
+        }
+        self.next = None;
+    }
+
+    pub(super) fn pop_group(&self) {
+        match &self.open {
+            Open::None => {}
+            Open::Compute(encoder) => encoder.pop_debug_group(),
+            Open::Render(encoder) => encoder.pop_debug_group(),
+            Open::Blit(encoder) => encoder.pop_debug_group(),
+        }
+    }
+
+    /// Returns the samples that the encoder which is opened now takes: the buffer and the index of the first of two.
+    fn samples(&mut self) -> Option<(CounterSampleBuffer, u64)> {
+        let first = self.sample.take()?;
+        let samples = self.times.as_ref()?.take(first)?;
+        Some((samples.clone(), first.into()))
+    }
+
+    /// Waits for the fences of the encoder that was just opened, and names it.
+    fn opened(&mut self) {
+        self.next = None;
+        let waits = std::mem::take(&mut self.waits);
+        if let (Some(order), Some(division)) = (&self.order, self.walk.division()) {
+            for wait in &waits {
+                let fence = order.fence(division, wait.fence);
+                match &self.open {
+                    Open::Compute(encoder) => encoder.wait_for_fence(fence),
+                    Open::Blit(encoder) => encoder.wait_for_fence(fence),
+                    Open::Render(encoder) => {
+                        encoder.wait_for_fence(fence, stages(*wait, MTLRenderStages::Vertex))
+                    }
+                    Open::None => {}
+                }
+            }
+        }
+        self.waits = waits;
+        self.waits.clear();
+        if !self.gpu.labels {
+            return;
+        }
+        objc::pool(|| match &self.open {
+            Open::None => {}
+            Open::Compute(encoder) => encoder.set_label(&self.label),
+            Open::Render(encoder) => encoder.set_label(&self.label),
+            Open::Blit(encoder) => encoder.set_label(&self.label),
+        });
+    }
+
+    /// Returns the open encoder of dispatches, or opens one.
+    pub(super) fn compute(&mut self) -> Option<ComputeCommandEncoder> {
+        if !matches!(self.open, Open::Compute(_)) {
+            if self.next != Some(EncoderKind::Compute) {
+                self.interrupt();
+            }
+            let samples = self.samples();
+            let commands = self.commands.as_ref()?;
+            self.open = Open::Compute(objc::pool(|| {
+                let descriptor = ComputePassDescriptor::new();
+                // Nothing waits for anything but by barriers and fences.
+                descriptor.set_dispatch_type(MTLDispatchType::Concurrent);
+                if let (Some((buffer, first)), Some(samples)) =
+                    (&samples, descriptor.sample_buffer_attachments().object_at(0))
+                {
+                    samples.set_sample_buffer(buffer);
+                    samples.set_start_of_encoder_sample_index(*first);
+                    samples.set_end_of_encoder_sample_index(first + 1);
+                }
+                commands.compute_command_encoder_with_descriptor(descriptor).to_owned()
+            }));
+            self.opened();
+        }
+        let Open::Compute(encoder) = &self.open else { return None };
+        Some(encoder.clone())
+    }
+
+    /// Returns the open encoder of copies, or opens one.
+    pub(super) fn blit(&mut self) -> Option<BlitCommandEncoder> {
+        if !matches!(self.open, Open::Blit(_)) {
+            if self.next != Some(EncoderKind::Blit) {
+                self.interrupt();
+            }
+            let samples = self.samples();
+            let commands = self.commands.as_ref()?;
+            self.open = Open::Blit(objc::pool(|| {
+                let descriptor = BlitPassDescriptor::new();
+                if let (Some((buffer, first)), Some(samples)) =
+                    (&samples, descriptor.sample_buffer_attachments().object_at(0))
+                {
+                    samples.set_sample_buffer(buffer);
+                    samples.set_start_of_encoder_sample_index(*first);
+                    samples.set_end_of_encoder_sample_index(first + 1);
+                }
+                commands.blit_command_encoder_with_descriptor(descriptor).to_owned()
+            }));
+            self.opened();
+        }
+        let Open::Blit(encoder) = &self.open else { return None };
+        Some(encoder.clone())
+    }
+
+    /// Returns the open encoder of draws, or opens one with these targets.
+    pub(super) fn render<'a>(
+        &mut self,
+        targets: impl Iterator<Item = (&'a Target, &'a Image<MetalGpu>)>,
+    ) -> Option<RenderCommandEncoder> {
+        if !matches!(self.open, Open::Render(_)) {
+            if self.next != Some(EncoderKind::Render) {
+                self.interrupt();
+            }
+            let samples = self.samples();
+            let commands = self.commands.as_ref()?;
+            self.open = Open::Render(objc::pool(|| {
+                let descriptor = RenderPassDescriptor::new();
+                for (index, (target, image)) in targets.enumerate() {
+                    let Some(attachment) = descriptor.color_attachments().object_at(index as u64) else {
+                        continue;
+                    };
+                    attachment.set_texture(Some(&image.raw));
+                    attachment.set_store_action(MTLStoreAction::Store);
+                    match target.load {
+                        Load::Keep => attachment.set_load_action(MTLLoadAction::Load),
+                        Load::Clear(r, g, b, a) => {
+                            let [r, g, b, a] = [r, g, b, a].map(f64::from);
+                            attachment.set_load_action(MTLLoadAction::Clear);
+                            attachment.set_clear_color(MTLClearColor::new(r, g, b, a));
+                        }
+                    }
+                }
+                if let (Some((buffer, first)), Some(samples)) =
+                    (&samples, descriptor.sample_buffer_attachments().object_at(0))
+                {
+                    /// `MTLCounterDontSample`
+                    const NONE: u64 = u64::MAX;
+                    samples.set_sample_buffer(buffer);
+                    samples.set_start_of_vertex_sample_index(*first);
+                    samples.set_end_of_vertex_sample_index(NONE);
+                    samples.set_start_of_fragment_sample_index(NONE);
+                    samples.set_end_of_fragment_sample_index(first + 1);
+                }
+                commands.new_render_command_encoder(descriptor).to_owned()
+            }));
+            self.opened();
+        }
+        let Open::Render(encoder) = &self.open else { return None };
+        Some(encoder.clone())
+    }
+}
+
+/// Lowers the stages of a fence; `usual` where the plan names none.
+fn stages(fence: FenceUse, usual: MTLRenderStages) -> MTLRenderStages {
+    match fence.stages {
+        Some(RenderStages::Vertex) => MTLRenderStages::Vertex,
+        Some(RenderStages::Fragment) => MTLRenderStages::Fragment,
+        None => usual,
+    }
+}

@@ -1,0 +1,50 @@
+//! Metal's answers as [`BackendError`]s.
+//!
+//! Metal hardly fails at calls: objects that cannot be made are `nil`, and commands that fail do so when they run. Then their command
+//! buffer has an error, and nothing that was to come of it can be relied on: the device counts as lost, and is opened anew.
+
+use splatgraph_api::BackendError;
+
+/// Returns the error of a call that made no object.
+pub fn no_object(call: &'static str) -> BackendError {
+    BackendError::Api { call, answer: "nil".to_string() }
+}
+
+/// Returns the error of a command buffer that ended with one.
+///
+/// `code` is its `MTLCommandBufferError`, `text` the description.
+pub fn of_command_buffer(code: i64, text: &str) -> BackendError {
+    let name = match code {
+        1 => "Internal",
+        2 => "Timeout",
+        3 => "PageFault",
+        4 => "AccessRevoked",
+        7 => "NotPermitted",
+        8 => "OutOfMemory",
+        9 => "InvalidResource",
+        10 => "Memoryless",
+        11 => "DeviceRemoved",
+        12 => "StackOverflow",
+        _ => "another error",
+    };
+    BackendError::DeviceLost(format!("a command buffer ended with {name} ({code}): {text}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_api::Recovery;
+
+    #[test]
+    fn a_command_buffer_that_failed_ends_the_device_and_says_why() {
+        let error = of_command_buffer(2, "Caused GPU Timeout Error");
+        assert_eq!(error.recovery(), Recovery::DeviceEnded);
+        assert!(error.to_string().contains("Timeout (2): Caused GPU Timeout Error"), "{error}");
+        assert!(of_command_buffer(99, "?").to_string().contains("another error (99)"));
+    }
+
+    #[test]
+    fn a_call_that_made_nothing_is_named() {
+        assert_eq!(no_object("newCommandQueue").to_string(), "newCommandQueue failed: nil");
+    }
+}

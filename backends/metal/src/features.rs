@@ -1,0 +1,148 @@
+//! The limits of an Apple GPU, and what shaders may do on it.
+//!
+//! Metal tells few numbers itself; the others hold for whole families of GPUs. They are those of Apple's "Metal Feature Set Tables" for
+//! the family Apple 7, the first of the Macs' (M1), which later ones only exceed.
+
+use splatgraph_framework::ir::{Features, Format};
+use splatgraph_runtime::{FormatSupport, Limits, SubgroupLimits};
+
+/// Holds the numbers that a device tells of itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// `maxBufferLength`
+    pub max_buffer_bytes: u64,
+    /// `maxThreadgroupMemoryLength`
+    pub threadgroup_bytes: u32,
+    /// `maxThreadsPerThreadgroup`
+    pub max_threads: [u32; 3],
+    /// `recommendedMaxWorkingSetSize`
+    pub working_set: u64,
+    /// `supports32BitFloatFiltering`
+    pub filters_floats: bool,
+}
+
+impl Told {
+    /// The least that a Mac of family Apple 7 tells: for plans that are made without one.
+    pub const LEAST: Told = Told {
+        max_buffer_bytes: 4 << 30,
+        threadgroup_bytes: 32 << 10,
+        max_threads: [1024; 3],
+        working_set: 5 << 30,
+        filters_floats: false,
+    };
+}
+
+/// Lanes of a SIMD group, of every Apple GPU.
+pub const LANES: u32 = 32;
+
+/// Entries of a stage's table of buffers.
+pub const BUFFERS: u32 = 31;
+
+/// Entries of a stage's table of textures.
+pub const TEXTURES: u32 = 128;
+
+/// Returns the limits that plans are held against.
+pub fn limits(told: &Told) -> Limits {
+    // Push constants and the sizes of buffers take an entry each.
+    let buffers = BUFFERS - 2;
+    Limits {
+        // The sizes of buffers reach shaders as 32-bit words.
+        max_storage_bytes: told.max_buffer_bytes.min(u64::from(u32::MAX)),
+        max_uniform_bytes: 64 << 10,
+        max_buffer_bytes: told.max_buffer_bytes,
+        // "setBytes:length:atIndex:" takes less than 4 KiB.
+        max_push_bytes: 4095,
+        // Metal names no limit. Shaders fold more than these into y, on every backend.
+        max_groups: [65535; 3],
+        max_local_size: told.max_threads,
+        max_invocations: told.max_threads[0],
+        shared_bytes: told.threadgroup_bytes,
+        max_image_size: 16384,
+        max_targets: 8,
+        max_storage_buffers: buffers,
+        max_uniform_buffers: buffers,
+        max_storage_images: TEXTURES,
+        heap_bytes: told.working_set,
+        device_memory_types: 1,
+        // Placed by what each resource says it needs.
+        buffer_image_granularity: 1,
+        independent_blend: true,
+        subgroup: SubgroupLimits {
+            size: LANES,
+            min_size: LANES,
+            max_size: LANES,
+            selectable: false,
+            max_per_group: told.max_threads[0] / LANES,
+        },
+        // Not documented; docs/metal.md says how to find out. Plans for devices that do not round are right on all.
+        rounds_half: false,
+        features: features(),
+        timestamp_bits: 64,
+        // Samples can be resolved when their command buffer has completed.
+        live_timestamps: false,
+        // Apple's GPUs count nanoseconds.
+        timestamp_period: 1.0,
+    }
+}
+
+/// Lists what shaders may do in Metal's language 2.4 on family Apple 7.
+pub fn features() -> Features {
+    let missing = Features::FLOAT64
+        // Minimum and maximum alone, on later families.
+        | Features::BUFFER_INT64_ATOMICS
+        | Features::SHARED_INT64_ATOMICS
+        // Need version 3 of the language, or are absent.
+        | Features::BUFFER_FLOAT_ATOMICS
+        | Features::BUFFER_FLOAT_ATOMIC_ADD
+        | Features::SHARED_FLOAT_ATOMICS
+        | Features::SHARED_FLOAT_ATOMIC_ADD
+        | Features::IMAGE_FLOAT_ATOMICS
+        | Features::IMAGE_FLOAT_ATOMIC_ADD
+        | Features::STORAGE_BUFFER_NONUNIFORM
+        | Features::UNIFORM_BUFFER_NONUNIFORM
+        | Features::STORAGE_IMAGE_NONUNIFORM
+        | Features::CULL_DISTANCE
+        | Features::SUBGROUP_CLUSTERED
+        | Features::SUBGROUPS_IN_VERTEX;
+    Features::all() - missing
+}
+
+/// Says for what a format's images can be used.
+pub fn format_support(format: Format) -> FormatSupport {
+    let integers = format == Format::R32Uint;
+    FormatSupport { storage: true, target: true, blend: !integers, blit: !integers }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn graphs_are_told_of_simd_groups_of_32_lanes_and_32_kib() {
+        let facts = limits(&Told::LEAST).facts();
+        assert_eq!((facts.subgroup_size, facts.shared_bytes, facts.max_invocations), (32, 32768, 1024));
+        assert!(facts.features.contains(Features::SUBGROUP_BALLOT | Features::SUBGROUP_SHUFFLE));
+        assert!(!facts.features.intersects(Features::FLOAT64 | Features::BUFFER_INT64_ATOMICS));
+    }
+
+    #[test]
+    fn a_binding_is_never_longer_than_the_word_that_tells_its_size() {
+        let told = Told { max_buffer_bytes: 64 << 30, ..Told::LEAST };
+        assert_eq!(limits(&told).max_storage_bytes, u64::from(u32::MAX));
+        assert_eq!(limits(&told).max_buffer_bytes, 64 << 30);
+    }
+
+    #[test]
+    fn workgroups_run_in_simd_groups_of_the_known_size_for_certain() {
+        let subgroup = limits(&Told::LEAST).subgroup;
+        assert!(subgroup.is_certain([256, 1, 1]) && subgroup.is_certain([16, 16, 1]));
+        assert!(!subgroup.can_ask([256, 1, 1]));
+    }
+
+    #[test]
+    fn integers_are_not_blended_and_not_shown() {
+        let support = format_support(Format::R32Uint);
+        assert!(support.storage && support.target && !support.blend && !support.blit);
+        assert!(format_support(Format::Rgba16Float).blend);
+    }
+}

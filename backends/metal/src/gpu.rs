@@ -1,0 +1,212 @@
+//! The opened device, and what executors share of it.
+//!
+//! Metal's objects count their owners, and command buffers are owners of what their commands use: nothing is destroyed under the GPU's
+//! hands. Resources are untracked, so that Metal orders nothing by itself; what orders the frames of several executors is here: the
+//! submissions that may not have completed, and those that all later ones wait for.
+
+use crate::device::Physical;
+use crate::error::no_object;
+use crate::features::{self, LANES};
+use crate::objc;
+use crate::surface::{FORMAT, Surface};
+use metal::*;
+use splatgraph_api::{BackendError, Options};
+use splatgraph_runtime::{Limits, Messages, Window};
+use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// The longest time that Metal may take over one pipeline where the program does not say.
+const COMPILE_PATIENCE: Duration = Duration::from_secs(60);
+
+/// The longest time that one pass may run where the program does not say. macOS ends commands itself after some seconds.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// An opened Apple GPU; see [`crate::Metal`].
+pub struct MetalGpu {
+    pub(crate) device: Device,
+    pub(crate) queue: CommandQueue,
+    pub(crate) limits: Limits,
+    pub(crate) messages: Arc<Messages>,
+    pub(crate) builtin: Builtin,
+    pub(crate) surface: Option<Surface>,
+    /// The counters of timestamps, where encoders can sample them at their ends.
+    pub(crate) timestamps: Option<CounterSet>,
+    pub(crate) filters_floats: bool,
+    /// Encoders and commands are named after the graph, for captures and for Metal's own messages.
+    pub(crate) labels: bool,
+    pub(crate) patience: Duration,
+    pub(crate) compile_patience: Duration,
+    /// Bytes of the memory of objects.
+    pub(crate) allocated: AtomicU64,
+    /// Submissions that may not have completed.
+    in_flight: Mutex<Vec<Submission>>,
+}
+
+/// A submission: its last command buffer, and the event that it signals when all of it has completed.
+#[derive(Clone)]
+pub(crate) struct Submission {
+    pub event: SharedEvent,
+    pub value: u64,
+    pub last: CommandBuffer,
+    /// All that is recorded later waits for it.
+    pub publishes: bool,
+}
+
+impl Submission {
+    /// Says whether it has completed, or failed.
+    pub fn is_done(&self) -> bool {
+        self.event.signaled_value() >= self.value || objc::status(&self.last) >= objc::COMPLETED
+    }
+}
+
+impl MetalGpu {
+    pub(crate) fn new(
+        physical: Physical,
+        window: Option<Arc<dyn Window>>,
+        options: &Options,
+    ) -> Result<MetalGpu, BackendError> {
+        let Physical { raw: device, told, .. } = physical;
+        let queue = objc::new_queue(&device).ok_or_else(|| no_object("newCommandQueue"))?;
+        queue.set_label("queue");
+        let surface = window.map(|window| Surface::new(window, &device)).transpose()?;
+        let set =
+            ["METAL_CAPTURE_ENABLED", "MTL_CAPTURE_ENABLED", "MTL_DEBUG_LAYER", "METAL_DEVICE_WRAPPER_TYPE"];
+        Ok(MetalGpu {
+            builtin: Builtin::new(&device)?,
+            queue,
+            limits: features::limits(&told),
+            messages: Arc::default(),
+            surface,
+            timestamps: timestamps(&device),
+            filters_floats: told.filters_floats,
+            labels: set.iter().any(|name| std::env::var_os(name).is_some_and(|value| value != "0")),
+            patience: options.patience.unwrap_or(PATIENCE),
+            compile_patience: options.compile_patience.unwrap_or(COMPILE_PATIENCE),
+            allocated: AtomicU64::new(0),
+            in_flight: Mutex::default(),
+            device,
+        })
+    }
+
+    /// Locks the list of submissions that may not have completed; those that have are gone from it.
+    pub(crate) fn in_flight(&self) -> MutexGuard<'_, Vec<Submission>> {
+        let mut all = self.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|submission| !submission.is_done());
+        all
+    }
+
+    /// Creates a command buffer. Call it in an autorelease pool.
+    pub(crate) fn commands(&self, name: &str) -> Result<CommandBuffer, BackendError> {
+        let commands = objc::command_buffer(&self.queue).ok_or_else(|| no_object("commandBuffer"))?;
+        if self.labels {
+            commands.set_label(name);
+        }
+        Ok(commands)
+    }
+}
+
+/// Finds the counters of timestamps, where they can be sampled at the ends of encoders: Apple's GPUs sample nowhere else.
+fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
+    if !device.supports_counter_sampling(MTLCounterSamplingPoint::AtStageBoundary) {
+        return None;
+    }
+    objc::pool(|| device.counter_sets().into_iter().find(|set| set.name() == "timestamp"))
+}
+
+/// The backend's own pipelines.
+pub(crate) struct Builtin {
+    pub fill_words: ComputePipelineState,
+    pub clear_floats: ComputePipelineState,
+    pub clear_words: ComputePipelineState,
+    pub show: RenderPipelineState,
+    /// Pixels as they are, and interpolated.
+    pub nearest: SamplerState,
+    pub linear: SamplerState,
+}
+
+impl Builtin {
+    fn new(device: &DeviceRef) -> Result<Builtin, BackendError> {
+        objc::pool(|| {
+            let library = library(device, include_str!("builtin.metal"), "builtin.metal")?;
+            let show = RenderPipelineDescriptor::new();
+            show.set_label("show");
+            let functions = [function(&library, "show_corner")?, function(&library, "show_pixel")?];
+            show.set_vertex_function(Some(&functions[0]));
+            show.set_fragment_function(Some(&functions[1]));
+            if let Some(target) = show.color_attachments().object_at(0) {
+                target.set_pixel_format(FORMAT);
+            }
+            let call = "newRenderPipelineStateWithDescriptor";
+            let show =
+                device.new_render_pipeline_state(&show).map_err(|answer| BackendError::Api { call, answer });
+            let kernel = |name: &str, threads| {
+                let function = function(&library, name)?;
+                kernel(device, &function, name, threads).map(|(state, _)| state)
+            };
+            Ok(Builtin {
+                fill_words: kernel("fill_words", 256)?,
+                clear_floats: kernel("clear_floats", 256)?,
+                clear_words: kernel("clear_words", 256)?,
+                show: show?,
+                nearest: sampler(device, MTLSamplerMinMagFilter::Nearest),
+                linear: sampler(device, MTLSamplerMinMagFilter::Linear),
+            })
+        })
+    }
+}
+
+fn sampler(device: &DeviceRef, filter: MTLSamplerMinMagFilter) -> SamplerState {
+    let descriptor = SamplerDescriptor::new();
+    descriptor.set_min_filter(filter);
+    descriptor.set_mag_filter(filter);
+    descriptor.set_address_mode_s(MTLSamplerAddressMode::ClampToEdge);
+    descriptor.set_address_mode_t(MTLSamplerAddressMode::ClampToEdge);
+    device.new_sampler(&descriptor)
+}
+
+/// Compiles a library. Shaders count on every rounding, so that fast math is off.
+pub(crate) fn library(device: &DeviceRef, source: &str, name: &str) -> Result<Library, BackendError> {
+    let options = CompileOptions::new();
+    options.set_fast_math_enabled(false);
+    options.set_language_version(MTLLanguageVersion::V2_4);
+    // The two functions of a draw compute the same positions.
+    options.set_preserve_invariance(true);
+    let library = device.new_library_with_source(source, &options).map_err(|answer| BackendError::Api {
+        call: "newLibraryWithSource",
+        answer: format!("{answer} for `{name}`"),
+    })?;
+    library.set_label(name);
+    Ok(library)
+}
+
+pub(crate) fn function(library: &LibraryRef, name: &str) -> Result<Function, BackendError> {
+    library
+        .get_function(name, None)
+        .map_err(|answer| BackendError::Api { call: "newFunctionWithName", answer })
+}
+
+/// Creates the pipeline of a kernel that runs with this many threads, and returns the lanes of its SIMD groups.
+pub(crate) fn kernel(
+    device: &DeviceRef,
+    function: &FunctionRef,
+    name: &str,
+    threads: u64,
+) -> Result<(ComputePipelineState, u64), BackendError> {
+    let call = "newComputePipelineStateWithDescriptor";
+    let failed = |answer: String| BackendError::Api { call, answer: format!("{answer} for `{name}`") };
+    let descriptor = ComputePipelineDescriptor::new();
+    descriptor.set_label(name);
+    descriptor.set_compute_function(Some(function));
+    // So many must run at a time, whatever registers that leaves to each.
+    descriptor.set_max_total_threads_per_threadgroup(threads);
+    descriptor
+        .set_thread_group_size_is_multiple_of_thread_execution_width(threads.is_multiple_of(LANES.into()));
+    let state = device.new_compute_pipeline_state(&descriptor).map_err(failed)?;
+    let most = state.max_total_threads_per_threadgroup();
+    if most < threads {
+        return Err(failed(format!("expected threadgroups of at most {most} threads, found {threads}")));
+    }
+    let lanes = state.thread_execution_width();
+    Ok((state, lanes))
+}

@@ -1,0 +1,185 @@
+//! Buffers, images and the memory that they are placed in.
+//!
+//! Memory of the device is a placement heap, at whose start its objects are placed: several, where the plan lets them share it. Memory
+//! that the host sees is one buffer, which is the object as well. Everything is untracked.
+
+use crate::error::no_object;
+use crate::gpu::MetalGpu;
+use crate::lower;
+use crate::objc;
+use metal::*;
+use splatgraph_api::BackendError;
+use splatgraph_framework::ir::Format;
+use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// A piece of memory.
+pub struct Memory {
+    place: Place,
+    bytes: u64,
+    gpu: Arc<MetalGpu>,
+}
+
+enum Place {
+    /// For objects that the device alone touches.
+    Heap(Heap),
+    /// Mapped.
+    Buffer(Buffer),
+}
+
+/// No object of Metal's demands memory of its own.
+pub(crate) type Requirements = splatgraph_runtime::Requirements<()>;
+
+fn private() -> MTLResourceOptions {
+    MTLResourceOptions::StorageModePrivate | MTLResourceOptions::HazardTrackingModeUntracked
+}
+
+impl Memory {
+    /// Allocates memory. An error names `name` and the size.
+    pub(crate) fn new(
+        gpu: &Arc<MetalGpu>,
+        name: &str,
+        requirements: &Requirements,
+        location: Location,
+    ) -> Result<Memory, BackendError> {
+        let bytes = requirements.size;
+        let shared = MTLResourceOptions::StorageModeShared | MTLResourceOptions::HazardTrackingModeUntracked;
+        let place = match location {
+            Location::Device => {
+                let descriptor = HeapDescriptor::new();
+                descriptor.set_size(bytes);
+                descriptor.set_storage_mode(MTLStorageMode::Private);
+                descriptor.set_hazard_tracking_mode(MTLHazardTrackingMode::Untracked);
+                descriptor.set_heap_type(MTLHeapType::Placement);
+                objc::new_heap(&gpu.device, &descriptor).map(|heap| {
+                    heap.set_label(name);
+                    Place::Heap(heap)
+                })
+            }
+            // The host writes it in order, and never reads it.
+            Location::Upload => {
+                let options = shared | MTLResourceOptions::CPUCacheModeWriteCombined;
+                objc::new_buffer(&gpu.device, bytes, options).map(Place::Buffer)
+            }
+            Location::Readback => objc::new_buffer(&gpu.device, bytes, shared).map(Place::Buffer),
+        };
+        let Some(place) = place else {
+            let reason = "Metal made no object".to_string();
+            return Err(BackendError::OutOfMemory { name: name.to_string(), bytes, reason });
+        };
+        gpu.allocated.fetch_add(bytes, Ordering::Relaxed);
+        Ok(Memory { place, bytes, gpu: gpu.clone() })
+    }
+}
+
+impl splatgraph_runtime::Memory for Memory {
+    fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    fn mapped(&self) -> &[u8] {
+        let Place::Buffer(buffer) = &self.place else { return &[] };
+        // SAFETY: the contents of a shared buffer are this long, and alive as long as it is. The runtime looks at them only while
+        // no submission writes them.
+        unsafe { std::slice::from_raw_parts(buffer.contents().cast(), self.bytes as usize) }
+    }
+
+    fn mapped_mut(&mut self) -> &mut [u8] {
+        let Place::Buffer(buffer) = &self.place else { return &mut [] };
+        // SAFETY: as above, and this is the only owner.
+        unsafe { std::slice::from_raw_parts_mut(buffer.contents().cast(), self.bytes as usize) }
+    }
+}
+
+impl Drop for Memory {
+    fn drop(&mut self) {
+        self.gpu.allocated.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
+}
+
+/// A buffer without memory.
+pub struct UnboundBuffer {
+    name: String,
+    bytes: u64,
+}
+
+/// An image without memory.
+pub struct UnboundImage {
+    name: String,
+    descriptor: TextureDescriptor,
+}
+
+/// Describes a buffer and the memory that it needs.
+pub(crate) fn create_buffer(gpu: &MetalGpu, desc: &BufferDesc) -> (UnboundBuffer, Requirements) {
+    // Shaders and fills reach whole words.
+    let bytes = desc.bytes.next_multiple_of(4);
+    let needed = gpu.device.heap_buffer_size_and_align(bytes, private());
+    (UnboundBuffer { name: desc.name.to_string(), bytes }, requirements(needed, MemoryKind::Linear))
+}
+
+/// Describes an image and the memory that it needs.
+pub(crate) fn create_image(gpu: &MetalGpu, desc: &ImageDesc) -> (UnboundImage, Requirements) {
+    let descriptor = TextureDescriptor::new();
+    descriptor.set_texture_type(MTLTextureType::D2);
+    descriptor.set_pixel_format(format(desc.format));
+    descriptor.set_width(desc.size.0.into());
+    descriptor.set_height(desc.size.1.into());
+    descriptor.set_resource_options(private());
+    descriptor.set_usage(usage(lower::image_usage(desc.usage)));
+    let needed = gpu.device.heap_texture_size_and_align(&descriptor);
+    (UnboundImage { name: desc.name.to_string(), descriptor }, requirements(needed, MemoryKind::Optimal))
+}
+
+/// Places a buffer at the start of memory that meets its requirements.
+pub(crate) fn bind_buffer(buffer: &UnboundBuffer, memory: &Memory) -> Result<Buffer, BackendError> {
+    let raw = match &memory.place {
+        Place::Heap(heap) => heap
+            .new_buffer_with_offset(buffer.bytes, private(), 0)
+            .ok_or_else(|| no_object("newBufferWithLength:options:offset:"))?,
+        Place::Buffer(own) => own.clone(),
+    };
+    raw.set_label(&buffer.name);
+    Ok(raw)
+}
+
+/// Places an image at the start of memory that meets its requirements.
+pub(crate) fn bind_image(image: &UnboundImage, memory: &Memory) -> Result<Texture, BackendError> {
+    let raw = match &memory.place {
+        Place::Heap(heap) => heap.new_texture_with_offset(&image.descriptor, 0),
+        Place::Buffer(_) => None,
+    };
+    let raw = raw.ok_or_else(|| no_object("newTextureWithDescriptor:offset:"))?;
+    raw.set_label(&image.name);
+    Ok(raw)
+}
+
+fn requirements(needed: MTLSizeAndAlign, kind: MemoryKind<()>) -> Requirements {
+    // One kind of memory for all.
+    Requirements {
+        size: needed.size.next_multiple_of(needed.align.max(1)),
+        alignment: needed.align,
+        types: 1,
+        kind,
+    }
+}
+
+pub(crate) fn format(format: Format) -> MTLPixelFormat {
+    match format {
+        Format::Rgba8Unorm => MTLPixelFormat::RGBA8Unorm,
+        Format::Rgba16Float => MTLPixelFormat::RGBA16Float,
+        Format::Rgba32Float => MTLPixelFormat::RGBA32Float,
+        Format::R32Uint => MTLPixelFormat::R32Uint,
+        Format::R32Float => MTLPixelFormat::R32Float,
+    }
+}
+
+fn usage(usage: lower::TextureUsage) -> MTLTextureUsage {
+    let table = [
+        (usage.shader_read, MTLTextureUsage::ShaderRead),
+        (usage.shader_write, MTLTextureUsage::ShaderWrite),
+        (usage.render_target, MTLTextureUsage::RenderTarget),
+    ];
+    let wanted = table.into_iter().filter(|(wanted, _)| *wanted);
+    wanted.fold(MTLTextureUsage::Unknown, |all, (_, usage)| all | usage)
+}

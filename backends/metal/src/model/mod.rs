@@ -1,0 +1,417 @@
+//! A model of Metal's rules, which replays the encoders of a plan and objects where they leave something undefined.
+//!
+//! The lowering in [`crate::barriers`] reasons about what waits are needed. The model does not: it submits the prologue and a few frames,
+//! encoder by encoder, and keeps for each what is known to be over when it begins. An update leaves in a fence what is over then; a wait
+//! takes that out; nothing else is known, since frames and encoders may overlap in any other way. Then all pairs of accesses that
+//! conflict are looked at, in all frames: of two in different encoders, the earlier must be known to be over; of two in one encoder,
+//! a barrier must lie between them. The conflicts are those of the framework's [`oracle`]. The two share no code with the lowering, so
+//! that a mistake has to be made twice to go unnoticed.
+//!
+//! The rules are those listed in [`crate::barriers`], read to the worse where they leave a choice:
+//!
+//! - copies of one encoder may run at the same time;
+//! - a barrier orders accesses to buffers among each other, or to textures, or both with one another if it is for both;
+//! - a wait is for the last update that was submitted before it. What earlier updates of the fence stood for is not implied, and a
+//!   fence without any holds nothing back;
+//! - the vertices of a draw may begin before anything but what is waited for before vertices, and an update after vertices says nothing
+//!   of fragments;
+//! - draws of one encoder are in order as far as they blend into its targets, and not otherwise.
+//!
+//! [`mutate`] takes away one wait, update, barrier or part of one at a time: the model has to object each time.
+//!
+//! # Where the model stops
+//!
+//! It knows of no caches: in Metal what orders two accesses shows the later one what the earlier wrote. It does not know whether a plan
+//! reads what was ever written, which the framework's oracle knows, nor what an executor does besides the plan (inspection, window).
+
+use crate::barriers::*;
+use splatgraph_framework::oracle::{self, Touch};
+use splatgraph_framework::{ir::*, plan::*};
+use std::collections::HashMap;
+use std::fmt;
+
+pub mod mutate;
+#[cfg(test)]
+mod tests;
+
+/// Frames that are replayed: enough for each to follow a frame that followed one.
+const FRAMES: u32 = 3;
+
+/// Names something that a list of encoders leaves undefined, or gets wrong.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Objection {
+    /// Two accesses may run at the same time.
+    Unordered {
+        /// The one that was submitted first.
+        first: Actor,
+        /// The one that does not wait for it.
+        second: Actor,
+        /// The resource that the second accesses.
+        resource: ResourceId,
+        /// The resource that the first accesses, if it is another one in the same memory.
+        through: Option<ResourceId>,
+    },
+    /// The list is not one of encoders of this plan; a sentence.
+    Malformed(String),
+}
+
+/// Locates a pass in time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Actor {
+    /// The pass.
+    pub pass: PassId,
+    /// The frame, from 0; `None` in the prologue.
+    pub frame: Option<u32>,
+}
+
+impl Objection {
+    /// Describes it in a sentence.
+    pub fn describe(&self, plan: &Plan) -> String {
+        let name = |actor: &Actor| format!("`{}` ({actor})", plan.pass(actor.pass).name);
+        match self {
+            Objection::Malformed(text) => text.clone(),
+            Objection::Unordered { first, second, resource, through } => {
+                let through = through.map_or(String::new(), |id| {
+                    format!(" as `{}` in the same memory", plan.resource(id).name)
+                });
+                format!(
+                    "{} touches `{}` without waiting for {}, which touched it{through}",
+                    name(second),
+                    plan.resource(*resource).name,
+                    name(first),
+                )
+            }
+        }
+    }
+
+    /// The same objection, perhaps in another frame.
+    fn recurs_as(&self, other: &Objection) -> bool {
+        match (self, other) {
+            (
+                Objection::Unordered { first, second, resource, .. },
+                Objection::Unordered { first: other_first, second: other_second, resource: other, .. },
+            ) => (first.pass, second.pass, resource) == (other_first.pass, other_second.pass, other),
+            _ => self == other,
+        }
+    }
+}
+
+impl fmt::Display for Actor {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self.frame {
+            None => write!(f, "prologue"),
+            Some(frame) => write!(f, "frame {frame}"),
+        }
+    }
+}
+
+/// Names the part of a pass that accesses something: only draws have two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Part {
+    /// Vertices, and the arguments of the draw.
+    Vertices,
+    /// Fragments and targets, or the whole of anything but a draw.
+    Rest,
+}
+
+/// Pairs two accesses that must not run at the same time.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Pair {
+    ends: [(PassId, Part, ResourceId); 2],
+    /// Each needs this barrier between them where they are in one encoder of dispatches.
+    scope: MemoryBarrier,
+    /// Both are to a target of draws, which one encoder keeps in order.
+    blend: bool,
+    per_frame: bool,
+}
+
+/// Judges the encoders of a plan.
+pub struct Model<'a> {
+    plan: &'a Plan,
+    pairs: Vec<Pair>,
+}
+
+/// Records an encoder that was submitted.
+struct Submitted<'a> {
+    encoding: &'a Encoding,
+    frame: Option<u32>,
+    /// The parts that are over when its vertices begin, and when the rest does: a bit for each part of each encoder.
+    over: [Vec<u64>; 2],
+}
+
+impl<'a> Model<'a> {
+    /// Lists the conflicts of a plan.
+    pub fn new(plan: &'a Plan) -> Model<'a> {
+        let mut pairs: Vec<Pair> = (oracle::conflicts(plan).iter())
+            .filter(|conflict| conflict.touches.iter().all(|touch| plan.pass(touch.pass).work != Work::Host))
+            .map(|conflict| {
+                let [one, other] = conflict.touches.map(|touch| end(plan, touch));
+                let blends = |touch: &Touch| touch.stage == Stages::COLOR_OUTPUT;
+                Pair {
+                    ends: [one, other],
+                    scope: scope(plan, one.2).union(scope(plan, other.2)),
+                    blend: conflict.touches.iter().all(blends) && one.2 == other.2,
+                    per_frame: conflict.per_frame,
+                }
+            })
+            .collect();
+        let mut known = std::collections::HashSet::new();
+        pairs.retain(|pair| known.insert(*pair));
+        Model { plan, pairs }
+    }
+
+    /// Lists what is wrong with these encoders.
+    pub fn objections(&self, encoders: &Encoders) -> Vec<Objection> {
+        let mut found = self.malformed(encoders);
+        self.replay(encoders, |objection| {
+            if !found.iter().any(|known| known.recurs_as(&objection)) {
+                found.push(objection);
+            }
+            true
+        });
+        found
+    }
+
+    /// Returns true if two accesses may run at the same time.
+    pub fn finds_unordered(&self, encoders: &Encoders) -> bool {
+        let mut found = false;
+        self.replay(encoders, |_| {
+            found = true;
+            false
+        });
+        found
+    }
+
+    /// Submits everything, and looks at all pairs, until `found` returns false.
+    fn replay(&self, encoders: &Encoders, mut found: impl FnMut(Objection) -> bool) {
+        let submitted = submit(encoders);
+        // Of each pass, the encoders that hold it and its place in them.
+        let mut places: HashMap<PassId, Vec<(usize, usize)>> = HashMap::new();
+        for (instance, encoder) in submitted.iter().enumerate() {
+            for (position, pass) in encoder.encoding.passes.iter().enumerate() {
+                places.entry(pass.pass).or_default().push((instance, position));
+            }
+        }
+        let of = |pass| places.get(&pass).map_or(&[][..], Vec::as_slice);
+        for pair in &self.pairs {
+            let [one, other] = pair.ends;
+            for at in of(one.0) {
+                for other_at in of(other.0) {
+                    let (first, second) = match at.cmp(other_at) {
+                        std::cmp::Ordering::Less => ((one, *at), (other, *other_at)),
+                        std::cmp::Ordering::Greater => ((other, *other_at), (one, *at)),
+                        std::cmp::Ordering::Equal => continue,
+                    };
+                    if self.in_order(pair, &submitted, (first.0.1, first.1), (second.0.1, second.1)) {
+                        continue;
+                    }
+                    let actor = |(end, at): &((PassId, Part, ResourceId), (usize, usize))| Actor {
+                        pass: end.0,
+                        frame: submitted[at.0].frame,
+                    };
+                    let (through, resource) = (first.0.2, second.0.2);
+                    let objection = Objection::Unordered {
+                        first: actor(&first),
+                        second: actor(&second),
+                        resource,
+                        through: Some(through).filter(|through| *through != resource),
+                    };
+                    if !found(objection) {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Returns true if the first of two accesses is over when the second begins.
+    fn in_order(
+        &self,
+        pair: &Pair,
+        submitted: &[Submitted],
+        (first_part, first): (Part, (usize, usize)),
+        (second_part, second): (Part, (usize, usize)),
+    ) -> bool {
+        let (encoder, later) = (&submitted[first.0], &submitted[second.0]);
+        if pair.per_frame && encoder.frame != later.frame {
+            return true;
+        }
+        if first.0 != second.0 {
+            return has(&later.over[second_part as usize], first.0, first_part);
+        }
+        match encoder.encoding.kind {
+            EncoderKind::Compute => encoder.encoding.passes[first.1 + 1..=second.1]
+                .iter()
+                .any(|pass| pass.barrier.is_some_and(|barrier| barrier.contains(pair.scope))),
+            EncoderKind::Render => pair.blend,
+            EncoderKind::Blit => false,
+        }
+    }
+
+    /// Lists what makes it no list of encoders of this plan.
+    fn malformed(&self, encoders: &Encoders) -> Vec<Objection> {
+        let plan = self.plan;
+        let mut found = Vec::new();
+        let mut say = |text: String| found.push(Objection::Malformed(text));
+        for (what, encodings, steps) in [
+            ("the prologue", &encoders.prologue, &plan.prologue),
+            ("the frame", &encoders.frame, &plan.frame),
+        ] {
+            let encoded = encodings.iter().flat_map(|encoding| &encoding.passes).map(|pass| pass.pass);
+            let wanted = steps.iter().map(|step| step.pass).filter(|id| plan.pass(*id).work != Work::Host);
+            if !encoded.eq(wanted) {
+                say(format!("{what} has other passes than the plan, or in another order"));
+            }
+            for (index, encoding) in encodings.iter().enumerate() {
+                malformed(plan, encoding, encoders.fences, |text| {
+                    say(format!("encoder {index} of {what} {text}"))
+                });
+            }
+        }
+        // Whatever waits in the second frame has seen the whole of the first.
+        let of_frame = encoders.frame.iter();
+        let updated: Vec<u32> = of_frame.flat_map(|e| &e.updates).map(|fence| fence.fence).collect();
+        for wait in encoders.frame.iter().flat_map(|encoding| &encoding.waits) {
+            if !updated.contains(&wait.fence) {
+                say(format!("fence {} is waited for in the frame and never updated in it", wait.fence));
+            }
+        }
+        let mut updated = Vec::new();
+        for encoding in &encoders.prologue {
+            for wait in encoding.waits.iter().filter(|wait| !updated.contains(&wait.fence)) {
+                say(format!("fence {} is waited for in the prologue before it is updated", wait.fence));
+            }
+            updated.extend(encoding.updates.iter().map(|fence| fence.fence));
+        }
+        found
+    }
+}
+
+/// Submits the prologue and the frames, and finds what is over when each encoder begins.
+fn submit(encoders: &Encoders) -> Vec<Submitted<'_>> {
+    let frames =
+        (0..FRAMES).flat_map(|frame| encoders.frame.iter().map(move |encoding| (encoding, Some(frame))));
+    let all: Vec<_> = encoders.prologue.iter().map(|encoding| (encoding, None)).chain(frames).collect();
+    let words = (2 * all.len()).div_ceil(64);
+    let mut fences: Vec<Option<Vec<u64>>> = vec![None; encoders.fences as usize];
+    let mut everyone_knows = vec![0; words];
+    let mut submitted: Vec<Submitted> = Vec::with_capacity(all.len());
+    for (instance, (encoding, frame)) in all.into_iter().enumerate() {
+        if instance == encoders.prologue.len() && encoders.handover {
+            for earlier in 0..instance {
+                set(&mut everyone_knows, earlier, Part::Vertices);
+                set(&mut everyone_knows, earlier, Part::Rest);
+            }
+        }
+        let mut over = [everyone_knows.clone(), everyone_knows.clone()];
+        for wait in &encoding.waits {
+            let Some(Some(known)) = fences.get(wait.fence as usize) else { continue };
+            // What holds back vertices holds back their fragments.
+            if wait.stages != Some(RenderStages::Fragment) {
+                add(&mut over[Part::Vertices as usize], known);
+            }
+            add(&mut over[Part::Rest as usize], known);
+        }
+        for update in &encoding.updates {
+            let after_vertices = update.stages == Some(RenderStages::Vertex);
+            let mut known = over[if after_vertices { Part::Vertices } else { Part::Rest } as usize].clone();
+            set(&mut known, instance, Part::Vertices);
+            if !after_vertices {
+                set(&mut known, instance, Part::Rest);
+            }
+            if let Some(fence) = fences.get_mut(update.fence as usize) {
+                *fence = Some(known);
+            }
+        }
+        submitted.push(Submitted { encoding, frame, over });
+    }
+    submitted
+}
+
+fn bit(instance: usize, part: Part) -> (usize, u64) {
+    let bit = 2 * instance + part as usize;
+    (bit / 64, 1 << (bit % 64))
+}
+
+fn set(known: &mut [u64], instance: usize, part: Part) {
+    let (word, bit) = bit(instance, part);
+    known[word] |= bit;
+}
+
+fn has(known: &[u64], instance: usize, part: Part) -> bool {
+    let (word, bit) = bit(instance, part);
+    known[word] & bit != 0
+}
+
+fn add(known: &mut [u64], more: &[u64]) {
+    known.iter_mut().zip(more).for_each(|(known, more)| *known |= more);
+}
+
+fn end(plan: &Plan, touch: Touch) -> (PassId, Part, ResourceId) {
+    let draws = matches!(plan.pass(touch.pass).work, Work::Draw { .. });
+    let vertices = draws && (Stages::INDIRECT | Stages::VERTEX).contains(touch.stage);
+    (touch.pass, if vertices { Part::Vertices } else { Part::Rest }, touch.resource)
+}
+
+fn scope(plan: &Plan, resource: ResourceId) -> MemoryBarrier {
+    let textures = matches!(plan.resource(resource).shape, Shape::Image { .. });
+    MemoryBarrier { buffers: !textures, textures }
+}
+
+/// Says what is wrong with one encoder by itself.
+fn malformed(plan: &Plan, encoding: &Encoding, fences: u32, mut say: impl FnMut(String)) {
+    let Encoding { kind, waits, passes, updates } = encoding;
+    if passes.is_empty() {
+        say("holds no pass".into());
+    }
+    let mut targets: Option<Vec<ResourceId>> = None;
+    for (position, EncodedPass { barrier, pass }) in passes.iter().enumerate() {
+        let pass = plan.pass(*pass);
+        let fits = match pass.work {
+            Work::Dispatch { .. } | Work::Fill { .. } | Work::Start { .. } => *kind == EncoderKind::Compute,
+            Work::Draw { .. } => *kind == EncoderKind::Render,
+            Work::Export => *kind == EncoderKind::Blit,
+            Work::Host => false,
+        };
+        if !fits {
+            say(format!("is of the kind {kind:?}, which `{}` is not", pass.name));
+        }
+        if let Some(MemoryBarrier { buffers, textures }) = barrier {
+            if *kind != EncoderKind::Compute || position == 0 {
+                say(format!("has a barrier before `{}`, where none can be", pass.name));
+            }
+            if !buffers && !textures {
+                say(format!("has a barrier for nothing before `{}`", pass.name));
+            }
+        }
+        if let Work::Draw { targets: of, .. } = &pass.work {
+            let images: Vec<ResourceId> = of.iter().map(|target| target.image).collect();
+            let clears = of.iter().any(|target| target.load != Load::Keep);
+            match &targets {
+                Some(first) if *first != images || clears => {
+                    say(format!("holds `{}`, which needs targets of its own", pass.name));
+                }
+                _ => targets = Some(images),
+            }
+        }
+    }
+    for (what, uses) in [("waits for", waits), ("updates", updates)] {
+        for (index, FenceUse { fence, stages }) in uses.iter().enumerate() {
+            if *fence >= fences {
+                say(format!("{what} fence {fence} of {fences}"));
+            }
+            if stages.is_some() != (*kind == EncoderKind::Render) {
+                say(format!("{what} fence {fence} at stages that it does not have"));
+            }
+            if uses[..index].iter().any(|other| other.fence == *fence) {
+                say(format!("{what} fence {fence} twice"));
+            }
+        }
+    }
+    for wait in waits {
+        let too_late = |update: &&FenceUse| update.fence == wait.fence && update.stages < wait.stages;
+        if updates.iter().any(|update| too_late(&update)) {
+            say(format!("updates fence {} before it waits for it", wait.fence));
+        }
+    }
+}

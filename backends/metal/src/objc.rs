@@ -1,0 +1,223 @@
+//! Calls of Objective-C that the crate `metal` lacks, or makes in a way that cannot fail.
+//!
+//! Each is one message with the types of Apple's headers. What can be `nil` is an `Option`. Objects whose method's name begins with
+//! `new` are returned retained, and their wrapper releases them; all others belong to the autorelease pool of the caller, who has one.
+
+use metal::foreign_types::ForeignType;
+use metal::objc::runtime::{BOOL, Object, YES};
+use metal::objc::{class, msg_send, sel, sel_impl};
+use metal::*;
+use std::ffi::{CStr, CString, c_char, c_void};
+use std::path::Path;
+use std::ptr::NonNull;
+
+/// `MTLCommandBufferStatus` of one that ended well.
+pub(crate) const COMPLETED: u64 = 4;
+/// `MTLCommandBufferStatus` of one that ended with an error.
+pub(crate) const FAILED: u64 = 5;
+
+/// Runs `body` with an autorelease pool, which frees what the calls in it return unowned.
+pub(crate) fn pool<T>(body: impl FnOnce() -> T) -> T {
+    metal::objc::rc::autoreleasepool(body)
+}
+
+/// Creates the device's queue.
+pub(crate) fn new_queue(device: &DeviceRef) -> Option<CommandQueue> {
+    // SAFETY: the method takes nothing, and returns a retained object or nil.
+    let raw: *mut MTLCommandQueue = unsafe { msg_send![device, newCommandQueue] };
+    // SAFETY: it is not null, and owned here alone.
+    (!raw.is_null()).then(|| unsafe { CommandQueue::from_ptr(raw) })
+}
+
+/// Creates a command buffer, which retains what its commands use.
+pub(crate) fn command_buffer(queue: &CommandQueueRef) -> Option<CommandBuffer> {
+    // SAFETY: the method takes nothing, and returns an object of the pool or nil.
+    let raw: *mut MTLCommandBuffer = unsafe { msg_send![queue, commandBuffer] };
+    if raw.is_null() {
+        return None;
+    }
+    // SAFETY: the object is alive until the pool ends. The wrapper releases what is retained here.
+    unsafe {
+        let _: *mut Object = msg_send![raw.cast::<Object>(), retain];
+        Some(CommandBuffer::from_ptr(raw))
+    }
+}
+
+pub(crate) fn new_heap(device: &DeviceRef, descriptor: &HeapDescriptorRef) -> Option<Heap> {
+    // SAFETY: the descriptor is alive, and the method returns a retained object or nil.
+    let raw: *mut MTLHeap = unsafe { msg_send![device, newHeapWithDescriptor: descriptor] };
+    // SAFETY: it is not null, and owned here alone.
+    (!raw.is_null()).then(|| unsafe { Heap::from_ptr(raw) })
+}
+
+pub(crate) fn new_buffer(device: &DeviceRef, bytes: u64, options: MTLResourceOptions) -> Option<Buffer> {
+    // SAFETY: the types are those of the method, which returns a retained object or nil.
+    let raw: *mut MTLBuffer = unsafe { msg_send![device, newBufferWithLength: bytes options: options] };
+    // SAFETY: it is not null, and owned here alone.
+    (!raw.is_null()).then(|| unsafe { Buffer::from_ptr(raw) })
+}
+
+pub(crate) fn max_buffer_length(device: &DeviceRef) -> u64 {
+    // SAFETY: a property of type NSUInteger.
+    unsafe { msg_send![device, maxBufferLength] }
+}
+
+/// Returns the bytes that this process has allocated of the device's memory.
+pub(crate) fn allocated_bytes(device: &DeviceRef) -> u64 {
+    // SAFETY: a property of type NSUInteger.
+    unsafe { msg_send![device, currentAllocatedSize] }
+}
+
+/// Says whether samplers can interpolate images of 32-bit floats.
+pub(crate) fn filters_floats(device: &DeviceRef) -> bool {
+    // SAFETY: a property of type BOOL.
+    let answer: BOOL = unsafe { msg_send![device, supports32BitFloatFiltering] };
+    answer == YES
+}
+
+/// Returns the name and version of the system.
+pub(crate) fn system() -> String {
+    pool(|| {
+        // SAFETY: a class of Foundation, which is linked, and a property of it that is a string.
+        let text: *mut Object = unsafe {
+            let process: *mut Object = msg_send![class!(NSProcessInfo), processInfo];
+            msg_send![process, operatingSystemVersionString]
+        };
+        string(text)
+    })
+}
+
+/// Says whether this is the thread that may change views.
+pub(crate) fn is_main_thread() -> bool {
+    // SAFETY: a class method that takes nothing and returns a BOOL.
+    let answer: BOOL = unsafe { msg_send![class!(NSThread), isMainThread] };
+    answer == YES
+}
+
+/// Orders the dispatches of an encoder before it before those after it.
+pub(crate) fn memory_barrier(encoder: &ComputeCommandEncoderRef, buffers: bool, textures: bool) {
+    // MTLBarrierScopeBuffers and MTLBarrierScopeTextures.
+    let scope = u64::from(buffers) | u64::from(textures) << 1;
+    // SAFETY: the encoder is open, and the scope is one of the enumeration's sets.
+    unsafe { msg_send![encoder, memoryBarrierWithScope: scope] }
+}
+
+/// Returns the status of a command buffer, one of `MTLCommandBufferStatus`.
+pub(crate) fn status(commands: &CommandBufferRef) -> u64 {
+    // SAFETY: a property of type NSUInteger.
+    unsafe { msg_send![commands, status] }
+}
+
+/// Returns the code and the description of a command buffer's error.
+pub(crate) fn error(commands: &CommandBufferRef) -> (i64, String) {
+    pool(|| {
+        // SAFETY: a property that is an error or nil.
+        let error: *mut Object = unsafe { msg_send![commands, error] };
+        if error.is_null() {
+            return (0, "it gives no reason".to_string());
+        }
+        // SAFETY: the error is alive until the pool ends; a code of type NSInteger and a string.
+        let (code, text): (i64, *mut Object) =
+            unsafe { (msg_send![error, code], msg_send![error, localizedDescription]) };
+        (code, string(text))
+    })
+}
+
+/// Returns the times at which the device started and ended a completed command buffer, in seconds.
+pub(crate) fn device_times(commands: &CommandBufferRef) -> (f64, f64) {
+    // SAFETY: two properties of type CFTimeInterval, which is a double.
+    unsafe { (msg_send![commands, GPUStartTime], msg_send![commands, GPUEndTime]) }
+}
+
+/// Blocks until an event has this value or the time is over. Returns true in the first case.
+pub(crate) fn wait_for_event(event: &SharedEventRef, value: u64, milliseconds: u64) -> bool {
+    // SAFETY: the method (since macOS 12) takes two uint64_t, and returns a BOOL.
+    let answer: BOOL = unsafe { msg_send![event, waitUntilSignaledValue: value timeoutMS: milliseconds] };
+    answer == YES
+}
+
+/// Reads the first `count` samples of a counter sample buffer of timestamps, which are 64-bit words. None where Metal gives none.
+pub(crate) fn resolve(samples: &CounterSampleBufferRef, count: usize) -> Option<Vec<u64>> {
+    pool(|| {
+        let range = NSRange::new(0, count as u64);
+        // SAFETY: the range lies within the buffer. The data, if there are any, are alive until the pool ends.
+        let data: *mut Object = unsafe { msg_send![samples, resolveCounterRange: range] };
+        if data.is_null() {
+            return None;
+        }
+        // SAFETY: properties of an NSData.
+        let (bytes, length): (*const c_void, u64) =
+            unsafe { (msg_send![data, bytes], msg_send![data, length]) };
+        if bytes.is_null() || length < 8 * count as u64 {
+            return None;
+        }
+        // SAFETY: the data hold at least this many bytes. Words need not be aligned there.
+        let words = (0..count).map(|word| unsafe { bytes.cast::<u64>().add(word).read_unaligned() });
+        Some(words.collect())
+    })
+}
+
+/// Names the document that a capture is written to.
+pub(crate) fn set_output(descriptor: &CaptureDescriptorRef, path: &Path) -> Result<(), String> {
+    let text = path.to_str().and_then(|path| CString::new(path).ok());
+    let text = text.ok_or_else(|| format!("expected a path in Unicode, found {}", path.display()))?;
+    pool(|| {
+        // SAFETY: the text ends with a zero, and is copied; classes of Foundation. The descriptor retains the URL.
+        unsafe {
+            let path: *mut Object = msg_send![class!(NSString), stringWithUTF8String: text.as_ptr()];
+            let url: *mut Object = msg_send![class!(NSURL), fileURLWithPath: path];
+            let () = msg_send![descriptor, setOutputURL: url];
+        }
+    });
+    Ok(())
+}
+
+/// Makes a layer the content of a view. Call it on the main thread.
+///
+/// # Safety
+/// `view` is a live NSView.
+pub(crate) unsafe fn show_in_view(view: NonNull<c_void>, layer: &MetalLayerRef) {
+    let view: *mut Object = view.as_ptr().cast();
+    pool(|| {
+        // SAFETY: the caller promises a view, which retains the layer. A view without a window is of scale 1 until it has one.
+        unsafe {
+            let window: *mut Object = msg_send![view, window];
+            if !window.is_null() {
+                let scale: f64 = msg_send![window, backingScaleFactor];
+                layer.set_contents_scale(scale);
+            }
+            let () = msg_send![view, setLayer: layer];
+            let () = msg_send![view, setWantsLayer: YES];
+        }
+    });
+}
+
+#[link(name = "CoreGraphics", kind = "framework")]
+unsafe extern "C" {
+    #[allow(non_upper_case_globals)]
+    static kCGColorSpaceSRGB: *const c_void;
+    fn CGColorSpaceCreateWithName(name: *const c_void) -> *mut c_void;
+    fn CGColorSpaceRelease(space: *mut c_void);
+}
+
+/// Says that a layer's pixels are sRGB, as encoded for display.
+pub(crate) fn set_srgb(layer: &MetalLayerRef) {
+    // SAFETY: the name is a constant of the framework; the layer retains the space that is created here and released.
+    unsafe {
+        let space = CGColorSpaceCreateWithName(kCGColorSpaceSRGB);
+        let () = msg_send![layer, setColorspace: space];
+        CGColorSpaceRelease(space);
+    }
+}
+
+/// Copies the text of an NSString; empty for nil.
+fn string(text: *mut Object) -> String {
+    if text.is_null() {
+        return String::new();
+    }
+    // SAFETY: the string is alive until the caller's pool ends, and so are its bytes, which end with a zero.
+    unsafe {
+        let bytes: *const c_char = msg_send![text, UTF8String];
+        if bytes.is_null() { String::new() } else { CStr::from_ptr(bytes).to_string_lossy().into_owned() }
+    }
+}

@@ -1,0 +1,195 @@
+//! Pipelines, fences and the encoders of a plan, made once per plan.
+
+use crate::barriers::Division;
+use crate::features::LANES;
+use crate::gpu::{self, MetalGpu};
+use crate::lower::{self, BlendFactor, Lowered, PipelineState, TargetState};
+use crate::memory::format;
+use crate::objc;
+use crate::walk::Walked;
+use metal::*;
+use splatgraph_api::BackendError;
+use splatgraph_framework::ir::{Msl, PassId, ShaderId, Topology, Work};
+use splatgraph_framework::msl::add_msl;
+use splatgraph_framework::plan::Plan;
+use splatgraph_runtime::NextPipeline;
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// A pipeline, with what Metal wants to be told with each of its commands.
+#[derive(Clone)]
+pub(crate) enum Pipeline {
+    Compute { raw: ComputePipelineState, threads: MTLSize },
+    Draw { raw: RenderPipelineState, primitives: MTLPrimitiveType },
+}
+
+/// The pipelines of one plan.
+pub struct Pipelines {
+    pipelines: Vec<Pipeline>,
+    pub(crate) lowered: Lowered,
+    pub(crate) order: Arc<Order>,
+}
+
+/// The order of a plan's frames: its encoders and their fences. Encoders keep it until their submission is noted in it.
+pub(crate) struct Order {
+    walked: Mutex<Walked>,
+    /// The fences of both divisions: merged, by pass.
+    fences: [Vec<Fence>; 2],
+    /// The pass that makes the output readable by copies.
+    pub export: Option<PassId>,
+}
+
+impl Order {
+    pub fn walked(&self) -> MutexGuard<'_, Walked> {
+        self.walked.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub fn fence(&self, division: Division, fence: u32) -> &Fence {
+        &self.fences[usize::from(division == Division::Passes)][fence as usize]
+    }
+}
+
+impl Pipelines {
+    /// Creates the pipelines of all dispatches and draws of a plan.
+    pub(crate) fn new(
+        gpu: &MetalGpu,
+        plan: &Plan,
+        next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
+    ) -> Result<Pipelines, BackendError> {
+        let plan = &*translated(plan)?;
+        let lowered = lower::lower(plan)?;
+        // Needed only until the pipelines are made.
+        let mut functions = HashMap::new();
+        let mut pipelines = Vec::new();
+        for (done, state) in lowered.pipelines.iter().enumerate() {
+            let shaders = match *state {
+                PipelineState::Compute { shader, .. } => vec![shader],
+                PipelineState::Draw { vertex, fragment, .. } => vec![vertex, fragment],
+            };
+            let Some(pass) = lowered.of_pass.iter().position(|pipeline| *pipeline == Some(done)) else {
+                unreachable!("each pipeline is that of a pass")
+            };
+            let of = lowered.pipelines.len();
+            next(NextPipeline { done, of, shader: shaders[0], pass: PassId(pass as u32) })?;
+            pipelines.push(objc::pool(|| {
+                for shader in shaders {
+                    if let Entry::Vacant(entry) = functions.entry(shader) {
+                        entry.insert(function(gpu, plan, shader)?);
+                    }
+                }
+                match state {
+                    PipelineState::Compute { shader, threads } => {
+                        compute(gpu, plan, *shader, &functions[shader], *threads)
+                    }
+                    PipelineState::Draw { vertex, fragment, topology, targets } => {
+                        let name = &plan.shader(*vertex).name;
+                        draw(gpu, name, [&functions[vertex], &functions[fragment]], *topology, targets)
+                    }
+                }
+            })?);
+        }
+        let walked = Walked::new(plan);
+        let fences = [Division::Merged, Division::Passes]
+            .map(|division| (0..walked.encoders(division).fences).map(|_| gpu.device.new_fence()).collect());
+        let export =
+            plan.frame.iter().map(|step| step.pass).find(|pass| plan.pass(*pass).work == Work::Export);
+        Ok(Pipelines {
+            pipelines,
+            lowered,
+            order: Arc::new(Order { walked: Mutex::new(walked), fences, export }),
+        })
+    }
+
+    /// Returns a pass's pipeline; none where it runs none.
+    pub(crate) fn of(&self, pass: PassId) -> Option<&Pipeline> {
+        self.lowered.of_pass[pass.index()].map(|pipeline| &self.pipelines[pipeline])
+    }
+}
+
+/// Translates the shaders that were not translated with the plan.
+fn translated(plan: &Plan) -> Result<Cow<'_, Plan>, BackendError> {
+    if plan.shaders.iter().all(|shader| shader.msl.is_some()) {
+        return Ok(Cow::Borrowed(plan));
+    }
+    let mut plan = plan.clone();
+    add_msl(&mut plan).map_err(|errors| {
+        let errors: Vec<String> = errors.iter().map(ToString::to_string).collect();
+        BackendError::Unsupported(errors.join("\n"))
+    })?;
+    Ok(Cow::Owned(plan))
+}
+
+fn function(gpu: &MetalGpu, plan: &Plan, shader: ShaderId) -> Result<Function, BackendError> {
+    let shader = plan.shader(shader);
+    // The lowering has seen to it that there is a translation.
+    let Some(Msl { source, entry, .. }) = shader.msl.as_deref() else {
+        unreachable!("a lowered plan is translated")
+    };
+    gpu::function(&*gpu::library(&gpu.device, source, &shader.name)?, entry)
+}
+
+fn compute(
+    gpu: &MetalGpu,
+    plan: &Plan,
+    shader: ShaderId,
+    function: &FunctionRef,
+    threads: [u32; 3],
+) -> Result<Pipeline, BackendError> {
+    let shader = plan.shader(shader);
+    let all: u64 = threads.iter().map(|&n| u64::from(n)).product();
+    let (raw, lanes) = gpu::kernel(&gpu.device, function, &shader.name, all)?;
+    if shader.reflection.subgroups && lanes != u64::from(LANES) {
+        return Err(BackendError::Unsupported(format!(
+            "shader `{}` was compiled for SIMD groups of {LANES} lanes, and Metal runs it with {lanes}",
+            shader.name
+        )));
+    }
+    let [x, y, z] = threads.map(u64::from);
+    Ok(Pipeline::Compute { raw, threads: MTLSize::new(x, y, z) })
+}
+
+fn draw(
+    gpu: &MetalGpu,
+    name: &str,
+    [vertex, fragment]: [&FunctionRef; 2],
+    topology: Topology,
+    targets: &[TargetState],
+) -> Result<Pipeline, BackendError> {
+    let descriptor = RenderPipelineDescriptor::new();
+    descriptor.set_label(name);
+    descriptor.set_vertex_function(Some(vertex));
+    descriptor.set_fragment_function(Some(fragment));
+    descriptor.set_input_primitive_topology(MTLPrimitiveTopologyClass::Triangle);
+    for (index, target) in targets.iter().enumerate() {
+        let Some(attachment) = descriptor.color_attachments().object_at(index as u64) else { continue };
+        attachment.set_pixel_format(format(target.format));
+        let Some(blend) = target.blend else { continue };
+        attachment.set_blending_enabled(true);
+        attachment.set_rgb_blend_operation(MTLBlendOperation::Add);
+        attachment.set_alpha_blend_operation(MTLBlendOperation::Add);
+        attachment.set_source_rgb_blend_factor(factor(blend.color.0));
+        attachment.set_destination_rgb_blend_factor(factor(blend.color.1));
+        attachment.set_source_alpha_blend_factor(factor(blend.alpha.0));
+        attachment.set_destination_alpha_blend_factor(factor(blend.alpha.1));
+    }
+    let raw = gpu.device.new_render_pipeline_state(&descriptor).map_err(|answer| BackendError::Api {
+        call: "newRenderPipelineStateWithDescriptor",
+        answer: format!("{answer} for `{name}`"),
+    })?;
+    let primitives = match topology {
+        Topology::TriangleList => MTLPrimitiveType::Triangle,
+        Topology::TriangleStrip => MTLPrimitiveType::TriangleStrip,
+    };
+    Ok(Pipeline::Draw { raw, primitives })
+}
+
+fn factor(factor: BlendFactor) -> MTLBlendFactor {
+    match factor {
+        BlendFactor::Zero => MTLBlendFactor::Zero,
+        BlendFactor::One => MTLBlendFactor::One,
+        BlendFactor::OneMinusSourceAlpha => MTLBlendFactor::OneMinusSourceAlpha,
+        BlendFactor::DestinationAlpha => MTLBlendFactor::DestinationAlpha,
+    }
+}

@@ -1,0 +1,166 @@
+//! Submissions, waits for them, and times.
+
+use crate::error;
+use crate::gpu::{MetalGpu, Submission};
+use crate::lower;
+use crate::objc;
+use metal::{
+    CommandBuffer, CounterSampleBuffer, CounterSampleBufferDescriptor, EventRef, MTLStorageMode,
+    SharedEventRef,
+};
+use splatgraph_api::BackendError;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The longest that a wait for the whole queue sleeps between two looks at submissions that may have failed.
+const SLICE: Duration = Duration::from_millis(50);
+
+/// Submits a frame, or an upload, and after it the draw into a window. `commands` are those of the frame, then of the window; the last
+/// has been told to signal `done`.
+///
+/// With `after`, the commands wait somewhere for that event to have that value: it gets it when everything that was submitted before
+/// has completed, whoever recorded it.
+pub(crate) fn submit(
+    gpu: &MetalGpu,
+    commands: &[CommandBuffer],
+    done: (&SharedEventRef, u64),
+    after: Option<(&EventRef, u64)>,
+    publishes: bool,
+) -> Result<(), BackendError> {
+    // One submission at a time.
+    let mut in_flight = gpu.in_flight();
+    if let Some((event, value)) = after {
+        let order = gpu.commands("order")?;
+        in_flight.iter().for_each(|before| order.encode_wait_for_event(&before.event, before.value));
+        order.encode_signal_event(event, value);
+        order.commit();
+    }
+    commands.iter().for_each(|commands| commands.commit());
+    if let Some(last) = commands.last() {
+        in_flight.push(Submission { event: done.0.to_owned(), value: done.1, last: last.clone(), publishes });
+    }
+    Ok(())
+}
+
+/// Blocks until command buffers, the last of which signals `done`, have completed, or the time is over. Returns true in the first case.
+///
+/// # Errors
+/// One of them ended with an error. Its event gets its value all the same, so that nobody waits for it for ever.
+pub(crate) fn wait(
+    commands: &[CommandBuffer],
+    done: (&SharedEventRef, u64),
+    limit: Duration,
+) -> Result<bool, BackendError> {
+    let (event, value) = done;
+    let failed = || commands.iter().find(|commands| objc::status(commands) == objc::FAILED);
+    let complete = || commands.iter().all(|commands| objc::status(commands) >= objc::COMPLETED);
+    if failed().is_none() && !complete() && !limit.is_zero() {
+        let milliseconds = u64::try_from(limit.as_millis()).unwrap_or(u64::MAX).max(1);
+        if objc::wait_for_event(event, value, milliseconds) {
+            // The event was the last command: what is left to do is Metal's own work on the host.
+            commands.iter().for_each(|commands| commands.wait_until_completed());
+        }
+    }
+    if let Some(failed) = failed() {
+        let (code, text) = objc::error(failed);
+        if event.signaled_value() < value {
+            event.set_signaled_value(value);
+        }
+        return Err(error::of_command_buffer(code, &text));
+    }
+    Ok(complete())
+}
+
+/// Blocks until everything that was submitted before has completed or failed, or the time is over. Returns true in the first case.
+///
+/// Others can submit meanwhile.
+pub(crate) fn idle(gpu: &MetalGpu, limit: Duration) -> bool {
+    let begun = Instant::now();
+    let before = gpu.in_flight().clone();
+    for submission in &before {
+        while !submission.is_done() {
+            let left = limit.saturating_sub(begun.elapsed()).min(SLICE);
+            if left.is_zero() {
+                return false;
+            }
+            objc::wait_for_event(&submission.event, submission.value, left.as_millis().max(1) as u64);
+        }
+    }
+    true
+}
+
+/// The timestamps of a frame: the first two are those of its command buffer, the others samples at the ends of encoders.
+#[derive(Clone)]
+pub struct Timestamps(Arc<Times>);
+
+struct Times {
+    samples: Option<CounterSampleBuffer>,
+    written: Mutex<Written>,
+}
+
+#[derive(Default)]
+struct Written {
+    /// Start and end of the frame, in nanoseconds.
+    frame: Option<[u64; 2]>,
+    /// By sample: the frame that was recorded last takes it.
+    samples: Vec<bool>,
+}
+
+impl Timestamps {
+    /// Creates `count` timestamps. Those of passes are missing where the device samples no counters at the ends of encoders.
+    pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Result<Timestamps, BackendError> {
+        let samples = u64::from(count.saturating_sub(2).min(lower::MOST_SAMPLES));
+        let buffer = gpu.timestamps.as_ref().filter(|_| samples > 0).map(|set| {
+            objc::pool(|| {
+                let descriptor = CounterSampleBufferDescriptor::new();
+                descriptor.set_counter_set(set);
+                descriptor.set_sample_count(samples);
+                descriptor.set_storage_mode(MTLStorageMode::Shared);
+                gpu.device.new_counter_sample_buffer_with_descriptor(&descriptor)
+            })
+        });
+        let call = "newCounterSampleBufferWithDescriptor";
+        let buffer = buffer.transpose().map_err(|answer| BackendError::Api { call, answer })?;
+        let written = Written { frame: None, samples: vec![false; samples as usize] };
+        Ok(Timestamps(Arc::new(Times { samples: buffer, written: Mutex::new(written) })))
+    }
+
+    fn written(&self) -> MutexGuard<'_, Written> {
+        self.0.written.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn reset(&self) {
+        let mut written = self.written();
+        written.frame = None;
+        written.samples.fill(false);
+    }
+
+    /// Takes two samples for an encoder, from `first` on, if there are that many.
+    pub(crate) fn take(&self, first: u32) -> Option<&CounterSampleBuffer> {
+        let samples = self.0.samples.as_ref()?;
+        self.written().samples.get_mut(first as usize..first as usize + 2)?.fill(true);
+        Some(samples)
+    }
+
+    /// Notes the times of the frame's command buffer, in seconds.
+    pub(crate) fn completed(&self, (start, end): (f64, f64)) {
+        // Zero where Metal has none.
+        self.written().frame = (start > 0.0 && end >= start).then(|| [start, end].map(|s| (s * 1e9) as u64));
+    }
+
+    /// Reads the first `count` timestamps of a frame that has completed, in nanoseconds.
+    pub(crate) fn read(&self, count: u32) -> Vec<Option<u64>> {
+        let written = self.written();
+        let used = written.samples.iter().rposition(|&taken| taken).map_or(0, |last| last + 1);
+        let values = self.0.samples.as_ref().filter(|_| used > 0);
+        let values = values.and_then(|samples| objc::resolve(samples, used)).unwrap_or_default();
+        let value = |timestamp: u32| match lower::sample(timestamp) {
+            None => written.frame.and_then(|frame| frame.get(timestamp as usize).copied()),
+            Some(sample) => {
+                let taken = written.samples.get(sample as usize).is_some_and(|&taken| taken);
+                values.get(sample as usize).filter(|_| taken).copied().and_then(lower::counted)
+            }
+        };
+        (0..count).map(value).collect()
+    }
+}

@@ -1,0 +1,48 @@
+//! The layer of a window, whose content Metal draws.
+
+use crate::objc;
+use metal::{MTLPixelFormat, MetalLayer};
+use raw_window_handle::{HandleError, RawWindowHandle};
+use splatgraph_api::BackendError;
+use splatgraph_runtime::Window;
+use std::sync::Arc;
+
+/// The format of a window's pixels: display-encoded, so that nothing is converted.
+pub(crate) const FORMAT: MTLPixelFormat = MTLPixelFormat::BGRA8Unorm;
+
+/// The layer of a window.
+pub(crate) struct Surface {
+    pub layer: MetalLayer,
+    // The layer is its view's.
+    _window: Arc<dyn Window>,
+}
+
+impl Surface {
+    /// Gives the window a layer that shows the images of `device`.
+    pub fn new(window: Arc<dyn Window>, device: &metal::DeviceRef) -> Result<Surface, BackendError> {
+        let handle = window.window_handle().map_err(no_handle)?.as_raw();
+        let RawWindowHandle::AppKit(handle) = handle else {
+            return Err(BackendError::Unavailable(
+                "Metal shows pictures in windows of AppKit alone".to_string(),
+            ));
+        };
+        if !objc::is_main_thread() {
+            return Err(BackendError::Invalid(
+                "a window's device was opened on another thread than the main one".to_string(),
+            ));
+        }
+        let layer = MetalLayer::new();
+        layer.set_device(device);
+        layer.set_pixel_format(FORMAT);
+        layer.set_framebuffer_only(true);
+        layer.set_opaque(true);
+        objc::set_srgb(&layer);
+        // SAFETY: the handle's view lives as long as the window, which is kept; this is the main thread.
+        unsafe { objc::show_in_view(handle.ns_view, &layer) };
+        Ok(Surface { layer, _window: window })
+    }
+}
+
+fn no_handle(error: HandleError) -> BackendError {
+    BackendError::Unavailable(format!("the window cannot be drawn in: {error}"))
+}

@@ -1,0 +1,102 @@
+//! Drawables of a window's layer, and the draw of a frame's output into them.
+//!
+//! A layer has three drawables, which go back and forth between it and the program. The output is drawn into one by a triangle that
+//! covers it, scaled where the sizes differ, in a command buffer of its own: the frame does not wait for the window.
+
+use crate::error::no_object;
+use crate::gpu::MetalGpu;
+use crate::lower;
+use crate::objc;
+use metal::*;
+use splatgraph_api::BackendError;
+use splatgraph_framework::ir::Format;
+use splatgraph_runtime::{Acquired, Image};
+
+/// The drawables of a window's layer in one size.
+pub struct Swapchain {
+    layer: MetalLayer,
+    size: (u32, u32),
+    drawable: Option<MetalDrawable>,
+    output: Option<Output>,
+}
+
+/// The output to draw.
+struct Output {
+    texture: Texture,
+    format: Format,
+    size: (u32, u32),
+}
+
+impl Swapchain {
+    /// Gives the layer's drawables a size, and paces them.
+    pub(crate) fn new(gpu: &MetalGpu, size: (u32, u32), vsync: bool) -> Result<Swapchain, BackendError> {
+        let Some(surface) = &gpu.surface else {
+            return Err(BackendError::Invalid("the device was opened without a window".to_string()));
+        };
+        let layer = surface.layer.clone();
+        let mut pixels = layer.drawable_size();
+        (pixels.width, pixels.height) = (size.0.into(), size.1.into());
+        layer.set_drawable_size(pixels);
+        layer.set_display_sync_enabled(vsync);
+        Ok(Swapchain { layer, size, drawable: None, output: None })
+    }
+
+    /// Acquires a drawable. Blocks until there is one, for a second at most (`allowsNextDrawableTimeout`).
+    pub(crate) fn acquire(&mut self) -> Acquired {
+        self.drawable = objc::pool(|| self.layer.next_drawable().map(ToOwned::to_owned));
+        match &self.drawable {
+            Some(_) => Acquired::Image { index: 0, suboptimal: false },
+            None => Acquired::NotReady,
+        }
+    }
+
+    /// Names the output that is drawn into the acquired drawable.
+    pub(crate) fn set_output(&mut self, output: &Image<MetalGpu>) {
+        self.output = Some(Output { texture: output.raw.clone(), format: output.format, size: output.size });
+    }
+
+    /// Records the draw of the output, and its presentation.
+    ///
+    /// It waits for the export's fences and updates them: it takes its place among the export's copies. Where there are none, it
+    /// waits for the event of the frame.
+    pub(crate) fn draw(
+        &mut self,
+        gpu: &MetalGpu,
+        fences: &[&Fence],
+        frame: (&EventRef, u64),
+    ) -> Result<CommandBuffer, BackendError> {
+        let (Some(drawable), Some(output)) = (self.drawable.take(), self.output.take()) else {
+            return Err(BackendError::Invalid(
+                "a frame is shown without a drawable or an output".to_string(),
+            ));
+        };
+        let commands = gpu.commands("window")?;
+        if fences.is_empty() {
+            commands.encode_wait_for_event(frame.0, frame.1);
+        }
+        let descriptor = RenderPassDescriptor::new();
+        let target =
+            descriptor.color_attachments().object_at(0).ok_or_else(|| no_object("colorAttachments"))?;
+        target.set_texture(Some(drawable.texture()));
+        target.set_load_action(MTLLoadAction::DontCare);
+        target.set_store_action(MTLStoreAction::Store);
+        let encoder = commands.new_render_command_encoder(descriptor);
+        if gpu.labels {
+            encoder.set_label("window");
+        }
+        fences.iter().for_each(|fence| encoder.wait_for_fence(fence, MTLRenderStages::Fragment));
+        let builtin = &gpu.builtin;
+        let interpolates = lower::interpolates(output.format, output.size == self.size, gpu.filters_floats);
+        encoder.set_render_pipeline_state(&builtin.show);
+        encoder.set_fragment_texture(0, Some(&output.texture));
+        encoder.set_fragment_sampler_state(
+            0,
+            Some(if interpolates { &builtin.linear } else { &builtin.nearest }),
+        );
+        encoder.draw_primitives(MTLPrimitiveType::Triangle, 0, 3);
+        fences.iter().for_each(|fence| encoder.update_fence(fence, MTLRenderStages::Fragment));
+        encoder.end_encoding();
+        commands.present_drawable(&drawable);
+        Ok(commands)
+    }
+}

@@ -1,0 +1,230 @@
+//! For the tests of this crate: plans made by hand, and encoders in short.
+
+use crate::barriers::*;
+use splatgraph_framework::{ir::*, plan::*};
+use std::collections::BTreeMap;
+
+/// A plan in the making. Buffers and images have 64 bytes and memory of their own unless a test says otherwise.
+pub struct Sketch {
+    pub plan: Plan,
+}
+
+fn origin() -> Origin {
+    Origin { file: "graph.ron".into(), line: 1, column: 1 }
+}
+
+fn shader(stage: ShaderStage) -> Shader {
+    let reflection = Reflection {
+        stage,
+        local_size: [1; 3],
+        shared_bytes: 0,
+        bindings: vec![],
+        push: None,
+        inputs: vec![],
+        outputs: vec![],
+        subgroups: false,
+        features: Features::empty(),
+    };
+    let (name, spirv) = ("shader".into(), Default::default());
+    Shader { name, defines: vec![], spirv, reflection, msl: None }
+}
+
+impl Sketch {
+    pub fn new() -> Sketch {
+        let plan = Plan {
+            name: "sketch".into(),
+            summary: String::new(),
+            based_on: vec![],
+            stand_ins: vec![],
+            facts: BTreeMap::new(),
+            params: vec![],
+            resources: vec![],
+            shaders: vec![shader(ShaderStage::Vertex), shader(ShaderStage::Fragment)],
+            passes: vec![],
+            blocks: vec![],
+            prologue: vec![],
+            handover: vec![],
+            frame: vec![],
+            culled: vec![],
+            warnings: vec![],
+            output: ResourceId(0),
+            stats: vec![],
+        };
+        Sketch { plan }
+    }
+
+    fn resource(&mut self, name: &str, shape: Shape, source: Source) -> ResourceId {
+        let id = ResourceId(self.plan.resources.len() as u32);
+        let block = (source == Source::Transient).then(|| {
+            self.plan.blocks.push(Block { aliases: vec![id] });
+            BlockId(self.plan.blocks.len() as u32 - 1)
+        });
+        let (name, usage, history, origin) = (name.into(), Usage::all(), None, origin());
+        self.plan.resources.push(Resource { name, shape, usage, source, block, history, origin });
+        id
+    }
+
+    pub fn buffer(&mut self, name: &str) -> ResourceId {
+        self.resource(name, Shape::Buffer { stride: 4, count: 16 }, Source::Transient)
+    }
+
+    /// Adds a buffer of which each frame in flight has its own.
+    pub fn readback(&mut self) -> ResourceId {
+        self.resource("readback", Shape::Buffer { stride: 4, count: 16 }, Source::Readback)
+    }
+
+    pub fn image(&mut self, name: &str) -> ResourceId {
+        let shape = Shape::Image { format: Format::Rgba8Unorm, width: 4, height: 4 };
+        self.resource(name, shape, Source::Transient)
+    }
+
+    /// Puts the second into the memory of the first.
+    pub fn share(&mut self, first: ResourceId, second: ResourceId) {
+        let block = self.plan.resource(first).block.expect("a transient one");
+        self.plan.resources[second.index()].block = Some(block);
+        self.plan.blocks[block.index()].aliases.push(second);
+    }
+
+    fn pass(&mut self, name: &str, run: Run, work: Work, uses: &[Use]) {
+        let pass = PassId(self.plan.passes.len() as u32);
+        let (bindings, push, origin) = (vec![], vec![], origin());
+        let (name, phase, uses) = (name.into(), "test".into(), uses.to_vec());
+        self.plan.passes.push(Pass { name, phase, run, work, bindings, push, uses, origin });
+        let steps = if run == Run::Once { &mut self.plan.prologue } else { &mut self.plan.frame };
+        steps.push(Step { barriers: vec![], pass });
+    }
+
+    pub fn once(&mut self, name: &str, uses: &[Use]) {
+        self.pass(name, Run::Once, DISPATCH, uses);
+    }
+
+    pub fn dispatch(&mut self, name: &str, uses: &[Use]) {
+        self.pass(name, Run::Frame, DISPATCH, uses);
+    }
+
+    /// A dispatch whose arguments start at a byte of a buffer.
+    pub fn dispatch_from(&mut self, name: &str, buffer: ResourceId, offset: u64, uses: &[Use]) {
+        let groups = Groups::Indirect { buffer, offset };
+        let uses = [&[arguments(buffer)], uses].concat();
+        self.pass(name, Run::Frame, Work::Dispatch { shader: ShaderId(0), groups }, &uses);
+    }
+
+    pub fn fill(&mut self, name: &str, buffer: ResourceId) {
+        let uses = [touch(buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE)];
+        self.pass(name, Run::Frame, Work::Fill { buffer, value: 0 }, &uses);
+    }
+
+    /// A draw into an image, which it clears or keeps.
+    pub fn draw(&mut self, name: &str, image: ResourceId, load: Load, uses: &[Use]) {
+        self.draw_by(name, DrawCall::Direct { vertices: 3, instances: 1 }, image, load, uses);
+    }
+
+    pub fn draw_from(&mut self, name: &str, buffer: ResourceId, image: ResourceId, uses: &[Use]) {
+        let uses = [&[arguments(buffer)], uses].concat();
+        self.draw_by(name, DrawCall::Indirect { buffer, offset: 0 }, image, CLEAR, &uses);
+    }
+
+    fn draw_by(&mut self, name: &str, call: DrawCall, image: ResourceId, load: Load, uses: &[Use]) {
+        let target = touch(image, Stages::COLOR_OUTPUT, Accesses::COLOR_READ | Accesses::COLOR_WRITE);
+        let work = Work::Draw {
+            vertex: ShaderId(0),
+            fragment: ShaderId(1),
+            topology: Topology::TriangleList,
+            call,
+            targets: vec![Target { image, load, blend: Blend::Replace }],
+        };
+        self.pass(name, Run::Frame, work, &[&[target], uses].concat());
+    }
+
+    /// The export of an image, and of the first word of a buffer.
+    pub fn export(&mut self, image: ResourceId, word_of: Option<ResourceId>) {
+        let mut uses = vec![touch(image, Stages::COPY, Accesses::TRANSFER_READ)];
+        if let Some(buffer) = word_of {
+            let readback = self.readback();
+            self.plan.stats.push(Stat { name: "word".into(), buffer, offset: 0 });
+            uses.push(touch(buffer, Stages::COPY, Accesses::TRANSFER_READ));
+            uses.push(touch(readback, Stages::COPY, Accesses::TRANSFER_WRITE));
+        }
+        self.plan.output = image;
+        self.pass("export", Run::Frame, Work::Export, &uses);
+    }
+
+    pub fn host(&mut self, readback: ResourceId) {
+        let uses = [touch(readback, Stages::HOST, Accesses::HOST_READ)];
+        self.pass("host", Run::Frame, Work::Host, &uses);
+    }
+
+    /// The encoders of the prologue and of the frame, a line for each.
+    pub fn told(&self, division: Division) -> (Vec<String>, Vec<String>) {
+        let encoders = encoders(&self.plan, division);
+        let lines = |of: &[Encoding]| of.iter().map(|encoding| tell(&self.plan, encoding)).collect();
+        (lines(&encoders.prologue), lines(&encoders.frame))
+    }
+
+    /// The encoders of the frame, as few as there can be.
+    pub fn frame(&self) -> Vec<String> {
+        self.told(Division::Merged).1
+    }
+}
+
+pub const CLEAR: Load = Load::Clear(0.0, 0.0, 0.0, 0.0);
+
+const DISPATCH: Work = Work::Dispatch { shader: ShaderId(0), groups: Groups::Direct([1; 3]) };
+
+fn touch(resource: ResourceId, stages: Stages, accesses: Accesses) -> Use {
+    Use { resource, stages, accesses, layout: None, discards: false }
+}
+
+fn arguments(buffer: ResourceId) -> Use {
+    touch(buffer, Stages::INDIRECT, Accesses::INDIRECT_READ)
+}
+
+pub fn reads(resource: ResourceId) -> Use {
+    touch(resource, Stages::COMPUTE, Accesses::STORAGE_READ)
+}
+
+pub fn writes(resource: ResourceId) -> Use {
+    touch(resource, Stages::COMPUTE, Accesses::STORAGE_WRITE)
+}
+
+pub fn vertices_read(resource: ResourceId) -> Use {
+    touch(resource, Stages::VERTEX, Accesses::STORAGE_READ)
+}
+
+pub fn fragments_read(resource: ResourceId) -> Use {
+    touch(resource, Stages::FRAGMENT, Accesses::STORAGE_READ)
+}
+
+pub fn fragments_write(resource: ResourceId) -> Use {
+    touch(resource, Stages::FRAGMENT, Accesses::STORAGE_WRITE)
+}
+
+/// For instance `compute after 0: make, (buffers) use; then 1`, where numbers are fences and `0v` is before or after vertices.
+pub fn tell(plan: &Plan, encoding: &Encoding) -> String {
+    let fences = |uses: &[FenceUse]| {
+        let one = |of: &FenceUse| match of.stages {
+            None => of.fence.to_string(),
+            Some(RenderStages::Vertex) => format!("{}v", of.fence),
+            Some(RenderStages::Fragment) => format!("{}f", of.fence),
+        };
+        uses.iter().map(one).collect::<Vec<_>>().join(" ")
+    };
+    let pass = |pass: &EncodedPass| {
+        let barrier = match pass.barrier {
+            None => "",
+            Some(MemoryBarrier { buffers: true, textures: false }) => "(buffers) ",
+            Some(MemoryBarrier { buffers: false, textures: true }) => "(textures) ",
+            Some(_) => "(both) ",
+        };
+        format!("{barrier}{}", plan.pass(pass.pass).name)
+    };
+    let mut line = format!("{:?}", encoding.kind).to_lowercase();
+    if !encoding.waits.is_empty() {
+        line += &format!(" after {}", fences(&encoding.waits));
+    }
+    line += &format!(": {}", encoding.passes.iter().map(pass).collect::<Vec<_>>().join(", "));
+    if !encoding.updates.is_empty() {
+        line += &format!("; then {}", fences(&encoding.updates));
+    }
+    line
+}

@@ -1,0 +1,383 @@
+//! The walk over a plan's encoders while a frame is recorded.
+//!
+//! The runtime announces passes one by one. A walk answers with [`Move`]s: close this encoder, open that one, wait for its fences,
+//! barrier. It holds what depends on the frame: passes of the prologue, which only the first runs; copies of inspected resources in the
+//! midst of an encoder; and fences that nothing has updated yet, which nothing waits for.
+//!
+//! Every encoder whose pass is announced is opened, also where its pass is left out: orders may lead through it from one encoder to a
+//! third.
+
+use crate::barriers::{Division, EncoderKind, Encoders, FenceUse, MemoryBarrier, encoders};
+use splatgraph_framework::{ir::*, plan::*};
+
+/// The encoders of a plan in both divisions, and what frames know of their fences.
+#[derive(Debug)]
+pub struct Walked {
+    divisions: [Divided; 2],
+    /// The division of the last frame that was submitted.
+    last: Option<Division>,
+}
+
+#[derive(Debug)]
+struct Divided {
+    encoders: Encoders,
+    /// By pass: its encoder, counted through prologue and frame, and its place in it.
+    places: Vec<Option<(usize, usize)>>,
+    /// By fence: a frame that was submitted has updated it.
+    updated: Vec<bool>,
+}
+
+impl Walked {
+    /// Divides a plan.
+    pub fn new(plan: &Plan) -> Walked {
+        let divided = |division| {
+            let encoders = encoders(plan, division);
+            let mut places = vec![None; plan.passes.len()];
+            for (index, encoding) in encoders.prologue.iter().chain(&encoders.frame).enumerate() {
+                for (place, pass) in encoding.passes.iter().enumerate() {
+                    places[pass.pass.index()] = Some((index, place));
+                }
+            }
+            Divided { updated: vec![false; encoders.fences as usize], encoders, places }
+        };
+        Walked { divisions: [divided(Division::Merged), divided(Division::Passes)], last: None }
+    }
+
+    /// Returns the encoders of a division.
+    pub fn encoders(&self, division: Division) -> &Encoders {
+        &self.of(division).encoders
+    }
+
+    fn of(&self, division: Division) -> &Divided {
+        &self.divisions[usize::from(division == Division::Passes)]
+    }
+
+    /// Notes that the frame of this walk was submitted.
+    pub fn submitted(&mut self, walk: &Walk) {
+        let Some(division) = walk.division else { return };
+        self.divisions[usize::from(division == Division::Passes)].updated.clone_from(&walk.updated);
+        self.last = Some(division);
+    }
+}
+
+/// Tells the executor what to do next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Move {
+    /// Orders everything that comes after everything that was submitted before: the encoders of this frame are others than those of
+    /// the frame before, and know nothing of their fences.
+    AfterAll,
+    /// Orders everything that comes after everything before: the prologue is over.
+    HandOver,
+    /// Updates a fence after the last command of the open encoder.
+    Update(FenceUse),
+    /// Closes the open encoder.
+    Close,
+    /// Opens an encoder.
+    Open(EncoderKind),
+    /// Waits for a fence before the first command of the encoder that was just opened.
+    Wait(FenceUse),
+    /// Records a memory barrier.
+    Barrier(MemoryBarrier),
+}
+
+/// The walk of one frame.
+#[derive(Clone, Debug, Default)]
+pub struct Walk {
+    division: Option<Division>,
+    /// The encoder of the pass that was announced last, and whether it is open.
+    current: Option<(usize, bool)>,
+    updated: Vec<bool>,
+}
+
+impl Walk {
+    /// Starts the walk of another frame.
+    pub fn begin(&mut self) {
+        self.division = None;
+        self.current = None;
+    }
+
+    /// Announces a pass.
+    pub fn pass(&mut self, walked: &Walked, pass: PassId, timed: bool, moves: &mut Vec<Move>) {
+        let division = if timed { Division::Passes } else { Division::Merged };
+        let divided = walked.of(division);
+        if self.division.is_none() {
+            self.division = Some(division);
+            self.updated.clone_from(&divided.updated);
+            if walked.last.is_some_and(|last| last != division) {
+                moves.push(Move::AfterAll);
+            }
+        }
+        // The host's step has none.
+        let Some((index, place)) = divided.places[pass.index()] else { return };
+        let encoding = divided.encoding(index);
+        match self.current {
+            Some((current, true)) if current == index => {
+                moves.extend(encoding.passes[place].barrier.map(Move::Barrier));
+            }
+            // Whatever it waits for was waited for before it was interrupted, and all before that is done.
+            Some((current, false)) if current == index => moves.push(Move::Open(encoding.kind)),
+            _ => {
+                self.close(walked, moves);
+                let prologue = divided.encoders.prologue.len();
+                if divided.encoders.handover
+                    && self.current.is_some_and(|(c, _)| c < prologue)
+                    && index >= prologue
+                {
+                    moves.push(Move::HandOver);
+                }
+                moves.push(Move::Open(encoding.kind));
+                let updated = encoding.waits.iter().filter(|wait| self.updated[wait.fence as usize]);
+                moves.extend(updated.copied().map(Move::Wait));
+            }
+        }
+        self.current = Some((index, true));
+    }
+
+    /// Closes the open encoder for something that the plan knows nothing of, which must be ordered after everything before it and
+    /// before everything after it.
+    pub fn interrupt(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
+        self.close(walked, moves);
+        if let Some((_, open)) = &mut self.current {
+            *open = false;
+        }
+    }
+
+    /// Ends the frame.
+    pub fn end(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
+        self.interrupt(walked, moves);
+    }
+
+    /// Closes the open encoder. It updates its fences also if it is opened again: then it does so once more.
+    fn close(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
+        let (Some(division), Some((index, true))) = (self.division, self.current) else { return };
+        for update in &walked.of(division).encoding(index).updates {
+            self.updated[update.fence as usize] = true;
+            moves.push(Move::Update(*update));
+        }
+        moves.push(Move::Close);
+    }
+
+    /// Returns the division of the frame, once a pass was announced.
+    pub fn division(&self) -> Option<Division> {
+        self.division
+    }
+
+    /// Says whether an encoder of the plan is open.
+    pub fn is_open(&self) -> bool {
+        self.current.is_some_and(|(_, open)| open)
+    }
+
+    /// Lists the fences that the encoder of a pass updates: whoever waits for them waits for it.
+    ///
+    /// Commands that take their place behind that pass wait for them, and update them once more.
+    pub fn updates<'a>(&self, walked: &'a Walked, pass: PassId) -> &'a [FenceUse] {
+        let Some(divided) = self.division.map(|division| walked.of(division)) else { return &[] };
+        divided.places[pass.index()].map_or(&[], |(index, _)| &divided.encoding(index).updates)
+    }
+}
+
+impl Divided {
+    fn encoding(&self, index: usize) -> &crate::barriers::Encoding {
+        let Encoders { prologue, frame, .. } = &self.encoders;
+        prologue.get(index).unwrap_or_else(|| &frame[index - prologue.len()])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::barriers::{EncodedPass, Encoding, RenderStages};
+    use Move::*;
+
+    const CLEAR: PassId = PassId(0);
+    const FIRST: PassId = PassId(1);
+    const SECOND: PassId = PassId(2);
+    const DRAW: PassId = PassId(3);
+    const EXPORT: PassId = PassId(4);
+    const HOST: PassId = PassId(5);
+
+    const BUFFERS: MemoryBarrier = MemoryBarrier { buffers: true, textures: false };
+
+    fn fence(fence: u32) -> FenceUse {
+        FenceUse { fence, stages: None }
+    }
+
+    fn drawn(fence: u32, stages: RenderStages) -> FenceUse {
+        FenceUse { fence, stages: Some(stages) }
+    }
+
+    fn encoding(
+        kind: EncoderKind,
+        waits: &[FenceUse],
+        passes: &[(PassId, bool)],
+        updates: &[FenceUse],
+    ) -> Encoding {
+        let pass =
+            |&(pass, barrier): &(PassId, bool)| EncodedPass { barrier: barrier.then_some(BUFFERS), pass };
+        let passes = passes.iter().map(pass).collect();
+        Encoding { kind, waits: waits.to_vec(), passes, updates: updates.to_vec() }
+    }
+
+    /// A prologue that clears (fence 0), then two dispatches with a barrier between them (1), a draw (2) and the export (3).
+    fn walked() -> Walked {
+        let all = Encoders {
+            prologue: vec![encoding(EncoderKind::Compute, &[], &[(CLEAR, false)], &[fence(0)])],
+            frame: vec![
+                encoding(
+                    EncoderKind::Compute,
+                    &[fence(0), fence(3)],
+                    &[(FIRST, false), (SECOND, true)],
+                    &[fence(1)],
+                ),
+                encoding(
+                    EncoderKind::Render,
+                    &[drawn(1, RenderStages::Vertex)],
+                    &[(DRAW, false)],
+                    &[drawn(2, RenderStages::Fragment)],
+                ),
+                encoding(EncoderKind::Blit, &[fence(2)], &[(EXPORT, false)], &[fence(3)]),
+            ],
+            handover: true,
+            fences: 4,
+        };
+        let places = vec![Some((0, 0)), Some((1, 0)), Some((1, 1)), Some((2, 0)), Some((3, 0)), None];
+        let divided = || Divided { encoders: all.clone(), places: places.clone(), updated: vec![false; 4] };
+        Walked { divisions: [divided(), divided()], last: None }
+    }
+
+    fn moves(of: impl FnOnce(&mut Vec<Move>)) -> Vec<Move> {
+        let mut moves = Vec::new();
+        of(&mut moves);
+        moves
+    }
+
+    /// Walks a whole frame, and submits it.
+    fn frame(walked: &mut Walked, passes: &[PassId], timed: bool) -> Vec<Move> {
+        let mut walk = Walk::default();
+        walk.begin();
+        let moves = moves(|moves| {
+            passes.iter().for_each(|pass| walk.pass(walked, *pass, timed, moves));
+            walk.end(walked, moves);
+        });
+        walked.submitted(&walk);
+        moves
+    }
+
+    const FRAME: [PassId; 5] = [FIRST, SECOND, DRAW, EXPORT, HOST];
+
+    #[test]
+    fn a_frame_opens_each_encoder_once_and_orders_it_by_its_fences() {
+        let mut walked = walked();
+        let first = frame(&mut walked, &[&[CLEAR], &FRAME[..]].concat(), false);
+        let expected = [
+            Open(EncoderKind::Compute),
+            Update(fence(0)),
+            Close,
+            HandOver,
+            Open(EncoderKind::Compute),
+            // Fence 3, of the frame before, was never updated.
+            Wait(fence(0)),
+            Barrier(BUFFERS),
+            Update(fence(1)),
+            Close,
+            Open(EncoderKind::Render),
+            Wait(drawn(1, RenderStages::Vertex)),
+            Update(drawn(2, RenderStages::Fragment)),
+            Close,
+            Open(EncoderKind::Blit),
+            Wait(fence(2)),
+            Update(fence(3)),
+            Close,
+        ];
+        assert_eq!(first, expected);
+        let second = frame(&mut walked, &FRAME, false);
+        assert_eq!(second[..3], [Open(EncoderKind::Compute), Wait(fence(0)), Wait(fence(3))]);
+        assert_eq!(second[3..], expected[6..]);
+    }
+
+    #[test]
+    fn a_fence_is_waited_for_only_once_a_frame_that_updates_it_was_submitted() {
+        let walked = walked();
+        let mut walk = Walk::default();
+        walk.begin();
+        // Recorded and never submitted.
+        moves(|moves| FRAME.iter().for_each(|pass| walk.pass(&walked, *pass, false, moves)));
+        walk.begin();
+        let found = moves(|moves| walk.pass(&walked, FIRST, false, moves));
+        assert_eq!(found, [Open(EncoderKind::Compute)]);
+    }
+
+    #[test]
+    fn an_encoder_that_was_interrupted_is_opened_again_without_waits_and_updates_its_fences_twice() {
+        let walked = walked();
+        let mut walk = Walk::default();
+        walk.begin();
+        let found = moves(|moves| {
+            walk.pass(&walked, CLEAR, false, moves);
+            walk.pass(&walked, FIRST, false, moves);
+        });
+        assert_eq!(found[3..], [HandOver, Open(EncoderKind::Compute), Wait(fence(0))]);
+        assert_eq!(moves(|moves| walk.interrupt(&walked, moves)), [Update(fence(1)), Close]);
+        assert!(moves(|moves| walk.interrupt(&walked, moves)).is_empty(), "it is closed");
+        let found = moves(|moves| walk.pass(&walked, SECOND, false, moves));
+        assert_eq!(found, [Open(EncoderKind::Compute)]);
+        let found = moves(|moves| walk.pass(&walked, DRAW, false, moves));
+        assert_eq!(found[..2], [Update(fence(1)), Close]);
+    }
+
+    #[test]
+    fn an_encoder_that_was_interrupted_at_its_end_is_not_opened_again() {
+        let walked = walked();
+        let mut walk = Walk::default();
+        walk.begin();
+        moves(|moves| {
+            walk.pass(&walked, FIRST, false, moves);
+            walk.pass(&walked, SECOND, false, moves);
+            walk.interrupt(&walked, moves);
+        });
+        let found = moves(|moves| walk.pass(&walked, DRAW, false, moves));
+        assert_eq!(found, [Open(EncoderKind::Render), Wait(drawn(1, RenderStages::Vertex))]);
+    }
+
+    #[test]
+    fn the_hosts_step_leaves_the_encoder_open_and_the_end_closes_it() {
+        let walked = walked();
+        let mut walk = Walk::default();
+        walk.begin();
+        moves(|moves| walk.pass(&walked, EXPORT, false, moves));
+        assert!(moves(|moves| walk.pass(&walked, HOST, false, moves)).is_empty());
+        assert_eq!(moves(|moves| walk.end(&walked, moves)), [Update(fence(3)), Close]);
+    }
+
+    #[test]
+    fn a_frame_divided_otherwise_than_the_one_before_waits_for_all_of_it() {
+        let mut walked = walked();
+        assert!(!frame(&mut walked, &FRAME, true).contains(&AfterAll));
+        assert!(!frame(&mut walked, &FRAME, true).contains(&AfterAll));
+        assert_eq!(frame(&mut walked, &FRAME, false)[0], AfterAll);
+        assert!(!frame(&mut walked, &FRAME, false).contains(&AfterAll));
+        assert_eq!(frame(&mut walked, &FRAME, true)[0], AfterAll);
+    }
+
+    #[test]
+    fn who_takes_a_place_behind_a_pass_is_told_its_encoders_fences() {
+        let walked = walked();
+        let mut walk = Walk::default();
+        walk.begin();
+        assert!(walk.updates(&walked, EXPORT).is_empty(), "no pass was announced");
+        moves(|moves| walk.pass(&walked, FIRST, false, moves));
+        assert_eq!(walk.updates(&walked, EXPORT), [fence(3)]);
+        assert_eq!(walk.updates(&walked, SECOND), [fence(1)]);
+        assert!(walk.updates(&walked, HOST).is_empty());
+    }
+
+    #[test]
+    fn a_plan_is_divided_with_every_pass_but_the_hosts_in_an_encoder() {
+        let plan = crate::handmade::plan();
+        let walked = Walked::new(&plan);
+        for divided in &walked.divisions {
+            let places: Vec<bool> = divided.places.iter().map(Option::is_some).collect();
+            assert_eq!(places, [true, true, true, true, true, false]);
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! Checks that the imports of the crate run one way.
+
+use std::path::Path;
+
+#[path = "../../../tests/module_order.rs"]
+mod module_order;
+
+/// The modules, from the ground up.
+const ORDER: [&str; 19] = [
+    "objc",
+    "error",
+    "surface",
+    "features",
+    "capture",
+    "device",
+    "gpu",
+    "barriers",
+    "model",
+    "dump",
+    "walk",
+    "lower",
+    "memory",
+    "pipelines",
+    "descriptors",
+    "queue",
+    "swapchain",
+    "encoder",
+    "backend",
+];
+
+#[test]
+fn every_module_imports_only_those_before_it() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    module_order::assert_imports_run_one_way(&source, "crate", &ORDER);
+}

@@ -1,0 +1,103 @@
+//! The choice of a device among those of a machine.
+
+use splatgraph_api::{BackendError, DeviceInfo};
+
+/// Returns the place of the device that `wanted` names: an index, or a part of the name in any case. Without a name it is the first
+/// discrete GPU that is fit, else the first integrated one, else any other, a CPU last.
+///
+/// # Errors
+/// [`BackendError::Unavailable`] where no device has the name, or the one that has it, or the only one, cannot run plans.
+pub fn choose(devices: &[&DeviceInfo], wanted: Option<&str>) -> Result<usize, BackendError> {
+    let found = match wanted {
+        Some(text) => {
+            let index: Option<usize> = text.trim().parse().ok();
+            let part = text.to_lowercase();
+            // A number may also be a part of a name ("4090").
+            let by_index = devices.iter().position(|device| Some(device.index) == index);
+            by_index.or_else(|| devices.iter().position(|device| device.name.to_lowercase().contains(&part)))
+        }
+        None => (0..devices.len())
+            .filter(|&place| devices[place].unfit.is_none())
+            .min_by_key(|&place| preference(&devices[place].kind))
+            .or((!devices.is_empty()).then_some(0)),
+    };
+    let Some(found) = found else {
+        let listed: Vec<String> = devices.iter().map(|d| format!("{}: {}", d.index, d.name)).collect();
+        let wanted = wanted.map(|text| format!(" `{text}`")).unwrap_or_default();
+        return Err(BackendError::Unavailable(format!(
+            "there is no device{wanted}; there are {}",
+            listed.join(", ")
+        )));
+    };
+    match &devices[found].unfit {
+        Some(why) => {
+            Err(BackendError::Unavailable(format!("{} cannot run plans: {why}", devices[found].name)))
+        }
+        None => Ok(found),
+    }
+}
+
+fn preference(kind: &str) -> u32 {
+    match kind {
+        "discrete" => 0,
+        "integrated" => 1,
+        "virtual" => 2,
+        "cpu" => 4,
+        _ => 3,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_api::{Heap, Robustness};
+    use splatgraph_framework::ir::DeviceFacts;
+
+    fn device(index: usize, name: &str, kind: &str, unfit: Option<&str>) -> DeviceInfo {
+        DeviceInfo {
+            index,
+            name: name.to_string(),
+            kind: kind.to_string(),
+            driver: String::new(),
+            facts: DeviceFacts::default(),
+            robustness: Robustness::default(),
+            heap: Heap::default(),
+            unfit: unfit.map(str::to_string),
+        }
+    }
+
+    fn chosen(devices: &[DeviceInfo], wanted: Option<&str>) -> Result<usize, String> {
+        choose(&devices.iter().collect::<Vec<_>>(), wanted).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_discrete_gpu_comes_before_an_integrated_one_and_a_cpu_last() {
+        let all = [
+            device(0, "llvmpipe", "cpu", None),
+            device(1, "Apple M1", "integrated", None),
+            device(2, "RTX 4090", "discrete", None),
+        ];
+        assert_eq!(chosen(&all, None), Ok(2));
+        assert_eq!(chosen(&all[..2], None), Ok(1));
+        assert_eq!(chosen(&all[..1], None), Ok(0));
+    }
+
+    #[test]
+    fn a_device_is_named_by_its_index_or_a_part_of_its_name() {
+        let all = [device(0, "llvmpipe", "cpu", None), device(1, "RTX 4090", "discrete", None)];
+        assert_eq!(chosen(&all, Some("0")), Ok(0));
+        assert_eq!(chosen(&all, Some("LLVM")), Ok(0));
+        assert_eq!(chosen(&all, Some("4090")), Ok(1));
+        let missing = chosen(&all, Some("radeon")).unwrap_err();
+        assert!(missing.contains("`radeon`; there are 0: llvmpipe, 1: RTX 4090"), "{missing}");
+    }
+
+    #[test]
+    fn an_unfit_device_is_passed_over_and_refused_by_name_with_the_reason() {
+        let all = [device(0, "old", "discrete", Some("it is too old")), device(1, "llvmpipe", "cpu", None)];
+        assert_eq!(chosen(&all, None), Ok(1));
+        assert!(chosen(&all, Some("old")).unwrap_err().contains("old cannot run plans: it is too old"));
+        assert!(chosen(&all[..1], None).unwrap_err().contains("too old"));
+        assert!(chosen(&[], None).is_err());
+    }
+}

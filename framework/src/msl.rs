@@ -1,0 +1,205 @@
+//! SPIR-V to the Metal Shading Language with SPIRV-Cross, Khronos' own translator, linked in.
+//!
+//! Metal runs the code that Vulkan runs: each shader's SPIR-V becomes the text of a library with one function, which a Mac compiles
+//! when it makes the pipeline. Vulkan numbers a shader's bindings freely; Metal has tables of arguments, one for buffers and one for
+//! textures. `places` numbers them, and the function is told so.
+//!
+//! What the executor owes the function:
+//!
+//! - `MTLCompileOptions` of [`VERSION`] without fast math: keys and culling count on every rounding;
+//! - a pipeline whose `threadExecutionWidth` is the width of subgroups that the plan was built for, which is a constant of the text;
+//! - the buffers of push constants and sizes, where [`Msl::push`] and [`Msl::sizes`] give them a place;
+//! - nothing for the y axis: positions leave the vertex function with y upwards, as Metal's clip space has it.
+//!
+//! SPIRV-Cross is C++ and throws on what it cannot translate; its C interface, which the crate calls, turns exceptions into errors.
+
+#[cfg(all(test, feature = "glslang"))]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::num::NonZeroU32;
+use std::sync::Arc;
+
+use spirv_cross2::SpirvCrossError;
+use spirv_cross2::compile::CompilableTarget;
+use spirv_cross2::compile::msl::{BindTarget, CompilerOptions, MetalPlatform, MslVersion, ResourceBinding};
+use spirv_cross2::targets;
+use spirv_cross2::{Compiler, Module, spirv::ExecutionModel};
+
+use crate::ir::{Msl, MslArgument, ReflectedKind, Reflection, Shader, ShaderStage, Value};
+use crate::plan::Plan;
+
+/// The version of the language, major and minor: all GPUs of family Apple 7 and later have it since macOS 12.
+pub const VERSION: (u32, u32) = (2, 4);
+
+/// Buffers of a function, push constants and sizes among them.
+///
+/// Apple, "Metal Feature Set Tables", "Maximum number of entries in the buffer argument table, per graphics or kernel function".
+pub const MOST_BUFFERS: u32 = 31;
+
+/// Textures of a function.
+///
+/// Apple, "Metal Feature Set Tables", "Maximum number of entries in the texture argument table, per graphics or kernel function".
+pub const MOST_TEXTURES: u32 = 128;
+
+/// Bytes of push constants, which Metal copies with the command (`setBytes`).
+///
+/// Apple, documentation of `setBytes:length:atIndex:`: "data smaller than 4 KB".
+pub const MOST_PUSH_BYTES: u32 = 4096;
+
+/// Reports a shader that has no equal in Metal's language.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the shader `{shader}` cannot be translated to Metal's language: {problem}")]
+pub struct MslError {
+    /// The path as the graph names it.
+    pub shader: String,
+    /// The reason.
+    pub problem: String,
+}
+
+/// Translates all shaders of a plan.
+///
+/// Fails with one error for each shader that cannot be translated; the others are.
+pub fn add_msl(plan: &mut Plan) -> Result<(), Vec<MslError>> {
+    let lanes = match plan.facts.get("device.subgroup_size") {
+        Some(Value::Int(lanes)) => u32::try_from(*lanes).unwrap_or(0),
+        _ => 0,
+    };
+    let mut errors = Vec::new();
+    for shader in plan.shaders.iter_mut().filter(|shader| shader.msl.is_none()) {
+        match translate(shader, lanes) {
+            Ok(msl) => shader.msl = Some(Arc::new(msl)),
+            Err(problem) => errors.push(MslError { shader: shader.name.clone(), problem }),
+        }
+    }
+    if errors.is_empty() { Ok(()) } else { Err(errors) }
+}
+
+/// Holds the places of a shader's arguments.
+struct Places {
+    arguments: Vec<MslArgument>,
+    push: Option<u32>,
+    /// The first index in the table of buffers that nothing has.
+    free: u32,
+}
+
+/// Numbers the arguments of a shader: buffers in the order of their bindings, then the push constants; textures apart.
+fn places(reflection: &Reflection) -> Places {
+    let (mut buffers, mut textures) = (0, 0);
+    let mut arguments = Vec::new();
+    for bound in &reflection.bindings {
+        let texture = matches!(bound.kind, ReflectedKind::StorageImage { .. });
+        let next = if texture { &mut textures } else { &mut buffers };
+        arguments.extend((0..bound.count).map(|element| MslArgument {
+            binding: bound.binding,
+            element,
+            texture,
+            index: *next + element,
+        }));
+        *next += bound.count;
+    }
+    let push = reflection.push.as_ref().map(|_| buffers);
+    Places { arguments, push, free: buffers + u32::from(push.is_some()) }
+}
+
+/// Refuses what is beyond the limits of Metal.
+fn check(places: &Places, sizes: bool, reflection: &Reflection) -> Result<(), String> {
+    let buffers = places.free + u32::from(sizes);
+    if buffers > MOST_BUFFERS {
+        return Err(format!(
+            "expected at most {MOST_BUFFERS} buffers, push constants among them, found {buffers}"
+        ));
+    }
+    let textures = places.arguments.iter().filter(|argument| argument.texture).count();
+    if textures > MOST_TEXTURES as usize {
+        return Err(format!("expected at most {MOST_TEXTURES} images, found {textures}"));
+    }
+    match &reflection.push {
+        Some(push) if push.bytes > MOST_PUSH_BYTES => {
+            Err(format!("expected at most {MOST_PUSH_BYTES} bytes of push constants, found {}", push.bytes))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Translates a shader for subgroups of `lanes` lanes.
+fn translate(shader: &Shader, lanes: u32) -> Result<Msl, String> {
+    let reflection = &shader.reflection;
+    let places = places(reflection);
+    check(&places, false, reflection)?;
+    let stage = match reflection.stage {
+        ShaderStage::Vertex => ExecutionModel::Vertex,
+        ShaderStage::Fragment => ExecutionModel::Fragment,
+        ShaderStage::Compute => ExecutionModel::GLCompute,
+    };
+    let (source, entry, sizes) =
+        call(&shader.spirv, stage, &places, lanes).map_err(|error| error.to_string())?;
+    check(&places, sizes, reflection)?;
+    Ok(Msl {
+        source,
+        entry,
+        push: places.push,
+        sizes: sizes.then_some(places.free),
+        arguments: places.arguments,
+    })
+}
+
+/// Calls SPIRV-Cross. Returns the text, the function's name, and whether it asks for the sizes of buffers.
+fn call(
+    spirv: &[u32],
+    stage: ExecutionModel,
+    places: &Places,
+    lanes: u32,
+) -> Result<(String, String, bool), SpirvCrossError> {
+    let mut compiler = Compiler::<targets::Msl>::new(Module::from_words(spirv))?;
+    // What is declared and never used would be given a place that another argument has.
+    let used = compiler.active_interface_variables()?;
+    compiler.set_enabled_interface_variables(used)?;
+    // An array of descriptors is one binding, with a count, at the place of its first element.
+    let mut bindings: BTreeMap<u32, (MslArgument, u32)> = BTreeMap::new();
+    for argument in &places.arguments {
+        bindings.entry(argument.binding).or_insert((*argument, 0)).1 += 1;
+    }
+    for (binding, (first, count)) in bindings {
+        let at = |texture| if first.texture == texture { first.index } else { 0 };
+        let target =
+            BindTarget { buffer: at(false), texture: at(true), sampler: 0, count: NonZeroU32::new(count) };
+        compiler.add_resource_binding(stage, ResourceBinding::Qualified { set: 0, binding }, &target)?;
+    }
+    if let Some(buffer) = places.push {
+        let target = BindTarget { buffer, texture: 0, sampler: 0, count: NonZeroU32::new(1) };
+        compiler.add_resource_binding(stage, ResourceBinding::PushConstantBuffer, &target)?;
+    }
+    let done = compiler.compile(&options(places.free, lanes))?;
+    // `main` is no name for a function of Metal's.
+    let entry = done.cleansed_entry_point_name("main", stage)?;
+    let entry = entry
+        .ok_or_else(|| SpirvCrossError::InvalidSpirv("expected an entry point `main`".to_string()))?
+        .to_string();
+    let sizes = done.buffer_requirements().needs_buffer_size_buffer;
+    Ok((done.to_string(), entry, sizes))
+}
+
+/// Chooses how SPIRV-Cross translates.
+fn options(sizes: u32, lanes: u32) -> CompilerOptions {
+    let mut options = targets::Msl::options();
+    options.version = MslVersion::from(VERSION);
+    options.platform = MetalPlatform::MacOS;
+    // A plan is built for one width of subgroups, and its shaders hold it as a constant.
+    options.fixed_subgroup_size = lanes;
+    options.buffer_size_buffer_index = sizes;
+    // Vulkan's clip space has y downwards, Metal's upwards. Depth has the same range in both.
+    options.common.flip_vertex_y = true;
+    options.common.fixup_clipspace = false;
+    // Comparisons and minima with NaN are those of the SPIR-V: degenerate splats are culled by them.
+    options.common.relax_nan_checks = false;
+    // Only where the SPIR-V forbids contraction (`precise`) are products and sums kept apart, as by Vulkan's drivers.
+    options.invariant_fp_math = false;
+    // A fragment function must return as many components as its target has.
+    options.pad_fragment_output_components = true;
+    // No topology has points.
+    options.enable_point_size_builtin = false;
+    // Stores of fragments after they are discarded would be seen on some devices.
+    options.check_discarded_frag_stores = true;
+    options
+}

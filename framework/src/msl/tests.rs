@@ -1,0 +1,143 @@
+//! The places of arguments, and what is refused.
+
+use super::*;
+use crate::build;
+use crate::ir::{Catalog, DeviceFacts, Features, Request};
+use crate::shader::Glslang;
+use crate::source::{Library, SourceMap, render};
+
+/// Builds a plan of one dispatch for SIMD-groups of 32, with `buffers` buffers of one word.
+fn plan(shader: &str, buffers: usize) -> Plan {
+    let names: Vec<String> = (0..buffers).map(|i| format!("b{i}")).collect();
+    let resources: String =
+        names.iter().map(|name| format!("\"{name}\": Buffer(stride: 4, count: 64), ")).collect();
+    let graph = format!(
+        "Graph(version: 1, summary: \"one\", output: \"image\",
+            resources: {{ {resources} \"image\": Image(format: \"rgba8\", size: (64, 1)) }},
+            passes: [
+                {fills}
+                Dispatch(name: \"paint\", shader: \"paint.comp\", size: Threads(64), push: {{ \"at\": 3 }},
+                    bind: {{ {binds} \"image\": \"image\" }}),
+            ],
+        )",
+        fills = names
+            .iter()
+            .map(|name| format!("Fill(name: \"fill {name}\", buffer: \"{name}\", value: 0),"))
+            .collect::<String>(),
+        binds =
+            names.iter().enumerate().map(|(i, name)| format!("\"B{i}\": \"{name}\", ")).collect::<String>(),
+    );
+    let memory =
+        [("pipelines/one.ron".to_string(), graph), ("shaders/paint.comp".to_string(), shader.to_string())];
+    let mut files = SourceMap::new(Library { memory: memory.into(), ..Library::default() });
+    let device = DeviceFacts {
+        subgroup_size: 32,
+        max_storage_bytes: 1 << 27,
+        max_groups_x: 65_535,
+        max_groups_y: 65_535,
+        max_groups_z: 65_535,
+        shared_bytes: 32 << 10,
+        max_invocations: 1024,
+        rounds_half: true,
+        features: Features::all(),
+    };
+    let (facts, catalog) = (device.into(), Catalog::default());
+    let request =
+        Request { graph: "one", set: &[], grown: &[], facts: &facts, catalog: &catalog, share_memory: true };
+    build(&request, &mut files, &mut Glslang::default())
+        .unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)))
+}
+
+/// A shader that reads `buffers` buffers, whose bindings go downwards, and one that it declares alone.
+fn shader(buffers: usize, size: &str) -> String {
+    let blocks: String = (0..buffers)
+        .map(|i| format!("layout(binding = {}, std430) buffer B{i} {{ uint b{i}[]; }};\n", 60 - i))
+        .collect();
+    let sum: String = (0..buffers).map(|i| format!(" + b{i}[at]{size}")).collect();
+    format!(
+        "#version 460
+        #extension GL_KHR_shader_subgroup_basic : require
+        layout(local_size_x = 64) in;
+        layout(push_constant) uniform Push {{ uint at; }};
+        layout(binding = 61, std430) buffer Unused {{ uint unused[]; }};
+        {blocks}
+        layout(binding = 1, rgba8) writeonly uniform image2D image;
+        void main() {{
+            imageStore(image, ivec2(gl_GlobalInvocationID.x, 0), vec4(gl_SubgroupSize{sum}));
+        }}"
+    )
+}
+
+fn msl(plan: &Plan) -> &Msl {
+    plan.shaders[0].msl.as_ref().expect("translated")
+}
+
+#[test]
+fn buffers_are_numbered_by_their_bindings_then_push_constants_then_sizes_and_textures_apart() {
+    let mut plan = plan(&shader(2, " + uint(b0.length())"), 2);
+    add_msl(&mut plan).expect("translated");
+    let msl = msl(&plan);
+    let places: Vec<_> = msl.arguments.iter().map(|a| (a.binding, a.texture, a.index)).collect();
+    assert_eq!(places, [(1, true, 0), (59, false, 0), (60, false, 1)]);
+    assert_eq!((msl.push, msl.sizes, msl.entry.as_str()), (Some(2), Some(3), "main0"));
+    for argument in [
+        "device B1& ",
+        "device B0& ",
+        "constant Push& ",
+        "constant uint* spvBufferSizeConstants [[buffer(3)]]",
+    ] {
+        assert!(msl.source.contains(argument), "no `{argument}` in\n{}", msl.source);
+    }
+    assert!(!msl.source.contains("Unused&"), "{}", msl.source);
+}
+
+#[test]
+fn the_width_of_simd_groups_is_a_constant_of_the_text() {
+    let mut plan = plan(&shader(1, ""), 1);
+    add_msl(&mut plan).expect("translated");
+    assert!(msl(&plan).source.contains("gl_SubgroupSize = 32;"), "{}", msl(&plan).source);
+}
+
+#[test]
+fn translations_of_equal_plans_are_equal() {
+    let text = |mut plan: Plan| {
+        add_msl(&mut plan).expect("translated");
+        msl(&plan).clone()
+    };
+    assert_eq!(text(plan(&shader(5, ""), 5)), text(plan(&shader(5, ""), 5)));
+}
+
+#[test]
+fn thirty_buffers_and_push_constants_are_translated_and_one_more_is_refused_by_its_name() {
+    add_msl(&mut plan(&shader(30, ""), 30)).expect("translated");
+    let errors = add_msl(&mut plan(&shader(31, ""), 31)).expect_err("one too many");
+    let texts: Vec<String> = errors.iter().map(MslError::to_string).collect();
+    assert_eq!(
+        texts,
+        [
+            "the shader `paint.comp` cannot be translated to Metal's language: expected at most 31 buffers, push constants \
+          among them, found 32"
+        ]
+    );
+}
+
+#[test]
+fn sizes_take_the_place_of_a_buffer() {
+    let errors = add_msl(&mut plan(&shader(30, " + uint(b0.length())"), 30)).expect_err("one too many");
+    assert!(errors[0].problem.ends_with("found 32"), "{errors:?}");
+}
+
+/// SPIRV-Cross throws, and the program goes on.
+#[test]
+fn what_is_no_spirv_is_an_error_with_the_shaders_name() {
+    let mut plan = plan(&shader(1, ""), 1);
+    let whole = plan.shaders[0].spirv.clone();
+    for broken in [vec![], vec![0; 8], whole[..whole.len() / 2].to_vec(), whole[5..].to_vec()] {
+        plan.shaders[0].spirv = Arc::new(broken);
+        let errors = add_msl(&mut plan).expect_err("no module");
+        assert_eq!(errors.len(), 1);
+        assert_eq!(errors[0].shader, "paint.comp");
+    }
+    plan.shaders[0].spirv = whole;
+    add_msl(&mut plan).expect("the plan itself is right");
+}

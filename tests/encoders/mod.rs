@@ -1,0 +1,155 @@
+//! The built-in graphs and the examples, lowered to Metal's encoders, fences and barriers.
+//!
+//! Nothing here needs a Mac. [`bound`] says how few encoders, waits and barriers there can be; the model of Metal's rules has to accept
+//! each list of encoders and to object to each that lacks a wait, an update, a barrier or a part of one.
+
+use splatgraph::builtin;
+use splatgraph::facts::{self, SceneFacts};
+use splatgraph::planner::Planner;
+use splatgraph::view::paint;
+use splatgraph_framework::dump::{self, EncoderTotals};
+use splatgraph_framework::ir::Facts;
+use splatgraph_framework::plan::Plan;
+use splatgraph_metal::barriers::{Division, Encoders, Encoding, FenceUse, encoders};
+use splatgraph_metal::dump::add_encoders;
+use splatgraph_metal::model::{Model, mutate};
+use std::io::Write;
+
+mod bound;
+
+fn say(text: &str) {
+    // Not by `eprintln!`, which is kept back in tests that pass.
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// The plans of all graphs in the repository, and of some values of parameters that add or move passes.
+fn plans(share_memory: bool) -> Vec<Plan> {
+    let mut planner = Planner::default();
+    let mut catalog = facts::nominal_catalog();
+    paint::offer(&mut catalog);
+    let plain: Facts = facts::facts(
+        &SceneFacts::NOMINAL,
+        &facts::portable_device(facts::USUAL_SUBGROUP_SIZE),
+        facts::DEFAULT_SIZE,
+    );
+    let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/gray_scott/graph.ron");
+    let graphs = builtin::names().into_iter().chain(splatgraph::bench::GRAPHS);
+    let graphs = graphs.chain([paint::GRAPH, example]).map(|graph| (graph, vec![]));
+    let varied = [
+        ("splat", vec![("key_map", "equalised"), ("key_bits", "16")]),
+        ("splat", vec![("sh_storage", "q8"), ("position_storage", "fixed16")]),
+        ("splat", vec![("sort", "false"), ("order_of", "last_frame")]),
+        ("splat", vec![("order_of", "last_frame"), ("blend", "front_to_back")]),
+        ("splat", vec![("sorter", "serial"), ("digit_bits", "11")]),
+    ];
+    planner.share_memory = share_memory;
+    let mut plan = |(graph, set): (&str, Vec<(&str, &str)>)| {
+        let set: Vec<(String, String)> = set.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
+        planner.plan(graph, &set, &plain, &catalog).unwrap_or_else(|error| panic!("{graph}: {error}"))
+    };
+    graphs.chain(varied).map(&mut plan).collect()
+}
+
+fn waits(encodings: &[Encoding]) -> usize {
+    encodings.iter().map(|encoding| encoding.waits.len()).sum()
+}
+
+fn barriers(encodings: &[Encoding]) -> usize {
+    encodings.iter().flat_map(|encoding| &encoding.passes).filter(|pass| pass.barrier.is_some()).count()
+}
+
+#[test]
+fn nothing_is_unordered_in_a_built_in_graph_on_metal_and_nothing_is_needless() {
+    let mut mutants = 0;
+    let mut wrong = Vec::new();
+    for plan in [true, false].into_iter().flat_map(plans) {
+        let model = Model::new(&plan);
+        for division in Division::ALL {
+            let encoders = encoders(&plan, division);
+            let what = |text: String| format!("{}, {division:?}: {text}", plan.name);
+            wrong.extend(model.objections(&encoders).iter().map(|found| what(found.describe(&plan))));
+            mutants += mutate::mutations(&encoders).len();
+            let needless = mutate::needless(&model, &encoders);
+            wrong
+                .extend(needless.iter().map(|m| what(format!("needless: {}", m.describe(&plan, &encoders)))));
+        }
+    }
+    say(&format!("metal: {mutants} mutants of built-in graphs"));
+    assert!(mutants > 1000, "only {mutants} mutants");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn no_built_in_graph_has_more_encoders_fences_or_barriers_on_metal_than_it_must_have() {
+    say(
+        "metal: graph, passes, encoders, fences, waits, updates, barriers of a frame; with an encoder for each pass",
+    );
+    let mut wrong = Vec::new();
+    for plan in plans(true) {
+        let counts = |Encoders { frame, fences, .. }: &Encoders| {
+            let updates: usize = frame.iter().map(|encoding| encoding.updates.len()).sum();
+            [frame.len(), *fences as usize, waits(frame), updates, barriers(frame)]
+        };
+        let [merged, apart] = Division::ALL.map(|division| encoders(&plan, division));
+        say(&format!(
+            "metal: {:22} {:3} {:3?} {:3?}",
+            plan.name.rsplit('/').next().unwrap_or_default(),
+            plan.frame.len(),
+            counts(&merged),
+            counts(&apart)
+        ));
+        let least = bound::Least::of(&plan);
+        let found = bound::Least {
+            encoders: merged.frame.len(),
+            fences: merged.fences as usize,
+            waits: waits(&merged.frame),
+            barriers: barriers(&merged.frame),
+        };
+        if found != least {
+            wrong.push(format!("{}: expected {least:?}, found {found:?}", plan.name));
+        }
+        // Metal's pages say of this alone that a fence can be used again.
+        let waits_first = |encoding: &Encoding| {
+            let waited = |update: &FenceUse| encoding.waits.iter().any(|wait| wait.fence == update.fence);
+            encoding.updates.iter().all(waited)
+        };
+        if !merged.frame.iter().all(waits_first) {
+            wrong.push(format!("{}: a fence is updated by an encoder that does not wait for it", plan.name));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn the_page_on_metal_shows_what_the_command_prints() {
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/metal.md");
+    let page = std::fs::read_to_string(page).expect("the page is there");
+    let mut missing = Vec::new();
+    let mut expect = |text: String| {
+        if !page.contains(&text) {
+            missing.push(text);
+        }
+    };
+    let shown = [builtin::names(), vec![paint::GRAPH]].concat();
+    let plans = plans(true);
+    for name in shown {
+        // The first plan of a name is that of its defaults.
+        let plan = plans.iter().find(|plan| plan.name == name).expect("it is one of them");
+        let dump = add_encoders(dump::dump(plan), plan);
+        let text = dump::encoders_text(&dump).expect("they were added");
+        let totals = dump.encoders.expect("they were added").frame_totals;
+        let EncoderTotals { encoders, fences, waits, barriers, .. } = totals;
+        let (passes, calls) = (plan.frame.len(), dump.totals.frame.calls);
+        expect(format!("| `{name}` | {passes} | {encoders} | {fences} | {waits} | {barriers} | {calls} |"));
+        if ["auto", "digit4"].contains(&name) {
+            let frame = plan.frame.iter().map(|step| plan.pass(step.pass).bindings.len());
+            let (updates, bindings) = (totals.updates, frame.sum::<usize>());
+            expect(format!("| {fences} ({waits}, {updates}) | {barriers} | {bindings} |"));
+            let (table, rest) = text.split_once("\nreasons\n").expect("both parts");
+            let (_, counts) = rest.split_once("\ncounts\n").expect("both parts");
+            expect(table.to_string());
+            expect(format!("\ncounts\n{counts}"));
+        }
+    }
+    assert!(missing.is_empty(), "docs/metal.md lacks\n{}", missing.join("\n"));
+}

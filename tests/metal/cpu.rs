@@ -1,0 +1,175 @@
+//! Executes the passes of a plan on the CPU, by kernels in Metal's language that clang compiled.
+
+use super::clang::{Call, Image, Library};
+use splatgraph_api::{FrameInputs, SceneData};
+use splatgraph_framework::ir::{Format, Groups, PassId, ResourceId, Shape, Source, Work};
+use splatgraph_framework::msl::MOST_BUFFERS;
+use splatgraph_framework::plan::Plan;
+use std::ptr::null_mut;
+
+/// The byte that memory holds before anything is written to it.
+pub const UNWRITTEN: u8 = 0xa5;
+
+/// Bytes that end where a page ends; the next one may not be touched.
+struct Memory {
+    mapping: *mut u8,
+    mapped: usize,
+    begin: *mut u8,
+    length: usize,
+}
+
+impl Memory {
+    fn new(length: usize) -> Memory {
+        const PAGE: usize = 64 << 10;
+        let mapped = length.next_multiple_of(PAGE) + PAGE;
+        let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS;
+        // SAFETY: new memory that nothing else has.
+        let mapping =
+            unsafe { libc::mmap(null_mut(), mapped, libc::PROT_READ | libc::PROT_WRITE, flags, -1, 0) };
+        assert!(mapping != libc::MAP_FAILED, "no memory");
+        let mapping = mapping.cast::<u8>();
+        // SAFETY: both are within the mapping.
+        let begin = unsafe {
+            assert_eq!(libc::mprotect(mapping.add(mapped - PAGE).cast(), PAGE, libc::PROT_NONE), 0);
+            mapping.add(mapped - PAGE - length)
+        };
+        let mut memory = Memory { mapping, mapped, begin, length };
+        memory.bytes_mut().fill(UNWRITTEN);
+        memory
+    }
+
+    fn bytes(&self) -> &[u8] {
+        // SAFETY: the mapping lives as long as this, and no kernel runs while it is borrowed.
+        unsafe { std::slice::from_raw_parts(self.begin, self.length) }
+    }
+
+    fn bytes_mut(&mut self) -> &mut [u8] {
+        // SAFETY: as above, and borrowed by one alone.
+        unsafe { std::slice::from_raw_parts_mut(self.begin, self.length) }
+    }
+}
+
+impl Drop for Memory {
+    fn drop(&mut self) {
+        // SAFETY: the mapping is this one's own.
+        unsafe { libc::munmap(self.mapping.cast(), self.mapped) };
+    }
+}
+
+/// A plan with memory of its own for every resource.
+pub struct Cpu<'a> {
+    plan: &'a Plan,
+    library: &'a Library,
+    memory: Vec<Memory>,
+}
+
+impl<'a> Cpu<'a> {
+    /// Fills the resources that the host owns; `plan` shares no memory.
+    pub fn new(plan: &'a Plan, library: &'a Library, scene: &dyn SceneData, inputs: &FrameInputs) -> Cpu<'a> {
+        let memory = plan.resources.iter().map(|resource| {
+            let mut memory = Memory::new(resource.bytes() as usize);
+            let bytes = memory.bytes_mut();
+            match &resource.source {
+                Source::Scene { attribute, plane } => {
+                    scene.write(attribute, *plane, 0, bytes).expect("the scene has it")
+                }
+                Source::Frame { uniform } => bytes.copy_from_slice(&inputs.uniforms[uniform]),
+                Source::Live => bytes.copy_from_slice(&inputs.live),
+                Source::HostBuffer { .. } => panic!("`{}` comes from the host", resource.name),
+                Source::Transient | Source::Readback => {}
+            }
+            memory
+        });
+        Cpu { plan, library, memory: memory.collect() }
+    }
+
+    /// Returns the contents of a resource.
+    pub fn bytes(&self, resource: ResourceId) -> &[u8] {
+        self.memory[resource.index()].bytes()
+    }
+
+    /// Replaces the contents of a resource.
+    pub fn set(&mut self, resource: ResourceId, bytes: &[u8]) {
+        self.memory[resource.index()].bytes_mut().copy_from_slice(bytes);
+    }
+
+    fn word(&self, resource: ResourceId, at: usize) -> u32 {
+        let bytes = self.bytes(resource)[at..at + 4].try_into().expect("four bytes");
+        u32::from_le_bytes(bytes)
+    }
+
+    /// Runs a pass; draws alone are left out, for which it returns false.
+    pub fn run(&mut self, pass: PassId, reversed: bool) -> Result<bool, String> {
+        let plan = self.plan;
+        let pass = plan.pass(pass);
+        let (shader, groups) = match &pass.work {
+            Work::Dispatch { shader, groups } => (plan.shader(*shader), groups),
+            Work::Fill { buffer, value } => {
+                let words = self.memory[buffer.index()].bytes_mut().chunks_exact_mut(4);
+                words.for_each(|word| word.copy_from_slice(&value.to_le_bytes()));
+                return Ok(true);
+            }
+            Work::Start { resource } => {
+                self.memory[resource.index()].bytes_mut().fill(0);
+                return Ok(true);
+            }
+            Work::Draw { .. } => return Ok(false),
+            Work::Export | Work::Host => return Ok(true),
+        };
+        let groups = match groups {
+            Groups::Direct(groups) => *groups,
+            Groups::Indirect { buffer, offset } => {
+                [0, 4, 8].map(|word| self.word(*buffer, *offset as usize + word))
+            }
+        };
+        let msl = shader.msl.as_ref().expect("translated");
+        let mut buffers = vec![null_mut(); MOST_BUFFERS as usize];
+        let mut images = Vec::new();
+        for argument in &msl.arguments {
+            let bound =
+                pass.bindings.iter().find(|b| (b.binding, b.element) == (argument.binding, argument.element));
+            let bound =
+                bound.unwrap_or_else(|| panic!("{}: nothing is bound to {argument:?}", pass.name)).resource;
+            let bytes = self.memory[bound.index()].begin;
+            match plan.resource(bound).shape {
+                Shape::Buffer { .. } => buffers[argument.index as usize] = bytes,
+                Shape::Image { format, width, height } => {
+                    let format = match format {
+                        Format::Rgba8Unorm => 0,
+                        Format::Rgba16Float => 1,
+                        Format::Rgba32Float => 2,
+                        other => panic!("no kernel here has images of {other:?}"),
+                    };
+                    images.resize(
+                        argument.index as usize + 1,
+                        Image { bytes: null_mut(), width: 0, height: 0, format: 0 },
+                    );
+                    images[argument.index as usize] = Image { bytes, width, height, format };
+                }
+            }
+        }
+        let mut push = Memory::new(pass.push.len());
+        push.bytes_mut().copy_from_slice(&pass.push);
+        if let Some(index) = msl.push {
+            buffers[index as usize] = push.begin;
+        }
+        assert!(msl.sizes.is_none(), "{}: no kernel here asks for the sizes of buffers", shader.name);
+        let call = Call {
+            buffers: &mut buffers,
+            images: &mut images,
+            groups,
+            size: shader.reflection.local_size,
+            lanes: plan_lanes(plan),
+            reversed,
+        };
+        self.library.run(shader, call).map(|()| true)
+    }
+}
+
+/// Returns the width of subgroups that a plan was built for.
+fn plan_lanes(plan: &Plan) -> u32 {
+    match plan.facts["device.subgroup_size"] {
+        splatgraph_framework::ir::Value::Int(lanes) => lanes as u32,
+        ref other => panic!("a width of {other}"),
+    }
+}

@@ -1,0 +1,2 @@
+// The types of simd/simd.h are in metal_stdlib here.
+#include <metal_stdlib>

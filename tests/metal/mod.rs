@@ -1,0 +1,55 @@
+//! The shaders in Metal's language, without a Mac: they compile as C++, and kernels run on the CPU and give lavapipe's bytes.
+//!
+//! `include/` declares the part of Metal's library that the shaders use, and `machine.cpp` runs threadgroups. [`clang`] compiles,
+//! [`cpu`] executes the passes of a plan, [`parity`] compares them with lavapipe's. docs/metal.md says what this proves.
+
+mod clang;
+mod cpu;
+mod parity;
+mod pictures;
+mod sorts;
+mod texts;
+
+use crate::common;
+use splatgraph_framework::ir::{Msl, Shader};
+use splatgraph_framework::msl::add_msl;
+use splatgraph_framework::plan::Plan;
+use splatgraph_vulkan::{Validation, Vulkan};
+use std::sync::Arc;
+
+/// The device that gives the expected bytes. Other tests hold the same plans against the validation layers.
+fn lavapipe() -> Vulkan {
+    Vulkan::open(&common::options(Validation::Off)).unwrap_or_else(|e| panic!("the tests need lavapipe: {e}"))
+}
+
+/// Runs `body` alone in a process, since kernels can end it; `./x test --long` runs it at lavapipe's other widths of subgroups, too.
+fn at_every_width_of_lavapipe(test: &str, body: impl FnOnce()) {
+    common::alone(test, body);
+    if common::long() && common::lanes_are_usual() && std::env::var_os(common::ALONE).is_none() {
+        for bits in [128, 512] {
+            common::again_with_vectors_of(bits, test);
+        }
+    }
+}
+
+fn owned(set: &[(&str, &str)]) -> Vec<(String, String)> {
+    set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect()
+}
+
+fn translated(mut plan: Plan) -> Plan {
+    add_msl(&mut plan).unwrap_or_else(|errors| panic!("{}: {errors:?}", plan.name));
+    plan
+}
+
+fn shaders<'a>(plans: impl IntoIterator<Item = &'a Plan>) -> Vec<&'a Shader> {
+    plans.into_iter().flat_map(|plan| &plan.shaders).collect()
+}
+
+/// Replaces a piece of a shader's text.
+fn change(plan: &mut Plan, shader: &str, from: &str, to: &str) {
+    let shader = plan.shaders.iter_mut().find(|s| s.name == shader).expect("a shader");
+    let msl = shader.msl.as_ref().expect("translated");
+    assert!(msl.source.contains(from), "no `{from}` in\n{}", msl.source);
+    let source = msl.source.replace(from, to);
+    shader.msl = Some(Arc::new(Msl { source, ..Msl::clone(msl) }));
+}

@@ -1,0 +1,220 @@
+//! The kernels that draw: tiles in both variants, and all of the quads but their draw.
+
+use super::clang::Library;
+use super::cpu::Cpu;
+use super::parity::{Loose, compare};
+use super::{at_every_width_of_lavapipe, lavapipe, owned, shaders, translated};
+use crate::common;
+use splatgraph::camera;
+use splatgraph::facts::{self, SceneFacts};
+use splatgraph::planner::Planner;
+use splatgraph_api::{Device, FrameInputs, SceneData};
+use splatgraph_assets::{Camera, Scene, synth};
+use splatgraph_framework::ir::DeviceFacts;
+use splatgraph_framework::plan::Plan;
+use std::path::Path;
+
+const SIZE: (u32, u32) = (160, 90);
+
+/// A scene as a device asks for it.
+struct Planes<'a>(&'a Scene);
+
+impl SceneData for Planes<'_> {
+    fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
+        self.0.write_attribute(attribute, plane, offset, target)
+    }
+
+    fn identity(&self) -> u64 {
+        self.0.identity()
+    }
+}
+
+/// A small scene, and plans that draw it, without shared memory.
+struct Stage {
+    scene: Scene,
+    camera: Camera,
+    planner: Planner,
+}
+
+impl Stage {
+    fn new() -> Stage {
+        let scene = synth::generate("demo", 2_000, 0).expect("a scene");
+        let camera = synth::demo_cameras().swap_remove(0).resized(SIZE.0, SIZE.1);
+        let mut planner = Planner::default();
+        planner.share_memory = false;
+        Stage { scene, camera, planner }
+    }
+
+    fn plan(&mut self, graph: &str, set: &[(&str, &str)], device: &DeviceFacts) -> Plan {
+        let facts = facts::facts(&SceneFacts::of(&self.scene), device, SIZE);
+        let plan = self.planner.plan(graph, &owned(set), &facts, &facts::catalog(&self.scene));
+        translated(plan.unwrap_or_else(|error| panic!("{graph}, {set:?}: {error}")))
+    }
+
+    fn inputs(&self, plan: &Plan) -> FrameInputs {
+        FrameInputs {
+            uniforms: camera::frame_uniforms(&self.camera, &self.scene.bounds(), [0.1, 0.2, 0.3], 0),
+            live: plan.live_bytes(),
+            ..FrameInputs::default()
+        }
+    }
+
+    /// Executes a plan on the CPU alone. Returns the bytes of its output; where it draws, of what it draws.
+    fn run(&self, plan: &Plan, library: &Library, reversed: bool) -> Vec<u8> {
+        let mut cpu = Cpu::new(plan, library, &Planes(&self.scene), &self.inputs(plan));
+        for step in plan.prologue.iter().chain(&plan.frame) {
+            let pass = plan.pass(step.pass);
+            let ran = cpu.run(step.pass, reversed).unwrap_or_else(|error| panic!("{}: {error}", pass.name));
+            if !ran {
+                // Its arguments count the blocks of the sort, too, which depend on the device.
+                let drawn = pass.bindings.iter().filter(|bound| bound.name != "Args");
+                return drawn.flat_map(|bound| cpu.bytes(bound.resource).to_vec()).collect();
+            }
+        }
+        cpu.bytes(plan.output).to_vec()
+    }
+}
+
+/// The kernels that GPUs take and those of CPUs, in all forms of their parameters.
+const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
+    ("tiled", &[CELLS, SUBGROUP, ROOM]),
+    ("tiled", &[CELLS, SUBGROUP, ROOM, ("segment", "64"), ("pair_bits", "18")]),
+    ("tiled", &[ROOM, ("sh_storage", "q8"), ("position_storage", "fixed16")]),
+    ("tiled_exact", &[CELLS, SUBGROUP, ROOM]),
+    ("tiled_exact", &[ROOM, ("key_map", "equalised"), ("key_bits", "20")]),
+    ("splat", &[SUBGROUP, ("covariance", "factored"), ("key_map", "linear"), ("key_bits", "16")]),
+    (
+        "splat",
+        &[
+            SUBGROUP,
+            ("covariance", "half"),
+            ("key_map", "logarithmic"),
+            ("key_bits", "16"),
+            ("target", "rgba8"),
+        ],
+    ),
+    ("splat", &[SUBGROUP, ("low_pass", "compensated"), ("cull_margin", "0.1"), ("key_map", "equalised")]),
+    ("splat", &[("low_pass", "none"), ("target", "rgba16f"), ("digit_bits", "11")]),
+];
+const CELLS: (&str, &str) = ("rasteriser", "cells");
+const SUBGROUP: (&str, &str) = ("sorter", "subgroup");
+const ROOM: (&str, &str) = ("entries", "20000");
+
+/// What exp2(), log2() and log() make of the shipped kernels' results. lavapipe's are polynomials with errors of some 1e-7, those of the
+/// C library are rounded almost rightly, and a Mac's will be others again.
+const POWERS: [Loose; 4] = [
+    // The reach of a splat is a root of a logarithm.
+    Loose { resource: "splats", words: (8, &[6]), halves: false, by: 1e-6 },
+    // The logarithm of the opacity, in both forms of a record.
+    Loose { resource: "records", words: (4, &[1]), halves: false, by: 1e-6 },
+    // Sums of colours times opacities, which are powers: half floats near 1 are 5e-4 apart.
+    Loose { resource: "sums", words: (1, &[0]), halves: true, by: 1e-3 },
+    Loose { resource: "final", words: (1, &[0]), halves: false, by: 1e-5 },
+];
+
+/// Compares these graphs of a folder, or those that are built in.
+fn compare_all(folder: &str, graphs: &[(&str, &[(&str, &str)])], loose: &[Loose]) {
+    let (mut stage, mut device) = (Stage::new(), lavapipe());
+    let facts = device.info().facts;
+    let plans: Vec<Plan> =
+        graphs.iter().map(|(graph, set)| stage.plan(&format!("{folder}{graph}"), set, &facts)).collect();
+    let library = Library::new(&shaders(&plans));
+    for (plan, (graph, set)) in std::iter::zip(&plans, graphs) {
+        let found = compare(&mut device, &library, plan, &Planes(&stage.scene), &stage.inputs(plan), loose);
+        println!(
+            "{graph}, {set:?}: {} kernels, {} words equal, {} near",
+            found.kernels, found.equal, found.near
+        );
+        // So that nothing is allowed that is not needed.
+        assert_eq!(found.near > 0, !loose.is_empty(), "{graph}, {set:?}");
+    }
+}
+
+#[test]
+fn shipped_kernels_give_the_words_of_lavapipe_but_for_powers_and_logarithms() {
+    common::alone(
+        "metal::pictures::shipped_kernels_give_the_words_of_lavapipe_but_for_powers_and_logarithms",
+        || {
+            compare_all("", &[GRAPHS[0], GRAPHS[3], GRAPHS[8]], &POWERS);
+        },
+    );
+}
+/// exp2() and log2() written out. What they compute matters little; both sides compute it in the same order.
+const WRITTEN_OUT: &str = "
+float written_exp2(float x) {
+    float c = clamp(x, -126.0, 127.0);
+    float whole = floor(c + 0.5);
+    float f = c - whole;
+    float power = 1.0 + f * (0.6931472 + f * (0.2402265 + f * (0.0555041 + f * (0.0096181 + f * 0.0013334))));
+    return x < -126.0 ? 0.0 : power * intBitsToFloat((int(whole) + 127) << 23);
+}
+float written_log2(float x) {
+    int bits = floatBitsToInt(x);
+    float m = intBitsToFloat((bits & 0x7fffff) | 0x3f800000);
+    float t = (m - 1.0) / (m + 1.0);
+    return float((bits >> 23) - 127) + 2.885390 * t * (1.0 + t * t * (0.3333333 + t * t * (0.2 + t * t * 0.1428571)));
+}
+#define exp2(x) written_exp2(x)
+#define log2(x) written_log2(x)
+#define log(x) (0.6931472 * written_log2(x))
+";
+
+/// Copies the shipped graphs and shaders to `to`, with [`WRITTEN_OUT`] in every compute shader.
+fn write_out(to: &Path) {
+    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    for folder in ["pipelines", "shaders", "shaders/sort", "shaders/tiles"] {
+        std::fs::create_dir_all(to.join(folder)).expect("a folder");
+        for entry in std::fs::read_dir(from.join(folder)).expect("the shipped files").flatten() {
+            let path = entry.path();
+            let Ok(mut text) = std::fs::read_to_string(&path) else { continue };
+            if path.extension().is_some_and(|e| e == "comp") {
+                // Extensions come before everything else.
+                let last = text
+                    .lines()
+                    .filter(|line| line.starts_with('#'))
+                    .take_while(|line| line.starts_with("#version") || line.starts_with("#extension"));
+                let at = text.find(last.last().expect("a version")).expect("it is there");
+                let end = at + text[at..].find('\n').expect("a line");
+                text.insert_str(end, WRITTEN_OUT);
+            }
+            std::fs::write(to.join(folder).join(entry.file_name()), text).expect("written");
+        }
+    }
+}
+
+#[test]
+fn kernels_with_their_powers_and_logarithms_written_out_give_every_byte_of_lavapipe() {
+    const NAME: &str =
+        "metal::pictures::kernels_with_their_powers_and_logarithms_written_out_give_every_byte_of_lavapipe";
+    at_every_width_of_lavapipe(NAME, || {
+        let folder = tempfile::tempdir().expect("a folder");
+        write_out(folder.path());
+        compare_all(&format!("{}/pipelines/", folder.path().display()), &GRAPHS, &[]);
+    });
+}
+
+/// SIMD-groups of Macs have 32 threads, more than lavapipe's. Neither their width nor the order in which they and their lanes take turns
+/// changes a result.
+#[test]
+fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads() {
+    const NAME: &str = "metal::pictures::kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads";
+    common::alone(NAME, || {
+        let mut stage = Stage::new();
+        for (graph, set) in [GRAPHS[1], GRAPHS[3], GRAPHS[7]] {
+            let widths = [facts::portable_device(8), facts::apple_device(), facts::portable_device(64)];
+            let plans = widths.map(|device| stage.plan(graph, set, &device));
+            let library = Library::new(&shaders(&plans));
+            let expected = stage.run(&plans[0], &library, false);
+            for (plan, device) in std::iter::zip(&plans, widths) {
+                for reversed in [false, true] {
+                    let found = stage.run(plan, &library, reversed);
+                    let lanes = device.subgroup_size;
+                    assert!(
+                        found == expected,
+                        "{graph}, {set:?}, {lanes} lanes, reversed {reversed}: other bytes"
+                    );
+                }
+            }
+        }
+    });
+}

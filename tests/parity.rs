@@ -1,0 +1,92 @@
+//! One picture by every backend: the same plans draw the same on each API, within a stated bound.
+//!
+//! Machines with two APIs are rare. So Vulkan's pictures, drawn by lavapipe, lie in `tests/parity/`, and each backend that the machine has
+//! draws the same and is held against them. Where Vulkan is there it keeps the pictures true; where Metal is, it is compared with
+//! Vulkan without a driver of Vulkan's.
+
+use splatgraph::backend::{Api, Backend, Validation};
+use splatgraph::image::Image;
+use splatgraph::metrics;
+use splatgraph::session::{FrameOptions, Session, image_of};
+use splatgraph_assets::{Scene, synth};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::common;
+
+/// Width and height of the pictures.
+const SIZE: (u32, u32) = (192, 108);
+/// Splats of the scene.
+const SPLATS: u32 = 20_000;
+/// Quads in both orders of blending, and tiles.
+const PRESETS: [&str; 3] = ["splat", "front_to_back", "tiled"];
+
+/// The bound: decibels of PSNR at least, and steps of 8 bits at most in any channel of any pixel.
+///
+/// Pictures on disk have 8 bits, which alone costs half a step, 59 dB. APIs may differ in the last bits of exponentials, and in how
+/// half-float targets round, once per splat that is blended.
+const LEAST_DB: f64 = 50.0;
+const MOST_STEPS: f32 = 3.0;
+
+/// Set to draw the pictures anew.
+const WRITE: &str = "SPLATGRAPH_WRITE_PARITY";
+
+fn stored(preset: &str) -> PathBuf {
+    PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/parity")).join(format!("{preset}.png"))
+}
+
+fn draw(api: Api, scene: &Arc<Scene>, preset: &str) -> Image {
+    let mut options = common::options(Validation::Synchronization);
+    if api != Api::default() {
+        options.device = None;
+    }
+    let device = Backend::open(api, &options).unwrap_or_else(|error| panic!("{api}: {error}"));
+    let mut session: Session<Backend> = Session::new(device, scene.clone(), preset, &[]);
+    let camera = synth::demo_cameras().swap_remove(0).resized(SIZE.0, SIZE.1);
+    session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{preset}: {error}"));
+    let frame = session.submit(&camera, &FrameOptions { read_output: true, ..FrameOptions::default() });
+    let result = session.wait(frame.expect("submitted")).expect("drawn");
+    common::assert_silent(session.device(), preset);
+    image_of(&result.output.expect("asked for")).expect("colours")
+}
+
+fn worst(a: &Image, b: &Image) -> f32 {
+    let channels = a.rgb.iter().flatten().zip(b.rgb.iter().flatten());
+    channels.map(|(a, b)| (a.clamp(0.0, 1.0) - b.clamp(0.0, 1.0)).abs() * 255.0).fold(0.0, f32::max)
+}
+
+fn has(api: Api) -> bool {
+    api.devices().is_ok_and(|devices| devices.iter().any(|device| device.unfit.is_none()))
+}
+
+#[test]
+fn every_backend_of_the_machine_draws_the_pictures_of_vulkan() {
+    const TEST: &str = "every_backend_of_the_machine_draws_the_pictures_of_vulkan";
+    let scene = Arc::new(synth::generate("demo", SPLATS, 0).expect("the scene is generated"));
+    let drawing = Api::ALL.into_iter().filter(|api| *api != Api::Null);
+    let (there, missing): (Vec<Api>, Vec<Api>) = drawing.partition(|api| has(*api));
+    assert!(there.contains(&Api::default()), "the machine has no device that draws");
+    for api in &missing {
+        common::not_run(TEST, &format!("a device of {api}, for its part"));
+    }
+    if !Api::ALL.iter().any(|api| api.name() == "metal") {
+        common::not_run(TEST, "a Mac, for Metal's part");
+    }
+    for preset in PRESETS {
+        if std::env::var_os(WRITE).is_some() {
+            draw(Api::Vulkan, &scene, preset).save(&stored(preset)).expect("it is written");
+        }
+        let expected = Image::load(&stored(preset)).expect("a picture of Vulkan's");
+        for api in &there {
+            let drawn = draw(*api, &scene, preset);
+            let found = metrics::compare(&drawn.clone().clamped(), &expected).expect("of one size").psnr();
+            let steps = worst(&drawn, &expected);
+            println!("{preset} by {api}: {found:.1} dB, at most {steps:.2} steps of 8 bits");
+            assert!(
+                found >= LEAST_DB && steps <= MOST_STEPS,
+                "{preset} by {api}: expected {LEAST_DB} dB and at most {MOST_STEPS} steps of 8 bits, found {found:.1} dB and \
+                 {steps:.2} (after a change of the preset, draw Vulkan's anew: {WRITE}=1)"
+            );
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! The walk that the Metal backend takes over a plan's encoders makes exactly the encoders that the model of Metal's rules accepts.
+//!
+//! The half of the backend that calls Metal does what the walk says, one call for each move. So the moves of a few frames of every
+//! built-in graph are put together to encoders again, and held against the data.
+
+use splatgraph::builtin;
+use splatgraph::facts::{self, SceneFacts};
+use splatgraph::planner::Planner;
+use splatgraph_framework::ir::PassId;
+use splatgraph_framework::plan::{Plan, Step};
+use splatgraph_metal::barriers::{Division, EncodedPass, Encoders, Encoding};
+use splatgraph_metal::walk::{Move, Walk, Walked};
+
+/// Walks a frame and submits it. Returns its encoders, and the number of encoders before the prologue was handed over.
+fn walked_frame(walked: &mut Walked, steps: &[&Step], timed: bool) -> (Vec<Encoding>, Option<usize>) {
+    let (mut walk, mut found, mut handover) = (Walk::default(), Vec::new(), None);
+    let mut open: Option<Encoding> = None;
+    walk.begin();
+    let mut follow = |moves: &mut Vec<Move>, pass: Option<PassId>| {
+        let mut barrier = None;
+        for step in moves.drain(..) {
+            let encoding = open.as_mut();
+            match (step, encoding) {
+                (Move::Open(kind), None) => {
+                    open = Some(Encoding { kind, waits: vec![], passes: vec![], updates: vec![] });
+                }
+                (Move::Wait(fence), Some(encoding)) => encoding.waits.push(fence),
+                (Move::Barrier(memory), Some(_)) => barrier = Some(memory),
+                (Move::Update(fence), Some(encoding)) => encoding.updates.push(fence),
+                (Move::Close, Some(_)) => found.extend(open.take()),
+                (Move::HandOver, None) => handover = Some(found.len()),
+                (step, _) => panic!("{step:?} after {found:?}"),
+            }
+        }
+        if let (Some(pass), Some(encoding)) = (pass, &mut open) {
+            encoding.passes.push(EncodedPass { barrier, pass });
+        }
+    };
+    let mut moves = Vec::new();
+    for step in steps {
+        walk.pass(walked, step.pass, timed, &mut moves);
+        // The host's step moves nothing, and is in no encoder.
+        let encoders = walked.encoders(if timed { Division::Passes } else { Division::Merged });
+        let all = encoders.prologue.iter().chain(&encoders.frame).flat_map(|encoding| &encoding.passes);
+        let encoded = all.map(|pass| pass.pass).any(|pass| pass == step.pass);
+        follow(&mut moves, encoded.then_some(step.pass));
+    }
+    walk.end(walked, &mut moves);
+    follow(&mut moves, None);
+    walked.submitted(&walk);
+    (found, handover)
+}
+
+/// Removes waits for fences that nothing has updated, encoder by encoder.
+fn expected(encodings: &[Encoding], updated: &mut [bool]) -> Vec<Encoding> {
+    let mut all = encodings.to_vec();
+    for encoding in &mut all {
+        encoding.waits.retain(|wait| updated[wait.fence as usize]);
+        encoding.updates.iter().for_each(|update| updated[update.fence as usize] = true);
+    }
+    all
+}
+
+fn plans() -> Vec<Plan> {
+    let mut planner = Planner::default();
+    let catalog = facts::nominal_catalog();
+    let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+    let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+    let plan =
+        |name| planner.plan(name, &[], &facts, &catalog).unwrap_or_else(|error| panic!("{name}: {error}"));
+    builtin::names().into_iter().map(plan).collect()
+}
+
+#[test]
+fn the_walk_over_every_built_in_graph_makes_the_encoders_that_were_proven() {
+    for plan in plans() {
+        for (division, timed) in [(Division::Merged, false), (Division::Passes, true)] {
+            let mut walked = Walked::new(&plan);
+            let Encoders { prologue, frame, handover, fences } = walked.encoders(division).clone();
+            let mut updated = vec![false; fences as usize];
+            let (first, frames): (Vec<&Step>, Vec<&Step>) =
+                (plan.prologue.iter().chain(&plan.frame).collect(), plan.frame.iter().collect());
+            let (found, handed_over) = walked_frame(&mut walked, &first, timed);
+            let wanted = expected(&[&prologue[..], &frame[..]].concat(), &mut updated);
+            assert_eq!(found, wanted, "{}, {division:?}: the first frame", plan.name);
+            let hands_over = handover && !prologue.is_empty();
+            assert_eq!(handed_over, hands_over.then_some(prologue.len()), "{}, {division:?}", plan.name);
+            for number in 2..4 {
+                let (found, handed_over) = walked_frame(&mut walked, &frames, timed);
+                let wanted = expected(&frame, &mut updated);
+                assert_eq!(found, wanted, "{}, {division:?}: frame {number}", plan.name);
+                assert_eq!(handed_over, None);
+            }
+            // By now every fence of the frame was updated: no wait is left out.
+            assert_eq!(walked_frame(&mut walked, &frames, timed).0, frame, "{}, {division:?}", plan.name);
+        }
+    }
+}
