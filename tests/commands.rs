@@ -4,6 +4,8 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use crate::common;
+
 fn splatgraph(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_splatgraph"))
         .args(args)
@@ -33,32 +35,30 @@ fn scene() -> tempfile::TempDir {
 #[test]
 fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
     let folder = scene();
-    let text = done(
-        folder.path(),
-        &[
-            "render",
-            "scene.ply",
-            "--pipeline",
-            "splat",
-            "--cameras",
-            "cameras.json",
-            "--size",
-            "160x90",
-            "--format",
-            "npy",
-            "-o",
-            "out",
-            "--json",
-            "stats.json",
-            "--inspect",
-            "keys@scatter",
-            "--inspect",
-            "order@scatter=order.npy",
-            "--device",
-            "llvmpipe",
-            "--validate",
-        ],
-    );
+    let mut args = vec![
+        "render",
+        "scene.ply",
+        "--pipeline",
+        "splat",
+        "--cameras",
+        "cameras.json",
+        "--size",
+        "160x90",
+        "--format",
+        "npy",
+        "-o",
+        "out",
+        "--json",
+        "stats.json",
+        "--inspect",
+        "keys@scatter",
+        "--inspect",
+        "order@scatter=order.npy",
+        "--validate",
+    ];
+    let device = common::device_option();
+    args.extend(device.as_deref());
+    let text = done(folder.path(), &args);
     assert!(!text.contains("not monotonic"), "the keys are not sorted:\n{text}");
     let stats: Value =
         serde_json::from_str(&std::fs::read_to_string(folder.path().join("stats.json")).expect("written"))
@@ -325,7 +325,9 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
     .expect("writable");
     let draw = |pipeline: &str| {
         let args = ["render", "scene.ply", "-p", pipeline, "-c", "cameras.json#0", "--size", "64x36"];
-        let args = [&args[..], &["--json", "stats.json", "--device", "llvmpipe"]].concat();
+        let device = common::device_option();
+        let args = [&args[..], &["--json", "stats.json"]].concat();
+        let args: Vec<&str> = args.into_iter().chain(device.as_deref()).collect();
         let output = splatgraph(folder.path(), &args);
         let errors = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(output.status.success(), "{errors}");

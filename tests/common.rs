@@ -30,6 +30,11 @@ pub fn options(validation: Validation) -> Options {
     Options { device, validation, ..Options::default() }
 }
 
+/// The option that chooses the same device for the program.
+pub fn device_option() -> Option<String> {
+    options(Validation::Off).device.map(|device| format!("--device={device}"))
+}
+
 /// Set in the processes that [`again_with_vectors_of`] starts.
 const EXPECTED_LANES: &str = "SPLATGRAPH_EXPECT_LANES";
 

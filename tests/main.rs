@@ -11,6 +11,8 @@
 mod advise;
 #[cfg(target_os = "linux")]
 mod bench;
+#[cfg(target_os = "linux")]
+mod builtin;
 mod commands;
 mod common;
 mod covariance;

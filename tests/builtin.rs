@@ -1,0 +1,65 @@
+//! The Metal backend's own kernels and functions are valid, as C++ against the header of `tests/metal/`.
+//!
+//! That header has what shaders use, and images of windows are none of it: the few calls that these need besides are declared here.
+
+use std::io::Write;
+use std::process::{Command, Stdio};
+
+const SOURCE: &str = include_str!("../backends/metal/src/builtin.metal");
+
+/// Images that are asked for their size, written in their own type, and sampled, after Apple's "Metal Shading Language Specification", 6.12.
+const WINDOW: &str = "
+#include <metal_stdlib>
+namespace metal {
+struct sampler {};
+template<typename T, access A = access::sample> struct window_texture {
+    uint get_width() const;
+    uint get_height() const;
+    void write(vec<T, 4> colour, uint2 at) const;
+    vec<T, 4> sample(sampler pixels, float2 at) const;
+};
+}
+#define texture2d window_texture
+";
+
+/// Compiles a text as C++. Returns the compiler's messages if it is not valid.
+fn compile(text: &str) -> Result<(), String> {
+    let include = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/metal/include");
+    let flags = [
+        "-std=c++17",
+        "-Xclang",
+        "-cl-single-precision-constant",
+        "-Wno-unknown-attributes",
+        "-fsyntax-only",
+    ];
+    let mut clang = Command::new("clang++")
+        .args(flags)
+        .args(["-Wall", "-Wextra", "-Werror", "-Wno-unused", "-I", include, "-x", "c++", "-"])
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("this test needs clang++ (on Debian and Ubuntu the package clang)");
+    clang.stdin.take().expect("it is piped").write_all(text.as_bytes()).expect("it reads");
+    let output = clang.wait_with_output().expect("it ends");
+    if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
+}
+
+#[test]
+fn the_backends_own_kernels_are_valid_cpp() {
+    let text = format!("{WINDOW}{SOURCE}");
+    if let Err(messages) = compile(&text) {
+        panic!("{messages}");
+    }
+    // A mistake in a type would be found.
+    let wrong = text.replace("target.write(uint4(0), pixel)", "target.write(pixel, uint4(0))");
+    assert_ne!(wrong, text);
+    assert!(compile(&wrong).is_err());
+}
+
+#[test]
+fn the_backend_finds_every_function_that_it_names() {
+    for name in ["fill_words", "clear_floats", "clear_words", "show_corner", "show_pixel"] {
+        let found = SOURCE.lines().filter(|line| line.contains(&format!(" {name}("))).count();
+        assert_eq!(found, 1, "{name}");
+    }
+}
