@@ -33,7 +33,7 @@ uint bin_of_tile(uvec2 tile) {
     return (tile.y / BIN_TILES) * uint(BINS_X) + tile.x / BIN_TILES;
 }
 
-// Returns 2^x for x from -126 to 127; anything for others. Relatively within 7.5e-5 of it, or within 2.5e-7 where records are 32-bit
+// Returns 2^x for x from -126 to 127; anything for others. Relatively within 2.8e-6 of it, or within 2.5e-7 where records are 32-bit
 // floats.
 float power_of_2(float x) {
     const float TO_INTEGER = 12582912.0;  // 1.5 2^23: a sum with it has no fraction
@@ -47,9 +47,10 @@ float power_of_2(float x) {
     p = p * f + 0.693146967;
     p = p * f + 1.00000007;
 #else
-    float p = 0.0551716594 * f + 0.24261114;
-    p = p * f + 0.693260989;
-    p = p * f + 0.999928073;
+    float p = 0.00957010079 * f + 0.0559178628;
+    p = p * f + 0.240247449;
+    p = p * f + 0.693121814;
+    p = p * f + 0.999999261;
 #endif
     return intBitsToFloat(floatBitsToInt(p) + (floatBitsToInt(rounded) << 23));
 }
