@@ -23,7 +23,7 @@ fn say(text: &str) {
 }
 
 /// The plans of all graphs in the repository, and of some values of parameters that add or move passes.
-fn plans(share_memory: bool) -> Vec<Plan> {
+pub fn plans(share_memory: bool) -> Vec<Plan> {
     let mut planner = Planner::default();
     let mut catalog = facts::nominal_catalog();
     paint::offer(&mut catalog);
