@@ -100,8 +100,9 @@ const CELLS: (&str, &str) = ("rasteriser", "cells");
 const SUBGROUP: (&str, &str) = ("sorter", "subgroup");
 const ROOM: (&str, &str) = ("entries", "20000");
 
-/// What exp2(), log2() and log() make of the shipped kernels' results. lavapipe's are polynomials with errors of some 1e-7, those of the
-/// C library are rounded almost rightly, and a Mac's will be others again.
+/// Bounds what exp2(), log2() and log() make of the shipped kernels' results.
+///
+/// lavapipe's are polynomials with errors of some 1e-7, those of the C library are rounded almost rightly, and a Mac's will be others again.
 const POWERS: [Loose; 4] = [
     // The reach of a splat is a root of a logarithm.
     Loose { resource: "splats", words: (8, &[6]), halves: false, by: 1e-6 },
@@ -193,8 +194,9 @@ fn kernels_with_their_powers_and_logarithms_written_out_give_every_byte_of_lavap
     });
 }
 
-/// SIMD-groups of Macs have 32 threads, more than lavapipe's. Neither their width nor the order in which they and their lanes take turns
-/// changes a result.
+/// Compares widths: SIMD-groups of Macs have 32 threads, more than lavapipe's.
+///
+/// Neither their width nor the order in which they and their lanes take turns changes a result.
 #[test]
 fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads() {
     const NAME: &str = "metal::pictures::kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads";
