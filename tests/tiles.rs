@@ -162,6 +162,33 @@ fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
 }
 
 #[test]
+fn needles_far_narrower_than_a_pixel_are_no_brighter_than_their_colour_in_serial_tiles() {
+    let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (160, 90));
+    // Digits of the golden ratio deal places and directions evenly.
+    let share = |at: usize, step: f64| (at as f64 * step).fract() as f32;
+    let scene = Scene::generate(1000, 0, |at| {
+        let [x, y, z] = [share(at, 0.618_034) - 0.5, share(at, 0.754_877_7) - 0.5, share(at, 0.569_840_3)];
+        let turn = std::f32::consts::TAU * share(at, 0.324_717_9);
+        Splat {
+            position: [4.0 * x, 2.0 * y, 2.0 + 2.0 * z],
+            scale: [0.3, 1e-6, 1e-6],
+            rotation: [(turn / 2.0).cos(), 0.0, 0.0, (turn / 2.0).sin()],
+            opacity: 0.9,
+            sh: std::array::from_fn(|i| if i < 3 { 1.0 } else { 0.0 }),
+        }
+    });
+    let scene = Arc::new(scene);
+    let draw = |rasteriser| {
+        let set = [("low_pass", "none"), ("rasteriser", rasteriser)];
+        draw_scene(scene.clone(), std::slice::from_ref(&camera), EXACT, [0.0; 3], &set)
+    };
+    let [cells, serial] = RASTERISERS.map(draw);
+    assert_close("needles", &serial, &cells, 60.0);
+    let least = serial[0].rgb.iter().flatten().copied().fold(f32::INFINITY, f32::min);
+    assert!(least >= 0.0, "a colour of {least}");
+}
+
+#[test]
 fn pictures_wider_than_256_bins_have_larger_ones() {
     let scene = Arc::new(synth::generate("demo", 3000, 0).expect("a scene"));
     let camera = synth::demo_cameras().swap_remove(0).resized(8200, 40);

@@ -33,7 +33,8 @@ uint bin_of_tile(uvec2 tile) {
     return (tile.y / BIN_TILES) * uint(BINS_X) + tile.x / BIN_TILES;
 }
 
-// Returns 2^x for x from -126 to 127; anything below -126. Relatively within 7.5e-5 of it, or within 7.5e-8 where records are 32-bit floats.
+// Returns 2^x for x from -126 to 127; anything for others. Relatively within 7.5e-5 of it, or within 2.5e-7 where records are 32-bit
+// floats.
 float power_of_2(float x) {
     const float TO_INTEGER = 12582912.0;  // 1.5 2^23: a sum with it has no fraction
     precise float rounded = x + TO_INTEGER;
@@ -101,20 +102,17 @@ void blend(inout vec4 sum, float power, vec3 colour, Limits limits) {
 
 // Blends a splat over the pixels of a block. `first` is the lane's pixel of the first vector, from the tile's first pixel.
 //
-// The power is a polynomial of the second degree in the row: from row to row it changes by a step, and the step by a constant.
+// u and v step from row to row, and not their squares: a power that is no sum of squares can be rounded to one far above 0.
 void blend_block(inout vec4 sums[VECTORS], Splat s, vec2 first, Limits limits) {
-    float v = s.at.y + s.root.z * first.y;
+    vec2 down = float(ROWS) * s.root.yz;
     [[unroll]] for (uint column = 0u; column < COLUMNS; column++) {
         float u = s.at.x + (s.root.x * (first.x + float(column * LANES)) + s.root.y * first.y);
-        float power = s.log_alpha - (u * u + v * v);
-        vec2 down = float(ROWS) * s.root.yz;
-        float bend = dot(down, down);
-        float change = -2.0 * (u * down.x + v * down.y) - bend;
+        float v = s.at.y + s.root.z * first.y;
         // Counted from 0, so that drivers unroll it.
         [[unroll]] for (uint i = 0u; i < VECTORS / COLUMNS; i++) {
-            blend(sums[i * COLUMNS + column], power, s.colour, limits);
-            power += change;
-            change -= 2.0 * bend;
+            blend(sums[i * COLUMNS + column], s.log_alpha - (u * u + v * v), s.colour, limits);
+            u += down.x;
+            v += down.y;
         }
     }
 }

@@ -68,7 +68,7 @@ impl Gpu for MetalGpu {
     }
 
     fn format_support(&self, format: Format) -> FormatSupport {
-        features::format_support(format)
+        features::format_support(format, self.filters_floats)
     }
 
     fn patience(&self) -> Duration {
@@ -142,7 +142,7 @@ impl Gpu for MetalGpu {
     }
 
     fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Timestamps>, BackendError> {
-        Timestamps::new(self, count).map(Some)
+        Ok(Some(Timestamps::new(self, count)))
     }
 
     fn read_timestamps(&self, timestamps: &Timestamps, count: u32) -> Result<Vec<Option<u64>>, BackendError> {

@@ -2,6 +2,8 @@
 //!
 //! The plan's order is not decided here: [`Walk`] says which encoder a pass belongs to, and what it waits for. An encoder is opened with
 //! the first of its commands, since only then are the targets of draws and the samples of times known.
+//!
+//! Every call has an autorelease pool of its own: what Metal leaves to the pool does not wait for the end of the thread.
 
 use crate::barriers::{EncoderKind, FenceUse};
 use crate::capture;
@@ -11,7 +13,7 @@ use crate::gpu::MetalGpu;
 use crate::lower::{self, CLEAR_THREADS, Stage};
 use crate::objc;
 use crate::pipelines::{Order, Pipeline, Pipelines};
-use crate::queue::{self, Timestamps};
+use crate::queue::{self, After, Timestamps};
 use crate::swapchain::Swapchain;
 use crate::walk::{Move, Walk};
 use metal::*;
@@ -38,9 +40,9 @@ pub struct Encoder {
     done: (SharedEvent, u64),
     /// Signalled and waited for in the midst of the commands.
     midst: (Event, u64),
-    /// Signalled when everything submitted before has completed; see [`queue::submit`].
-    others: (Event, u64),
-    /// The commands being recorded wait for `others`.
+    /// Signalled when what the commands wait for from their beginning has completed; see [`queue::submit`].
+    others: (SharedEvent, u64),
+    /// They wait for everything submitted before them, and not only for what was published.
     after_all: bool,
     /// All that is submitted later waits for them.
     publishes: bool,
@@ -81,7 +83,7 @@ impl Encoder {
             submitted: Vec::new(),
             done: (gpu.device.new_shared_event(), 0),
             midst: (gpu.device.new_event(), 0),
-            others: (gpu.device.new_event(), 0),
+            others: (gpu.device.new_shared_event(), 0),
             after_all: false,
             publishes: false,
             walk: Walk::default(),
@@ -101,6 +103,10 @@ impl Encoder {
 
     /// Submits what was recorded, and behind it the draw of the output into a window.
     pub(crate) fn submit(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
+        objc::pool(|| self.submit_pooled(window))
+    }
+
+    fn submit_pooled(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
         let Some(commands) = self.commands.take() else {
             return Err(BackendError::Invalid(format!("the encoder `{}` has nothing recorded", self.name)));
         };
@@ -119,13 +125,15 @@ impl Encoder {
                 }
                 _ => window.draw(&self.gpu, &[], frame)?,
             };
+            // The value that says that all is done comes after that of the frame.
+            shown.encode_wait_for_event(&self.done.0, self.done.1);
             self.done.1 += 1;
             shown.encode_signal_event(&self.done.0, self.done.1);
             self.submitted.push(shown);
         }
-        let after = self.after_all.then_some((&*self.others.0, self.others.1));
+        let after = After { event: (&self.others.0, self.others.1), all: self.after_all };
         let done = (&*self.done.0, self.done.1);
-        queue::submit(&self.gpu, &self.submitted, done, after, self.publishes)?;
+        queue::submit(&self.gpu, &self.submitted, done, &after, self.publishes)?;
         if let Some(order) = self.order.take() {
             order.walked().submitted(&self.walk);
         }
@@ -134,7 +142,7 @@ impl Encoder {
 
     /// Blocks until the last submission has completed, or the time is over. Returns true in the first case.
     pub(crate) fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
-        let done = queue::wait(&self.submitted, (&self.done.0, self.done.1), limit)?;
+        let done = objc::pool(|| queue::wait(&self.submitted, (&self.done.0, self.done.1), limit))?;
         if let (true, Some(frame)) = (done, self.submitted.first()) {
             if let Some(times) = self.times.take() {
                 times.completed(objc::device_times(frame));
@@ -149,7 +157,7 @@ impl Encoder {
         let moves = std::mem::take(&mut self.moves);
         for step in &moves {
             match *step {
-                Move::AfterAll => self.after_all(),
+                Move::AfterAll => self.after_all = true,
                 // What is submitted later may begin before an event that only these commands wait for.
                 Move::HandOver => {
                     self.order_midst();
@@ -175,10 +183,12 @@ impl Encoder {
         self.moves.clear();
     }
 
-    /// Ends everything that was recorded, and lets what comes wait for it and for all that was submitted before.
+    /// Ends everything that was recorded, and lets what comes wait for it and for all that was submitted before: these commands, and
+    /// those that are submitted later, whose fences know nothing of what comes here.
     fn order_everything(&mut self) {
         self.interrupt();
-        self.after_all();
+        self.after_all = true;
+        self.publishes = true;
         self.order_midst();
     }
 
@@ -199,19 +209,6 @@ impl Encoder {
             self.follow();
         }
         self.close();
-    }
-
-    /// Lets what comes wait for all that will have been submitted before these commands.
-    fn after_all(&mut self) {
-        if self.after_all {
-            return;
-        }
-        self.close();
-        self.after_all = true;
-        self.others.1 += 1;
-        if let Some(commands) = &self.commands {
-            commands.encode_wait_for_event(&self.others.0, self.others.1);
-        }
     }
 }
 
@@ -270,37 +267,43 @@ fn pointer(bytes: &[u8]) -> *const c_void {
 
 impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
     fn begin(&mut self) -> Result<(), BackendError> {
-        // An encoder that is dropped must have ended; the recording before may have been given up.
-        self.close();
-        if let Some(reason) = capture::begin(&self.gpu.device) {
-            self.gpu.messages.add(format!("no frame is captured: {reason}"));
-        }
-        let commands = objc::pool(|| self.gpu.commands(&self.name))?;
-        for before in self.gpu.in_flight().iter().filter(|before| before.publishes) {
-            commands.encode_wait_for_event(&before.event, before.value);
-        }
-        self.commands = Some(commands);
-        self.order = None;
-        self.walk.begin();
-        (self.after_all, self.publishes) = (false, false);
-        (self.times, self.sample) = (None, None);
-        Ok(())
+        objc::pool(|| {
+            // An encoder that is dropped must have ended; the recording before may have been given up.
+            self.close();
+            if let Some(reason) = capture::begin(&self.gpu.device) {
+                self.gpu.messages.add(format!("no frame is captured: {reason}"));
+            }
+            let commands = self.gpu.commands(&self.name)?;
+            // What that is for is known when they are submitted.
+            self.others.1 += 1;
+            commands.encode_wait_for_event(&self.others.0, self.others.1);
+            self.commands = Some(commands);
+            self.order = None;
+            self.walk.begin();
+            (self.after_all, self.publishes) = (false, false);
+            (self.times, self.sample) = (None, None);
+            Ok(())
+        })
     }
 
     fn end(&mut self) -> Result<(), BackendError> {
-        self.interrupt();
-        if self.commands.is_some() { Ok(()) } else { Err(no_object("commandBuffer")) }
+        objc::pool(|| {
+            self.interrupt();
+            if self.commands.is_some() { Ok(()) } else { Err(no_object("commandBuffer")) }
+        })
     }
 
     fn pass(&mut self, pipelines: &Pipelines, id: PassId, timed: bool) {
-        let order = self.order.get_or_insert_with(|| pipelines.order.clone()).clone();
-        let timed = timed && self.gpu.timestamps.is_some();
-        // What the plan knows nothing of ends with its next pass.
-        if !self.walk.is_open() {
-            self.close();
-        }
-        self.walk.pass(&order.walked(), id, timed, &mut self.moves);
-        self.follow();
+        objc::pool(|| {
+            let order = self.order.get_or_insert_with(|| pipelines.order.clone()).clone();
+            let timed = timed && self.gpu.timestamps.is_some();
+            // What the plan knows nothing of ends with its next pass.
+            if !self.walk.is_open() {
+                self.close();
+            }
+            self.walk.pass(&order.walked(), id, timed, &mut self.moves);
+            self.follow();
+        })
     }
 
     fn push_label(&mut self, name: Arguments) {
@@ -330,11 +333,15 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
     fn barriers<'a>(&mut self, _: impl Iterator<Item = PlanBarrier<'a, MetalGpu>>) {}
 
     fn full_barrier<'a>(&mut self, _: impl Iterator<Item = LayoutChange<'a, MetalGpu>>) {
-        self.order_everything();
+        objc::pool(|| {
+            self.order_everything();
+        })
     }
 
     fn before_copy(&mut self, _: &Buffer<MetalGpu>) {
-        self.order_everything();
+        objc::pool(|| {
+            self.order_everything();
+        })
     }
 
     fn after_copy(&mut self, _: &Buffer<MetalGpu>, _: Range<u64>) {
@@ -378,15 +385,23 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
     }
 
     fn dispatch(&mut self, [x, y, z]: [u32; 3]) {
-        let Some(encoder) = self.compute() else { return };
-        let Some(threads) = self.bound.dispatch(&encoder) else { return };
-        encoder.dispatch_thread_groups(MTLSize::new(x.into(), y.into(), z.into()), threads);
+        objc::pool(|| {
+            let Some(encoder) = self.compute() else { return };
+            let Some(threads) = self.bound.dispatch(&encoder) else { return };
+            // Metal's validation allows no empty dispatch.
+            if [x, y, z].contains(&0) {
+                return self.gpu.builtin.fill(&encoder, &self.gpu.builtin.scratch, [0, 0]);
+            }
+            encoder.dispatch_thread_groups(MTLSize::new(x.into(), y.into(), z.into()), threads);
+        })
     }
 
     fn dispatch_indirect(&mut self, arguments: &Buffer<MetalGpu>, offset: u64) {
-        let Some(encoder) = self.compute() else { return };
-        let Some(threads) = self.bound.dispatch(&encoder) else { return };
-        encoder.dispatch_thread_groups_indirect(&arguments.raw, offset, threads);
+        objc::pool(|| {
+            let Some(encoder) = self.compute() else { return };
+            let Some(threads) = self.bound.dispatch(&encoder) else { return };
+            encoder.dispatch_thread_groups_indirect(&arguments.raw, offset, threads);
+        })
     }
 
     fn draw<'a>(
@@ -394,41 +409,43 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         targets: impl Iterator<Item = (&'a Target, &'a Image<MetalGpu>)>,
         draw: Draw<MetalGpu>,
     ) {
-        let Some(encoder) = self.render(targets) else { return };
-        let Some(primitives) = self.bound.draw(&encoder) else { return };
-        match draw {
-            Draw::Direct { vertices, instances } => {
-                encoder.draw_primitives_instanced(primitives, 0, vertices.into(), instances.into());
+        objc::pool(|| {
+            let Some(encoder) = self.render(targets) else { return };
+            let Some(primitives) = self.bound.draw(&encoder) else { return };
+            match draw {
+                // Nor an empty draw. Its encoder clears the targets.
+                Draw::Direct { vertices: 0, .. } | Draw::Direct { instances: 0, .. } => {}
+                Draw::Direct { vertices, instances } => {
+                    encoder.draw_primitives_instanced(primitives, 0, vertices.into(), instances.into());
+                }
+                Draw::Indirect(buffer, offset) => {
+                    encoder.draw_primitives_indirect(primitives, &buffer.raw, offset)
+                }
             }
-            Draw::Indirect(buffer, offset) => {
-                encoder.draw_primitives_indirect(primitives, &buffer.raw, offset)
-            }
-        }
+        })
     }
 
     fn fill(&mut self, buffer: &Buffer<MetalGpu>, value: u32) {
-        let Some(encoder) = self.compute() else { return };
-        let words = buffer.bytes / 4;
-        let fill = [words as u32, value].map(u32::to_le_bytes).concat();
-        encoder.set_compute_pipeline_state(&self.gpu.builtin.fill_words);
-        encoder.set_buffer(0, Some(&buffer.raw), 0);
-        encoder.set_bytes(1, fill.len() as u64, pointer(&fill));
-        let groups = MTLSize::new(lower::fill_groups(words).into(), 1, 1);
-        encoder.dispatch_thread_groups(groups, MTLSize::new(256, 1, 1));
+        objc::pool(|| {
+            let Some(encoder) = self.compute() else { return };
+            self.gpu.builtin.fill(&encoder, &buffer.raw, [(buffer.bytes / 4) as u32, value]);
+        })
     }
 
     fn clear(&mut self, image: &Image<MetalGpu>) {
-        let Some(encoder) = self.compute() else { return };
-        let builtin = &self.gpu.builtin;
-        let kernel =
-            if image.format == Format::R32Uint { &builtin.clear_words } else { &builtin.clear_floats };
-        let ([x, y], [width, height]) = (lower::clear_groups(image.size), CLEAR_THREADS);
-        encoder.set_compute_pipeline_state(kernel);
-        encoder.set_texture(0, Some(&image.raw));
-        encoder.dispatch_thread_groups(
-            MTLSize::new(x.into(), y.into(), 1),
-            MTLSize::new(width.into(), height.into(), 1),
-        );
+        objc::pool(|| {
+            let Some(encoder) = self.compute() else { return };
+            let builtin = &self.gpu.builtin;
+            let kernel =
+                if image.format == Format::R32Uint { &builtin.clear_words } else { &builtin.clear_floats };
+            let ([x, y], [width, height]) = (lower::clear_groups(image.size), CLEAR_THREADS);
+            encoder.set_compute_pipeline_state(kernel);
+            encoder.set_texture(0, Some(&image.raw));
+            encoder.dispatch_thread_groups(
+                MTLSize::new(x.into(), y.into(), 1),
+                MTLSize::new(width.into(), height.into(), 1),
+            );
+        })
     }
 
     fn copy_buffer(
@@ -437,26 +454,30 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         target: (&Buffer<MetalGpu>, u64),
         bytes: u64,
     ) {
-        let Some(encoder) = self.blit() else { return };
-        encoder.copy_from_buffer(&source.0.raw, source.1, &target.0.raw, target.1, bytes);
+        objc::pool(|| {
+            let Some(encoder) = self.blit() else { return };
+            encoder.copy_from_buffer(&source.0.raw, source.1, &target.0.raw, target.1, bytes);
+        })
     }
 
     fn copy_image(&mut self, image: &Image<MetalGpu>, target: &Buffer<MetalGpu>) {
-        let Some(encoder) = self.blit() else { return };
-        let (width, height) = (u64::from(image.size.0), u64::from(image.size.1));
-        let row = width * u64::from(image.format.bytes_per_pixel());
-        encoder.copy_from_texture_to_buffer(
-            &image.raw,
-            0,
-            0,
-            MTLOrigin { x: 0, y: 0, z: 0 },
-            MTLSize::new(width, height, 1),
-            &target.raw,
-            0,
-            row,
-            row * height,
-            MTLBlitOption::empty(),
-        );
+        objc::pool(|| {
+            let Some(encoder) = self.blit() else { return };
+            let (width, height) = (u64::from(image.size.0), u64::from(image.size.1));
+            let row = width * u64::from(image.format.bytes_per_pixel());
+            encoder.copy_from_texture_to_buffer(
+                &image.raw,
+                0,
+                0,
+                MTLOrigin { x: 0, y: 0, z: 0 },
+                MTLSize::new(width, height, 1),
+                &target.raw,
+                0,
+                row,
+                row * height,
+                MTLBlitOption::empty(),
+            );
+        })
     }
 
     fn reset_timestamps(&mut self, timestamps: &Timestamps, _: u32) {
@@ -477,6 +498,6 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
 impl Drop for Encoder {
     /// Metal asks that encoders end before they are released.
     fn drop(&mut self) {
-        self.close();
+        objc::pool(|| self.close());
     }
 }

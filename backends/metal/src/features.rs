@@ -108,9 +108,17 @@ pub fn features() -> Features {
 }
 
 /// Says for what a format's images can be used.
-pub fn format_support(format: Format) -> FormatSupport {
+///
+/// 32-bit floats are blended where they are filtered (MoltenVK issue 2301), as on all Macs with Apple silicon.
+pub fn format_support(format: Format, filters_floats: bool) -> FormatSupport {
     let integers = format == Format::R32Uint;
-    FormatSupport { storage: true, target: true, blend: !integers, blit: !integers }
+    let floats = matches!(format, Format::R32Float | Format::Rgba32Float);
+    FormatSupport {
+        storage: true,
+        target: true,
+        blend: !integers && (!floats || filters_floats),
+        blit: !integers,
+    }
 }
 
 #[cfg(test)]
@@ -141,8 +149,12 @@ mod tests {
 
     #[test]
     fn integers_are_not_blended_and_not_shown() {
-        let support = format_support(Format::R32Uint);
+        let support = format_support(Format::R32Uint, true);
         assert!(support.storage && support.target && !support.blend && !support.blit);
-        assert!(format_support(Format::Rgba16Float).blend);
+        assert!(format_support(Format::Rgba16Float, false).blend);
+        assert!(
+            format_support(Format::Rgba32Float, true).blend
+                && !format_support(Format::Rgba32Float, false).blend
+        );
     }
 }

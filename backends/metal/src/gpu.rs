@@ -7,6 +7,7 @@
 use crate::device::Physical;
 use crate::error::no_object;
 use crate::features::{self, LANES};
+use crate::lower;
 use crate::objc;
 use crate::surface::{FORMAT, Surface};
 use metal::*;
@@ -54,9 +55,14 @@ pub(crate) struct Submission {
 }
 
 impl Submission {
-    /// Says whether it has completed, or failed.
+    /// Says whether it has completed, or failed. A failed one signals nothing; the host does, for those who wait for it.
     pub fn is_done(&self) -> bool {
-        self.event.signaled_value() >= self.value || objc::status(&self.last) >= objc::COMPLETED
+        let signalled = self.event.signaled_value() >= self.value;
+        let status = objc::status(&self.last);
+        if status == objc::FAILED && !signalled {
+            self.event.set_signaled_value(self.value);
+        }
+        signalled || status >= objc::COMPLETED
     }
 }
 
@@ -117,6 +123,8 @@ fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
 /// The backend's own pipelines.
 pub(crate) struct Builtin {
     pub fill_words: ComputePipelineState,
+    /// A word that nobody reads.
+    pub scratch: Buffer,
     pub clear_floats: ComputePipelineState,
     pub clear_words: ComputePipelineState,
     pub show: RenderPipelineState,
@@ -144,7 +152,11 @@ impl Builtin {
                 let function = function(&library, name)?;
                 kernel(device, &function, name, threads).map(|(state, _)| state)
             };
+            let options =
+                MTLResourceOptions::StorageModePrivate | MTLResourceOptions::HazardTrackingModeUntracked;
             Ok(Builtin {
+                scratch: objc::new_buffer(device, 4, options)
+                    .ok_or_else(|| no_object("newBufferWithLength:options:"))?,
                 fill_words: kernel("fill_words", 256)?,
                 clear_floats: kernel("clear_floats", 256)?,
                 clear_words: kernel("clear_words", 256)?,
@@ -153,6 +165,18 @@ impl Builtin {
                 linear: sampler(device, MTLSamplerMinMagFilter::Linear),
             })
         })
+    }
+}
+
+impl Builtin {
+    /// Records the dispatch that writes a word to the first words of a buffer: their number, and the word.
+    pub fn fill(&self, encoder: &ComputeCommandEncoderRef, target: &BufferRef, [words, word]: [u32; 2]) {
+        let fill = [words, word].map(u32::to_le_bytes).concat();
+        encoder.set_compute_pipeline_state(&self.fill_words);
+        encoder.set_buffer(0, Some(target), 0);
+        encoder.set_bytes(1, fill.len() as u64, fill.as_ptr().cast());
+        let groups = MTLSize::new(lower::fill_groups(words.into()).max(1).into(), 1, 1);
+        encoder.dispatch_thread_groups(groups, MTLSize::new(256, 1, 1));
     }
 }
 

@@ -5,8 +5,7 @@ use crate::gpu::{MetalGpu, Submission};
 use crate::lower;
 use crate::objc;
 use metal::{
-    CommandBuffer, CounterSampleBuffer, CounterSampleBufferDescriptor, EventRef, MTLStorageMode,
-    SharedEventRef,
+    CommandBuffer, CounterSampleBuffer, CounterSampleBufferDescriptor, MTLStorageMode, SharedEventRef,
 };
 use splatgraph_api::BackendError;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -15,23 +14,35 @@ use std::time::{Duration, Instant};
 /// The longest that a wait for the whole queue sleeps between two looks at submissions that may have failed.
 const SLICE: Duration = Duration::from_millis(50);
 
+/// The start of a submission's commands.
+pub(crate) struct After<'a> {
+    /// The event that they wait for, and its value.
+    pub event: (&'a SharedEventRef, u64),
+    /// It stands for everything submitted before them, and not only for what was published.
+    pub all: bool,
+}
+
 /// Submits a frame, or an upload, and after it the draw into a window. `commands` are those of the frame, then of the window; the last
 /// has been told to signal `done`.
 ///
-/// With `after`, the commands wait somewhere for that event to have that value: it gets it when everything that was submitted before
-/// has completed, whoever recorded it.
+/// `after` is the event that they wait for from their beginning. It gets its value when what was published before them has completed,
+/// whoever recorded it, or all that was submitted before them.
 pub(crate) fn submit(
     gpu: &MetalGpu,
     commands: &[CommandBuffer],
     done: (&SharedEventRef, u64),
-    after: Option<(&EventRef, u64)>,
+    after: &After,
     publishes: bool,
 ) -> Result<(), BackendError> {
     // One submission at a time.
     let mut in_flight = gpu.in_flight();
-    if let Some((event, value)) = after {
+    let (event, value) = after.event;
+    let before: Vec<_> = in_flight.iter().filter(|before| after.all || before.publishes).collect();
+    if before.is_empty() {
+        event.set_signaled_value(value);
+    } else {
         let order = gpu.commands("order")?;
-        in_flight.iter().for_each(|before| order.encode_wait_for_event(&before.event, before.value));
+        before.iter().for_each(|before| order.encode_wait_for_event(&before.event, before.value));
         order.encode_signal_event(event, value);
         order.commit();
     }
@@ -100,6 +111,8 @@ struct Times {
 
 #[derive(Default)]
 struct Written {
+    /// The frame has completed. Until then, and if it never does, samples are those of frames before.
+    completed: bool,
     /// Start and end of the frame, in nanoseconds.
     frame: Option<[u64; 2]>,
     /// By sample: the frame that was recorded last takes it.
@@ -107,22 +120,23 @@ struct Written {
 }
 
 impl Timestamps {
-    /// Creates `count` timestamps. Those of passes are missing where the device samples no counters at the ends of encoders.
-    pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Result<Timestamps, BackendError> {
+    /// Creates `count` timestamps.
+    ///
+    /// Those of passes are missing where the device samples no counters at the ends of encoders, or has no more counter buffers: macOS
+    /// has 32 (gpuweb issue 3652).
+    pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Timestamps {
         let samples = u64::from(count.saturating_sub(2).min(lower::MOST_SAMPLES));
-        let buffer = gpu.timestamps.as_ref().filter(|_| samples > 0).map(|set| {
+        let buffer = gpu.timestamps.as_ref().filter(|_| samples > 0).and_then(|set| {
             objc::pool(|| {
                 let descriptor = CounterSampleBufferDescriptor::new();
                 descriptor.set_counter_set(set);
                 descriptor.set_sample_count(samples);
                 descriptor.set_storage_mode(MTLStorageMode::Shared);
-                gpu.device.new_counter_sample_buffer_with_descriptor(&descriptor)
+                gpu.device.new_counter_sample_buffer_with_descriptor(&descriptor).ok()
             })
         });
-        let call = "newCounterSampleBufferWithDescriptor";
-        let buffer = buffer.transpose().map_err(|answer| BackendError::Api { call, answer })?;
-        let written = Written { frame: None, samples: vec![false; samples as usize] };
-        Ok(Timestamps(Arc::new(Times { samples: buffer, written: Mutex::new(written) })))
+        let written = Written { samples: vec![false; samples as usize], ..Written::default() };
+        Timestamps(Arc::new(Times { samples: buffer, written: Mutex::new(written) }))
     }
 
     fn written(&self) -> MutexGuard<'_, Written> {
@@ -131,7 +145,7 @@ impl Timestamps {
 
     pub(crate) fn reset(&self) {
         let mut written = self.written();
-        written.frame = None;
+        (written.completed, written.frame) = (false, None);
         written.samples.fill(false);
     }
 
@@ -144,21 +158,25 @@ impl Timestamps {
 
     /// Notes the times of the frame's command buffer, in seconds.
     pub(crate) fn completed(&self, (start, end): (f64, f64)) {
+        let mut written = self.written();
+        written.completed = true;
         // Zero where Metal has none.
-        self.written().frame = (start > 0.0 && end >= start).then(|| [start, end].map(|s| (s * 1e9) as u64));
+        written.frame = (start > 0.0 && end >= start).then(|| [start, end].map(|s| (s * 1e9) as u64));
     }
 
-    /// Reads the first `count` timestamps of a frame that has completed, in nanoseconds.
+    /// Reads the first `count` timestamps, in nanoseconds; none of a frame that has not completed, and no pair that ends before it starts.
     pub(crate) fn read(&self, count: u32) -> Vec<Option<u64>> {
         let written = self.written();
         let used = written.samples.iter().rposition(|&taken| taken).map_or(0, |last| last + 1);
-        let values = self.0.samples.as_ref().filter(|_| used > 0);
+        let values = self.0.samples.as_ref().filter(|_| used > 0 && written.completed);
         let values = values.and_then(|samples| objc::resolve(samples, used)).unwrap_or_default();
         let value = |timestamp: u32| match lower::sample(timestamp) {
             None => written.frame.and_then(|frame| frame.get(timestamp as usize).copied()),
             Some(sample) => {
                 let taken = written.samples.get(sample as usize).is_some_and(|&taken| taken);
-                values.get(sample as usize).filter(|_| taken).copied().and_then(lower::counted)
+                let first = sample as usize & !1;
+                let is_pair = values.get(first).is_some_and(|start| values.get(first + 1) >= Some(start));
+                values.get(sample as usize).filter(|_| taken && is_pair).copied().and_then(lower::counted)
             }
         };
         (0..count).map(value).collect()

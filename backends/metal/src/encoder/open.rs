@@ -18,10 +18,19 @@ pub(super) enum Open {
 
 impl Encoder {
     pub(super) fn update(&mut self, update: FenceUse) {
-        // Orders lead also through encoders without commands. (Draws always have some.)
+        // Orders lead also through encoders whose passes are left out, and Metal may drop one without commands, fences and all. So it
+        // gets one that changes nothing. (Draws are never left out.)
         match self.next {
-            Some(EncoderKind::Compute) => drop(self.compute()),
-            Some(EncoderKind::Blit) => drop(self.blit()),
+            Some(EncoderKind::Compute) => {
+                if let Some(encoder) = self.compute() {
+                    self.gpu.builtin.fill(&encoder, &self.gpu.builtin.scratch, [0, 0]);
+                }
+            }
+            Some(EncoderKind::Blit) => {
+                if let Some(encoder) = self.blit() {
+                    encoder.fill_buffer(&self.gpu.builtin.scratch, NSRange::new(0, 4), 0);
+                }
+            }
             Some(EncoderKind::Render) | None => {}
         }
         let (Some(order), Some(division)) = (&self.order, self.walk.division()) else { return };
@@ -45,6 +54,7 @@ impl Encoder {
             Open::Blit(encoder) => encoder.end_encoding(),
         }
         self.next = None;
+        self.waits.clear();
     }
 
     pub(super) fn pop_group(&self) {
