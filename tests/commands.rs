@@ -403,8 +403,10 @@ fn the_backend_that_executes_nothing_draws_black_pictures_is_measured_and_compar
     let text = refused(&[&render[..], &null, &["--validate"]].concat());
     assert!(text.contains("expected a backend with validation, found null"), "{text}");
     if cfg!(not(target_vendor = "apple")) {
-        let text = refused(&[&render[..], &["--backend", "metal"]].concat());
-        assert!(text.contains("expected vulkan or null, found metal"), "{text}");
+        for (command, expected) in [(&bench[..], "vulkan or null"), (&render, "vulkan, null or reference")] {
+            let text = refused(&[command, &["--backend", "metal"]].concat());
+            assert!(text.contains(&format!("expected {expected}, found metal")), "{text}");
+        }
     }
 }
 

@@ -220,3 +220,42 @@ fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_
         }
     });
 }
+
+/// Bounds what more lanes change in a channel; the first is a twentieth of a step of 8 bits.
+///
+/// 8 lanes step from row to row of a block and round each time; 32 lanes have a pixel each.
+const MORE_LANES: [(&str, f32); 2] = [("tiled", 2e-4), ("tiled_exact", 2e-6)];
+
+/// Compares the CPUs' rasteriser at a Mac's width with that of 8 lanes, which gives every byte of lavapipe.
+///
+/// No preset chooses it for a Mac.
+#[test]
+fn the_serial_rasteriser_draws_the_same_picture_at_the_width_of_simd_groups_of_macs() {
+    const NAME: &str =
+        "metal::pictures::the_serial_rasteriser_draws_the_same_picture_at_the_width_of_simd_groups_of_macs";
+    common::alone(NAME, || {
+        let mut stage = Stage::new();
+        for (graph, bound) in MORE_LANES {
+            let set = [("rasteriser", "serial"), SUBGROUP, ROOM];
+            let plans = [facts::portable_device(8), facts::apple_device()]
+                .map(|device| stage.plan(graph, &set, &device));
+            let library = Library::new(&shaders(&plans));
+            let expected = stage.run(&plans[0], &library, false);
+            for reversed in [false, true] {
+                let found = stage.run(&plans[1], &library, reversed);
+                let floats = |bytes: &[u8]| -> Vec<f32> {
+                    let words = bytes.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]);
+                    words.map(f32::from_le_bytes).collect()
+                };
+                let (found, expected) = (floats(&found), floats(&expected));
+                assert_eq!(found.len(), expected.len());
+                let pairs = || std::iter::zip(&found, &expected);
+                assert!(pairs().all(|(found, expected)| found.is_finite() && expected.is_finite()));
+                let most = pairs().map(|(found, expected)| (found - expected).abs()).fold(0.0, f32::max);
+                let other = pairs().filter(|(found, expected)| found != expected).count();
+                println!("{graph}, reversed {reversed}: {other} words differ, by {most:e} at most");
+                assert!(most <= bound, "{graph}, reversed {reversed}: {most:e}");
+            }
+        }
+    });
+}
