@@ -375,3 +375,53 @@ fn without_a_display_there_is_no_window_and_the_program_says_what_to_do() {
         assert!(text.contains("`splatgraph render` draws without one"), "{text}");
     }
 }
+
+#[test]
+fn the_backend_that_executes_nothing_draws_black_pictures_is_measured_and_compares_none() {
+    let folder = scene();
+    let null = ["--backend", "null"];
+    let render = ["render", "scene.ply", "--cameras", "cameras.json#0", "--size", "96x54", "-o", "a.npy"];
+    done(folder.path(), &[&render[..], &null].concat());
+    let image = splatgraph::image::Image::load(&folder.path().join("a.npy")).expect("a picture");
+    assert_eq!((image.width, image.height), (96, 54));
+    assert!(image.rgb.iter().all(|pixel| *pixel == [0.0; 3]), "it is black");
+
+    let bench = ["bench", "scene.ply", "--sizes", "96x54", "--rounds", "1", "--frames", "1", "--json", "-"];
+    let measured = done(folder.path(), &[&bench[..], &null].concat());
+    let measured: Value = serde_json::from_str(&measured).expect("JSON");
+    assert!(measured.to_string().contains("\"null"), "the device is named: {measured}");
+
+    let refused = |args: &[&str]| {
+        let output = splatgraph(folder.path(), args);
+        assert!(!output.status.success(), "{args:?} is refused");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    for command in [&["trade"][..], &["sweep"], &["advise"], &["popping"], &["experiment", "order"]] {
+        let text = refused(&[command, &null].concat());
+        assert!(text.contains("found null: pictures are compared"), "{command:?}: {text}");
+    }
+    let text = refused(&[&render[..], &null, &["--validate"]].concat());
+    assert!(text.contains("expected a backend with validation, found null"), "{text}");
+    if cfg!(not(target_vendor = "apple")) {
+        for (command, expected) in [(&bench[..], "vulkan or null"), (&render, "vulkan, null or reference")] {
+            let text = refused(&[command, &["--backend", "metal"]].concat());
+            assert!(text.contains(&format!("expected {expected}, found metal")), "{text}");
+        }
+    }
+}
+
+/// Hides Vulkan's drivers, so that its devices cannot be listed.
+#[cfg(target_os = "linux")]
+#[test]
+fn without_a_vulkan_driver_the_other_devices_are_listed_and_the_exit_code_says_so() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_splatgraph"));
+    for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+        command.env(name, folder.path().join("none.json"));
+    }
+    let output = command.arg("devices").output().expect("the program runs");
+    let (text, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(1), "{text}{errors}");
+    assert!(text.starts_with("null 0: null"), "{text}");
+    assert!(errors.starts_with("error: "), "{errors}");
+}

@@ -9,11 +9,16 @@ use std::path::PathBuf;
 /// The machine's device, with all validation on: on Apple's systems the GPU, by Metal; elsewhere lavapipe, by Vulkan.
 pub fn device() -> Backend {
     let device = open(&options(Validation::Synchronization));
+    assert_lanes(&device);
+    device
+}
+
+/// Fails if the driver did not take the width of vectors that [`again_with_vectors_of`] asks for.
+pub fn assert_lanes(device: &impl Device) {
     if let Ok(lanes) = std::env::var(EXPECTED_LANES) {
         let found = device.info().facts.subgroup_size;
         assert_eq!(found.to_string(), lanes, "the driver did not take the vector width");
     }
-    device
 }
 
 /// Opens a device of the API that the machine's tests run on.
@@ -33,6 +38,11 @@ pub fn options(validation: Validation) -> Options {
 /// The option that chooses the same device for the program.
 pub fn device_option() -> Option<String> {
     options(Validation::Off).device.map(|device| format!("--device={device}"))
+}
+
+/// Returns true for Mesa's Vulkan driver for the CPU.
+fn is_lavapipe(device: &Backend) -> bool {
+    matches!(device, Backend::Vulkan(_)) && device.info().name.contains("llvmpipe")
 }
 
 /// Set in the processes that [`again_with_vectors_of`] starts.
@@ -80,9 +90,14 @@ pub fn long() -> bool {
     std::env::var_os("SPLATGRAPH_LONG").is_some()
 }
 
-/// Runs a test of this binary again in a process of its own, where lavapipe has vectors of this many bits. The driver reads
-/// the variable once, when it is loaded.
+/// Runs a test of this binary again in a process of its own, where lavapipe has vectors of this many bits. Says so where the machine
+/// has other devices, whose width is what it is.
+///
+/// The driver reads the variable once, when it is loaded.
 pub fn again_with_vectors_of(bits: u32, test: &str) {
+    if !is_lavapipe(&open(&options(Validation::Off))) {
+        return not_run(&format!("{test} with {} lanes", bits / 32), "lavapipe's widths");
+    }
     let set = [("LP_NATIVE_VECTOR_WIDTH", bits.to_string()), (EXPECTED_LANES, (bits / 32).to_string())];
     let (passed, text) = again(test, &set);
     assert!(passed, "with vectors of {bits} bits:\n{text}");

@@ -2,7 +2,7 @@
 //!
 //! Machines with two APIs are rare. So Vulkan's pictures, drawn by lavapipe, lie in `tests/parity/`, and each backend that the machine has
 //! draws the same and is held against them. Where Vulkan is there it keeps the pictures true; where Metal is, it is compared with
-//! Vulkan without a driver of Vulkan's.
+//! Vulkan without a driver of Vulkan's. That takes a Mac of one's own: the virtual GPUs of hosted runners are refused (docs/metal.md).
 
 use splatgraph::backend::{Api, Backend, Validation};
 use splatgraph::image::Image;

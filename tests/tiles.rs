@@ -115,7 +115,7 @@ fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
     }
 }
 
-/// Counts the pairs that tiles leave in the order of the file where they sort `bits` bits of bin and depth by radix.
+/// Counts the pairs that tiles leave in the file's order where they sort `bits` bits by radix.
 fn unordered(scene: &Arc<Scene>, camera: &Camera, bits: &'static str) -> u32 {
     let set = by_pairs(bits).map(|(name, value)| (name.to_string(), value.to_string()));
     let mut session: Session<Backend> = Session::new(common::device(), scene.clone(), EXACT, &set);

@@ -1,13 +1,11 @@
 //! The walk that the Metal backend takes over a plan's encoders makes exactly the encoders that the model of Metal's rules accepts.
 //!
 //! The half of the backend that calls Metal does what the walk says, one call for each move. So the moves of a few frames of every
-//! built-in graph are put together to encoders again, and held against the data.
+//! graph of the repository are put together to encoders again, and held against the data.
 
-use splatgraph::builtin;
-use splatgraph::facts::{self, SceneFacts};
-use splatgraph::planner::Planner;
+use crate::encoders::plans;
 use splatgraph_framework::ir::PassId;
-use splatgraph_framework::plan::{Plan, Step};
+use splatgraph_framework::plan::Step;
 use splatgraph_metal::barriers::{Division, EncodedPass, Encoders, Encoding};
 use splatgraph_metal::walk::{Move, Walk, Walked};
 
@@ -61,19 +59,9 @@ fn expected(encodings: &[Encoding], updated: &mut [bool]) -> Vec<Encoding> {
     all
 }
 
-fn plans() -> Vec<Plan> {
-    let mut planner = Planner::default();
-    let catalog = facts::nominal_catalog();
-    let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-    let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
-    let plan =
-        |name| planner.plan(name, &[], &facts, &catalog).unwrap_or_else(|error| panic!("{name}: {error}"));
-    builtin::names().into_iter().map(plan).collect()
-}
-
 #[test]
 fn the_walk_over_every_built_in_graph_makes_the_encoders_that_were_proven() {
-    for plan in plans() {
+    for plan in [true, false].into_iter().flat_map(plans) {
         for (division, timed) in [(Division::Merged, false), (Division::Passes, true)] {
             let mut walked = Walked::new(&plan);
             let Encoders { prologue, frame, handover, fences } = walked.encoders(division).clone();

@@ -66,10 +66,26 @@ impl Api {
 
     /// Says that there is no API of this name, where the names of `others` would do, too.
     pub fn refusal(name: &str, others: &[&str]) -> String {
-        let names = [&Api::ALL.map(Api::name), others].concat();
-        let (last, first) = names.split_last().expect("there is a backend");
         let why = if name == "metal" { ": Metal is on Apple's systems alone" } else { "" };
-        format!("expected {} or {last}, found {name}{why}", first.join(", "))
+        format!("expected {}, found {name}{why}", alternatives(&[&Api::ALL.map(Api::name), others].concat()))
+    }
+
+    /// Finds the API of this name, for what compares pictures: [`Api::Null`] draws none.
+    ///
+    /// # Errors
+    /// The names of those that draw.
+    pub fn parse_drawing(name: &str) -> Result<Api, String> {
+        let drawing: Vec<Api> = Api::ALL.into_iter().filter(|api| *api != Api::Null).collect();
+        if let Some(api) = drawing.iter().find(|api| api.name() == name) {
+            return Ok(*api);
+        }
+        let names: Vec<&str> = drawing.iter().map(|api| api.name()).collect();
+        let why = match name {
+            "null" => ": pictures are compared",
+            "metal" => ": Metal is on Apple's systems alone",
+            _ => "",
+        };
+        Err(format!("expected {}, found {name}{why}", alternatives(&names)))
     }
 
     /// Lists the devices.
@@ -83,6 +99,14 @@ impl Api {
             Api::Metal => Metal::devices(),
             Api::Null => Null::devices(),
         }
+    }
+}
+
+/// Joins names as in `vulkan, null or reference`.
+fn alternatives(names: &[&str]) -> String {
+    match names {
+        [first @ .., last] if !first.is_empty() => format!("{} or {last}", first.join(", ")),
+        _ => names.concat(),
     }
 }
 
@@ -190,6 +214,11 @@ impl Backend {
 
 /// Opens the device that executes nothing.
 fn null(options: &Options, window: Option<(u32, u32)>) -> Result<Backend, BackendError> {
+    if options.validation != Validation::Off {
+        let why =
+            "expected a backend with validation, found null: it executes nothing that could be validated";
+        return Err(BackendError::Unavailable(why.to_owned()));
+    }
     let devices = Null::devices()?;
     splatgraph_runtime::choose(&devices.iter().collect::<Vec<_>>(), options.device.as_deref())?;
     // It never hangs, but on a busy machine its threads may wait for a processor.
@@ -341,6 +370,10 @@ mod tests {
         let expected = "expected vulkan, null or reference, found opengl";
         assert_eq!(Api::refusal("opengl", &["reference"]), expected);
         assert_eq!(Api::default(), Api::Vulkan);
+        assert_eq!(Api::parse_drawing("vulkan"), Ok(Api::Vulkan));
+        let refused = |name| Api::parse_drawing(name).unwrap_err();
+        assert_eq!(refused("null"), "expected vulkan, found null: pictures are compared");
+        assert_eq!(refused("metal"), "expected vulkan, found metal: Metal is on Apple's systems alone");
     }
 
     #[test]
@@ -353,5 +386,8 @@ mod tests {
         assert_eq!(opened("0").unwrap(), "null");
         let error = opened("llvmpipe").unwrap_err().to_string();
         assert!(error.contains("there is no device `llvmpipe`; there are 0: null"), "{error}");
+        let validated = Options { validation: Validation::Synchronization, ..Options::default() };
+        let error = Backend::open(Api::Null, &validated).err().expect("refused").to_string();
+        assert!(error.contains("expected a backend with validation, found null"), "{error}");
     }
 }

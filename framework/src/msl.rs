@@ -29,23 +29,8 @@ use spirv_cross2::{Compiler, Module, spirv::ExecutionModel};
 use crate::ir::{Msl, MslArgument, ReflectedKind, Reflection, Shader, ShaderStage, Value};
 use crate::plan::Plan;
 
-/// The version of the language, major and minor: all GPUs of family Apple 7 and later have it since macOS 12.
+/// Names the version of the language, major and minor: all GPUs of family Apple 7 and later have it since macOS 12.
 pub const VERSION: (u32, u32) = (2, 4);
-
-/// Buffers of a function, push constants and sizes among them.
-///
-/// Apple, "Metal Feature Set Tables", "Maximum number of entries in the buffer argument table, per graphics or kernel function".
-pub const MOST_BUFFERS: u32 = 31;
-
-/// Textures of a function.
-///
-/// Apple, "Metal Feature Set Tables", "Maximum number of entries in the texture argument table, per graphics or kernel function".
-pub const MOST_TEXTURES: u32 = 128;
-
-/// Bytes of push constants, which Metal copies with the command (`setBytes`).
-///
-/// Apple, documentation of `setBytes:length:atIndex:`: "data smaller than 4 KB".
-pub const MOST_PUSH_BYTES: u32 = 4096;
 
 /// Reports a shader that has no equal in Metal's language.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -105,18 +90,19 @@ fn places(reflection: &Reflection) -> Places {
 /// Refuses what is beyond the limits of Metal.
 fn check(places: &Places, sizes: bool, reflection: &Reflection) -> Result<(), String> {
     let buffers = places.free + u32::from(sizes);
-    if buffers > MOST_BUFFERS {
-        return Err(format!(
-            "expected at most {MOST_BUFFERS} buffers, push constants among them, found {buffers}"
-        ));
+    let most = Msl::MOST_BUFFERS;
+    if buffers > most {
+        return Err(format!("expected at most {most} buffers, push constants among them, found {buffers}"));
     }
     let textures = places.arguments.iter().filter(|argument| argument.texture).count();
-    if textures > MOST_TEXTURES as usize {
-        return Err(format!("expected at most {MOST_TEXTURES} images, found {textures}"));
+    let most = Msl::MOST_TEXTURES;
+    if textures > most as usize {
+        return Err(format!("expected at most {most} images, found {textures}"));
     }
+    let most = Msl::MOST_PUSH_BYTES;
     match &reflection.push {
-        Some(push) if push.bytes > MOST_PUSH_BYTES => {
-            Err(format!("expected at most {MOST_PUSH_BYTES} bytes of push constants, found {}", push.bytes))
+        Some(push) if push.bytes > most => {
+            Err(format!("expected at most {most} bytes of push constants, found {}", push.bytes))
         }
         _ => Ok(()),
     }

@@ -104,7 +104,7 @@ fn pairs(run: &[PassId], conflicts: &Conflicts) -> usize {
     pairs
 }
 
-/// Returns true if a run conflicts with an earlier one of the frame, or with one of the frame before: itself and later ones.
+/// Returns true if a run conflicts with an earlier one of the frame, or with any of the frame before.
 fn waits(runs: &[Vec<PassId>], run: usize, conflicts: &Conflicts) -> bool {
     let meets = |other: &Vec<PassId>| {
         other.iter().any(|one| runs[run].iter().any(|two| conflicts.any.contains(&(*one, *two))))

@@ -8,8 +8,10 @@ use std::process::{Command, Stdio};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/metal");
 
-/// The language: Metal's is based on C++14, the header needs a little more. Literals are floats, as in Metal, and products and sums are
-/// rounded apart, as by lavapipe. Warnings are errors, but for those about what SPIRV-Cross leaves unused.
+/// Sets the language: Metal's is based on C++14, the header needs a little more.
+///
+/// Literals are floats, as in Metal, and products and sums are rounded apart, as by lavapipe. Warnings are errors, but for those about what
+/// SPIRV-Cross leaves unused.
 const FLAGS: [&str; 12] = [
     "-std=c++17",
     "-Xclang",
@@ -43,7 +45,9 @@ fn clang(folder: &Path, arguments: &[&str]) -> Result<(), String> {
 /// The array of SPIRV-Cross has members for each address space, which C++ cannot tell apart. The header has one without.
 const ARRAY: (&str, &str) = ("template<typename T, size_t Num>\nstruct spvUnsafeArray\n{", "\n};\n");
 
-/// Makes a text C++: in a namespace of its own, with variables of the threadgroup told apart from references to them.
+/// Makes a text C++, in a namespace of its own.
+///
+/// Variables of the threadgroup are told apart from references to them.
 fn as_cpp(shader: &Shader, msl: &Msl, index: usize) -> String {
     let mut text = msl.source.clone();
     if let Some(begin) = text.find(ARRAY.0) {
@@ -82,7 +86,7 @@ fn attributes(msl: &Msl) -> Vec<&str> {
     line.split("[[").skip(1).map(|rest| rest.split("]]").next().expect("it ends")).collect()
 }
 
-/// Fails if the places of the arguments in the text are not those that the backend is told. Returns the number of buffers.
+/// Checks that the arguments' places in the text are those that the backend is told. Returns the number of buffers.
 pub fn assert_places(shader: &Shader) -> usize {
     let msl = shader.msl.as_ref().expect("translated");
     let found: BTreeSet<String> =

@@ -2,8 +2,7 @@
 
 use super::clang::{Call, Image, Library};
 use splatgraph_api::{FrameInputs, SceneData};
-use splatgraph_framework::ir::{Format, Groups, PassId, ResourceId, Shape, Source, Work};
-use splatgraph_framework::msl::MOST_BUFFERS;
+use splatgraph_framework::ir::{Format, Groups, Msl, PassId, ResourceId, Shape, Source, Work};
 use splatgraph_framework::plan::Plan;
 use std::ptr::null_mut;
 
@@ -123,7 +122,7 @@ impl<'a> Cpu<'a> {
             }
         };
         let msl = shader.msl.as_ref().expect("translated");
-        let mut buffers = vec![null_mut(); MOST_BUFFERS as usize];
+        let mut buffers = vec![null_mut(); Msl::MOST_BUFFERS as usize];
         let mut images = Vec::new();
         for argument in &msl.arguments {
             let bound =

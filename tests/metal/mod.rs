@@ -19,10 +19,15 @@ use std::sync::Arc;
 
 /// The device that gives the expected bytes. Other tests hold the same plans against the validation layers.
 fn lavapipe() -> Vulkan {
-    Vulkan::open(&common::options(Validation::Off)).unwrap_or_else(|e| panic!("the tests need lavapipe: {e}"))
+    let device = Vulkan::open(&common::options(Validation::Off));
+    let device = device.unwrap_or_else(|e| panic!("the tests need lavapipe: {e}"));
+    common::assert_lanes(&device);
+    device
 }
 
-/// Runs `body` alone in a process, since kernels can end it; `./x test --long` runs it at lavapipe's other widths of subgroups, too.
+/// Runs `body` alone in a process, since kernels can end it.
+///
+/// `./x test --long` runs it at lavapipe's other widths of subgroups, too.
 fn at_every_width_of_lavapipe(test: &str, body: impl FnOnce()) {
     common::alone(test, body);
     if common::long() && common::lanes_are_usual() && std::env::var_os(common::ALONE).is_none() {

@@ -22,7 +22,7 @@ pub struct Loose {
     pub by: f32,
 }
 
-/// What was compared.
+/// Counts what was compared.
 #[derive(Debug, Default)]
 pub struct Compared {
     /// Kernels that ran.
@@ -38,9 +38,9 @@ fn written(plan: &Plan, pass: PassId) -> BTreeSet<ResourceId> {
     plan.pass(pass).uses.iter().filter(|u| u.accesses.writes()).map(|u| u.resource).collect()
 }
 
-/// Runs the prologue and one frame of a plan without shared memory on both, each pass on what lavapipe had before it.
+/// Runs the prologue and one frame of a plan without shared memory on both.
 ///
-/// Draws run on lavapipe alone. Fails on every word that differs and is not among `loose`.
+/// Each pass starts from what lavapipe had before it. Draws run on lavapipe alone. Fails on every word that differs and is not among `loose`.
 pub fn compare(
     device: &mut Vulkan,
     library: &Library,
@@ -157,8 +157,10 @@ impl Loose {
     }
 }
 
-/// Forbids lavapipe to compute in another order than the one written: every operation on floats is decorated as those of `precise`
-/// variables are. Without that its optimiser factors sums out, and no other compiler would give the same bits.
+/// Forbids lavapipe to compute in another order than the one written.
+///
+/// Every operation on floats is decorated as those of `precise` variables are. Without that its optimiser factors sums out, and no other
+/// compiler would give the same bits.
 fn in_order(plan: &Plan) -> Plan {
     let mut plan = plan.clone();
     for shader in &mut plan.shaders {

@@ -114,7 +114,7 @@ const BARRIER: &str = "threadgroup_barrier(mem_flags::mem_threadgroup);";
 const SIMD_BARRIER: &str =
     "simdgroup_barrier(mem_flags::mem_device | mem_flags::mem_threadgroup | mem_flags::mem_texture);";
 
-/// What would go wrong on a GPU: a piece of the scatter's text, another in its place, and what the machine finds.
+/// Lists mistakes: a piece of the scatter's text, another in its place, and what the machine finds.
 const WRONG: [(&str, &str, &str); 5] = [
     // Ranks that were never counted are places far away.
     (BARRIER, "", "sort/scatter.comp: an access beyond the end of a buffer"),

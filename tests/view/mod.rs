@@ -1,4 +1,5 @@
-//! The viewer: what a person does with it, done by scripts. The real program's window needs an X server.
+//! The viewer: what a person does with it, done by scripts. The real program's window needs an X server; the long
+//! runs read their memory, files and threads in /proc.
 
 mod dice;
 #[cfg(target_os = "linux")]
@@ -8,9 +9,11 @@ mod keys;
 mod live;
 #[cfg(target_os = "linux")]
 mod program;
+#[cfg(target_os = "linux")]
 mod recovery;
 #[cfg(target_os = "linux")]
 mod screen;
+#[cfg(target_os = "linux")]
 mod soak;
 mod twin;
 mod whole;

@@ -1,6 +1,6 @@
 //! Runs `splatgraph advise`: what a scene needs, and the cheapest setting within a budget.
 
-use super::options::{self, BackendArgs, EffortArgs, MEASURED_PIPELINE};
+use super::options::{self, DrawingBackendArgs, EffortArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage};
 use crate::advise::harmonics::{self, Band};
 use crate::advise::search::{Budget, Tried, best, combinations};
@@ -62,7 +62,7 @@ pub struct Args {
     #[command(flatten)]
     effort: EffortArgs,
     #[command(flatten)]
-    device: BackendArgs,
+    device: DrawingBackendArgs,
 }
 
 /// Parses a number above 0.

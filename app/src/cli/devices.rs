@@ -3,20 +3,21 @@
 use super::{Outcome, options};
 use crate::backend::Api;
 use crate::output::say;
-use anyhow::{Result, bail};
+use anyhow::Result;
 use splatgraph_api::DeviceInfo;
 use splatgraph_assets::memory::display;
 
 /// List this machine's devices
 ///
 /// --device takes an index of the chosen backend's devices, or a part of a name. Without --device, a discrete GPU is preferred, then
-/// an integrated one, then any other; a device that runs on the CPU comes last. The device `null` executes nothing.
+/// an integrated one, then any other; a device that runs on the CPU comes last. The device `null` executes nothing. The exit code
+/// is 1 where the default backend has no device, or cannot list them.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph devices
   splatgraph devices --json
   splatgraph render --device llvmpipe -o demo.png
-  splatgraph view --backend null")]
+  splatgraph render --backend null --repeat 100 --json -     # what all costs but the GPU's work")]
 pub struct Args {
     /// Print JSON, with the facts for graphs
     #[arg(long)]
@@ -27,12 +28,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut devices: Vec<(Api, DeviceInfo)> = Vec::new();
     for api in Api::ALL {
         match api.devices() {
+            Ok(found) if found.is_empty() && api == Api::default() => say("error: no device was found"),
             Ok(found) => devices.extend(found.into_iter().map(|device| (api, device))),
+            Err(error) if api == Api::default() => say(format!("error: {error}")),
             // The others are of use only to who asks for them.
-            Err(error) if api == Api::default() => return Err(error.into()),
             Err(error) => say(format!("{api}: {error}")),
         }
     }
+    let usual = devices.iter().any(|(api, _)| *api == Api::default());
+    let outcome = if usual { Outcome::Done } else { Outcome::Failed };
     if args.json {
         let all = devices.iter().map(|(api, device)| {
             let mut value = serde_json::to_value(device)?;
@@ -41,10 +45,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         });
         let all = all.collect::<Result<Vec<_>>>()?;
         options::write_text(None, &format!("{:#}\n", serde_json::Value::from(all)))?;
-        return Ok(Outcome::Done);
-    }
-    if !devices.iter().any(|(api, _)| *api == Api::default()) {
-        bail!("no device was found");
+        return Ok(outcome);
     }
     for (api, device) in &devices {
         let DeviceInfo { index, name, kind, driver, .. } = device;
@@ -66,5 +67,5 @@ pub fn run(args: &Args) -> Result<Outcome> {
             options::print(&format!("     cannot run graphs: {why}"))?;
         }
     }
-    Ok(Outcome::Done)
+    Ok(outcome)
 }

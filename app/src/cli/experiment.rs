@@ -1,6 +1,6 @@
 //! Runs `splatgraph experiment`: pages that show what an equation says.
 
-use super::options::{self, BackendArgs};
+use super::options::{self, DrawingBackendArgs};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::experiment::{GRAPH, order, sh};
 use crate::fit;
@@ -57,7 +57,7 @@ struct Common {
     #[arg(short, long, value_name = "FILE.html")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    device: BackendArgs,
+    device: DrawingBackendArgs,
 }
 
 /// Width of the pictures without `--size`, in pixels: a page holds some twenty of them.

@@ -292,6 +292,31 @@ impl std::ops::Deref for BackendArgs {
     }
 }
 
+/// Options of the device, and its API, for commands that compare pictures.
+#[derive(Debug, clap::Args)]
+pub struct DrawingBackendArgs {
+    /// Graphics API: `vulkan`, or on Apple's systems `metal`
+    #[arg(long, value_name = "NAME", default_value_t = Api::default(), value_parser = Api::parse_drawing)]
+    backend: Api,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+impl DrawingBackendArgs {
+    /// Opens the device.
+    pub fn open(&self) -> Result<Backend, BackendError> {
+        Backend::open(self.backend, &self.device.options())
+    }
+}
+
+impl std::ops::Deref for DrawingBackendArgs {
+    type Target = DeviceArgs;
+
+    fn deref(&self) -> &DeviceArgs {
+        &self.device
+    }
+}
+
 /// Options of a plan: graph, parameters, cameras and picture size.
 #[derive(Debug, clap::Args)]
 pub struct Drawing {

@@ -1,6 +1,6 @@
 //! Runs `splatgraph popping`: the error that changes from frame to frame.
 
-use super::options::{self, BackendArgs, MEASURED_PIPELINE};
+use super::options::{self, DrawingBackendArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
@@ -62,7 +62,7 @@ pub struct Args {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    device: BackendArgs,
+    device: DrawingBackendArgs,
 }
 
 /// Frames of an orbit without `--frames`.

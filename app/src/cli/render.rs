@@ -47,10 +47,11 @@ pub struct Args {
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
-    /// Renderer: `vulkan`, or on Apple's systems `metal`, executes the graph on a device; `reference` is the exact renderer, on the CPU
+    /// Choose the renderer: `vulkan`, on Apple's systems `metal`, or `reference`, the exact one on the CPU
     ///
-    /// `null` executes nothing, for a look at what everything else costs: its pictures are black, and its times mean nothing. The exact renderer follows the published CUDA rasteriser rule by rule in f64, shares no arithmetic with the shaders and
-    /// executes no graph. Other pictures are measured against its own.
+    /// The first two execute the graph on a device. `null` executes nothing, for a look at what everything else costs: its pictures are
+    /// black, and its times mean nothing. The exact renderer follows the published CUDA rasteriser rule by rule in f64, shares no
+    /// arithmetic with the shaders and executes no graph. Other pictures are measured against its own.
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
     backend: Renderer,
     /// Change a rule of the exact renderer; may be repeated

@@ -1,6 +1,6 @@
 //! Runs `splatgraph sweep`: quality and time with fewer and fewer splats.
 
-use super::options::{self, BackendArgs, Drawing, EffortArgs};
+use super::options::{self, Drawing, DrawingBackendArgs, EffortArgs};
 use super::{Outcome, Usage};
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
@@ -44,7 +44,7 @@ pub struct Args {
     #[command(flatten)]
     effort: EffortArgs,
     #[command(flatten)]
-    device: BackendArgs,
+    device: DrawingBackendArgs,
 }
 
 /// Files in the folder of `--output` besides plots and pictures.

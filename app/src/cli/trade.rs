@@ -1,6 +1,6 @@
 //! Runs `splatgraph trade`: the ledger of what each setting saves and costs.
 
-use super::options::{self, BackendArgs, EffortArgs, MEASURED_PIPELINE};
+use super::options::{self, DrawingBackendArgs, EffortArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
 use crate::fit;
@@ -63,7 +63,7 @@ pub struct Args {
     #[command(flatten)]
     effort: EffortArgs,
     #[command(flatten)]
-    device: BackendArgs,
+    device: DrawingBackendArgs,
 }
 
 /// Files in the folder of `--output`.

@@ -9,7 +9,7 @@
 //! vertex, first instance). And threadgroup memory is declared in the shaders, with its size. The y axis points up in Metal's clip
 //! space and down in Vulkan's: the translated vertex shaders negate it, so that viewports and images are the same.
 
-use crate::features::{BUFFERS, TEXTURES};
+use crate::features;
 use splatgraph_api::{BackendError, LimitExceeded, Unit};
 use splatgraph_framework::{ir::*, plan::*};
 use std::sync::Arc;
@@ -170,6 +170,9 @@ fn pipeline(plan: &Plan, pass: &Pass) -> Option<PipelineState> {
     }
 }
 
+// Plans are held against the same numbers as their shaders.
+const _: () = assert!(features::BUFFERS == Msl::MOST_BUFFERS && features::TEXTURES == Msl::MOST_TEXTURES);
+
 fn arguments(shader: &Shader, stage: Stage) -> Result<StageArguments, BackendError> {
     let name = &shader.name;
     let Some(msl) = &shader.msl else {
@@ -183,7 +186,8 @@ fn arguments(shader: &Shader, stage: Stage) -> Result<StageArguments, BackendErr
         let own = [msl.push, msl.sizes].into_iter().flatten().filter(move |_| !texture);
         table.chain(own).map(|index| index + 1).max().unwrap_or(0)
     };
-    for (what, needed, available) in [("buffers", most(false), BUFFERS), ("textures", most(true), TEXTURES)] {
+    let tables = [("buffers", most(false), Msl::MOST_BUFFERS), ("textures", most(true), Msl::MOST_TEXTURES)];
+    for (what, needed, available) in tables {
         if needed > available {
             return Err(BackendError::Limit(LimitExceeded {
                 what: format!(
@@ -263,8 +267,9 @@ pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bo
 /// Samples of a counter sample buffer at most: 32 KiB of 8 bytes each.
 pub const MOST_SAMPLES: u32 = 4096;
 
-/// Returns the index of a sample for a timestamp of the runtime; none for the first two, of the whole frame, which command buffers
-/// tell, and for those that there is no room for.
+/// Returns the index of a sample for a timestamp of the runtime, if it has one.
+///
+/// The first two, of the whole frame, have none, as command buffers tell them; nor have those that there is no room for.
 pub fn sample(timestamp: u32) -> Option<u32> {
     timestamp.checked_sub(2).filter(|sample| *sample < MOST_SAMPLES)
 }

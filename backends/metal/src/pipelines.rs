@@ -68,11 +68,7 @@ impl Pipelines {
                 PipelineState::Compute { shader, .. } => vec![shader],
                 PipelineState::Draw { vertex, fragment, .. } => vec![vertex, fragment],
             };
-            let Some(pass) = lowered.of_pass.iter().position(|pipeline| *pipeline == Some(done)) else {
-                unreachable!("each pipeline is that of a pass")
-            };
-            let of = lowered.pipelines.len();
-            next(NextPipeline { done, of, shader: shaders[0], pass: PassId(pass as u32) })?;
+            next(NextPipeline::new(&lowered.of_pass, done, lowered.pipelines.len(), shaders[0]))?;
             pipelines.push(objc::pool(|| {
                 for shader in shaders {
                     if let Entry::Vacant(entry) = functions.entry(shader) {

@@ -21,9 +21,9 @@ pub struct Walked {
 #[derive(Debug)]
 struct Divided {
     encoders: Encoders,
-    /// By pass: its encoder, counted through prologue and frame, and its place in it.
+    /// The encoder of each pass, counted through prologue and frame, and the pass's place in it.
     places: Vec<Option<(usize, usize)>>,
-    /// By fence: a frame that was submitted has updated it.
+    /// Whether a frame that was submitted has updated it, for each fence.
     updated: Vec<bool>,
 }
 
@@ -133,8 +133,9 @@ impl Walk {
         self.current = Some((index, true));
     }
 
-    /// Closes the open encoder for something that the plan knows nothing of, which must be ordered after everything before it and
-    /// before everything after it.
+    /// Closes the open encoder for something that the plan knows nothing of.
+    ///
+    /// That must be ordered after everything before it and before everything after it.
     pub fn interrupt(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
         self.close(walked, moves);
         if let Some((_, open)) = &mut self.current {

@@ -2,8 +2,9 @@
 
 use splatgraph_api::{BackendError, DeviceInfo};
 
-/// Returns the place of the device that `wanted` names: an index, or a part of the name in any case. Without a name it is the first
-/// discrete GPU that is fit, else the first integrated one, else any other, a CPU last.
+/// Returns the place of the device that `wanted` names: an index, or a part of the name in any case.
+///
+/// Without a name it is the first discrete GPU that is fit, else the first integrated one, else any other, a CPU last.
 ///
 /// # Errors
 /// [`BackendError::Unavailable`] where no device has the name, or the one that has it, or the only one, cannot run plans.

@@ -218,6 +218,17 @@ pub struct NextPipeline {
     pub pass: PassId,
 }
 
+impl NextPipeline {
+    /// Describes the next pipeline of a lowered plan, whose passes have the pipelines `of_pass`.
+    ///
+    /// # Panics
+    /// No pass has the pipeline `done`.
+    pub fn new(of_pass: &[Option<usize>], done: usize, of: usize, shader: ShaderId) -> NextPipeline {
+        let pass = of_pass.iter().position(|pipeline| *pipeline == Some(done));
+        NextPipeline { done, of, shader, pass: PassId(pass.expect("each pipeline is that of a pass") as u32) }
+    }
+}
+
 /// A swapchain's image that the frame in a slot is shown in.
 pub struct Show<'a, G: Gpu> {
     /// The swapchain.

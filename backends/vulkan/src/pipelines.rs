@@ -55,12 +55,8 @@ impl Pipelines {
                 PipelineState::Compute { shader, .. } => vec![shader],
                 PipelineState::Draw { vertex, fragment, .. } => vec![vertex, fragment],
             };
-            let (shader, of) = (shaders[0], lowered.pipelines.len());
-            let name = &plan.shader(shader).name;
-            let Some(pass) = lowered.of_pass.iter().position(|pipeline| *pipeline == Some(done)) else {
-                unreachable!("each pipeline is that of a pass")
-            };
-            next(NextPipeline { done, of, shader, pass: PassId(pass as u32) })?;
+            let name = &plan.shader(shaders[0]).name;
+            next(NextPipeline::new(&lowered.of_pass, done, lowered.pipelines.len(), shaders[0]))?;
             for shader in shaders {
                 if let Entry::Vacant(entry) = modules.entry(shader) {
                     entry.insert(module(gpu, plan, shader)?);

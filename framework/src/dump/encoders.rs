@@ -109,8 +109,9 @@ pub struct EncoderTotals {
     pub barriers: usize,
 }
 
-/// Writes the encoders of a dump beside the plan's own barriers, which are Vulkan's, with the reasons for each; `None` if it has
-/// no encoders.
+/// Writes the encoders of a dump, with their reasons, beside the plan's own barriers, which are Vulkan's.
+///
+/// Returns `None` if it has no encoders.
 pub fn encoders_text(dump: &Dump) -> Option<String> {
     let encoders = dump.encoders.as_ref()?;
     let mut out = String::new();

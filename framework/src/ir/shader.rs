@@ -34,9 +34,27 @@ pub struct Msl {
     pub arguments: Vec<MslArgument>,
     /// Index in the table of buffers for the push constants' bytes.
     pub push: Option<u32>,
-    /// Index in the table of buffers for the sizes in bytes of the buffers whose length the code asks for: 32-bit words, by
-    /// buffer index.
+    /// Index in the table of buffers for the sizes in bytes of buffers whose length the code asks for.
+    ///
+    /// They are 32-bit words, by buffer index.
     pub sizes: Option<u32>,
+}
+
+impl Msl {
+    /// Buffers of a function, push constants and sizes among them.
+    ///
+    /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the buffer argument table, per graphics or kernel function".
+    pub const MOST_BUFFERS: u32 = 31;
+
+    /// Textures of a function.
+    ///
+    /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the texture argument table, per graphics or kernel function".
+    pub const MOST_TEXTURES: u32 = 128;
+
+    /// Bytes of push constants, which Metal copies with the command (`setBytes`).
+    ///
+    /// Apple, documentation of `setBytes:length:atIndex:`: "data smaller than 4 KB".
+    pub const MOST_PUSH_BYTES: u32 = 4095;
 }
 
 /// Places a binding in a table of arguments.

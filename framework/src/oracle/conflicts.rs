@@ -29,8 +29,9 @@ pub struct Conflict {
     pub per_frame: bool,
 }
 
-/// Lists the conflicts between the passes of a plan, by their bytes, whatever barriers there are. Growth is with the square of the
-/// number of accesses.
+/// Lists the conflicts between the passes of a plan, by their bytes, whatever barriers there are.
+///
+/// The time grows with the square of the number of accesses.
 pub fn conflicts(plan: &Plan) -> Vec<Conflict> {
     let trace = Trace::new(plan, 1);
     let all: Vec<_> = (trace.passes.iter().zip(0..))

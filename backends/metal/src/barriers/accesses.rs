@@ -13,8 +13,9 @@ use std::ops::Range;
 #[derive(Clone, Debug)]
 pub(super) struct Access {
     pub resource: ResourceId,
-    /// The stage at which it starts, and the one at whose end it is over: the same one of a draw, both of what has one stage.
+    /// The stage at which it starts: the first one for what has no stages, like a dispatch.
     pub from: RenderStages,
+    /// The stage at whose end it is over: the last one for what has no stages.
     pub to: RenderStages,
     pub reads: bool,
     pub writes: bool,

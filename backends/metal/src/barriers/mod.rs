@@ -104,8 +104,9 @@ pub enum EncoderKind {
 pub struct FenceUse {
     /// Its number, below [`Encoders::fences`].
     pub fence: u32,
-    /// The stages, in an encoder of draws: it waits before them, or updates after them (vertices alone, or vertices and fragments).
-    /// `None` for others.
+    /// The stages of draws that it waits before, or updates after; `None` in other encoders.
+    ///
+    /// They are vertices alone, or vertices and fragments.
     pub stages: Option<RenderStages>,
 }
 
@@ -209,7 +210,7 @@ pub fn encoders(plan: &Plan, division: Division) -> Encoders {
     explained(plan, division).0
 }
 
-/// Divides the passes of a plan into encoders as [`encoders`], and gives the reasons for every wait and barrier, in their order.
+/// Divides a plan as [`encoders`] does, and gives the reasons for every wait and barrier, in their order.
 pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<Cause>) {
     let footprints = accesses::Footprints::of(plan);
     let prologue = divide::divide(plan, &plan.prologue, &footprints, division);

@@ -330,7 +330,9 @@ fn add_reasons(
     }
 }
 
-/// Adds a need to the reasons: to one that differs in the passes that are waited for alone, if there is one.
+/// Adds a need to the reasons.
+///
+/// It joins one that differs in the passes that are waited for alone, if there is one.
 fn add_reason(reasons: &mut Vec<Cause>, at: Place, need: &Need, previous_frame: bool) {
     let resource = need.resource;
     let alias = Some(need.after.access.resource).filter(|other| *other != resource);

@@ -135,7 +135,7 @@ pub struct Model<'a> {
 struct Submitted<'a> {
     encoding: &'a Encoding,
     frame: Option<u32>,
-    /// The parts that are over when its vertices begin, and when the rest does: a bit for each part of each encoder.
+    /// The parts that are over when its vertices begin, and when the rest does: a bit for each.
     over: [Vec<u64>; 2],
 }
 
