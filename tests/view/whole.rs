@@ -115,6 +115,7 @@ impl TestShell {
     }
 
     /// Returns true if all planned input was delivered.
+    #[cfg(target_os = "linux")]
     pub fn is_idle(&self) -> bool {
         self.input.is_empty()
     }
@@ -199,6 +200,7 @@ impl TestShell {
 
     /// Has all that is shown drawn from the files as they are shipped now, but for a number in the graphs' summaries, which tells
     /// when that is so: whatever was changed in the files before, it was built after that.
+    #[cfg(target_os = "linux")]
     pub fn restore(&mut self, number: u64) {
         let marked = ["pipelines/splat.ron", "pipelines/view/window.ron"];
         for (name, text) in &self.shipped {
