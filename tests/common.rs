@@ -105,10 +105,12 @@ pub fn again_with_vectors_of(bits: u32, test: &str) {
 }
 
 /// Set in the processes that [`alone`] starts.
+#[cfg(target_os = "linux")]
 pub const ALONE: &str = "SPLATGRAPH_ALONE";
 
 /// Runs `body` in a process that has nothing else to do: what belongs to a process (memory, threads, open files, a panic on
 /// whatever thread) is then the test's. The process is this binary, told to run `test` alone, which is the test that calls this.
+#[cfg(target_os = "linux")]
 pub fn alone(test: &str, body: impl FnOnce()) {
     if std::env::var_os(ALONE).is_some_and(|name| name == test) {
         return body();

@@ -21,6 +21,7 @@ impl Dice {
     }
 
     /// A number from 0 to 1.
+    #[cfg(target_os = "linux")]
     pub fn share(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }

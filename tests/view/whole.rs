@@ -161,6 +161,7 @@ impl TestShell {
     }
 
     /// Frames of A and B that were drawn and are done.
+    #[cfg(target_os = "linux")]
     pub fn drawn(&mut self) -> u64 {
         self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let viewer = &self.shell.viewer;
