@@ -12,13 +12,10 @@ use crate::objc;
 use crate::surface::{FORMAT, Surface};
 use metal::*;
 use splatgraph_api::{BackendError, Options};
-use splatgraph_runtime::{Limits, Messages, Window};
+use splatgraph_runtime::{COMPILE_PATIENCE, Limits, Messages, Window};
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-
-/// The longest time that Metal may take over one pipeline where the program does not say.
-const COMPILE_PATIENCE: Duration = Duration::from_secs(60);
 
 /// The longest time that one pass may run where the program does not say. macOS ends commands itself after some seconds.
 const PATIENCE: Duration = Duration::from_secs(10);

@@ -21,6 +21,9 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
+/// The longest time that the driver may take over one pipeline where the program does not say: some take seconds.
+pub const COMPILE_PATIENCE: Duration = Duration::from_secs(60);
+
 /// A window that a swapchain can be made for.
 pub trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
 

@@ -54,9 +54,9 @@ mod window;
 pub use devices::choose;
 pub use executor::Executor;
 pub use gpu::{
-    Acquired, BindingTarget, Buffer, BufferDesc, Draw, Encoder, FormatSupport, Gpu, Image, ImageDesc,
-    LayoutChange, Location, Memory, MemoryKind, NextPipeline, PlanBarrier, Presented, Requirements, Show,
-    Window, binding_copies,
+    Acquired, BindingTarget, Buffer, BufferDesc, COMPILE_PATIENCE, Draw, Encoder, FormatSupport, Gpu, Image,
+    ImageDesc, LayoutChange, Location, Memory, MemoryKind, NextPipeline, PlanBarrier, Presented,
+    Requirements, Show, Window, binding_copies,
 };
 pub use limits::{Limits, SubgroupLimits};
 pub use loader::{Loader, Ready};

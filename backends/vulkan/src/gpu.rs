@@ -14,15 +14,12 @@ use crate::instance::Instance;
 use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use splatgraph_api::{BackendError, Options};
-use splatgraph_runtime::Limits;
+use splatgraph_runtime::{COMPILE_PATIENCE, Limits};
 use std::ffi::{CStr, CString};
 use std::fmt::Arguments;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-
-/// The longest time that the driver may take over one pipeline where the program does not say: some take seconds.
-const COMPILE_PATIENCE: Duration = Duration::from_secs(60);
 
 /// An opened Vulkan device; see [`crate::Vulkan`].
 pub struct VulkanGpu {
