@@ -29,7 +29,7 @@ pub enum Api {
     /// Metal, on Apple's.
     #[cfg(target_vendor = "apple")]
     Metal,
-    /// None: a device that executes nothing.
+    /// A device that executes nothing.
     Null,
 }
 
@@ -66,8 +66,7 @@ impl Api {
 
     /// Says that there is no API of this name, where the names of `others` would do, too.
     pub fn refusal(name: &str, others: &[&str]) -> String {
-        let why = if name == "metal" { ": Metal is on Apple's systems alone" } else { "" };
-        format!("expected {}, found {name}{why}", alternatives(&[&Api::ALL.map(Api::name), others].concat()))
+        refusal(name, &[&Api::ALL.map(Api::name), others].concat())
     }
 
     /// Finds the API of this name, for what compares pictures: [`Api::Null`] draws none.
@@ -75,17 +74,11 @@ impl Api {
     /// # Errors
     /// The names of those that draw.
     pub fn parse_drawing(name: &str) -> Result<Api, String> {
-        let drawing: Vec<Api> = Api::ALL.into_iter().filter(|api| *api != Api::Null).collect();
-        if let Some(api) = drawing.iter().find(|api| api.name() == name) {
-            return Ok(*api);
-        }
-        let names: Vec<&str> = drawing.iter().map(|api| api.name()).collect();
-        let why = match name {
-            "null" => ": pictures are compared",
-            "metal" => ": Metal is on Apple's systems alone",
-            _ => "",
-        };
-        Err(format!("expected {}, found {name}{why}", alternatives(&names)))
+        let draws = |api: &Api| *api != Api::Null;
+        Api::find(name).filter(draws).ok_or_else(|| {
+            let names: Vec<&str> = Api::ALL.into_iter().filter(draws).map(Api::name).collect();
+            refusal(name, &names)
+        })
     }
 
     /// Lists the devices.
@@ -100,6 +93,16 @@ impl Api {
             Api::Null => Null::devices(),
         }
     }
+}
+
+/// Refuses an API that is none of `names`, with the reason where one is known.
+fn refusal(name: &str, names: &[&str]) -> String {
+    let why = match name {
+        "metal" => ": Metal is on Apple's systems alone",
+        "null" => ": pictures are compared",
+        _ => "",
+    };
+    format!("expected {}, found {name}{why}", alternatives(names))
 }
 
 /// Joins names as in `vulkan, null or reference`.

@@ -4,7 +4,7 @@
 //! when it makes the pipeline. Vulkan numbers a shader's bindings freely; Metal has tables of arguments, one for buffers and one for
 //! textures. `places` numbers them, and the function is told so.
 //!
-//! What the executor owes the function:
+//! The executor owes the function:
 //!
 //! - `MTLCompileOptions` of [`VERSION`] without fast math: keys and culling count on every rounding;
 //! - a pipeline whose `threadExecutionWidth` is the width of subgroups that the plan was built for, which is a constant of the text;

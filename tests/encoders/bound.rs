@@ -1,5 +1,5 @@
-//! How few encoders, waits and barriers a frame can have on Metal, derived from its passes and their conflicts and from nothing that
-//! the lowering did.
+//! Derives the fewest encoders, waits and barriers of a frame on Metal from its passes and their conflicts, and from nothing that the
+//! lowering did.
 //!
 //! The order of the passes is given. Then a careful version by hand cannot have fewer
 //!

@@ -3,12 +3,11 @@
 //! Metal keeps no sets of descriptors: each argument is set in the encoder before its command. So the tables are lists on the host of
 //! what to set where.
 
-use crate::features::BUFFERS;
 use crate::gpu::MetalGpu;
 use crate::lower::{Place, Stage};
 use crate::pipelines::Pipelines;
 use metal::{Buffer, Texture};
-use splatgraph_framework::ir::{Binding, PassId};
+use splatgraph_framework::ir::{Binding, Msl, PassId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{BindingTarget, binding_copies};
 
@@ -25,7 +24,7 @@ pub struct ArgumentTables {
 pub(crate) struct Table {
     pub arguments: Vec<(Place, Argument)>,
     /// The sizes in bytes of the buffers of each stage that asks for some, by buffer index.
-    pub sizes: Vec<(Stage, [u32; BUFFERS as usize])>,
+    pub sizes: Vec<(Stage, [u32; Msl::MOST_BUFFERS as usize])>,
 }
 
 /// An object to set.
@@ -95,7 +94,7 @@ impl Table {
         }
         let known = self.sizes.iter().position(|(stage, _)| *stage == place.stage);
         let known = known.unwrap_or_else(|| {
-            self.sizes.push((place.stage, [0; BUFFERS as usize]));
+            self.sizes.push((place.stage, [0; Msl::MOST_BUFFERS as usize]));
             self.sizes.len() - 1
         });
         // No binding is longer; see the limits.

@@ -93,13 +93,7 @@ mod tests {
 
     #[test]
     fn encoders_are_told_beside_the_barriers_of_the_plan_with_their_reasons_and_counts() {
-        let mut s = Sketch::new();
-        let (x, y, image) = (s.buffer("x"), s.buffer("y"), s.image("image"));
-        s.once("once", &[writes(y)]);
-        s.dispatch("make", &[reads(y), writes(x)]);
-        s.dispatch("change", &[reads(x), writes(x)]);
-        s.draw("draw", image, CLEAR, &[vertices_read(x)]);
-        s.export(image, None);
+        let s = chain();
         let dump = add_encoders(dump::dump(&s.plan), &s.plan);
         let text = dump::encoders_text(&dump).expect("they were added");
         let lines: Vec<&str> = text.lines().map(str::trim).collect();

@@ -166,7 +166,6 @@ impl Encoder {
                 Move::Open(kind) => {
                     self.close();
                     self.next = Some(kind);
-                    self.waits.clear();
                     self.sample = None;
                 }
                 Move::Wait(fence) => self.waits.push(fence),

@@ -3,7 +3,7 @@
 //! Metal tells few numbers itself; the others hold for whole families of GPUs. They are those of Apple's "Metal Feature Set Tables" for
 //! the family Apple 7, the first of the Macs' (M1), which later ones only exceed.
 
-use splatgraph_framework::ir::{Features, Format};
+use splatgraph_framework::ir::{Features, Format, Msl};
 use splatgraph_runtime::{FormatSupport, Limits, SubgroupLimits};
 
 /// Holds the numbers that a device tells of itself.
@@ -35,23 +35,16 @@ impl Told {
 /// Lanes of a SIMD group, of every Apple GPU.
 pub const LANES: u32 = 32;
 
-/// Entries of a stage's table of buffers.
-pub const BUFFERS: u32 = 31;
-
-/// Entries of a stage's table of textures.
-pub const TEXTURES: u32 = 128;
-
 /// Returns the limits that plans are held against.
 pub fn limits(told: &Told) -> Limits {
     // Push constants and the sizes of buffers take an entry each.
-    let buffers = BUFFERS - 2;
+    let buffers = Msl::MOST_BUFFERS - 2;
     Limits {
         // The sizes of buffers reach shaders as 32-bit words.
         max_storage_bytes: told.max_buffer_bytes.min(u64::from(u32::MAX)),
         max_uniform_bytes: 64 << 10,
         max_buffer_bytes: told.max_buffer_bytes,
-        // "setBytes:length:atIndex:" takes less than 4 KiB.
-        max_push_bytes: 4095,
+        max_push_bytes: Msl::MOST_PUSH_BYTES,
         // Metal names no limit. Shaders fold more than these into y, on every backend.
         max_groups: [65535; 3],
         max_local_size: told.max_threads,
@@ -61,7 +54,7 @@ pub fn limits(told: &Told) -> Limits {
         max_targets: 8,
         max_storage_buffers: buffers,
         max_uniform_buffers: buffers,
-        max_storage_images: TEXTURES,
+        max_storage_images: Msl::MOST_TEXTURES,
         heap_bytes: told.working_set,
         device_memory_types: 1,
         // Placed by what each resource says it needs.

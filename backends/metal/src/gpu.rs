@@ -149,10 +149,8 @@ impl Builtin {
                 let function = function(&library, name)?;
                 kernel(device, &function, name, threads).map(|(state, _)| state)
             };
-            let options =
-                MTLResourceOptions::StorageModePrivate | MTLResourceOptions::HazardTrackingModeUntracked;
             Ok(Builtin {
-                scratch: objc::new_buffer(device, 4, options)
+                scratch: objc::new_buffer(device, 4, private())
                     .ok_or_else(|| no_object("newBufferWithLength:options:"))?,
                 fill_words: kernel("fill_words", 256)?,
                 clear_floats: kernel("clear_floats", 256)?,
@@ -175,6 +173,11 @@ impl Builtin {
         let groups = MTLSize::new(lower::fill_groups(words.into()).max(1).into(), 1, 1);
         encoder.dispatch_thread_groups(groups, MTLSize::new(256, 1, 1));
     }
+}
+
+/// Returns the options of what the device alone touches.
+pub(crate) fn private() -> MTLResourceOptions {
+    MTLResourceOptions::StorageModePrivate | MTLResourceOptions::HazardTrackingModeUntracked
 }
 
 fn sampler(device: &DeviceRef, filter: MTLSamplerMinMagFilter) -> SamplerState {

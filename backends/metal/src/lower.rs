@@ -9,7 +9,6 @@
 //! vertex, first instance). And threadgroup memory is declared in the shaders, with its size. The y axis points up in Metal's clip
 //! space and down in Vulkan's: the translated vertex shaders negate it, so that viewports and images are the same.
 
-use crate::features;
 use splatgraph_api::{BackendError, LimitExceeded, Unit};
 use splatgraph_framework::{ir::*, plan::*};
 use std::sync::Arc;
@@ -169,9 +168,6 @@ fn pipeline(plan: &Plan, pass: &Pass) -> Option<PipelineState> {
         Work::Fill { .. } | Work::Start { .. } | Work::Export | Work::Host => None,
     }
 }
-
-// Plans are held against the same numbers as their shaders.
-const _: () = assert!(features::BUFFERS == Msl::MOST_BUFFERS && features::TEXTURES == Msl::MOST_TEXTURES);
 
 fn arguments(shader: &Shader, stage: Stage) -> Result<StageArguments, BackendError> {
     let name = &shader.name;

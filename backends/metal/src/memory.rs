@@ -4,7 +4,7 @@
 //! that the host sees is one buffer, which is the object as well. Everything is untracked.
 
 use crate::error::no_object;
-use crate::gpu::MetalGpu;
+use crate::gpu::{MetalGpu, private};
 use crate::lower;
 use crate::objc;
 use metal::*;
@@ -30,10 +30,6 @@ enum Place {
 
 /// No object of Metal's demands memory of its own.
 pub(crate) type Requirements = splatgraph_runtime::Requirements<()>;
-
-fn private() -> MTLResourceOptions {
-    MTLResourceOptions::StorageModePrivate | MTLResourceOptions::HazardTrackingModeUntracked
-}
 
 impl Memory {
     /// Allocates memory. An error names `name` and the size.

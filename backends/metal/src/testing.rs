@@ -228,3 +228,15 @@ pub fn tell(plan: &Plan, encoding: &Encoding) -> String {
     }
     line
 }
+
+/// Two dispatches, a draw and a copy, each of which needs the one before.
+pub fn chain() -> Sketch {
+    let mut s = Sketch::new();
+    let (x, y, image) = (s.buffer("x"), s.buffer("y"), s.image("image"));
+    s.once("once", &[writes(y)]);
+    s.dispatch("make", &[reads(y), writes(x)]);
+    s.dispatch("change", &[reads(x), writes(x)]);
+    s.draw("draw", image, CLEAR, &[vertices_read(x)]);
+    s.export(image, None);
+    s
+}

@@ -23,7 +23,7 @@ struct Divided {
     encoders: Encoders,
     /// The encoder of each pass, counted through prologue and frame, and the pass's place in it.
     places: Vec<Option<(usize, usize)>>,
-    /// Whether a frame that was submitted has updated it, for each fence.
+    /// Marks each fence that a submitted frame has updated.
     updated: Vec<bool>,
 }
 

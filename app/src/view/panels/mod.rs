@@ -354,15 +354,12 @@ impl Panels {
                         label.on_hover_text(reason);
                     }
                 }
-            }
-            for id in [RendererId::A, RendererId::B] {
-                let Some(text) = viewer.viewport(id).and_then(|viewport| viewport.unordered()) else {
-                    continue;
-                };
-                let hint =
-                    "Too many splats of a bin have nearly the same depth; `sorted=splats` orders them all.";
-                let label = ui.colored_label(PARTIAL, format!("{id}: {text}")).on_hover_text(hint);
-                self.controls.see(&format!("unordered:{id}"), label.rect);
+                if let Some(text) = viewport.unordered() {
+                    let hint =
+                        "Too many splats of a bin have nearly the same depth; `sorted=splats` orders them all.";
+                    let label = ui.colored_label(PARTIAL, format!("{id}: {text}")).on_hover_text(hint);
+                    self.controls.see(&format!("unordered:{id}"), label.rect);
+                }
             }
             let watching = viewer.a.renderer.watching();
             if watching != WatchKind::Events {

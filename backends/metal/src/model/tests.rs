@@ -14,18 +14,6 @@ fn told(sketch: &Sketch, change: impl FnOnce(&mut Encoders)) -> Vec<String> {
 
 const NOTHING: [&str; 0] = [];
 
-/// Two dispatches, a draw and a copy, each of which needs the one before.
-fn chain() -> Sketch {
-    let mut s = Sketch::new();
-    let (x, y, image) = (s.buffer("x"), s.buffer("y"), s.image("image"));
-    s.once("once", &[writes(y)]);
-    s.dispatch("make", &[reads(y), writes(x)]);
-    s.dispatch("change", &[reads(x), writes(x)]);
-    s.draw("draw", image, CLEAR, &[vertices_read(x)]);
-    s.export(image, None);
-    s
-}
-
 #[test]
 fn a_whole_list_gets_no_objection() {
     assert_eq!(told(&chain(), |_| {}), NOTHING);
