@@ -161,23 +161,27 @@ fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
     assert!(draw(&by_pairs("16")) == draw(&sorted), "128 pairs are blended in another order");
 }
 
-#[test]
-fn needles_far_narrower_than_a_pixel_are_no_brighter_than_their_colour_in_serial_tiles() {
-    let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (160, 90));
+/// Makes splats of the sizes `scales` in turn, opacity 0.9, in all directions, all over the picture of the camera that it comes with.
+fn scattered(count: u32, scales: &[[f32; 3]]) -> (Arc<Scene>, Camera) {
     // Digits of the golden ratio deal places and directions evenly.
     let share = |at: usize, step: f64| (at as f64 * step).fract() as f32;
-    let scene = Scene::generate(1000, 0, |at| {
+    let scene = Scene::generate(count, 0, |at| {
         let [x, y, z] = [share(at, 0.618_034) - 0.5, share(at, 0.754_877_7) - 0.5, share(at, 0.569_840_3)];
         let turn = std::f32::consts::TAU * share(at, 0.324_717_9);
         Splat {
             position: [4.0 * x, 2.0 * y, 2.0 + 2.0 * z],
-            scale: [0.3, 1e-6, 1e-6],
+            scale: scales[at % scales.len()],
             rotation: [(turn / 2.0).cos(), 0.0, 0.0, (turn / 2.0).sin()],
             opacity: 0.9,
             sh: std::array::from_fn(|i| if i < 3 { 1.0 } else { 0.0 }),
         }
     });
-    let scene = Arc::new(scene);
+    (Arc::new(scene), Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (160, 90)))
+}
+
+#[test]
+fn needles_far_narrower_than_a_pixel_are_no_brighter_than_their_colour_in_serial_tiles() {
+    let (scene, camera) = scattered(1000, &[[0.3, 1e-6, 1e-6]]);
     let draw = |rasteriser| {
         let set = [("low_pass", "none"), ("rasteriser", rasteriser)];
         draw_scene(scene.clone(), std::slice::from_ref(&camera), EXACT, [0.0; 3], &set)
@@ -186,6 +190,30 @@ fn needles_far_narrower_than_a_pixel_are_no_brighter_than_their_colour_in_serial
     assert_close("needles", &serial, &cells, 60.0);
     let least = serial[0].rgb.iter().flatten().copied().fold(f32::INFINITY, f32::min);
     assert!(least >= 0.0, "a colour of {least}");
+}
+
+#[test]
+fn a_falloff_by_products_is_that_by_powers_of_2() {
+    let point = [1e-6; 3];
+    let needle = [0.3, 1e-6, 1e-6];
+    let plate = [0.1, 0.02, 1e-6];
+    let (scene, camera) = scattered(300, &[point, needle, plate, [0.05; 3], [1.0, 0.3, 0.1]]);
+    for low_pass in ["dilated", "compensated"] {
+        // Fainter than that, no alpha counts; order, early stop and records are the same.
+        let rules = [
+            ("low_pass", low_pass),
+            ("alpha_floor", "0.001"),
+            ("stop", "0"),
+            ("sorted", "splats"),
+            ("key_bits", "32"),
+        ];
+        let draw = |rasteriser| {
+            let set = [&rules[..], &[("rasteriser", rasteriser)]].concat();
+            draw_scene(scene.clone(), std::slice::from_ref(&camera), FAST, [0.0; 3], &set)
+        };
+        let [powers, products] = RASTERISERS.map(draw);
+        assert_close(low_pass, &products, &powers, 120.0);
+    }
 }
 
 #[test]

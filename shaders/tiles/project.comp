@@ -75,7 +75,8 @@ float project(uint i) {
 }
 
 #if RASTERISER == RASTERISER_SERIAL
-layout(local_size_x = DEVICE_SUBGROUP_SIZE) in;
+// Each workgroup takes some memory of its own on a CPU, so there are few.
+layout(local_size_x = 256) in;
 
 layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
 

@@ -1,4 +1,4 @@
-// Blends splats over blocks of pixels, for the serial rasterisers. A tile of 16 x 16 pixels has BLOCKS blocks of 8 x 4. The lanes of
+// Blends splats over blocks of pixels, for the serial rasterisers. A tile of 16 x 16 pixels has BLOCKS blocks of 8 x 8. The lanes of
 // a subgroup are pixels of a block, VECTORS times over, so the sums of a pixel are in registers; and they are splats of the list
 // when these are loaded and tested against the tile, LOADERS at a time.
 
@@ -11,12 +11,18 @@
 #define LANES DEVICE_SUBGROUP_SIZE
 
 const uint TILE = 16u;
-const uint BLOCKS = 8u;
-const uint BLOCK_PIXELS = 32u;
-const uint VECTORS = LANES < 32 ? BLOCK_PIXELS / LANES : 1u;
+const uint BLOCKS = 4u;
+const uint BLOCK_PIXELS = 64u;
+const uint VECTORS = LANES < 64 ? BLOCK_PIXELS / LANES : 1u;
 // Vectors of a row, and rows of a vector.
 const uint COLUMNS = LANES < 8 ? 8u / LANES : 1u;
 const uint ROWS = LANES < 8 ? 1u : LANES / 8u;
+// Vectors of a column, one below the other.
+const uint STEPS = VECTORS / COLUMNS;
+
+// 1 if the falloff goes from row to row by products (see `blend_column`): where several rows share the cost, and rounding and the
+// splats' least width allow it.
+#define FALLOFF_BY_PRODUCTS (LANES <= 16 && RECORD != RECORD_F32 && LOW_PASS != LOW_PASS_NONE)
 // Tiles along a bin's side.
 const uint BIN_TILES = BIN / TILE;
 const uint TILES_X = uint(BINS_X) * BIN_TILES;
@@ -25,7 +31,7 @@ const uint TILES_Y = uint(BINS_Y) * BIN_TILES;
 // Returns the pixel of a lane in vector `vector` of block `block`, from the tile's corner.
 uvec2 pixel_in_tile(uint block, uint vector, uint lane) {
     uint pixel = vector * LANES + lane;
-    return uvec2(8u * (block & 1u) + (pixel & 7u), 4u * (block >> 1) + ((pixel & 31u) >> 3));
+    return uvec2(8u * (block & 1u) + (pixel & 7u), 8u * (block >> 1) + ((pixel & 63u) >> 3));
 }
 
 // Returns the bin of a tile.
@@ -61,36 +67,39 @@ struct Splat {
     vec3 root;
     float log_alpha;
     vec3 colour;
+    float bend;       // change of the falloff's ratio from row to row, as a factor; where it goes by products
 };
 
 // The limits of blending.
 struct Limits {
-    float least;  // the power of two of the alpha floor
+    float floor;  // the alpha floor
+    float least;  // its binary logarithm
     float most;   // the alpha cap
     float stop;   // the light of the early stop
 };
 
 // Returns the limits of this frame.
 Limits limits() {
-    // Below 1, where no light would be left to compare with the early stop. And that is not 0: arithmetic with denormal floats takes
-    // a hundred times as long.
-    return Limits(log2(alpha_floor), min(alpha_cap, 0.9999999), max(stop, 1e-35));
+    // The cap is below 1, where no light would be left to compare with the early stop. The stop is not 0: arithmetic with denormal
+    // floats takes a hundred times as long.
+    return Limits(alpha_floor, log2(alpha_floor), min(alpha_cap, 0.9999999), max(stop, 1e-35));
 }
 
 // Returns a splat as the tile at `corner` sees it.
 Splat seen_from(vec2 corner, Record r) {
     vec2 d = corner - r.centre;
-    return Splat(vec2(r.root.x * d.x + r.root.y * d.y, r.root.z * d.y), r.root, r.log_alpha, r.colour);
+    vec2 down = float(ROWS) * r.root.yz;
+    return Splat(vec2(r.root.x * d.x + r.root.y * d.y, r.root.z * d.y), r.root, r.log_alpha, r.colour, exp2(-2.0 * dot(down, down)));
 }
 
-// Blends a splat over a pixel where its falloff has the power `power`.
+// Blends a splat over a pixel, where it has the alpha `alpha` before the alpha cap, or 0 if that is below the alpha floor.
 //
 // With STOP_AFTER_SPLAT, a pixel is done where the light behind the splat would be less than the early stop: that splat is left out, and
 // the sign of the transmittance is set.
-void blend(inout vec4 sum, float power, vec3 colour, Limits limits) {
+void blend(inout vec4 sum, float alpha, vec3 colour, Limits limits) {
     // Positive floats compare like integers, which takes one instruction.
-    float alpha = intBitsToFloat(min(floatBitsToInt(limits.most), floatBitsToInt(power_of_2(power))));
-    float light = (power >= limits.least ? alpha : 0.0) * sum.a;
+    float capped = intBitsToFloat(min(floatBitsToInt(limits.most), floatBitsToInt(alpha)));
+    float light = capped * sum.a;
     float behind = sum.a - light;
 #if STOP_AFTER == STOP_AFTER_SPLAT
     bool is_open = behind >= limits.stop;
@@ -101,20 +110,73 @@ void blend(inout vec4 sum, float power, vec3 colour, Limits limits) {
 #endif
 }
 
-// Blends a splat over the pixels of a block. `first` is the lane's pixel of the first vector, from the tile's first pixel.
+// Returns the power of 2 that a splat's alpha has at a pixel with `u` and `v` of its falloff.
+float power_at(Splat s, vec2 uv) {
+    return s.log_alpha - (uv.x * uv.x + uv.y * uv.y);
+}
+
+#if FALLOFF_BY_PRODUCTS
+// The power that counts as far away: no row of a block's column that it is the middle of comes to the least alpha floor, 0.001. The
+// square root of a power changes by less than 1.56 from row to row, since the low pass leaves no splat narrower.
+const float FAR = -88.0;
+// A power below the least alpha floor.
+const float UNSEEN = -10.0;
+
+// Returns the power of 2 by which alpha changes from the middle row, where it has the power `power`, to the next, where it has `next`.
+//
+// What is not seen may come out as any alpha below the floor. So where alpha falls, it falls by no more than it takes to be unseen:
+// products of further ratios stay normal floats. Arithmetic with denormal ones takes a hundred times as long.
+float change_to(float next, float power) {
+    float change = max(next - power, power < UNSEEN ? 0.0 : UNSEEN);
+    return power < FAR ? 0.0 : change;
+}
+
+// Blends a splat over a column of a block, from the middle up and down. `uv` are u and v of the falloff in its first row.
+//
+// The power is a quadratic function of the row, so the ratio of a row's alpha to the last one's changes by a constant factor. That takes
+// two products a row instead of a power of 2.
+void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 down, Limits limits) {
+    const uint MIDDLE = STEPS / 2u;
+    uv += float(MIDDLE) * down;
+    float power = power_at(s, uv);
+    float middle = power_of_2(max(power, FAR));
+    float alpha = middle;
+    float ratio = power_of_2(change_to(power_at(s, uv + down), power));
+    // Counted from 0, so that drivers unroll them.
+    [[unroll]] for (uint i = 0u; i < STEPS - MIDDLE; i++) {
+        blend(sums[(MIDDLE + i) * COLUMNS + column], alpha >= limits.floor ? alpha : 0.0, s.colour, limits);
+        alpha *= ratio;
+        ratio *= s.bend;
+    }
+    alpha = middle;
+    ratio = power_of_2(change_to(power_at(s, uv - down), power));
+    [[unroll]] for (uint i = 0u; i < MIDDLE; i++) {
+        alpha *= ratio;
+        ratio *= s.bend;
+        blend(sums[(MIDDLE - 1u - i) * COLUMNS + column], alpha >= limits.floor ? alpha : 0.0, s.colour, limits);
+    }
+}
+#else
+// Blends a splat over a column of a block. `uv` are u and v of the falloff in its first row.
 //
 // u and v step from row to row, and not their squares: a power that is no sum of squares can be rounded to one far above 0.
+void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 down, Limits limits) {
+    // Counted from 0, so that drivers unroll it.
+    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+        float power = power_at(s, uv);
+        blend(sums[i * COLUMNS + column], power >= limits.least ? power_of_2(power) : 0.0, s.colour, limits);
+        uv += down;
+    }
+}
+#endif
+
+// Blends a splat over the pixels of a block. `first` is the lane's pixel of the first vector, from the tile's first pixel.
 void blend_block(inout vec4 sums[VECTORS], Splat s, vec2 first, Limits limits) {
     vec2 down = float(ROWS) * s.root.yz;
     [[unroll]] for (uint column = 0u; column < COLUMNS; column++) {
         float u = s.at.x + (s.root.x * (first.x + float(column * LANES)) + s.root.y * first.y);
         float v = s.at.y + s.root.z * first.y;
-        // Counted from 0, so that drivers unroll it.
-        [[unroll]] for (uint i = 0u; i < VECTORS / COLUMNS; i++) {
-            blend(sums[i * COLUMNS + column], s.log_alpha - (u * u + v * v), s.colour, limits);
-            u += down.x;
-            v += down.y;
-        }
+        blend_column(sums, column, s, vec2(u, v), down, limits);
     }
 }
 
@@ -135,8 +197,8 @@ bool has_light(inout vec4 sums[VECTORS], Limits limits) {
 uint blocks_of(Record r, vec2 corner, float least) {
     Cut cut = cut_of(r, corner, float(TILE), least);
     uint blocks = 0u;
-    [[unroll]] for (uint row = 0u; row < 4u; row++) {
-        vec2 span = span_of(cut, float(row) * 4.0, float(row) * 4.0 + 3.0);
+    [[unroll]] for (uint row = 0u; row < 2u; row++) {
+        vec2 span = span_of(cut, float(row) * 8.0, float(row) * 8.0 + 7.0);
         bool touches = span.x <= span.y;
         blocks |= touches && span.x <= 7.0 ? 1u << (2u * row) : 0u;
         blocks |= touches && span.y >= 8.0 ? 2u << (2u * row) : 0u;
@@ -159,5 +221,6 @@ uint any_lane(uint bits) {
 
 // Returns the splat that lane `lane` has loaded.
 Splat splat_of_lane(Splat s, uint lane) {
-    return Splat(subgroupShuffle(s.at, lane), subgroupShuffle(s.root, lane), subgroupShuffle(s.log_alpha, lane), subgroupShuffle(s.colour, lane));
+    return Splat(subgroupShuffle(s.at, lane), subgroupShuffle(s.root, lane), subgroupShuffle(s.log_alpha, lane), subgroupShuffle(s.colour, lane),
+                 subgroupShuffle(s.bend, lane));
 }

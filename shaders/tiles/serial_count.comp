@@ -28,9 +28,6 @@ void main() {
     do {
         table[row + bin_index(w.bin)] += 1u;
         pair++;
-        if (walk_on(w) && pair < end) {
-            w.bins = unpack_bins(sorted_bins[w.splat]);
-            w.bin = w.bins.first;
-        }
+        load_bins(w, walk_on(w), count);
     } while (pair < end);
 }

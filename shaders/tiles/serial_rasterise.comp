@@ -45,7 +45,8 @@ uint lowest_bit(uint bits) {
 
 // Returns `a` or `b`.
 Splat choose(bool first, Splat a, Splat b) {
-    return Splat(first ? a.at : b.at, first ? a.root : b.root, first ? a.log_alpha : b.log_alpha, first ? a.colour : b.colour);
+    return Splat(first ? a.at : b.at, first ? a.root : b.root, first ? a.log_alpha : b.log_alpha, first ? a.colour : b.colour,
+                 first ? a.bend : b.bend);
 }
 
 // Clears the lowest bit and returns its splat; one without light if no bit is left.
@@ -60,13 +61,25 @@ Splat next_splat(Splat own[OWN], inout uint bits) {
     return s;
 }
 
+// Returns the tile of workgroup `index`; some are beyond the picture.
+//
+// A CPU hands each of its threads a range of workgroups of the same length, finds records in its caches if the last tiles have used them, and has
+// to work as long in the upper part of a picture as in the lower. So tiles go row by row through strips of STRIP columns, and strips in an order
+// whose every part goes all over the picture: that of their bits, reversed.
+uvec2 tile_at(uint index) {
+    const uint STRIP_TILES = uint(STRIP) * TILES_Y;
+    uint strip = index / STRIP_TILES;
+    uint within = index % STRIP_TILES;
+    strip = STRIP_BITS == 0 ? 0u : bitfieldReverse(strip) >> (32 - STRIP_BITS);
+    return uvec2(strip * uint(STRIP) + within % uint(STRIP), within / uint(STRIP));
+}
+
 void main() {
-    uint tile_index = group_index();
-    if (tile_index >= TILES_X * TILES_Y) {
+    uvec2 tile = tile_at(group_index());
+    if (tile.x >= TILES_X || tile.y >= TILES_Y) {
         return;
     }
     uint lane = gl_SubgroupInvocationID;
-    uvec2 tile = uvec2(tile_index % TILES_X, tile_index / TILES_X);
     uvec2 first_pixel = tile * TILE;
     vec2 corner = vec2(first_pixel);
     uint bin = bin_of_tile(tile);
@@ -118,17 +131,13 @@ void main() {
         BLEND_BLOCK(1u)
         BLEND_BLOCK(2u)
         BLEND_BLOCK(3u)
-        BLEND_BLOCK(4u)
-        BLEND_BLOCK(5u)
-        BLEND_BLOCK(6u)
-        BLEND_BLOCK(7u)
         open = any_lane(lit);
     }
 
     bool is_whole = end == list_end || open == 0u;
     if (!is_whole && lane == 0u) {
         uint slot = atomicAdd(deep[3], 1u);
-        deep[4u + slot] = tile_index;
+        deep[4u + slot] = tile.y * TILES_X + tile.x;
         atomicMax(deep[0], BLOCKS);
         atomicMax(deep[1], min(slot + 1u, 65535u));
         atomicMax(deep[2], slot / 65535u + 1u);

@@ -38,10 +38,7 @@ void main() {
             lists[place] = index;
         }
         pair++;
-        if (walk_on(w) && pair < end) {
-            w.bins = unpack_bins(sorted_bins[w.splat]);
-            w.bin = w.bins.first;
-            index = order[w.splat];
-        }
+        load_bins(w, walk_on(w), count);
+        index = order[w.splat];
     } while (pair < end);
 }

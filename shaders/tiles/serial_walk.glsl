@@ -34,7 +34,7 @@ Walk walk_from(uint pair, uint count) {
     return w;
 }
 
-// Goes on to the next pair; returns true if it belongs to the next splat, whose bins the caller loads.
+// Goes on to the next pair; returns true if it belongs to the next splat, whose bins load_bins loads.
 bool walk_on(inout Walk w) {
     bool row_ends = w.bin.x == w.bins.last.x;
     w.bin.x = row_ends ? w.bins.first.x : w.bin.x + 1u;
@@ -42,6 +42,14 @@ bool walk_on(inout Walk w) {
     w.bin.y += row_ends ? 1u : 0u;
     w.splat += splat_ends ? 1u : 0u;
     return splat_ends;
+}
+
+// Loads the bins of the walk's splat, of `count`; begins with the first of them if the splat is a new one. It loads in every round,
+// since a load that depends on the data costs a CPU a branch for each lane, which nothing foresees.
+void load_bins(inout Walk w, bool is_new, uint count) {
+    w.splat = min(w.splat, count - 1u);
+    w.bins = unpack_bins(sorted_bins[w.splat]);
+    w.bin = is_new ? w.bins.first : w.bin;
 }
 
 uint bin_index(uvec2 bin) {
