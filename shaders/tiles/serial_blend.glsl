@@ -119,17 +119,9 @@ float power_at(Splat s, vec2 uv) {
 // The power that counts as far away: no row of a block's column that it is the middle of comes to the least alpha floor, 0.001. The
 // square root of a power changes by less than 1.56 from row to row, since the low pass leaves no splat narrower.
 const float FAR = -88.0;
-// A power below the least alpha floor.
-const float UNSEEN = -10.0;
-
-// Returns the power of 2 by which alpha changes from the middle row, where it has the power `power`, to the next, where it has `next`.
-//
-// What is not seen may come out as any alpha below the floor. So where alpha falls, it falls by no more than it takes to be unseen:
-// products of further ratios stay normal floats. Arithmetic with denormal ones takes a hundred times as long.
-float change_to(float next, float power) {
-    float change = max(next - power, power < UNSEEN ? 0.0 : UNSEEN);
-    return power < FAR ? 0.0 : change;
-}
+// An alpha that nobody sees, from which none comes back to the alpha floor. None falls below it, so that no product is a denormal
+// float: arithmetic with those takes a hundred times as long.
+const float UNSEEN = 1e-20;
 
 // Blends a splat over a column of a block, from the middle up and down. `uv` are u and v of the falloff in its first row.
 //
@@ -140,19 +132,19 @@ void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 
     uv += float(MIDDLE) * down;
     float power = power_at(s, uv);
     float middle = power_of_2(max(power, FAR));
+    float to_below = power_of_2(power < FAR ? 0.0 : power_at(s, uv + down) - power);
+    float to_above = s.bend / to_below;
     float alpha = middle;
-    float ratio = power_of_2(change_to(power_at(s, uv + down), power));
     // Counted from 0, so that drivers unroll them.
     [[unroll]] for (uint i = 0u; i < STEPS - MIDDLE; i++) {
         blend(sums[(MIDDLE + i) * COLUMNS + column], alpha >= limits.floor ? alpha : 0.0, s.colour, limits);
-        alpha *= ratio;
-        ratio *= s.bend;
+        alpha = max(alpha * to_below, UNSEEN);
+        to_below *= s.bend;
     }
     alpha = middle;
-    ratio = power_of_2(change_to(power_at(s, uv - down), power));
     [[unroll]] for (uint i = 0u; i < MIDDLE; i++) {
-        alpha *= ratio;
-        ratio *= s.bend;
+        alpha = max(alpha * to_above, UNSEEN);
+        to_above *= s.bend;
         blend(sums[(MIDDLE - 1u - i) * COLUMNS + column], alpha >= limits.floor ? alpha : 0.0, s.colour, limits);
     }
 }
