@@ -1,15 +1,21 @@
 // Evaluates view-dependent colour: real spherical harmonics up to degree SH_DEGREE, in the basis and the sign convention
 // of 3D Gaussian Splatting. The coefficients are in planes of four floats per splat; float 3 k + c of a splat is channel c
 // of coefficient k, so four coefficients fill three planes. Half floats have the planes one after the other in a buffer, and so
-// have 8-bit coefficients, whose planes pack_sh.comp describes.
+// have 8-bit coefficients, whose planes pack_sh.comp describes. With LONG_SH, four half floats are loaded as a word of 64 bits.
 //
 // Source of the basis: Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2013; signs as in Kerbl et al. 2023.
 
 #if SH_STORAGE == SH_STORAGE_F16
+#ifdef LONG_SH
+layout(set = 0, binding = 8, std430) readonly buffer Sh { uint64_t sh[]; };
+#define sh_halves(at) unpackUint2x32(sh[at])
+#else
 layout(set = 0, binding = 8, std430) readonly buffer Sh { uvec2 sh[]; };
+#define sh_halves(at) sh[at]
+#endif
 
 vec4 sh_plane(uint plane, uint i) {
-    uvec2 halves = sh[plane * uint(SCENE_COUNT) + i];
+    uvec2 halves = sh_halves(plane * uint(SCENE_COUNT) + i);
     return vec4(unpackHalf2x16(halves.x), unpackHalf2x16(halves.y));
 }
 #elif SH_STORAGE == SH_STORAGE_Q8

@@ -1,5 +1,9 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#if LOADS_LONGS
+#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+#define LONG_SH
+#endif
 
 // Projects Gaussians for the tiled rasterisers: cull, project, colour. Each invocation takes one splat. A visible splat gets
 // a record, the bins that it may touch, and its depth at its own index, an invisible one the depth -1.

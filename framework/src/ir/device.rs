@@ -34,10 +34,11 @@ impl DeviceFacts {
     }
 
     /// Lists the facts under their names in graphs, in alphabetical order.
-    pub fn named(&self) -> [(&'static str, Value); 10] {
+    pub fn named(&self) -> [(&'static str, Value); 11] {
         let bytes = i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX);
         let has = |feature| Value::Bool(self.features.contains(feature));
         [
+            ("device.int64", has(Features::INT64)),
             ("device.max_groups_x", Value::Int(self.max_groups_x.into())),
             ("device.max_invocations", Value::Int(self.max_invocations.into())),
             ("device.max_storage_bytes", Value::Int(bytes)),
