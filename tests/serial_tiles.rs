@@ -26,6 +26,11 @@ fn serial_tiles_draw_a_stack_deeper_than_one_pass_like_the_other_renderers() {
         let found = metrics::compare(&serial, &other).expect("of one size");
         assert!(found.psnr() > 80.0, "{name}: {found:?}");
     }
+    let packed = ["--pipeline", "tiled", "--set", "stop=0", "--set", "sorted=splats", "--validate", "--set"];
+    let serial = draw("packed-serial.npy", &[&packed[..], &["rasteriser=serial"]].concat());
+    let cells = draw("packed-cells.npy", &[&packed[..], &["rasteriser=cells"]].concat());
+    let found = metrics::compare(&serial, &cells).expect("of one size");
+    assert!(found.psnr() > 80.0, "packed: {found:?}");
 }
 
 #[test]

@@ -5,6 +5,7 @@ use crate::common;
 use crate::images::{bytes, draw_scene, golden, psnr};
 use splatgraph::backend::Backend;
 use splatgraph::image::Image;
+use splatgraph::inspect;
 use splatgraph::session::{FrameOptions, Session};
 use splatgraph::truth::{Truth, rules};
 use splatgraph_assets::{Camera, Scene, Splat, synth};
@@ -161,7 +162,7 @@ fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
     assert!(draw(&by_pairs("16")) == draw(&sorted), "128 pairs are blended in another order");
 }
 
-/// Makes splats of the sizes `scales` in turn, opacity 0.9, in all directions and colours, all over the picture of the camera beside it.
+/// Makes splats all over a camera's picture, in many directions and colours, and that camera. Sizes go through `scales`.
 fn scattered(count: u32, scales: &[[f32; 3]]) -> (Arc<Scene>, Camera) {
     // Digits of the golden ratio deal places and directions evenly.
     let share = |at: usize, step: f64| (at as f64 * step).fract() as f32;
@@ -201,7 +202,7 @@ fn a_falloff_by_products_is_that_by_powers_of_2() {
     let plate = [0.1, 0.02, 1e-6];
     let (scene, camera) = scattered(100, &[point, needle, plate, [0.05; 3], [0.2, 0.1, 0.02]]);
     for low_pass in ["dilated", "compensated"] {
-        // Fainter than that, no alpha counts; order, early stop and records are the same.
+        // The least floor, so that faint alphas count; order, early stop and records agree.
         let rules = [
             ("low_pass", low_pass),
             ("alpha_floor", "0.001"),
@@ -215,6 +216,9 @@ fn a_falloff_by_products_is_that_by_powers_of_2() {
         };
         let [powers, products] = RASTERISERS.map(draw);
         assert_close(low_pass, &products, &powers, 110.0);
+    }
+    if common::lanes_are_usual() {
+        common::again_with_vectors_of(128, "tiles::a_falloff_by_products_is_that_by_powers_of_2");
     }
 }
 
@@ -255,6 +259,31 @@ fn tiles_are_right_on_subgroups_of_4_8_and_16() {
             common::again_with_vectors_of(bits, "tiles::tiles_are_right_on_subgroups_of_4_8_and_16");
         }
     }
+}
+
+#[test]
+fn a_long_list_is_left_to_the_deep_pass_once_where_workgroups_fill_several_rows() {
+    // 8,000 splats near the first corner of a picture that takes three rows of workgroups, on devices with the fewest in x.
+    let scene = Scene::generate(8000, 0, |at| Splat {
+        position: [-0.999, -0.999, 1.0 + at as f32 * 1e-6],
+        scale: [1e-6; 3],
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity: 0.5,
+        sh: [0.0; 48],
+    });
+    let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 90.0, (4097, 4096));
+    let set = [("rasteriser".to_string(), "serial".to_string())];
+    let mut session: Session<Backend> = Session::new(common::device(), scene, FAST, &set);
+    session.prepare((camera.width, camera.height), &mut |_| {}).expect("prepared");
+    let target = inspect::resolve(session.plan().expect("a plan"), "deep", "serial_rasterise")
+        .expect("a pass and a buffer");
+    let frame = session.submit(&camera, &FrameOptions { inspect: vec![target], ..FrameOptions::default() });
+    let result = session.wait(frame.expect("submitted")).expect("drawn");
+    let [x, y, z, tiles] =
+        [0, 4, 8, 12].map(|at| u32::from_le_bytes(*result.inspected[0][at..].first_chunk().expect("a word")));
+    // The list is that of a bin, which has four tiles here.
+    assert_eq!((x, y, z, tiles), (4, 4, 1, 4), "blocks, and the tiles that are left: in y, in z and in all");
+    common::assert_silent(session.device(), "a long list");
 }
 
 #[test]

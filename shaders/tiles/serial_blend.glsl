@@ -20,9 +20,9 @@ const uint ROWS = LANES < 8 ? 1u : LANES / 8u;
 // Vectors of a column, one below the other.
 const uint STEPS = VECTORS / COLUMNS;
 
-// 1 if the falloff goes from row to row by products (see `blend_column`): where several rows share the cost, and rounding and the
+// 1 if the falloff goes from row to row by products (see `blend_column`): where many rows share the cost, and rounding and the
 // splats' least width allow it.
-#define FALLOFF_BY_PRODUCTS (LANES <= 16 && RECORD != RECORD_F32 && LOW_PASS != LOW_PASS_NONE)
+#define FALLOFF_BY_PRODUCTS (LANES <= 8 && RECORD != RECORD_F32 && LOW_PASS != LOW_PASS_NONE)
 // Tiles along a bin's side.
 const uint BIN_TILES = BIN / TILE;
 const uint TILES_X = uint(BINS_X) * BIN_TILES;
@@ -67,7 +67,7 @@ struct Splat {
     vec3 root;
     float log_alpha;
     vec3 colour;
-    float bend;       // change of the falloff's ratio from row to row, as a factor; where it goes by products
+    float bend;       // factor between the ratios of alphas from vector to vector down, where the falloff goes by products
 };
 
 // The limits of blending.
@@ -92,7 +92,7 @@ Splat seen_from(vec2 corner, Record r) {
     return Splat(vec2(r.root.x * d.x + r.root.y * d.y, r.root.z * d.y), r.root, r.log_alpha, r.colour, exp2(-2.0 * dot(down, down)));
 }
 
-// Blends a splat over a pixel, where it has the alpha `alpha` before the alpha cap, or 0 if that is below the alpha floor.
+// Blends a splat over a pixel; `alpha` has no alpha cap yet, and is 0 below the alpha floor.
 //
 // With STOP_AFTER_SPLAT, a pixel is done where the light behind the splat would be less than the early stop: that splat is left out, and
 // the sign of the transmittance is set.
@@ -117,8 +117,9 @@ float power_at(Splat s, vec2 uv) {
 
 #if FALLOFF_BY_PRODUCTS
 // The power that counts as far away: no row of a block's column that it is the middle of comes to the least alpha floor, 0.001. The
-// square root of a power changes by less than 1.56 from row to row, since the low pass leaves no splat narrower.
-const float FAR = -88.0;
+// length of u and v changes by at most 1.551 from row to row, the root of log2(e) / 2 / 0.3, since the low pass leaves no splat
+// narrower: four rows nearer it is at least 3.28, which is an alpha of 0.0006.
+const float FAR = -90.0;
 // An alpha that nobody sees, from which none comes back to the alpha floor. None falls below it, so that no product is a denormal
 // float: arithmetic with those takes a hundred times as long.
 const float UNSEEN = 1e-20;

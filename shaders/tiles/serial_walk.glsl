@@ -44,8 +44,9 @@ bool walk_on(inout Walk w) {
     return splat_ends;
 }
 
-// Loads the bins of the walk's splat, of `count`; begins with the first of them if the splat is a new one. It loads in every round,
-// since a load that depends on the data costs a CPU a branch for each lane, which nothing foresees.
+// Loads the bins of the walk's splat, one of `count`; a new splat begins with its first bin.
+//
+// It loads in every round, since a load that depends on the data costs a CPU a branch for each lane, which nothing foresees.
 void load_bins(inout Walk w, bool is_new, uint count) {
     w.splat = min(w.splat, count - 1u);
     w.bins = unpack_bins(sorted_bins[w.splat]);
