@@ -3,12 +3,10 @@
 //! The bound is relative to the largest element of each splat's covariance: f32 has 24 bits, and an element is a sum of
 //! three products of sums, so a few units in the last place are lost.
 
-use splatgraph::backend::Backend;
-use splatgraph::inspect;
-use splatgraph::session::{FrameOptions, Session};
 use splatgraph_assets::{Camera, Scene};
 
 use crate::common;
+use crate::images::inspected;
 
 /// Rows of R S, in f64, from what the loader gives to the GPU.
 fn factor(rotation: [f32; 4], scale: [f32; 3]) -> [[f64; 3]; 3] {
@@ -38,16 +36,7 @@ fn triangle(l: &[f64]) -> [[f64; 3]; 3] {
 fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     let exact: Vec<[f64; 6]> =
         (0..scene.count() as usize).map(|i| six(factor(scene.rotations()[i], scene.scales()[i]))).collect();
-    let set = [("covariance".to_string(), form.to_string())];
-    let mut session: Session<Backend> = Session::new(common::device(), scene, "splat", &set);
-    session.prepare((camera.width, camera.height), &mut |_| {}).expect("prepared");
-    let plan = session.plan().expect("there is a plan");
-    let target = inspect::resolve(plan, "covariances", "covariance").expect("the pass and its buffer");
-    let request = FrameOptions { inspect: vec![target], ..FrameOptions::default() };
-    let frame = session.submit(camera, &request).expect("submitted");
-    let result = session.wait(frame).expect("drawn");
-    common::assert_silent(session.device(), form);
-    let bytes = &result.inspected[0];
+    let bytes = inspected(scene, camera, "splat", &[("covariance", form)], "covariances@covariance");
     let floats: Vec<f64> = match form {
         "half" => bytes.chunks_exact(2).map(|c| half::f16::from_le_bytes([c[0], c[1]]).to_f64()).collect(),
         _ => bytes.chunks_exact(4).map(|c| f64::from(f32::from_le_bytes([c[0], c[1], c[2], c[3]]))).collect(),

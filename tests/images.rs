@@ -2,6 +2,7 @@
 
 use splatgraph::backend::Backend;
 use splatgraph::image::Image;
+use splatgraph::inspect;
 use splatgraph::metrics;
 use splatgraph::session::{FrameOptions, Session, image_of};
 use splatgraph_assets::{Camera, Scene};
@@ -44,6 +45,27 @@ pub fn draw_scene(
     let messages = session.into_device().close();
     assert!(messages.is_empty(), "{preset}: closing the device\n{}", messages.join("\n"));
     images
+}
+
+/// Draws a frame and returns the bytes of `what`, a resource after a pass: `resource@pass`.
+pub fn inspected(
+    scene: impl Into<Arc<Scene>>,
+    camera: &Camera,
+    preset: &str,
+    set: &[(&str, &str)],
+    what: &str,
+) -> Vec<u8> {
+    let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
+    let mut session: Session<Backend> = Session::new(common::device(), scene, preset, &set);
+    session.prepare((camera.width, camera.height), &mut |_| {}).expect("prepared");
+    let (resource, pass) = what.split_once('@').expect("resource@pass");
+    let target =
+        inspect::resolve(session.plan().expect("a plan"), resource, pass).expect("the pass and its buffer");
+    let request = FrameOptions { inspect: vec![target], ..FrameOptions::default() };
+    let frame = session.submit(camera, &request).expect("submitted");
+    let mut result = session.wait(frame).expect("drawn");
+    common::assert_silent(session.device(), what);
+    result.inspected.swap_remove(0)
 }
 
 pub fn golden(data: &Path, scene: &str, name: &str) -> Image {

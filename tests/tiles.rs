@@ -2,10 +2,9 @@
 //! room.
 
 use crate::common;
-use crate::images::{bytes, draw_scene, golden, psnr};
+use crate::images::{bytes, draw_scene, golden, inspected, psnr};
 use splatgraph::backend::Backend;
 use splatgraph::image::Image;
-use splatgraph::inspect;
 use splatgraph::session::{FrameOptions, Session};
 use splatgraph::truth::{Truth, rules};
 use splatgraph_assets::{Camera, Scene, Splat, synth};
@@ -162,8 +161,10 @@ fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
     assert!(draw(&by_pairs("16")) == draw(&sorted), "128 pairs are blended in another order");
 }
 
-/// Makes splats all over a camera's picture, in many directions and colours, and that camera. Sizes go through `scales`.
-fn scattered(count: u32, scales: &[[f32; 3]]) -> (Arc<Scene>, Camera) {
+/// Makes splats all over a camera's picture, in many directions, and that camera.
+///
+/// Sizes go through `scales`, and `colour` turns a number from 0 to 1 into a coefficient.
+fn scattered(count: u32, scales: &[[f32; 3]], colour: impl Fn(f32) -> f32 + Sync) -> (Arc<Scene>, Camera) {
     // Digits of the golden ratio deal places and directions evenly.
     let share = |at: usize, step: f64| (at as f64 * step).fract() as f32;
     let scene = Scene::generate(count, 0, |at| {
@@ -175,7 +176,7 @@ fn scattered(count: u32, scales: &[[f32; 3]]) -> (Arc<Scene>, Camera) {
             rotation: [(turn / 2.0).cos(), 0.0, 0.0, (turn / 2.0).sin()],
             opacity: 0.9,
             sh: std::array::from_fn(|i| {
-                if i < 3 { 3.0 * share(at, 0.445_041_9 * (i + 1) as f64) - 1.5 } else { 0.0 }
+                if i < 3 { colour(share(at, 0.445_041_9 * (i + 1) as f64)) } else { 0.0 }
             }),
         }
     });
@@ -184,7 +185,7 @@ fn scattered(count: u32, scales: &[[f32; 3]]) -> (Arc<Scene>, Camera) {
 
 #[test]
 fn needles_far_narrower_than_a_pixel_are_no_brighter_than_their_colour_in_serial_tiles() {
-    let (scene, camera) = scattered(1000, &[[0.3, 1e-6, 1e-6]]);
+    let (scene, camera) = scattered(1000, &[[0.3, 1e-6, 1e-6]], |_| 1.0);
     let draw = |rasteriser| {
         let set = [("low_pass", "none"), ("rasteriser", rasteriser)];
         draw_scene(scene.clone(), std::slice::from_ref(&camera), EXACT, [0.0; 3], &set)
@@ -200,7 +201,8 @@ fn a_falloff_by_products_is_that_by_powers_of_2() {
     let point = [1e-6; 3];
     let needle = [0.3, 1e-6, 1e-6];
     let plate = [0.1, 0.02, 1e-6];
-    let (scene, camera) = scattered(100, &[point, needle, plate, [0.05; 3], [0.2, 0.1, 0.02]]);
+    let (scene, camera) =
+        scattered(100, &[point, needle, plate, [0.05; 3], [0.2, 0.1, 0.02]], |share| 3.0 * share - 1.5);
     for low_pass in ["dilated", "compensated"] {
         // The least floor, so that faint alphas count; order, early stop and records agree.
         let rules = [
@@ -272,18 +274,11 @@ fn a_long_list_is_left_to_the_deep_pass_once_where_workgroups_fill_several_rows(
         sh: [0.0; 48],
     });
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 90.0, (4097, 4096));
-    let set = [("rasteriser".to_string(), "serial".to_string())];
-    let mut session: Session<Backend> = Session::new(common::device(), scene, FAST, &set);
-    session.prepare((camera.width, camera.height), &mut |_| {}).expect("prepared");
-    let target = inspect::resolve(session.plan().expect("a plan"), "deep", "serial_rasterise")
-        .expect("a pass and a buffer");
-    let frame = session.submit(&camera, &FrameOptions { inspect: vec![target], ..FrameOptions::default() });
-    let result = session.wait(frame.expect("submitted")).expect("drawn");
+    let deep = inspected(scene, &camera, FAST, &[("rasteriser", "serial")], "deep@serial_rasterise");
     let [x, y, z, tiles] =
-        [0, 4, 8, 12].map(|at| u32::from_le_bytes(*result.inspected[0][at..].first_chunk().expect("a word")));
+        [0, 4, 8, 12].map(|at| u32::from_le_bytes(*deep[at..].first_chunk().expect("a word")));
     // The list is that of a bin, which has four tiles here.
     assert_eq!((x, y, z, tiles), (4, 4, 1, 4), "blocks, and the tiles that are left: in y, in z and in all");
-    common::assert_silent(session.device(), "a long list");
 }
 
 #[test]

@@ -28,6 +28,6 @@ void main() {
     do {
         table[row + bin_index(w.bin)] += 1u;
         pair++;
-        load_bins(w, walk_on(w), count);
+        walk_on(w, count);
     } while (pair < end);
 }

@@ -61,16 +61,13 @@ Splat next_splat(Splat own[OWN], inout uint bits) {
     return s;
 }
 
-// The workgroups with a tile, in the picture or right of it.
-const uint STRIP_TILES = uint(STRIP) * TILES_Y;
-const uint PLACES = STRIP_TILES << STRIP_BITS;
-
 // Returns the tile of workgroup `index`, which may be right of the picture.
 //
 // A CPU hands each of its threads a range of workgroups of the same length, finds records in its caches if the last tiles have
 // used them, and has to work as long in the upper part of a picture as in the lower. So tiles go row by row through strips of STRIP
 // columns, and strips in an order whose every part goes all over the picture: that of their bits, reversed.
 uvec2 tile_at(uint index) {
+    const uint STRIP_TILES = uint(STRIP) * TILES_Y;
     uint strip = index / STRIP_TILES;
     uint within = index % STRIP_TILES;
     strip = STRIP_BITS == 0 ? 0u : bitfieldReverse(strip) >> (32 - STRIP_BITS);
@@ -81,7 +78,7 @@ void main() {
     // A dispatch of several rows of workgroups has a few too many.
     uint index = group_index();
     uvec2 tile = tile_at(index);
-    if (index >= PLACES || tile.x >= TILES_X) {
+    if (index >= uint(TILE_PLACES) || tile.x >= TILES_X) {
         return;
     }
     uint lane = gl_SubgroupInvocationID;

@@ -38,7 +38,7 @@ void main() {
             lists[place] = index;
         }
         pair++;
-        load_bins(w, walk_on(w), count);
+        walk_on(w, count);
         index = order[w.splat];
     } while (pair < end);
 }

@@ -34,23 +34,18 @@ Walk walk_from(uint pair, uint count) {
     return w;
 }
 
-// Goes on to the next pair; returns true if it belongs to the next splat, whose bins load_bins loads.
-bool walk_on(inout Walk w) {
+// Goes on to the next pair, of `count` splats.
+//
+// It loads a splat's bins in every round, since a load that depends on the data costs a CPU a branch for each lane, which nothing
+// foresees.
+void walk_on(inout Walk w, uint count) {
     bool row_ends = w.bin.x == w.bins.last.x;
     w.bin.x = row_ends ? w.bins.first.x : w.bin.x + 1u;
     bool splat_ends = row_ends && w.bin.y == w.bins.last.y;
     w.bin.y += row_ends ? 1u : 0u;
-    w.splat += splat_ends ? 1u : 0u;
-    return splat_ends;
-}
-
-// Loads the bins of the walk's splat, one of `count`; a new splat begins with its first bin.
-//
-// It loads in every round, since a load that depends on the data costs a CPU a branch for each lane, which nothing foresees.
-void load_bins(inout Walk w, bool is_new, uint count) {
-    w.splat = min(w.splat, count - 1u);
+    w.splat = min(w.splat + (splat_ends ? 1u : 0u), count - 1u);
     w.bins = unpack_bins(sorted_bins[w.splat]);
-    w.bin = is_new ? w.bins.first : w.bin;
+    w.bin = splat_ends ? w.bins.first : w.bin;
 }
 
 uint bin_index(uvec2 bin) {

@@ -223,7 +223,7 @@ fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_
 
 /// Bounds what more lanes change in a channel; the first is a twentieth of a step of 8 bits.
 ///
-/// 8 lanes step from row to row of a block and round each time; 32 lanes have a pixel each.
+/// 8 lanes go through eight rows of a block by products or sums, and round each time; 32 lanes have two pixels each.
 const MORE_LANES: [(&str, f32); 2] = [("tiled", 2e-4), ("tiled_exact", 2e-6)];
 
 /// Compares the CPUs' rasteriser at a Mac's width with that of 8 lanes, which gives every byte of lavapipe.
