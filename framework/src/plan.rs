@@ -11,8 +11,8 @@
 use std::collections::BTreeMap;
 
 use crate::ir::{
-    Accesses, BlockId, Culled, Domain, Hazard, Layout, Origin, Param, ParamBinding, Pass, PassId, Reason,
-    ResourceId, Shader, ShaderId, Shape, Source, Stages, StandIn, Stat, Usage, Value,
+    Accesses, BlockId, Culled, Domain, Effect, Hazard, Layout, Origin, Param, ParamBinding, Pass, PassId,
+    Reason, ResourceId, Shader, ShaderId, Shape, Source, Stages, StandIn, Stat, Usage, Value,
 };
 use crate::source::Diagnostic;
 
@@ -31,6 +31,8 @@ pub struct Plan {
     pub facts: BTreeMap<String, Value>,
     /// Parameters, in the order of the file.
     pub params: Vec<Param>,
+    /// What each parameter does, in the same order.
+    pub effects: Vec<Effect>,
     /// Buffers and images, indexed by [`ResourceId`].
     pub resources: Vec<Resource>,
     /// Compiled shaders, indexed by [`ShaderId`].
@@ -107,6 +109,43 @@ impl Plan {
             }
         }
         found.iter().map(|(reason, all)| format!("{}, because {reason}", all.join(" and "))).collect()
+    }
+
+    /// Returns what a parameter does in the plan; `None` for a name that the graph does not have.
+    pub fn effect(&self, parameter: &str) -> Option<&Effect> {
+        self.effects.get(self.params.iter().position(|param| param.name == parameter)?)
+    }
+
+    /// Returns the reason why a parameter has no effect, a phrase; `None` if it has one, or is unknown.
+    pub fn no_effect(&self, parameter: &str) -> Option<&str> {
+        self.effect(parameter)?.none.as_deref()
+    }
+
+    /// Lists the phases of the passes that depend on a parameter, each once.
+    pub fn affected_phases(&self, parameter: &str) -> Vec<&str> {
+        let mut phases: Vec<&str> = Vec::new();
+        for id in self.effect(parameter).iter().flat_map(|effect| &effect.passes) {
+            let phase = self.pass(*id).phase.as_str();
+            if !phases.contains(&phase) {
+                phases.push(phase);
+            }
+        }
+        phases
+    }
+
+    /// Says in a sentence what a parameter does: which passes depend on it, or why it has no effect.
+    pub fn effect_text(&self, parameter: &str) -> Option<String> {
+        let effect = self.effect(parameter)?;
+        if let Some(why) = &effect.none {
+            return Some(format!("`{parameter}` has no effect: {why}"));
+        }
+        let shape = effect.shape.then(|| "decides which passes there are".to_string());
+        let passes = (!effect.passes.is_empty()).then(|| match effect.passes.len() {
+            1 => format!("changes the pass `{}`", self.pass(effect.passes[0]).name),
+            n => format!("changes {n} passes of {}", self.affected_phases(parameter).join(", ")),
+        });
+        let parts: Vec<String> = shape.into_iter().chain(passes).collect();
+        Some(format!("`{parameter}` {}", parts.join(" and ")))
     }
 
     /// Encodes the live uniform block from the plan's own values; empty if no pass reads it. A choice is the index of its

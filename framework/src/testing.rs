@@ -2,16 +2,17 @@
 //! thousand and without C++.
 //!
 //! A shader's text is a line for each block: `r Keys 4` (reads a storage buffer with elements of 4 bytes), `w`, `rw`, `rwa` (by atomics), `uniform Camera
-//! 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`, `varying 0 vec4`.
+//! 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`, `varying 0 vec4`,
+//! `live stop` (a live parameter). The text depends on every word, but for those of lines that begin with `#if 0`.
 //! `local 8 4 1` is the size of a workgroup, 64 in x without it. Anything else is ignored.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use crate::build;
 use crate::ir::{
-    Attribute, Catalog, DeviceFacts, Facts, Features, Format, HostBuffer, Member, MemberKind, PushBlock,
-    ReflectedBinding, ReflectedKind, Reflection, Request, Value, Varying,
+    Attribute, Catalog, DeviceFacts, Facts, Features, Format, HostBuffer, LIVE_BINDING, LIVE_BLOCK, Member,
+    MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Request, Value, Varying,
 };
 use crate::plan::Plan;
 use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
@@ -37,6 +38,10 @@ impl ShaderCompiler for ListCompiler {
             features: Features::empty(),
         };
         let text = files.text(request.file).to_string();
+        let words = |skipped: bool| -> BTreeSet<String> {
+            let lines = text.lines().filter(|line| skipped || !line.starts_with("#if 0"));
+            lines.flat_map(str::split_whitespace).map(str::to_string).collect()
+        };
         // A draw's two stages share their bindings: number the fragment shader's from 16.
         let path = files.path(request.file);
         let first = if path.ends_with(".frag") && !path.ends_with("count.frag") { 16 } else { 0 };
@@ -79,8 +84,20 @@ impl ShaderCompiler for ListCompiler {
                         name: name.into(),
                         offset: block.bytes,
                         kind: MemberKind::Uint,
+                        used: true,
                     });
                     block.bytes += 4;
+                }
+                ["live", ref names @ ..] => {
+                    let member = |(i, name): (usize, &&str)| Member {
+                        name: name.to_string(),
+                        offset: 4 * i as u32,
+                        kind: MemberKind::Float,
+                        used: true,
+                    };
+                    let members = names.iter().enumerate().map(member).collect();
+                    let kind = ReflectedKind::UniformBuffer { bytes: 16, members };
+                    bind(LIVE_BLOCK, "r", kind, LIVE_BINDING);
                 }
                 ["out", name] => {
                     let location = reflection.outputs.len() as u32;
@@ -92,7 +109,13 @@ impl ShaderCompiler for ListCompiler {
         }
         Ok(Compiled {
             spirv: Arc::new(vec![]),
-            defines: request.defines.to_vec(),
+            defines: request
+                .defines
+                .iter()
+                .filter(|define| words(true).contains(&define.0))
+                .cloned()
+                .collect(),
+            reached: Arc::new(words(false)),
             reflection,
             declared: Arc::default(),
         })

@@ -1,7 +1,7 @@
 //! Graphs with mistakes, and the diagnostics that a person then reads: `golden/in/*.ron` to `golden/out/*.snap`.
 //!
 //! An input holds many small graphs. A line `//// title` starts each; `// set: name=value` and `// fact: name=value` under it
-//! change a parameter or a fact, `// without: FEATURE` takes a feature from the device, `// graph: name` builds another file than this one, and `//// file: path` starts a file of the
+//! change a parameter or a fact, `// show: effects` shows what parameters do in a graph without mistakes, `// without: FEATURE` takes a feature from the device, `// graph: name` builds another file than this one, and `//// file: path` starts a file of the
 //! section's own. The folders `in/pipelines` and `in/shaders` are there for all of them.
 //!
 //! After a change of words, write the outputs anew and read the difference:
@@ -19,7 +19,7 @@ use std::sync::LazyLock;
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{
-    Attribute, Catalog, DeviceFacts, Facts, Features, HostBuffer, Request, Value,
+    Attribute, Catalog, DeviceFacts, Facts, Features, HostBuffer, Param, Request, Value,
 };
 use splatgraph_framework::shader::{Glslang, Limits, Worker, serve_if_asked};
 use splatgraph_framework::source::{Diagnostic, Library, SourceMap, render, render_warnings};
@@ -93,7 +93,7 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
         features: Features::all(),
     };
     let mut facts = Facts { device, host: host.into() };
-    let (mut graph, mut set) = (name.to_string(), Vec::new());
+    let (mut graph, mut set, mut effects) = (name.to_string(), Vec::new(), false);
     let mut memory = shared.clone();
     for (number, file) in section.split("//// file: ").enumerate() {
         let (path, text) = if number == 0 { (name, file) } else { file.split_once('\n').expect("a text") };
@@ -106,6 +106,7 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
             match line.split_once(": ") {
                 Some(("// set", text)) => set.push(pair(text)),
                 Some(("// graph", text)) => graph = text.to_string(),
+                Some(("// show", "effects")) => effects = true,
                 Some(("// without", text)) => {
                     facts.device.features.remove(Features::from_name(text).expect("a feature"));
                 }
@@ -138,6 +139,10 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
             let found: Vec<Diagnostic> =
                 plan.warnings.into_iter().map(|warning| warning.diagnostic).collect();
             render_warnings(&files, &found, false)
+        }
+        Ok(plan) if effects => {
+            let text = |param: &Param| plan.effect_text(&param.name).expect("a parameter");
+            plan.params.iter().map(|param| text(param) + "\n").collect()
         }
         Ok(_) => panic!("no mistake is found in\n{section}"),
         Err(diagnostics) => render(&files, &diagnostics, false),
@@ -209,7 +214,6 @@ const NOT_SHOWN: &[&str] = &[
     "lower/conditions.rs: its condition",
     "lower/conditions.rs: the condition of its repeat",
     "lower/conditions.rs: {} is false: {condition}",
-    "solve/order.rs: nothing reads what it writes",
     // Files on disk: source/tests/files.rs.
     "source/files.rs: the {} `{}` cannot be used",
     "source/files.rs: (looked for {})",

@@ -249,6 +249,11 @@ impl Journal {
         state.in_flight.clear();
     }
 
+    /// Makes the device hang in everything that is submitted, until [`Journal::resume`].
+    pub fn hang(&self) {
+        self.state().hangs = true;
+    }
+
     /// Lets a device that [hangs](Point::Hang) finish what it has, and go on.
     pub fn resume(&self) {
         let mut state = self.state();

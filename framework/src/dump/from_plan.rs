@@ -41,7 +41,7 @@ pub fn dump(plan: &Plan) -> Dump {
         summary: plan.summary.clone(),
         based_on: plan.based_on.clone(),
         stand_ins: plan.stand_ins.clone(),
-        parameters: plan.params.iter().map(parameter_of).collect(),
+        parameters: plan.params.iter().map(|param| parameter_of(plan, param)).collect(),
         facts: plan.facts.clone(),
         totals: totals(plan),
         blocks: blocks(plan),
@@ -85,7 +85,8 @@ fn warning_of(warning: &Warning) -> DumpWarning {
     }
 }
 
-fn parameter_of(param: &crate::ir::Param) -> DumpParameter {
+fn parameter_of(plan: &Plan, param: &crate::ir::Param) -> DumpParameter {
+    let effect = plan.effect(&param.name).cloned().unwrap_or_default();
     DumpParameter {
         name: param.name.clone(),
         value: param.value.clone(),
@@ -94,6 +95,9 @@ fn parameter_of(param: &crate::ir::Param) -> DumpParameter {
         exact: param.exact.clone(),
         grows: param.grows.clone(),
         live: matches!(param.binding, ParamBinding::Live { .. }),
+        affects: effect.passes.iter().map(|id| plan.pass(*id).name.clone()).collect(),
+        shape: effect.shape,
+        no_effect: effect.none,
         declared: param.origin.clone(),
     }
 }

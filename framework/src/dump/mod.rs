@@ -110,6 +110,15 @@ pub struct DumpParameter {
     pub grows: Option<String>,
     /// It can be changed between frames; others are baked into the plan.
     pub live: bool,
+    /// The passes that depend on it, in the order of [`Dump::passes`].
+    #[serde(default)]
+    pub affects: Vec<String>,
+    /// It decides which passes there are: a condition, the count of a repeat or a swap depends on it.
+    #[serde(default)]
+    pub shape: bool,
+    /// The reason, where nothing in the plan depends on it: a phrase.
+    #[serde(default)]
+    pub no_effect: Option<String>,
     /// Position of its declaration.
     pub declared: Origin,
 }

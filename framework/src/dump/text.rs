@@ -41,6 +41,10 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
         let Some(stat) = &p.grows else { continue };
         writeln!(out, "parameter {} grows with stat {stat}", p.name)?;
     }
+    for p in &dump.parameters {
+        let Some(why) = &p.no_effect else { continue };
+        writeln!(out, "parameter {} has no effect: {why}", p.name)?;
+    }
     let totals = &dump.totals;
     writeln!(
         out,

@@ -6,6 +6,7 @@
 
 mod access;
 mod device;
+mod effect;
 mod features;
 mod format;
 mod id;
@@ -20,6 +21,7 @@ mod value;
 
 pub use access::{Accesses, Hazard, Layout, Stages};
 pub use device::DeviceFacts;
+pub use effect::{Effect, ParamSet};
 pub use features::Features;
 pub use format::{Blend, Format, Load, Topology};
 pub use id::{BlockId, PassId, ResourceId, ShaderId};

@@ -181,6 +181,8 @@ pub struct Member {
     pub offset: u32,
     /// The type.
     pub kind: MemberKind,
+    /// The code may read it.
+    pub used: bool,
 }
 
 /// Names the type of a block's member.

@@ -6,6 +6,7 @@
 
 mod bindings;
 mod draws;
+mod effects;
 mod races;
 
 use crate::ir::{
@@ -20,6 +21,8 @@ use crate::source::{Diagnostic, Kind, SourceMap};
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::rc::Rc;
 use std::sync::Arc;
+
+pub use effects::PassParams;
 
 /// Holds a graph whose passes fit their shaders.
 #[derive(Clone, Debug)]
@@ -41,6 +44,8 @@ pub struct LinkedPass {
     pub span: Span,
     /// The include that it comes from, as an index into [`Lowered::includes`].
     pub include: Option<usize>,
+    /// The parameters that it depends on.
+    pub params: PassParams,
 }
 
 /// Indexes [`Linked::shaders`].
@@ -56,7 +61,7 @@ impl ShaderHandle {
 
 /// Compiles the shaders of every pass and validates the pass against them.
 pub fn link(
-    lowered: Lowered,
+    mut lowered: Lowered,
     request: &Request,
     files: &mut SourceMap,
     compiler: &mut dyn ShaderCompiler,
@@ -67,6 +72,7 @@ pub fn link(
         generated: vec![("live.glsl".to_string(), lowered.live_glsl.clone())],
         shaders: Vec::new(),
         declared: HashMap::new(),
+        reached: HashMap::new(),
         compiled: HashMap::new(),
         found: HashMap::new(),
         errors: Vec::new(),
@@ -88,7 +94,7 @@ pub fn link(
             break;
         }
     }
-    let Linker { mut errors, shaders, .. } = linker;
+    let Linker { mut errors, shaders, files, compiler, .. } = linker;
     if !errors.is_empty() {
         let mut seen: Vec<Diagnostic> = Vec::new();
         errors.retain(|e| {
@@ -100,6 +106,9 @@ pub fn link(
         });
         return Err(errors);
     }
+    // What a shader that is not compiled mentions is words for people: the plan does not depend on its file.
+    let mentioned = files.aside(|files| effects::mentioned(&lowered, &passes, files, compiler));
+    lowered.removed.iter_mut().zip(mentioned).for_each(|(removed, params)| removed.named.extend(params));
     Ok(Linked { lowered, shaders, passes })
 }
 
@@ -141,6 +150,8 @@ struct Linker<'a> {
     shaders: Vec<Shader>,
     /// The names of the blocks that each shader declares: see [`Compiled::declared`].
     declared: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
+    /// The names that each shader depends on: see [`Compiled::reached`].
+    reached: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
     /// Shaders compiled so far, by file and list of defines; the passes of a repeat share theirs.
     compiled: HashMap<(FileId, Rc<Defines>), ShaderHandle>,
     /// Files of shaders, by the graph that names them and their name there.
@@ -213,6 +224,7 @@ impl Linker<'_> {
             pass: linked,
             span: pass.span,
             include: pass.include,
+            params: self.params(pass, &stages),
         })
     }
 
@@ -253,7 +265,7 @@ impl Linker<'_> {
             generated: &self.generated,
         };
         match self.compiler.compile(self.files, &request) {
-            Ok(Compiled { spirv, defines, reflection, declared }) => {
+            Ok(Compiled { spirv, defines, reached, reflection, declared }) => {
                 let shader = Shader { name: name.name.clone(), defines, spirv, reflection, msl: None };
                 let at = self.shaders.iter().position(|s| *s == shader).unwrap_or_else(|| {
                     self.shaders.push(shader);
@@ -262,6 +274,11 @@ impl Linker<'_> {
                 let id = ShaderHandle(at as u32);
                 self.features(id, name.span);
                 self.declared.insert(id, declared);
+                // Texts that differ in what is not compiled can be one shader.
+                let known = self.reached.entry(id).or_insert_with(|| reached.clone());
+                if *known != reached {
+                    Arc::make_mut(known).extend(reached.iter().cloned());
+                }
                 self.compiled.insert(key, id);
                 Some(id)
             }

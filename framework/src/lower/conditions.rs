@@ -1,10 +1,10 @@
 //! Conditions: leaves out passes, includes, repeats and swaps whose `when` is false, and notes what went with them.
 
-use super::RemovedUse;
-use super::passes::{Head, Level, Lowering};
+use super::passes::{Level, Lowering};
 use super::resources::Handle;
 use super::scope::Place;
-use crate::ir::{Culled, Run, Value};
+use super::{RemovedPass, RemovedUse};
+use crate::ir::{Culled, ParamSet, Reason, Value};
 use crate::schema::{Call, Number, Part, PassDecl, Reference, ResourceName, Size, SwapDecl};
 use crate::source::Diagnostic;
 
@@ -15,23 +15,26 @@ struct False<'a> {
     condition: &'a Number,
     /// The `when` in the file.
     at: &'a Place,
+    reason: Option<Reason>,
+    /// The parameters that it depends on.
+    decided: ParamSet,
 }
 
 impl Lowering<'_> {
-    /// Evaluates the pass's `when`; a pass where it is false is listed as culled.
+    /// Evaluates the `when` of a pass or an include; where it is false, the pass is listed as culled.
     pub(super) fn wanted(
         &mut self,
         level: &Level,
         when: &Option<Number>,
-        head: &Head,
-        users: &[&Reference],
+        pass: &PassDecl,
+        place: &Place,
     ) -> Result<bool, Diagnostic> {
         let Some(condition) = when else { return Ok(true) };
-        let at = head.place.field("when");
-        if level.names.truth(condition, &at)? {
-            return Ok(true);
+        let at = place.field("when");
+        match self.evaluate(level, condition, "its condition", &at)? {
+            Some(why) => self.leave_out(level, pass, place, &why),
+            None => return Ok(true),
         }
-        self.leave_out(level, head, users, &False { whose: "its condition", condition, at: &at });
         Ok(false)
     }
 
@@ -48,12 +51,29 @@ impl Lowering<'_> {
     ) -> Result<bool, Diagnostic> {
         let Some(condition) = when else { return Ok(true) };
         let at = place.field("when");
-        if level.names.truth(condition, &at)? {
-            return Ok(true);
+        match self.evaluate(level, condition, "the condition of its repeat", &at)? {
+            Some(why) => self.leave_out_body(level, var, body, &place.field("body"), &why),
+            None => return Ok(true),
         }
-        let why = False { whose: "the condition of its repeat", condition, at: &at };
-        self.leave_out_body(level, var, body, &place.field("body"), &why);
         Ok(false)
+    }
+
+    /// Evaluates a condition, and notes what it depends on. `Some` if it is false.
+    fn evaluate<'p>(
+        &mut self,
+        level: &Level,
+        condition: &'p Number,
+        whose: &'p str,
+        at: &'p Place,
+    ) -> Result<Option<False<'p>>, Diagnostic> {
+        let (holds, decided) = level.names.traced(|| level.names.truth(condition, at));
+        self.shape.extend(&decided);
+        level.names.note_decided(&decided);
+        let reason = || match condition {
+            Number::Expression(expression) => level.names.traced(|| level.names.reason(expression)).0,
+            Number::Literal(_) => None,
+        };
+        Ok((!holds?).then(|| False { whose, condition, at, reason: reason(), decided }))
     }
 
     /// Exchanges the halves of a ping-pong resource, unless the `when` of the swap is false.
@@ -74,7 +94,7 @@ impl Lowering<'_> {
             }
         };
         let swaps = match when {
-            Some(condition) => level.names.truth(condition, &place.field("when"))?,
+            Some(condition) => self.evaluate(level, condition, "", &place.field("when"))?.is_none(),
             None => true,
         };
         if let Some(pair) = pair.filter(|_| swaps) {
@@ -85,18 +105,31 @@ impl Lowering<'_> {
     }
 
     /// Lists a pass as culled, and the uses that go with it.
-    fn leave_out(&mut self, level: &Level, head: &Head, users: &[&Reference], why: &False) {
-        let name = format!("{}{}{}", level.prefix, head.name, level.suffix);
+    fn leave_out(&mut self, level: &Level, pass: &PassDecl, place: &Place, why: &False) {
+        let Some(Parts { name, users, numbers, shaders }) = Parts::of(pass) else { return };
+        let name = format!("{}{name}{}", level.prefix, level.suffix);
         let condition = match why.condition {
             Number::Expression(expression) => expression.text.clone(),
             Number::Literal(value) => value.to_string(),
         };
-        for user in users {
+        for user in &users {
             for id in self.look_up(level, user, why.at).ok().flatten().unwrap_or_default() {
                 self.unwritten.push(RemovedUse { resource: id, pass: name.clone(), when: why.at.span() });
             }
         }
-        let origin = self.files.origin(head.place.span());
+        let numbers = numbers.into_iter().flat_map(|number| level.names.named_by(number));
+        let choices = users.iter().flat_map(|user| level.names.named_by_choice(user));
+        self.removed.push(RemovedPass {
+            condition: condition.clone(),
+            when: why.at.span(),
+            reason: why.reason.clone(),
+            decided: why.decided.clone(),
+            named: numbers.chain(choices).collect(),
+            file: level.file,
+            shaders: shaders.into_iter().cloned().collect(),
+            constants: level.constants.clone(),
+        });
+        let origin = self.files.origin(place.span());
         let why = format!("{} is false: {condition}", why.whose);
         self.culled.push(Culled { pass: name, why, origin });
     }
@@ -109,35 +142,65 @@ impl Lowering<'_> {
             if !self.count(1, &place) {
                 break;
             }
-            let (name, users): (_, Vec<&Reference>) = match pass {
-                PassDecl::Dispatch { name, bind, size, .. } => {
-                    let arguments = match size {
-                        Size::Indirect(buffer, _) => Some(buffer),
-                        Size::Threads(_) | Size::Groups(_) => None,
-                    };
-                    (name, bind.values().chain(arguments).collect())
-                }
-                PassDecl::Draw { name, bind, targets, call, .. } => {
-                    let arguments = match call {
-                        Call::Indirect(buffer, _) => Some(buffer),
-                        Call::Direct { .. } => None,
-                    };
-                    let targets = targets.iter().map(|target| &target.image);
-                    (name, bind.values().chain(targets).chain(arguments).collect())
-                }
-                PassDecl::Fill { name, buffer, .. } => (name, vec![buffer]),
-                PassDecl::Include { name, with, .. } => (name, with.values().collect()),
+            match pass {
                 PassDecl::Repeat { var, body, .. } => {
                     self.leave_out_body(level, var, body, &place.field("body"), why);
-                    continue;
                 }
-                PassDecl::Swap(_) => continue,
-            };
-            self.leave_out(level, &Head { name, phase: &None, run: Run::Frame, place: &place }, &users, why);
+                _ => self.leave_out(level, pass, &place, why),
+            }
         }
         match hidden {
             Some(value) => drop(level.names.values.insert(var.into(), value)),
             None => drop(level.names.values.remove(var)),
         }
+    }
+}
+
+/// What a pass or an include names.
+struct Parts<'a> {
+    name: &'a str,
+    users: Vec<&'a Reference>,
+    numbers: Vec<&'a Number>,
+    shaders: Vec<&'a String>,
+}
+
+impl Parts<'_> {
+    /// `None` for repeats and swaps.
+    fn of(pass: &PassDecl) -> Option<Parts<'_>> {
+        Some(match pass {
+            PassDecl::Dispatch { name, shader, size, bind, push, define, .. } => {
+                let (argument, numbers) = match size {
+                    Size::Indirect(buffer, offset) => (Some(buffer), vec![offset]),
+                    Size::Threads(extent) | Size::Groups(extent) => (None, extent.0.iter().collect()),
+                };
+                Parts {
+                    name,
+                    users: bind.values().chain(argument).collect(),
+                    numbers: numbers.into_iter().chain(push.values()).chain(define.values()).collect(),
+                    shaders: vec![shader],
+                }
+            }
+            PassDecl::Draw { name, vertex, fragment, call, bind, push, define, targets, .. } => {
+                let (argument, numbers) = match call {
+                    Call::Indirect(buffer, offset) => (Some(buffer), vec![offset]),
+                    Call::Direct { vertices, instances } => (None, vec![vertices, instances]),
+                };
+                let targets = targets.iter().map(|target| &target.image);
+                Parts {
+                    name,
+                    users: bind.values().chain(targets).chain(argument).collect(),
+                    numbers: numbers.into_iter().chain(push.values()).chain(define.values()).collect(),
+                    shaders: vec![vertex, fragment],
+                }
+            }
+            PassDecl::Fill { name, buffer, value, .. } => {
+                Parts { name, users: vec![buffer], numbers: vec![value], shaders: Vec::new() }
+            }
+            PassDecl::Include { name, with, set, .. } => {
+                let (users, numbers) = (with.values().collect(), set.values().collect());
+                Parts { name, users, numbers, shaders: Vec::new() }
+            }
+            PassDecl::Repeat { .. } | PassDecl::Swap(_) => return None,
+        })
     }
 }

@@ -1,7 +1,9 @@
 //! Preprocessor defines for a graph's constants.
 
+use std::collections::BTreeMap;
+
 use super::scope::Names;
-use crate::ir::{Domain, Param, Value, to_f32};
+use crate::ir::{Domain, Param, ParamSet, Value, to_f32};
 
 /// The constants of a graph, as its shaders know them: by their names in capitals.
 #[derive(Debug, Default)]
@@ -10,6 +12,8 @@ pub(super) struct Constants {
     pub defines: Vec<(String, String)>,
     /// Names and values of those that are numbers beyond 32 bits. A shader that mentions one is in error.
     pub unfit: Vec<(String, String)>,
+    /// The parameters behind each name, also behind those of texts, which have no define now.
+    pub params: BTreeMap<String, ParamSet>,
 }
 
 /// Lists every constant by its name in capitals.
@@ -19,7 +23,7 @@ pub(super) fn defines(names: &Names, params: &[Param]) -> Constants {
     let capital = |name: &str| -> String {
         name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
     };
-    let Constants { mut defines, mut unfit } = Constants::default();
+    let Constants { mut defines, mut unfit, .. } = Constants::default();
     for (name, value) in &names.values {
         let choices = params.iter().find(|p| p.name == *name).and_then(|p| match &p.domain {
             Domain::Choice(of) => Some(of),
@@ -38,7 +42,12 @@ pub(super) fn defines(names: &Names, params: &[Param]) -> Constants {
             unfit.push((capital(name), value.to_string()));
         }
     }
-    Constants { defines, unfit }
+    let mut behind: BTreeMap<String, ParamSet> = BTreeMap::new();
+    for (name, params) in &names.params {
+        // Several names may be one in capitals.
+        behind.entry(capital(name)).or_default().extend(params);
+    }
+    Constants { defines, unfit, params: behind }
 }
 
 /// A value as a GLSL literal; `None` where it is none or does not fit 32 bits.

@@ -6,30 +6,24 @@ use std::rc::Rc;
 use super::LoweredInclude;
 use super::document::{self, MAX_DEPTH, Opened};
 use super::params;
-use super::passes::{Head, Level, Lowering};
+use super::passes::{Level, Lowering};
 use super::resources::Handle;
 use super::scope::{Names, Place};
-use crate::ir::{Param, Run};
+use crate::ir::Param;
 use crate::schema::{Graph, Number, ParamDecl, Reference};
 use crate::source::{Diagnostic, Kind, Path};
 
 impl Lowering<'_> {
-    #[allow(clippy::too_many_arguments)]
     pub(super) fn include(
         &mut self,
         level: &mut Level,
         graph: &str,
         name: &str,
-        when: &Option<Number>,
         with: &IndexMap<String, Reference>,
         set: &IndexMap<String, Number>,
         place: &Place,
     ) -> Result<(), Diagnostic> {
-        let head = Head { name, phase: &None, run: Run::Frame, place };
-        let users: Vec<&Reference> = with.values().collect();
-        if !self.wanted(level, when, &head, &users)? {
-            return Ok(());
-        }
+        let decided = level.names.take_notes().decided;
         let graph_place = place.field("graph");
         let file =
             self.files.find(Some(level.file), graph, Kind::Graph).map_err(|e| e.at(graph_place.span()))?;
@@ -132,6 +126,7 @@ impl Lowering<'_> {
             .with_help("state it in the graph that includes this one, with a `fallback` for all of it"));
         }
         inner.include = Some(self.included.len());
+        inner.around = level.around.iter().copied().chain(decided).collect();
         self.included.push(include);
         self.declare(&mut inner);
         if self.errors.len() > before {
@@ -159,7 +154,7 @@ impl Lowering<'_> {
         if let Some(name) = set.keys().find(|k| !graph.params.contains_key(*k)) {
             return Err(params::unknown(name, place.field("set").field(name).key(), graph));
         }
-        let mut names = Names { values: self.request.facts.named(), live: Default::default() };
+        let mut names = Names::of(self.request.facts);
         let mut params = Vec::new();
         for (name, declaration) in &opened.graph.params {
             let at = Place::new(&opened.outline, Path::root().field("params").key(name));
@@ -172,9 +167,9 @@ impl Lowering<'_> {
                 .with_help("declare it in the graph that includes it: its shaders see it all the same"));
             }
             let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));
-            let param =
+            let (param, behind) =
                 params::included(name, declaration, &at, opened.set.get(name), given, &names, self.files)?;
-            names.values.insert(name.clone(), param.value.clone());
+            names.define(name, param.value.clone(), behind);
             params.push(param);
         }
         Ok((names, params))

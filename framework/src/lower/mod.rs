@@ -26,8 +26,8 @@ use std::rc::Rc;
 pub use params::parse_value;
 
 use crate::ir::{
-    Culled, DrawCall, FileId, Param, Request, Run, Shape, Source, Span, StandIn, Stat, Target, Topology,
-    Unmet, Value,
+    Culled, DrawCall, FileId, Param, ParamSet, Reason, Request, Run, Shape, Source, Span, StandIn, Stat,
+    Target, Topology, Unmet, Value,
 };
 use crate::source::{Diagnostic, SourceMap};
 
@@ -52,6 +52,10 @@ pub struct Lowered {
     pub passes: Vec<LoweredPass>,
     /// Passes that a `when` removed.
     pub culled: Vec<Culled>,
+    /// The same passes, with the parameters that they would use.
+    pub removed: Vec<RemovedPass>,
+    /// Uses of parameters in expressions that were not evaluated.
+    pub skipped: Vec<SkippedUse>,
     /// Uses that a `when` removed together with their pass.
     pub unwritten: Vec<RemovedUse>,
     /// Graphs that were included, those that include others before these.
@@ -66,6 +70,25 @@ pub struct Lowered {
     pub live_glsl: String,
     /// The uniform block of the live parameters.
     pub live: ResourceHandle,
+    /// The parameters behind each live parameter: itself, and those that its default depends on.
+    pub live_params: BTreeMap<String, ParamSet>,
+    /// Parameters that conditions, counts of repeats and swaps depend on.
+    pub shape: ParamSet,
+    /// Parameters that the output and the statistics depend on.
+    pub results: ParamSet,
+}
+
+/// Describes a `let` or a parameter whose expression names parameters that its evaluation did not reach.
+#[derive(Clone, Debug)]
+pub struct SkippedUse {
+    /// The parameters.
+    pub params: ParamSet,
+    /// The name that has the expression.
+    pub name: String,
+    /// Its place in the file.
+    pub span: Span,
+    /// The parameters that were read.
+    pub decided: ParamSet,
 }
 
 impl Lowered {
@@ -107,6 +130,8 @@ pub struct LoweredResource {
     pub previous_frame_of: Option<ResourceHandle>,
     /// The declaration.
     pub span: Span,
+    /// Parameters that the declaration depends on.
+    pub params: ParamSet,
 }
 
 /// Describes a graph that was included.
@@ -131,6 +156,27 @@ pub struct RemovedUse {
     pub pass: String,
     /// Its `when`.
     pub when: Span,
+}
+
+/// Describes a pass that a `when` removed, or an include, or a pass of a repeat.
+#[derive(Clone, Debug)]
+pub struct RemovedPass {
+    /// Its `when`, or that of its repeat.
+    pub condition: String,
+    /// The condition in the file.
+    pub when: Span,
+    /// Why it is false; none for one without names.
+    pub reason: Option<Reason>,
+    /// Parameters that the condition depends on.
+    pub decided: ParamSet,
+    /// Parameters behind the names in the pass's expressions.
+    pub named: ParamSet,
+    /// The graph file that declares it.
+    pub file: FileId,
+    /// File names of its shaders.
+    pub shaders: Vec<String>,
+    /// As for a pass that is there.
+    pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
 /// Describes one dispatch, draw or fill; its shaders are names.
@@ -158,6 +204,12 @@ pub struct LoweredPass {
     pub defines: Rc<Vec<(String, String)>>,
     /// Names, as defines would have them, and values of the constants of the scope that are numbers beyond 32 bits.
     pub unfit: Rc<Vec<(String, String)>>,
+    /// Parameters that decide that the pass exists, and which resources it uses.
+    pub decided: ParamSet,
+    /// Parameters that its numbers depend on: size, push constants, offsets, the word of a fill.
+    pub read: ParamSet,
+    /// Parameters behind the names that shaders can have of constants.
+    pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
 /// Holds a shader's name as written.

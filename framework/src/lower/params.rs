@@ -1,8 +1,13 @@
 //! Parameters: from their declarations, presets and `--set` to values.
 
+use std::collections::BTreeMap;
+
+use super::SkippedUse;
 use super::document::{Opened, Setting};
 use super::scope::{Names, Place, describe};
-use crate::ir::{Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, Reason, Request, Span, Value};
+use crate::ir::{
+    Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, ParamSet, Reason, Request, Span, Value,
+};
 use crate::schema::{Expression, Graph, Number, ParamDecl, ParamKind};
 use crate::source::{Diagnostic, Path, SourceMap, nearest};
 
@@ -12,6 +17,9 @@ pub(super) struct Resolved {
     /// Facts and constants, ready for `let`s and passes.
     pub names: Names,
     pub live_bytes: u64,
+    /// The parameters behind each live one.
+    pub live: BTreeMap<String, ParamSet>,
+    pub skipped: Vec<SkippedUse>,
 }
 
 /// A setting from the command line: the text and where it is shown.
@@ -42,25 +50,35 @@ pub(super) fn resolve(
         texts.push((name.as_str(), Text { value, span }));
     }
 
-    let mut names = Names { values: request.facts.named(), live: Default::default() };
-    let mut params = Vec::new();
-    let mut live_bytes = 0;
+    let mut names = Names::of(request.facts);
+    let (mut params, mut live) = (Vec::new(), BTreeMap::new());
+    let (mut live_bytes, mut skipped) = (0, Vec::new());
     for (name, declaration) in &root.graph.params {
         let place = Place::new(&root.outline, Path::root().field("params").key(name));
         let text = texts.iter().rev().find(|(n, _)| n == name).map(|(_, t)| t);
         let made = one(name, declaration, &place, root.set.get(name), text, &names, live_bytes, files);
-        let made = made
-            .and_then(|param| Ok(Param { grows: grows(declaration, &place, Some(&root.graph))?, ..param }));
+        let made = made.and_then(|made| Ok((made, grows(declaration, &place, Some(&root.graph))?)));
         match made {
-            Ok(mut param) => {
+            Ok((Made { mut param, params: mut behind, range, skipped: others }, grows)) => {
+                param.grows = grows;
                 let value = param.with_room(param.value.clone(), request.grown);
+                if request.grown.iter().any(|(grown, _)| grown == name) {
+                    // It ends at the range's end.
+                    behind.extend(&range);
+                }
                 // What frames needed is no reason that the file knows.
                 param.reason.take_if(|_| value != param.value);
                 param.value = value;
+                if !others.is_empty() {
+                    let (name, span, decided) = (name.clone(), place.key(), behind.clone());
+                    skipped.push(SkippedUse { params: others, name, span, decided });
+                }
+                behind.insert(params.len());
                 match param.binding {
-                    ParamBinding::Const => drop(names.values.insert(name.clone(), param.value.clone())),
+                    ParamBinding::Const => names.define(name, param.value.clone(), behind),
                     ParamBinding::Live { .. } => {
                         names.live.insert(name.clone());
+                        live.insert(name.clone(), behind);
                         live_bytes += 4;
                     }
                 }
@@ -69,7 +87,7 @@ pub(super) fn resolve(
             Err(diagnostic) => errors.push(diagnostic),
         }
     }
-    Resolved { params, names, live_bytes }
+    Resolved { params, names, live_bytes, live, skipped }
 }
 
 /// A setting of a parameter that the graph does not have.
@@ -86,6 +104,17 @@ pub(super) fn unknown(name: &str, span: Span, graph: &Graph) -> Diagnostic {
     )
 }
 
+/// A parameter with the parameters of the root graph that it depends on, besides itself.
+struct Made {
+    param: Param,
+    /// Behind its value.
+    params: ParamSet,
+    /// Behind its range.
+    range: ParamSet,
+    /// Named by the expression of its value, and not reached.
+    skipped: ParamSet,
+}
+
 #[allow(clippy::too_many_arguments)]
 fn one(
     name: &str,
@@ -96,7 +125,7 @@ fn one(
     names: &Names,
     offset: u64,
     files: &SourceMap,
-) -> Result<Param, Diagnostic> {
+) -> Result<Made, Diagnostic> {
     let (kind, binding) = match declaration {
         ParamDecl::Const(kind) => (kind, ParamBinding::Const),
         ParamDecl::Live(kind) => (kind, ParamBinding::Live { offset: offset as u32 }),
@@ -109,21 +138,25 @@ fn one(
         ));
     }
     let kind_place = place.index(0);
-    let (domain, default, exact) = domain(kind, &kind_place, names)?;
-    let (value, reason) = match (text, setting) {
+    let (found, range) = names.traced(|| domain(kind, &kind_place, names));
+    let (domain, default, exact) = found?;
+    let (value, (reason, params, skipped)) = match (text, setting) {
         (Some(text), _) => {
             let value = parse_value(text.value, &domain)
                 .map_err(|m| Diagnostic::new(format!("`{name}` cannot be set to this"), text.span, m))?;
-            (value, None)
+            (value, Default::default())
         }
         (None, Some(setting)) => {
             let at = Place { outline: setting.outline.clone(), path: setting.path.clone() };
-            (given(&setting.number, &domain, names, &at)?, reason(&setting.number, &domain, names))
+            let value = given(&setting.number, &domain, names, &at)?;
+            (value, reason(&setting.number, &domain, names))
         }
         (None, None) => (default.clone(), reason(&written_default(kind), &domain, names)),
     };
     let origin = files.origin(place.key());
-    Ok(Param { name: name.into(), value, default, reason, exact, grows: None, domain, binding, origin })
+    let param =
+        Param { name: name.into(), value, default, reason, exact, grows: None, domain, binding, origin };
+    Ok(Made { param, params, range, skipped })
 }
 
 /// The statistic that a parameter grows with. `graph` is that of the statistics; none for a graph that is included.
@@ -274,12 +307,19 @@ fn written_default(kind: &ParamKind) -> Number {
     }
 }
 
-/// The reason for a value that [`given`] returns: none for one that stands there as it is.
-fn reason(number: &Number, domain: &Domain, names: &Names) -> Option<Reason> {
+/// The reason for a value that [`given`] returns, the parameters that it depends on, and those that its expression names besides:
+/// none for one that stands there as it is.
+fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, ParamSet, ParamSet) {
     match (number, domain) {
-        (Number::Literal(_), _) => None,
-        (Number::Expression(expression), Domain::Choice(of)) if of.contains(&expression.text) => None,
-        (Number::Expression(expression), _) => names.reason(expression),
+        (Number::Literal(_), _) => Default::default(),
+        (Number::Expression(expression), Domain::Choice(of)) if of.contains(&expression.text) => {
+            Default::default()
+        }
+        (Number::Expression(expression), _) => {
+            let (reason, read) = names.traced(|| names.reason(expression));
+            let skipped = names.named(expression).difference(&read).copied().collect();
+            (reason, read, skipped)
+        }
     }
 }
 
@@ -342,7 +382,8 @@ pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
     within(parsed.ok_or_else(|| format!("is not {}", wanted(domain)))?, domain)
 }
 
-/// A parameter of an included graph. `given` is what the includer sets, the names that this is over, and where it stands.
+/// A parameter of an included graph, with the parameters of the root graph behind its value. `given` is what the includer sets,
+/// the names that this is over, and where it stands.
 pub(super) fn included(
     name: &str,
     declaration: &ParamDecl,
@@ -351,14 +392,15 @@ pub(super) fn included(
     given_here: Option<(&Number, &Names, Place)>,
     names: &Names,
     files: &SourceMap,
-) -> Result<Param, Diagnostic> {
-    let mut param = one(name, declaration, place, setting, None, names, 0, files)?;
+) -> Result<(Param, ParamSet), Diagnostic> {
+    let Made { mut param, mut params, .. } = one(name, declaration, place, setting, None, names, 0, files)?;
     grows(declaration, place, None)?;
     if let Some((number, outer, at)) = given_here {
         param.value = given(number, &param.domain, outer, &at)?;
+        (_, params, _) = reason(number, &param.domain, outer);
         param.reason = None;
     }
-    Ok(param)
+    Ok((param, params))
 }
 
 pub(super) fn is_identifier(name: &str) -> bool {

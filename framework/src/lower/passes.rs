@@ -9,14 +9,14 @@ use super::document::Opened;
 use super::params;
 use super::require;
 use super::resources::{Handle, History, PingPong};
-use super::scope::{Names, Place};
+use super::scope::{Names, Notes, Place};
 use super::{
     Lowered, LoweredBind, LoweredInclude, LoweredPass, LoweredPush, LoweredResource, LoweredSize,
-    LoweredWork, RemovedUse, ResourceHandle, ShaderName,
+    LoweredWork, RemovedPass, RemovedUse, ResourceHandle, ShaderName, SkippedUse,
 };
 use crate::ir::{
-    Culled, DrawCall, EXPORT, FileId, Format, HOST, LIVE_BLOCK, Load, Param, Request, Run, Shape, Source,
-    Span, Stat, Target, Value,
+    Culled, DrawCall, EXPORT, FileId, Format, HOST, LIVE_BLOCK, Load, Param, ParamSet, Request, Run, Shape,
+    Source, Span, Stat, Target, Value,
 };
 use crate::schema::{Call, Graph, Number, PassDecl, Reference, Size};
 use crate::source::{Diagnostic, Outline, Path, SourceMap};
@@ -54,6 +54,10 @@ pub(super) struct Lowering<'a> {
     pub culled: Vec<Culled>,
     pub histories: Vec<History>,
     pub unwritten: Vec<RemovedUse>,
+    pub removed: Vec<RemovedPass>,
+    pub skipped: Vec<SkippedUse>,
+    /// As [`Lowered::shape`].
+    pub shape: ParamSet,
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
     pub included: Vec<LoweredInclude>,
@@ -73,8 +77,12 @@ pub(super) struct Level {
     pub suffix: String,
     /// Index into [`Lowering::included`]; `None` for the root.
     pub include: Option<usize>,
+    /// Parameters that the includes and repeats around the present pass depend on.
+    pub around: ParamSet,
     defines: Rc<Vec<(String, String)>>,
     unfit: Rc<Vec<(String, String)>>,
+    /// As [`LoweredPass::constants`].
+    pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
 /// The fields that all kinds of passes share.
@@ -103,6 +111,9 @@ impl<'a> Lowering<'a> {
             culled: Vec::new(),
             histories: Vec::new(),
             unwritten: Vec::new(),
+            removed: Vec::new(),
+            skipped: Vec::new(),
+            shape: ParamSet::new(),
             includes: Vec::new(),
             included: Vec::new(),
         }
@@ -127,8 +138,10 @@ impl<'a> Lowering<'a> {
         self.declare(&mut level);
         let passes = Place::new(&root.outline, Path::root().field("passes"));
         self.walk(&mut level, &root.graph.passes, &passes);
+        level.names.take_notes();
         let output = self.output(&level);
         let stats = self.stats(&level);
+        let results = level.names.take_notes().all();
         let live_bytes = resolved.live_bytes.next_multiple_of(16).max(16);
         let live_span = root.outline.key(&Path::root().field("params"));
         let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
@@ -143,9 +156,14 @@ impl<'a> Lowering<'a> {
                 facts: self.request.facts.named(),
                 live_glsl: params::live_glsl(&resolved.params),
                 params: resolved.params,
+                live_params: resolved.live,
+                shape: self.shape,
+                results,
                 resources: self.resources,
                 passes: self.passes,
                 culled: self.culled,
+                removed: self.removed,
+                skipped: [resolved.skipped, self.skipped].concat(),
                 unwritten: self.unwritten,
                 includes: self.included,
                 output,
@@ -165,7 +183,6 @@ impl<'a> Lowering<'a> {
         params: &[Param],
         prefix: String,
     ) -> Level {
-        let mut lets = Vec::new();
         for (name, number) in &opened.graph.lets {
             let place = Place::new(&opened.outline, Path::root().field("let").key(name));
             if names.values.contains_key(name) || names.live.contains(name) {
@@ -173,15 +190,20 @@ impl<'a> Lowering<'a> {
                 self.errors.push(Diagnostic::new(format!("`{name}` is declared twice"), place.key(), taken));
                 continue;
             }
-            match names.evaluate(number, &place) {
+            let (value, read) = names.traced(|| names.evaluate(number, &place));
+            match value {
                 Ok(value) => {
-                    names.values.insert(name.clone(), value.clone());
-                    lets.push((name.clone(), value));
+                    let params: ParamSet = names.named_by(number).difference(&read).copied().collect();
+                    if !params.is_empty() {
+                        let (name, span, decided) = (name.clone(), place.key(), read.clone());
+                        self.skipped.push(SkippedUse { params, name, span, decided });
+                    }
+                    names.define(name, value, read);
                 }
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
-        let Constants { defines, unfit } = defines(&names, params);
+        let Constants { defines, unfit, params: constants } = defines(&names, params);
         let mut seen = BTreeMap::new();
         for (name, value) in &defines {
             if seen.insert(name, value).is_some_and(|other| other != value) {
@@ -201,8 +223,10 @@ impl<'a> Lowering<'a> {
             prefix,
             suffix: String::new(),
             include: None,
+            around: ParamSet::new(),
             defines: Rc::new(defines),
             unfit: Rc::new(unfit),
+            constants: Rc::new(constants),
         }
     }
 
@@ -233,6 +257,7 @@ impl<'a> Lowering<'a> {
             {
                 return;
             }
+            level.names.take_notes();
             if let Err(diagnostic) = self.pass(level, pass, &at.index(i)) {
                 self.errors.push(diagnostic);
             }
@@ -243,8 +268,7 @@ impl<'a> Lowering<'a> {
         match pass {
             PassDecl::Dispatch { name, phase, run, when, shader, size, bind, push, define } => {
                 let head = Head { name, phase, run: *run, place };
-                let users: Vec<&Reference> = bind.values().collect();
-                if !self.wanted(level, when, &head, &users)? {
+                if !self.wanted(level, when, pass, place)? {
                     return Ok(());
                 }
                 let size_place = place.field("size");
@@ -276,8 +300,7 @@ impl<'a> Lowering<'a> {
                 targets,
             } => {
                 let head = Head { name, phase, run: Run::Frame, place };
-                let users: Vec<&Reference> = bind.values().chain(targets.iter().map(|t| &t.image)).collect();
-                if !self.wanted(level, when, &head, &users)? {
+                if !self.wanted(level, when, pass, place)? {
                     return Ok(());
                 }
                 let call_place = place.field("call");
@@ -322,7 +345,7 @@ impl<'a> Lowering<'a> {
             }
             PassDecl::Fill { name, phase, when, buffer, value } => {
                 let head = Head { name, phase, run: Run::Frame, place };
-                if !self.wanted(level, when, &head, &[buffer])? {
+                if !self.wanted(level, when, pass, place)? {
                     return Ok(());
                 }
                 let value_place = place.field("value");
@@ -351,7 +374,10 @@ impl<'a> Lowering<'a> {
             }
             PassDecl::Swap(swap) => self.swap(level, swap, place),
             PassDecl::Include { graph, name, when, with, set } => {
-                self.include(level, graph, name, when, with, set, place)
+                if !self.wanted(level, when, pass, place)? {
+                    return Ok(());
+                }
+                self.include(level, graph, name, with, set, place)
             }
         }
     }
@@ -465,10 +491,14 @@ impl<'a> Lowering<'a> {
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
-        let mut defines = level.defines.clone();
+        let (mut defines, mut constants) = (level.defines.clone(), level.constants.clone());
         for (key, number) in define {
             let at = head.place.field("define").field(key);
-            let value = level.names.evaluate(number, &at)?;
+            let (value, read) = level.names.traced(|| level.names.evaluate(number, &at));
+            let value = value?;
+            if !read.is_empty() {
+                Rc::make_mut(&mut constants).insert(key.clone(), read);
+            }
             match (params::is_identifier(key), define_text(&value)) {
                 (true, Some(_)) if defines.iter().any(|(name, _)| name == key) => {
                     let message = format!("`{key}` is a constant of the graph");
@@ -485,6 +515,8 @@ impl<'a> Lowering<'a> {
                 (_, None) => return Err(at.error("a define is a number or a bool of 32 bits", "this is not")),
             }
         }
+        let Notes { read, mut decided } = level.names.take_notes();
+        decided.extend(&level.around);
         self.passes.push(LoweredPass {
             name,
             phase: head.phase.clone().unwrap_or_else(|| head.name.into()),
@@ -497,6 +529,9 @@ impl<'a> Lowering<'a> {
             push: pushes,
             defines,
             unfit: level.unfit.clone(),
+            decided,
+            read,
+            constants,
         });
         if self.passes.len() > MAX_PASSES {
             return Err(Diagnostic::new(
@@ -517,7 +552,9 @@ impl<'a> Lowering<'a> {
         place: &Place,
     ) -> Result<(), Diagnostic> {
         let count_place = place.field("count");
-        let count = level.names.natural(count, &count_place)?;
+        let count = level.names.deciding(|| level.names.natural(count, &count_place))?;
+        let decided = level.names.take_notes().decided;
+        self.shape.extend(&decided);
         if count > MAX_PASSES as u64 {
             return Err(
                 count_place.error(format!("this repeats over {MAX_PASSES} times"), format!("is {count}"))
@@ -531,6 +568,8 @@ impl<'a> Lowering<'a> {
         }
         let errors = self.errors.len();
         let suffix = level.suffix.clone();
+        let around = level.around.clone();
+        level.around.extend(decided);
         for i in 0..count {
             if !self.count(1, place) {
                 break;
@@ -545,6 +584,7 @@ impl<'a> Lowering<'a> {
         }
         level.names.values.remove(var);
         level.suffix = suffix;
+        level.around = around;
         Ok(())
     }
 

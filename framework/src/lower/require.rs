@@ -26,7 +26,7 @@ pub(super) fn standing(
     files: &mut SourceMap,
 ) -> Result<(Opened, Standing, Vec<Diagnostic>), Vec<Diagnostic>> {
     let mut chain = chain(request.graph, files)?.into_iter().peekable();
-    let names = Names { values: request.facts.named(), live: Default::default() };
+    let names = Names::of(request.facts);
     let mut stand_ins = Vec::new();
     loop {
         let (wanted, opened) =

@@ -4,6 +4,7 @@ use super::params::is_identifier;
 use super::passes::{Level, Lowering};
 use super::scope::{Names, Place, describe};
 use super::{LoweredResource, ResourceHandle};
+use crate::expr::Scope;
 use crate::ir::{Format, HostBuffer, Shape, Source, Span, Value};
 use crate::schema::{Expression, Import, Part, Port, Reference, ResourceDecl, ResourceName, is_choice};
 use crate::source::{Diagnostic, Path};
@@ -36,16 +37,27 @@ impl Lowering<'_> {
     pub(super) fn declare(&mut self, level: &mut Level) {
         let graph = level.graph.clone();
         let root = Place::new(&level.outline, Path::root());
+        level.names.take_notes();
         for (name, import) in &graph.imports {
             let place = root.field("imports").field(name);
+            let first = self.resources.len();
             let handle = self.import(level, name, import, &place);
+            self.note(level, first);
             self.enter(level, name, handle, &place);
         }
         for (name, declaration) in &graph.resources {
             let place = root.field("resources").field(name);
+            let first = self.resources.len();
             let handle = self.resource(level, name, declaration, &place);
+            self.note(level, first);
             self.enter(level, name, handle, &place);
         }
+    }
+
+    /// Notes the parameters that a declaration depends on with the resources that it added, the first of them at `first`.
+    fn note(&mut self, level: &Level, first: usize) {
+        let params = level.names.take_notes().all();
+        self.resources[first..].iter_mut().for_each(|resource| resource.params = params.clone());
     }
 
     fn enter(&mut self, level: &mut Level, name: &str, handle: Result<Handle, Diagnostic>, place: &Place) {
@@ -233,7 +245,16 @@ impl Lowering<'_> {
             );
         }
         let (history, previous_frame_of) = (None, None);
-        self.resources.push(LoweredResource { name, shape, source, history, previous_frame_of, span });
+        let params = Default::default();
+        self.resources.push(LoweredResource {
+            name,
+            shape,
+            source,
+            history,
+            previous_frame_of,
+            span,
+            params,
+        });
         id
     }
 
@@ -249,8 +270,11 @@ impl Lowering<'_> {
         // A constant can hold a name too, where no resource has the constant's name.
         let constant = level.names.values.get(text).filter(|_| !level.handles.contains_key(text));
         let chosen = match (choice, constant) {
-            (Some(choice), _) => level.names.expression(choice, place)?,
-            (None, Some(value @ Value::Text(_))) => value.clone(),
+            (Some(choice), _) => level.names.deciding(|| level.names.expression(choice, place))?,
+            (None, Some(value @ Value::Text(_))) => {
+                level.names.deciding(|| level.names.get(text));
+                value.clone()
+            }
             (None, _) => {
                 let span = |name: &ResourceName| place.outline.within_string(&place.path, name.range.clone());
                 let span = name.as_ref().map_or_else(|| place.span(), span);

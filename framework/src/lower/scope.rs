@@ -1,25 +1,51 @@
 //! Names with their values, and the evaluation of expressions in their scope.
 
 use std::cell::RefCell;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
 use super::{Extent, Values};
 use crate::expr::{ExprError, Scope};
-use crate::ir::{Reason, Span, Value};
-use crate::schema::{self, Expression, Number};
+use crate::ir::{Facts, ParamSet, Reason, Span, Value};
+use crate::schema::{self, Expression, Number, Reference};
 use crate::source::{Diagnostic, Outline, Path};
 
 /// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables.
+///
+/// Every evaluation notes the parameters of the root graph that the names it reads depend on. A statement of the graph takes
+/// these notes when it is lowered.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Names {
     pub values: Values,
     /// Live parameters: known, but without a value when the plan is built.
     pub live: BTreeSet<String>,
+    /// The parameters of the root graph behind values; names that depend on none are missing.
+    pub params: BTreeMap<String, ParamSet>,
+    notes: RefCell<Notes>,
+}
+
+/// Parameters that evaluations read.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Notes {
+    /// Read by numbers: sizes, push constants, offsets.
+    pub read: ParamSet,
+    /// Read by conditions, counts of repeats, and choices of resources.
+    pub decided: ParamSet,
+}
+
+impl Notes {
+    /// Returns the parameters of both kinds.
+    pub fn all(mut self) -> ParamSet {
+        self.read.append(&mut self.decided);
+        self.read
+    }
 }
 
 impl Scope for Names {
     fn get(&self, name: &str) -> Option<Value> {
+        if let Some(params) = self.params.get(name) {
+            self.notes.borrow_mut().read.extend(params);
+        }
         self.values.get(name).cloned()
     }
 
@@ -64,6 +90,64 @@ impl Place {
 }
 
 impl Names {
+    pub fn of(facts: &Facts) -> Names {
+        Names { values: facts.named(), ..Names::default() }
+    }
+
+    /// Adds a name, and the parameters behind its value.
+    pub fn define(&mut self, name: &str, value: Value, params: ParamSet) {
+        self.values.insert(name.into(), value);
+        if !params.is_empty() {
+            self.params.insert(name.into(), params);
+        }
+    }
+
+    /// Returns what was noted since the last call.
+    pub fn take_notes(&self) -> Notes {
+        self.notes.take()
+    }
+
+    /// Evaluates apart from the notes, and returns what it read with the result.
+    pub fn traced<T>(&self, evaluate: impl FnOnce() -> T) -> (T, ParamSet) {
+        let outer = self.notes.take();
+        let result = evaluate();
+        (result, self.notes.replace(outer).all())
+    }
+
+    /// Evaluates a count or a choice of a resource.
+    pub fn deciding<T>(&self, evaluate: impl FnOnce() -> T) -> T {
+        let (result, read) = self.traced(evaluate);
+        self.note_decided(&read);
+        result
+    }
+
+    /// Notes what a condition depends on.
+    pub fn note_decided(&self, params: &ParamSet) {
+        self.notes.borrow_mut().decided.extend(params);
+    }
+
+    /// Returns the parameters behind all names of a number, whether its evaluation reaches them or not.
+    pub fn named_by(&self, number: &Number) -> ParamSet {
+        match number {
+            Number::Literal(_) => ParamSet::new(),
+            Number::Expression(expression) => self.named(expression),
+        }
+    }
+
+    /// Returns the parameters behind all names of a choice of a resource.
+    pub fn named_by_choice(&self, reference: &Reference) -> ParamSet {
+        match &reference.choice {
+            Some(choice) => self.named(choice),
+            None => self.params.get(&reference.text).cloned().unwrap_or_default(),
+        }
+    }
+
+    /// Returns the parameters behind all names of an expression.
+    pub fn named(&self, expression: &Expression) -> ParamSet {
+        let names = expression.parsed.iter().flat_map(|expr| expr.names());
+        names.filter_map(|(name, _)| self.params.get(name)).flatten().copied().collect()
+    }
+
     /// The value of `number`, which stands at `place`.
     pub fn evaluate(&self, number: &Number, place: &Place) -> Result<Value, Diagnostic> {
         match number {

@@ -17,6 +17,7 @@
 
 mod generate;
 mod log;
+mod reached;
 mod scan;
 mod serve;
 #[cfg(test)]
@@ -133,14 +134,19 @@ impl ShaderCompiler for Glslang {
             let span = log::find_quoted(files, request, &sources, &problem);
             vec![Diagnostic::new(problem, span, "")]
         })?;
+        let reached = sources.reached(&key.defines);
         let declared = Arc::new(sources.bindings);
-        let compiled =
-            Compiled { spirv: Arc::new(spirv), defines: key.defines.clone(), reflection, declared };
+        let defines = key.defines.clone();
+        let compiled = Compiled { spirv: Arc::new(spirv), defines, reached, reflection, declared };
         if self.cache.len() >= MOST_CACHED {
             self.cache.clear();
         }
         self.cache.insert(key, compiled.clone());
         Ok(compiled)
+    }
+
+    fn identifiers(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> BTreeSet<String> {
+        Sources::gather(files, request).map(|sources| sources.identifiers).unwrap_or_default()
     }
 
     fn is_cancelled(&self) -> bool {
@@ -312,6 +318,12 @@ impl Sources {
 }
 
 impl Sources {
+    /// The names of [`Compiled::reached`].
+    fn reached(&self, defines: &[(String, String)]) -> Arc<BTreeSet<String>> {
+        let texts: Vec<reached::Text> = self.units.iter().map(Unit::followed).collect();
+        Arc::new(reached::reached(&texts, defines).unwrap_or_else(|| self.identifiers.clone()))
+    }
+
     /// A constant of the graph that the shader mentions, and that it cannot have because shaders know numbers of 32 bits, and
     /// `#if` those of 32 bits with a sign.
     fn too_large(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
@@ -329,6 +341,15 @@ impl Sources {
         let span = log::find_quoted(files, request, self, &format!("`{name}`"));
         let message = format!("`{name}` is {value} in the graph, which does not fit {limit}");
         Some(Diagnostic::new(message, span, "used here"))
+    }
+}
+
+impl Unit {
+    /// The text and the includes that were found.
+    fn followed(&self) -> reached::Text<'_> {
+        let found =
+            self.includes.iter().filter_map(|(name, i)| Some((name.as_str(), *i.target.as_ref().ok()?)));
+        reached::Text { text: &self.text, includes: found.collect() }
     }
 }
 

@@ -43,6 +43,10 @@ pub struct Compiled {
     pub spirv: Arc<Vec<u32>>,
     /// The defines that occur in the text, name and value.
     pub defines: Vec<(String, String)>,
+    /// Identifiers that the compiled text depends on: those of the lines that its `#if`s let through, and of the conditions.
+    ///
+    /// The value of a define that is not among them changes nothing in the SPIR-V.
+    pub reached: Arc<BTreeSet<String>>,
     /// Declarations and accesses.
     pub reflection: Reflection,
     /// Names of the blocks and images that the texts declare, in every branch of an `#if`. [`Reflection::bindings`] has those
@@ -59,6 +63,14 @@ pub trait ShaderCompiler {
         files: &mut SourceMap,
         request: &ShaderRequest,
     ) -> Result<Compiled, Vec<Diagnostic>>;
+
+    /// Lists the identifiers in the texts of a shader without compiling it, as far as they can be read.
+    ///
+    /// The default lists none.
+    fn identifiers(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> BTreeSet<String> {
+        let _ = (files, request);
+        BTreeSet::new()
+    }
 
     /// Returns true if nobody waits for the build any more.
     fn is_cancelled(&self) -> bool {

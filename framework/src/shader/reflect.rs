@@ -48,7 +48,8 @@ pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
 
     let push = module.variables.iter().find(|v| v.class == StorageClass::PushConstant);
     let push = push.map(|variable| {
-        let (bytes, members) = block(&module, variable.pointee, "the push constants")?;
+        let used = |member| accesses.uses_member(variable.id, member);
+        let (bytes, members) = block(&module, variable.pointee, "the push constants", used)?;
         Ok::<_, String>(PushBlock { bytes, members })
     });
 
@@ -101,7 +102,9 @@ fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<
             let kind = if variable.class == StorageClass::StorageBuffer || old {
                 storage_buffer(module, element, members, &name)?
             } else {
-                let (bytes, members) = block(module, element, &format!("`{name}`"))?;
+                // An array's elements are selected before their members.
+                let used = |member| variable.pointee != element || accesses.uses_member(variable.id, member);
+                let (bytes, members) = block(module, element, &format!("`{name}`"), used)?;
                 ReflectedKind::UniformBuffer { bytes, members }
             };
             (name, kind)
@@ -186,8 +189,13 @@ fn storage_buffer(
     Ok(ReflectedKind::StorageBuffer { stride, fixed_bytes })
 }
 
-/// Bytes and members of a uniform or push constant block.
-fn block(module: &Module, block: Word, what: &str) -> Result<(u32, Vec<Member>), String> {
+/// Bytes and members of a uniform or push constant block. `used` tells of a member whether the code may use it.
+fn block(
+    module: &Module,
+    block: Word,
+    what: &str,
+    used: impl Fn(u32) -> bool,
+) -> Result<(u32, Vec<Member>), String> {
     let info = module.type_of(block)?;
     let Type::Struct { members: types } = &info.kind else { return Err(format!("{what} are no block")) };
     let mut members = Vec::new();
@@ -203,6 +211,7 @@ fn block(module: &Module, block: Word, what: &str) -> Result<(u32, Vec<Member>),
                 Type::Float { bits: 32 } => MemberKind::Float,
                 _ => MemberKind::Other,
             },
+            used: used(index),
         });
     }
     let bytes = info.laid_out.ok_or_else(|| format!("{what} have no layout"))?;

@@ -142,6 +142,7 @@ pub(super) fn compact(
         stand_ins: lowered.stand_ins,
         facts: lowered.facts,
         params: lowered.params,
+        effects: Vec::new(),
         blocks: Vec::new(),
         prologue: Vec::new(),
         handover: Vec::new(),

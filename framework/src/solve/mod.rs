@@ -3,12 +3,14 @@
 //! Each step has a file. `order` builds the dependency graph (petgraph; read-after-write, write-after-read and
 //! write-after-write), culls passes whose results are unused, and sorts the rest; ties follow the order of the file, so that
 //! the same file always gives the same plan. `compact` drops the resources that no remaining pass uses and numbers the others
-//! with the plan's ids; `usage` records the uses of each. `memory` lets resources share blocks. `barriers` walks the sorted
+//! with the plan's ids; `usage` records the uses of each. `effects` says which
+//! passes depend on each parameter. `memory` lets resources share blocks. `barriers` walks the sorted
 //! passes with a model of the state of memory, and places a barrier exactly where there would otherwise be a hazard. `warnings` points out
 //! what is allowed and probably not meant.
 
 mod barriers;
 mod compact;
+mod effects;
 mod memory;
 mod order;
 mod usage;
@@ -17,7 +19,7 @@ mod warnings;
 use crate::ir::{
     Accesses, EXPORT, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
 };
-use crate::link::{Linked, LinkedPass};
+use crate::link::{Linked, LinkedPass, PassParams};
 use crate::lower::{Lowered, LoweredResource, ResourceHandle};
 use crate::plan::{Plan, Resource, Step};
 use crate::source::{Diagnostic, SourceMap};
@@ -31,6 +33,7 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
     forget_overwritten(&passes.iter().collect::<Vec<_>>(), &mut lowered);
     let order = order::order(&passes, &lowered, files)?;
     let warnings = warnings::warnings(&passes, &shaders, &order, &lowered, files);
+    let causes = effects::Causes::new(&lowered, &passes, &order, files);
     lowered.culled.extend(order.culled);
     // The plan holds the passes as they run: the prologue's first.
     let sorted: Vec<&LinkedPass> = order.once.iter().chain(&order.frame).map(|i| &passes[*i]).collect();
@@ -38,6 +41,7 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
     let mut plan = compact::compact(lowered, shaders, &sorted, files);
     plan.warnings = warnings;
     let starts = starts(&plan.resources);
+    plan.effects = causes.effects(&plan, &starts);
     let split = starts.len() + order.once.len();
     plan.passes.splice(..0, starts);
     usage::note(&mut plan);
@@ -98,6 +102,7 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
         },
         span,
         include: None,
+        params: PassParams { all: lowered.results.clone(), ..PassParams::default() },
     };
     let output = Some(Layout::TransferSource);
     let mut uses = vec![touch(lowered.output, Stages::COPY, Accesses::TRANSFER_READ, output)];
@@ -117,6 +122,7 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
         history: None,
         previous_frame_of: None,
         span,
+        params: lowered.results.clone(),
     });
     uses.push(touch(readback, Stages::COPY, Accesses::TRANSFER_WRITE, None));
     let read = touch(readback, Stages::HOST, Accesses::HOST_READ, None);

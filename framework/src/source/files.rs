@@ -244,6 +244,18 @@ impl SourceMap {
         self.looked.iter().map(|(path, content)| Wanted { path: path.clone(), content: *content }).collect()
     }
 
+    /// Runs `read`, and forgets the files that it finds: what is built does not depend on them.
+    ///
+    /// Their ids are not valid afterwards.
+    pub fn aside<T>(&mut self, read: impl FnOnce(&mut SourceMap) -> T) -> T {
+        let (count, looked) = (self.files.len(), self.looked.clone());
+        let result = read(self);
+        self.files.truncate(count);
+        self.known.retain(|_, file| (file.0 as usize) < count);
+        self.looked = looked;
+        result
+    }
+
     fn file(&self, file: FileId) -> Option<&File> {
         self.files.get(file.0 as usize)
     }

@@ -43,10 +43,11 @@ function fillHeader() {
     const because = p.reason
       ? `because ${Object.entries(p.reason.values).map(([name, value]) => `${name} = ${value}`).join(", ")}`
       : null;
-    const title = [because, changed ? `default ${p.default}` : null, p.live ? "live" : null].filter((note) => note).join("; ");
-    $("parameters").append(
-      h("li", { title }, `${p.name} `, h("b", { class: changed ? "changed" : null }, String(p.value))),
-    );
+    const effect = p.no_effect ? `no effect: ${p.no_effect}` : null;
+    const notes = [because, changed ? `default ${p.default}` : null, p.live ? "live" : null, effect];
+    const title = notes.filter((note) => note).join("; ");
+    const value = h("b", { class: changed ? "changed" : null }, String(p.value));
+    $("parameters").append(h("li", { title }, `${p.name} `, value, p.no_effect ? " (no effect)" : ""));
   }
   for (const name of phaseNames) {
     const times = dump.phases

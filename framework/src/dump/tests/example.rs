@@ -144,7 +144,7 @@ impl Maker {
     }
 
     fn shader(&mut self, file: &str, stage: ShaderStage) -> ShaderId {
-        let member = Member { name: "shift".into(), offset: 0, kind: MemberKind::Uint };
+        let member = Member { name: "shift".into(), offset: 0, kind: MemberKind::Uint, used: true };
         let reflection = Reflection {
             stage,
             local_size: [256, 1, 1],
@@ -244,6 +244,11 @@ impl Maker {
             origin: origin(6),
         };
         let mut plan = Plan {
+            effects: vec![
+                Effect { passes: vec![PassId(1), PassId(2)], shape: true, none: None },
+                Effect { none: Some("nothing in this plan depends on it".into()), ..Effect::default() },
+                Effect { passes: vec![PassId(1)], ..Effect::default() },
+            ],
             name: "example".into(),
             summary: "Depth-sorted quads, made by hand".into(),
             based_on: vec!["splat".into()],

@@ -31,6 +31,24 @@ fn a_dump_read_back_from_json_is_the_same() {
 }
 
 #[test]
+fn a_parameter_has_the_passes_that_depend_on_it_or_the_reason_why_none_does() {
+    let dump = dump(&example::splat(8, 1000));
+    let [digit_bits, cutoff, blend] = &dump.parameters[..] else { panic!("three parameters") };
+    assert_eq!(digit_bits.affects, [&*dump.passes[1].name, &*dump.passes[2].name]);
+    assert_eq!((digit_bits.shape, blend.shape, &blend.no_effect), (true, false, &None));
+    assert_eq!(cutoff.affects, <[&str; 0]>::default());
+    let said: Vec<String> =
+        text(&dump).lines().filter(|l| l.contains("effect")).map(str::to_string).collect();
+    assert_eq!(said, ["parameter cutoff has no effect: nothing in this plan depends on it"]);
+    let mut old = json(&dump);
+    for name in ["affects", "shape", "no_effect"] {
+        let parameters = old["parameters"].as_array_mut().expect("a list");
+        parameters.iter_mut().for_each(|p| drop(p.as_object_mut().expect("an object").remove(name)));
+    }
+    assert!(serde_json::from_value::<Dump>(old).is_ok(), "a dump from before these fields is read");
+}
+
+#[test]
 fn barriers_are_numbered_in_the_order_of_recording() {
     let mut plan = example::splat(4, 1000);
     // The prologue has one, too.

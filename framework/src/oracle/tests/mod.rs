@@ -28,6 +28,7 @@ fn origin() -> Origin {
 impl Sketch {
     fn new() -> Sketch {
         let plan = Plan {
+            effects: vec![],
             name: "sketch".into(),
             summary: String::new(),
             based_on: vec![],

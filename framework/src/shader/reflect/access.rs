@@ -25,6 +25,15 @@ pub(super) struct Accesses {
     pub written_first: HashSet<Word>,
     /// Mentioned at all; asking for an array's length or an image's size is neither a read nor a write.
     pub touched: HashSet<Word>,
+    /// Variables with the index of the member that an access chain selects first; `None` for every other use of a variable.
+    pub members: HashSet<(Word, Option<u64>)>,
+}
+
+impl Accesses {
+    /// Returns true if the code may use a member of a block that is no array.
+    pub fn uses_member(&self, variable: Word, member: u32) -> bool {
+        [None, Some(member.into())].iter().any(|member| self.members.contains(&(variable, *member)))
+    }
 }
 
 /// Classifies an access through a pointer or to an image.
@@ -52,12 +61,23 @@ pub(super) fn accesses(module: &Module, variables: &HashSet<Word>) -> Result<Acc
         }
     }
     let mut accesses = Accesses::default();
+    let declared: HashSet<Word> = module.variables.iter().map(|v| v.id).collect();
     for function in &functions {
         for i in &module.functions[function].body {
             note(module, i, &roots, &mut accesses)?;
+            let used = i.operands.iter().filter_map(Operand::id_ref_any).filter(|id| declared.contains(id));
+            accesses.members.extend(used.map(|variable| (variable, selected(module, i, variable))));
         }
     }
     Ok(accesses)
+}
+
+/// The index of the member of `variable` that an access chain selects.
+fn selected(module: &Module, i: &Instruction, variable: Word) -> Option<u64> {
+    if !matches!(i.class.opcode, Op::AccessChain | Op::InBoundsAccessChain) || id(i, 0).ok()? != variable {
+        return None;
+    }
+    module.values.get(&id(i, 1).ok()?).copied()
 }
 
 type Roots = HashMap<Word, BTreeSet<Word>>;

@@ -96,6 +96,8 @@ pub(super) struct Module {
     pub source_extensions: Vec<String>,
     /// The types of all constants.
     pub constants: HashMap<Word, Word>,
+    /// The values of those that are integers.
+    pub values: HashMap<Word, u64>,
     pub types: HashMap<Word, TypeInfo>,
     pub variables: Vec<Variable>,
     pub functions: HashMap<Word, Function>,
@@ -168,6 +170,7 @@ impl Module {
             extensions: Vec::new(),
             source_extensions: Vec::new(),
             constants: HashMap::new(),
+            values: HashMap::new(),
             types: HashMap::new(),
             variables: Vec::new(),
             functions: HashMap::new(),
@@ -304,6 +307,7 @@ impl Module {
                 *size = value.try_into().map_err(|_| format!("a workgroup is {value} invocations wide"))?;
             }
         }
+        module.values = constants.0;
         Ok(module)
     }
 

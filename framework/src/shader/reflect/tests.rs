@@ -221,6 +221,39 @@ fn uniform_members_have_offsets_and_kinds() {
 }
 
 #[test]
+fn members_that_the_code_does_not_read_are_known() {
+    let block = "uniform Live { float a; uint b; vec4 c; float d[2]; mat4 e; }";
+    let used = |block: &str, code: &str| -> String {
+        let r = compute(&format!(
+            "layout(set = 0, binding = 31, std140) {block};
+             layout(set = 0, binding = 0) buffer Out {{ float o; uint i; }};
+             float unused() {{ return a; }}
+             {code}"
+        ));
+        let ReflectedKind::UniformBuffer { members, .. } = &find(&r, "Live").kind else { panic!("{r:?}") };
+        members.iter().filter(|m| m.used).map(|m| m.name.as_str()).collect()
+    };
+    assert_eq!(used(block, "void main() { o = float(b); }"), "b");
+    assert_eq!(used(block, "float f() { return d[i]; } void main() { o = c.y * f(); }"), "cd");
+    assert_eq!(used(block, "void main() { if (false) o = e[1][2]; }"), "e", "code that never runs counts");
+    let named = format!("{block} all; float a");
+    assert_eq!(used(&named, "void main() { o = all.a + all.c.x; }"), "ac");
+    let several = format!("{block} all[2]; float a");
+    assert_eq!(
+        used(&several, "void main() { o = all[1].a; }"),
+        "abcde",
+        "arrays of blocks are not told apart"
+    );
+    let r = compute(
+        "layout(push_constant) uniform Push { uint a; uint b; } push;
+         layout(set = 0, binding = 0) buffer Out { uint o; };
+         void main() { o = push.b; }",
+    );
+    let members: Vec<bool> = r.push.expect("push constants").members.iter().map(|m| m.used).collect();
+    assert_eq!(members, [false, true]);
+}
+
+#[test]
 fn push_constants_are_listed_by_name() {
     let r = compute(
         "layout(push_constant) uniform Push { uint shift; float scale; int bias; } push;

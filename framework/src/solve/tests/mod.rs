@@ -1,6 +1,7 @@
 //! Tests of the solver's guarantees, one sentence each. A failing assertion prints the dump.
 
 mod barriers;
+mod effects;
 mod histories;
 mod memory;
 mod order;

@@ -316,6 +316,25 @@ fn looked(files: &SourceMap, folder: &Folder) -> Vec<(String, Content)> {
 }
 
 #[test]
+fn files_that_are_read_aside_are_forgotten() {
+    let folder = Folder::new(&[("pipelines/a.ron", "graph"), ("shaders/b.comp", "one")]);
+    let mut files = library(&[]);
+    let graph = files.find(None, &folder.path("pipelines/a"), Kind::Graph).unwrap();
+    let (wanted, opened) = (files.wanted(), files.opened().count());
+    let read = files.aside(|files| {
+        let found = ["a", "b.comp", "c.comp", "covariance.comp"]
+            .map(|name| files.find(Some(graph), name, Kind::Shader).ok());
+        found.map(|file| file.map(|file| files.text(file).to_string()))
+    });
+    assert_eq!(read, [None, Some("one".into()), None, Some("built-in covariance".into())]);
+    assert_eq!((files.wanted(), files.opened().count()), (wanted, opened));
+    // Read again, a file is as it is then.
+    fs::write(folder.path("shaders/b.comp"), "two").unwrap();
+    finds(&mut files, Some(graph), "b.comp", Kind::Shader, "two");
+    finds(&mut files, Some(graph), "covariance.comp", Kind::Shader, "built-in covariance");
+}
+
+#[test]
 fn a_map_knows_what_it_read_and_where_it_looked_in_vain() {
     let folder = Folder::new(&[
         ("pipelines/a.ron", "\u{feff}graph"),

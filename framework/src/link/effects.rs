@@ -1,0 +1,89 @@
+//! Finds the parameters that each pass depends on through its shaders, and those that passes would if they were there.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::{LinkedPass, Linker, MOST_COMPILATIONS, ShaderHandle};
+use crate::ir::{LIVE_BLOCK, ParamSet, ReflectedKind, ShaderStage, Stages};
+use crate::lower::{Lowered, LoweredPass, RemovedPass};
+use crate::shader::{ShaderCompiler, ShaderRequest};
+use crate::source::{Kind, SourceMap};
+
+/// Lists the parameters that a pass depends on. The sizes and formats of its resources are not among them.
+#[derive(Clone, Debug, Default)]
+pub struct PassParams {
+    /// All of them.
+    pub all: ParamSet,
+    /// Those that decide whether the pass exists, which resources it uses, and how: it can matter to other passes.
+    pub structure: ParamSet,
+    /// Parameters that its shaders mention, and not in what is compiled.
+    pub skipped: ParamSet,
+}
+
+impl Linker<'_> {
+    pub(super) fn params(&self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) -> PassParams {
+        let mut structure = pass.decided.clone();
+        let (mut live, mut skipped) = (ParamSet::new(), ParamSet::new());
+        for (handle, _) in stages {
+            let shader = &self.shaders[handle.index()];
+            let reached = &self.reached[handle];
+            structure.extend(behind(&pass.constants, reached));
+            let mentioned = shader.defines.iter().filter(|(name, _)| !reached.contains(name));
+            skipped.extend(mentioned.filter_map(|(name, _)| pass.constants.get(name)).flatten());
+            let blocks = shader.reflection.bindings.iter().filter(|block| block.name == LIVE_BLOCK);
+            for block in blocks {
+                let ReflectedKind::UniformBuffer { members, .. } = &block.kind else { continue };
+                let used = members.iter().filter(|member| member.used);
+                live.extend(used.filter_map(|m| self.lowered.live_params.get(&m.name)).flatten());
+            }
+        }
+        let all = structure.iter().chain(&pass.read).chain(&live).copied().collect();
+        PassParams { all, structure, skipped }
+    }
+}
+
+/// The parameters behind the constants whose names are among `names`.
+fn behind<'a>(
+    constants: &'a BTreeMap<String, ParamSet>,
+    names: &'a BTreeSet<String>,
+) -> impl Iterator<Item = &'a usize> {
+    constants.iter().filter(|(name, _)| names.contains(*name)).flat_map(|(_, params)| params)
+}
+
+/// Lists, for each removed pass, the parameters that its shaders mention. Empty where every parameter has an effect: only those
+/// without one need a reason.
+pub(super) fn mentioned(
+    lowered: &Lowered,
+    passes: &[LinkedPass],
+    files: &mut SourceMap,
+    compiler: &mut dyn ShaderCompiler,
+) -> Vec<ParamSet> {
+    let mut used: ParamSet = lowered.shape.union(&lowered.results).copied().collect();
+    passes.iter().for_each(|pass| used.extend(&pass.params.all));
+    if used.len() == lowered.params.len() {
+        return Vec::new();
+    }
+    // A text that includes it names the block, and no parameter that it does not use.
+    let generated = [("live.glsl".to_string(), LIVE_BLOCK.to_string())];
+    let mut known: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
+    let mut of_shader = |removed: &RemovedPass, name: &String| -> ParamSet {
+        if known.len() == MOST_COMPILATIONS {
+            return ParamSet::new();
+        }
+        let names = known.entry((removed.file, name.clone())).or_insert_with(|| {
+            // A mistake in a shader that is not compiled is not looked for.
+            let Ok(file) = files.find(Some(removed.file), name, Kind::Shader) else {
+                return BTreeSet::new();
+            };
+            let stage = ShaderStage::of_file(name).unwrap_or(ShaderStage::Compute);
+            let request = ShaderRequest { file, stage, defines: &[], unfit: &[], generated: &generated };
+            compiler.identifiers(files, &request)
+        });
+        let constants = behind(&removed.constants, names);
+        let live = lowered.live_params.iter();
+        let live = live.filter(|(name, _)| names.contains(LIVE_BLOCK) && names.contains(*name));
+        constants.chain(live.flat_map(|(_, params)| params)).copied().collect()
+    };
+    let of_pass =
+        |removed: &RemovedPass| removed.shaders.iter().flat_map(|name| of_shader(removed, name)).collect();
+    lowered.removed.iter().map(of_pass).collect()
+}

@@ -1,0 +1,538 @@
+//! Follows the preprocessor through a shader, to find the names whose values its output can depend on.
+//!
+//! [`scan`] lists every identifier of a text. A define that stands in a branch of an `#if` which is not taken is among them,
+//! and changes nothing in the compiled shader. This module evaluates the `#if`s with the defines of the compilation, and
+//! collects the identifiers of the lines that are compiled, with those of the macros that they expand, and the identifiers
+//! that the conditions read up to their value (`&&` and `||` stop at an operand that decides).
+//!
+//! It rather collects too much than too little: where a condition has no value here (it asks for an extension, calls a macro,
+//! divides by zero), each of its branches counts.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::scan::{Token, TokenKind, lex};
+use super::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
+
+/// Words of a condition and of its macros. The value of a longer one is not known.
+const MOST_WORDS: usize = 10_000;
+/// Parentheses and signs around an operand, likewise.
+const MOST_NESTED: usize = 100;
+
+/// A text that a shader consists of, and the texts that it includes: their indices by name.
+pub(super) struct Text<'t> {
+    pub text: &'t str,
+    pub includes: BTreeMap<&'t str, usize>,
+}
+
+/// Returns the identifiers that the result of preprocessing `texts[0]` with `defines` can depend on.
+///
+/// `None` where the texts cannot be followed: they include too much, or paste names together.
+pub(super) fn reached<'t>(
+    texts: &'t [Text<'t>],
+    defines: &'t [(String, String)],
+) -> Option<BTreeSet<String>> {
+    let mut walk = Walk {
+        tokens: texts.iter().map(|text| lex(text.text)).collect(),
+        texts,
+        defines: defines.iter().map(|(name, value)| (name.as_str(), value.as_str())).collect(),
+        macros: BTreeMap::new(),
+        names: BTreeSet::new(),
+        bytes: 0,
+    };
+    let pastes = |(text, tokens): (&Text, &Vec<Token>)| tokens.iter().any(|t| t.of(text.text) == "##");
+    if texts.iter().zip(&walk.tokens).any(pastes) {
+        return None;
+    }
+    walk.text(0, Truth::Yes, 0)?;
+    Some(walk.names.into_iter().map(str::to_owned).collect())
+}
+
+/// Whether lines are compiled, or a condition holds.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Truth {
+    No,
+    Unknown,
+    Yes,
+}
+
+impl Truth {
+    fn not(self) -> Truth {
+        match self {
+            Truth::No => Truth::Yes,
+            Truth::Unknown => Truth::Unknown,
+            Truth::Yes => Truth::No,
+        }
+    }
+}
+
+impl From<Option<i64>> for Truth {
+    fn from(value: Option<i64>) -> Truth {
+        match value {
+            None => Truth::Unknown,
+            Some(0) => Truth::No,
+            Some(_) => Truth::Yes,
+        }
+    }
+}
+
+/// An `#if` whose `#endif` is ahead.
+struct Group {
+    /// The branch that the walk is in is taken.
+    active: Truth,
+    /// This branch or one before it is taken.
+    taken: Truth,
+}
+
+#[derive(Clone, Copy)]
+struct Word<'t> {
+    kind: TokenKind,
+    text: &'t str,
+    /// Nothing stands between it and the word before.
+    joined: bool,
+}
+
+/// A macro that the shader itself defines.
+#[derive(Clone)]
+struct Macro<'t> {
+    /// The words of every definition that may be in force.
+    body: Vec<Word<'t>>,
+    /// It has no parameters.
+    plain: bool,
+    /// This definition is in force, and no other.
+    certain: bool,
+}
+
+struct Walk<'t> {
+    texts: &'t [Text<'t>],
+    tokens: Vec<Vec<Token>>,
+    defines: BTreeMap<&'t str, &'t str>,
+    macros: BTreeMap<&'t str, Macro<'t>>,
+    names: BTreeSet<&'t str>,
+    bytes: usize,
+}
+
+impl<'t> Walk<'t> {
+    /// Walks over a text. `active` says whether the `#include` that brought it is compiled.
+    fn text(&mut self, index: usize, active: Truth, depth: usize) -> Option<()> {
+        let Text { text, includes } = &self.texts[index];
+        self.bytes += text.len() + INCLUDE_BYTES;
+        if depth > MOST_DEPTH || self.bytes > MOST_INCLUDED_BYTES {
+            return None;
+        }
+        let words = words(text);
+        let mut groups: Vec<Group> = Vec::new();
+        for line in words.split(|word| word.kind == TokenKind::Newline) {
+            let around = |groups: &[Group]| groups.iter().map(|group| group.active).fold(active, Truth::min);
+            let now = around(&groups);
+            let (directive, rest) = match line {
+                [sign, directive, rest @ ..] if sign.text == "#" => (directive.text, rest),
+                _ => ("", line),
+            };
+            match directive {
+                "if" | "ifdef" | "ifndef" => {
+                    // Nothing is looked at in a branch that is left out.
+                    let holds = if now == Truth::No { Truth::No } else { self.condition(directive, rest) };
+                    groups.push(Group { active: holds, taken: holds });
+                }
+                "elif" | "else" => {
+                    let Some(mut group) = groups.pop() else { continue };
+                    let open = group.taken.not();
+                    let holds = match open.min(around(&groups)) {
+                        Truth::No => Truth::No,
+                        _ if directive == "else" => Truth::Yes,
+                        _ => self.condition("if", rest),
+                    };
+                    group.active = holds.min(open);
+                    group.taken = group.taken.max(holds);
+                    groups.push(group);
+                }
+                "endif" => drop(groups.pop()),
+                _ if now == Truth::No => {}
+                "include" => {
+                    let name: String =
+                        rest.iter().map(|word| word.text.trim_matches(['"', '<', '>'])).collect();
+                    if let Some(target) = includes.get(name.as_str()) {
+                        self.text(*target, now, depth + 1)?;
+                    }
+                }
+                "define" => self.define(rest, now),
+                "undef" => self.undefine(rest, now),
+                _ => self.reach_all(rest),
+            }
+        }
+        Some(())
+    }
+
+    fn define(&mut self, words: &[Word<'t>], now: Truth) {
+        let [name, body @ ..] = words else { return };
+        self.names.insert(name.text);
+        let plain = !body.first().is_some_and(|first| first.text == "(" && first.joined);
+        let new = Macro { body: body.to_vec(), plain, certain: now == Truth::Yes };
+        match self.macros.get_mut(name.text) {
+            Some(old) if now != Truth::Yes => {
+                old.body.extend(new.body);
+                old.certain = false;
+            }
+            _ => drop(self.macros.insert(name.text, new)),
+        }
+    }
+
+    fn undefine(&mut self, words: &[Word<'t>], now: Truth) {
+        let Some(name) = words.first() else { return };
+        self.names.insert(name.text);
+        if now == Truth::Yes {
+            self.macros.remove(name.text);
+            self.defines.remove(name.text);
+        } else {
+            let none = Macro { body: Vec::new(), plain: true, certain: false };
+            self.macros.entry(name.text).or_insert(none).certain = false;
+        }
+    }
+
+    /// Adds the identifiers of words that are compiled, and those in the macros that they are.
+    fn reach_all(&mut self, words: &[Word<'t>]) {
+        let identifiers = |words: &[Word<'t>]| -> Vec<&'t str> {
+            words.iter().filter(|word| word.kind == TokenKind::Identifier).map(|word| word.text).collect()
+        };
+        let mut open = identifiers(words);
+        let mut expanded = BTreeSet::new();
+        while let Some(name) = open.pop() {
+            self.names.insert(name);
+            if let Some(found) = self.macros.get(name).filter(|_| expanded.insert(name)) {
+                open.extend(identifiers(&found.body));
+            }
+        }
+    }
+
+    fn condition(&mut self, directive: &str, words: &[Word<'t>]) -> Truth {
+        match (directive, words) {
+            ("if", words) => {
+                let mut expanded = Vec::new();
+                let value = self.expand(words, &mut expanded, 0, &mut { MOST_WORDS });
+                let value =
+                    value.and_then(|()| Condition { words: &expanded, at: 0, nested: 0, walk: self }.value());
+                if value.is_none() {
+                    self.reach_all(words);
+                }
+                value.into()
+            }
+            (_, [name, ..]) => {
+                let defined = self.defined(name.text);
+                if directive == "ifdef" { defined } else { defined.not() }
+            }
+            _ => Truth::Unknown,
+        }
+    }
+
+    fn defined(&mut self, name: &'t str) -> Truth {
+        self.names.insert(name);
+        match self.macros.get(name) {
+            Some(found) if found.certain => Truth::Yes,
+            Some(_) => Truth::Unknown,
+            None if self.defines.contains_key(name) => Truth::Yes,
+            // The compiler defines some names itself.
+            None if name.starts_with("GL_") || name.starts_with("__") || name == "VULKAN" => Truth::Unknown,
+            None => Truth::No,
+        }
+    }
+
+    /// Replaces the shader's own macros by their bodies. The defines of the compilation keep their names: the evaluation notes
+    /// which of them it reads. `None` for macros that may be defined otherwise, or have parameters, and after `left` words.
+    fn expand(
+        &self,
+        words: &[Word<'t>],
+        into: &mut Vec<Word<'t>>,
+        depth: usize,
+        left: &mut usize,
+    ) -> Option<()> {
+        for (i, word) in words.iter().enumerate() {
+            *left = left.checked_sub(1)?;
+            let asked = match &words[..i] {
+                [.., before] if before.text == "defined" => true,
+                [.., before, open] => before.text == "defined" && open.text == "(",
+                _ => false,
+            };
+            match self.macros.get(word.text).filter(|_| !asked) {
+                None => into.push(*word),
+                Some(found) if found.certain && found.plain && depth < MOST_DEPTH => {
+                    self.expand(&found.body, into, depth + 1, left)?;
+                }
+                Some(_) => return None,
+            }
+        }
+        Some(())
+    }
+}
+
+fn words(text: &str) -> Vec<Word<'_>> {
+    let mut end = 0;
+    let word = |token: &Token| {
+        let joined = token.start == std::mem::replace(&mut end, token.end);
+        Word { kind: token.kind, text: token.of(text), joined }
+    };
+    lex(text).iter().map(word).collect()
+}
+
+/// Evaluates the expression of an `#if`. Values are `None` where they are not known.
+struct Condition<'w, 't, 'a> {
+    words: &'w [Word<'t>],
+    at: usize,
+    /// Operands inside of operands.
+    nested: usize,
+    walk: &'a mut Walk<'t>,
+}
+
+/// Operators of two operands with their precedence, higher is tighter.
+const OPERATORS: [(&str, u8); 18] = [
+    ("||", 1),
+    ("&&", 2),
+    ("|", 3),
+    ("^", 4),
+    ("&", 5),
+    ("==", 6),
+    ("!=", 6),
+    ("<", 7),
+    (">", 7),
+    ("<=", 7),
+    (">=", 7),
+    ("<<", 8),
+    (">>", 8),
+    ("+", 9),
+    ("-", 9),
+    ("*", 10),
+    ("/", 10),
+    ("%", 10),
+];
+
+impl Condition<'_, '_, '_> {
+    fn value(mut self) -> Option<i64> {
+        let value = self.binary(1, true)?;
+        if self.at == self.words.len() { value } else { None }
+    }
+
+    /// Operands joined by operators that bind at least as tightly as `least`. The outer `None` is for what is no expression. Names
+    /// count as read only where `live`.
+    fn binary(&mut self, least: u8, live: bool) -> Option<Option<i64>> {
+        let mut left = self.operand(live)?;
+        while let Some(word) = self.words.get(self.at)
+            && let Some((operator, precedence)) = OPERATORS.iter().find(|entry| entry.0 == word.text)
+            && *precedence >= least
+        {
+            self.at += 1;
+            let decides = match *operator {
+                "&&" => left == Some(0),
+                "||" => left.is_some_and(|v| v != 0),
+                _ => false,
+            };
+            let right = self.binary(precedence + 1, live && !decides)?;
+            left = if decides { left.map(|v| i64::from(v != 0)) } else { combine(operator, left, right) };
+        }
+        Some(left)
+    }
+
+    fn operand(&mut self, live: bool) -> Option<Option<i64>> {
+        let word = *self.words.get(self.at)?;
+        self.at += 1;
+        self.nested += 1;
+        if self.nested > MOST_NESTED {
+            return None;
+        }
+        let value = match (word.kind, word.text) {
+            (_, "(") => {
+                let value = self.binary(1, live)?;
+                self.close()?;
+                value
+            }
+            (_, "!") => self.operand(live)?.map(|v| i64::from(v == 0)),
+            (_, "-") => self.operand(live)?.and_then(i64::checked_neg),
+            (_, "+") => self.operand(live)?,
+            (_, "~") => self.operand(live)?.map(|v| !v),
+            (TokenKind::Number, text) => number(text),
+            (TokenKind::Identifier, "defined") => {
+                let mut name = *self.words.get(self.at)?;
+                self.at += 1;
+                let open = name.text == "(";
+                if open {
+                    name = *self.words.get(self.at)?;
+                    self.at += 1;
+                    self.close()?;
+                }
+                match if live { self.walk.defined(name.text) } else { Truth::Unknown } {
+                    Truth::No => Some(0),
+                    Truth::Unknown => None,
+                    Truth::Yes => Some(1),
+                }
+            }
+            (TokenKind::Identifier, name) => {
+                if live {
+                    self.walk.names.insert(name);
+                }
+                let value = self.walk.defines.get(name)?;
+                match value.strip_prefix('-') {
+                    Some(positive) => number(positive).map(|v| -v),
+                    None => number(value),
+                }
+            }
+            _ => return None,
+        };
+        self.nested -= 1;
+        Some(value)
+    }
+
+    fn close(&mut self) -> Option<()> {
+        let closes = self.words.get(self.at).is_some_and(|word| word.text == ")");
+        self.at += 1;
+        closes.then_some(())
+    }
+}
+
+fn combine(operator: &str, left: Option<i64>, right: Option<i64>) -> Option<i64> {
+    let (a, b) = (left?, right?);
+    let shift = u32::try_from(b).ok().filter(|by| *by < 32);
+    let value = match operator {
+        "||" => i64::from(a != 0 || b != 0),
+        "&&" => i64::from(a != 0 && b != 0),
+        "|" => a | b,
+        "^" => a ^ b,
+        "&" => a & b,
+        "==" => i64::from(a == b),
+        "!=" => i64::from(a != b),
+        "<" => i64::from(a < b),
+        ">" => i64::from(a > b),
+        "<=" => i64::from(a <= b),
+        ">=" => i64::from(a >= b),
+        "<<" => a << shift?,
+        ">>" => a >> shift?,
+        "+" => a.checked_add(b)?,
+        "-" => a.checked_sub(b)?,
+        "*" => a.checked_mul(b)?,
+        "/" => a.checked_div(b)?,
+        _ => a.checked_rem(b)?,
+    };
+    // The compiler computes with 32 bits.
+    i32::try_from(value).is_ok().then_some(value)
+}
+
+/// An integer of 32 bits with a sign. Octal ones are not known: they do not occur.
+fn number(text: &str) -> Option<i64> {
+    let digits = text.trim_end_matches(['u', 'U']);
+    let value = match digits.strip_prefix("0x").or(digits.strip_prefix("0X")) {
+        Some(digits) => i64::from_str_radix(digits, 16).ok(),
+        None if digits.len() > 1 && digits.starts_with('0') => None,
+        None => digits.parse().ok(),
+    };
+    value.filter(|v| i32::try_from(*v).is_ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The names in capitals that a shader reaches where `A=1`, `B=2`, `N=-1` and `F=0.5`; `all` if it cannot be followed.
+    fn names(text: &str) -> String {
+        names_of(&[("main", text)])
+    }
+
+    fn names_of(files: &[(&str, &str)]) -> String {
+        let includes: BTreeMap<&str, usize> = files.iter().enumerate().map(|(i, file)| (file.0, i)).collect();
+        let defines = [("A", "1"), ("B", "2"), ("N", "-1"), ("F", "0.5")];
+        let defines = defines.map(|(name, value)| (name.to_string(), value.to_string()));
+        let texts: Vec<Text> =
+            files.iter().map(|file| Text { text: file.1, includes: includes.clone() }).collect();
+        let Some(names) = reached(&texts, &defines) else { return "all".into() };
+        let upper = names.iter().filter(|name| name.chars().all(|c| c.is_ascii_uppercase()));
+        upper.cloned().collect::<Vec<_>>().join(" ")
+    }
+
+    #[test]
+    fn a_branch_that_is_not_taken_is_not_reached_and_its_condition_is() {
+        assert_eq!(names("A\n#if B == 2\nX\n#else\nY\n#endif\nZ"), "A B X Z");
+        assert_eq!(names("#if B == 3\nX\n#elif A == 1\nY\n#elif N\nZ\n#else\nW\n#endif"), "A B Y");
+        assert_eq!(
+            names("#if B != 2\n#if A\nX\n#else\nY\n#endif\n#elif N > 0\nZ\n#else\nW\n#endif"),
+            "B N W"
+        );
+        assert_eq!(names("#ifdef A\nX\n#endif\n#ifndef C\nY\n#endif"), "A C X Y");
+    }
+
+    #[test]
+    fn operands_after_one_that_decides_are_not_reached() {
+        assert_eq!(names("#if A == 2 && B == 2\nX\n#endif"), "A");
+        assert_eq!(names("#if A == 1 || B == 2\nX\n#endif"), "A X");
+        assert_eq!(names("#if A == 1 && B == 2 && !defined(C)\nX\n#endif"), "A B C X");
+        assert_eq!(names("#if (A + 1 < B || N >= 0) && defined C\nX\n#endif"), "A B N");
+    }
+
+    #[test]
+    fn operators_have_the_values_and_the_precedence_of_c() {
+        for condition in [
+            "A + B * 3 == 7",
+            "(A + B) * 3 == 9",
+            "A << B == 4",
+            "-N == A",
+            "~A == -2",
+            "7 % 4 - 1 == B",
+            "A | 2 && 0 || 1",
+            "0x10 / 3 == 5u",
+            "(5 & 3 ^ 1) == 0",
+            "!(A > B) == 1",
+            "9 >> 1 <= 4",
+            "N - N == 0",
+        ] {
+            assert_eq!(
+                names(&format!("#if {condition}\nX\n#else\nY\n#endif")).replace(['A', 'B', 'N', ' '], ""),
+                "X",
+                "{condition}"
+            );
+        }
+    }
+
+    #[test]
+    fn every_branch_of_a_condition_without_a_value_is_reached() {
+        for condition in
+            ["C", "F > 0", "GL_EXT_thing", "defined(GL_EXT_thing)", "1 / (A - 1)", "A +", "A B", "017 == 15"]
+        {
+            let found = names(&format!("#if {condition}\nX\n#else\nY\n#endif"));
+            assert!(found.ends_with("X Y"), "{condition}: {found}");
+        }
+        // What an unknown branch defines may be defined.
+        let text = "#if C\n#define D 1\n#endif\n#ifdef D\nX\n#else\nY\n#endif\n#if D\nZ\n#endif";
+        assert_eq!(names(text), "C D X Y Z");
+        assert_eq!(names("#define D 1\n#if C\n#undef D\n#endif\n#ifdef D\nX\n#else\nY\n#endif"), "C D X Y");
+    }
+
+    #[test]
+    fn a_macro_is_followed_where_it_is_used() {
+        assert_eq!(names("#define D (A == 1)\n#define E B\n#if D\nX\n#endif"), "A D E X");
+        assert_eq!(names("#define D E\n#define E(x) x + B\nD(1)"), "B D E");
+        assert_eq!(names("#define D D + A\nD"), "A D");
+        assert_eq!(names("#define D(x) A\n#if D(1)\nX\n#else\nY\n#endif"), "A D X Y");
+        assert_eq!(names("#define D 1\n#undef D\n#define D 0\n#if D\nX\n#else\nY\n#endif"), "D Y");
+        assert_eq!(names("#undef A\n#ifdef A\nX\n#endif"), "A");
+    }
+
+    #[test]
+    fn texts_that_grow_or_nest_without_end_are_given_up() {
+        let doubled: String = (1..40).map(|i| format!("#define M{i} M{0} + M{0}\n", i - 1)).collect();
+        let grows = format!("#define M0 A\n{doubled}#if M39\nX\n#else\nY\n#endif\nM39");
+        assert_eq!(names(&grows), "A X Y");
+        let empty = grows.replace("#define M0 A", "#define M0").replace(" + ", " ");
+        assert_eq!(names(&empty), "X Y");
+        let chain: String = (1..20_000).map(|i| format!("#define M{i} M{}\n", i - 1)).collect();
+        assert_eq!(names(&format!("#define M0 B\n{chain}M19999")), "B");
+        let nested = format!("#if {}A{}\nX\n#else\nY\n#endif", "(".repeat(100_000), ")".repeat(100_000));
+        assert_eq!(names(&nested), "A X Y");
+        assert_eq!(names(&format!("#if {}A\nX\n#else\nY\n#endif", "!".repeat(100_000))), "A X Y");
+    }
+
+    #[test]
+    fn includes_are_followed_where_they_are_compiled() {
+        let guarded =
+            "#ifndef G\n#define G\nX\n#if A == 1\n#include \"b\"\n#else\n#include \"c\"\n#endif\n#endif";
+        let files =
+            [("main", "#include \"a\"\n#include <a>\nM"), ("a", guarded), ("b", "N\n#define H"), ("c", "B")];
+        assert_eq!(names_of(&files), "A G H M N X");
+        assert_eq!(names_of(&[("main", "#include \"main\"")]), "all", "includes without end");
+        assert_eq!(names("X ## Y"), "all", "names that are pasted together");
+    }
+}

@@ -1,0 +1,129 @@
+//! Effects: which parts of the plan depend on each parameter, and why none does.
+//!
+//! Lowering and linking found the parameters behind each pass and each resource of the graph. Here they are counted for the passes
+//! that the plan has. A pass that is left out counts, too, as far as its accesses go: it keeps apart the passes before and
+//! after it, and with other accesses it could be needed.
+
+use std::collections::BTreeMap;
+
+use super::order::Order;
+use crate::ir::{Effect, Param, ParamSet, Pass, PassId, Work};
+use crate::link::LinkedPass;
+use crate::lower::{Lowered, RemovedPass, SkippedUse};
+use crate::plan::Plan;
+use crate::source::SourceMap;
+
+/// Holds what the parts of a plan depend on, while its passes have no numbers yet.
+pub(super) struct Causes {
+    /// The parameters behind each pass, in the plan's order.
+    passes: Vec<ParamSet>,
+    /// The parameters behind each resource, by name.
+    resources: BTreeMap<String, ParamSet>,
+    /// As [`Effect::shape`].
+    shape: ParamSet,
+    /// For each parameter, where it would have an effect.
+    hints: Vec<Option<String>>,
+}
+
+impl Causes {
+    pub fn new(lowered: &Lowered, passes: &[LinkedPass], order: &Order, files: &SourceMap) -> Causes {
+        let of_pass = |index: &usize| -> ParamSet {
+            let LinkedPass { pass, params, .. } = &passes[*index];
+            let bound = pass.bindings.iter().map(|binding| binding.resource);
+            let resources = bound.chain(pass.uses.iter().map(|touch| touch.resource));
+            let behind = resources
+                .flat_map(|resource| [resource, lowered.real(resource)])
+                .flat_map(|resource| &lowered.resource(resource).params);
+            params.all.iter().chain(behind).copied().collect()
+        };
+        let left_out = || passes.iter().zip(&order.live).filter(|(_, live)| !**live).map(|(pass, _)| pass);
+        let structure = left_out().flat_map(|pass| &pass.params.structure);
+        let shape: ParamSet = lowered.shape.iter().chain(structure).copied().collect();
+        let of_passes: Vec<ParamSet> = order.once.iter().chain(&order.frame).map(of_pass).collect();
+        let mut used = shape.clone();
+        of_passes.iter().for_each(|params| used.extend(params));
+        let hint = |param: usize| {
+            let unread = || unread_hint(left_out().filter(|pass| pass.params.all.contains(&param)));
+            let removed = || {
+                let removed = lowered.removed.iter().find(|pass| pass.named.contains(&param))?;
+                Some(removed_hint(removed, &lowered.params, files))
+            };
+            let unreached = || {
+                let found = lowered.skipped.iter().find(|found| found.params.contains(&param))?;
+                Some(unreached_hint(found, &lowered.params, files))
+            };
+            let skipped = || {
+                let pass = passes.iter().find(|pass| pass.params.skipped.contains(&param))?;
+                Some(format!("the shader of `{}` uses it where an `#if` does not hold", pass.pass.name))
+            };
+            if used.contains(&param) {
+                None
+            } else {
+                unread().or_else(removed).or_else(unreached).or_else(skipped)
+            }
+        };
+        Causes {
+            hints: (0..lowered.params.len()).map(hint).collect(),
+            passes: of_passes,
+            resources: lowered.resources.iter().map(|r| (r.name.clone(), r.params.clone())).collect(),
+            shape,
+        }
+    }
+
+    /// Counts the passes. `starts` stand before all others.
+    pub fn effects(self, plan: &Plan, starts: &[Pass]) -> Vec<Effect> {
+        let none = ParamSet::new();
+        let of_start = |start: &Pass| match start.work {
+            Work::Start { resource } => self.resources.get(&plan.resource(resource).name).unwrap_or(&none),
+            _ => &none,
+        };
+        let mut effects = vec![Effect::default(); plan.params.len()];
+        for (index, params) in starts.iter().map(of_start).chain(&self.passes).enumerate() {
+            params.iter().for_each(|param| effects[*param].passes.push(PassId(index as u32)));
+        }
+        for (index, (effect, hint)) in effects.iter_mut().zip(self.hints).enumerate() {
+            effect.shape = self.shape.contains(&index);
+            effect.none = (effect.passes.is_empty() && !effect.shape).then(|| {
+                let hint = hint.map(|hint| format!("; {hint}")).unwrap_or_default();
+                format!("nothing in this plan depends on it{hint}")
+            });
+        }
+        effects
+    }
+}
+
+/// Names the pass that uses a parameter in vain.
+fn unread_hint<'a>(mut passes: impl Iterator<Item = &'a LinkedPass>) -> Option<String> {
+    let first = passes.next()?;
+    let (others, those) =
+        if passes.next().is_some() { (" and others", "they write") } else { ("", "it writes") };
+    Some(format!("it is used by `{}`{others}, and nothing reads what {those}", first.pass.name))
+}
+
+/// Says which condition would have to hold.
+fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> String {
+    let origin = files.origin(removed.when);
+    let values = values(&removed.decided, params);
+    let here = match (values.as_str(), &removed.reason) {
+        ("", None) => String::new(),
+        ("", Some(reason)) => format!(", and here {reason}"),
+        (values, _) => format!(", and here {values}"),
+    };
+    format!("it is used where `{}` ({}:{}){here}", removed.condition, origin.file, origin.line)
+}
+
+/// Says which expression does not reach a parameter, and what decided that.
+fn unreached_hint(found: &SkippedUse, params: &[Param], files: &SourceMap) -> String {
+    let origin = files.origin(found.span);
+    let text = format!("`{}` ({}:{}) leaves it out", found.name, origin.file, origin.line);
+    match values(&found.decided, params).as_str() {
+        "" => text,
+        values => format!("{text}, as {values}"),
+    }
+}
+
+/// `rasteriser = cells, sorted = pairs`
+fn values(of: &ParamSet, params: &[Param]) -> String {
+    let of = of.iter().map(|param| &params[*param]);
+    of.map(|param| format!("{} = {}", param.name, param.value)).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,282 @@
+//! What plans say of their parameters, against plans with other values: a parameter without an effect changes nothing.
+
+use crate::common;
+#[cfg(target_os = "linux")]
+use crate::files::{DRAW, Place};
+use splatgraph::facts::{self, SceneFacts};
+use splatgraph::view::paint;
+use splatgraph::{bench, builtin};
+use splatgraph_framework::build;
+use splatgraph_framework::ir::{Catalog, Domain, Facts, LIVE_BLOCK, Param, ReflectedKind, Request};
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::{Compiled, Glslang, ShaderCompiler, ShaderRequest};
+use splatgraph_framework::source::{Diagnostic, SourceMap, render};
+use std::collections::BTreeSet;
+
+/// Compiles every shader again with other numbers for the defines that its text is said not to depend on. All must be the same.
+#[derive(Default)]
+struct Poisoning {
+    compiler: Glslang,
+    poisoned: usize,
+}
+
+impl ShaderCompiler for Poisoning {
+    fn compile(
+        &mut self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+    ) -> Result<Compiled, Vec<Diagnostic>> {
+        let before = self.compiler.compiled_count();
+        let compiled = self.compiler.compile(files, request)?;
+        if self.compiler.compiled_count() == before {
+            return Ok(compiled);
+        }
+        let unused = |name: &String| !compiled.reached.contains(name);
+        self.poisoned += compiled.defines.iter().filter(|(name, _)| unused(name)).count();
+        for number in ["7919", "0"] {
+            let other = |(name, value): &(String, String)| {
+                (name.clone(), if unused(name) { number.into() } else { value.clone() })
+            };
+            let defines: Vec<(String, String)> = compiled.defines.iter().map(other).collect();
+            let other = self.compiler.compile(files, &ShaderRequest { defines: &defines, ..*request });
+            let other = other.unwrap_or_else(|errors| panic!("{}", render(files, &errors, false)));
+            assert!(other.spirv == compiled.spirv, "{}: {defines:?}", files.path(request.file));
+        }
+        Ok(compiled)
+    }
+
+    fn identifiers(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> BTreeSet<String> {
+        self.compiler.identifiers(files, request)
+    }
+}
+
+struct Builds {
+    files: SourceMap,
+    catalog: Catalog,
+    poisoning: Poisoning,
+}
+
+impl Builds {
+    fn new() -> Builds {
+        let mut catalog = facts::nominal_catalog();
+        paint::offer(&mut catalog);
+        Builds { files: builtin::source_map(), catalog, poisoning: Poisoning::default() }
+    }
+
+    fn plan(&mut self, graph: &str, set: &[(String, String)], facts: &Facts) -> Result<Plan, String> {
+        let catalog = &self.catalog;
+        let request = Request { graph, set, grown: &[], facts, catalog, share_memory: true };
+        build(&request, &mut self.files, &mut self.poisoning)
+            .map_err(|errors| render(&self.files, &errors, false))
+    }
+}
+
+/// Values of a parameter other than its own: all of a choice, and the ends, the middle and the neighbours of a range.
+fn others(param: &Param) -> Vec<String> {
+    let mut values: Vec<String> = match &param.domain {
+        Domain::Bool => vec!["true".into(), "false".into()],
+        Domain::Choice(of) => of.clone(),
+        Domain::Int { min, max } => {
+            let own = param.value.to_string().parse::<i64>().expect("an integer");
+            let near = [own - 1, own + 1, *min, *max, min + (max - min) / 2].into_iter();
+            near.filter(|v| (min..=max).contains(&v)).map(|v| v.to_string()).collect()
+        }
+        Domain::Float { min, max, .. } => {
+            [*min, *max, (min + max) / 2.0].iter().map(|v| format!("{v:?}")).collect()
+        }
+    };
+    values.retain(|value| *value != param.value.to_string());
+    values.sort();
+    values.dedup();
+    values
+}
+
+/// Byte offsets in the live block that a shader of the plan reads.
+fn live_offsets(plan: &Plan) -> BTreeSet<u32> {
+    let blocks = plan.shaders.iter().flat_map(|shader| &shader.reflection.bindings);
+    let members = blocks.filter(|block| block.name == LIVE_BLOCK).flat_map(|block| match &block.kind {
+        ReflectedKind::UniformBuffer { members, .. } => members.as_slice(),
+        _ => &[],
+    });
+    members.filter(|member| member.used).map(|member| member.offset).collect()
+}
+
+/// Fails unless two plans execute the same.
+fn assert_same(a: &Plan, b: &Plan, what: &str) {
+    assert_eq!(a.passes, b.passes, "{what}");
+    assert_eq!(a.resources, b.resources, "{what}");
+    assert_eq!((&a.blocks, a.output, &a.stats), (&b.blocks, b.output, &b.stats), "{what}");
+    let steps = |plan: &Plan| (plan.prologue.clone(), plan.handover.clone(), plan.frame.clone());
+    assert_eq!(steps(a), steps(b), "{what}");
+    let shaders = |plan: &Plan| -> Vec<_> {
+        plan.shaders.iter().map(|s| (s.name.clone(), s.spirv.clone(), s.reflection.clone())).collect()
+    };
+    assert!(shaders(a) == shaders(b), "{what}: the shaders differ");
+    let (of_a, of_b) = (a.live_bytes(), b.live_bytes());
+    for offset in live_offsets(a) {
+        let word = offset as usize..offset as usize + 4;
+        assert_eq!(of_a[word.clone()], of_b[word], "{what}: the live parameter at {offset}");
+    }
+}
+
+/// Checks every parameter of a plan; returns the names of those without an effect.
+fn check(builds: &mut Builds, graph: &str, set: &[(String, String)], facts: &Facts) -> Vec<String> {
+    let lanes = facts.device.subgroup_size;
+    let plan = builds.plan(graph, set, facts).unwrap_or_else(|error| panic!("{graph}, {set:?}: {error}"));
+    assert_eq!(plan.effects.len(), plan.params.len());
+    let mut without = Vec::new();
+    for (param, effect) in plan.params.iter().zip(&plan.effects) {
+        let text = plan.effect_text(&param.name).expect("it is a parameter");
+        assert!(
+            text.starts_with(&format!("`{}` ", param.name)) && text.len() > param.name.len() + 8,
+            "{text}"
+        );
+        assert_eq!(effect.none.is_some(), effect.passes.is_empty() && !effect.shape, "{text}");
+        if effect.none.is_none() {
+            continue;
+        }
+        let mut built = 0;
+        for value in others(param) {
+            let setting = [set, &[(param.name.clone(), value.clone())]].concat();
+            // A value can make a graph that cannot be built: then there is no plan to compare.
+            let Ok(other) = builds.plan(graph, &setting, facts) else { continue };
+            built += 1;
+            assert_same(
+                &plan,
+                &other,
+                &format!("{graph} {set:?}, {lanes} lanes, {}={value}: {text}", param.name),
+            );
+        }
+        assert!(built > 0, "{graph}: no other value of {} can be built", param.name);
+        without.push(param.name.clone());
+    }
+    without
+}
+
+fn facts_of(lanes: u32, count: u64) -> Facts {
+    let scene = SceneFacts { count, ..SceneFacts::NOMINAL };
+    facts::facts(&scene, &facts::portable_device(lanes), facts::DEFAULT_SIZE)
+}
+
+#[test]
+fn no_value_of_a_parameter_without_an_effect_changes_a_plan() {
+    let mut builds = Builds::new();
+    let graphs = builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]);
+    for graph in graphs {
+        for lanes in [8, 32] {
+            check(&mut builds, graph, &[], &facts_of(lanes, 1_000_000));
+        }
+    }
+    // With the other parameters elsewhere, others have none.
+    let counts: &[u64] = if common::long() { &[100, 1_000_000, 3_000_000] } else { &[1_000_000] };
+    let mut found = BTreeSet::new();
+    for graph in ["splat", "tiled", "bench/pairs"] {
+        for (lanes, count) in [8, 32].iter().flat_map(|lanes| counts.iter().map(|count| (*lanes, *count))) {
+            let facts = facts_of(lanes, count);
+            let plan = builds.plan(graph, &[], &facts).unwrap_or_else(|error| panic!("{graph}: {error}"));
+            let choices = plan.params.iter().filter(|p| matches!(p.domain, Domain::Bool | Domain::Choice(_)));
+            for (param, value) in choices.flat_map(|p| others(p).into_iter().map(move |v| (p, v))) {
+                let set = [(param.name.clone(), value)];
+                // `check` compares what the graph allows.
+                if builds.plan(graph, &set, &facts).is_ok() {
+                    found.extend(check(&mut builds, graph, &set, &facts));
+                }
+            }
+        }
+    }
+    for name in ["budget", "block_keys", "digit_bits", "pair_bits", "segment"] {
+        assert!(found.contains(name), "{name} is used in every variant: {found:?}");
+    }
+    assert!(builds.poisoning.poisoned > 100, "{} defines were changed", builds.poisoning.poisoned);
+}
+
+#[test]
+fn tiles_on_a_gpu_and_on_a_cpu_name_the_parameters_of_the_other_variant() {
+    let mut builds = Builds::new();
+    let mut said = |lanes: u32| -> Vec<String> {
+        let plan = builds.plan("tiled", &[], &facts_of(lanes, 1_000_000)).expect("a plan");
+        let idle = plan.params.iter().filter(|param| plan.no_effect(&param.name).is_some());
+        // Without the numbers of lines.
+        let without = |text: String| {
+            text.split(".ron:").map(|part| part.trim_start_matches(char::is_numeric)).collect()
+        };
+        idle.filter_map(|param| plan.effect_text(&param.name)).map(without).collect()
+    };
+    let none = |name: &str| format!("`{name}` has no effect: nothing in this plan depends on it; ");
+    let sorts = "and here rasteriser = cells, sorted = pairs";
+    let include =
+        format!("it is used where `sorts_splats && sorter == 'subgroup'` (pipelines/tiled), {sorts}");
+    let budget = format!("it is used where `sorts_splats` (pipelines/tiled), {sorts}");
+    let gpu = [none("digit_bits") + &include, none("block_keys") + &budget, none("budget") + &budget];
+    assert_eq!(said(32), gpu);
+    let cells = "it is used where `rasteriser == 'cells'` (pipelines/tiled), and here rasteriser = serial";
+    let ties = "`tie_bits` (pipelines/tiled) leaves it out, as rasteriser = serial";
+    assert_eq!(said(8), [none("pair_bits") + ties, none("segment") + cells]);
+}
+
+/// The lines of standard error that name a parameter without an effect, of a command that succeeds.
+#[cfg(target_os = "linux")]
+fn told(place: &Place, args: &[&str]) -> Vec<String> {
+    let (code, errors) = place.code(args);
+    assert_eq!(code, Some(0), "{args:?}: {errors}");
+    errors.lines().filter(|line| line.contains("has no effect")).map(str::to_string).collect()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn check_warns_of_a_setting_without_an_effect_and_says_for_which_devices() {
+    let place = Place::new();
+    let found = told(&place, &["check", "tiled", "--set", "budget=0.5", "--set", "sh_degree=1"]);
+    let [line] = &found[..] else { panic!("{found:?}") };
+    assert!(
+        line.starts_with("warning: tiled, 16, 32, 64 lanes: `budget` has no effect: nothing in"),
+        "{line}"
+    );
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn render_says_once_that_a_setting_has_no_effect_and_draws() {
+    let place = Place::new();
+    place.cameras(&["one", "two"]);
+    let draw = [&DRAW[..], &["--set", "sh_degree=1"]].concat();
+    let setting = ["--set", "digit_bits=4", "--set", "digit_bits=5"];
+    let found = told(&place, &[&draw[..], &setting[..]].concat());
+    let [line] = &found[..] else { panic!("{found:?}") };
+    assert!(
+        line.starts_with("unsorted: `digit_bits` has no effect: nothing in this plan depends on it;"),
+        "{line}"
+    );
+    assert!(place.at("out/two.png").exists());
+    assert!(told(&place, &draw).is_empty());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn bench_says_once_that_a_setting_has_no_effect() {
+    let place = Place::new();
+    let short = ["bench", "scene.ply", "--rounds", "1", "--frames", "1", "--sizes", "32x32,48x32"];
+    let found =
+        told(&place, &[&short[..], &["--pipelines", "unsorted,splat", "--set", "digit_bits=4"]].concat());
+    let [line] = &found[..] else { panic!("{found:?}") };
+    assert!(line.starts_with("unsorted: `digit_bits` has no effect"), "{line}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn trade_does_not_measure_a_parameter_without_an_effect_and_says_so() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    let short = ["trade", "scene.ply", "-c", "cameras.json", "--rounds", "1", "--frames", "1"];
+    // On a CPU, lists have no segments.
+    let output = place.run(&[&short[..], &["--only", "segment", "--only", "low_pass"]].concat());
+    let (table, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{errors}");
+    let told: Vec<&str> = errors.lines().filter(|line| line.contains("has no effect")).collect();
+    let [line] = &told[..] else { panic!("{errors}") };
+    assert!(
+        line.starts_with("not measured: `segment` has no effect: nothing in this plan depends on it"),
+        "{line}"
+    );
+    assert!(table.contains("low_pass = none") && !table.contains("segment"), "{table}");
+}
