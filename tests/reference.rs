@@ -3,6 +3,7 @@
 use crate::common;
 use splatgraph::image::Image;
 use splatgraph::metrics::{self, Comparison};
+use splatgraph::pick::pick;
 use splatgraph::truth::image_of;
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::{Gaussian, Rules, Splats, render};
@@ -64,6 +65,30 @@ fn the_reference_blends_over_a_background_as_the_published_rasteriser_does() {
     let image = "camera0-background";
     let found = compare(&data, "playbot-31k", image, &scene, &cameras[0], background, &Rules::PUBLISHED);
     assert!(found.psnr() >= AGREEMENT && found.worst.difference < WORST, "{found:?}");
+}
+
+#[test]
+fn the_splats_of_a_pixel_sum_up_to_the_exact_picture_of_a_capture() {
+    let Some(data) = common::data("the_splats_of_a_pixel_sum_up_to_the_exact_picture_of_a_capture") else {
+        return;
+    };
+    for name in ["rules", "biker"] {
+        let scene = scene(&data, name);
+        let camera = cameras(&data, name)[0].resized(160, 90);
+        let picture = render(&scene, &camera, [0.0; 3], &Rules::PUBLISHED, &|_, _| {});
+        let mut most = 0;
+        for at in (0..160 * 90).step_by(211) {
+            let picked =
+                pick(&scene, &camera, [at % 160, at / 160], &|| false).expect("a pixel of the picture");
+            for (channel, expected) in picture.color[at as usize].into_iter().enumerate() {
+                let color: f64 = picked.splats.iter().map(|splat| splat.weight * splat.color[channel]).sum();
+                assert!((color - expected).abs() < 1e-9, "{name}, pixel {at}: {color}, not {expected}");
+            }
+            assert!((picked.transmittance - picture.transmittance[at as usize]).abs() < 1e-12);
+            most = most.max(picked.splats.len());
+        }
+        assert!(most > 3, "{name}: at most {most} splats are blended at a pixel");
+    }
 }
 
 /// The bounds are what `golden/README.md` measured for each broken rule, rounded up by 1 dB or less.

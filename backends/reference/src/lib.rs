@@ -6,7 +6,8 @@
 //! with the shaders and executes no plan: [`render`] is a pure function of splats, camera, background and rules.
 //!
 //! Data takes one way through the modules: [`Splats`] gives each [`Gaussian`] in f64; `project` turns it into an ellipse
-//! on the image, with `harmonics` for its colour; `order` sorts by depth; `raster` blends, a row of tiles at a time.
+//! on the image, with `harmonics` for its colour; `order` sorts by depth; `raster` blends, a row of tiles at a time. `pixel` lists
+//! the splats of a single pixel.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -26,11 +27,13 @@
 mod gaussian;
 mod harmonics;
 mod order;
+mod pixel;
 mod project;
 mod raster;
 mod rules;
 
 pub use gaussian::{Gaussian, Splats};
 pub use order::{depth_order, inversions};
+pub use pixel::{Fragment, Fragments, Projected, fragments, project};
 pub use raster::{Picture, Progress, Visible, render, visible};
 pub use rules::{Depth, Extent, LowPass, RULES, RuleError, RuleInfo, Rules, ShDirection, Ties};

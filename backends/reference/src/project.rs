@@ -34,13 +34,13 @@ pub(crate) struct Ellipse {
 #[derive(Clone, Debug)]
 pub(crate) struct Footprint {
     /// Centre, in pixels; pixel (0, 0) is sampled at its integer position.
-    center: [f64; 2],
+    pub center: [f64; 2],
     /// With `d` the offset from the centre, the exponent is `-0.5 ((u dx)^2 + (v (dy - s dx))^2)`.
     u: f64,
     s: f64,
     v: f64,
     /// Opacity at the centre, after the compensation of the low-pass filter.
-    opacity: f64,
+    pub opacity: f64,
     /// Exponents below this give no fragment: their alpha is below the floor, or they are outside the extent.
     cutoff: f64,
     pub color: [f64; 3],
@@ -59,6 +59,17 @@ impl Footprint {
         }
         let alpha = (self.opacity * exponent.exp()).min(rules.alpha_cap);
         (alpha >= rules.alpha_floor).then_some(alpha)
+    }
+
+    /// The 2D covariance: xx, xy, yy.
+    pub(crate) fn covariance(&self) -> [f64; 3] {
+        let xx = (self.u * self.u).recip();
+        [xx, self.s * xx, (self.v * self.v).recip() + self.s * self.s * xx]
+    }
+
+    /// The determinant of the 2D covariance.
+    pub(crate) fn determinant(&self) -> f64 {
+        (self.u * self.v).powi(-2)
     }
 }
 
@@ -87,6 +98,16 @@ impl<'a> Projector<'a> {
 
     /// The splat on the image; `None` where it is culled, degenerate or touches no tile.
     pub(crate) fn project(&self, index: u32, splat: &Gaussian) -> Option<Ellipse> {
+        self.project_onto(index, splat, |_| true)
+    }
+
+    /// The splat on the image, as [`Projector::project`], if `wanted` takes its tiles: the colour is the larger half of the work.
+    pub(crate) fn project_onto(
+        &self,
+        index: u32,
+        splat: &Gaussian,
+        wanted: impl FnOnce([u32; 4]) -> bool,
+    ) -> Option<Ellipse> {
         let depth = self.view.depth(splat.position, self.rules.depth);
         if depth.is_nan() || depth <= self.rules.near {
             return None;
@@ -113,7 +134,7 @@ impl<'a> Projector<'a> {
             Extent::Tiles | Extent::Unbounded => floor,
             Extent::Sigma(sigma) => floor.max(-0.5 * sigma * sigma),
         };
-        let tiles = self.tiles(center, a, c, det)?;
+        let tiles = self.tiles(center, a, c, det).filter(|tiles| wanted(*tiles))?;
         let footprint = Footprint {
             center,
             u: 1.0 / a.sqrt(),

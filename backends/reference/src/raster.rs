@@ -114,25 +114,48 @@ fn tile_row(ellipses: &[Ellipse], projector: &Projector, row: u32, pixels: &mut 
             let y = f64::from(row * TILE) + y as f64;
             let end = width.min(first + TILE as usize);
             for (x, pixel) in line[first..end].iter_mut().enumerate() {
-                blend(&footprints, (first + x) as f64, y, pixel, rules);
+                let mut blended = Pixel { color: [0.0; 3], transmittance: 1.0, contributors: 0 };
+                let at = [(first + x) as f64, y];
+                blended.transmittance = blend(
+                    &footprints,
+                    |footprint| footprint,
+                    at,
+                    rules,
+                    |footprint, alpha, transmittance| {
+                        let weight = alpha * transmittance;
+                        blended.color.iter_mut().zip(footprint.color).for_each(|(sum, c)| *sum += weight * c);
+                        blended.contributors += 1;
+                    },
+                );
+                *pixel = blended;
             }
         }
     }
 }
 
-/// Blends a tile's splats at one pixel (`renderCUDA` in forward.cu).
-fn blend(footprints: &[&Footprint], x: f64, y: f64, pixel: &mut Pixel, rules: &Rules) {
-    for footprint in footprints {
+/// Blends footprints, near to far, at one pixel (`renderCUDA` in forward.cu); returns the transmittance left.
+///
+/// `fragment` is called for each splat that is blended: with the splat, its alpha, and the transmittance before it.
+#[inline(always)]
+pub(crate) fn blend<'a, T: 'a>(
+    splats: impl IntoIterator<Item = &'a T>,
+    footprint: impl Fn(&'a T) -> &'a Footprint,
+    [x, y]: [f64; 2],
+    rules: &Rules,
+    mut fragment: impl FnMut(&'a T, f64, f64),
+) -> f64 {
+    let mut transmittance = 1.0;
+    for splat in splats {
+        let footprint = footprint(splat);
         let Some(alpha) = footprint.alpha(x, y, rules) else { continue };
-        let transmittance = pixel.transmittance * (1.0 - alpha);
-        if rules.stop.is_some_and(|stop| transmittance < stop) {
-            return;
+        let left = transmittance * (1.0 - alpha);
+        if rules.stop.is_some_and(|stop| left < stop) {
+            break;
         }
-        let weight = alpha * pixel.transmittance;
-        pixel.color.iter_mut().zip(footprint.color).for_each(|(sum, c)| *sum += weight * c);
-        pixel.transmittance = transmittance;
-        pixel.contributors += 1;
+        fragment(splat, alpha, transmittance);
+        transmittance = left;
     }
+    transmittance
 }
 
 #[cfg(test)]
