@@ -119,12 +119,20 @@ fn the_advised_command_draws_the_promised_psnr() {
         ["advise", "scene.ply", "-c", "cameras.json", "--psnr", "40", "--rounds", "1", "--frames", "1"];
     let output = place.run(&[&budget[..], &["--json", "advice.json"]].concat());
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert_eq!(output.status.code(), Some(0), "{text}{}", String::from_utf8_lossy(&output.stderr));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{text}{errors}");
     let json: Value =
         serde_json::from_slice(&fs::read(place.at("advice.json")).expect("written")).expect("JSON");
     let promised: Vec<f64> =
         json["advised"]["psnr_db"].as_array().expect("a list").iter().filter_map(Value::as_f64).collect();
     assert!(promised.len() == 2 && promised.iter().all(|db| *db >= 40.0), "{text}");
+    // Lists have no segments on a CPU.
+    let idle = errors.lines().filter(|line| line.starts_with("not measured: `segment` has no effect: "));
+    assert_eq!(idle.count(), 1, "{errors}");
+    let tried = json["tried"].as_array().expect("a list").iter().map(|tried| &tried["setting"]["name"]);
+    let names: Vec<&str> = tried.filter_map(Value::as_str).collect();
+    let of = |parameter: &str| names.iter().any(|name| name.starts_with(parameter));
+    assert!(of("key_bits = ") && !of("segment = "), "{names:?}");
 
     // The printed command, with an output.
     let command = text.lines().find_map(|line| line.strip_prefix("splatgraph ")).expect("a command");

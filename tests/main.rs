@@ -16,6 +16,7 @@ mod builtin;
 mod commands;
 mod common;
 mod covariance;
+mod effects;
 mod encoders;
 #[cfg(target_os = "linux")]
 mod exact;

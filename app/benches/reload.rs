@@ -77,6 +77,8 @@ fn main() -> Result<()> {
     println!("{}, {splats} splats, {} x {}", device.info().name, args.size.0, args.size.1);
     let graph = folder.path().join("pipelines/splat.ron");
     let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], Arc::new(|| {}))?;
+    viewer.continuous = true;
+    viewer.a.renderer.patience = PATIENCE;
     until_swapped(&mut viewer, args.size)?;
     for _ in 0..200.min(20 * args.runs) {
         viewer.frame(args.size);

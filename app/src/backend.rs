@@ -204,6 +204,23 @@ impl Backend {
         }
     }
 
+    /// Opens a device for frames that must not delay those of this one, such as a window's.
+    ///
+    /// On a GPU it is another context of this device. A CPU's driver has one queue, and threads that all devices of a Vulkan instance
+    /// share, so that a pass of one delays the frames of the others: there, the device gets an instance of its own.
+    ///
+    /// # Errors
+    /// As [`Backend::open`].
+    pub fn open_beside(&self, options: &Options) -> Result<Backend, BackendError> {
+        match self {
+            Backend::Vulkan(device) if device.info().kind == "cpu" => {
+                let device = Some(device.info().index.to_string());
+                Backend::open(Api::Vulkan, &Options { device, ..options.clone() })
+            }
+            _ => self.new_context(),
+        }
+    }
+
     /// Drops the device, and returns the validation messages that were not taken, those of its closing included.
     pub fn close(self) -> Vec<String> {
         each!(self, device => device.close())
@@ -282,6 +299,16 @@ impl Device for Backend {
             Backend::Null(device, journal) => {
                 device.new_context().map(|device| Backend::Null(device, journal.clone()))
             }
+        }
+    }
+
+    fn shares_device(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Backend::Vulkan(one), Backend::Vulkan(other)) => one.shares_device(other),
+            #[cfg(target_vendor = "apple")]
+            (Backend::Metal(one), Backend::Metal(other)) => one.shares_device(other),
+            (Backend::Null(one, _), Backend::Null(other, _)) => one.shares_device(other),
+            _ => false,
         }
     }
 

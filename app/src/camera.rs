@@ -37,6 +37,9 @@ struct Block {
 
 const _: () = assert!(size_of::<Block>() == 256);
 
+/// The frame's number in the block: byte offset of its vector, and its component.
+pub const FRAME_NUMBER: (u32, u32) = (std::mem::offset_of!(Block, depth) as u32, 3);
+
 /// Makes the uniform blocks of a frame, by name.
 ///
 /// `bounds` is the scene's box, `background` the display-encoded colour behind the splats, and `frame` the frame's number,

@@ -30,6 +30,11 @@ pub fn configure(settings: Settings) {
     let _ = SETTINGS.set(settings);
 }
 
+/// Returns the folders of [`configure`] that graphs' files may lie in.
+pub fn include_roots() -> &'static [PathBuf] {
+    SETTINGS.get().map_or(&[], |settings| &settings.include_roots)
+}
+
 /// A builder of plans with a cache of compiled shaders.
 pub struct Planner {
     /// See [`Request::share_memory`].
@@ -116,6 +121,19 @@ impl Planner {
     pub fn wanted(&self) -> Vec<Wanted> {
         self.files.wanted()
     }
+}
+
+/// Lists the settings that have no effect in a plan: the parameter, and a sentence with the reason.
+pub fn without_effect(plan: &Plan, set: &[(String, String)]) -> Vec<(String, String)> {
+    let mut found: Vec<(String, String)> = Vec::new();
+    for (name, _) in set {
+        if let (Some(_), Some(text)) = (plan.no_effect(name), plan.effect_text(name))
+            && found.iter().all(|(other, _)| other != name)
+        {
+            found.push((name.clone(), text));
+        }
+    }
+    found
 }
 
 fn files(settings: &Settings) -> SourceMap {

@@ -16,7 +16,7 @@ use crate::growth::{self, Grown, Shortage};
 use crate::image::Image;
 use crate::inspect::{self, InspectError};
 use crate::output::say;
-use crate::planner::{GraphErrors, Planner};
+use crate::planner::{self, GraphErrors, Planner};
 use half::f16;
 use splatgraph_api::{
     BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
@@ -26,6 +26,7 @@ use splatgraph_framework::ir::{Format, StandIn};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::sync::Arc;
 
@@ -83,6 +84,8 @@ pub struct Session<D> {
     warned: bool,
     /// The fallbacks that were told of last.
     told: Vec<StandIn>,
+    /// The settings without an effect that were told of.
+    told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
     frame: u32,
     /// Frames that may have to be drawn again, in the order of submission.
@@ -134,6 +137,7 @@ impl<D: Device> Session<D> {
             planner: Planner::default(),
             warned: false,
             told: Vec::new(),
+            told_settings: BTreeSet::new(),
             loaded: None,
             frame: 0,
             flying: Vec::new(),
@@ -247,6 +251,18 @@ impl<D: Device> Session<D> {
         self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress)?;
         self.loaded = Some((Arc::new(plan), size));
         Ok(true)
+    }
+
+    /// Says on standard error which of the session's settings have no effect in the present plan, and why; each once.
+    ///
+    /// For settings that a person made: measurements set parameters that they know nothing of.
+    pub fn tell_settings_without_effect(&mut self) {
+        let Some((plan, _)) = &self.loaded else { return };
+        for (name, text) in planner::without_effect(plan, &self.set) {
+            if self.told_settings.insert(name) {
+                say(format!("{}: {text}", self.pipeline));
+            }
+        }
     }
 
     /// Submits a frame. The camera must have the prepared size.

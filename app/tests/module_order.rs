@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 30] = [
+const CRATE: [&str; 33] = [
     "numbers",
     "output",
     "backend",
@@ -14,7 +14,9 @@ const CRATE: [&str; 30] = [
     "report",
     "progress",
     "camera",
+    "camera_path",
     "orbit",
+    "pick",
     "demo",
     "metrics",
     "truth",
@@ -25,6 +27,7 @@ const CRATE: [&str; 30] = [
     "builtin",
     "growth",
     "planner",
+    "render_command",
     "fit",
     "session",
     "turns",
@@ -40,16 +43,21 @@ const CRATE: [&str; 30] = [
 ];
 
 /// The modules of the viewer, from the ground up.
-const VIEW: [&str; 13] = [
+const VIEW: [&str; 18] = [
     "profile",
+    "animation",
     "history",
     "navigation",
+    "wheel",
     "paint",
     "renderer",
     "opening",
+    "picking",
+    "cameras",
     "events",
     "viewport",
     "viewer",
+    "undo",
     "panels",
     "shell",
     "recovery",

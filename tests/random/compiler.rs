@@ -29,6 +29,7 @@ impl ShaderCompiler for HeaderCompiler {
         Ok(Compiled {
             spirv: Arc::new(Vec::new()),
             defines: Vec::new(),
+            reached: Arc::default(),
             reflection,
             declared: Arc::default(),
         })
@@ -55,7 +56,8 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
         match words[0] {
             "local" => reflection.local_size[0] = number(1),
             "push" => {
-                let member = Member { name: words[1].into(), offset: 0, kind: MemberKind::Uint };
+                let (name, kind) = (words[1].into(), MemberKind::Uint);
+                let member = Member { name, offset: 0, kind, used: true };
                 reflection.push = Some(PushBlock { bytes: 4, members: vec![member] });
             }
             kind @ ("buffer" | "image") => reflection.bindings.push(ReflectedBinding {

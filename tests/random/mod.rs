@@ -17,7 +17,7 @@ mod render;
 mod sketch;
 
 use builds::{calls, for_all, plan, run_batch, shown};
-use recipe::{LARGE, SMALL};
+use recipe::{LARGE, SMALL, Settings};
 use render::{Style, render};
 use sketch::Sketch;
 use splatgraph_framework::ir::{Origin, Run, ShaderStage, Source};
@@ -90,7 +90,13 @@ fn nameless(plan: &Plan) -> Plan {
     });
     plan.culled.iter_mut().for_each(|left_out| left_out.pass.clear());
     plan.warnings.clear();
+    clear_reasons(&mut plan);
     plan
+}
+
+/// Clears the texts that say why parameters have no effect: they name passes and lines.
+fn clear_reasons(plan: &mut Plan) {
+    plan.effects.iter_mut().for_each(|effect| effect.none.iter_mut().for_each(String::clear));
 }
 
 #[test]
@@ -138,7 +144,37 @@ fn placeless(plan: &Plan) -> Plan {
     plan.params.iter_mut().for_each(|param| param.origin = nowhere.clone());
     plan.resources.iter_mut().for_each(|resource| resource.origin = nowhere.clone());
     plan.passes.iter_mut().for_each(|pass| pass.origin = nowhere.clone());
+    clear_reasons(&mut plan);
     plan
+}
+
+#[test]
+fn parameters_without_an_effect_decide_nothing() {
+    let idle = AtomicUsize::new(0);
+    for_all("effects", LARGE, 2000, |case| {
+        let used = case.sketch.settings[0];
+        let valueless = |plan: &Plan| {
+            let mut plan = placeless(plan);
+            plan.params.clear();
+            plan
+        };
+        for other in Settings::all() {
+            // Differs in parameters without an effect alone.
+            let changed = [("flag", other.flag != used.flag), ("steps", other.steps != used.steps)];
+            let without = |name| case.plan.no_effect(name).is_some();
+            if changed.iter().all(|(name, changed)| !changed || without(name)) && other != used {
+                idle.fetch_add(1, Relaxed);
+                let plan = case.plan(other, true)?;
+                same(
+                    &valueless(&case.plan),
+                    &valueless(&plan),
+                    "with a parameter without an effect changed",
+                )?;
+            }
+        }
+        Ok(())
+    });
+    assert!(idle.into_inner() > 1000, "too few parameters without an effect");
 }
 
 fn same(one: &Plan, other: &Plan, what: &str) -> Result<(), String> {

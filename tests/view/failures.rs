@@ -1,6 +1,6 @@
 //! What can go wrong around the real window: command lines, displays that are not there or vanish, and passes that run for long.
 
-use super::program::Program;
+use super::program::{Program, middle};
 use super::screen::comes;
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -89,7 +89,7 @@ fn without_a_display_the_program_says_so_and_with_one_of_two_it_takes_that() {
 
 #[test]
 fn a_window_is_no_larger_than_the_display_and_ends_with_it() {
-    let mut program = Program::launch(100, &[], |_| {});
+    let mut program = Program::launch(100, &["--continuous"], |_| {});
     assert!(program.window.appears(), "no window came");
     assert_eq!(program.window.size(), (1280, 828));
     program.frames(3);
@@ -102,7 +102,7 @@ fn a_window_is_no_larger_than_the_display_and_ends_with_it() {
 #[test]
 fn pictures_that_take_longer_than_the_window_waits_are_shown_all_the_same() {
     // On a CPU each takes several tenths of a second; the window waits for one.
-    let args = ["--pipeline", "pipelines/splat.ron", "--size", "900x720", "--show", "none"];
+    let args = ["--continuous", "--pipeline", "pipelines/splat.ron", "--size", "900x720", "--show", "none"];
     let mut program = Program::launch(100_000, &args, |_| {});
     assert!(program.window.appears(), "no window came");
     program.until(0, "the plan", |event| event["event"] == "swapped" && event["renderer"] == "a");
@@ -116,35 +116,85 @@ fn pictures_that_take_longer_than_the_window_waits_are_shown_all_the_same() {
     assert!(status.success(), "{status}\n{errors}");
 }
 
-#[test]
-fn while_a_pass_runs_for_long_the_window_says_so_and_can_be_closed() {
-    let args = ["--pipeline", "slow.ron", "--size", "320x200", "--show", "none"];
-    let graph = |groups: u32| {
-        format!(
-            "Graph(version: 1, summary: \"\", output: \"color\", \
-             resources: {{ \"color\": Image(format: \"rgba8\", size: (64, 64)) }}, \
-             passes: [Dispatch(name: \"slow\", shader: \"slow.comp\", size: Groups({groups}), bind: {{ \"color\": \"color\" }})])"
-        )
-    };
-    let shader = "#version 460\nlayout(local_size_x = 64) in;\n\
-                  layout(set = 0, binding = 0, rgba8) writeonly uniform image2D color;\n\
-                  void main() {\n    float slow = 1.0;\n    \
-                  for (int i = 0; i < 60000; i++) slow = sin(slow) + float(i);\n    \
-                  imageStore(color, ivec2(gl_GlobalInvocationID.x, 0), vec4(slow));\n}\n";
+/// A graph of one pass with this many workgroups, which draws one pixel per invocation.
+fn slow_graph(groups: u32) -> String {
+    format!(
+        "Graph(version: 1, summary: \"\", output: \"color\", \
+         resources: {{ \"color\": Image(format: \"rgba8\", size: (64, 64)) }}, \
+         passes: [Dispatch(name: \"slow\", shader: \"slow.comp\", size: Groups({groups}), bind: {{ \"color\": \"color\" }})])"
+    )
+}
+
+/// The shader of that graph, with this many iterations of a loop.
+fn slow_shader(iterations: u32) -> String {
+    format!(
+        "#version 460\nlayout(local_size_x = 64) in;\n\
+         layout(set = 0, binding = 0, rgba8) writeonly uniform image2D color;\n\
+         void main() {{\n    float slow = 1.0;\n    \
+         for (int i = 0; i < {iterations}; i++) slow = sin(slow) + float(i);\n    \
+         imageStore(color, ivec2(gl_GlobalInvocationID.x, 0), vec4(slow));\n}}\n"
+    )
+}
+
+/// Starts the program with that graph, in which the shader takes no time yet.
+fn quick(groups: u32, args: &[&str]) -> Program {
+    let usual = ["--pipeline", "slow.ron", "--size", "900x600"];
+    let args: Vec<&str> = usual.into_iter().chain(args.iter().copied()).collect();
     let mut program = Program::launch(100, &args, |folder| {
-        std::fs::write(folder.join("slow.ron"), graph(1)).expect("a file");
-        std::fs::write(folder.join("slow.comp"), shader).expect("a file");
+        std::fs::write(folder.join("slow.ron"), slow_graph(groups)).expect("a file");
+        std::fs::write(folder.join("slow.comp"), slow_shader(1)).expect("a file");
     });
     assert!(program.window.appears(), "no window came");
-    program.settle();
-    program.write("slow.ron", &graph(60_000));
+    program.window.focus();
+    program.until(0, "a picture", |event| event["event"] == "frame" && event["busy"] == false);
+    program
+}
+
+#[test]
+fn while_a_pass_runs_for_long_the_window_says_so_is_used_and_can_be_closed() {
+    let mut program = quick(60_000, &["--show", "settings"]);
+    // A pass of many minutes.
+    program.write("slow.comp", &slow_shader(60_000));
     let named = comes(|| program.window.title().contains("has been running for"));
     assert!(named, "the title is {}", program.window.title());
     program.until(0, "the slow pass", |event| event["event"] == "slow");
+    // What is not the picture goes on.
+    let preset = middle(program.control("preset:unsorted"));
+    let mut since = program.now();
+    program.window.point(preset);
+    program.frame_after(since);
+    since = program.now();
+    program.window.key('h'.into());
+    program.until(since, "the picture alone", |event| event["event"] == "control_gone");
+    since = program.now();
+    program.window.resize(700, 500);
+    program.until(since, "the new size", |event| event["event"] == "window" && event["width"] == 700);
+    program.frame_after(since);
+    since = program.now();
+    program.window.key('h'.into());
+    program.until(since, "the panels", |event| event["name"] == "preset:unsorted");
+    assert!(program.window.title().contains("has been running for"), "the pass has ended");
     let begun = Instant::now();
     program.window.ask_to_close();
     let (status, errors) = program.end();
     assert!(begun.elapsed() < Duration::from_secs(30), "closing takes {:?}", begun.elapsed());
     assert!(status.success(), "{status}\n{errors}");
     assert!(errors.contains("closed while") && errors.contains("was still running"), "{errors}");
+}
+
+#[test]
+fn a_graph_that_is_mended_while_its_pass_runs_for_long_is_drawn_when_that_ends() {
+    let mut program = quick(600, &["--show", "none"]);
+    program.write("slow.comp", &slow_shader(60_000));
+    let named = comes(|| program.window.title().contains("has been running for"));
+    assert!(named, "the title is {}", program.window.title());
+    let since = program.now();
+    program.write("slow.comp", &slow_shader(2));
+    program.swapped(since, "a", "slow.comp");
+    let alone = comes(|| program.window.title() == "scene.ply - splatgraph");
+    assert!(alone, "the title is {}", program.window.title());
+    program.rests();
+    program.window.ask_to_close();
+    let (status, errors) = program.end();
+    assert!(status.success() && errors.trim() == "validation: no messages", "{status}\n{errors}");
 }

@@ -2,7 +2,7 @@
 
 use super::whole::TestShell;
 use crate::common;
-use egui::{Event as Input, Key, Modifiers};
+use egui::{Key, Modifiers};
 use splatgraph::backend::Validation;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::renderer::Cause;
@@ -21,13 +21,9 @@ fn viewer(size: (u32, u32)) -> TestShell {
 }
 
 fn press(viewer: &mut TestShell, key: Key) {
-    for pressed in [true, false] {
-        let modifiers = Modifiers::NONE;
-        viewer.plan_input(vec![Input::Key { key, physical_key: None, pressed, repeat: false, modifiers }]);
-        viewer.frame();
-    }
+    viewer.key(key, Modifiers::NONE);
     // Focus moves at the end of a frame.
-    viewer.frame();
+    viewer.act();
 }
 
 #[test]
@@ -68,7 +64,7 @@ fn an_opened_scene_is_drawn_without_a_new_plan_for_the_window() {
     viewer.events.clear();
     viewer.shell.viewer.open(&path);
     viewer.until("the other scene", |viewer| {
-        let a = |event: &Event| matches!(event, Event::Swapped { renderer: RendererId::A, swap, .. } if swap.cause == Cause::Scene);
+        let a = |event: &Event| matches!(event, Event::Swapped { renderer: RendererId::A, swap, .. } if swap.causes.contains(&Cause::Scene));
         viewer.events.iter().any(a)
     });
     viewer.settle();

@@ -39,7 +39,7 @@ fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
         frag.replace(&output, &format!("{output}\n    blended.rg = vec2(0.0);")),
     );
     let Event::Swapped { swap, .. } = twin.next_plan() else { unreachable!() };
-    assert_eq!(swap.cause.to_string(), "splat.frag");
+    assert_eq!(swap.causes.to_string(), "splat.frag");
     let blue = twin.picture(RendererId::A);
     assert!(blue.rgb.iter().all(|[r, g, _]| *r == 0.0 && *g == 0.0) && shows_something(&blue));
     twin.close();

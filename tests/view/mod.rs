@@ -1,12 +1,14 @@
 //! The viewer: what a person does with it, done by scripts. The real program's window needs an X server; the long
 //! runs read their memory, files and threads in /proc.
 
+mod cameras;
 mod dice;
 #[cfg(target_os = "linux")]
 mod failures;
 mod fuzz;
 mod keys;
 mod live;
+mod monkey;
 #[cfg(target_os = "linux")]
 mod program;
 #[cfg(target_os = "linux")]
@@ -15,6 +17,7 @@ mod recovery;
 mod screen;
 #[cfg(target_os = "linux")]
 mod soak;
+mod tools;
 mod twin;
 mod whole;
 #[cfg(target_os = "linux")]

@@ -26,9 +26,10 @@ pub struct Program {
 }
 
 impl Program {
-    /// Starts it, and waits until it shows what it was asked for.
+    /// Starts it, and waits until it shows what it was asked for. It draws all the time, so that frames can be waited for.
     pub fn start(splats: u32, args: &[&str]) -> Program {
-        let mut program = Program::launch(splats, args, |_| {});
+        let args: Vec<&str> = ["--continuous"].into_iter().chain(args.iter().copied()).collect();
+        let mut program = Program::launch(splats, &args, |_| {});
         assert!(program.window.appears(), "no window came {}", program.account());
         program.window.focus();
         program.settle();
@@ -119,7 +120,13 @@ impl Program {
         let frames = self.events.iter().filter(|event| kind(event) == "frame").count();
         let told = self.events.iter().filter(|event| !kind(event).starts_with("control"));
         let told: Vec<String> = told.filter(|event| kind(event) != "frame").map(Value::to_string).collect();
-        format!("after {frames} frames\nevents:\n{}\nstderr:\n{errors}", told.join("\n"))
+        let controls = self.events.iter().rev().filter(|event| kind(event).starts_with("control")).take(12);
+        let controls: Vec<String> = controls.map(Value::to_string).collect();
+        format!(
+            "after {frames} frames\nevents:\n{}\nlast controls, newest first:\n{}\nstderr:\n{errors}",
+            told.join("\n"),
+            controls.join("\n")
+        )
     }
 
     /// Waits for an event after the first `since`, and gives it.
@@ -141,12 +148,28 @@ impl Program {
         }
     }
 
-    /// Waits until the frames after these are on their way to the screen: what was done before has acted on the second of them.
+    /// Waits until the frames after these are on their way to the screen: what was done before has acted on the second of them. Needs
+    /// `--continuous`.
     pub fn frames(&mut self, count: usize) {
         let since = self.now();
         let first = self.until(since, "a frame", |event| event["event"] == "frame");
         let last = first["number"].as_u64().unwrap_or(0) + count as u64 - 1;
         self.until(since, "frames", |event| event["number"].as_u64().is_some_and(|number| number >= last));
+    }
+
+    /// Waits until no event is written for a while.
+    pub fn rests(&mut self) {
+        let rests = comes(|| {
+            let before = self.now();
+            std::thread::sleep(Duration::from_millis(500));
+            self.now() == before
+        });
+        assert!(rests, "the program never rests {}", self.account());
+    }
+
+    /// Waits for a frame after the first `since` events.
+    pub fn frame_after(&mut self, since: usize) {
+        self.until(since, "a frame", |event| event["event"] == "frame");
     }
 
     /// Waits until nothing is being built, and that is on the screen.
@@ -157,10 +180,11 @@ impl Program {
         self.act();
     }
 
-    /// The next plan of a viewport.
+    /// The next plan of a viewport that was built for this cause, perhaps among others.
     pub fn swapped(&mut self, since: usize, who: &str, cause: &str) -> Value {
         let event = self.until(since, &format!("a plan of {who} because of {cause}"), |event| {
-            event["event"] == "swapped" && event["renderer"] == who && event["cause"] == cause
+            let causes = event["causes"].as_array().into_iter().flatten();
+            event["renderer"] == who && causes.into_iter().any(|told| told == cause)
         });
         assert!(event["latency_ms"].as_f64().is_some_and(|ms| ms > 0.0), "{event}");
         event
@@ -176,8 +200,12 @@ impl Program {
 
     /// Returns the place of a control, which must be within the window.
     pub fn control(&mut self, name: &str) -> Rect {
-        self.until(0, &format!("the control {name}"), |event| event["name"] == name);
-        let found = self.find(name).unwrap_or_else(|| panic!("{name} is gone {}", self.account()));
+        let mut found = None;
+        comes(|| {
+            found = self.find(name);
+            found.is_some()
+        });
+        let found = found.unwrap_or_else(|| panic!("{name} is not shown {}", self.account()));
         let (width, height) = self.window.size();
         let [left, top, right, bottom] = found;
         let inside = left >= 0 && top >= 0 && right <= width as i32 && bottom <= height as i32;

@@ -85,7 +85,9 @@ impl Cycles {
     }
 
     fn device_memory(&self) -> u64 {
-        self.viewer.shell.window().device().map_or(0, |device| device.device_memory().used)
+        let shell = &self.viewer.shell;
+        let devices = [shell.window().device(), shell.viewer.a.renderer.device()];
+        devices.into_iter().flatten().map(|device| device.device_memory().used).sum()
     }
 
     fn note(&mut self, cycle: u32, kind: &str, state: &str, mended: Option<Instant>) {
@@ -209,7 +211,8 @@ impl Cycles {
         self.note(cycle, "device", "broken", None);
         let since = Instant::now();
         let canvas = common::open(&common::options(Validation::Off));
-        let device = canvas.new_context().expect("a second executor");
+        let options = common::options(Validation::Off);
+        let device = canvas.open_beside(&options).expect("a device for the scene");
         self.viewer.shell.give(canvas, device).expect("there is no B");
         self.viewer.until("a picture", |viewer| viewer.shell.viewer.pictures()[0].is_some());
         self.note(cycle, "device", "mended", Some(since));

@@ -10,7 +10,7 @@
 //! - the validation layers, synchronization validation among them, have nothing to say, and nothing panics on whatever thread;
 //! - **no frame is lost**: every frame that is asked for draws one of A once A has a plan, and one of B if B is shown and has
 //!   one, whatever is being built, broken or resized meanwhile. That holds for a window of size 0 as well: the pictures keep
-//!   the size that they had. There are no exceptions but these: before the first plan of a viewport there is nothing to draw, and
+//!   the size that they had. There are no exceptions but these: before the first plan of a scene there is nothing to draw, and
 //!   B is not drawn while it is not shown;
 //! - in the reference state, the device's memory has the same bytes each time, and the pictures the same pixels;
 //! - the process's memory does not grow: see [`check_growth`];
@@ -29,11 +29,12 @@ use deeds::{DEEDS, GRAPHS};
 use egui::Event as Input;
 use indexmap::IndexMap;
 use process::{open_files, resident, settled_threads, threads};
-use splatgraph::backend::Validation;
+use splatgraph::backend::{Backend, Validation};
 use splatgraph::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::navigation::Navigation;
 use splatgraph::view::paint::Mode;
+use splatgraph::view::renderer::Renderer;
 use splatgraph_api::Device;
 use splatgraph_api::DeviceMemory;
 use splatgraph_assets::synth;
@@ -172,8 +173,13 @@ impl std::fmt::Display for Reference {
     }
 }
 
+/// Adds up the memory of the devices of the window and of the scene.
 fn device_memory(viewer: &TestShell) -> DeviceMemory {
-    viewer.shell.window().device().expect("the device is not lost").device_memory()
+    let shell = &viewer.shell;
+    let of =
+        |renderer: &Renderer<Backend>| renderer.device().expect("the device is not lost").device_memory();
+    let (window, scene) = (of(shell.window()), of(&shell.viewer.a.renderer));
+    DeviceMemory { used: window.used + scene.used, reserved: window.reserved + scene.reserved }
 }
 
 struct Soak {

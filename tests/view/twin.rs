@@ -42,7 +42,8 @@ impl Twin {
         let mut viewer = Viewer::new(common::device(), (scene, path), &graph, &set, Arc::new(|| {}))
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
-        // No frame is left out, however slow the machine is.
+        // No frame is left out, also if it is the same, and however slow the machine is.
+        viewer.continuous = true;
         viewer.a.renderer.patience = PATIENCE;
         Twin { viewer, events: Vec::new(), size: SIZE, folder }
     }

@@ -3,7 +3,9 @@
 
 use super::twin::copy_of_shipped_files;
 use crate::common;
-use egui::{Event as Input, Pos2, RawInput, Rect, Vec2, ViewportId, ViewportInfo};
+use egui::{
+    Event as Input, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, Vec2, ViewportId, ViewportInfo,
+};
 use splatgraph::backend::{Backend, Options};
 use splatgraph::image::Image;
 use splatgraph::session::image_of;
@@ -11,7 +13,6 @@ use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::paint::Mode;
 use splatgraph::view::shell::{Frame, FrameRequest, Shell};
 use splatgraph::view::viewer::Viewer;
-use splatgraph_api::Device;
 use splatgraph_assets::{Scene, synth};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs;
@@ -38,7 +39,7 @@ pub struct TestShell {
     pub size: (u32, u32),
     /// Calls of [`TestShell::frame`] so far.
     pub calls: u64,
-    /// Frames that had to be drawn so far: one of A for each call once it has a plan, one of B if it is shown and has one.
+    /// Frames that had to be drawn so far: one of A for each call once it has a plan of the scene, one of B if it is shown and has one.
     pub due: u64,
     /// Frames of the window that had to be drawn, and were not.
     pub undrawn_windows: u64,
@@ -64,7 +65,7 @@ impl TestShell {
         let graph = folder.path().join(graph);
         let window = folder.path().join("pipelines/view/window.ron");
         let canvas = common::open(options);
-        let device = canvas.new_context().expect("a second executor");
+        let device = canvas.open_beside(options).expect("a device for the scene");
         let (sender, woken) = channel();
         let wake = || {
             let sender = sender.clone();
@@ -74,7 +75,8 @@ impl TestShell {
         let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], wake())
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
-        // No frame is left out, however slow the machine is.
+        // No frame is left out, also if it is the same, and however slow the machine is.
+        viewer.continuous = true;
         viewer.a.renderer.patience = PATIENCE;
         let mut shell = Shell::with_graph(viewer, canvas, &window.to_string_lossy(), wake())
             .unwrap_or_else(|error| panic!("the shell opens: {error}"));
@@ -114,6 +116,32 @@ impl TestShell {
         self.input.push_back(input);
     }
 
+    /// Plans a click on a control; returns false if it is not shown.
+    pub fn click(&mut self, name: &str) -> bool {
+        let Some(at) = self.shell.panels.controls.find(name).map(|rect| rect.center()) else { return false };
+        let button = PointerButton::Primary;
+        let press = |pressed| Input::PointerButton { pos: at, button, pressed, modifiers: Modifiers::NONE };
+        self.plan_input(vec![Input::PointerMoved(at)]);
+        self.plan_input(vec![press(true)]);
+        self.plan_input(vec![press(false)]);
+        true
+    }
+
+    /// Plans a key that is pressed and released.
+    pub fn key(&mut self, key: Key, modifiers: Modifiers) {
+        for pressed in [true, false] {
+            self.plan_input(vec![Input::Key { key, physical_key: None, pressed, repeat: false, modifiers }]);
+        }
+    }
+
+    /// Draws frames until all planned input was delivered, and one more.
+    pub fn act(&mut self) {
+        while !self.input.is_empty() {
+            self.frame();
+        }
+        self.frame();
+    }
+
     /// Returns true if all planned input was delivered.
     #[cfg(target_os = "linux")]
     pub fn is_idle(&self) -> bool {
@@ -141,7 +169,12 @@ impl TestShell {
         };
         self.calls += 1;
         let window = self.shell.window().plan().is_some();
-        let ask = FrameRequest { size: self.size, pixels_per_point: PIXELS_PER_POINT, present: false, read };
+        let ask = FrameRequest {
+            size: self.size,
+            pixels_per_point: PIXELS_PER_POINT,
+            read,
+            ..FrameRequest::default()
+        };
         let frame = self.shell.frame(input, ask);
         assert!(frame.lost.is_none(), "{:?}", frame.lost);
         let viewports = [Some(&self.shell.viewer.a), self.shell.viewer.b.as_ref()].into_iter().flatten();
@@ -151,11 +184,11 @@ impl TestShell {
         self.undrawn_windows += u64::from(window && !frame.drawn);
         let viewer = &self.shell.viewer;
         let shown_b = viewer.b.as_ref().filter(|_| viewer.compare != Mode::A);
-        let viewports = [Some(&viewer.a), shown_b];
-        self.due +=
-            viewports.into_iter().flatten().filter(|viewport| viewport.renderer.plan().is_some()).count()
-                as u64;
+        let viewports = [Some(&viewer.a), shown_b].into_iter().flatten();
+        self.due += viewports.filter(|viewport| viewport.renderer.draws(viewer.scene())).count() as u64;
         self.events.extend(self.shell.take_events());
+        let scene = self.shell.viewer.a.renderer.device_mut().expect("the device is not lost");
+        common::assert_silent(scene, "a frame");
         common::assert_silent(self.shell.canvas_mut().expect("the device is not lost"), "a frame");
         frame
     }
@@ -247,7 +280,9 @@ impl TestShell {
     /// Closes it; the validation layers must have had nothing to say.
     pub fn close(mut self) {
         self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
-        let messages = self.shell.into_device().expect("the device is not lost").close();
+        let devices = self.shell.into_devices();
+        assert_eq!(devices.len(), 2, "a device is lost");
+        let messages: Vec<String> = devices.into_iter().flat_map(Backend::close).collect();
         assert!(messages.is_empty(), "{}", messages.join("\n"));
     }
 }

@@ -8,6 +8,7 @@ use crate::backend::Backend;
 use crate::fit;
 use crate::keys::{self, Mapping, Need, Seen, WIDTHS};
 use crate::output::names::{self, MAX_NAME_BYTES};
+use crate::output::shell_word;
 use crate::progress::Progress;
 use crate::session::Session;
 use crate::trade::measure::{View, measure};
@@ -26,7 +27,7 @@ use std::path::{Path, PathBuf};
 /// width at which depth keys put every two splats that overlap on the screen in the right order, for each mapping of depth to
 /// keys; how much each band of spherical harmonics changes the colours.
 ///
-/// With --psnr or --ms, it draws the scene with one parameter changed at a time, predicts what several do together, draws the
+/// With --psnr or --ms, it draws the scene with one parameter that has an effect changed at a time, predicts what several do together, draws the
 /// most promising, and advises the best that it measured to be within the budget, as a command. PSNR is that of every view
 /// against the exact renderer (`render --backend reference`), as `compare` measures it. The exit code is 1 if there is none.
 #[derive(Debug, clap::Args)]
@@ -42,7 +43,7 @@ pub struct Args {
     #[arg(short, long, value_name = "NAME", default_value = MEASURED_PIPELINE)]
     pipeline: String,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: four around the scene]
-    #[arg(short, long, value_name = "FILE[#INDEX]")]
+    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
@@ -185,6 +186,7 @@ fn search(
     singles.extend(advised_keys(&singles[0], needs));
     let mut exact = session.beside(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
+    let singles = options::with_effect(singles, &exact)?;
     // A quarter of a ledger's: a setting must be told apart from others that save a hundredth, and there are many.
     let effort = args.effort.choose(&mut exact, first, 4)?;
     let views: Vec<View> = cameras.iter().map(|camera| View::exact(session.scene(), camera)).collect();
@@ -315,28 +317,9 @@ fn nothing(tried: &[Tried], budget: &Budget) -> String {
     text
 }
 
-/// Quotes a word for a shell, if it must be.
-fn shell_word(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./=,#:@%+".contains(c);
-    if !word.is_empty() && word.chars().all(plain) && !word.starts_with('#') {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', "'\\''"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn words_with_spaces_and_quotes_come_back_from_a_shell_as_they_were() {
-        assert_eq!(shell_word("a/b-c.ply#2"), "a/b-c.ply#2");
-        for word in ["two words", "it's", "$HOME", "", "#1"] {
-            let line = format!("printf %s {}", shell_word(word));
-            let output = std::process::Command::new("sh").args(["-c", &line]).output().unwrap();
-            assert_eq!(String::from_utf8_lossy(&output.stdout), word);
-        }
-    }
 
     #[test]
     fn without_a_setting_in_the_budget_the_nearest_are_told() {

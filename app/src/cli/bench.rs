@@ -10,7 +10,7 @@ use crate::bench::{plot, sort, table};
 use crate::facts::{self, SceneFacts};
 use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::{self, Claims, is_standard_output, say};
-use crate::planner::Planner;
+use crate::planner::{Planner, without_effect};
 use crate::progress::Progress;
 use crate::report::plot::Plot;
 use anyhow::{Result, bail};
@@ -64,7 +64,7 @@ pub struct Args {
     splats: Vec<u32>,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one. For several scenes, one
     /// for all, or one for each in the same order
-    #[arg(short, long, value_name = "FILE[#INDEX]")]
+    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     cameras: Vec<String>,
     /// Write every number as JSON, anew after each size and number of splats; `-` is standard output
     #[arg(long, value_name = "OUT.json")]
@@ -180,6 +180,13 @@ fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
         let portable = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
         if let (Err(errors), Err(_)) = (controls(&device.facts), controls(&portable)) {
             return Err(errors.into());
+        }
+        if !args.set.is_empty() {
+            let facts = facts::facts(&scene, &device.facts, size);
+            // What cannot be built here is a result, too.
+            let plan = planner.plan(pipeline, &args.set, &facts, &catalog);
+            let found = plan.map(|plan| without_effect(&plan, &args.set)).unwrap_or_default();
+            found.iter().for_each(|(_, text)| say(format!("{pipeline}: {text}")));
         }
     }
     Ok(())

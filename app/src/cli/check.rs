@@ -5,7 +5,7 @@ use super::{colour, options};
 use crate::facts::{self, SceneFacts};
 use crate::fit::{self, Fit, Target, Wanted};
 use crate::output::{say, say_styled};
-use crate::planner::{GraphErrors, Planner};
+use crate::planner::{GraphErrors, Planner, without_effect};
 use anyhow::Result;
 use splatgraph_framework::dump;
 use splatgraph_framework::ir::Catalog;
@@ -23,7 +23,8 @@ pub const EXAMPLES: &str = "Examples:
 /// Every graph is built, and its shaders are compiled and checked against it, for a nominal scene and the smallest supported
 /// device, with subgroups of 4 to 64 lanes. Errors are shown at their line and column. Where that device lacks what a graph
 /// requires, that is said, and is no error. An oracle then replays the barriers of
-/// each plan, and tests that they suffice and that none of them, and no bit of one, is needless.
+/// each plan, and tests that they suffice and that none of them, and no bit of one, is needless. A parameter of --set that has no
+/// effect gives a warning.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -85,7 +86,7 @@ struct Verified {
 ///
 /// Returns a verdict and a line for the sizes with equal counts, or the violations of the first size that has any; and the errors of
 /// the first size that has any. Where the device lacks what the graph requires, the line says so: nothing is built. Warnings are
-/// printed once each.
+/// printed once each; those of settings without an effect say for which sizes.
 fn check(
     planner: &mut Planner,
     graph: &str,
@@ -96,6 +97,7 @@ fn check(
     let mut found: Vec<Verified> = Vec::new();
     let mut unsuited: Vec<(Vec<String>, String)> = Vec::new();
     let mut warned = Vec::new();
+    let mut idle: Vec<(String, Vec<String>)> = Vec::new();
     for lanes in facts::SUBGROUP_SIZES {
         let facts = facts::facts(&scene, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
         if let Some(line) = lacking(planner.standing(graph, &facts, &catalog)?) {
@@ -110,6 +112,12 @@ fn check(
         if !warnings.is_empty() && !warned.contains(&warnings) {
             say_styled(&format!("{}\n", warnings.trim_end()));
             warned.push(warnings);
+        }
+        for (_, text) in without_effect(&plan, set) {
+            match idle.iter_mut().find(|(other, _)| *other == text) {
+                Some((_, all)) => all.push(lanes.to_string()),
+                None => idle.push((text, vec![lanes.to_string()])),
+            }
         }
         // Barriers depend on passes and resources, not on shaders or facts.
         let same = |other: &Verified| is_same(&other.plan, &plan);
@@ -126,6 +134,9 @@ fn check(
             Some(other) => other.lanes.push(lanes.to_string()),
             None => found.push(Verified { lanes: vec![lanes.to_string()], plan, line }),
         }
+    }
+    for (text, lanes) in idle {
+        say(format!("warning: {graph}, {} lanes: {text}", lanes.join(", ")));
     }
     let verdict = if found.is_empty() { "not for the smallest supported device" } else { "OK" };
     let found = found.into_iter().map(|verified| (verified.lanes, verified.line));

@@ -48,7 +48,7 @@ struct Common {
     /// A .ply file in the layout of the reference implementation [default: the demo scene, which the first use generates]
     scene: Option<PathBuf>,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
-    #[arg(short, long, value_name = "FILE[#INDEX]")]
+    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras', at most 640 pixels wide]
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]

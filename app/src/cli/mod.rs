@@ -162,8 +162,12 @@ pub fn main() -> ExitCode {
         Ok(Outcome::Failed) => 1,
         Err(error) => report(&error),
     };
-    if backend::compilers_given_up() > 0 {
-        // A library's exit handler may wait for its compiler, which nobody else does any more.
+    #[cfg(feature = "window")]
+    let left_open = crate::view::window::is_left_open();
+    #[cfg(not(feature = "window"))]
+    let left_open = false;
+    if left_open || backend::compilers_given_up() > 0 {
+        // A library's exit handler may wait for its compiler or its device, which nobody else does any more.
         output::signals::end_now(code);
     }
     ExitCode::from(code)

@@ -10,6 +10,7 @@ use crate::fit::Target;
 use crate::output::{self, Claims, say};
 use crate::progress::Progress;
 use crate::session::Session;
+use crate::trade::settings::{self, Setting};
 use crate::turns::{Effort, suitable_frames};
 use anyhow::{Context, Result};
 use splatgraph_api::BackendError;
@@ -138,8 +139,18 @@ pub fn inspect_target(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Loads the cameras of `FILE` or `FILE#INDEX`.
+/// Tells the text of a `cameras.json` from the name of a file.
+fn is_json(spec: &str) -> bool {
+    spec.trim_start().starts_with(['[', '{']) && !Path::new(spec).exists()
+}
+
+/// Loads the cameras of `FILE` or `FILE#INDEX`, or parses the text of a `cameras.json`.
 pub fn cameras(spec: &str) -> Result<Vec<Camera>, CameraError> {
+    if is_json(spec) {
+        let name = Path::new("--cameras");
+        let cameras = Camera::parse(spec, name)?;
+        return if cameras.is_empty() { Err(CameraError::Empty { path: name.into() }) } else { Ok(cameras) };
+    }
     // A `#` may also be part of the file's own name.
     if spec.contains('#') && !Path::new(spec).exists() {
         return Camera::select(spec).map(|camera| vec![camera]);
@@ -327,7 +338,9 @@ pub struct Drawing {
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]
     pub set: Vec<(String, String)>,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
-    #[arg(short, long, value_name = "FILE[#INDEX]")]
+    ///
+    /// In place of a file's name, the text of such a file: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
+    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     pub cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     ///
@@ -382,13 +395,24 @@ pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<Claim
     Ok(claims)
 }
 
-/// Adds the file of `FILE` or `FILE#INDEX` to the inputs; a `#` may also be part of the file's own name.
+/// Adds the file of `FILE` or `FILE#INDEX` to the inputs; a `#` may also be part of the file's own name, and JSON has no file.
 pub fn claim_cameras(claims: &mut Claims, cameras: &str) -> Result<(), Usage> {
+    if is_json(cameras) {
+        return Ok(());
+    }
     claims.input("the cameras", Path::new(cameras))?;
     if let Some((file, _)) = cameras.rsplit_once('#') {
         claims.input("the cameras", Path::new(file))?;
     }
     Ok(())
+}
+
+/// Leaves out the settings that change nothing in the plan of the exact ones, which is prepared, and says so.
+pub fn with_effect(all: Vec<Setting>, exact: &Session<Backend>) -> Result<Vec<Setting>> {
+    let plan = exact.plan().context("no plan of the exact settings")?;
+    let (settings, lines) = settings::with_effect(all, plan);
+    lines.iter().for_each(say);
+    Ok(settings)
 }
 
 /// Writes JSON to a file, or to standard output if the name is `-`.
@@ -422,6 +446,72 @@ pub fn refuse_terminal(what: &str) -> Result<(), Usage> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render_command::RenderCommand;
+    use proptest::prelude::*;
+
+    #[test]
+    fn mistakes_in_the_text_of_cameras_are_told_with_line_and_column() {
+        let said = |text: &str| cameras(text).unwrap_err().to_string();
+        let one = r#"{"position": [0,0,0], "rotation": [[1,0,0],[0,1,0],[0,0,1]], "width": 4, "height": 2, "fx": 5.0}"#;
+        assert_eq!(said(&format!("[{one}]")), "--cameras:1:97: camera 0: missing field `fy`");
+        assert_eq!(
+            said("[\n {\"width\": 1.5}]"),
+            "--cameras:2:14: camera 0: invalid type: floating point `1.5`, expected u32"
+        );
+        assert!(
+            said(one).starts_with("--cameras:1:") && said(one).contains("expected a list of cameras"),
+            "{}",
+            said(one)
+        );
+        assert_eq!(said(" []"), "--cameras has no cameras");
+        let whole = one.replace("\"fx\"", "\"fy\": 6.0, \"fx\"");
+        assert_eq!(cameras(&format!("[{whole}]")).unwrap()[0].fy, 6.0);
+        // A file's name that looks like JSON.
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("[1].json");
+        assert!(!is_json(&file.to_string_lossy()));
+    }
+
+    proptest! {
+        #[test]
+        fn a_camera_comes_back_from_its_command_bit_by_bit(
+            position in prop::array::uniform3(any::<f64>().prop_filter("within f32", |v| v.abs() < 1e18)),
+            turn in prop::array::uniform3(-4.0..4.0f64), focal in prop::array::uniform2(1e-3..1e5f64),
+            size in (1..9000u32, 1..9000u32),
+        ) {
+            let rotation = glam::DMat3::from_euler(glam::EulerRot::XYZ, turn[0], turn[1], turn[2]);
+            let camera = Camera {
+                id: 7,
+                img_name: "it's #1".into(),
+                width: size.0,
+                height: size.1,
+                position,
+                rotation: rotation.to_cols_array_2d(),
+                fx: focal[0],
+                fy: focal[1],
+            };
+            let line = RenderCommand {
+                scene: Path::new("scene.ply"),
+                camera: &camera,
+                graph: "tiled",
+                set: [],
+                background: [0.0; 3],
+                output: Path::new("out.png"),
+            }.line();
+            // The shell's words, without a shell for each of hundreds of lines.
+            let json = line.split("--cameras '").nth(1).and_then(|rest| rest.split("' --size").next());
+            let json = json.expect("a quoted word").replace("'\\''", "'");
+            let read = cameras(&json).expect("the camera is read");
+            prop_assert_eq!(read.len(), 1);
+            let resized = read[0].resized(size.0, size.1);
+            let bits = |camera: &Camera| {
+                let numbers = [&camera.position[..], camera.rotation.as_flattened(), &[camera.fx, camera.fy]].concat();
+                numbers.into_iter().map(f64::to_bits).collect::<Vec<_>>()
+            };
+            prop_assert_eq!(bits(&resized), bits(&camera));
+            prop_assert_eq!(resized, camera);
+        }
+    }
 
     #[test]
     fn lists_are_broken_into_lines_that_stay_in_their_column() {

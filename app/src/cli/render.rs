@@ -250,6 +250,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         progress.set(index as u64, cameras.len() as u64, &camera.img_name);
         let loaded = prepare_plan(&mut session, camera)?;
         if loaded {
+            progress.suspend(|| session.tell_settings_without_effect());
             claim_graph_files(&mut claims, &session.files())?;
         }
         let Drawn { stats, image, requests } =

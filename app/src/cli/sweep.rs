@@ -91,6 +91,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         // The orders of different parts of the scene cannot be compared.
         let view = View::exact(whole.scene(), camera);
         whole.prepare((camera.width, camera.height), &mut |_| {})?;
+        progress.suspend(|| whole.tell_settings_without_effect());
         let effort = args.effort.choose(&mut whole, camera, 1)?;
         let (pipeline, set) = (args.drawing.pipeline.as_str(), args.drawing.set.as_slice());
         let mut sweep = Sweep { whole: &mut whole, pipeline, set, nearest: nearest.as_deref() };

@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 /// Draws the scene with every parameter at its exact value, then with one parameter away from it at a time, with the graph's
 /// defaults, and with every preset. Each picture is held against the truth: that of the exact renderer (`render --backend
 /// reference`), or the pictures of a folder. Frames are drawn in turns with those of the exact settings, so that a change of
-/// the device's clock concerns both.
+/// the device's clock concerns both. A parameter that has no effect in the plan of the exact settings is not measured.
 ///
 /// The columns: the time of a frame on the GPU, its spread over the rounds, and its share of the exact settings' time; PSNR over
 /// all pixels and over those that a splat covers; the least SSIM; the mean of NVIDIA's FLIP (0 is equal); the largest
@@ -46,7 +46,7 @@ pub struct Args {
     #[arg(short, long, value_name = "NAME", default_value = MEASURED_PIPELINE)]
     pipeline: String,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
-    #[arg(short, long, value_name = "FILE[#INDEX]")]
+    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
@@ -90,6 +90,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut exact = session.beside(&first.pipeline, &first.set)?;
     // The files of the graph and its shaders are known once they are built.
     exact.prepare((camera.width, camera.height), &mut |_| {})?;
+    let settings = options::with_effect(settings, &exact)?;
     let origin = origin(args, &mut exact, &cameras);
     let mut book = Book::open(args.output.join(LEDGER), origin);
     if !book.ledger.rows.is_empty() {

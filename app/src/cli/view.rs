@@ -7,6 +7,8 @@ use crate::image::Format;
 use crate::output::{Claims, Log, is_standard_output};
 use crate::view::events::RendererId;
 use crate::view::paint::Mode;
+use crate::view::panels::Tool;
+use crate::view::panels::selection::Selection;
 use crate::view::shell::Shell;
 use crate::view::viewer;
 use crate::view::window::{self, WindowOptions};
@@ -22,7 +24,7 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph view scene.ply --cameras cameras.json
   splatgraph view scene.ply --pipeline my/graph.ron      # edit the file and its shaders, and see
   splatgraph view scene.ply --compare key16 --as split   # two graphs, one camera
-  splatgraph view scene.ply --show settings,graph --frames 60 --screenshot window.png
+  splatgraph view scene.ply --show parameters,timeline --frames 60 --screenshot window.png
 
 Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A S D fly. F frames the scene, F1 lists the rest.";
 
@@ -61,15 +63,30 @@ pub struct Args {
     /// Resolution: pixels of the picture per pixel of the window, across and down
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     scale: f32,
-    /// Open panels, comma-separated [default: settings,performance, or settings alone in a small window]
+    /// Open tools, comma-separated [default: parameters,times,timeline,hud, or parameters,hud in a small window]
     #[arg(long, value_name = "PANELS", value_enum, value_delimiter = ',')]
     show: Vec<ShowPanel>,
-    /// Inspect a resource after a pass (names as in `dump`), in the graph panel
+    /// Inspect a resource after a pass (names as in `dump`), in the inspector
     #[arg(long, value_name = "RESOURCE@PASS", value_parser = options::inspect_target)]
     inspect: Option<(String, String)>,
+    /// Measure the difference of A and B once both are drawn
+    #[arg(long)]
+    measure: bool,
+    /// Select an item (names as in `dump`): the inspector describes it
+    #[arg(long, value_name = "pass:NAME|barrier:N|resource:NAME")]
+    select: Option<Selection>,
+    /// Pick the splat at a place of the first picture, as shares of its width and height
+    #[arg(long, value_name = "X,Y", value_parser = place, conflicts_with = "select")]
+    pick: Option<[f32; 2]>,
+    /// Colours of the window
+    #[arg(long, value_enum, default_value_t = Theme::Dark)]
+    theme: Theme,
     /// Draw as fast as the device can, without waiting for the display
     #[arg(long)]
     no_vsync: bool,
+    /// Draw all the time, also while nothing changes, to measure times
+    #[arg(long)]
+    continuous: bool,
     #[command(flatten)]
     device: BackendArgs,
     /// Write events as JSON, one object per line; `-` is standard output
@@ -78,7 +95,7 @@ pub struct Args {
     /// Save the window's picture when everything is built, and close the window
     #[arg(long, value_name = "FILE.png")]
     screenshot: Option<PathBuf>,
-    /// Close the window after this many frames (with --screenshot: draw at least this many)
+    /// Draw all the time, and close the window after this many frames (with --screenshot: draw at least this many)
     #[arg(long, value_name = "N")]
     frames: Option<u64>,
 }
@@ -134,13 +151,38 @@ enum CompareMode {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Theme {
+    /// Light text on a dark background
+    Dark,
+    /// Dark text on a light background
+    Light,
+}
+
+/// Parses a place of the picture, as shares of its width and height.
+fn place(text: &str) -> Result<[f32; 2], String> {
+    let share = |text: &str| text.trim().parse::<f32>().ok().filter(|v| (0.0..=1.0).contains(v));
+    text.split_once(',')
+        .and_then(|(x, y)| Some([share(x)?, share(y)?]))
+        .ok_or_else(|| format!("expected two numbers from 0 to 1, found `{text}`"))
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ShowPanel {
-    /// Presets and parameters
-    Settings,
+    /// Parameters of the graph
+    #[value(alias = "settings")]
+    Parameters,
+    /// Saved views, the path and the field of view
+    Cameras,
     /// Times and memory
-    Performance,
-    /// Passes, barriers and resource contents
-    Graph,
+    #[value(alias = "performance")]
+    Times,
+    /// The selected pass, barrier, resource or splat, and contents of resources
+    Inspector,
+    /// Passes in order, with barriers and memory
+    #[value(alias = "graph")]
+    Timeline,
+    /// The time of a frame, and messages, on the picture
+    Hud,
     /// The picture alone
     None,
 }
@@ -194,6 +236,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         backend: args.device.backend,
         device: args.device.options(),
         vsync: !args.no_vsync,
+        continuous: args.continuous,
         setup: Box::new(move |shell, size| initial.apply(shell, size)),
         events,
         screenshot: args.screenshot.clone(),
@@ -223,11 +266,18 @@ struct InitialState {
     scale: f32,
     show: Vec<ShowPanel>,
     inspect: Option<(String, String)>,
+    select: Option<Selection>,
+    pick: Option<[f32; 2]>,
+    measure: bool,
+    theme: Theme,
 }
 
 impl InitialState {
     fn of(args: &Args) -> InitialState {
-        let wanted = args.compare.is_some() || !args.compare_set.is_empty() || args.compare_as.is_some();
+        let wanted = args.measure
+            || args.compare.is_some()
+            || !args.compare_set.is_empty()
+            || args.compare_as.is_some();
         let mode = match args.compare_as {
             Some(CompareMode::Difference) => Mode::Difference,
             _ => Mode::Split,
@@ -242,20 +292,45 @@ impl InitialState {
             scale: args.scale,
             show: args.show.clone(),
             inspect: args.inspect.clone(),
+            select: args.select.clone(),
+            pick: args.pick,
+            measure: args.measure,
+            theme: args.theme,
         }
     }
 
     fn apply(self, shell: &mut Shell<Backend>, (width, _): (u32, u32)) -> Result<()> {
         let show = match self.show.as_slice() {
-            [] if width < SMALL => vec![ShowPanel::Settings],
-            [] => vec![ShowPanel::Settings, ShowPanel::Performance],
+            [] if width < SMALL => vec![ShowPanel::Parameters, ShowPanel::Hud],
+            [] => vec![ShowPanel::Parameters, ShowPanel::Times, ShowPanel::Timeline, ShowPanel::Hud],
             show => show.to_vec(),
         };
         let has = |panel| show.contains(&panel);
-        shell.panels.settings = has(ShowPanel::Settings);
-        shell.panels.performance = has(ShowPanel::Performance);
-        shell.panels.graph = has(ShowPanel::Graph) || self.inspect.is_some();
+        let mut tools = Vec::new();
+        for (panel, tool) in [
+            (ShowPanel::Parameters, Tool::Parameters),
+            (ShowPanel::Cameras, Tool::Cameras),
+            (ShowPanel::Inspector, Tool::Inspector),
+            (ShowPanel::Times, Tool::Times),
+            (ShowPanel::Timeline, Tool::Timeline),
+        ] {
+            if has(panel) || (panel == ShowPanel::Inspector && self.inspect.is_some()) {
+                tools.push(tool);
+            }
+        }
+        shell.panels.open_tools(&tools);
+        shell.panels.hud = has(ShowPanel::Hud);
         shell.panels.hidden = has(ShowPanel::None);
+        if let Some(selection) = self.select {
+            shell.panels.select(selection);
+        }
+        if let Some(place) = self.pick {
+            shell.panels.pick_first(place);
+        }
+        shell.context().set_theme(match self.theme {
+            Theme::Dark => egui::Theme::Dark,
+            Theme::Light => egui::Theme::Light,
+        });
         let viewer = &mut shell.viewer;
         viewer.background = self.background;
         (viewer.split, viewer.gain, viewer.scale) = (self.split, self.gain, self.scale);
@@ -264,6 +339,9 @@ impl InitialState {
             if let Some(b) = viewer.viewport(RendererId::B) {
                 let graph = graph.unwrap_or_else(|| b.renderer.graph().to_owned());
                 b.renderer.choose(&graph, set);
+            }
+            if self.measure {
+                viewer.measure();
             }
         }
         if let Some((resource, pass)) = self.inspect {

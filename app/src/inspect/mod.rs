@@ -289,6 +289,7 @@ mod tests {
             stand_ins: vec![],
             facts: Default::default(),
             params: vec![],
+            effects: vec![],
             resources: vec![buffer("keys#0", 4), buffer("keys#1", 4), buffer("args", 8)],
             shaders: vec![],
             blocks: vec![],

@@ -15,4 +15,4 @@ pub mod terminal;
 pub use claims::Claims;
 pub use file::{OutputError, write, write_bytes};
 pub use log::Log;
-pub use terminal::{harmless, is_standard_output, note, one_line, print, say, say_styled};
+pub use terminal::{harmless, is_standard_output, note, one_line, print, say, say_styled, shell_word};

@@ -47,6 +47,15 @@ pub fn one_line(text: &str) -> Cow<'_, str> {
     }
 }
 
+/// Quotes a word for a shell, if it must be.
+pub fn shell_word(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./=,#:@%+".contains(c);
+    if !word.is_empty() && word.chars().all(plain) && !word.starts_with('#') {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
+}
+
 /// Spells out harmful characters, except those of colours (`ESC [ digits m`), which only this program's own renderers make.
 fn harmless_styled(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
@@ -136,6 +145,16 @@ pub fn is_standard_output(path: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn words_with_spaces_and_quotes_come_back_from_a_shell_as_they_were() {
+        assert_eq!(shell_word("a/b-c.ply#2"), "a/b-c.ply#2");
+        for word in ["two words", "it's", "$HOME", "", "#1"] {
+            let line = format!("printf %s {}", shell_word(word));
+            let output = std::process::Command::new("sh").args(["-c", &line]).output().unwrap();
+            assert_eq!(String::from_utf8_lossy(&output.stdout), word);
+        }
+    }
 
     #[test]
     fn escape_sequences_and_bidirectional_overrides_are_spelled_out() {

@@ -162,6 +162,7 @@ pub fn measure<D: Device>(
         report(at);
         if at == 0 {
             session.prepare((camera.width, camera.height), &mut |_| {})?;
+            session.tell_settings_without_effect();
             let frame = session.submit(camera, &FrameOptions::default())?;
             session.wait(frame)?;
         }

@@ -1,8 +1,10 @@
 //! Lists the ways to draw that a ledger compares.
 
+use crate::planner::without_effect;
 use serde::{Deserialize, Serialize};
 use splatgraph_framework::ir::{Domain, Param, Value};
 use splatgraph_framework::lower::Control;
+use splatgraph_framework::plan::Plan;
 
 /// A graph with the values that some of its parameters are set to.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,6 +46,26 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
     all
 }
 
+/// Leaves out the settings that change only a parameter without an effect in `plan`, that of the exact settings, the first of all.
+///
+/// Also returns a line for each of these parameters.
+pub fn with_effect(mut all: Vec<Setting>, plan: &Plan) -> (Vec<Setting>, Vec<String>) {
+    let Some(exact) = all.first().cloned() else { return (all, Vec::new()) };
+    let mut lines: Vec<String> = Vec::new();
+    all.retain(|setting| {
+        let changed: Vec<_> = setting.set.iter().filter(|pair| !exact.set.contains(pair)).cloned().collect();
+        let lengths = (setting.set.len(), changed.len());
+        let alone = setting.pipeline == exact.pipeline && lengths == (exact.set.len(), 1);
+        let Some((_, text)) = without_effect(plan, &changed).pop().filter(|_| alone) else { return true };
+        let line = format!("not measured: {text}");
+        if !lines.contains(&line) {
+            lines.push(line);
+        }
+        false
+    });
+    (all, lines)
+}
+
 /// Lists values of a parameter besides its exact one: all of a choice, five across a range.
 ///
 /// The least number of a float's range is left out: there most parameters draw nothing.
@@ -69,12 +91,35 @@ fn alternatives(param: &Param) -> Vec<Value> {
 mod tests {
     use super::*;
     use crate::builtin;
+    use crate::facts::{self, SceneFacts};
+    use crate::planner::Planner;
 
     #[test]
     fn every_parameter_with_an_exact_value_leaves_it_and_the_others_stay() {
         for (name, exact) in [("splat", ("target", "rgba32f")), ("tiled", ("sorted", "splats"))] {
             settings_of(name, exact);
         }
+    }
+
+    #[test]
+    fn settings_of_a_parameter_without_an_effect_are_left_out_and_it_is_named_once() {
+        let presets = builtin::presets();
+        let tiled = presets.iter().find(|preset| preset.name == "tiled").expect("it is built in");
+        let all = list("tiled", &tiled.params, &["tiled", "key16"]);
+        // On a CPU, lists have no segments.
+        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
+        let plan = Planner::default().plan("tiled", &all[0].set, &facts, &facts::nominal_catalog());
+        let (kept, lines) = with_effect(all.clone(), &plan.expect("a plan"));
+        let left_out: Vec<&Setting> = all.iter().filter(|setting| !kept.contains(setting)).collect();
+        assert!(
+            left_out.len() > 1 && left_out.iter().all(|s| s.name.starts_with("segment = ")),
+            "{left_out:?}"
+        );
+        assert!(
+            lines.len() == 1 && lines[0].starts_with("not measured: `segment` has no effect: "),
+            "{lines:?}"
+        );
+        assert!(kept.iter().any(|s| s.name == "defaults") && kept.iter().any(|s| s.name == "preset key16"));
     }
 
     fn settings_of(graph: &str, (name, exactly): (&str, &str)) {

@@ -88,6 +88,11 @@ pub enum Event {
         /// The problem.
         error: String,
     },
+    /// A file with cameras was written.
+    Saved {
+        /// The file.
+        path: PathBuf,
+    },
     /// A picture was written.
     Screenshot {
         /// The file.
@@ -182,10 +187,10 @@ impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Event::Swapped { renderer, swap } => {
-                let Swap { graph, cause, passes, plan_ms, prepare_ms, latency_ms } = swap;
+                let Swap { graph, causes, passes, plan_ms, prepare_ms, latency_ms } = swap;
                 write!(
                     f,
-                    "{renderer}: {graph} after {cause}: {latency_ms:.0} ms to its first frame ({passes} passes; plan \
+                    "{renderer}: {graph} after {causes}: {latency_ms:.0} ms to its first frame ({passes} passes; plan \
                      {plan_ms:.0} ms, device {prepare_ms:.0} ms)"
                 )
             }
@@ -213,7 +218,7 @@ impl fmt::Display for Event {
             Event::DeviceOpened { name, attempts } => {
                 write!(f, "{name} was opened again at attempt {attempts}")
             }
-            Event::Screenshot { path } => write!(f, "{} written", path.display()),
+            Event::Screenshot { path } | Event::Saved { path } => write!(f, "{} written", path.display()),
             Event::Compared { psnr, ssim, worst } => {
                 write!(f, "A against B: {psnr:.2} dB PSNR, worst pixel {worst:.4}")?;
                 ssim.map_or(Ok(()), |ssim| write!(f, ", SSIM {ssim:.4}"))

@@ -1,13 +1,15 @@
 //! Records the times of recent frames, for the rolling plot and the table of medians and 99th percentiles.
 //!
-//! Every finished frame leaves a [`Sample`]. The newest [`WINDOW`] are kept across changes of the plan, so that the plot shows
-//! the effect of a change. The table is about the frames of the current plan alone, without prologues.
+//! Every finished frame leaves a [`Sample`] with the plan that it was measured with. The newest [`WINDOW`] are kept across changes of
+//! the plan, so that the plot shows the effect of a change. The table covers the frames of the newest measured plan, without
+//! prologues; its names are looked up in that plan, since the plan on the screen may already be another.
 
 use crate::stats::quantile;
 use splatgraph_api::FrameResult;
 use splatgraph_framework::ir::{PassId, Run};
 use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Number of recorded frames.
 pub const WINDOW: usize = 300;
@@ -15,8 +17,7 @@ pub const WINDOW: usize = 300;
 /// The times of one frame.
 #[derive(Clone, Debug)]
 struct Sample {
-    /// Number of the plan.
-    generation: u64,
+    plan: Arc<Plan>,
     /// Number of the frame.
     number: u64,
     prologue: bool,
@@ -67,18 +68,12 @@ pub struct Series {
 #[derive(Clone, Debug, Default)]
 pub struct History {
     samples: VecDeque<Sample>,
-    generation: u64,
     frames: u64,
 }
 
 impl History {
-    /// Starts a new plan; later frames belong to it.
-    pub fn next_plan(&mut self) {
-        self.generation += 1;
-    }
-
-    /// Records a frame of the current plan.
-    pub fn push(&mut self, plan: &Plan, result: &FrameResult) {
+    /// Records a frame of `plan`.
+    pub fn push(&mut self, plan: &Arc<Plan>, result: &FrameResult) {
         let mut phases: Vec<(String, Option<f64>)> = Vec::new();
         let mut prologue = false;
         for &(id, ms) in &result.pass_ms {
@@ -97,7 +92,7 @@ impl History {
         }
         self.frames += 1;
         self.samples.push_back(Sample {
-            generation: self.generation,
+            plan: plan.clone(),
             number: self.frames,
             prologue,
             total_ms: result.total_ms,
@@ -112,6 +107,16 @@ impl History {
         self.frames
     }
 
+    /// Returns the plan of the newest recorded frame.
+    pub fn plan(&self) -> Option<&Arc<Plan>> {
+        self.samples.back().map(|sample| &sample.plan)
+    }
+
+    /// Returns true if the newest recorded frame was drawn with `plan`.
+    pub fn is_of(&self, plan: &Arc<Plan>) -> bool {
+        self.plan().is_some_and(|measured| Arc::ptr_eq(measured, plan))
+    }
+
     /// Counts the frames of the table.
     pub fn steady_frames(&self) -> usize {
         self.steady().count()
@@ -122,13 +127,40 @@ impl History {
         Quantiles::of(&mut self.steady().filter_map(|s| s.total_ms).collect::<Vec<_>>())
     }
 
+    /// Lists the milliseconds of the newest `count` frames of all plans, oldest first.
+    pub fn recent(&self, count: usize) -> Vec<f64> {
+        let skipped = self.samples.len().saturating_sub(count);
+        self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()
+    }
+
+    /// Computes the median milliseconds of a frame that no pass accounts for.
+    ///
+    /// Drivers on the CPU write the timestamps of compute passes when the whole submission ends, so there it is nearly everything.
+    pub fn unattributed(&self) -> Option<f64> {
+        let rest = |sample: &Sample| {
+            let passes: Option<f64> = sample.phases.iter().map(|(_, ms)| *ms).sum();
+            Some((sample.total_ms? - passes?).max(0.0))
+        };
+        let mut rests: Vec<f64> = self.steady().filter_map(rest).collect();
+        rests.sort_by(f64::total_cmp);
+        quantile(&rests, 0.5)
+    }
+
+    /// Returns true if passes account for less than half of a frame, so that their times say little.
+    pub fn is_mostly_unattributed(&self) -> bool {
+        match (self.unattributed(), self.total()) {
+            (Some(rest), Some(total)) => rest > 0.5 * total.median,
+            _ => false,
+        }
+    }
+
     /// Computes the milliseconds of the host for recording and submitting a frame.
     pub fn record(&self) -> Option<Quantiles> {
         Quantiles::of(&mut self.steady().map(|s| s.record_ms).collect::<Vec<_>>())
     }
 
     /// Lists the phases, each with its passes, in the order of their first run.
-    pub fn table(&self, plan: &Plan) -> Vec<Row> {
+    pub fn table(&self) -> Vec<Row> {
         let Some(last) = self.steady().last() else { return Vec::new() };
         let mut rows = Vec::new();
         for (phase, _) in &last.phases {
@@ -137,7 +169,7 @@ impl History {
             let ms = Quantiles::of(&mut self.steady().filter_map(of_phase).collect::<Vec<_>>());
             rows.push(Row { name: phase.clone(), phase: None, ms });
             for (index, &(id, _)) in last.passes.iter().enumerate() {
-                let pass = plan.pass(id);
+                let pass = last.plan.pass(id);
                 if pass.phase != *phase || pass.run == Run::Once {
                     continue;
                 }
@@ -153,17 +185,15 @@ impl History {
 
     /// Collects the milliseconds per phase over all recorded frames, in the order of first appearance.
     pub fn phase_series(&self) -> Vec<Series> {
-        let phases = |sample: &Sample| sample.phases.clone();
-        collect(&self.samples, phases)
+        collect(&self.samples, |sample| sample.phases.clone())
     }
 
-    /// Collects the milliseconds per pass of one phase over the frames of the current plan.
-    pub fn pass_series(&self, plan: &Plan, phase: &str) -> Vec<Series> {
+    /// Collects the milliseconds per pass of one phase over the frames of the newest plan.
+    pub fn pass_series(&self, phase: &str) -> Vec<Series> {
         let passes = |sample: &Sample| {
-            let of_phase = sample.passes.iter().filter(|(id, _)| {
-                plan.passes.get(id.index()).is_some_and(|pass| pass.phase == phase && pass.run == Run::Frame)
-            });
-            of_phase.map(|(id, ms)| (plan.pass(*id).name.clone(), *ms)).collect()
+            let timed = sample.passes.iter().map(|(id, ms)| (sample.plan.pass(*id), *ms));
+            let of_phase = timed.filter(|(pass, _)| pass.phase == phase && pass.run == Run::Frame);
+            of_phase.map(|(pass, ms)| (pass.name.clone(), ms)).collect()
         };
         collect(self.steady(), passes)
     }
@@ -171,20 +201,24 @@ impl History {
     /// Lists the numbers of the first frames of each new plan.
     pub fn changes(&self) -> Vec<f64> {
         let pairs = self.samples.iter().zip(self.samples.iter().skip(1));
-        pairs.filter(|(a, b)| a.generation != b.generation).map(|(_, b)| b.number as f64).collect()
+        pairs.filter(|(a, b)| !Arc::ptr_eq(&a.plan, &b.plan)).map(|(_, b)| b.number as f64).collect()
     }
 
-    /// Computes the median milliseconds per pass, by name, for [`Dump::with_times`].
-    ///
-    /// [`Dump::with_times`]: splatgraph_framework::dump::Dump::with_times
-    pub fn medians(&self, plan: &Plan) -> Vec<(String, f64)> {
-        let passes = self.table(plan).into_iter().filter(|row| row.phase.is_some());
+    /// Computes the median milliseconds per pass of `plan`, by name; empty before its first frame.
+    pub fn medians(&self, plan: &Arc<Plan>) -> Vec<(String, f64)> {
+        if !self.is_of(plan) {
+            return Vec::new();
+        }
+        let passes = self.table().into_iter().filter(|row| row.phase.is_some());
         passes.filter_map(|row| Some((row.name, row.ms?.median))).collect()
     }
 
-    /// Iterates over the frames of the current plan that did not run the prologue.
+    /// Iterates over the frames of the newest recorded plan that did not run the prologue.
     fn steady(&self) -> impl DoubleEndedIterator<Item = &Sample> {
-        self.samples.iter().filter(|s| s.generation == self.generation && !s.prologue)
+        let newest = self.plan();
+        self.samples.iter().filter(move |sample| {
+            !sample.prologue && newest.is_some_and(|plan| Arc::ptr_eq(plan, &sample.plan))
+        })
     }
 }
 
@@ -229,14 +263,14 @@ mod tests {
         for ms in [1.0, 3.0, 2.0] {
             history.push(&plan, &frame(&[ms, 10.0 * ms, 100.0]));
         }
-        let table = history.table(&plan);
+        let table = history.table();
         let names: Vec<_> = table.iter().map(|row| (row.name.as_str(), row.ms.unwrap().median)).collect();
         assert_eq!(
             names,
             [("key", 2.0), ("key", 2.0), ("sort", 120.0), ("scan[0]", 20.0), ("scan[1]", 100.0)]
         );
         assert_eq!(table[2].ms.unwrap().p99, 130.0);
-        let lines = history.pass_series(&plan, "sort");
+        let lines = history.pass_series("sort");
         let names: Vec<_> = lines.iter().map(|line| (line.name.as_str(), line.points.len())).collect();
         assert_eq!(names, [("scan[0]", 3), ("scan[1]", 3)]);
         assert_eq!(lines[0].points[1], [2.0, 30.0]);
@@ -245,16 +279,42 @@ mod tests {
 
     #[test]
     fn the_table_forgets_the_former_plan_and_the_plot_does_not() {
-        let plan = testing::plan(&[("a", "sort")]);
+        let (former, plan) = (testing::plan(&[("a", "sort")]), testing::plan(&[("a", "sort")]));
         let mut history = History::default();
-        history.push(&plan, &frame(&[5.0]));
-        history.next_plan();
-        assert!(history.table(&plan).is_empty());
-        assert_eq!(history.total(), None);
+        history.push(&former, &frame(&[5.0]));
+        assert!(history.medians(&plan).is_empty(), "no frame of this plan was measured yet");
         history.push(&plan, &frame(&[1.0]));
-        assert_eq!(history.table(&plan)[0].ms.unwrap().p99, 1.0);
+        assert_eq!(history.table()[0].ms.unwrap().p99, 1.0);
         assert_eq!(history.phase_series()[0].points, [[1.0, 5.0], [2.0, 1.0]]);
         assert_eq!(history.changes(), [2.0]);
+    }
+
+    #[test]
+    fn times_keep_the_names_of_the_plan_that_they_were_measured_with() {
+        let long = testing::plan(&[("a", "sort"), ("b", "sort"), ("c", "draw")]);
+        let short = testing::plan(&[("x", "draw")]);
+        let mut history = History::default();
+        history.push(&long, &frame(&[1.0, 2.0, 3.0]));
+        // The plan on the screen is the short one already; no frame of it is finished.
+        let names: Vec<String> = history.table().into_iter().map(|row| row.name).collect();
+        assert_eq!(names, ["sort", "a", "b", "draw", "c"]);
+        assert_eq!(history.pass_series("sort").len(), 2);
+        assert!(history.medians(&short).is_empty());
+        history.push(&short, &frame(&[4.0]));
+        assert_eq!(history.medians(&short), [("x".to_owned(), 4.0)]);
+        assert!(history.medians(&long).is_empty());
+    }
+
+    #[test]
+    fn time_between_passes_is_unattributed() {
+        let plan = testing::plan(&[("a", "sort"), ("b", "draw")]);
+        let mut history = History::default();
+        history.push(&plan, &FrameResult { total_ms: Some(325.0), ..frame(&[0.02, 0.03]) });
+        assert!((history.unattributed().unwrap() - 324.95).abs() < 1e-9);
+        assert!(history.is_mostly_unattributed());
+        let mut history = History::default();
+        history.push(&plan, &FrameResult { total_ms: Some(3.5), ..frame(&[1.0, 2.0]) });
+        assert!(!history.is_mostly_unattributed());
     }
 
     #[test]
@@ -266,6 +326,7 @@ mod tests {
         }
         assert_eq!(history.phase_series()[0].points.len(), WINDOW);
         assert_eq!(history.frames(), WINDOW as u64 + 10);
+        assert_eq!(history.recent(5).len(), 5);
     }
 
     #[test]
@@ -275,7 +336,7 @@ mod tests {
         let mut result = frame(&[1.0, 2.0]);
         result.pass_ms[1].1 = None;
         history.push(&plan, &result);
-        let table = history.table(&plan);
+        let table = history.table();
         assert_eq!(table[0].ms, None);
         assert_eq!(table[1].ms.unwrap().median, 1.0);
         assert!(history.phase_series().is_empty());

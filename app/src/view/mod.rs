@@ -4,8 +4,13 @@
 //!
 //! - [`renderer`]: a device with a graph, whose plan is rebuilt in the background when files, parameters or inputs change;
 //! - [`opening`]: scenes and cameras that are read on other threads;
+//! - [`animation`]: the plans that are drawn although nothing changes;
+//! - [`picking`]: the splats of a pixel, found on another thread;
+//! - [`cameras`]: saved views, and files of cameras;
 //! - [`viewport`]: a renderer of the scene with its frame times ([`history`]) and its inspection;
 //! - [`viewer`]: the scene, the camera ([`navigation`]), and one or two viewports;
+//! - [`undo`]: the steps that can be undone;
+//! - [`wheel`]: the wheel of a mouse, or two fingers on a touchpad;
 //! - [`panels`]: the user interface around the pictures;
 //! - [`paint`] and [`shell`]: the graph of the window itself, which draws the pictures and the user interface over them;
 //! - [`recovery`]: another device in place of one that was lost;
@@ -13,18 +18,23 @@
 //!
 //! Only [`window`] depends on a window system. Tests run everything else.
 
+pub mod animation;
+pub mod cameras;
 pub mod events;
 pub mod history;
 pub mod navigation;
 pub mod opening;
 pub mod paint;
 pub mod panels;
+pub mod picking;
 pub mod profile;
 pub mod recovery;
 pub mod renderer;
 pub mod shell;
 #[cfg(test)]
 mod testing;
+pub mod undo;
 pub mod viewer;
 pub mod viewport;
+pub mod wheel;
 pub mod window;

@@ -4,29 +4,30 @@
 //! ([`Navigation::camera`]). The camera looks at its *pivot*, a point straight ahead at a stored distance. The controls are
 //! those of 3D modellers and game editors:
 //!
-//! | input
-//! effect |
+//! | input | effect |
 //! |---|---|
 //! | drag (left or middle button), arrow keys | orbit about the pivot, as on a turntable: the horizon stays as it is |
 //! | Shift + drag | pan: what lies at the pivot's depth follows the pointer |
-//! | scroll, Ctrl + drag up and down
-//! zoom: move towards the pivot or away from it, never through it |
+//! | scroll, Ctrl + drag up and down | zoom: move towards the pivot or away from it, never through it |
 //! | hold the right button | fly: the pointer looks around, W A S D move, E rises, Q sinks, Shift is faster, Ctrl slower, scrolling changes the speed |
 //! | double click, F | frame the scene, seen from the same direction |
-//! | Home
-//! return to the first camera |
+//! | Home | return to the first camera |
 //!
 //! Positions are in world units, in f64. The camera's axes are those of [`splatgraph_assets::Camera`]: x right, y down, z forward.
 //! Everything stays finite and orthonormal for every input.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::{Bounds, Camera, NEAR};
+use std::ops::RangeInclusive;
 
 #[cfg(test)]
 mod tests;
 
 /// Default direction up: in the camera convention of the 3DGS reference, y points down.
 pub const DEFAULT_UP: DVec3 = DVec3::NEG_Y;
+
+/// Vertical fields of view that can be set, in degrees.
+pub const FIELDS_OF_VIEW: RangeInclusive<f64> = 5.0..=150.0;
 
 /// Duration of a flight to another camera, in seconds.
 const FLIGHT_SECONDS: f64 = 0.35;
@@ -52,6 +53,9 @@ const SPEED_PER_NOTCH: f64 = 1.2;
 const SPEEDS: (f64, f64) = (1e-3, 1e3);
 /// Factor of the flying speed with Shift, divisor with Ctrl.
 const HURRY: f64 = 4.0;
+/// Cosine between the camera's down and the world's up above which the camera is upside down. Cameras that look straight up or
+/// down are at 0, and are not.
+const UPSIDE_DOWN: f64 = 1e-3;
 /// Share of the viewport that a framed scene may fill.
 const FILL: f64 = 0.92;
 
@@ -156,8 +160,11 @@ impl Pose {
 
     /// Turns the camera in place or about its pivot, and keeps its roll against the horizon.
     ///
-    /// `yaw` is about the world's up, positive to the left seen from above; `pitch` is upwards. Both are in radians.
+    /// `yaw` is about the world's up, positive to the left seen from above; `pitch` is upwards. Both are in radians. For a camera
+    /// that is upside down, left and up are those of its image.
     fn turned(mut self, up: DVec3, yaw: f64, pitch: f64, about_pivot: bool) -> Pose {
+        let sense = if self.down().dot(up) > UPSIDE_DOWN { -1.0 } else { 1.0 };
+        let (yaw, pitch) = (sense * yaw, sense * pitch);
         let (pivot, forward) = (self.pivot(), self.forward());
         let elevation = forward.dot(up).clamp(-1.0, 1.0).asin();
         // From a camera that was put beyond the limit, no step leads farther, and the first one back leads within.
@@ -212,7 +219,8 @@ struct Goal {
 struct Flight {
     from: Pose,
     to: Goal,
-    seconds: f64,
+    /// Time since the first update; `None` before it. A window that was idle has not been updated for any time.
+    seconds: Option<f64>,
 }
 
 /// The state of the camera; see the module's documentation.
@@ -223,6 +231,8 @@ pub struct Navigation {
     unmoved: Option<Camera>,
     flight: Option<Flight>,
     start: Camera,
+    /// True if the field of view was set, and is to stay on the way to the first camera.
+    own_field_of_view: bool,
     up: DVec3,
     bounds: Bounds,
     /// Size of the scene, in world units; lengths that are not in pixels are multiples of it.
@@ -249,6 +259,7 @@ impl Navigation {
             unmoved: None,
             flight: None,
             start: start.clone(),
+            own_field_of_view: false,
             up: DEFAULT_UP,
             bounds: Bounds::ORIGIN,
             scale: 1.0,
@@ -308,6 +319,32 @@ impl Navigation {
         self.pose.pivot()
     }
 
+    /// Returns the vertical field of view, in degrees.
+    pub fn field_of_view(&self) -> f64 {
+        2.0 * self.pose.tan_y.atan().to_degrees()
+    }
+
+    /// Returns the vertical field of view of the first camera, in degrees.
+    pub fn first_field_of_view(&self) -> f64 {
+        2.0 * self.goal_of(&self.start).pose.tan_y.atan().to_degrees()
+    }
+
+    /// Sets the vertical field of view, in degrees, clamped to [`FIELDS_OF_VIEW`]; NaN is ignored. The camera stays in place.
+    ///
+    /// Framing the scene and returning to the first camera keep it; a camera that is selected brings its own.
+    pub fn set_field_of_view(&mut self, degrees: f64) {
+        if degrees.is_nan() {
+            return;
+        }
+        let degrees = degrees.clamp(*FIELDS_OF_VIEW.start(), *FIELDS_OF_VIEW.end());
+        self.own_field_of_view = true;
+        let tan_y = (0.5 * degrees.to_radians()).tan();
+        if let Some(flight) = &mut self.flight {
+            (flight.from.tan_y, flight.to.pose.tan_y, flight.to.camera) = (tan_y, tan_y, None);
+        }
+        (self.pose.tan_y, self.unmoved) = (tan_y, None);
+    }
+
     /// Returns the current camera for a picture of this size; a length of 0 counts as 1.
     ///
     /// As long as nothing moved a camera from a file, it is that camera [resized](Camera::resized), bit for bit in its own size.
@@ -334,8 +371,16 @@ impl Navigation {
     ///
     /// The pivot becomes the point of the camera's axis that is nearest to the scene's centre, if that is ahead.
     pub fn set_camera(&mut self, camera: &Camera) {
+        self.own_field_of_view = false;
         let goal = self.goal_of(camera);
         self.go_to(goal);
+    }
+
+    /// Jumps to a camera, without a flight; otherwise as [`Navigation::set_camera`].
+    pub fn jump_to(&mut self, camera: &Camera) {
+        self.own_field_of_view = false;
+        let goal = self.goal_of(camera);
+        self.arrive(goal);
     }
 
     /// Frames the whole scene, with the same direction and field of view. `size` is the view's, in any unit.
@@ -344,9 +389,14 @@ impl Navigation {
         self.go_to(goal);
     }
 
-    /// Returns to the first camera.
+    /// Returns to the first camera, with the field of view that was set, if one was.
     pub fn home(&mut self) {
-        let goal = self.goal_of(&self.start);
+        let mut goal = self.goal_of(&self.start);
+        if self.own_field_of_view {
+            // On the way to another camera, that camera's is the one that was set.
+            let tan_y = self.flight.as_ref().map_or(self.pose.tan_y, |flight| flight.to.pose.tan_y);
+            (goal.pose.tan_y, goal.camera) = (tan_y, None);
+        }
         self.go_to(goal);
     }
 
@@ -481,7 +531,7 @@ impl Navigation {
 
     fn go_to(&mut self, to: Goal) {
         if self.animated && to.pose != self.pose {
-            self.flight = Some(Flight { from: self.pose, to, seconds: 0.0 });
+            self.flight = Some(Flight { from: self.pose, to, seconds: None });
             self.unmoved = None;
         } else {
             self.arrive(to);
@@ -490,8 +540,9 @@ impl Navigation {
 
     fn fly_on(&mut self, seconds: f64) {
         let Some(flight) = &mut self.flight else { return };
-        flight.seconds += seconds;
-        let part = flight.seconds / FLIGHT_SECONDS;
+        let passed = flight.seconds.map_or(0.0, |passed| passed + seconds);
+        flight.seconds = Some(passed);
+        let part = passed / FLIGHT_SECONDS;
         if part < 1.0 {
             // Cubic Hermite from rest to rest.
             self.pose = flight.from.towards(&flight.to.pose, part * part * (3.0 - 2.0 * part));

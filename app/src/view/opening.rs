@@ -29,8 +29,19 @@ pub struct Opened {
 pub enum Content {
     /// A scene, and the cameras that belong to it, with their file.
     Scene(Result<Box<Scene>, String>, Option<(PathBuf, Result<Vec<Camera>, String>)>),
-    /// Cameras.
-    Cameras(Result<Vec<Camera>, String>),
+    /// Cameras, in the world's coordinates.
+    Cameras(CameraRole, Result<Vec<Camera>, String>),
+}
+
+/// The use of the cameras of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CameraRole {
+    /// Cameras of the scene, to be selected.
+    Selectable,
+    /// Views that were saved.
+    Views,
+    /// The keys of a path.
+    Path,
 }
 
 /// A file that is being read.
@@ -50,7 +61,8 @@ impl Drop for Request {
 pub struct Opening {
     next: u64,
     scene: Option<Request>,
-    cameras: Option<Request>,
+    /// By their [`CameraRole`].
+    cameras: [Option<Request>; 3],
     finished: (Sender<Opened>, Receiver<Opened>),
     wake: Wake,
 }
@@ -61,7 +73,7 @@ struct Cancelled;
 impl Opening {
     /// Creates a reader that calls `wake` when a file was read.
     pub fn new(wake: Wake) -> Opening {
-        Opening { next: 1, scene: None, cameras: None, finished: channel(), wake }
+        Opening { next: 1, scene: None, cameras: [const { None }; 3], finished: channel(), wake }
     }
 
     /// Returns the scene that is being read.
@@ -71,7 +83,7 @@ impl Opening {
 
     /// Returns true while a file is being read.
     pub fn busy(&self) -> bool {
-        self.scene.is_some() || self.cameras.is_some()
+        self.scene.is_some() || self.cameras.iter().any(Option::is_some)
     }
 
     /// Reads a scene, and its cameras if there are some; cancels the scene that is being read.
@@ -99,13 +111,14 @@ impl Opening {
         Ok(())
     }
 
-    /// Reads cameras; cancels the cameras that are being read.
+    /// Reads cameras; cancels the cameras that are being read for the same role.
     ///
     /// # Errors
     /// The system starts no thread.
-    pub fn open_cameras(&mut self, path: &Path) -> Result<(), String> {
-        self.cameras = None;
-        self.cameras = Some(self.start(path, |path, _| Content::Cameras(load_cameras(path)))?);
+    pub fn open_cameras(&mut self, role: CameraRole, path: &Path) -> Result<(), String> {
+        self.cameras[role as usize] = None;
+        let read = move |path: &Path, _: &AtomicBool| Content::Cameras(role, load_cameras(path));
+        self.cameras[role as usize] = Some(self.start(path, read)?);
         Ok(())
     }
 
@@ -113,7 +126,7 @@ impl Opening {
     pub fn take(&mut self) -> Option<Opened> {
         loop {
             let opened = self.finished.1.try_recv().ok()?;
-            for request in [&mut self.scene, &mut self.cameras] {
+            for request in std::iter::once(&mut self.scene).chain(&mut self.cameras) {
                 if request.as_ref().is_some_and(|request| request.number == opened.number) {
                     *request = None;
                     return Some(opened);
@@ -228,8 +241,8 @@ mod tests {
                 panic!("{} is a scene", path.display());
             };
             assert!(error.contains(expected), "{error}");
-            opening.open_cameras(&path).unwrap();
-            let Content::Cameras(Err(error)) = waited(&mut opening).content else {
+            opening.open_cameras(CameraRole::Selectable, &path).unwrap();
+            let Content::Cameras(CameraRole::Selectable, Err(error)) = waited(&mut opening).content else {
                 panic!("{} has cameras", path.display());
             };
             assert!(error.contains(expected), "{error}");

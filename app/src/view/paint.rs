@@ -196,6 +196,14 @@ impl Painter {
         self.shown = self.packed.take();
     }
 
+    /// Returns true if the interface that was packed last differs from the one that the window shows.
+    pub fn differs(&self) -> bool {
+        match (&self.packed, &self.shown) {
+            (Some(packed), Some(shown)) => !packed.is(shown),
+            _ => true,
+        }
+    }
+
     /// Takes note that nothing is known of what the window shows: the whole interface is packed next.
     pub fn forget(&mut self) {
         self.shown = None;

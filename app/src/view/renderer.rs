@@ -14,6 +14,9 @@
 //! No error ends a renderer. A frame that cannot be drawn is tried again ([`RETRY`]), as is a build that lacked memory; both are
 //! shown meanwhile. A frame that the device does not finish in time is waited for with the next one ([`Renderer::patience`]). A lost
 //! device is given up with [`Renderer::release`], and its successor comes with [`Renderer::give`].
+//!
+//! A renderer draws when it is told to, and does nothing by itself: [`Renderer::next`] says when it must be polled although nothing
+//! called its [`Wake`].
 
 mod device;
 mod events;
@@ -37,13 +40,15 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-pub use events::{Cause, Failure, RendererEvent, Swap};
+pub use events::{Cause, Causes, Failure, RendererEvent, Swap};
+pub(super) use frames::collect;
 
 /// Interval of attempts to draw, or to build, what failed for want of something that may come back.
 pub const RETRY: Duration = Duration::from_millis(250);
 
-/// Default of [`Renderer::patience`]: a window that answers ten times per second still feels alive.
-const PATIENCE: Duration = Duration::from_millis(100);
+/// Default of [`Renderer::patience`]. With a longer one, a slow frame would delay the user interface; with none, short frames would
+/// wait for the next look at the device.
+const PATIENCE: Duration = Duration::from_millis(5);
 
 /// A callback for new content to draw; any thread calls it.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;
@@ -62,18 +67,15 @@ pub struct PlanInputs {
 }
 
 impl PlanInputs {
-    /// Returns the cause of a new build if a plan for `former` does not fit.
-    fn differs(&self, former: &PlanInputs) -> Option<Cause> {
+    /// Lists the causes of a new build; none if a plan for `former` fits.
+    fn differs(&self, former: &PlanInputs) -> Causes {
         let identity = |inputs: &PlanInputs| inputs.scene.as_ref().map(|scene| scene.identity());
-        if identity(self) != identity(former) {
-            Some(Cause::Scene)
-        } else if self.size != former.size {
-            Some(Cause::Size)
-        } else if self.share_memory != former.share_memory {
-            Some(Cause::Memory)
-        } else {
-            None
-        }
+        let all = [
+            (Cause::Scene, identity(self) != identity(former)),
+            (Cause::Size, self.size != former.size),
+            (Cause::Memory, self.share_memory != former.share_memory),
+        ];
+        all.into_iter().filter_map(|(cause, differs)| differs.then_some(cause)).collect()
     }
 }
 
@@ -89,10 +91,13 @@ pub struct FinishedFrame {
     pub inspected: Vec<Inspect>,
     /// Lists that the frame had no room for.
     pub short: Vec<Shortage>,
+    /// Number of the frame; see [`Renderer::submitted`].
+    pub number: u64,
 }
 
 struct FrameInFlight {
     frame: FrameId,
+    number: u64,
     submitted: Instant,
     plan: Arc<Plan>,
     inspected: Vec<Inspect>,
@@ -109,10 +114,18 @@ struct PendingSwap {
 
 /// The next plan to build.
 struct PendingBuild {
-    cause: Cause,
-    /// Time of the change.
+    causes: Causes,
+    /// Time of the first change.
     asked: Instant,
     attempt: Attempt,
+}
+
+impl PendingBuild {
+    /// Combines this build with that of later changes.
+    fn with(mut self, later: PendingBuild) -> PendingBuild {
+        self.causes.add(later.causes);
+        PendingBuild { causes: self.causes, asked: self.asked.min(later.asked), attempt: later.attempt }
+    }
 }
 
 /// A failure to draw with the current plan.
@@ -150,8 +163,16 @@ pub struct Renderer<D: Device> {
     drawn_with: Grown,
     /// The reason why nothing grows before another change, or before the next attempt.
     crowded: Option<room::Crowded>,
-    /// A frame of the current plan is finished.
-    told: bool,
+    /// True if the newest finished frame of the current plan was whole; `None` before its first one.
+    whole: Option<bool>,
+    /// Counts the plans of other scenes and graphs.
+    subject: u64,
+    /// Number of frames that were submitted.
+    submitted: u64,
+    /// A frame is due although nothing that it shows changed.
+    redraw: bool,
+    /// Counts changes of the state that panels show.
+    changes: u64,
     strict: bool,
     builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
     watcher: Watcher,
@@ -161,7 +182,9 @@ pub struct Renderer<D: Device> {
     /// Time of the last poll.
     now: Instant,
     controls: Vec<Control>,
+    /// Size of the plan's pictures, and the identity of its scene.
     size: (u32, u32),
+    scene: Option<u64>,
     pending_swap: Option<PendingSwap>,
     in_flight: VecDeque<FrameInFlight>,
     /// The work that the device did not finish within the patience.
@@ -193,7 +216,7 @@ impl<D: Device> Renderer<D> {
         let builder = Rebuilder::new(builder, move || woken())?;
         let mut state = LastGood::new();
         let now = Instant::now();
-        let build = PendingBuild { cause: Cause::Start, asked: now, attempt: state.asked(now) };
+        let build = PendingBuild { causes: Cause::Start.into(), asked: now, attempt: state.asked(now) };
         Ok(Renderer {
             patience: PATIENCE,
             paused: false,
@@ -209,7 +232,11 @@ impl<D: Device> Renderer<D> {
             grown: Grown::default(),
             drawn_with: Grown::default(),
             crowded: None,
-            told: false,
+            whole: None,
+            subject: 0,
+            submitted: 0,
+            redraw: false,
+            changes: 0,
             strict: true,
             builder,
             watcher,
@@ -219,6 +246,7 @@ impl<D: Device> Renderer<D> {
             now,
             controls: Vec::new(),
             size: (0, 0),
+            scene: None,
             pending_swap: None,
             in_flight: VecDeque::new(),
             stalled: None,
@@ -232,7 +260,7 @@ impl<D: Device> Renderer<D> {
         })
     }
 
-    /// Returns what the device has worked on for longer than the patience, as of the last frame.
+    /// Returns what the device was working on when a frame was not done at the last look.
     pub fn stalled(&self) -> Option<&Running> {
         self.stalled.as_ref()
     }
@@ -265,6 +293,11 @@ impl<D: Device> Renderer<D> {
         self.size
     }
 
+    /// Returns true if the plan draws this scene.
+    pub fn draws(&self, scene: &Scene) -> bool {
+        self.scene == Some(scene.identity())
+    }
+
     /// Returns the parameters with the requested values; constants may still wait for a new plan.
     pub fn controls(&self) -> &[Control] {
         &self.controls
@@ -288,6 +321,42 @@ impl<D: Device> Renderer<D> {
     /// Returns true if no build is running.
     pub(super) fn is_idle(&self) -> bool {
         !self.builder.busy()
+    }
+
+    /// Returns the number of frames that were submitted so far.
+    pub fn submitted(&self) -> u64 {
+        self.submitted
+    }
+
+    /// Returns the number of frames whose results were not taken yet.
+    pub(super) fn in_flight(&self) -> usize {
+        self.in_flight.len()
+    }
+
+    /// Counts the plans of other scenes, other graphs and other devices, the first included.
+    pub fn subject(&self) -> u64 {
+        self.subject
+    }
+
+    /// Counts changes of what panels show of a renderer, apart from finished frames: builds, failures, plans.
+    pub(super) fn changes(&self) -> u64 {
+        self.changes
+    }
+
+    /// Returns true if a frame is due although nothing that it shows changed.
+    pub(super) fn must_redraw(&self) -> bool {
+        self.redraw
+    }
+
+    /// Returns the time of the next [`Renderer::poll`] that is needed although nothing wakes the owner.
+    pub(super) fn next(&self) -> Option<Instant> {
+        let rebuild = self.rebuild.filter(|_| self.building.is_none());
+        [rebuild, self.room_again(), self.state.due(self.now)].into_iter().flatten().min()
+    }
+
+    /// Returns the time of the next attempt to draw after a [`Renderer::trouble`].
+    pub(super) fn retry(&self) -> Option<Instant> {
+        self.trouble.as_ref().map(|trouble| trouble.retry)
     }
 
     /// Describes the current step of the build; empty if unknown.
@@ -325,7 +394,7 @@ impl<D: Device> Renderer<D> {
         param.value = value.unwrap_or_else(|| param.default.clone());
         self.grown.forget(name);
         if param.binding == ParamBinding::Const {
-            self.want(Cause::Parameters(vec![name.to_owned()]), Instant::now());
+            self.want(Cause::Parameter(name.to_owned()), Instant::now());
         }
     }
 
@@ -337,22 +406,34 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Requests a build because of a change at the time `asked`.
-    pub fn want(&mut self, cause: Cause, asked: Instant) {
-        let now = Instant::now();
-        if !matches!(cause, Cause::Room(_)) {
+    /// Makes `set` the changed parameters; all others return to their defaults. Texts that are no values of a parameter are ignored.
+    pub fn replace_set(&mut self, set: &IndexMap<String, String>) {
+        let of = |Control { param, .. }: &Control| {
+            let value = set.get(&param.name).map(|text| parse_value(text, &param.domain)).transpose();
+            value.ok().map(|value| (param.name.clone(), value))
+        };
+        let wanted: Vec<(String, Option<Value>)> = self.controls.iter().filter_map(of).collect();
+        for (name, value) in wanted {
+            let text = value.as_ref().map(ToString::to_string);
+            if self.set.get(&name) != text.as_ref() {
+                self.set_param(&name, value);
+            }
+        }
+    }
+
+    /// Requests a build because of changes, the first of them at the time `asked`.
+    pub fn want(&mut self, causes: impl Into<Causes>, asked: Instant) {
+        let (causes, now) = (causes.into(), Instant::now());
+        self.changes += 1;
+        if !causes.is_room_alone() {
             self.crowded = None;
         }
         // A file may be half written, so its errors wait for a moment.
-        let attempt = match cause {
-            Cause::Files(_) => self.state.changed(now),
-            _ => self.state.asked(now),
-        };
+        let attempt = if causes.has_file() { self.state.changed(now) } else { self.state.asked(now) };
+        let later = PendingBuild { causes, asked, attempt };
         self.pending_build = Some(match self.pending_build.take() {
-            None => PendingBuild { cause, asked, attempt },
-            Some(former) => {
-                PendingBuild { cause: former.cause.and(cause), asked: former.asked.min(asked), attempt }
-            }
+            None => later,
+            Some(former) => former.with(later),
         });
     }
 
@@ -361,15 +442,16 @@ impl<D: Device> Renderer<D> {
         self.now = now;
         self.take_builds();
         if let Some(FileChange { files, first_seen }) = self.watcher.take() {
-            self.want(Cause::Files(files), first_seen);
+            self.want(files.into_iter().map(Cause::File).collect::<Causes>(), first_seen);
         }
-        if let Some(cause) = self.asked.as_ref().and_then(|former| inputs.differs(former))
-            && (!self.held || cause == Cause::Scene)
-        {
-            if cause == Cause::Scene {
-                self.grown = Grown::default();
-            }
-            self.want(cause, now);
+        let causes = self.asked.as_ref().map(|former| inputs.differs(former)).unwrap_or_default();
+        let other_scene = causes.contains(&Cause::Scene);
+        if other_scene {
+            self.grown = Grown::default();
+        }
+        // A graph that lost the device waits for more than another size.
+        if causes.iter().next().is_some() && (!self.held || other_scene) {
+            self.want(causes, now);
         }
         self.try_room_again();
         if self.rebuild.is_some_and(|time| time <= now) && self.building.is_none() {
@@ -382,7 +464,7 @@ impl<D: Device> Renderer<D> {
         if drawable
             && self.building.is_none()
             && let Some(device) = &self.device
-            && let Some(PendingBuild { cause, asked, attempt }) = self.pending_build.take()
+            && let Some(PendingBuild { causes, asked, attempt }) = self.pending_build.take()
         {
             self.asked = Some(inputs.clone());
             self.building = Some(attempt);
@@ -396,7 +478,7 @@ impl<D: Device> Renderer<D> {
                 inputs: inputs.clone(),
                 device: device.info().facts,
                 loader: device.loader(),
-                cause,
+                causes,
                 asked,
                 progress: self.progress.clone(),
             });
@@ -406,6 +488,7 @@ impl<D: Device> Renderer<D> {
             self.jobs.push_back(self.epoch);
         }
         let failure = self.problem(false);
+        self.changes += u64::from(failure != self.failed);
         match (&failure, &self.failed) {
             (Some(new), Some(old)) if new == old => {}
             (Some(new), _) => self.events.push(RendererEvent::Failed(new.clone())),
@@ -421,6 +504,7 @@ impl<D: Device> Renderer<D> {
             if self.jobs.pop_front() != Some(self.epoch) {
                 continue;
             }
+            self.changes += 1;
             match output {
                 Ok(built) => self.take(built),
                 Err(panicked) => self.fail(Failure::Panicked(panicked.message)),
@@ -452,34 +536,33 @@ impl<D: Device> Renderer<D> {
             Ok(made) => made,
             Err(Failure::Cancelled) => {
                 self.building = None;
-                // What it was cancelled for is built next, for both reasons.
-                let (cause, now) = (built.cause, Instant::now());
+                // What it was cancelled for is built next, for the causes of both.
+                let former = |attempt| PendingBuild { causes: built.causes, asked: built.asked, attempt };
                 self.pending_build = Some(match self.pending_build.take() {
-                    Some(newer) => PendingBuild {
-                        cause: cause.and(newer.cause),
-                        asked: built.asked.min(newer.asked),
-                        ..newer
-                    },
-                    None => PendingBuild { cause, asked: built.asked, attempt: self.state.asked(now) },
+                    Some(newer) => former(newer.attempt).with(newer),
+                    None => former(self.state.asked(Instant::now())),
                 });
                 return;
             }
-            Err(failure) => return self.refuse(&built.cause, failure),
+            Err(failure) => return self.refuse(&built.causes, failure),
         };
         let Some(device) = &mut self.device else { return };
         if let Err(error) = device.swap(ready) {
-            return self.refuse(&built.cause, Failure::Backend(error));
+            return self.refuse(&built.causes, Failure::Backend(error));
         }
         self.drawn_with = built.grown;
-        self.told = false;
+        self.whole = None;
+        let new = [Cause::Start, Cause::Scene, Cause::Graph, Cause::Device];
+        self.subject += u64::from(new.iter().any(|cause| built.causes.contains(cause)));
         // A new plan may draw where the former could not.
         self.trouble = None;
         self.strict = false;
         self.size = built.inputs.size;
+        self.scene = built.inputs.scene.map(|scene| scene.identity());
         self.controls = controls;
         let swap = Swap {
             graph: plan.name.clone(),
-            cause: built.cause,
+            causes: built.causes,
             passes: plan.frame.len(),
             plan_ms: built.plan_ms,
             prepare_ms: built.prepare_ms,
@@ -515,5 +598,33 @@ impl<D: Device> Renderer<D> {
     /// Takes the events since the last call.
     pub fn take_events(&mut self) -> Vec<RendererEvent> {
         std::mem::take(&mut self.events)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+
+    #[test]
+    fn a_scene_and_a_size_that_are_built_at_once_are_both_told() {
+        let scene = |splats| Some(Arc::new(synth::generate("uniform", splats, 0).expect("a scene")));
+        let former =
+            PlanInputs { scene: scene(10), catalog: Arc::default(), size: (64, 36), share_memory: true };
+        let both = PlanInputs { scene: scene(20), size: (32, 18), ..former.clone() };
+        assert_eq!(former.differs(&former), Causes::default());
+        assert_eq!(both.differs(&former).to_string(), "another scene, another size");
+        // The build for the scene is cancelled for the size that follows.
+        let mut state: LastGood<(), ()> = LastGood::new();
+        let mut build = |causes: Causes, asked| PendingBuild { causes, asked, attempt: state.asked(asked) };
+        let now = Instant::now();
+        let former = build(Cause::Scene.into(), now);
+        let newer = build(Cause::Size.into(), now);
+        let attempt = newer.attempt;
+        let next = former.with(newer);
+        assert_eq!(
+            (next.causes.to_string().as_str(), next.attempt),
+            ("another scene, another size", attempt)
+        );
     }
 }

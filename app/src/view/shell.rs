@@ -3,26 +3,43 @@
 //! The window's graph, `pipelines/view/window.ron`, draws the pictures of the scene (one, two with a split line, or their
 //! difference) and egui's triangles over them. A [`Shell`] turns input into a frame of that graph, for a window to present or
 //! a test to read back.
+//!
+//! A frame of the window is drawn if it would differ from the one before: a picture is new, or egui draws something else. A
+//! [`Frame`] says when the next is due. Whoever owns the shell sleeps until then, or until an event, and looks for finished frames
+//! ([`Shell::collect`]) while some are in flight.
+//!
+//! On a CPU the scene has a device of its own ([`crate::backend::Backend::open_beside`]), so that the window is drawn while a picture
+//! takes long. On a GPU both share one queue, where frames of the window would wait behind a picture: while one takes long, none
+//! are submitted.
 
 use super::events::{Event, RendererId};
 use super::history::History;
 use super::paint::{self, Composition, Mode, Painter};
-use super::panels::{Command, Panels};
+use super::panels::{Command, Panels, theme};
 use super::profile::{self, zone};
-use super::renderer::{Failure, PlanInputs, Renderer, Wake};
+use super::renderer::{self, Failure, PlanInputs, Renderer, Wake};
 use super::viewer::{Viewer, ViewerError};
 use super::viewport::Viewport;
 use egui::epaint::ClippedPrimitive;
 use egui::epaint::textures::TexturesDelta;
-use egui::{Context, FontDefinitions, FontFamily, RawInput, Rect};
+use egui::{Context, RawInput, Rect, ViewportId};
 use splatgraph_api::{BackendError, Device, FrameInputs, Pixels, Running};
 use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// The longest wait for a picture of the window that is read back.
-const READING: Duration = Duration::from_secs(10);
+/// Interval of frames that show the progress of a build or a load.
+const PROGRESS: Duration = Duration::from_millis(250);
+
+/// Least interval of frames for animations of the user interface on a CPU, which has other work.
+const ANIMATION: Duration = Duration::from_millis(33);
+
+/// Interval after a frame that drew nothing, where the next one is due at once.
+const UNDRAWN: Duration = Duration::from_millis(8);
+
+/// Age of a picture in flight from which frames of the window do not queue up behind it.
+const QUEUE: Duration = Duration::from_millis(100);
 
 /// The size and destination of a frame.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,6 +52,8 @@ pub struct FrameRequest {
     pub present: bool,
     /// True to read the frame back.
     pub read: bool,
+    /// True to draw the frame though nothing changed, because the window system has lost the window's content.
+    pub redraw: bool,
 }
 
 /// The results of a frame.
@@ -43,9 +62,11 @@ pub struct Frame {
     pub platform: egui::PlatformOutput,
     /// Requests to the window.
     pub commands: Vec<Command>,
-    /// True if the window was drawn; false until its own graph is built.
+    /// True if the window was drawn; false if nothing changed, and until its own graph is built.
     pub drawn: bool,
-    /// Pixels of the window, if requested and drawn.
+    /// Time of the next frame; `None` if only an event makes one due. Frames in flight do not count: see [`Shell::in_flight`].
+    pub next: Option<Instant>,
+    /// Pixels of the window, if requested, here or with an earlier frame that took long.
     pub picture: Option<Pixels>,
     /// The error that ended the device or its window. Nothing more is drawn until [`Shell::release`] and [`Shell::give`].
     pub lost: Option<BackendError>,
@@ -63,8 +84,25 @@ pub struct Shell<D: Device> {
     catalog: Arc<Catalog>,
     history: History,
     events: Vec<Event>,
-    /// A picture was drawn, and not shown yet.
+    /// The content of the newest frame of the window, without the user interface.
+    shown: Option<Content>,
+    /// The window was to be drawn, and its device could not take the frame.
     owed: bool,
+    /// A frame of the window in flight is read back.
+    reading: bool,
+    /// Size of the window's newest frame.
+    presented: (u32, u32),
+    /// Number of events so far.
+    reported: u64,
+    /// [`Shell::changes`] at the end of the last frame.
+    seen: u64,
+}
+
+/// The pictures in the window, by their numbers, and their arrangement.
+#[derive(PartialEq)]
+struct Content {
+    pictures: [Option<u64>; 2],
+    arrangement: Vec<u8>,
 }
 
 impl<D: Device> Shell<D> {
@@ -75,20 +113,21 @@ impl<D: Device> Shell<D> {
 
     /// Creates a shell with another window graph, a built-in one's name or a path, with the imports of [`paint::offer`].
     pub fn with_graph(
-        viewer: Viewer<D>,
+        mut viewer: Viewer<D>,
         canvas: D,
         graph: &str,
         wake: Wake,
     ) -> Result<Shell<D>, ViewerError> {
         let ctx = Context::default();
         ctx.set_theme(egui::Theme::Dark);
-        ctx.set_fonts(fonts());
+        theme::install(&ctx);
         // A press on the picture gives the keys back to the camera, not only a click.
         ctx.options_mut(|options| {
             options.input_options.surrender_focus_on = egui::SurrenderFocusOn::Presses;
         });
         let mut catalog = Catalog::default();
         paint::offer(&mut catalog);
+        viewer.to_host = !viewer.a.renderer.device().is_some_and(|device| device.shares_device(&canvas));
         Ok(Shell {
             viewer,
             panels: Panels::default(),
@@ -98,7 +137,12 @@ impl<D: Device> Shell<D> {
             catalog: Arc::new(catalog),
             history: History::default(),
             events: Vec::new(),
+            shown: None,
             owed: false,
+            reading: false,
+            presented: (0, 0),
+            reported: 0,
+            seen: 0,
         })
     }
 
@@ -141,27 +185,33 @@ impl<D: Device> Shell<D> {
         drawn.or_else(|| inspected.map(ToString::to_string).or(in_part).map(|text| format!("error: {text}")))
     }
 
-    /// Applies the input and draws the pictures and the window.
+    /// Applies the input, and draws the pictures and the window as far as they changed.
     pub fn frame(&mut self, input: RawInput, request: FrameRequest) -> Frame {
         zone!("window frame");
+        let begun = Instant::now();
         for file in &input.dropped_files {
             self.viewer.open(file.path());
         }
-        let ready = self.is_ready(self.canvas.patience);
-        // A picture that took longer than the patience is shown before the next one begins, or none would ever be.
-        let shows_first = ready && std::mem::take(&mut self.owed);
-        for renderer in self.renderers() {
-            renderer.paused = !ready || shows_first;
-        }
+        self.collect_all();
+        self.seen = self.changes();
+        let before = self.viewer.navigation.camera(1, 1);
         let problem = self.canvas.problem(true);
         let (mut view, mut commands) = (Rect::ZERO, Vec::new());
+        let first = self.ctx.cumulative_pass_nr() == 0;
         let output = self.ctx.run_ui(input, |ui| {
             let (panels, viewer) = (&mut self.panels, &mut self.viewer);
-            let window = (&self.history, self.canvas.plan().map(|plan| plan.as_ref()));
-            let shown = panels.show(ui, viewer, window, problem.as_deref());
+            let shown = panels.show(ui, viewer, &self.history, problem.as_deref());
             // The closure may run twice, the first time only for the layout.
             view = shown.view;
             commands.extend(shown.commands);
+            if first {
+                // Only a second pass knows the sizes of the panels, and thus of the picture to build a plan for.
+                ui.ctx().request_discard("the panels take their sizes");
+            }
+            if viewer.is_animated() || viewer.is_moving() || viewer.navigation.camera(1, 1) != before {
+                // What moves goes on; and egui measures the time between two frames only if the second was asked for.
+                ui.ctx().request_repaint();
+            }
         });
         let pixels_per_point = output.pixels_per_point;
         let primitives = self.ctx.tessellate(output.shapes, pixels_per_point);
@@ -170,53 +220,88 @@ impl<D: Device> Shell<D> {
         let Rect { min, max } = view;
         let (left, top) = (pixel(min.x), pixel(min.y));
         let view = [left, top, pixel(max.x).saturating_sub(left), pixel(max.y).saturating_sub(top)];
+        // Another swapchain waits for all frames in flight: with it, this thread would.
+        let resized = request.present && request.size != self.presented;
+        let drains = resized && !self.viewer.to_host && self.in_flight().is_some();
+        self.viewer.rests = drains;
         self.viewer.frame((view[2], view[3]));
         for event in self.viewer.take_events() {
             self.report(event);
         }
-        if shows_first {
-            self.canvas.paused = false;
-        } else if ready && self.canvas.reads_block() {
-            // Presenting waits for what was submitted before, too.
-            self.owed = !self.is_ready(self.canvas.patience);
-            self.canvas.paused = self.owed;
-        }
         let interface = (output.textures_delta, primitives.as_slice(), pixels_per_point);
+        self.canvas.paused = drains || !self.is_free();
         let (drawn, picture) = self.paint(request, view, interface);
+        if drawn {
+            self.presented = request.size;
+        }
         profile::frame();
+        let repaint = output.viewport_output.get(&ViewportId::ROOT).map(|viewport| viewport.repaint_delay);
+        let next = self.next(begun, drawn, repaint.unwrap_or(Duration::MAX));
         let lost = self.viewer.lost().or_else(|| self.canvas.lost()).cloned();
-        Frame { platform: output.platform_output, commands, drawn, picture, lost }
+        Frame { platform: output.platform_output, commands, drawn, next, picture, lost }
     }
 
-    fn renderers(&mut self) -> impl Iterator<Item = &mut Renderer<D>> {
-        let b = self.viewer.b.as_mut().map(|b| &mut b.renderer);
-        [Some(&mut self.viewer.a.renderer), b, Some(&mut self.canvas)].into_iter().flatten()
+    /// Returns the time of the next frame, after one that began at `begun` and that egui wants to be followed after `repaint`.
+    fn next(&self, begun: Instant, drawn: bool, repaint: Duration) -> Option<Instant> {
+        if self.changes() != self.seen {
+            // The panels show the state from before.
+            return Some(begun);
+        }
+        let least = match drawn {
+            _ if self.canvas.reads_block() => ANIMATION,
+            // The display paces it.
+            true => Duration::ZERO,
+            false => UNDRAWN,
+        };
+        let repaint = match self.viewer.is_animated() {
+            // The end of the picture in flight is waited for.
+            true if self.viewer.waits() || self.viewer.to_host && self.viewer.newest().is_some() => None,
+            true => Some(begun + least),
+            // Egui's longest times are too far away.
+            false => begun.checked_add(repaint.max(least)),
+        };
+        let busy = self.viewer.busy() || self.canvas.busy();
+        let progress = busy.then(|| begun + PROGRESS);
+        let retry = self.canvas.retry().filter(|_| self.owed);
+        let all = [repaint, progress, retry, self.viewer.next(), self.canvas.next()];
+        all.into_iter().flatten().min()
     }
 
-    /// Returns true if frames can be submitted without a wait for one that runs for long.
-    ///
-    /// Where [reads block](Renderer::reads_block), waits for the newest frame of all and takes the results of the others only
-    /// then.
-    fn is_ready(&mut self, patience: Duration) -> bool {
-        if !self.canvas.reads_block() {
-            return true;
-        }
-        if let Some(newest) = self.renderers().max_by_key(|renderer| renderer.newest()) {
-            match newest.wait_for_newest(patience) {
-                Ok(true) => {}
-                Ok(false) => return false,
-                Err(error) => newest.report(error),
-            }
-        }
-        for renderer in self.renderers() {
-            if let Err(error) = renderer.collect_all() {
-                renderer.report(error);
-            }
-        }
-        true
+    /// Counts changes of what the panels show.
+    fn changes(&self) -> u64 {
+        self.viewer.changes() + self.canvas.changes() + self.reported
     }
 
-    /// Draws the window.
+    /// Takes the results of frames that are done. Returns true if another frame is due for them.
+    pub fn collect(&mut self) -> bool {
+        self.collect_all();
+        let waits = self.owed || self.reading || self.viewer.waits() || self.viewer.is_animated();
+        self.changes() != self.seen || waits && self.in_flight().is_none()
+    }
+
+    fn collect_all(&mut self) {
+        self.viewer.collect(Duration::ZERO);
+        self.collect_window(Duration::ZERO);
+    }
+
+    /// Returns the time of the newest submission whose results were not taken yet.
+    pub fn in_flight(&self) -> Option<Instant> {
+        self.viewer.newest().max(self.canvas.newest())
+    }
+
+    /// Takes the results of finished frames of the window, and returns true if another can be submitted.
+    fn collect_window(&mut self, patience: Duration) -> bool {
+        renderer::collect(&mut [&mut self.canvas], patience)
+    }
+
+    /// Returns true if a frame of the window can be submitted without a long wait for a picture.
+    fn is_free(&mut self) -> bool {
+        let behind = |since: Instant| since.elapsed() >= QUEUE;
+        let apart = self.viewer.to_host;
+        self.collect_window(self.canvas.patience) && (apart || !self.viewer.newest().is_some_and(behind))
+    }
+
+    /// Draws the window, if it would look different.
     fn paint(
         &mut self,
         request: FrameRequest,
@@ -226,7 +311,8 @@ impl<D: Device> Shell<D> {
         let inputs =
             PlanInputs { scene: None, catalog: self.catalog.clone(), size: request.size, share_memory: true };
         self.canvas.poll(&inputs, Instant::now());
-        let [a, b] = self.viewer.pictures().map(|picture| picture.map(Into::into));
+        let [a, b] = self.viewer.pictures();
+        let pictures = [&a, &b].map(|picture| picture.as_ref().map(|(_, number)| *number));
         let composition = Composition {
             window: [request.size.0, request.size.1],
             view,
@@ -234,8 +320,8 @@ impl<D: Device> Shell<D> {
             split: self.viewer.split,
             amplification: self.viewer.gain,
             background: [0.0; 3],
-            a,
-            b,
+            a: a.map(|(shown, _)| shown),
+            b: b.map(|(shown, _)| shown),
         };
         // A new plan may start with another picture; and a graph of the user's may keep none.
         let keeps = |plan: &Arc<Plan>| plan.resource(plan.output).history.is_some();
@@ -243,19 +329,46 @@ impl<D: Device> Shell<D> {
             self.painter.forget();
         }
         let painted = self.painter.paint(textures, primitives, pixels_per_point, &composition);
-        let mut inputs =
-            FrameInputs { present: request.present, read_output: request.read, ..FrameInputs::default() };
-        composition.give(&mut inputs);
-        painted.give(&mut inputs.buffers);
-        let mut drawn = self.canvas.submit(inputs);
-        if request.read && matches!(drawn, Ok(true)) {
-            // The picture comes with this frame or not at all.
-            drawn = self.canvas.finish(READING).map(|()| true);
-        }
-        match &drawn {
-            Ok(true) => self.painter.drawn(),
-            Ok(false) => {}
-            Err(_) => self.painter.forget(),
+        let content = Content { pictures, arrangement: composition.bytes() };
+        self.reading &= !self.canvas.take_forgot();
+        let due = request.read && !self.reading
+            || request.redraw
+            || self.viewer.continuous && !self.viewer.waits()
+            || self.canvas.is_first_next()
+            || self.canvas.must_redraw()
+            || self.painter.differs()
+            || self.shown.as_ref() != Some(&content);
+        self.owed = false;
+        let mut drawn = Ok(false);
+        if due {
+            let mut inputs = FrameInputs {
+                present: request.present,
+                read_output: request.read && !self.reading,
+                ..FrameInputs::default()
+            };
+            let reads = inputs.read_output;
+            composition.give(&mut inputs);
+            painted.give(&mut inputs.buffers);
+            drawn = self.canvas.submit(inputs);
+            if reads && matches!(drawn, Ok(true)) {
+                self.reading = true;
+                // Later, it comes with another frame.
+                match self.canvas.finish(self.canvas.patience) {
+                    Ok(()) | Err(BackendError::Stuck { .. }) => {}
+                    Err(error) => drawn = Err(error),
+                }
+            }
+            match &drawn {
+                Ok(true) => {
+                    self.painter.drawn();
+                    self.shown = Some(content);
+                }
+                Ok(false) => self.owed = true,
+                Err(_) => {
+                    self.owed = true;
+                    self.painter.forget();
+                }
+            }
         }
         let drawn = drawn.unwrap_or_else(|error| {
             self.canvas.report(error);
@@ -263,12 +376,10 @@ impl<D: Device> Shell<D> {
         });
         let mut picture = None;
         for mut done in self.canvas.take_done() {
-            if done.first {
-                self.history.next_plan();
-            }
             self.history.push(&done.plan, &done.result);
             picture = done.result.output.take().or(picture);
         }
+        self.reading &= picture.is_none();
         for event in self.canvas.take_events() {
             self.report(Event::of(RendererId::Window, event));
         }
@@ -283,6 +394,7 @@ impl<D: Device> Shell<D> {
     /// Reports an event from outside of the shell.
     pub fn report(&mut self, event: Event) {
         self.panels.log_event(&event);
+        self.reported += 1;
         self.events.push(event);
     }
 
@@ -291,10 +403,6 @@ impl<D: Device> Shell<D> {
     /// # Errors
     /// As [`Renderer::finish`].
     pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
-        if !self.is_ready(within) {
-            let place = self.stalled().map_or_else(String::new, |running| running.place.clone());
-            return Err(BackendError::Stuck { place, seconds: within.as_secs() });
-        }
         self.viewer.finish(within)?;
         self.canvas.finish(within)
     }
@@ -310,7 +418,7 @@ impl<D: Device> Shell<D> {
         }
     }
 
-    /// Returns what the device has worked on for longer than the patience of the renderers.
+    /// Returns what the device was working on when a frame was not done at the last look.
     pub fn stalled(&self) -> Option<&Running> {
         self.viewer.stalled().or_else(|| self.canvas.stalled())
     }
@@ -332,25 +440,15 @@ impl<D: Device> Shell<D> {
     /// # Errors
     /// As [`Viewer::give`].
     pub fn give(&mut self, canvas: D, device: D) -> Result<(), BackendError> {
+        self.viewer.to_host = !device.shares_device(&canvas);
+        self.shown = None;
         self.canvas.give(canvas);
         self.viewer.give(device)
     }
 
-    /// Returns the device of the window, after everything else is closed; `None` if it is lost.
-    pub fn into_device(self) -> Option<D> {
+    /// Returns the devices of the scene and of the window, after everything else is closed; none that is lost.
+    pub fn into_devices(self) -> Vec<D> {
         let Shell { viewer, canvas, .. } = self;
-        drop(viewer);
-        canvas.into_device()
+        [viewer.into_device(), canvas.into_device()].into_iter().flatten().collect()
     }
-}
-
-/// Returns egui's fonts, with the monospace font as the first fallback for labels, because it has the most signs.
-fn fonts() -> FontDefinitions {
-    let mut fonts = FontDefinitions::default();
-    let signs = fonts.families.get(&FontFamily::Monospace).and_then(|names| names.first()).cloned();
-    let labels = fonts.families.entry(FontFamily::Proportional).or_default();
-    if let Some(signs) = signs {
-        labels.insert(labels.len().min(1), signs);
-    }
-    fonts
 }

@@ -1,15 +1,18 @@
 //! Makes plans for tests that need only names, and drives the viewer on the null device.
 
+mod cameras;
 mod compilers;
 mod faults;
+mod idle;
 mod room;
 mod script;
 
-use splatgraph_framework::ir::{Origin, Pass, PassId, ResourceId, Run, Work};
-use splatgraph_framework::plan::{Plan, Step};
+use splatgraph_framework::ir::{Format, Origin, Pass, PassId, ResourceId, Run, Shape, Source, Usage, Work};
+use splatgraph_framework::plan::{Plan, Resource, Step};
+use std::sync::Arc;
 
 /// Makes a plan of passes, each with name and phase.
-pub fn plan(passes: &[(&str, &str)]) -> Plan {
+pub fn plan(passes: &[(&str, &str)]) -> Arc<Plan> {
     let pass = |(name, phase): &(&str, &str)| Pass {
         name: name.to_string(),
         phase: phase.to_string(),
@@ -20,14 +23,23 @@ pub fn plan(passes: &[(&str, &str)]) -> Plan {
         uses: vec![],
         origin: Origin { file: "test.ron".into(), line: 1, column: 1 },
     };
-    Plan {
+    Arc::new(Plan {
         name: "test".into(),
         summary: String::new(),
         based_on: vec![],
         stand_ins: vec![],
         facts: Default::default(),
         params: vec![],
-        resources: vec![],
+        effects: vec![],
+        resources: vec![Resource {
+            name: "picture".into(),
+            shape: Shape::Image { format: Format::Rgba8Unorm, width: 1, height: 1 },
+            usage: Usage::empty(),
+            source: Source::Transient,
+            block: None,
+            history: None,
+            origin: Origin { file: "test.ron".into(), line: 1, column: 1 },
+        }],
         shaders: vec![],
         blocks: vec![],
         handover: vec![],
@@ -38,5 +50,5 @@ pub fn plan(passes: &[(&str, &str)]) -> Plan {
         warnings: vec![],
         output: ResourceId(0),
         stats: vec![],
-    }
+    })
 }

@@ -1,14 +1,27 @@
 //! Draws one of the two pictures of the scene, and records its times and inspections.
+//!
+//! A frame is drawn when it would differ from the last one (another plan, size, camera or live parameter), when something is to be
+//! read from it, and when the last one failed or lost its results. So an idle scene costs nothing. A plan whose frames may differ by
+//! themselves is drawn all the time.
+//!
+//! The picture is read by the window's graph on the device; if the window has a device of its own, it goes there through the
+//! memory of the host.
 
+use super::animation::is_animated;
 use super::history::History;
+use super::paint::Shown;
 use super::profile::GpuTrack;
-use super::renderer::{Cause, Renderer};
+use super::renderer::{Cause, FinishedFrame, Renderer};
 use crate::camera;
 use crate::growth::Shortage;
 use crate::inspect::{self, Finding};
 use crate::stats;
-use splatgraph_api::{BackendError, Device, FrameInputs, Inspect, Pixels, Recovery};
+use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Inspect, Pixels, Recovery};
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::plan::Plan;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// An inspection of a resource after a pass.
@@ -46,10 +59,45 @@ enum Reading {
     Idle,
     /// The next frame is to be read.
     Wanted,
-    /// A frame in flight is read.
-    InFlight,
+    /// The frame of this number is read; see [`Renderer::submitted`].
+    InFlight(u64),
     /// The picture, or the reason why there is none.
     Done(Result<Pixels, String>),
+}
+
+/// What a viewport shows, and how.
+pub(super) struct View<'a> {
+    pub scene: &'a Scene,
+    pub camera: &'a Camera,
+    /// Display-encoded.
+    pub background: [f32; 3],
+    /// True to draw a frame though nothing changed.
+    pub continuous: bool,
+    /// True if the window's device is another one.
+    pub to_host: bool,
+}
+
+/// The inputs of a frame, as far as its picture depends on them.
+struct Drawn {
+    plan: Arc<Plan>,
+    uniforms: BTreeMap<String, Vec<u8>>,
+    live: Vec<u8>,
+}
+
+impl PartialEq for Drawn {
+    fn eq(&self, other: &Drawn) -> bool {
+        Arc::ptr_eq(&self.plan, &other.plan) && (&self.uniforms, &self.live) == (&other.uniforms, &other.live)
+    }
+}
+
+/// A picture for the window.
+struct Exhibit {
+    shown: Shown,
+    /// Tells pictures apart, of whatever viewport.
+    number: u64,
+    plan: Arc<Plan>,
+    /// See [`Renderer::subject`].
+    subject: u64,
 }
 
 /// A renderer of the scene with its history and inspection.
@@ -66,7 +114,14 @@ pub struct Viewport<D: Device> {
     pub short: Vec<Shortage>,
     /// The progress of reading a picture back; see [`Viewport::take_picture`].
     reading: Reading,
-    frames: u32,
+    /// The inputs of the newest submitted frame.
+    drawn: Option<Drawn>,
+    /// The picture in the window.
+    exhibit: Option<Exhibit>,
+    /// Frames of the plan may differ by themselves.
+    animated: bool,
+    /// A frame is due, and could not be submitted.
+    waits: bool,
     readings: u64,
     track: GpuTrack,
 }
@@ -80,7 +135,10 @@ impl<D: Device> Viewport<D> {
             stats: Vec::new(),
             short: Vec::new(),
             reading: Reading::Idle,
-            frames: 0,
+            drawn: None,
+            exhibit: None,
+            animated: false,
+            waits: false,
             readings: 0,
             track: GpuTrack::default(),
         }
@@ -109,13 +167,16 @@ impl<D: Device> Viewport<D> {
         })
     }
 
-    /// Describes the newest finished frame if it was drawn in part: `drawn in part: 1,234 of 5,678 entries`.
+    /// Describes the newest finished frame if it was drawn in part: `drawn in part: 1,234 of 5,678 entries`. A frame that is held back
+    /// is no such frame.
     pub fn in_part(&self) -> Option<String> {
-        if self.short.is_empty() {
-            return None;
-        }
+        if self.is_held_back() { None } else { self.part() }
+    }
+
+    /// Describes the newest finished frame if it lacked room.
+    fn part(&self) -> Option<String> {
         let short: Vec<String> = self.short.iter().map(Shortage::to_string).collect();
-        Some(format!("drawn in part: {}", short.join(", ")))
+        (!short.is_empty()).then(|| format!("drawn in part: {}", short.join(", ")))
     }
 
     /// Describes the newest finished frame if it was drawn in part and the next will be, too: there is no more room.
@@ -126,7 +187,7 @@ impl<D: Device> Viewport<D> {
             None if ended => " (the end of the range)".to_owned(),
             None => return None,
         };
-        Some(format!("the picture is {}{reason}", self.in_part()?))
+        Some(format!("the picture is {}{reason}", self.part()?))
     }
 
     /// Counts the pairs that tiles left in the order of the file in the newest finished frame, if any: see [`stats::unordered`].
@@ -178,31 +239,108 @@ impl<D: Device> Viewport<D> {
         self.readings
     }
 
-    /// Draws a frame, if it can be drawn now; errors are noted by the renderer.
-    pub(super) fn draw(&mut self, scene: &Scene, camera: &Camera, background: [f32; 3]) {
+    /// Returns the picture for the window, with a number that tells it from all others.
+    pub fn picture(&self) -> Option<(Shown, u64)> {
+        self.exhibit.as_ref().map(|exhibit| (exhibit.shown.clone(), exhibit.number))
+    }
+
+    /// Returns true if the window shows no picture of the scene or the graph yet, because the frames so far lacked room, or none is
+    /// finished.
+    pub fn is_held_back(&self) -> bool {
+        self.renderer.plan().is_some()
+            && self.exhibit.as_ref().map(|exhibit| exhibit.subject) != Some(self.renderer.subject())
+    }
+
+    /// Returns true while a picture of the current plan is on its way.
+    pub(super) fn is_coming(&self) -> bool {
+        let is_shown = |plan| self.exhibit.as_ref().is_some_and(|exhibit| Arc::ptr_eq(&exhibit.plan, plan));
+        self.renderer.trouble().is_none() && self.renderer.plan().is_some_and(|plan| !is_shown(plan))
+    }
+
+    /// Returns true if frames are drawn all the time, because they may differ by themselves.
+    pub(super) fn is_animated(&self) -> bool {
+        self.animated
+    }
+
+    /// Returns true if a frame is due that could not be submitted.
+    pub(super) fn waits(&self) -> bool {
+        self.waits
+    }
+
+    /// Returns true if a frame of the current plan can be shown: a part only if no more room can be had, or the scene and the graph
+    /// were shown before.
+    fn can_show(&self) -> bool {
+        !self.is_held_back() || self.renderer.is_at_best()
+    }
+
+    /// Draws a frame if one is due and can be drawn now; errors are noted by the renderer.
+    pub(super) fn draw(&mut self, view: &View) {
+        self.collect(view.to_host);
+        self.waits = false;
         let (width, height) = self.renderer.size();
-        if width > 0 && height > 0 {
-            let camera = camera.resized(width, height);
-            let uniforms = camera::frame_uniforms(&camera, &scene.bounds(), background, self.frames);
-            let inspect = self.due();
-            let mut inputs = FrameInputs {
-                uniforms,
-                read_output: matches!(self.reading, Reading::Wanted),
-                inspect: inspect.into_iter().collect(),
-                show: true,
-                ..FrameInputs::default()
-            };
-            match self.submit(&mut inputs) {
-                Ok(true) => self.note(&inputs),
-                Ok(false) => {}
-                Err(error) => self.renderer.report(error),
+        // The camera of a scene shows nothing of use in the former one.
+        let can_draw = width > 0 && height > 0 && self.renderer.draws(view.scene);
+        let Some(plan) = self.renderer.plan().cloned().filter(|_| can_draw) else { return };
+        let camera = view.camera.resized(width, height);
+        let uniforms =
+            |number| camera::frame_uniforms(&camera, &view.scene.bounds(), view.background, number);
+        let drawn = Drawn { live: self.renderer.live(&plan), plan, uniforms: uniforms(0) };
+        if self.drawn.as_ref().is_none_or(|former| !Arc::ptr_eq(&former.plan, &drawn.plan)) {
+            self.animated = is_animated(&drawn.plan);
+        }
+        let (show, inspect) = (self.can_show(), self.due());
+        let due = view.continuous
+            || self.drawn.as_ref() != Some(&drawn)
+            || self.animated
+            || self.renderer.must_redraw()
+            || inspect.is_some() && self.asks()
+            || matches!(self.reading, Reading::Wanted)
+            || show && self.is_held_back() && self.renderer.in_flight() == 0;
+        if !due {
+            return;
+        }
+        let mut inputs = FrameInputs {
+            uniforms: uniforms(self.renderer.submitted() as u32),
+            read_output: view.to_host || matches!(self.reading, Reading::Wanted),
+            inspect: inspect.into_iter().collect(),
+            show: show && !view.to_host,
+            ..FrameInputs::default()
+        };
+        match self.submit(&mut inputs, view.to_host) {
+            Ok(true) => {
+                self.note(&inputs);
+                if inputs.show
+                    && let Some(picture) = self.renderer.device().and_then(Device::picture)
+                {
+                    self.exhibit(picture.into(), drawn.plan.clone());
+                }
+                self.drawn = Some(drawn);
+            }
+            Ok(false) => self.waits = true,
+            Err(error) => {
+                self.waits = true;
+                self.renderer.report(error);
             }
         }
-        self.collect();
+        self.collect(view.to_host);
+    }
+
+    /// Gives a picture of `plan` to the window.
+    fn exhibit(&mut self, shown: Shown, plan: Arc<Plan>) {
+        static NUMBERS: AtomicU64 = AtomicU64::new(0);
+        let number = NUMBERS.fetch_add(1, Ordering::Relaxed);
+        self.exhibit = Some(Exhibit { shown, number, plan, subject: self.renderer.subject() });
+    }
+
+    /// Drops all that was on a device that is lost.
+    pub(super) fn release(&mut self) {
+        self.renderer.release();
+        (self.drawn, self.exhibit) = (None, None);
+        self.collect(false);
     }
 
     /// Submits a frame. If it fails, leaves out the inspection and the picture's reading, so that these cannot prevent it.
-    fn submit(&mut self, inputs: &mut FrameInputs) -> Result<bool, BackendError> {
+    fn submit(&mut self, inputs: &mut FrameInputs, to_host: bool) -> Result<bool, BackendError> {
         loop {
             let error = match self.renderer.submit(inputs.clone()) {
                 Err(error) if matches!(error.recovery(), Recovery::User | Recovery::Defect) => error,
@@ -212,8 +350,8 @@ impl<D: Device> Viewport<D> {
                 inputs.inspect.clear();
                 self.set_asked(false);
                 self.set_found(Err(error.to_string()));
-            } else if inputs.read_output {
-                inputs.read_output = false;
+            } else if matches!(self.reading, Reading::Wanted) {
+                inputs.read_output = to_host;
                 self.reading = Reading::Done(Err(error.to_string()));
             } else {
                 return Err(error);
@@ -223,9 +361,8 @@ impl<D: Device> Viewport<D> {
 
     /// Notes what a submitted frame reads.
     fn note(&mut self, inputs: &FrameInputs) {
-        self.frames = self.frames.wrapping_add(1);
-        if inputs.read_output {
-            self.reading = Reading::InFlight;
+        if inputs.read_output && matches!(self.reading, Reading::Wanted) {
+            self.reading = Reading::InFlight(self.renderer.submitted());
         }
         if !inputs.inspect.is_empty() {
             self.set_asked(false);
@@ -254,6 +391,11 @@ impl<D: Device> Viewport<D> {
         }
     }
 
+    /// Returns true if the inspection is to be read soon, not only with the next frame.
+    fn asks(&self) -> bool {
+        self.inspection.as_ref().is_some_and(|inspection| inspection.asked)
+    }
+
     fn set_found(&mut self, found: Result<Finding, String>) {
         if let Some(inspection) = &mut self.inspection {
             inspection.found = Some(found);
@@ -266,11 +408,11 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Takes the results of finished frames.
-    pub(super) fn collect(&mut self) {
+    /// Takes the results of finished frames, and their pictures if the window reads them from the memory of the host.
+    pub(super) fn collect(&mut self, to_host: bool) {
         if self.renderer.take_forgot() {
             // What the frames without results were to read is read again.
-            if matches!(self.reading, Reading::InFlight) {
+            if matches!(self.reading, Reading::InFlight(_)) {
                 self.reading = Reading::Wanted;
             }
             if self.inspection.as_ref().is_some_and(|inspection| inspection.found.is_none()) {
@@ -278,21 +420,11 @@ impl<D: Device> Viewport<D> {
             }
         }
         for mut done in self.renderer.take_done() {
-            if done.first {
-                self.history.next_plan();
-            }
             self.history.push(&done.plan, &done.result);
             self.track.push(&done.plan.name, &done.plan, &done.result);
-            self.short = done.short;
-            if let Some(picture) = done.result.output.take()
-                && matches!(self.reading, Reading::InFlight)
-            {
-                self.reading = match self.in_part() {
-                    None => Reading::Done(Ok(picture)),
-                    // A plan with more room is on its way.
-                    Some(_) if self.renderer.busy() => Reading::Wanted,
-                    Some(text) => Reading::Done(Err(format!("the picture is {text}"))),
-                };
+            self.short = std::mem::take(&mut done.short);
+            if let Some(picture) = done.result.output.take() {
+                self.take_output(picture, &done, to_host);
             }
             self.stats = done.result.stats;
             let visible = self.stat("visible").map(u64::from);
@@ -300,6 +432,24 @@ impl<D: Device> Viewport<D> {
                 self.readings += 1;
                 self.set_found(Ok(Finding::new(&done.plan, target, bytes, visible)));
             }
+        }
+    }
+
+    /// Takes a picture that was read back, for whoever asked for it and for the window.
+    fn take_output(&mut self, picture: Pixels, done: &FinishedFrame, to_host: bool) {
+        if matches!(self.reading, Reading::InFlight(number) if number <= done.number) {
+            self.reading = match self.part() {
+                None => Reading::Done(Ok(picture.clone())),
+                // A plan with more room is on its way.
+                Some(_) if self.renderer.busy() => Reading::Wanted,
+                Some(text) => Reading::Done(Err(format!("the picture is {text}"))),
+            };
+        }
+        let is_current = self.renderer.plan().is_some_and(|plan| Arc::ptr_eq(plan, &done.plan));
+        if to_host && (is_current || !self.is_held_back()) && self.can_show() {
+            let Pixels { format, width, height, bytes } = picture;
+            let pixels = BufferContents::Bytes(Arc::new(bytes));
+            self.exhibit(Shown { format, width, height, pixels }, done.plan.clone());
         }
     }
 }

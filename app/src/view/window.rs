@@ -1,12 +1,16 @@
 //! Opens the window: winit's events go into a [`Shell`], and its frames onto the display.
 //!
-//! The window draws continuously, at the display's rate or, without vsync, the device's, so that the shown times are those of a
-//! busy device. While it is minimised or covered, it does not draw.
+//! The window sleeps until an event or the time of the next frame ([`Frame::next`]). While frames are in flight, it looks now and then
+//! whether they are done. While it is minimised or covered, it does not draw.
+//!
+//! [`Frame::next`]: super::shell::Frame::next
 //!
 //! While nothing can be drawn in the window, its title says why: the device was lost, is busy with one pass, or cannot draw the
 //! window itself. Closing never waits for longer than [`CLOSING`].
 
+mod dialog;
 mod display;
+mod editor;
 mod event_log;
 
 use super::events::Event;
@@ -18,9 +22,11 @@ use crate::backend::{Api, Backend, Options};
 use crate::output::{Log, one_line, say};
 use crate::session::image_of;
 use anyhow::{Context as _, Result, anyhow, bail};
+pub use display::is_left_open;
+use display::own;
 use egui::RawInput;
 use event_log::EventLog;
-use splatgraph_api::{BackendError, Device, Pixels, Windowed};
+use splatgraph_api::{BackendError, Pixels, Windowed};
 use splatgraph_assets::{Camera, Scene};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
@@ -28,15 +34,21 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
-use winit::event::{StartCause, WindowEvent};
+use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
 use winit::window::{Fullscreen, Window, WindowId};
 
 /// Interval of checks for a hidden window to reappear.
 const IDLE: Duration = Duration::from_millis(100);
 
-/// Interval of frames before the first plan, whose build needs the processor.
-const BUILDING: Duration = Duration::from_millis(10);
+/// Interval of attempts to draw while the device is opened again.
+const REOPENING: Duration = Duration::from_millis(50);
+
+/// Least and greatest interval of looks at a frame in flight.
+const LOOKS: (Duration, Duration) = (Duration::from_millis(1), Duration::from_millis(50));
+
+/// Share of a frame's age that the interval of looks may have, and add to it.
+const LOOK: u32 = 16;
 
 /// The longest wait, when the window closes, for the device and for a build. What still runs then ends with the process.
 const CLOSING: Duration = Duration::from_secs(3);
@@ -73,6 +85,8 @@ pub struct WindowOptions {
     pub device: Options,
     /// True to wait for the display's refresh.
     pub vsync: bool,
+    /// True to draw all the time, also while nothing changes. A number of frames and a screenshot imply it.
+    pub continuous: bool,
     /// Sets the initial state of the shell.
     pub setup: Setup,
     /// Destination of events, one JSON object per line.
@@ -97,10 +111,10 @@ pub fn run(options: WindowOptions) -> Result<Vec<String>> {
             ended?;
             app.outcome
         }
-        Err(error) => {
-            // Its objects belong to a display that is gone: nothing can be closed in order.
+        Err(panic) => {
+            // The display is gone, or the panic left things half done: nothing can be closed in order.
             let _ = ManuallyDrop::new(app.running.take());
-            Err(error)
+            Err(panic.into())
         }
     }
 }
@@ -116,12 +130,17 @@ struct Running {
     shell: Shell<Backend>,
     recovery: Recovery<Backend>,
     input: egui_winit::State,
-    window: Arc<Window>,
+    window: display::Handle,
     covered: bool,
     /// True for a minimised window, and the time of that check; not every window system reports changes.
     minimised: (bool, Instant),
-    /// True if the last frame was drawn.
-    drawn: bool,
+    /// An event asks for a frame.
+    asked: bool,
+    /// The window system has lost the window's content.
+    redraw: bool,
+    /// Time of the next frame, and of the next look at frames in flight.
+    next: Option<Instant>,
+    look: Option<Instant>,
     frames: u64,
     closing: Closing,
     log: Option<EventLog>,
@@ -131,6 +150,8 @@ struct Running {
     blind: Option<Instant>,
     /// The pass that the last event of a slow one named.
     slow: Option<String>,
+    /// The dialog that asks for a file.
+    open: dialog::Dialog,
     /// File for the next frame's picture.
     save: Option<PathBuf>,
     /// File for the next picture of A.
@@ -153,19 +174,19 @@ impl App {
         let attributes = Window::default_attributes()
             .with_title(&title)
             .with_inner_size(PhysicalSize::new(size.0, size.1));
-        let window = Arc::new(target.create_window(attributes).context("the window cannot be opened")?);
-        let size = window.inner_size();
-        let size = (size.width, size.height);
+        let window = display::Handle::open(target, attributes)?;
+        let size = window.size();
         let mut recovery = Recovery::new(Box::new({
-            let (api, device, window) = (options.backend, options.device, window.clone());
+            let (api, device, window) = (options.backend, options.device, window.surface());
             move |size, vsync| {
                 let mut canvas = Backend::open_in_window(api, &device, window.clone(), size)?;
                 canvas.set_vsync(vsync);
-                let device = canvas.new_context()?;
-                Ok((canvas, device))
+                let scene = canvas.open_beside(&device)?;
+                Ok((canvas, scene))
             }
         }));
         let (canvas, device) = recovery.open(size, options.vsync)?;
+        display::set_open(true);
         let proxy = self.proxy.clone();
         // An event loop that has ended need not wake up.
         let wake: super::renderer::Wake = Arc::new(move || {
@@ -173,18 +194,15 @@ impl App {
         });
         let mut viewer = Viewer::new(device, options.scene, &options.pipeline, &options.set, wake.clone())?;
         viewer.set_cameras(options.cameras);
-        let mut shell = Shell::new(viewer, canvas, wake)?;
+        viewer.continuous = options.continuous || options.frames.is_some() || options.screenshot.is_some();
+        let mut shell = Shell::new(viewer, canvas, wake.clone())?;
         shell.panels.vsync = options.vsync;
         (options.setup)(&mut shell, size)?;
-        let input = egui_winit::State::new(
-            shell.context().clone(),
-            egui::ViewportId::ROOT,
-            &window,
-            Some(window.scale_factor() as f32),
-            window.theme(),
-            None,
-        );
-        window.request_redraw();
+        let input = window.with(|window| {
+            let (context, scale) = (shell.context().clone(), window.scale_factor() as f32);
+            let id = egui::ViewportId::ROOT;
+            egui_winit::State::new(context, id, window, Some(scale), window.theme(), None)
+        });
         self.running = Some(Running {
             shell,
             recovery,
@@ -192,13 +210,17 @@ impl App {
             window,
             covered: false,
             minimised: (false, Instant::now()),
-            drawn: false,
+            asked: true,
+            redraw: true,
+            next: None,
+            look: None,
             frames: 0,
             closing: Closing { screenshot: options.screenshot, frames: options.frames },
             log: options.events.map(EventLog::new),
             title,
             blind: None,
             slow: None,
+            open: dialog::Dialog::new(wake),
             save: None,
             save_a: None,
         });
@@ -207,7 +229,7 @@ impl App {
 
     /// Ends the program, with an error or without.
     fn end(&mut self, target: &ActiveEventLoop, result: Result<()>) {
-        let messages = self.running.take().map(|running| running.close(result.is_err())).unwrap_or_default();
+        let messages = self.running.take().map(|running| running.close()).unwrap_or_default();
         self.outcome = result.map(|()| messages);
         target.exit();
     }
@@ -215,6 +237,32 @@ impl App {
 
 impl ApplicationHandler<()> for App {
     fn resumed(&mut self, target: &ActiveEventLoop) {
+        own(|| self.start(target));
+    }
+
+    fn user_event(&mut self, _: &ActiveEventLoop, (): ()) {
+        own(|| {
+            if let Some(running) = &mut self.running {
+                running.asked = true;
+            }
+        });
+    }
+
+    fn window_event(&mut self, target: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        own(|| self.take(target, event));
+    }
+
+    fn about_to_wait(&mut self, target: &ActiveEventLoop) {
+        own(|| self.turn(target));
+    }
+
+    fn exiting(&mut self, _: &ActiveEventLoop) {
+        own(|| self.close());
+    }
+}
+
+impl App {
+    fn start(&mut self, target: &ActiveEventLoop) {
         if let Some(options) = self.options.take()
             && let Err(error) = self.open(target, options)
         {
@@ -222,56 +270,47 @@ impl ApplicationHandler<()> for App {
         }
     }
 
-    fn user_event(&mut self, _: &ActiveEventLoop, (): ()) {
-        if let Some(running) = &self.running {
-            running.window.request_redraw();
-        }
-    }
-
-    fn window_event(&mut self, target: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+    fn take(&mut self, target: &ActiveEventLoop, event: WindowEvent) {
         let Some(running) = &mut self.running else { return };
-        // The panels read the result from egui.
-        let _ = running.input.on_window_event(&running.window, &event);
+        // The panels read the events from egui.
+        running.asked |= running.window.with(|window| running.input.on_window_event(window, &event).repaint);
         match event {
             WindowEvent::CloseRequested => self.end(target, Ok(())),
             WindowEvent::Resized(size) => {
                 if let Some(canvas) = running.shell.canvas_mut() {
                     canvas.resize_window(size.width, size.height);
                 }
-                running.window.request_redraw();
+                (running.asked, running.redraw) = (true, true);
             }
-            WindowEvent::Occluded(covered) => running.covered = covered,
-            WindowEvent::RedrawRequested => match running.draw() {
-                Ok(false) => {}
-                Ok(true) => self.end(target, Ok(())),
-                Err(error) => self.end(target, Err(error)),
-            },
+            WindowEvent::Occluded(covered) => {
+                running.covered = covered;
+                running.asked = true;
+            }
+            WindowEvent::RedrawRequested => {
+                (running.asked, running.redraw) = (true, true);
+                // Some systems wait for this one while the user resizes the window.
+                self.turn(target);
+            }
             _ => {}
         }
     }
 
-    fn about_to_wait(&mut self, target: &ActiveEventLoop) {
+    /// Draws the frame that is due, and sleeps until the next.
+    fn turn(&mut self, target: &ActiveEventLoop) {
         let Some(running) = &mut self.running else { return };
-        let sleep = |time| ControlFlow::WaitUntil(Instant::now() + time);
-        target.set_control_flow(if running.shows_nothing() {
-            sleep(IDLE)
-        } else if !running.drawn {
-            sleep(BUILDING)
-        } else {
-            running.window.request_redraw();
-            ControlFlow::Poll
-        });
-    }
-
-    fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
-        if let (StartCause::ResumeTimeReached { .. }, Some(running)) = (cause, &self.running) {
-            running.window.request_redraw();
+        match running.turn() {
+            Ok(true) => self.end(target, Ok(())),
+            Ok(false) => target.set_control_flow(match running.wakes() {
+                Some(time) => ControlFlow::WaitUntil(time),
+                None => ControlFlow::Wait,
+            }),
+            Err(error) => self.end(target, Err(error)),
         }
     }
 
-    fn exiting(&mut self, _: &ActiveEventLoop) {
+    fn close(&mut self) {
         if let Some(running) = self.running.take() {
-            let messages = running.close(self.outcome.is_err());
+            let messages = running.close();
             if let Ok(outcome) = &mut self.outcome {
                 outcome.extend(messages);
             }
@@ -282,39 +321,70 @@ impl ApplicationHandler<()> for App {
 impl Running {
     fn shows_nothing(&mut self) -> bool {
         if self.minimised.1.elapsed() >= IDLE {
-            self.minimised = (self.window.is_minimized() == Some(true), Instant::now());
+            self.minimised = (self.window.with(Window::is_minimized) == Some(true), Instant::now());
         }
-        let size = self.window.inner_size();
+        let (width, height) = self.window.size();
         // A picture of the window needs no display.
         let hidden = (self.covered || self.minimised.0) && self.closing.screenshot.is_none();
-        hidden || size.width == 0 || size.height == 0
+        hidden || width == 0 || height == 0
+    }
+
+    /// Draws a frame if one is due, and looks at frames in flight; returns true if the window must close.
+    fn turn(&mut self) -> Result<bool> {
+        let now = Instant::now();
+        let is_due = |time: Option<Instant>| time.is_some_and(|time| time <= now);
+        let looks = is_due(self.look);
+        if !(self.asked || is_due(self.next) || looks) {
+            return Ok(false);
+        }
+        if self.shows_nothing() {
+            (self.next, self.look) = (Some(now + IDLE), None);
+            return Ok(false);
+        }
+        let collected = looks && self.shell.collect();
+        let closes = match self.asked || is_due(self.next) || collected {
+            true => self.draw()?,
+            false => self.show_state().map(|()| false)?,
+        };
+        let pause = |since: Instant| (since.elapsed() / LOOK).clamp(LOOKS.0, LOOKS.1);
+        self.look = self.shell.in_flight().map(|since| Instant::now() + pause(since));
+        Ok(closes)
+    }
+
+    /// Returns the time at which something is to be done; `None` if only an event gives something to do.
+    fn wakes(&self) -> Option<Instant> {
+        let asked = self.asked.then(Instant::now);
+        [asked, self.next, self.look].into_iter().flatten().min()
     }
 
     /// Draws a frame; returns true if the window must close.
     fn draw(&mut self) -> Result<bool> {
-        if self.shows_nothing() {
-            return Ok(false);
+        self.asked = false;
+        if let Some(path) = self.open.take() {
+            self.shell.viewer.open(&path);
         }
-        let size = self.window.inner_size();
-        let input: RawInput = self.input.take_egui_input(&self.window);
+        let input: RawInput = self.window.with(|window| self.input.take_egui_input(window));
         let close = self.must_close()?;
         if close && let Some(path) = &self.closing.screenshot {
             self.save = Some(path.clone());
         }
         let request = FrameRequest {
-            size: (size.width, size.height),
-            pixels_per_point: egui_winit::pixels_per_point(self.shell.context(), &self.window),
+            size: self.window.size(),
+            pixels_per_point: self
+                .window
+                .with(|window| egui_winit::pixels_per_point(self.shell.context(), window)),
             present: true,
             read: self.save.is_some(),
+            redraw: self.redraw,
         };
         let frame = self.recovery.frame(&mut self.shell, input, request)?;
         self.show_state()?;
         let Some(frame) = frame else {
-            self.drawn = false;
+            self.next = Some(Instant::now() + REOPENING);
             self.write_events(&request, false);
             return Ok(false);
         };
-        self.input.handle_platform_output(&self.window, frame.platform);
+        self.window.with(|window| self.input.handle_platform_output(window, frame.platform));
         if let Some(pixels) = frame.picture
             && let Some(path) = self.save.take()
         {
@@ -335,8 +405,10 @@ impl Running {
         }
         for command in frame.commands {
             self.apply(command);
+            self.asked = true;
         }
-        self.drawn = frame.drawn;
+        self.next = frame.next;
+        self.redraw &= !frame.drawn;
         self.frames += u64::from(frame.drawn);
         self.write_events(&request, frame.drawn);
         Ok(close && self.save.is_none())
@@ -400,7 +472,7 @@ impl Running {
             None => name,
         };
         if title != self.title {
-            self.window.set_title(&title);
+            self.window.with(|window| window.set_title(&title));
             self.title = title;
         }
         Ok(())
@@ -427,8 +499,16 @@ impl Running {
                 }
             }
             Command::Fullscreen => {
-                let full = self.window.fullscreen().is_none();
-                self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
+                self.window.with(|window| {
+                    let full = window.fullscreen().is_none();
+                    window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
+                });
+            }
+            Command::Open => self.window.with(|window| self.open.ask(window, self.shell.viewer.scene_path())),
+            Command::Edit(origin) => {
+                if let Err(error) = editor::open(&origin) {
+                    self.shell.report(Event::Problem { text: error });
+                }
             }
             Command::Capture => {
                 let document = || fresh_name("splatgraph", "gputrace");
@@ -454,7 +534,7 @@ impl Running {
     }
 
     /// Closes the device, and returns the validation messages. What does not end in time is left to the end of the process.
-    fn close(mut self, failed: bool) -> Vec<String> {
+    fn close(mut self) -> Vec<String> {
         let end = Instant::now() + CLOSING;
         let finished = self.shell.finish(CLOSING);
         let still = match finished {
@@ -466,10 +546,11 @@ impl Running {
         if let Some(still) = still {
             let _ = ManuallyDrop::new(self);
             say(format!("closed while {still} was still running"));
-            display::end_soon(i32::from(failed));
             return Vec::new();
         }
-        self.shell.into_device().map(Backend::close).unwrap_or_default()
+        let messages = self.shell.into_devices().into_iter().flat_map(Backend::close).collect();
+        display::set_open(false);
+        messages
     }
 }
 

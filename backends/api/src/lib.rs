@@ -353,6 +353,9 @@ pub trait Device: Sized {
     /// Creates another context on the same device, without a plan.
     fn new_context(&self) -> Result<Self, BackendError>;
 
+    /// Returns true for contexts of one device: they take turns on its queue, and can read each other's [pictures](Device::picture).
+    fn shares_device(&self, other: &Self) -> bool;
+
     /// Makes the plan the current one: creates what it needs, uploads the scene attributes that it reads, and lets the
     /// next frame run its prologue. On an error the former plan stays current.
     ///

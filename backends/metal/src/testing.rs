@@ -38,6 +38,7 @@ impl Sketch {
             stand_ins: vec![],
             facts: BTreeMap::new(),
             params: vec![],
+            effects: vec![],
             resources: vec![],
             shaders: vec![shader(ShaderStage::Vertex), shader(ShaderStage::Fragment)],
             passes: vec![],

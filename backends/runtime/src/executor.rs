@@ -226,6 +226,10 @@ impl<G: Gpu> Device for Executor<G> {
         Self::on(self.info.clone(), self.shared.clone())
     }
 
+    fn shares_device(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.shared, &other.shared)
+    }
+
     fn loader(&self) -> Loader<G> {
         Loader {
             shared: self.shared.clone(),

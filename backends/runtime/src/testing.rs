@@ -55,6 +55,7 @@ pub(crate) fn plan() -> Plan {
         stand_ins: vec![],
         facts: BTreeMap::new(),
         params: Vec::new(),
+        effects: Vec::new(),
         resources: vec![
             resource("words", buffer(1024), any, Source::Transient, Some(BlockId(0))),
             resource("args", buffer(8), any, Source::Transient, Some(BlockId(1))),

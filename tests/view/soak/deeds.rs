@@ -202,21 +202,15 @@ impl Soak {
             Deed::Key => {
                 let key =
                     *self.dice.of(&[Key::F, Key::Home, Key::ArrowLeft, Key::ArrowUp, Key::F1, Key::Tab]);
-                for pressed in [true, false] {
-                    self.viewer.plan_input(vec![Input::Key {
-                        key,
-                        physical_key: None,
-                        pressed,
-                        repeat: false,
-                        modifiers: Modifiers::NONE,
-                    }]);
-                }
+                self.viewer.key(key, Modifiers::NONE);
             }
             Deed::Panel => {
                 let panel = *self.dice.of(&[
-                    "panel:Settings",
-                    "panel:Performance",
-                    "panel:Graph",
+                    "panel:Parameters",
+                    "panel:Times",
+                    "panel:Timeline",
+                    "panel:Inspector",
+                    "panel:Cameras",
                     "viewport:B",
                     "keys_sorted",
                 ]);
@@ -298,11 +292,6 @@ impl Soak {
 
     /// Clicks on a control, if it is there now.
     fn click(&mut self, name: &str) {
-        let Some(at) = self.viewer.shell.panels.controls.find(name).map(|rect| rect.center()) else { return };
-        let button = PointerButton::Primary;
-        let press = |pressed| Input::PointerButton { pos: at, button, pressed, modifiers: Modifiers::NONE };
-        self.viewer.plan_input(vec![Input::PointerMoved(at)]);
-        self.viewer.plan_input(vec![press(true)]);
-        self.viewer.plan_input(vec![press(false)]);
+        let _ = self.viewer.click(name);
     }
 }

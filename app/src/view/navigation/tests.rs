@@ -139,6 +139,26 @@ fn orbiting_and_looking_stop_short_of_the_poles() {
 }
 
 #[test]
+fn a_camera_that_is_upside_down_is_turned_after_the_pointer_too() {
+    for button in ['l', 'r'] {
+        let mut navigation = navigation();
+        let mut camera = Camera::looking_at([1.0, -3.0, -20.0], [1.0, 0.5, 1.0], 60.0, PIXELS);
+        let roll = DMat3::from_axis_angle(DVec3::from(camera.axes()[2]), std::f64::consts::PI);
+        let rotation = roll * DMat3::from_cols_array_2d(&camera.rotation).transpose();
+        camera.rotation = rotation.transpose().to_cols_array_2d();
+        navigation.set_camera(&camera);
+        let near = navigation.pivot() - DVec3::Z;
+        let [x, y] = pixel(&now(&navigation), near);
+        navigation.update(&drag(button, 30.0, 20.0));
+        let [moved_x, moved_y] = pixel(&now(&navigation), near);
+        // Orbiting moves the near side after the pointer, looking around moves everything against it.
+        let sense = if button == 'l' { 1.0 } else { -1.0 };
+        let moved = [sense * (moved_x - x), sense * (moved_y - y)];
+        assert!(moved[0] > 1.0 && moved[1] > 1.0, "{button}: {moved:?}");
+    }
+}
+
+#[test]
 fn a_camera_that_looks_straight_up_or_down_can_be_turned() {
     for y in [-50.0, 50.0] {
         let mut navigation = navigation();
@@ -358,6 +378,69 @@ fn home_goes_back_to_the_start() {
 }
 
 #[test]
+fn the_field_of_view_is_set_in_place_within_its_range() {
+    let mut navigation = navigation();
+    let (before, pivot) = (now(&navigation), navigation.pivot());
+    let vertical = |camera: &Camera| 2.0 * (0.5 * f64::from(camera.height) / camera.fy).atan().to_degrees();
+    assert!((navigation.field_of_view() - vertical(&before)).abs() < 1e-9);
+    for (asked, expected) in [(40.0, 40.0), (1.0, 5.0), (f64::INFINITY, 150.0), (f64::NAN, 150.0)] {
+        navigation.set_field_of_view(asked);
+        assert!((navigation.field_of_view() - expected).abs() < 1e-9, "{asked}");
+        let camera = now(&navigation);
+        assert!((vertical(&camera) - expected).abs() < 1e-9, "{asked}");
+        assert_eq!(camera.position, before.position);
+        assert!((camera.fx / camera.fy - 1.25).abs() < 1e-12, "the pixels' shape stays");
+        assert!(close(navigation.pivot(), pivot, 1e-12));
+        assert_sound(&navigation);
+    }
+    assert!((navigation.first_field_of_view() - vertical(&start())).abs() < 1e-9);
+}
+
+#[test]
+fn framing_and_home_keep_a_field_of_view_that_was_set_and_a_camera_brings_its_own() {
+    let mut navigation = navigation();
+    navigation.set_animated(true);
+    let settle = |navigation: &mut Navigation| {
+        for _ in 0..2 {
+            navigation.update(&Input { size: SIZE, seconds: 1.0, ..Input::default() });
+        }
+        assert!(!navigation.is_moving());
+    };
+    let set = |navigation: &Navigation| (navigation.field_of_view() - 100.0).abs() < 1e-9;
+    navigation.frame(SIZE);
+    // On the way.
+    navigation.set_field_of_view(100.0);
+    assert!(set(&navigation));
+    settle(&mut navigation);
+    assert!(set(&navigation));
+    assert!((filled(&now(&navigation), &bounds()).unwrap() - 0.92).abs() > 0.01, "framed for another one");
+    navigation.frame(SIZE);
+    settle(&mut navigation);
+    assert!(set(&navigation) && (filled(&now(&navigation), &bounds()).unwrap() - 0.92).abs() < 1e-9);
+    navigation.home();
+    settle(&mut navigation);
+    assert!(set(&navigation) && now(&navigation).position == start().position);
+    let other = Camera::looking_at([-8.0, -3.0, 2.0], [0.0; 3], 40.0, PIXELS);
+    navigation.set_camera(&other);
+    settle(&mut navigation);
+    assert_eq!(now(&navigation), other);
+    navigation.home();
+    settle(&mut navigation);
+    assert_eq!(now(&navigation), start(), "with its own field of view");
+}
+
+#[test]
+fn a_jump_ends_a_flight_and_arrives_at_once() {
+    let mut navigation = navigation();
+    navigation.set_animated(true);
+    navigation.frame(SIZE);
+    let other = Camera::looking_at([-8.0, -3.0, 2.0], [0.0; 3], 40.0, PIXELS);
+    navigation.jump_to(&other);
+    assert!(!navigation.is_moving());
+    assert_eq!(now(&navigation), other);
+}
+
+#[test]
 fn the_way_to_another_camera_takes_a_moment_and_ends_exactly_there() {
     let mut navigation = navigation();
     navigation.set_animated(true);
@@ -365,6 +448,9 @@ fn the_way_to_another_camera_takes_a_moment_and_ends_exactly_there() {
     navigation.set_camera(&other);
     assert!(apart(&now(&navigation), &start()) < 1e-12, "time has not passed yet");
     let wait = |seconds| Input { size: SIZE, seconds, ..Input::default() };
+    // The time before the first update is not the flight's.
+    navigation.update(&wait(60.0));
+    assert!(navigation.is_moving() && apart(&now(&navigation), &start()) < 1e-12);
     let mut last = (position(&navigation) - DVec3::from(other.position)).length();
     for _ in 0..6 {
         assert!(navigation.is_moving() && navigation.update(&wait(0.05)));
@@ -383,7 +469,10 @@ fn the_user_ends_a_flight_where_it_is_and_scripts_have_none() {
     let mut navigation = navigation();
     navigation.set_animated(true);
     navigation.frame(SIZE);
-    navigation.update(&Input { size: SIZE, seconds: 0.1, ..Input::default() });
+    for _ in 0..2 {
+        navigation.update(&Input { size: SIZE, seconds: 0.1, ..Input::default() });
+    }
+    assert!(apart(&now(&navigation), &start()) > 0.1, "on the way");
     let midway = now(&navigation);
     navigation.update(&drag('l', 1.0, 0.0));
     assert!(!navigation.is_moving());
@@ -479,7 +568,7 @@ proptest! {
     fn whatever_the_input_the_camera_is_finite_and_orthonormal(
         list in prop::collection::vec(inputs(), 1..40),
         low in prop::array::uniform3(-1e3f32..1e3), extent in prop::sample::select(&[0.0f32, 1e-20, 1e-3, 10.0, 1e12, 1e38, f32::INFINITY, f32::NAN]),
-        numbers in prop::array::uniform8(wild()), up in prop::array::uniform3(wild()), animated: bool,
+        numbers in prop::array::uniform8(wild()), up in prop::array::uniform3(wild()), animated: bool, view in wild(),
     ) {
         let bounds = Bounds { min: low, max: low.map(|v| v + extent) };
         let mut navigation = Navigation::new(&bounds, &start(), DVec3::from(up));
@@ -489,6 +578,9 @@ proptest! {
         for (i, input) in list.iter().enumerate() {
             if i == 7 {
                 navigation.set_camera(&odd);
+            }
+            if i % 11 == 5 {
+                navigation.set_field_of_view(view);
             }
             navigation.update(input);
             assert_sound(&navigation);

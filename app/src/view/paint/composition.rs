@@ -12,6 +12,9 @@ pub const WINDOW: &str = "frame.window";
 /// Size of the uniform block, in bytes.
 pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
 
+/// Bytes that a storage binding can have on every device.
+const BINDING: usize = 128 << 20;
+
 /// A picture to show, drawn by a plan or packed by the host (as [`BufferContents::Bytes`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shown {
@@ -116,7 +119,7 @@ impl Composition {
         });
         let mut draws = [[6, 0, 0, 0]; PARTS + 1];
         for (part, draw) in (0..).zip(&mut draws[..PARTS]) {
-            draw[1] = u32::from(plain.is_some_and(|picture| picture.part(part).is_some()));
+            draw[1] = u32::from(plain.is_some_and(|picture| picture.rows(part).is_some()));
         }
         draws[PARTS][1] = u32::from(plain.is_none() && width > 0 && height > 0);
         draws
@@ -138,24 +141,33 @@ impl Composition {
 }
 
 impl Shown {
-    /// Returns the rows of each part but the last. Pixels from the host are one part.
+    /// Returns the rows of each part but the last. Pixels from the host are one part, if a storage binding can be so large.
     fn rows_per_part(&self) -> u32 {
-        match self.pixels {
-            BufferContents::Bytes(_) => self.height,
+        match &self.pixels {
+            BufferContents::Bytes(bytes) if bytes.len() <= BINDING => self.height,
             // Whole multiples of the alignment, whatever the width and the format: pixels have four bytes or more.
             _ => self.height.div_ceil(PARTS as u32).next_multiple_of(ROWS_ALIGNMENT as u32 / 4),
         }
     }
 
-    /// Returns the contents of a part; none for one that the picture does not need.
-    fn part(&self, part: u32) -> Option<BufferContents> {
+    /// Returns the first row of a part and the number of its rows; none for a part that the picture does not need.
+    fn rows(&self, part: u32) -> Option<(u32, u32)> {
         let rows = self.rows_per_part();
         let first = part.checked_mul(rows).filter(|first| *first < self.height)?;
-        Some(match self.pixels {
-            BufferContents::Picture(picture) => {
-                BufferContents::Rows { picture, first, count: rows.min(self.height - first) }
+        Some((first, rows.min(self.height - first)))
+    }
+
+    /// Returns the contents of a part; none for one that the picture does not need.
+    fn part(&self, part: u32) -> Option<BufferContents> {
+        let (first, count) = self.rows(part)?;
+        Some(match &self.pixels {
+            BufferContents::Picture(picture) => BufferContents::Rows { picture: *picture, first, count },
+            BufferContents::Bytes(bytes) if count < self.height => {
+                let row = bytes.len() / self.height as usize;
+                let [first, count] = [first, count].map(|rows| rows as usize * row);
+                BufferContents::Bytes(Arc::new(bytes[first..first + count].to_vec()))
             }
-            ref other => other.clone(),
+            other => other.clone(),
         })
     }
 }

@@ -99,6 +99,17 @@ impl Interface {
         Interface { window, view, background, texels, pieces }
     }
 
+    /// Returns true for an interface of the same look.
+    pub fn is(&self, other: &Interface) -> bool {
+        self.is_placed_as(other) && self.pieces == other.pieces
+    }
+
+    /// Returns true if texels and places mean the same in both.
+    fn is_placed_as(&self, other: &Interface) -> bool {
+        (other.window, other.view, other.background) == (self.window, self.view, self.background)
+            && Arc::ptr_eq(&other.texels, &self.texels)
+    }
+
     /// Lists the areas to draw over a window that shows `former`, each with true if its background must be drawn, too.
     pub fn areas(&self, former: Option<&Interface>) -> Vec<(Area, bool)> {
         let [width, height] = self.window.map(|side| side as f32);
@@ -113,10 +124,7 @@ impl Interface {
         ];
         let strips = strips.map(|(first, beyond)| Area { first, beyond });
         // Elsewhere texels and places mean other things.
-        let known = former.filter(|former| {
-            (former.window, former.view, former.background) == (self.window, self.view, self.background)
-                && Arc::ptr_eq(&former.texels, &self.texels)
-        });
+        let known = former.filter(|former| self.is_placed_as(former));
         let damage = strips.map(|strip| match known {
             None => strip,
             Some(former) => {

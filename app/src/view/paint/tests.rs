@@ -4,6 +4,7 @@ use crate::planner::Planner;
 use egui::epaint::textures::TextureOptions;
 use egui::epaint::{ColorImage, ImageDelta, TextureId};
 use egui::{Color32, Pos2, Rect, pos2, vec2};
+use splatgraph_api::FrameInputs;
 use splatgraph_framework::ir::{DrawCall, Format, Shape, Source, Work};
 use splatgraph_framework::oracle::mutate::needless;
 use splatgraph_framework::oracle::{Replay, replay};
@@ -285,4 +286,32 @@ fn an_interface_that_is_shown_is_not_packed_again_until_it_is_forgotten() {
     assert_eq!(packed(&mut painter, Color32::RED), 0, "the green one was not drawn");
     painter.forget();
     assert_eq!(packed(&mut painter, Color32::RED), both);
+}
+
+#[test]
+fn a_picture_from_the_host_that_is_larger_than_a_binding_comes_in_parts() {
+    let (width, height) = (16_384u32, 2_100u32);
+    let pixels: Vec<u32> = (0..width * height).collect();
+    let picture = Shown {
+        format: Format::Rgba8Unorm,
+        width,
+        height,
+        pixels: BufferContents::Bytes(Arc::new(bytemuck::cast_slice(&pixels).to_vec())),
+    };
+    let under = Composition { a: Some(picture), b: None, mode: Mode::A, ..composition() };
+    let mut inputs = FrameInputs::default();
+    under.give(&mut inputs);
+    let rows = bytemuck::pod_read_unaligned::<u32>(&inputs.uniforms[WINDOW][28..32]);
+    let mut first = 0;
+    for name in PICTURES[0] {
+        let BufferContents::Bytes(bytes) = &inputs.buffers[name] else { panic!("{name} is no part") };
+        assert!(bytes.len() <= 128 << 20);
+        assert_eq!(bytemuck::pod_read_unaligned::<u32>(&bytes[..4]), first * width, "{name}");
+        first += (bytes.len() / 4) as u32 / width;
+        assert!(
+            first == height || first.is_multiple_of(rows),
+            "{name} ends in row {first} of parts of {rows}"
+        );
+    }
+    assert_eq!(first, height);
 }

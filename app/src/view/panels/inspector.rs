@@ -1,226 +1,275 @@
-//! Shows the contents of a resource after a pass: numbers, a histogram, a picture, and the order of sorted keys.
+//! Shows what is selected: a pass, a barrier, a resource with its contents, or the picked splat.
 
-use super::Controls;
-use crate::inspect::{Finding, ReadAs};
-use crate::view::viewport::{Inspection, Viewport};
-use egui::{Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
-use egui_plot::{Bar, BarChart, Plot};
+use super::selection::{self, Dumped, Selection, bound_bytes};
+use super::theme::{self, Palette};
+use super::widgets::{self, fact, heading, hint, link};
+use super::{Command, Controls, contents};
+use crate::view::viewport::Viewport;
+use egui::{RichText, Ui};
+use egui_plot::{Line, Plot, PlotPoints};
 use splatgraph_api::Device;
-use splatgraph_framework::ir::Work;
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::dump::{self, Dump, DumpBarrier, DumpPass, DumpResource, DumpTouch, Place};
+use splatgraph_framework::ir::{Origin, Run};
 
-/// Number of lines with numbers.
-const LINES: usize = 16;
-
-/// Number of bars in the histogram.
-const BINS: usize = 64;
-
-/// Largest width of a picture, in pixels; larger ones are reduced, because they use the memory of the user interface.
-const LARGEST: usize = 512;
-
-/// The panel's settings.
+/// The state of the tool.
 #[derive(Default)]
 pub struct State {
-    first: usize,
-    read: ReadAs,
-    channel: usize,
-    picture: Option<TextureHandle>,
-    /// Number of the finding in the picture.
-    shown: Option<u64>,
+    contents: contents::State,
+}
+
+/// What a frame of the inspector may change.
+pub struct Target<'a> {
+    /// The selection.
+    pub selection: &'a mut Option<Selection>,
+    /// Requests to the window.
+    pub commands: &'a mut Vec<Command>,
+    /// Places of the controls.
+    pub controls: &'a mut Controls,
 }
 
 impl State {
-    /// Draws the panel.
-    pub fn show<D: Device>(&mut self, ui: &mut Ui, viewport: &mut Viewport<D>, controls: &mut Controls) {
-        let Some(plan) = viewport.renderer.plan().cloned() else { return };
-        ui.horizontal(|ui| {
-            let keys = ui.button("Are the keys sorted?");
-            controls.see("keys_sorted", keys.rect);
-            if keys.on_hover_text("Read the sorted keys back and check that they ascend").clicked() {
-                match sorted_keys(&plan) {
-                    Some((resource, pass)) => viewport.look_at(&resource, &pass),
-                    None => viewport
-                        .cannot_look("no pass of this plan writes a resource whose name begins with `keys`"),
-                }
-            }
-            if viewport.inspection.is_some() && ui.button("Close").clicked() {
-                viewport.inspection = None;
-            }
-        });
-        let number = viewport.readings();
-        let Some(inspection) = &mut viewport.inspection else {
-            ui.weak("Click a resource of a pass to inspect its contents. During an inspection, resources do not share memory.");
-            return;
-        };
-        choose(ui, &plan, inspection);
-        match &inspection.found {
-            None => {
-                ui.spinner();
-            }
-            Some(Err(error)) => {
-                ui.colored_label(Color32::from_rgb(255, 150, 130), error);
-            }
-            Some(Ok(finding)) => self.finding(ui, finding, number, controls),
-        }
-    }
-
-    fn finding(&mut self, ui: &mut Ui, finding: &Finding, number: u64, controls: &mut Controls) {
-        if let Some(order) = &finding.order {
-            let colour = match order.ascending {
-                true => Color32::from_rgb(120, 220, 120),
-                false => Color32::from_rgb(255, 120, 110),
-            };
-            ui.label(RichText::new(order.to_string()).strong().color(colour));
-            if let Some(at) = order.first_descent
-                && ui.button("Show where").clicked()
-            {
-                self.first = (at as usize).saturating_sub(LINES / 2);
-            }
-        }
-        // An element of an image is a pixel.
-        let inner = if finding.is_image { 2 } else { 1 };
-        let per_element = finding.shape.iter().skip(inner).product::<u64>().max(1) as usize;
-        let elements = finding.words.len() / per_element;
-        let shape: Vec<String> = finding.shape.iter().map(u64::to_string).collect();
-        ui.horizontal(|ui| {
-            ui.label(shape.join(" x "));
-            ui.selectable_value(&mut self.read, ReadAs::Uint, "integers");
-            ui.selectable_value(&mut self.read, ReadAs::Float, "floats");
-        });
-        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            ui.columns(2, |columns| {
-                self.numbers(&mut columns[0], finding, per_element, elements, controls);
-                self.histogram(&mut columns[1], finding, per_element);
-                if finding.is_image {
-                    self.picture(&mut columns[1], finding, number);
-                }
-            });
-        });
-    }
-
-    fn picture(&mut self, ui: &mut Ui, finding: &Finding, number: u64) {
-        if self.shown != Some(number) {
-            self.shown = Some(number);
-            self.picture = finding.words.picture(&finding.shape).map(|image| {
-                let step = image.width.max(image.height).div_ceil(LARGEST).max(1);
-                let (width, height) = (image.width.div_ceil(step), image.height.div_ceil(step));
-                let pixels = (0..width * height).map(|i| {
-                    let [r, g, b] =
-                        image.at(i % width * step, i / width * step).map(|v| (v * 255.0).round() as u8);
-                    Color32::from_rgb(r, g, b)
-                });
-                let image = ColorImage::new([width, height], pixels.collect());
-                ui.ctx().load_texture("inspected", image, TextureOptions::NEAREST)
-            });
-        }
-        if let Some(picture) = &self.picture {
-            let size = picture.size_vec2();
-            let scale = (ui.available_width() / size.x).min(1.0);
-            ui.image((picture.id(), size * scale));
-        }
-    }
-
-    fn histogram(&mut self, ui: &mut Ui, finding: &Finding, per_element: usize) {
-        let channels = per_element;
-        self.channel = self.channel.min(channels - 1);
-        if channels > 1 {
-            ComboBox::from_label("of").selected_text(format!("word {}", self.channel)).show_ui(ui, |ui| {
-                for channel in 0..channels {
-                    ui.selectable_value(&mut self.channel, channel, format!("word {channel}"));
-                }
-            });
-        }
-        let end = finding.counted.map_or(finding.words.len(), |n| n as usize * channels);
-        let found = finding.words.histogram(self.channel..end, channels, self.read, BINS);
-        let [least, greatest] = found.range;
-        let width = ((greatest - least) / BINS as f64).max(f64::MIN_POSITIVE);
-        let bar = |(index, count): (usize, &u64)| {
-            Bar::new(least + (index as f64 + 0.5) * width, *count as f64).width(width)
-        };
-        let bars: Vec<Bar> = found.counts.iter().enumerate().map(bar).collect();
-        Plot::new("histogram").height(90.0).allow_scroll(false).allow_drag(false).allow_zoom(false).show(
-            ui,
-            |plot| {
-                plot.bar_chart(BarChart::new("values", bars));
-            },
-        );
-        let mut text = format!("from {least} to {greatest}");
-        if found.not_finite > 0 {
-            text += &format!(", {} not finite", found.not_finite);
-        }
-        ui.weak(text);
-    }
-
-    fn numbers(
+    /// Draws the details of the selection.
+    pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
-        finding: &Finding,
-        per_element: usize,
-        elements: usize,
-        controls: &mut Controls,
+        viewport: &mut Viewport<D>,
+        dumped: &mut Dumped,
+        target: &mut Target,
     ) {
-        let last = elements.saturating_sub(LINES);
-        ui.horizontal(|ui| {
-            if ui.button("first").clicked() {
-                self.first = 0;
+        let Some(plan) = viewport.renderer.plan().cloned() else { return };
+        let dump = dumped.of(&plan);
+        if target.selection.as_ref().is_some_and(|selection| !selection.is_in(dump)) {
+            *target.selection = None;
+        }
+        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            match target.selection.clone() {
+                None if viewport.inspection.is_none() => {
+                    ui.weak(
+                        "Click a pass, a barrier or a resource in the timeline, or a splat in the picture. \
+                         Details appear here.",
+                    );
+                }
+                Some(Selection::Pass(name)) => {
+                    if let Some(pass) = dump.pass(&name) {
+                        show_pass(ui, viewport, dump, pass, target);
+                    }
+                }
+                Some(Selection::Barrier(id)) => {
+                    if let Some(barrier) = selection::barrier(dump, id) {
+                        show_barrier(ui, barrier, target);
+                    }
+                }
+                Some(Selection::Resource(name)) => {
+                    if let Some(resource) = selection::resource(dump, &name) {
+                        show_resource(ui, dump, resource, target);
+                    }
+                }
+                None | Some(Selection::Splat) => {}
             }
-            let first = ui.add(egui::DragValue::new(&mut self.first).range(0..=last).prefix("from "));
-            controls.see("inspect:first", first.rect);
-            if ui.button("last").clicked() {
-                self.first = last;
-            }
-            if let Some(counted) = finding.counted
-                && ui.button(format!("last of {counted}")).on_hover_text("Visible splats").clicked()
-            {
-                self.first = (counted as usize).saturating_sub(LINES).min(last);
-            }
+            ui.separator();
+            self.contents.show(ui, viewport, &plan, target);
         });
-        self.first = self.first.min(last);
-        for element in self.first..(self.first + LINES).min(elements) {
-            let words = (0..per_element.min(16))
-                .filter_map(|w| finding.words.text(element * per_element + w, self.read));
-            ui.monospace(format!("{element:>9}  {}", words.collect::<Vec<_>>().join("  ")));
+    }
+}
+
+/// Draws the line of a declaration, which opens it in an editor.
+fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
+    let response = link(ui, format!("{}:{}", origin.file, origin.line));
+    if hint(response, "Open this line in an editor").clicked() {
+        target.commands.push(Command::Edit(origin.clone()));
+    }
+}
+
+/// Draws a name that selects a pass.
+fn pass_link(ui: &mut Ui, name: &str, target: &mut Target) {
+    if link(ui, name).clicked() {
+        *target.selection = Some(Selection::Pass(name.to_owned()));
+    }
+}
+
+fn show_pass<D: Device>(
+    ui: &mut Ui,
+    viewport: &mut Viewport<D>,
+    dump: &Dump,
+    pass: &DumpPass,
+    target: &mut Target,
+) {
+    let once = if pass.run == Run::Once { ", runs once" } else { "" };
+    ui.label(RichText::new(&pass.name).family(theme::strong()).size(theme::HEADING));
+    ui.weak(format!("{} in phase {}{once}", pass.kind, pass.phase));
+    place(ui, &pass.declared, target);
+    fact(ui, "Size", &pass.size);
+    let row = viewport.history.table().into_iter().find(|row| row.phase.is_some() && row.name == pass.name);
+    let ms = row
+        .and_then(|row| row.ms)
+        .filter(|_| viewport.renderer.plan().is_some_and(|plan| viewport.history.is_of(plan)));
+    let (read, written) = bound_bytes(dump, pass);
+    fact(ui, "Bound, read", dump::bytes(read));
+    fact(ui, "Bound, written", dump::bytes(written));
+    if let Some(ms) = ms {
+        fact(ui, "Time, median", widgets::time(ms.median));
+        fact(ui, "Time, 99th percentile", widgets::time(ms.p99));
+        if ms.median > 0.0 {
+            let rate = (read + written) as f64 / ms.median / 1e6;
+            let text = format!("{} GB/s", widgets::three_digits(rate));
+            fact(ui, "If each byte moves once", text);
+        }
+        if viewport.history.is_mostly_unattributed() {
+            ui.weak("This driver's timestamps do not tell passes apart.");
+        }
+        let series = viewport.history.pass_series(&pass.phase);
+        if let Some(series) = series.into_iter().find(|series| series.name == pass.name) {
+            let colour = super::timeline::phase_colour(dump, &pass.phase);
+            Plot::new("pass")
+                .height(72.0)
+                .allow_scroll(false)
+                .allow_zoom(false)
+                .allow_drag(false)
+                .include_y(0.0)
+                .x_axis_formatter(|_, _| String::new())
+                .y_axis_formatter(|mark, _| widgets::time(mark.value))
+                .show(ui, |plot| {
+                    plot.line(Line::new(series.name, PlotPoints::from(series.points)).color(colour));
+                });
+        }
+    }
+    for shader in &pass.shaders {
+        heading(ui, &shader.file);
+        let [x, y, z] = shader.local_size;
+        fact(ui, "Workgroup", format!("{x} x {y} x {z}, {} shared", dump::bytes(shader.shared_bytes.into())));
+        let defines: Vec<String> = shader.defines.iter().map(|d| format!("{}={}", d.name, d.value)).collect();
+        if !defines.is_empty() {
+            ui.add(
+                egui::Label::new(RichText::new(defines.join("  ")).monospace().color(Palette::of(ui).soft))
+                    .wrap(),
+            );
+        }
+    }
+    for (title, uses) in [("Reads", &pass.reads), ("Writes", &pass.writes)] {
+        if !uses.is_empty() {
+            heading(ui, title);
+        }
+        for touch in uses {
+            show_touch(ui, viewport, pass, touch, target);
+        }
+    }
+    if !pass.barriers.is_empty() {
+        heading(ui, "Waits at");
+        for barrier in &pass.barriers {
+            if link(ui, dump::barrier_line(barrier)).clicked() {
+                *target.selection = Some(Selection::Barrier(barrier.id));
+            }
+        }
+    }
+    if !pass.push.is_empty() {
+        heading(ui, "Push constants");
+        for push in &pass.push {
+            let name = push.name.clone().unwrap_or_else(|| format!("byte {}", push.offset));
+            fact(ui, &name, push.value.to_string());
         }
     }
 }
 
-/// Draws the choice of resource and pass.
-fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
-    ui.horizontal_wrapped(|ui| {
-        let mut changed = false;
-        ComboBox::from_id_salt("resource").selected_text(inspection.resource.as_str()).show_ui(ui, |ui| {
-            for resource in &plan.resources {
-                changed |= ui
-                    .selectable_value(&mut inspection.resource, resource.name.clone(), &resource.name)
-                    .changed();
-            }
-        });
-        ui.label("after");
-        ComboBox::from_id_salt("pass").selected_text(inspection.pass.as_str()).show_ui(ui, |ui| {
-            for step in plan.prologue.iter().chain(&plan.frame) {
-                let name = &plan.pass(step.pass).name;
-                changed |= ui.selectable_value(&mut inspection.pass, name.clone(), name).changed();
-            }
-        });
-        let read = ui.button("Read").clicked();
-        ui.checkbox(&mut inspection.follow, "every frame");
-        if changed || read {
-            inspection.ask();
+/// Draws an access of a pass: the resource, and a button that reads it after this pass.
+fn show_touch<D: Device>(
+    ui: &mut Ui,
+    viewport: &mut Viewport<D>,
+    pass: &DumpPass,
+    touch: &DumpTouch,
+    target: &mut Target,
+) {
+    ui.horizontal(|ui| {
+        let look = ui.small_button("contents");
+        target.controls.see(&format!("look:{}@{}", touch.resource, pass.name), look.rect);
+        if hint(look, "Read its contents after this pass").clicked() {
+            viewport.look_at(&touch.resource, &pass.name);
+        }
+        let masks = format!("{} {}", touch.stages.join("|"), touch.accesses.join("|"));
+        let name = link(ui, &touch.resource);
+        if hint(name, masks).clicked() {
+            *target.selection = Some(Selection::Resource(touch.resource.clone()));
         }
     });
 }
 
-/// Finds the sorted keys: the resource whose name begins with `keys`, and the last pass that writes it.
-pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
-    plan.frame.iter().rev().find_map(|step| {
-        let pass = plan.pass(step.pass);
-        if matches!(pass.work, Work::Export | Work::Host) {
-            return None;
+fn show_barrier(ui: &mut Ui, barrier: &DumpBarrier, target: &mut Target) {
+    ui.label(RichText::new(format!("Barrier {}", barrier.id)).family(theme::strong()).size(theme::HEADING));
+    match &barrier.before {
+        Some(before) => {
+            ui.horizontal_wrapped(|ui| {
+                ui.weak("before");
+                pass_link(ui, &before.name, target);
+            });
         }
-        let keys = |touch: &&splatgraph_framework::ir::Use| {
-            touch.accesses.writes() && plan.resource(touch.resource).name.starts_with("keys")
+        None => _ = ui.weak("between the prologue and the first frame"),
+    }
+    let masks = |stages: &[String], accesses: &[String]| match accesses {
+        [] => stages.join(" | "),
+        _ => format!("{} {}", stages.join(" | "), accesses.join(" | ")),
+    };
+    match &barrier.image {
+        Some(image) => fact(ui, "Layout", format!("{}: {:?} to {:?}", image.image, image.old, image.new)),
+        None => fact(ui, "On", "all memory"),
+    }
+    fact(ui, "Waits for", masks(&barrier.masks.source_stages, &barrier.masks.source_accesses));
+    fact(ui, "Holds up", masks(&barrier.masks.target_stages, &barrier.masks.target_accesses));
+    heading(ui, format!("Hazards resolved: {}", barrier.dependencies.len()));
+    for dependency in &barrier.dependencies {
+        let kind = dump::dependency_line(barrier, dependency);
+        ui.add(egui::Label::new(kind).wrap());
+        ui.horizontal_wrapped(|ui| {
+            let Place { name, declared } = &dependency.resource;
+            if link(ui, name).clicked() {
+                *target.selection = Some(Selection::Resource(name.clone()));
+            }
+            place(ui, declared, target);
+        });
+        ui.horizontal_wrapped(|ui| {
+            for after in &dependency.after {
+                pass_link(ui, &after.name, target);
+            }
+            ui.weak(if dependency.previous_frame { "(last frame) before" } else { "before" });
+            pass_link(ui, &dependency.before.name, target);
+        });
+        ui.add_space(theme::GRID);
+    }
+}
+
+fn show_resource(ui: &mut Ui, dump: &Dump, resource: &DumpResource, target: &mut Target) {
+    ui.label(RichText::new(&resource.name).family(theme::strong()).size(theme::HEADING));
+    place(ui, &resource.declared, target);
+    fact(ui, "Shape", &resource.shape);
+    fact(ui, "Size", dump::bytes(resource.bytes));
+    let source = match &resource.from {
+        Some(from) => format!("{}, {from}", resource.source),
+        None => resource.source.clone(),
+    };
+    fact(ui, "Source", source);
+    fact(ui, "Usage", resource.usage.join(" | "));
+    if let Some(block) = resource.block.and_then(|id| dump.blocks.iter().find(|block| block.id == id)) {
+        let others: Vec<&str> =
+            block.aliases.iter().map(String::as_str).filter(|name| *name != resource.name).collect();
+        let text = match others.as_slice() {
+            [] => format!("block {}, alone", block.id),
+            others => format!("block {}, with {}", block.id, others.join(", ")),
         };
-        let touch = pass.uses.iter().find(keys)?;
-        Some((plan.resource(touch.resource).name.clone(), pass.name.clone()))
-    })
+        fact(ui, "Memory", text);
+    }
+    if let Some(history) = &resource.history {
+        fact(ui, "Kept from frame to frame as", history);
+    }
+    heading(ui, "Used by");
+    for pass in &dump.passes {
+        let (reads, writes) = selection::touches(pass, &resource.name);
+        let how = match (reads, writes) {
+            (true, true) => "reads and writes",
+            (true, false) => "reads",
+            (false, true) => "writes",
+            (false, false) => continue,
+        };
+        ui.horizontal(|ui| {
+            pass_link(ui, &pass.name, target);
+            ui.weak(how);
+        });
+    }
 }

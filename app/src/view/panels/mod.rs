@@ -1,42 +1,61 @@
-//! Draws the panels around the picture.
+//! Draws the tools around the picture, and what lies over it.
 //!
-//! Parameters and presets are at the left, times and memory at the right, the graph and its resources below, and errors over the
-//! picture. Panels read and change a [`Viewer`]; they do not depend on a window, so tests can click through them.
+//! The top bar chooses scene, camera and graph. [`layout`] docks the tools: parameters and cameras at the left, the inspector and
+//! the times at the right, the timeline below. One [`Selection`] runs through all of them. Panels read and change a
+//! [`Viewer`]; they do not depend on a window, so tests can click through them.
 
+mod cameras;
+mod contents;
+mod errors;
 mod failures;
-mod graph;
+mod help;
+mod hud;
 mod inspector;
+mod keys;
+mod layout;
 mod params;
-mod performance;
 mod pointer;
 mod presets;
+pub mod selection;
+mod splat;
+mod status;
+pub mod theme;
+mod timeline;
+mod times;
+mod tools;
+mod top_bar;
+mod widgets;
 
 use super::events::{Event, RendererId};
-use super::history::History;
+use super::history::{History, WINDOW};
 use super::paint::Mode;
-use super::profile::CAPTURES;
+use super::undo::{self, Settings};
 use super::viewer::Viewer;
-use egui::{Align2, CentralPanel, Color32, Context, Frame, Panel, Rect, RichText, Ui};
-use presets::{Presets, file_name};
+use super::wheel::Wheel;
+use egui::{Align2, CentralPanel, Context, Panel, Rect, Ui};
+use layout::Layout;
+use presets::Presets;
+use selection::{Dumped, Selection};
 use splatgraph_api::Device;
+use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
-use splatgraph_framework::reload::WatchKind;
 use std::collections::{BTreeMap, VecDeque};
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
+use theme::Palette;
 
+pub use layout::Tool;
 pub use params::set_line;
-
-/// Height of the status line, also when it is empty, in points.
-const STATUS: f32 = 20.0;
-
-/// Colour of what works in part, in the status line.
-const PARTIAL: Color32 = Color32::from_rgb(230, 200, 120);
 
 /// Number of lines in the log.
 const LOG: usize = 200;
 
+/// Number of files in the list of scenes.
+const RECENT: usize = 12;
+
 /// A request to the window.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Command {
     /// Save the window's picture.
     Screenshot,
@@ -48,6 +67,10 @@ pub enum Command {
     Capture,
     /// Switch full screen on or off.
     Fullscreen,
+    /// Ask for a scene, a graph or cameras, and open the file.
+    Open,
+    /// Open a line of a file in an editor.
+    Edit(Origin),
 }
 
 /// Places of the controls in the last frame, by name, in points, for scripted input.
@@ -86,27 +109,41 @@ pub struct PanelOutput {
 pub struct Panels {
     /// True to show the picture alone.
     pub hidden: bool,
-    /// True to show the left panel.
-    pub settings: bool,
-    /// True to show the right panel.
-    pub performance: bool,
-    /// True to show the bottom panel.
-    pub graph: bool,
     /// True if frames wait for the display.
     pub vsync: bool,
+    /// True to show the time of a frame, and messages, on the picture.
+    pub hud: bool,
     /// Renderer of the shown parameters and times.
     pub selected: RendererId,
     /// Places of the controls.
     pub controls: Controls,
     /// True to show the list of keys.
     pub help: bool,
+    layout: Layout,
+    selection: Option<Selection>,
+    /// Place in the first picture to pick, as shares of its width and height.
+    pick_first: Option<[f32; 2]>,
+    dumped: Dumped,
+    timeline: timeline::State,
+    inspector: inspector::State,
+    params: params::State,
+    presets: Presets,
     /// Text over the picture until it is dismissed.
     notice: Option<String>,
-    presets: Presets,
+    errors: errors::State,
+    toasts: hud::Toasts,
     log: VecDeque<String>,
-    graph_state: graph::State,
-    inspector: inspector::State,
+    undo: undo::History,
+    undo_now: bool,
+    redo_now: bool,
+    /// The program dropped parameters since the last frame.
+    dropped: bool,
+    /// Scenes of this window, the newest first.
+    recent: Vec<PathBuf>,
     drag: pointer::Drag,
+    wheel: Wheel,
+    /// True to mark the worst pixel of the comparison.
+    marked: bool,
     /// Milliseconds between recent frames.
     frame_ms: VecDeque<f64>,
     /// Phase with plotted passes.
@@ -115,41 +152,67 @@ pub struct Panels {
     before: Option<Instant>,
     /// Number of frames of A at that time.
     drawn: u64,
+    /// The plan that was compared last, and its renderer.
+    compared: Option<(Arc<Plan>, RendererId)>,
+    /// Constants whose change led to a plan that is not compared yet, and its renderer.
+    changed: Option<(RendererId, Vec<String>)>,
 }
 
 impl Default for Panels {
     fn default() -> Panels {
         Panels {
             hidden: false,
-            settings: true,
-            performance: true,
-            graph: false,
             vsync: true,
+            hud: true,
             selected: RendererId::A,
             controls: Controls::default(),
             help: false,
-            notice: None,
-            presets: Presets::new(),
-            log: VecDeque::new(),
-            graph_state: graph::State::default(),
+            layout: Layout::default(),
+            selection: None,
+            pick_first: None,
+            dumped: Dumped::default(),
+            timeline: timeline::State::default(),
             inspector: inspector::State::default(),
+            params: params::State::default(),
+            presets: Presets::new(),
+            notice: None,
+            errors: errors::State::default(),
+            toasts: hud::Toasts::default(),
+            log: VecDeque::new(),
+            undo: undo::History::default(),
+            undo_now: false,
+            redo_now: false,
+            dropped: false,
+            recent: Vec::new(),
             drag: pointer::Drag::default(),
+            wheel: Wheel::default(),
+            marked: false,
             frame_ms: VecDeque::new(),
             plotted: None,
             before: None,
             drawn: 0,
+            compared: None,
+            changed: None,
         }
     }
 }
 
 impl Panels {
-    /// Adds an event to the log.
+    /// Adds an event to the log, and shows it over the picture if it concerns the user now.
     pub fn log_event(&mut self, event: &Event) {
         if event.is_for_people() {
             if self.log.len() == LOG {
                 self.log.pop_front();
             }
             self.log.push_back(event.to_string());
+        }
+        self.toasts.tell(event);
+        match event {
+            Event::Dropped { .. } => self.dropped = true,
+            Event::Swapped { renderer, swap } if *renderer != RendererId::Window => {
+                self.changed = Some((*renderer, swap.parameters()));
+            }
+            _ => {}
         }
     }
 
@@ -158,67 +221,87 @@ impl Panels {
         self.notice = Some(text);
     }
 
+    /// Opens these tools and closes all others.
+    pub fn open_tools(&mut self, tools: &[Tool]) {
+        for tool in Tool::ALL {
+            self.layout.set_open(tool, false);
+        }
+        for tool in tools {
+            self.layout.reveal(*tool);
+        }
+    }
+
+    /// Selects an item for all tools.
+    pub fn select(&mut self, selection: Selection) {
+        self.selection = Some(selection);
+        self.layout.reveal(Tool::Inspector);
+    }
+
+    /// Picks a splat in the first picture, at shares of its width and height.
+    pub fn pick_first(&mut self, share: [f32; 2]) {
+        self.pick_first = Some(share);
+        self.select(Selection::Splat);
+    }
+
+    /// Returns the item that is selected for all tools.
+    pub fn selection(&self) -> Option<&Selection> {
+        self.selection.as_ref()
+    }
+
     /// Draws the panels and applies the user's input to the viewer.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
         viewer: &mut Viewer<D>,
-        (window, window_plan): (&History, Option<&Plan>),
+        window: &History,
         window_failure: Option<&str>,
     ) -> PanelOutput {
         self.controls.now.clear();
         let mut commands = Vec::new();
         self.time(viewer.a.history.frames());
         self.keys(ui.ctx(), viewer, &mut commands);
-        if viewer.b.is_none() {
+        if viewer.b.is_none() || viewer.compare == Mode::A {
             self.selected = RendererId::A;
         }
+        self.tell_effect(viewer);
         if !self.hidden {
-            Panel::top("menu").show(ui, |ui| self.menu(ui, viewer, &mut commands));
-            Panel::bottom("status").show(ui, |ui| self.status(ui, viewer));
-            if self.graph {
-                Panel::bottom("graph")
-                    .resizable(true)
-                    .default_size(280.0)
-                    .show(ui, |ui| self.graph_panel(ui, viewer));
-            }
-            // Part of the picture must stay visible in small windows.
-            let most = 0.45 * ui.available_width();
-            if self.settings {
-                Panel::left("settings")
-                    .resizable(true)
-                    .default_size(290.0)
-                    .max_size(most)
-                    .show(ui, |ui| self.settings_panel(ui, viewer));
-            }
-            if self.performance {
-                let panel = Panel::right("performance").resizable(true).default_size(310.0);
-                panel.max_size(most).show(ui, |ui| {
-                    // As wide as the panel, which would shrink to its contents otherwise.
-                    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-                        // Room for the scroll bar.
-                        ui.set_max_width((ui.available_width() - 10.0).max(0.0));
-                        let frame_ms: Vec<f64> = self.frame_ms.iter().copied().collect();
-                        let loaded = viewer.scene().count();
-                        if let Some(viewport) = viewer.viewport(self.selected) {
-                            performance::show(
-                                ui,
-                                viewport,
-                                loaded,
-                                &frame_ms,
-                                (window, window_plan),
-                                &mut self.plotted,
-                            );
-                        }
-                    });
-                });
-            }
+            Panel::top("menu").show(ui, |ui| self.top_bar(ui, viewer, &mut commands));
+            Panel::bottom("status").exact_size(status::HEIGHT).show(ui, |ui| self.status(ui, viewer));
         }
-        let view = CentralPanel::no_frame().show(ui, |ui| self.view(ui, viewer)).inner;
-        self.mistakes(ui.ctx(), viewer, window_failure, view);
-        self.notice(ui.ctx(), view);
-        self.help_window(ui.ctx());
+        let area = ui.available_rect_before_wrap();
+        let before = self.selection.clone();
+        let view =
+            CentralPanel::no_frame().show(ui, |ui| self.docked(ui, viewer, window, &mut commands)).inner;
+        if self.selection.is_some() && self.selection != before {
+            self.layout.reveal(Tool::Inspector);
+        }
+        if !self.hidden {
+            self.floating(ui, viewer, window, area, &mut commands);
+        }
+        self.over_picture(ui.ctx(), viewer, window_failure, view, &mut commands);
+        help::show(ui.ctx(), &mut self.help);
+        self.step(ui.ctx(), viewer);
+        self.recent.truncate(RECENT);
         PanelOutput { view, commands }
+    }
+
+    /// Draws everything that lies over the picture.
+    fn over_picture<D: Device>(
+        &mut self,
+        ctx: &Context,
+        viewer: &mut Viewer<D>,
+        window_failure: Option<&str>,
+        view: Rect,
+        commands: &mut Vec<Command>,
+    ) {
+        if viewer.compare != Mode::A && !self.hidden && view.width() >= 200.0 && view.height() >= 140.0 {
+            hud::comparison(ctx, viewer, view, &mut self.marked, &mut self.controls);
+        }
+        self.errors.show(ctx, viewer, window_failure, view, commands, &mut self.controls);
+        self.show_notice_card(ctx, view);
+        if self.hud {
+            self.toasts.show(ctx, view, &mut self.controls);
+        }
     }
 
     /// Records the time since the last frame.
@@ -226,294 +309,94 @@ impl Panels {
         let now = Instant::now();
         // Frames without a picture of the scene do not count.
         if std::mem::replace(&mut self.drawn, drawn) == drawn {
+            // After a rest, the next interval says nothing about the rate.
+            self.before = None;
             return;
         }
         if let Some(before) = self.before.replace(now) {
-            if self.frame_ms.len() == super::history::WINDOW {
+            if self.frame_ms.len() == WINDOW {
                 self.frame_ms.pop_front();
             }
             self.frame_ms.push_back((now - before).as_secs_f64() * 1e3);
         }
     }
 
-    fn keys<D: Device>(&mut self, ctx: &Context, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
-        if ctx.egui_wants_keyboard_input() {
+    /// Says under a parameter's row what its change did to the plan.
+    fn tell_effect<D: Device>(&mut self, viewer: &mut Viewer<D>) {
+        let selected = self.selected;
+        let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()
+        else {
             return;
-        }
-        let pressed = |key| ctx.input(|input| input.key_pressed(key));
-        let shift = ctx.input(|input| input.modifiers.shift);
-        // (Tab and Shift + Tab go from control to control.)
-        if pressed(egui::Key::H) {
-            self.hidden = !self.hidden;
-        }
-        if pressed(egui::Key::F12) {
-            commands.push(if shift { Command::SavePicture } else { Command::Screenshot });
-        }
-        if pressed(egui::Key::F11) {
-            commands.push(Command::Fullscreen);
-        }
-        if pressed(egui::Key::F1) {
-            self.help = !self.help;
-        }
-        if pressed(egui::Key::V) {
-            self.vsync = !self.vsync;
-            commands.push(Command::Vsync(self.vsync));
-        }
-        let step = i64::from(pressed(egui::Key::CloseBracket)) - i64::from(pressed(egui::Key::OpenBracket));
-        if step != 0 && !viewer.cameras.is_empty() {
-            let now = viewer.camera.map_or(if step > 0 { -1 } else { 0 }, |camera| camera as i64);
-            let next = (now + step).rem_euclid(viewer.cameras.len() as i64) as usize;
-            viewer.look_through(next);
+        };
+        let Some((former, of)) = &self.compared else {
+            self.compared = Some((plan, selected));
+            return;
+        };
+        // The event of a plan comes after its first frame.
+        let changed = self.changed.take_if(|(renderer, _)| *renderer == selected);
+        if *of != selected {
+            self.compared = Some((plan, selected));
+        } else if let Some((_, parameters)) = changed {
+            if let [parameter] = parameters.as_slice() {
+                self.params.tell(parameter, difference(former, &plan));
+            }
+            self.compared = Some((plan, selected));
         }
     }
 
-    fn menu<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
-        let mut compare = viewer.compare;
-        ui.horizontal_wrapped(|ui| {
-            for (name, open) in [
-                ("Settings", &mut self.settings),
-                ("Performance", &mut self.performance),
-                ("Graph", &mut self.graph),
-            ] {
-                let response = ui.toggle_value(open, name);
-                self.controls.see(&format!("panel:{name}"), response.rect);
+    /// Undoes or redoes a step on request, and takes note of what changed.
+    fn step<D: Device>(&mut self, ctx: &Context, viewer: &mut Viewer<D>) {
+        let undone = std::mem::take(&mut self.undo_now).then(|| self.undo.undo(viewer)).flatten();
+        let redone = std::mem::take(&mut self.redo_now).then(|| self.undo.redo(viewer)).flatten();
+        for (word, what) in [("Undone", undone), ("Redone", redone)] {
+            if let Some(what) = what {
+                self.toasts.done(format!("{word}: {what}"));
             }
-            ui.separator();
-            ui.label("Compare");
-            for (name, mode) in [("off", Mode::A), ("split", Mode::Split), ("difference", Mode::Difference)] {
-                let response = ui.selectable_value(&mut compare, mode, name);
-                self.controls.see(&format!("compare:{name}"), response.rect);
-            }
-            if compare != Mode::A {
-                ui.selectable_value(&mut self.selected, RendererId::A, "A")
-                    .on_hover_text("Settings and times of A");
-                let b = ui
-                    .selectable_value(&mut self.selected, RendererId::B, "B")
-                    .on_hover_text("Settings and times of B");
-                self.controls.see("viewport:B", b.rect);
-                if ui.button("swap").on_hover_text("Exchange A and B").clicked() {
-                    viewer.exchange();
-                }
-                let measure = ui.button("measure").on_hover_text("Compute PSNR and SSIM of A and B");
-                self.controls.see("measure", measure.rect);
-                if measure.clicked() {
-                    viewer.measure();
-                }
-            }
-            if compare == Mode::Difference {
-                ui.add(egui::Slider::new(&mut viewer.gain, 1.0..=256.0).logarithmic(true).text("x"))
-                    .on_hover_text("Amplification of the difference");
-            }
-            ui.separator();
-            let scale = egui::DragValue::new(&mut viewer.scale).range(0.1..=2.0).speed(0.01).prefix("scale ");
-            let scale = ui.add(scale.update_while_editing(false));
-            self.controls.see("scale", scale.rect);
-            scale.on_hover_text("Pixels of the picture per pixel of the window, across and down");
-            if ui.toggle_value(&mut self.vsync, "vsync").on_hover_text("V").changed() {
-                commands.push(Command::Vsync(self.vsync));
-            }
-            if let Some(with) = CAPTURES {
-                let hover = format!("Capture the next frame with {with}");
-                if ui.button("Capture").on_hover_text(hover).clicked() {
-                    commands.push(Command::Capture);
-                }
-            }
-            if ui.button("?").on_hover_text("Keys and mouse (F1)").clicked() {
-                self.help = !self.help;
-            }
-        });
-        if compare != viewer.compare {
-            viewer.choose_compare(compare);
         }
-    }
-
-    fn status<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
-        ui.horizontal(|ui| {
-            ui.set_min_height(STATUS);
-            if let Some(path) = viewer.loading() {
-                ui.spinner();
-                ui.label(format!("loading {}", path.display()));
-            }
-            for id in [RendererId::A, RendererId::B] {
-                let Some(viewport) = viewer.viewport(id) else { continue };
-                let progress = viewport.renderer.progress();
-                if !progress.is_empty() {
-                    ui.spinner();
-                    ui.label(format!("{id}: {progress}"));
-                }
-                if let Some(text) = viewport.stand_in() {
-                    let label = ui.add(
-                        egui::Label::new(RichText::new(format!("{id}: {text}")).color(PARTIAL)).truncate(),
-                    );
-                    self.controls.see(&format!("stand_in:{id}"), label.on_hover_text(text).rect);
-                }
-                if let Some(text) = viewport.in_part() {
-                    let label = ui.colored_label(PARTIAL, format!("{id}: {text}"));
-                    self.controls.see(&format!("in_part:{id}"), label.rect);
-                    if let Some(reason) = viewport.renderer.crowded() {
-                        label.on_hover_text(reason);
-                    }
-                }
-                if let Some(text) = viewport.unordered() {
-                    let hint =
-                        "Too many splats of a bin have nearly the same depth; `sorted=splats` orders them all.";
-                    let label = ui.colored_label(PARTIAL, format!("{id}: {text}")).on_hover_text(hint);
-                    self.controls.see(&format!("unordered:{id}"), label.rect);
-                }
-            }
-            let watching = viewer.a.renderer.watching();
-            if watching != WatchKind::Events {
-                ui.colored_label(PARTIAL, format!("files are watched by {watching}"));
-            }
-            for id in [RendererId::A, RendererId::B] {
-                let Some(text) = viewer.viewport(id).and_then(|viewport| viewport.decisions()) else {
-                    continue;
-                };
-                let label = RichText::new(format!("{id}: {text}")).weak();
-                let label = ui.add(egui::Label::new(label).truncate());
-                self.controls.see(&format!("decisions:{id}"), label.on_hover_text(text).rect);
-            }
-            if let Some(line) = self.log.back() {
-                let log = self.log.iter().cloned().collect::<Vec<_>>().join("\n");
-                ui.add(egui::Label::new(line).truncate()).on_hover_text(log);
-            }
-        });
-    }
-
-    fn settings_panel<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
-        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            let scene = file_name(&viewer.scene_path().to_string_lossy());
-            let command = format!("splatgraph render {}", viewer.scene_path().display());
-            let cameras: Vec<String> = viewer.cameras.iter().enumerate().map(camera_name).collect();
-            ui.label(RichText::new(scene).strong()).on_hover_text(viewer.scene_path().display().to_string());
-            let mut chosen = None;
-            if !cameras.is_empty() {
-                let now = viewer.camera.and_then(|index| cameras.get(index)).cloned().unwrap_or_default();
-                egui::ComboBox::from_label("camera").selected_text(now).show_ui(ui, |ui| {
-                    for (index, name) in cameras.iter().enumerate() {
-                        if ui.selectable_label(viewer.camera == Some(index), name).clicked() {
-                            chosen = Some(index);
-                        }
-                    }
-                });
-            }
-            if let Some(index) = chosen {
-                viewer.look_through(index);
-            }
-            let Some(viewport) = viewer.viewport(self.selected) else { return };
-            let title = match self.selected {
-                RendererId::B => "Graph of B",
-                _ => "Graph",
-            };
-            egui::CollapsingHeader::new(format!("{title}: {}", file_name(viewport.renderer.graph())))
-                .id_salt("presets")
-                .default_open(true)
-                .show(ui, |ui| {
-                    self.presets.show(ui, &mut viewport.renderer, &mut self.controls);
-                });
-            let command = format!("{command} --pipeline {}", viewport.renderer.graph());
-            egui::CollapsingHeader::new("Parameters").default_open(true).show(ui, |ui| {
-                params::show(ui, &mut viewport.renderer, &command, &mut self.controls);
-            });
-        });
-    }
-
-    fn graph_panel<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
-        let Some(viewport) = viewer.viewport(self.selected) else { return };
-        let width = ui.available_width();
-        Panel::right("inspector").resizable(true).default_size(0.45 * width).min_size(0.3 * width).show(
-            ui,
-            |ui| {
-                self.inspector.show(ui, viewport, &mut self.controls);
-            },
-        );
-        self.graph_state.show(ui, viewport, &mut self.controls);
+        // A drag is one step, at its end.
+        if !ctx.input(|input| input.pointer.any_down()) {
+            self.undo.observe(Settings::of(viewer), std::mem::take(&mut self.dropped));
+        }
     }
 
     /// Draws the view and applies camera input to it; returns its place.
     fn view<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) -> Rect {
         let rect = ui.max_rect();
         self.controls.see("view", rect);
-        self.drag.act(ui, rect, viewer);
-        if viewer.a.renderer.plan().is_none() && viewer.a.renderer.failure().is_none() {
-            let text = match viewer.a.renderer.progress() {
-                progress if progress.is_empty() => "building the plan".to_owned(),
-                progress => progress,
-            };
-            ui.painter().text(
-                rect.center(),
-                Align2::CENTER_CENTER,
-                text,
-                egui::FontId::proportional(16.0),
-                Color32::LIGHT_GRAY,
-            );
+        if let Some(at) = self.drag.act(ui, rect, viewer, &mut self.wheel) {
+            viewer.pick(at);
+            self.selection = Some(Selection::Splat);
         }
+        if viewer.pictures()[0].is_some()
+            && let Some([x, y]) = self.pick_first.take()
+        {
+            let camera = viewer.picture_camera();
+            viewer.pick([x * camera.width as f32, y * camera.height as f32]);
+        }
+        if self.selection == Some(Selection::Splat) {
+            splat::draw_outline(ui, viewer, rect);
+        }
+        if self.hud {
+            let frame_ms: Vec<f64> = self.frame_ms.iter().copied().collect();
+            hud::show(ui, viewer, &frame_ms, rect, &mut self.controls);
+        }
+        hud::progress(ui, viewer, rect);
         rect
     }
 
-    /// Shows errors over the last good picture until they are corrected.
-    fn mistakes<D: Device>(
-        &mut self,
-        ctx: &Context,
-        viewer: &mut Viewer<D>,
-        window_failure: Option<&str>,
-        view: Rect,
-    ) {
-        let mut texts: Vec<String> = Vec::new();
-        let mut goes_on = "Drawing with the last good plan";
-        for id in [RendererId::A, RendererId::B] {
-            let Some(renderer) = viewer.viewport(id).map(|viewport| &viewport.renderer) else { continue };
-            let Some(problem) = renderer.problem(true) else { continue };
-            // Both may have the same problem.
-            if !texts.contains(&problem) {
-                texts.push(problem);
-            }
-            if renderer.plan().is_none() {
-                goes_on = "No plan yet";
-            } else if renderer.trouble().is_some() {
-                goes_on = "The last picture stays, and drawing is tried again";
-            }
-        }
-        texts.extend(window_failure.map(str::to_owned));
-        if texts.is_empty() {
-            return;
-        }
-        let frame = Frame::popup(&ctx.global_style()).fill(Color32::from_rgba_unmultiplied(24, 12, 12, 235));
-        egui::Area::new(egui::Id::unique("mistakes"))
-            .fixed_pos(view.left_bottom())
-            .pivot(Align2::LEFT_BOTTOM)
-            .constrain_to(view)
-            .order(egui::Order::Foreground)
-            .show(ctx, |ui| {
-                let shown = frame.show(ui, |ui| {
-                    // A window may be smaller than the frame around the text.
-                    ui.set_max_width((view.width() - 24.0).max(0.0));
-                    ui.label(RichText::new(goes_on).strong().color(Color32::from_rgb(255, 190, 190)));
-                    let height = (0.6 * view.height()).max(60.0);
-                    egui::ScrollArea::both().max_height(height).show(ui, |ui| {
-                        for text in &texts {
-                            ui.add(egui::Label::new(failures::layout(text, 12.0)).extend().selectable(true));
-                            ui.add_space(6.0);
-                        }
-                    });
-                });
-                self.controls.see("mistakes", shown.response.rect);
-            });
-    }
-
     /// Shows what happened and cannot be undone, until it is dismissed.
-    fn notice(&mut self, ctx: &Context, view: Rect) {
+    fn show_notice_card(&mut self, ctx: &Context, view: Rect) {
         let Some(text) = self.notice.clone() else { return };
-        let frame = Frame::popup(&ctx.global_style()).fill(Color32::from_rgba_unmultiplied(30, 26, 12, 240));
         egui::Area::new(egui::Id::unique("notice"))
             .fixed_pos(view.center_top() + egui::vec2(0.0, 12.0))
             .pivot(Align2::CENTER_TOP)
             .constrain_to(view)
             .order(egui::Order::Foreground)
             .show(ctx, |ui| {
-                let shown = frame.show(ui, |ui| {
+                let palette = Palette::of(ui);
+                let shown = hud::card(ui, palette.caution).show(ui, |ui| {
                     ui.set_max_width((view.width() - 48.0).clamp(0.0, 560.0));
-                    ui.label(RichText::new(text).color(Color32::from_rgb(255, 226, 160)));
+                    ui.label(text);
                     let dismiss = ui.button("Dismiss");
                     self.controls.see("notice:dismiss", dismiss.rect);
                     if dismiss.clicked() {
@@ -523,47 +406,33 @@ impl Panels {
                 self.controls.see("notice", shown.response.rect);
             });
     }
-
-    fn help_window(&mut self, ctx: &Context) {
-        const KEYS: [(&str, &str); 19] = [
-            ("drag", "orbit"),
-            ("Shift + drag", "pan"),
-            ("wheel, Ctrl + middle drag", "zoom"),
-            ("right drag + W A S D, Q E", "fly; Shift faster, Ctrl slower, wheel sets the speed"),
-            ("middle drag", "orbit, as in Blender; with Shift pan"),
-            ("arrows", "orbit"),
-            ("F, double click", "frame the scene"),
-            ("Home", "back to the first view"),
-            ("[ ]", "previous and next camera"),
-            ("drag the line", "move the split"),
-            ("H", "show or hide the panels"),
-            ("V", "vsync on and off"),
-            ("F12", "save the window"),
-            ("Shift + F12", "save the picture alone"),
-            ("F11", "full screen"),
-            ("F1", "this list"),
-            ("drop a .ply", "open a scene"),
-            ("drop a .ron", "open a graph"),
-            ("drop a cameras.json", "load cameras"),
-        ];
-        let window =
-            egui::Window::new("Keys and mouse").open(&mut self.help).resizable(false).collapsible(false);
-        let middle = ctx.content_rect().center();
-        window.pivot(Align2::CENTER_CENTER).default_pos(middle).show(ctx, |ui| {
-            egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
-                for (keys, what) in KEYS {
-                    ui.strong(keys);
-                    ui.label(what);
-                    ui.end_row();
-                }
-            });
-        });
-    }
 }
 
-fn camera_name((index, camera): (usize, &splatgraph_assets::Camera)) -> String {
-    match camera.img_name.as_str() {
-        "" => format!("camera {index}"),
-        name => format!("{index}: {name}"),
+/// Describes how a plan differs from the one before: `63 -> 75 passes: sort 12 -> 24`.
+fn difference(former: &Plan, plan: &Plan) -> String {
+    let count = |plan: &Plan, phase: Option<&str>| {
+        let of_phase = |step: &&splatgraph_framework::plan::Step| {
+            phase.is_none_or(|phase| plan.pass(step.pass).phase == phase)
+        };
+        plan.frame.iter().filter(of_phase).count()
+    };
+    let mut phases: Vec<&str> = Vec::new();
+    for (plan, step) in
+        [former, plan].into_iter().flat_map(|plan| plan.frame.iter().map(move |step| (plan, step)))
+    {
+        let phase = plan.pass(step.pass).phase.as_str();
+        if !phases.contains(&phase) {
+            phases.push(phase);
+        }
+    }
+    let changed = phases.into_iter().filter_map(|phase| {
+        let (before, after) = (count(former, Some(phase)), count(plan, Some(phase)));
+        (before != after).then(|| format!("{phase} {before} → {after}"))
+    });
+    let changed: Vec<String> = changed.collect();
+    let (before, after) = (count(former, None), count(plan, None));
+    match changed.as_slice() {
+        [] => format!("{after} passes, as before"),
+        changed => format!("{before} → {after} passes: {}", changed.join(", ")),
     }
 }

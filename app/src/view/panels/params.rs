@@ -1,64 +1,190 @@
-//! Draws a control for each parameter of the graph.
+//! Draws a row for each parameter of the graph.
 //!
-//! No parameter is known by name: label, help, range, step and choices come from the graph's file.
+//! No parameter is known by name: label, help, range, step and choices come from the graph's file. Sliders work on a position from
+//! 0 to 1 rather than on the value, so that drawing a row never rounds or clamps what it shows: only a person changes a value.
 
 use super::Controls;
+use super::theme::{self, Palette, ROW};
+use super::widgets::{self, hint};
 use crate::view::renderer::Renderer;
-use egui::{Color32, ComboBox, RichText, Slider, Ui};
+use egui::{Align, ComboBox, DragValue, Layout, Response, RichText, Slider, SliderClamping, Ui};
 use splatgraph_api::Device;
 use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
+use splatgraph_framework::plan::Plan;
 
 /// Range in powers of ten above which sliders are logarithmic.
 const DECADES: f64 = 2.0;
 
-/// Draws the controls and applies changes.
-pub fn show<D: Device>(ui: &mut Ui, renderer: &mut Renderer<D>, command: &str, controls: &mut Controls) {
-    ui.horizontal_wrapped(|ui| {
-        let modified = renderer.set().len();
-        let text = match modified {
-            0 => "unchanged".to_owned(),
-            1 => "1 changed".to_owned(),
-            n => format!("{n} changed"),
-        };
-        ui.label(text);
-        let reset = ui.add_enabled(modified > 0, egui::Button::new("Reset all"));
-        controls.see("reset_all", reset.rect);
-        if reset.clicked() {
-            renderer.reset_params();
-        }
-        let copy = ui.add_enabled(modified > 0, egui::Button::new("Copy as --set"));
-        controls.see("copy_set", copy.rect);
-        if copy.on_hover_text(format!("{command}{}", set_line(renderer))).clicked() {
-            ui.ctx().copy_text(set_line(renderer).trim_start().to_owned());
-        }
-    });
-    ui.separator();
-    let mut changes: Vec<(String, Option<Value>)> = Vec::new();
-    for described in renderer.controls() {
-        let param = &described.param;
-        let modified = renderer.set().contains_key(&param.name);
-        ui.horizontal(|ui| {
-            heading(ui, described, modified);
-            if modified && ui.small_button("⟲").on_hover_text(format!("back to {}", param.default)).clicked()
-            {
-                changes.push((param.name.clone(), None));
-            }
-        });
-        ui.horizontal(|ui| {
-            if let Some(value) = control(ui, param, controls) {
-                changes.push((param.name.clone(), Some(value)));
-            }
-            if let Some(exact) = param.exact.as_ref().filter(|exact| **exact != param.value) {
-                let text =
-                    RichText::new(format!("exact: {exact}")).small().color(Color32::from_rgb(214, 160, 60));
-                ui.label(text).on_hover_text("This value has no error.");
-            }
-        });
-        ui.add_space(4.0);
+/// Width of a number, in points.
+const NUMBER: f32 = 80.0;
+
+/// Width of the button that resets a value, in points.
+const RESET: f32 = 24.0;
+
+/// The state of the list.
+#[derive(Default)]
+pub struct State {
+    /// Text that the shown parameters contain.
+    filter: String,
+    groups: Groups,
+    /// The effect of the last change of a constant: its name, and a sentence.
+    effect: Option<(String, String)>,
+}
+
+/// The change of one parameter; `None` restores the default.
+type Change = (String, Option<Value>);
+
+impl State {
+    /// Says what the last change of a parameter did to the plan, above the rows, which stay where they are.
+    pub fn tell(&mut self, parameter: &str, effect: String) {
+        self.effect = Some((parameter.to_owned(), effect));
     }
-    for (name, value) in changes {
-        renderer.set_param(&name, value);
+
+    /// Draws the list and applies changes. `command` draws the same scene with the same graph.
+    pub fn show<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        renderer: &mut Renderer<D>,
+        command: &str,
+        controls: &mut Controls,
+    ) {
+        self.head(ui, renderer, command, controls);
+        let mut changes: Vec<Change> = Vec::new();
+        let wanted = self.filter.trim().to_lowercase();
+        let fits = |control: &&Control| {
+            [&control.label, &control.param.name].iter().any(|text| text.to_lowercase().contains(&wanted))
+        };
+        let mut shown = 0;
+        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            let plan = renderer.plan().map(|plan| plan.as_ref());
+            self.groups.update(plan, renderer.controls());
+            for (title, members) in self.groups.list(renderer.controls()) {
+                let members: Vec<&Control> = members.into_iter().filter(fits).collect();
+                if members.is_empty() {
+                    continue;
+                }
+                shown += members.len();
+                widgets::heading(ui, title);
+                for control in members {
+                    let modified = renderer.set().contains_key(&control.param.name);
+                    changes.extend(row(ui, plan, control, modified, controls));
+                }
+            }
+            if shown == 0 {
+                ui.weak(if wanted.is_empty() {
+                    "This graph has no parameters."
+                } else {
+                    "No parameter matches."
+                });
+            }
+        });
+        for (name, value) in changes {
+            if self.effect.as_ref().is_some_and(|(parameter, _)| *parameter == name) {
+                self.effect = None;
+            }
+            renderer.set_param(&name, value);
+        }
+    }
+
+    fn head<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        renderer: &mut Renderer<D>,
+        command: &str,
+        controls: &mut Controls,
+    ) {
+        let modified = renderer.set().len();
+        ui.horizontal(|ui| {
+            let filter = egui::TextEdit::singleline(&mut self.filter).hint_text("Filter");
+            let filter = ui.add_sized([104.0, ROW - 2.0], filter);
+            controls.see("filter", filter.rect);
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                let copy = ui.add_enabled(modified > 0, egui::Button::new("Copy --set"));
+                controls.see("copy_set", copy.rect);
+                if hint(copy, format!("{command}{}", set_line(renderer))).clicked() {
+                    ui.copy_text(set_line(renderer).trim_start().to_owned());
+                }
+                let text = if modified > 0 { format!("Reset {modified}") } else { "Reset all".to_owned() };
+                let reset = ui.add_enabled(modified > 0, egui::Button::new(text));
+                controls.see("reset_all", reset.rect);
+                let text = match modified {
+                    1 => "1 parameter differs from its default".to_owned(),
+                    n => format!("{n} parameters differ from their defaults"),
+                };
+                if hint(reset, text).clicked() {
+                    renderer.reset_params();
+                }
+            });
+        });
+        let text = match &self.effect {
+            Some((name, effect)) => {
+                let all = renderer.controls();
+                let label =
+                    all.iter().find(|control| control.param.name == *name).map(|control| &control.label);
+                format!("{}: {effect}", label.unwrap_or(name))
+            }
+            None if modified == 0 => "All parameters have their defaults.".to_owned(),
+            None => set_line(renderer).trim_start().to_owned(),
+        };
+        let line = ui.add(egui::Label::new(RichText::new(&text).color(Palette::of(ui).soft)).truncate());
+        if let Some((name, _)) = &self.effect {
+            controls.see(&format!("effect:{name}"), line.rect);
+        }
+        hint(line, text);
+    }
+}
+
+/// Names the group of a parameter: the phase whose passes depend on it.
+fn group(plan: &Plan, name: &str) -> String {
+    match plan.affected_phases(name).as_slice() {
+        [phase] => (*phase).to_owned(),
+        [] => "Other".to_owned(),
+        // What reaches most of the graph belongs to no part of it.
+        _ => "Several phases".to_owned(),
+    }
+}
+
+/// The groups of a graph's parameters, as of its first plan: rows stay where they are when another plan has other effects.
+#[derive(Default)]
+struct Groups {
+    graph: String,
+    /// Parameter and title of its group, in the order of the list.
+    members: Vec<(String, String)>,
+}
+
+impl Groups {
+    /// Takes over the parameters of a graph, unless they are known.
+    fn update(&mut self, plan: Option<&Plan>, all: &[Control]) {
+        let Some(plan) = plan else { return };
+        if self.graph != plan.name {
+            *self = Groups { graph: plan.name.clone(), members: Vec::new() };
+        }
+        self.members.retain(|(name, _)| all.iter().any(|control| control.param.name == *name));
+        for control in all {
+            let name = &control.param.name;
+            if !self.members.iter().any(|(known, _)| known == name) {
+                self.members.push((name.clone(), group(plan, name)));
+            }
+        }
+    }
+
+    /// Lists the groups in the order of their first members, "Other" last.
+    fn list<'a>(&self, all: &'a [Control]) -> Vec<(&str, Vec<&'a Control>)> {
+        let mut titles: Vec<&str> = Vec::new();
+        for (_, title) in &self.members {
+            if !titles.contains(&title.as_str()) {
+                titles.push(title);
+            }
+        }
+        titles.sort_by_key(|title| *title == "Other");
+        let of = |title: &str| {
+            let is_in = |control: &&Control| {
+                self.members.iter().any(|(name, group)| group == title && *name == control.param.name)
+            };
+            all.iter().filter(is_in).collect()
+        };
+        titles.into_iter().map(|title| (title, of(title))).collect()
     }
 }
 
@@ -67,72 +193,113 @@ pub fn set_line<D: Device>(renderer: &Renderer<D>) -> String {
     renderer.set().iter().map(|(name, value)| format!(" --set {name}={value}")).collect()
 }
 
-fn heading(ui: &mut Ui, described: &Control, modified: bool) {
-    let Control { param, label: name, help: about } = described;
-    let label = match modified {
-        true => RichText::new(format!("● {name}")).strong(),
-        false => RichText::new(name),
-    };
-    let mut help = format!("{} = {}", param.name, param.value);
-    if !about.is_empty() {
-        help = format!("{about}\n\n{help}");
+/// Draws the row of a parameter: label, control, value, reset. Returns what the user changed.
+fn row(
+    ui: &mut Ui,
+    plan: Option<&Plan>,
+    control: &Control,
+    modified: bool,
+    controls: &mut Controls,
+) -> Option<Change> {
+    let Control { param, label, .. } = control;
+    let palette = Palette::of(ui);
+    let idle = plan.and_then(|plan| plan.no_effect(&param.name)).is_some();
+    let inexact = param.exact.as_ref().is_some_and(|exact| *exact != param.value);
+    let mut change = None;
+    ui.horizontal(|ui| {
+        ui.set_min_height(ROW);
+        ui.spacing_mut().item_spacing.x = theme::GRID;
+        let whole = ui.available_width();
+        let name_width = (0.42 * whole).max(60.0);
+        let mut text = RichText::new(label);
+        if modified {
+            text = text.family(theme::strong());
+        }
+        if idle {
+            text = text.color(palette.soft);
+        } else if inexact {
+            text = text.color(palette.caution);
+        }
+        let size = egui::vec2(name_width, ROW);
+        let name = ui
+            .allocate_ui_with_layout(size, Layout::left_to_right(Align::Center), |ui| {
+                ui.set_min_width(name_width);
+                ui.add(egui::Label::new(text).truncate().sense(egui::Sense::hover()))
+            })
+            .inner;
+        hint(name, help(plan, control));
+        let width = (ui.available_width() - RESET).max(60.0);
+        // It may get an effect by another value, so it stays a control.
+        let edited = ui.scope(|ui| {
+            if idle {
+                ui.set_opacity(0.6);
+            }
+            editor(ui, param, width, controls)
+        });
+        if let Some(value) = edited.inner {
+            change = Some((param.name.clone(), Some(value)));
+        }
+        if modified {
+            let reset = ui.add_sized([RESET - theme::GRID, ROW - 4.0], egui::Button::new("↺").frame(false));
+            controls.see(&format!("reset:{}", param.name), reset.rect);
+            if hint(reset, format!("Back to {}", param.default)).clicked() {
+                change = Some((param.name.clone(), None));
+            }
+        }
+    });
+    change
+}
+
+/// Describes a parameter: its help, value, the value without error, and the effect of a change.
+fn help(plan: Option<&Plan>, control: &Control) -> String {
+    let Control { param, help: about, .. } = control;
+    let mut text = format!("{} = {}", param.name, param.value);
+    if let Some(effect) = plan.and_then(|plan| plan.effect_text(&param.name)) {
+        text += &format!("\n{effect}");
     }
-    help += match param.binding {
+    if !about.is_empty() {
+        text = format!("{about}\n\n{text}");
+    }
+    match &param.exact {
+        Some(exact) if *exact == param.value => text += "\nExact: this value costs no accuracy.",
+        Some(exact) => text += &format!("\nNot exact: {exact} costs no accuracy."),
+        None => {}
+    }
+    text += match param.binding {
         ParamBinding::Const => "\nConstant: a change builds a new plan.",
         ParamBinding::Live { .. } => "\nLive: a change takes effect in the next frame.",
     };
     if let Some(stat) = &param.grows {
-        help += &format!("\nGrows with what frames need: the statistic {stat}.");
+        text += &format!("\nGrows with what frames need: the statistic {stat}.");
     }
-    help += &format!("\nDeclared at {}:{}", param.origin.file, param.origin.line);
-    ui.label(label).on_hover_text(help);
+    text + &format!("\nDeclared at {}:{}", param.origin.file, param.origin.line)
 }
 
-/// Draws the control; returns the value if the user changed it.
-fn control(ui: &mut Ui, param: &Param, controls: &mut Controls) -> Option<Value> {
+/// Draws the control of a parameter; returns the value if the user changed it.
+fn editor(ui: &mut Ui, param: &Param, width: f32, controls: &mut Controls) -> Option<Value> {
     let name = format!("param:{}", param.name);
     match (&param.domain, &param.value) {
         (Domain::Bool, Value::Bool(value)) => {
             let mut value = *value;
             let text = if value { "on" } else { "off" };
-            let response = ui.checkbox(&mut value, text);
+            let response = ui.add_sized([width, ROW], |ui: &mut Ui| {
+                ui.with_layout(Layout::left_to_right(Align::Center), |ui| ui.checkbox(&mut value, text)).inner
+            });
             controls.see(&name, response.rect);
             response.changed().then_some(Value::Bool(value))
         }
         (Domain::Int { min, max }, Value::Int(value)) => {
-            let mut value = *value;
-            let slider = Slider::new(&mut value, *min..=*max).logarithmic(wide(*min as f64, *max as f64));
-            // A number acts once it is written, not digit by digit.
-            let response = ui.add(slider.update_while_editing(false));
-            controls.see(&name, rail(ui, response.rect));
-            response.changed().then_some(Value::Int(value))
+            let scale = Scale { min: *min as f64, max: *max as f64, step: 1.0 };
+            let changed = number(ui, &name, *value as f64, scale, width, controls)?;
+            let changed = (changed.round() as i64).clamp(*min, *max);
+            (changed != *value).then_some(Value::Int(changed))
         }
         (Domain::Float { min, max, step }, Value::Float(value)) => {
-            let mut value = *value;
-            let slider = Slider::new(&mut value, *min..=*max).logarithmic(wide(*min, *max));
-            let slider = slider.update_while_editing(false);
-            let response = ui.add(if *step > 0.0 { slider.step_by(*step) } else { slider });
-            controls.see(&name, rail(ui, response.rect));
-            response.changed().then_some(Value::Float(value))
+            let scale = Scale { min: *min, max: *max, step: *step };
+            let changed = number(ui, &name, *value, scale, width, controls)?;
+            (changed != *value).then_some(Value::Float(changed))
         }
-        (Domain::Choice(choices), Value::Text(value)) => {
-            let mut chosen = value.clone();
-            let response = ComboBox::from_id_salt(&name)
-                .selected_text(chosen.as_str())
-                .width(ui.spacing().slider_width + 60.0)
-                .show_ui(ui, |ui| {
-                    for choice in choices {
-                        let item = ui.selectable_value(&mut chosen, choice.clone(), choice);
-                        // A list that opens is laid out once unseen, somewhere else.
-                        if ui.is_visible() {
-                            controls.see(&format!("{name}={choice}"), item.rect);
-                        }
-                    }
-                })
-                .response;
-            controls.see(&name, response.rect);
-            (chosen != *value).then_some(Value::Text(chosen))
-        }
+        (Domain::Choice(choices), Value::Text(value)) => choice(ui, &name, choices, value, width, controls),
         // A plan's values fit their domains.
         (_, value) => {
             ui.label(value.to_string());
@@ -141,11 +308,172 @@ fn control(ui: &mut Ui, param: &Param, controls: &mut Controls) -> Option<Value>
     }
 }
 
-fn wide(min: f64, max: f64) -> bool {
-    min > 0.0 && (max / min).log10() > DECADES
+fn choice(
+    ui: &mut Ui,
+    name: &str,
+    choices: &[String],
+    value: &str,
+    width: f32,
+    controls: &mut Controls,
+) -> Option<Value> {
+    let mut chosen = value.to_owned();
+    let response = ComboBox::from_id_salt(name)
+        .selected_text(chosen.as_str())
+        .width(width)
+        .truncate()
+        .show_ui(ui, |ui| {
+            for choice in choices {
+                let item = ui.selectable_value(&mut chosen, choice.clone(), choice);
+                // A list that opens is laid out once unseen, somewhere else.
+                if ui.is_visible() {
+                    controls.see(&format!("{name}={choice}"), item.rect);
+                }
+            }
+        })
+        .response;
+    controls.see(name, response.rect);
+    (chosen != value).then_some(Value::Text(chosen))
 }
 
-/// Computes the draggable part of a slider, without the number at its right.
-fn rail(ui: &Ui, whole: egui::Rect) -> egui::Rect {
-    egui::Rect::from_min_size(whole.min, egui::vec2(ui.spacing().slider_width, whole.height()))
+/// Draws a slider and a number; returns the value if the user changed it.
+fn number(
+    ui: &mut Ui,
+    name: &str,
+    value: f64,
+    scale: Scale,
+    width: f32,
+    controls: &mut Controls,
+) -> Option<f64> {
+    let rail = (width - NUMBER - theme::GRID).max(24.0);
+    let mut changed = None;
+    let before = scale.position(value);
+    let mut position = before;
+    ui.spacing_mut().slider_width = rail;
+    // The radius of the handle follows the height.
+    ui.spacing_mut().interact_size.y = 16.0;
+    let slider = Slider::new(&mut position, 0.0..=1.0)
+        .show_value(false)
+        .clamping(SliderClamping::Never)
+        .smart_aim(false);
+    let response = ui.add(slider);
+    controls.see(name, response.rect);
+    if position != before && (response.dragged() || response.clicked() || response.has_focus()) {
+        // The arrow keys move by a step, however short that is on the rail.
+        let keys = !response.dragged() && !response.clicked();
+        changed = Some(if keys { scale.stepped(value, position - before) } else { scale.value(position) });
+    }
+    let shown = changed.unwrap_or(value);
+    let mut typed = shown;
+    let drag = DragValue::new(&mut typed)
+        .range(scale.min..=scale.max)
+        .clamp_existing_to_range(false)
+        .speed(0.0)
+        .update_while_editing(false)
+        .custom_formatter(|value, _| scale.text(value));
+    let response: Response = ui.add_sized([NUMBER, ROW - 4.0], drag);
+    controls.see(&format!("{name}#"), response.rect);
+    // The text has fewer digits than the value: leaving the field as it is changes nothing.
+    if typed != shown && scale.text(typed) != scale.text(shown) {
+        changed = Some(typed.clamp(scale.min, scale.max));
+    }
+    changed
+}
+
+/// The range of a number, and the way to places on a slider.
+#[derive(Clone, Copy, Debug)]
+struct Scale {
+    min: f64,
+    max: f64,
+    /// Distance of neighbouring values; 0 if every number is a value.
+    step: f64,
+}
+
+impl Scale {
+    fn is_logarithmic(self) -> bool {
+        self.min > 0.0 && (self.max / self.min).log10() > DECADES
+    }
+
+    /// Returns the place of a value on the slider, 0 to 1 within the range.
+    fn position(self, value: f64) -> f64 {
+        let position = if self.max <= self.min {
+            0.0
+        } else if self.is_logarithmic() {
+            (value / self.min).ln() / (self.max / self.min).ln()
+        } else {
+            (value - self.min) / (self.max - self.min)
+        };
+        if position.is_finite() { position } else { 0.0 }
+    }
+
+    /// Returns the value at a place on the slider, at a multiple of the step or with three significant digits.
+    fn value(self, position: f64) -> f64 {
+        let position = position.clamp(0.0, 1.0);
+        let value = match self.is_logarithmic() {
+            true => self.min * (self.max / self.min).powf(position),
+            false => self.min + position * (self.max - self.min),
+        };
+        self.rounded(value)
+    }
+
+    /// Returns the next value in the direction of `towards`.
+    fn stepped(self, value: f64, towards: f64) -> f64 {
+        let step = if self.step > 0.0 { self.step } else { (self.max - self.min) / 100.0 };
+        // From a value between two multiples, the next one is less than a step away.
+        let steps = value / step;
+        let next = if towards > 0.0 { (steps + 1e-9).floor() + 1.0 } else { (steps - 1e-9).ceil() - 1.0 };
+        self.rounded(next * step)
+    }
+
+    fn rounded(self, value: f64) -> f64 {
+        let rounded = if self.step > 0.0 {
+            let value = (value / self.step).round() * self.step;
+            // Without the error of the multiplication: 0.3, not 0.30000000000000004.
+            let digits = (2.0 - self.step.log10().floor()).clamp(0.0, 12.0) as usize;
+            format!("{value:.digits$}").parse().unwrap_or(value)
+        } else {
+            format!("{value:.2e}").parse().unwrap_or(value)
+        };
+        rounded.clamp(self.min, self.max)
+    }
+
+    /// Formats a value with up to four significant digits, integers whole.
+    fn text(self, value: f64) -> String {
+        if self.step >= 1.0 && value.fract() == 0.0 {
+            return format!("{value:.0}");
+        }
+        if value == 0.0 {
+            return "0".to_owned();
+        }
+        let digits = (3.0 - value.abs().log10().floor()).clamp(0.0, 12.0) as usize;
+        let text = format!("{value:.digits$}");
+        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FLOOR: Scale = Scale { min: 0.0, max: 0.02, step: 0.001 };
+    const WIDE: Scale = Scale { min: 1.0, max: 1e6, step: 1.0 };
+
+    #[test]
+    fn a_value_between_two_steps_stays_until_somebody_moves_it() {
+        let floor = 1.0 / 255.0;
+        assert_eq!(FLOOR.text(floor), "0.003922");
+        assert_eq!(FLOOR.stepped(floor, 1.0), 0.004);
+        assert_eq!(FLOOR.stepped(floor, -1.0), 0.003);
+        assert_eq!(FLOOR.stepped(0.004, 1.0), 0.005);
+        assert_eq!(FLOOR.stepped(0.02, 1.0), 0.02, "the end of the range");
+        assert_eq!(FLOOR.value(0.5), 0.01);
+    }
+
+    #[test]
+    fn every_integer_of_a_wide_range_is_a_place_and_comes_back() {
+        for value in [1.0, 2.0, 17.0, 1_000.0, 123_456.0, 1e6] {
+            assert_eq!(WIDE.value(WIDE.position(value)), value);
+        }
+        assert_eq!(WIDE.text(500_000.0), "500000");
+        assert_eq!(Scale { min: 4.0, max: 4.0, step: 1.0 }.position(4.0), 0.0, "a range of one value");
+    }
 }

@@ -1,9 +1,11 @@
 //! Converts pointer and keys over the picture to input of the camera and the split line.
 
-use crate::view::navigation::{self, Buttons, Input, Keys, Modifiers};
+use super::hud;
+use crate::view::navigation::{Buttons, Input, Keys, Modifiers};
 use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
-use egui::{Color32, CursorIcon, Key, PointerButton, Rect, Sense, Ui};
+use crate::view::wheel::Wheel;
+use egui::{CursorIcon, Key, PointerButton, Rect, Sense, Ui};
 use splatgraph_api::Device;
 
 /// Largest distance to the split line at which a drag moves it, in points.
@@ -20,8 +22,14 @@ pub enum Drag {
 }
 
 impl Drag {
-    /// Applies the input of the last frame.
-    pub fn act<D: Device>(&mut self, ui: &mut Ui, view: Rect, viewer: &mut Viewer<D>) {
+    /// Applies the input of the last frame. Returns the place of a click on the picture, in its pixels.
+    pub fn act<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        view: Rect,
+        viewer: &mut Viewer<D>,
+        wheel: &mut Wheel,
+    ) -> Option<[f32; 2]> {
         // The keyboard is the camera's wherever no control has it: the view takes no focus of its own.
         let response = ui.interact(view, ui.scope_id().with("view"), Sense::CLICK | Sense::DRAG);
         let line = view.left() + viewer.split * view.width();
@@ -33,6 +41,10 @@ impl Drag {
             let on_line = splits && origin.is_some_and(|p| (p.x - line).abs() <= GRIP);
             *self = if on_line { Drag::Split } else { Drag::Camera };
         }
+        // A drag that begins here is no click, which would close menus by itself.
+        if response.is_pointer_button_down_on() {
+            egui::Popup::close_all(ui.ctx());
+        }
         let dragged = |button| response.dragged_by(button);
         let moves_line = *self == Drag::Split && splits && dragged(PointerButton::Primary);
         if moves_line && let Some(p) = pointer {
@@ -40,43 +52,41 @@ impl Drag {
         }
         if splits {
             let line = view.left() + viewer.split * view.width();
-            label(ui, view, line, "A", -1.0);
-            label(ui, view, line, "B", 1.0);
+            hud::side(ui, view, line, "A", -1.0);
+            hud::side(ui, view, line, "B", 1.0);
         }
         if moves_line {
             ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
-            return;
+            return None;
         }
         if near {
             ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
         }
         let keyboard = !ui.ctx().egui_wants_keyboard_input();
         let notch = ui.ctx().options(|options| options.input_options.line_scroll_speed);
-        let (moved, modifiers, scroll, seconds) = ui.input(|input| {
-            // With Shift, egui scrolls to the side; with Ctrl, it makes a zoom factor of it.
-            let scrolled = input.smooth_scroll_delta();
-            let scrolled = if input.modifiers.shift { scrolled.x + scrolled.y } else { scrolled.y };
-            // Two fingers on a touchpad zoom by a factor, too.
-            let zoomed = f64::from(input.zoom_delta()).ln() / navigation::ZOOM_PER_NOTCH;
-            let notches = f64::from(scrolled / notch) + zoomed;
-            (input.pointer.delta(), input.modifiers, notches, input.unstable_dt)
-        });
+        let scrolled = ui.input(|input| wheel.read(input, notch));
+        let (moved, modifiers, seconds) =
+            ui.input(|input| (input.pointer.delta(), input.modifiers, input.stable_dt));
         let held = |key| keyboard && ui.input(|input| input.key_down(key));
         let pressed = |key| keyboard && ui.input(|input| input.key_pressed(key));
         // Flying begins with the press: it need not move the pointer.
         let flies = response.is_pointer_button_down_on()
             && ui.input(|input| input.pointer.button_down(PointerButton::Secondary));
         let any = response.dragged() || flies;
-        viewer.navigation.update(&Input {
+        let over = response.hovered() || any;
+        // Two fingers on a touchpad drag as the left button does.
+        let swipes = over && !any && scrolled.swiped != [0.0; 2];
+        let moved = if any { [moved.x.into(), moved.y.into()] } else { scrolled.swiped };
+        viewer.navigate(&Input {
             size: [view.width().into(), view.height().into()],
-            moved: if any { [moved.x.into(), moved.y.into()] } else { [0.0; 2] },
+            moved: if any || swipes { moved } else { [0.0; 2] },
             buttons: Buttons {
-                left: dragged(PointerButton::Primary),
+                left: dragged(PointerButton::Primary) || swipes,
                 middle: dragged(PointerButton::Middle),
                 right: flies,
             },
             modifiers: Modifiers { shift: modifiers.shift, ctrl: modifiers.ctrl },
-            scroll: if response.hovered() || any { scroll } else { 0.0 },
+            scroll: if over { scrolled.notches } else { 0.0 },
             keys: Keys {
                 forward: held(Key::W),
                 back: held(Key::S),
@@ -93,15 +103,10 @@ impl Drag {
             home: pressed(Key::Home),
             seconds: seconds.into(),
         });
-    }
-}
-
-/// Draws the name of a viewport next to the split line, on the half `towards`.
-fn label(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
-    let at = egui::pos2(line + towards * 16.0, view.top() + 16.0);
-    if view.contains(at) {
-        ui.painter().circle_filled(at, 10.0, Color32::from_black_alpha(140));
-        let font = egui::FontId::proportional(13.0);
-        ui.painter().text(at, egui::Align2::CENTER_CENTER, text, font, Color32::WHITE);
+        let at =
+            response.interact_pointer_pos().filter(|_| response.clicked() && !response.double_clicked())?;
+        let camera = viewer.picture_camera();
+        let share = (at - view.min) / view.size();
+        Some([share.x * camera.width as f32, share.y * camera.height as f32])
     }
 }

@@ -1,9 +1,9 @@
 //! Lists the selectable graphs: the built-in ones, and files that were used in this window.
 
-use super::Controls;
+use super::{Command, Controls};
 use crate::builtin;
 use crate::view::renderer::Renderer;
-use egui::{RichText, Ui};
+use egui::{Key, RichText, Ui};
 use indexmap::IndexMap;
 use splatgraph_api::Device;
 use std::path::Path;
@@ -19,33 +19,72 @@ struct Entry {
 /// The list. Summaries of built-in graphs are read once, those of files come from their newest plans.
 pub struct Presets {
     entries: Vec<Entry>,
+    /// Text that the shown graphs contain.
+    search: String,
 }
 
 impl Presets {
+    /// Reads the built-in graphs.
     pub fn new() -> Presets {
         let entry =
             |preset: builtin::Preset| Entry { graph: preset.name.to_owned(), summary: preset.summary };
-        Presets { entries: builtin::presets().into_iter().map(entry).collect() }
+        Presets { entries: builtin::presets().into_iter().map(entry).collect(), search: String::new() }
     }
 
-    /// Draws the list, and changes to the clicked graph.
-    pub fn show<D: Device>(&mut self, ui: &mut Ui, renderer: &mut Renderer<D>, controls: &mut Controls) {
+    /// Draws the list, and changes to the clicked graph; returns true if one was chosen. Enter takes the first that matches.
+    pub fn show<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        renderer: &mut Renderer<D>,
+        controls: &mut Controls,
+        commands: &mut Vec<Command>,
+    ) -> bool {
         self.remember(renderer);
         let mut chosen = None;
-        for Entry { graph, summary } in &self.entries {
-            let selected = graph == renderer.graph();
-            // A built-in one's name has no folders, and a file's are below the pointer.
-            let name = Path::new(graph).file_name().unwrap_or_default().to_string_lossy();
-            let response = ui.selectable_label(selected, RichText::new(name).strong());
-            controls.see(&format!("preset:{graph}"), response.rect);
-            ui.add(egui::Label::new(RichText::new(summary).small().weak()).truncate());
-            if response.on_hover_text(format!("{graph}\n{summary}")).clicked() && !selected {
-                chosen = Some(graph.clone());
+        ui.horizontal(|ui| {
+            let search =
+                egui::TextEdit::singleline(&mut self.search).hint_text("Search").desired_width(180.0);
+            let search = ui.add(search);
+            controls.see("graph_search", search.rect);
+            if ui.button("Open a file…").clicked() {
+                commands.push(Command::Open);
+                ui.close();
             }
-        }
-        if let Some(graph) = chosen {
-            renderer.choose(&graph, IndexMap::new());
-        }
+        });
+        let wanted = self.search.trim().to_lowercase();
+        let fits = |entry: &&Entry| {
+            [&entry.graph, &entry.summary].iter().any(|text| text.to_lowercase().contains(&wanted))
+        };
+        let height = (ui.ctx().content_rect().height() - 140.0).max(100.0);
+        egui::ScrollArea::vertical().max_height(height).show(ui, |ui| {
+            for Entry { graph, summary } in self.entries.iter().filter(fits) {
+                let selected = graph == renderer.graph();
+                // A built-in one's name has no folders, and a file's are below the pointer.
+                let name = Path::new(graph).file_name().unwrap_or_default().to_string_lossy();
+                let response = ui
+                    .horizontal(|ui| {
+                        let name = RichText::new(name).family(super::theme::strong());
+                        let response = ui.selectable_label(selected, name);
+                        ui.add(egui::Label::new(RichText::new(summary).weak()).truncate());
+                        response
+                    })
+                    .inner;
+                // A list that opens is laid out once unseen.
+                if ui.is_visible() {
+                    controls.see(&format!("preset:{graph}"), response.rect);
+                }
+                let enter =
+                    !wanted.is_empty() && chosen.is_none() && ui.input(|input| input.key_pressed(Key::Enter));
+                let clicked = super::widgets::hint(response, format!("{graph}\n{summary}")).clicked();
+                if (clicked || enter) && !selected {
+                    chosen = Some(graph.clone());
+                }
+            }
+        });
+        let Some(graph) = chosen else { return false };
+        self.search.clear();
+        renderer.choose(&graph, IndexMap::new());
+        true
     }
 
     /// Adds the current graph to the list, so that it can be selected again.

@@ -29,7 +29,7 @@ impl<D: Device> Renderer<D> {
 
     /// Returns true if looking at an older frame blocks until newer ones are done.
     ///
-    /// Mesa's Vulkan driver on the CPU waits for everything that was submitted before it returns a timestamp.
+    /// Mesa's Vulkan driver on the CPU waits for everything that was submitted to the device before it returns a timestamp.
     pub(in crate::view) fn reads_block(&self) -> bool {
         self.info.kind == "cpu"
     }
@@ -43,6 +43,7 @@ impl<D: Device> Renderer<D> {
     pub fn release(&mut self) {
         self.device = None;
         self.epoch += 1;
+        self.changes += 1;
         self.lost = None;
         self.trouble = None;
         self.rebuild = None;
@@ -53,6 +54,7 @@ impl<D: Device> Renderer<D> {
         self.pending_build = None;
         self.building = None;
         self.size = (0, 0);
+        self.whole = None;
         self.state = LastGood::new();
         self.want(Cause::Device, Instant::now());
     }

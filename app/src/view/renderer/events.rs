@@ -6,15 +6,15 @@ use splatgraph_api::{BackendError, Recovery};
 use std::fmt;
 use std::path::PathBuf;
 
-/// The cause of a build.
+/// A cause of a build.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cause {
     /// There was no plan.
     Start,
-    /// These files changed.
-    Files(Vec<PathBuf>),
-    /// Constant parameters changed.
-    Parameters(Vec<String>),
+    /// This file changed.
+    File(PathBuf),
+    /// This constant parameter changed.
+    Parameter(String),
     /// Another graph was selected.
     Graph,
     /// The picture's size changed.
@@ -27,8 +27,8 @@ pub enum Cause {
     Prologue,
     /// The device was lost and opened again.
     Device,
-    /// A frame had no room in the lists of these parameters.
-    Room(Vec<String>),
+    /// A frame had no room in the list of this parameter.
+    Room(String),
     /// The last attempt failed for want of something that may be there by now, such as memory.
     Retry,
 }
@@ -37,27 +37,81 @@ impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Cause::Start => f.write_str("start"),
-            Cause::Files(files) => {
-                let names: Vec<_> =
-                    files.iter().map(|p| p.file_name().unwrap_or_default().to_string_lossy()).collect();
-                write!(f, "{}", names.join(", "))
-            }
-            Cause::Parameters(names) => write!(f, "{}", names.join(", ")),
+            Cause::File(file) => f.write_str(&file.file_name().unwrap_or_default().to_string_lossy()),
+            Cause::Parameter(name) => f.write_str(name),
             Cause::Graph => f.write_str("another graph"),
             Cause::Size => f.write_str("another size"),
             Cause::Scene => f.write_str("another scene"),
             Cause::Memory => f.write_str("memory sharing"),
             Cause::Prologue => f.write_str("the prologue"),
             Cause::Device => f.write_str("another device"),
-            Cause::Room(names) => write!(f, "growth of {}", names.join(", ")),
+            Cause::Room(name) => write!(f, "growth of {name}"),
             Cause::Retry => f.write_str("another attempt"),
         }
     }
 }
 
-impl Serialize for Cause {
+/// The causes of a build, each once, in the order of the changes.
+///
+/// Changes that wait for the end of a build are built together. In JSON, the causes are a list of texts.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Causes(Vec<Cause>);
+
+impl Causes {
+    /// Returns true if `cause` is one of them.
+    pub fn contains(&self, cause: &Cause) -> bool {
+        self.0.contains(cause)
+    }
+
+    /// Iterates over the causes.
+    pub fn iter(&self) -> impl Iterator<Item = &Cause> {
+        self.0.iter()
+    }
+
+    /// Adds the causes of later changes that are built with these.
+    pub(super) fn add(&mut self, later: Causes) {
+        for cause in later.0 {
+            if !self.contains(&cause) {
+                self.0.push(cause);
+            }
+        }
+    }
+
+    /// Returns true if frames need more room, and nothing else changed.
+    pub(super) fn is_room_alone(&self) -> bool {
+        !self.0.is_empty() && self.0.iter().all(|cause| matches!(cause, Cause::Room(_)))
+    }
+
+    /// Returns true if a file changed.
+    pub fn has_file(&self) -> bool {
+        self.0.iter().any(|cause| matches!(cause, Cause::File(_)))
+    }
+}
+
+impl From<Cause> for Causes {
+    fn from(cause: Cause) -> Causes {
+        Causes(vec![cause])
+    }
+}
+
+impl FromIterator<Cause> for Causes {
+    fn from_iter<I: IntoIterator<Item = Cause>>(all: I) -> Causes {
+        let mut causes = Causes::default();
+        all.into_iter().for_each(|cause| causes.add(cause.into()));
+        causes
+    }
+}
+
+impl fmt::Display for Causes {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let texts: Vec<String> = self.0.iter().map(Cause::to_string).collect();
+        f.write_str(&texts.join(", "))
+    }
+}
+
+impl Serialize for Causes {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
+        serializer.collect_seq(self.0.iter().map(Cause::to_string))
     }
 }
 
@@ -109,8 +163,8 @@ impl Failure {
 pub struct Swap {
     /// Name of the graph.
     pub graph: String,
-    /// Cause of the build.
-    pub cause: Cause,
+    /// Causes of the build.
+    pub causes: Causes,
     /// Number of passes in its frame.
     pub passes: usize,
     /// Milliseconds of reading, compiling and solving.
@@ -119,6 +173,17 @@ pub struct Swap {
     pub prepare_ms: f64,
     /// Milliseconds from the change, or the system's notice of it, to the end of the first frame on the device.
     pub latency_ms: f64,
+}
+
+impl Swap {
+    /// Lists the constants whose change was a cause.
+    pub fn parameters(&self) -> Vec<String> {
+        let name = |cause: &Cause| match cause {
+            Cause::Parameter(name) => Some(name.clone()),
+            _ => None,
+        };
+        self.causes.iter().filter_map(name).collect()
+    }
 }
 
 /// An event of a renderer.
@@ -134,52 +199,29 @@ pub enum RendererEvent {
     Dropped(Vec<String>),
 }
 
-impl Cause {
-    /// Combines the causes of two changes that are built together.
-    pub(super) fn and(self, other: Cause) -> Cause {
-        match (self, other) {
-            (Cause::Parameters(a), Cause::Parameters(b)) => Cause::Parameters(joined(a, b)),
-            (Cause::Files(a), Cause::Files(b)) => Cause::Files(joined(a, b)),
-            (Cause::Room(a), Cause::Room(b)) => Cause::Room(joined(a, b)),
-            (Cause::Start, _) => Cause::Start,
-            (Cause::Graph, _) | (_, Cause::Graph) => Cause::Graph,
-            // Nobody asked for these.
-            (Cause::Retry | Cause::Room(_), other) | (other, Cause::Retry | Cause::Room(_)) => other,
-            // Users wait for edits of files.
-            (Cause::Files(files), _) | (_, Cause::Files(files)) => Cause::Files(files),
-            (_, other) => other,
-        }
-    }
-}
-
-/// Concatenates two lists without duplicates of the first.
-fn joined<T: PartialEq>(mut a: Vec<T>, b: Vec<T>) -> Vec<T> {
-    for item in b {
-        if !a.contains(&item) {
-            a.push(item);
-        }
-    }
-    a
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn changes_that_are_built_together_are_told_together_and_files_before_the_rest() {
-        let files = |names: &[&str]| Cause::Files(names.iter().map(PathBuf::from).collect());
-        let params = |names: &[&str]| Cause::Parameters(names.iter().map(|n| n.to_string()).collect());
-        assert_eq!(params(&["a"]).and(params(&["b", "a"])), params(&["a", "b"]));
-        assert_eq!(files(&["x"]).and(files(&["x", "y"])), files(&["x", "y"]));
-        assert_eq!(params(&["a"]).and(files(&["x"])), files(&["x"]));
-        assert_eq!(Cause::Size.and(params(&["a"])), params(&["a"]));
-        assert_eq!(Cause::Start.and(files(&["x"])), Cause::Start);
-        assert_eq!(files(&["x"]).and(Cause::Graph), Cause::Graph);
-        assert_eq!(Cause::Retry.and(Cause::Size), Cause::Size);
-        let room = |name: &str| Cause::Room(vec![name.to_owned()]);
-        assert_eq!(room("x").and(room("y")), Cause::Room(vec!["x".into(), "y".into()]));
-        assert_eq!(room("x").and(Cause::Size), Cause::Size);
-        assert_eq!(params(&["a"]).and(room("x")), params(&["a"]));
+    fn changes_that_are_built_together_are_all_told_each_once_in_their_order() {
+        let mut causes = Causes::from(Cause::Size);
+        causes.add([Cause::Scene, Cause::Size].into_iter().collect());
+        causes.add(Cause::File("shaders/splat.frag".into()).into());
+        assert!(causes.contains(&Cause::Size) && causes.contains(&Cause::Scene));
+        assert_eq!(causes.to_string(), "another size, another scene, splat.frag");
+        let json = serde_json::to_string(&causes).unwrap();
+        assert_eq!(json, r#"["another size","another scene","splat.frag"]"#);
+    }
+
+    #[test]
+    fn more_room_alone_is_told_from_more_room_with_another_change() {
+        let room = |name: &str| Cause::Room(name.to_owned());
+        let mut causes: Causes = [room("x"), room("y")].into_iter().collect();
+        assert!(causes.is_room_alone());
+        assert_eq!(causes.to_string(), "growth of x, growth of y");
+        causes.add(Cause::Size.into());
+        assert!(!causes.is_room_alone());
+        assert!(!Causes::default().is_room_alone());
     }
 }

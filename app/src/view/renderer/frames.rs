@@ -4,6 +4,7 @@ use super::device::ends_device;
 use super::{FinishedFrame, FrameInFlight, PendingSwap, RETRY, Renderer, RendererEvent, Swap, Trouble};
 use crate::view::profile::zone;
 use splatgraph_api::{BackendError, Device, FRAMES_IN_FLIGHT, FrameInputs, Recovery, Running};
+use splatgraph_framework::plan::Plan;
 use std::time::{Duration, Instant};
 
 /// Pauses between looks at a frame that is not done: these limit what the wait adds to it.
@@ -28,18 +29,25 @@ impl<D: Device> Renderer<D> {
             return Ok(false);
         }
         zone!("submit");
-        let Some(device) = &mut self.device else { return Ok(false) };
         let inspected = inputs.inspect.clone();
-        let inputs = FrameInputs {
-            live: plan.live_bytes_of(self.controls.iter().map(|control| &control.param)),
-            ..inputs
-        };
+        let inputs = FrameInputs { live: self.live(&plan), ..inputs };
+        let Some(device) = &mut self.device else { return Ok(false) };
         let frame = device.submit(&inputs)?;
-        self.trouble = None;
+        self.changes += u64::from(self.trouble.take().is_some());
+        self.redraw = false;
+        self.submitted += 1;
         let first = self.pending_swap.take();
         let is_first = first.is_some();
-        let submitted = Instant::now();
-        self.in_flight.push_back(FrameInFlight { frame, submitted, plan, inspected, first, result: None });
+        let (number, submitted) = (self.submitted, Instant::now());
+        self.in_flight.push_back(FrameInFlight {
+            frame,
+            number,
+            submitted,
+            plan,
+            inspected,
+            first,
+            result: None,
+        });
         if is_first {
             // Waits once per swap, so that its latency is exact.
             let end = Instant::now() + self.patience;
@@ -50,8 +58,15 @@ impl<D: Device> Renderer<D> {
         Ok(true)
     }
 
+    /// Packs the live parameters of a plan.
+    pub(in crate::view) fn live(&self, plan: &Plan) -> Vec<u8> {
+        plan.live_bytes_of(self.controls.iter().map(|control| &control.param))
+    }
+
     /// Takes note of an error of [`Renderer::submit`], and plans the next attempt.
     pub fn report(&mut self, error: BackendError) {
+        self.changes += 1;
+        self.redraw = true;
         if ends_device(&error) {
             self.lost = Some(error);
         } else {
@@ -80,12 +95,12 @@ impl<D: Device> Renderer<D> {
     }
 
     /// Waits for the newest frame in flight; returns true if it is done.
-    pub(in crate::view) fn wait_for_newest(&mut self, patience: Duration) -> Result<bool, BackendError> {
+    fn wait_for_newest(&mut self, patience: Duration) -> Result<bool, BackendError> {
         self.wait_for(self.in_flight.len().saturating_sub(1), patience)
     }
 
-    /// Takes the results of the frames in flight, all of which are done.
-    pub(in crate::view) fn collect_all(&mut self) -> Result<(), BackendError> {
+    /// Takes the results of the frames in flight that are done.
+    fn take_results(&mut self) -> Result<(), BackendError> {
         while !self.in_flight.is_empty() && self.wait_for_oldest(Duration::ZERO)? {}
         Ok(())
     }
@@ -95,7 +110,7 @@ impl<D: Device> Renderer<D> {
         if !self.wait_for(0, patience)? {
             return Ok(false);
         }
-        let Some(FrameInFlight { plan, inspected, first, result: Some(result), .. }) =
+        let Some(FrameInFlight { plan, inspected, first, number, result: Some(result), .. }) =
             self.in_flight.pop_front()
         else {
             return Ok(true);
@@ -106,7 +121,7 @@ impl<D: Device> Renderer<D> {
             self.events.push(RendererEvent::Swapped(Swap { latency_ms, ..swap }));
         }
         let short = self.make_room(&plan, &result);
-        self.done.push(FinishedFrame { result, plan, first: is_first, inspected, short });
+        self.done.push(FinishedFrame { result, plan, first: is_first, inspected, short, number });
         Ok(true)
     }
 
@@ -137,6 +152,7 @@ impl<D: Device> Renderer<D> {
                     if !stays && error.recovery() != Recovery::Retry {
                         self.in_flight.remove(index);
                         self.forgot = true;
+                        self.redraw = true;
                     }
                     return Err(error);
                 }
@@ -150,4 +166,26 @@ impl<D: Device> Renderer<D> {
     pub fn take_forgot(&mut self) -> bool {
         std::mem::take(&mut self.forgot)
     }
+}
+
+/// Takes the results of the frames that are done, of all renderers of one device. Returns true if no frame has to be waited for before
+/// another is submitted.
+///
+/// Where [reads block](Renderer::reads_block), that is the newest frame of all, which is waited for up to `patience`: a result of an
+/// older one would block as long.
+pub(in crate::view) fn collect<D: Device>(renderers: &mut [&mut Renderer<D>], patience: Duration) -> bool {
+    let newest = renderers.iter_mut().max_by_key(|renderer| renderer.newest());
+    if let Some(newest) = newest.filter(|newest| newest.reads_block()) {
+        match newest.wait_for_newest(patience) {
+            Ok(true) => {}
+            Ok(false) => return false,
+            Err(error) => newest.report(error),
+        }
+    }
+    for renderer in renderers {
+        if let Err(error) = renderer.take_results() {
+            renderer.report(error);
+        }
+    }
+    true
 }

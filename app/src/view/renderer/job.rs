@@ -1,6 +1,6 @@
 //! Builds a plan and prepares it on the device, on the building thread.
 
-use super::events::{Cause, Failure};
+use super::events::{Causes, Failure};
 use super::{PlanInputs, Wanted};
 use crate::facts::{self, SceneFacts};
 use crate::growth::Grown;
@@ -26,7 +26,7 @@ pub(super) struct Job<L> {
     pub inputs: PlanInputs,
     pub device: DeviceFacts,
     pub loader: L,
-    pub cause: Cause,
+    pub causes: Causes,
     pub asked: Instant,
     pub progress: Arc<Mutex<String>>,
 }
@@ -38,7 +38,7 @@ pub(super) struct Built<R> {
     pub dropped: Vec<String>,
     pub grown: Grown,
     pub inputs: PlanInputs,
-    pub cause: Cause,
+    pub causes: Causes,
     pub asked: Instant,
     pub plan_ms: f64,
     pub prepare_ms: f64,
@@ -52,7 +52,7 @@ pub(super) fn builder<L: Loader>(cancel: Cancel) -> impl FnMut(Job<L>) -> Built<
 }
 
 fn build<L: Loader>(planner: &mut Planner, cancel: &Cancel, job: Job<L>) -> Built<L::Ready> {
-    let Job { graph, mut set, grown, strict, inputs, device, loader, cause, asked, progress } = job;
+    let Job { graph, mut set, grown, strict, inputs, device, loader, causes, asked, progress } = job;
     let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
     zone!("build a plan");
     let begun = Instant::now();
@@ -87,7 +87,7 @@ fn build<L: Loader>(planner: &mut Planner, cancel: &Cancel, job: Job<L>) -> Buil
     // Whatever it failed for: nobody wants to know.
     let outcome = outcome.map_err(|failure| if cancel.is_asked() { Failure::Cancelled } else { failure });
     let prepare_ms = milliseconds(begun);
-    Built { outcome, wanted, dropped, grown, inputs, cause, asked, plan_ms, prepare_ms }
+    Built { outcome, wanted, dropped, grown, inputs, causes, asked, plan_ms, prepare_ms }
 }
 
 fn set_progress(progress: &Mutex<String>, text: String) {

@@ -1,7 +1,7 @@
 //! Room for what frames of a renderer need: growth of its parameters, and its end.
 
 use super::device::ends_device;
-use super::events::{Cause, Failure};
+use super::events::{Cause, Causes, Failure};
 use super::{RETRY, Renderer};
 use crate::growth::{Shortage, shortages};
 use splatgraph_api::{Device, FrameResult};
@@ -24,8 +24,22 @@ impl<D: Device> Renderer<D> {
 
     /// Returns true before the end of the first frame of a plan that may have to grow, if frames can be drawn.
     pub fn may_grow(&self) -> bool {
-        let grows = |plan: &Arc<Plan>| plan.params.iter().any(|param| param.grows.is_some());
-        !self.told && self.trouble().is_none() && self.plan().is_some_and(grows)
+        self.whole.is_none() && self.trouble().is_none() && self.grows()
+    }
+
+    /// Starts with the room that the frames of another renderer needed, which draws the same.
+    pub fn take_room_of(&mut self, other: &Renderer<D>) {
+        self.grown = other.grown.clone();
+    }
+
+    /// Returns true for a plan with lists that grow.
+    fn grows(&self) -> bool {
+        self.plan().is_some_and(|plan| plan.params.iter().any(|param| param.grows.is_some()))
+    }
+
+    /// Returns true if frames of the current plan are whole, or lack room that no plan on its way has.
+    pub fn is_at_best(&self) -> bool {
+        !self.grows() || self.whole.is_some_and(|whole| whole || !self.busy())
     }
 
     /// Lists what a finished frame had no room for, and asks for a plan with more.
@@ -34,25 +48,35 @@ impl<D: Device> Renderer<D> {
         // What a frame of a former plan lacked, perhaps of another scene, says nothing about this one; and while another plan is on its
         // way, the frames of that will tell.
         let current = self.state.good().is_some_and(|good| Arc::ptr_eq(good, plan));
-        self.told |= current;
+        if current {
+            self.whole = Some(short.is_empty());
+        }
         if current && self.crowded.is_none() && !self.busy() {
             let raised = short.iter().filter(|short| self.grown.raise(short));
-            let raised: Vec<String> = raised.map(|short| short.parameter.clone()).collect();
-            if !raised.is_empty() {
-                self.want(Cause::Room(raised), Instant::now());
+            let causes: Causes = raised.map(|short| Cause::Room(short.parameter.clone())).collect();
+            if causes.is_room_alone() {
+                self.want(causes, Instant::now());
             }
         }
         short
     }
 
+    /// Returns the time from which frames may ask for more room again.
+    pub(super) fn room_again(&self) -> Option<Instant> {
+        self.crowded.as_ref()?.retry
+    }
+
     /// Lets frames ask for more room again, if the device may have it by now.
     pub(super) fn try_room_again(&mut self) {
-        let due = |crowded: &mut Crowded| crowded.retry.is_some_and(|time| time <= self.now);
-        self.crowded.take_if(due);
+        if self.room_again().is_some_and(|time| time <= self.now) {
+            self.crowded = None;
+            // A frame in part asks for it.
+            self.redraw = true;
+        }
     }
 
     /// Takes note of a plan that failed. One whose only change was more room is given up: the frames go on in part.
-    pub(super) fn refuse(&mut self, cause: &Cause, failure: Failure) {
+    pub(super) fn refuse(&mut self, causes: &Causes, failure: Failure) {
         let ended = match &failure {
             Failure::Backend(error) => ends_device(error),
             Failure::Panicked(_) => true,
@@ -64,7 +88,7 @@ impl<D: Device> Renderer<D> {
         }
         // The next plan, for whatever reason, has the room of the last good one.
         self.grown = self.drawn_with.clone();
-        if matches!(cause, Cause::Room(_)) {
+        if causes.is_room_alone() {
             let retry = failure.may_pass().then(|| self.now + RETRY);
             self.crowded = Some(Crowded { reason: failure.text(false), retry });
             self.building = None;

@@ -26,19 +26,71 @@ fn entries(script: &mut Script) -> Value {
 
 fn causes(events: &[Event]) -> Vec<String> {
     let cause = |event: &Event| match event {
-        Event::Swapped { swap, .. } if swap.graph.ends_with("graph.ron") => Some(swap.cause.to_string()),
+        Event::Swapped { swap, .. } if swap.graph.ends_with("graph.ron") => Some(swap.causes.to_string()),
         _ => None,
     };
     events.iter().filter_map(cause).collect()
 }
 
+/// Draws frames until something is so. Whatever is shown before `shown` is so was there at the start.
+fn held_back_until(script: &mut Script, what: &str, shown: impl Fn(&mut Script) -> bool) {
+    let number = |script: &mut Script| script.viewer().pictures()[0].as_ref().map(|(_, number)| *number);
+    let (former, before) = (number(script), script.viewer().a.history.frames());
+    script.until(what, |script| {
+        let is_new = number(script) != former;
+        assert!(!is_new || shown(script), "a part is shown");
+        assert_eq!(script.viewer().a.in_part(), None);
+        is_new
+    });
+    assert!(script.viewer().a.history.frames() > before, "no frame was held back");
+    script.settle();
+}
+
+#[test]
+fn the_first_picture_of_a_scene_and_of_a_graph_is_whole() {
+    for apart in [false, true] {
+        let folder = tempfile::tempdir().expect("a folder");
+        arrange(folder.path());
+        let config = Config { read: 500, ..Config::default() };
+        let mut script = if apart {
+            Script::open_apart(folder.path(), &config)
+        } else {
+            Script::open(folder.path(), &config)
+        };
+        script.viewer().continuous = false;
+        let has_room = |script: &mut Script| entries(script) == Value::Int(625);
+        held_back_until(&mut script, "the first picture", has_room);
+        let second = script.path("second.ply");
+        script.viewer().open(&second);
+        held_back_until(&mut script, "the other scene", |script| {
+            has_room(script) && script.viewer().scene_path().ends_with("second.ply")
+        });
+        let other = script.path("other.ron");
+        std::fs::copy(script.path("graph.ron"), &other).expect("a graph");
+        script.viewer().a.renderer.choose(&other.to_string_lossy(), Default::default());
+        held_back_until(&mut script, "the other graph", |script| {
+            has_room(script) && script.viewer().a.renderer.plan().expect("a plan").name.ends_with("other.ron")
+        });
+        let (_, events, _) = script.close(&[]);
+        assert_eq!(events.iter().find(|event| matches!(event, Event::Failed { .. })), None);
+    }
+}
+
+#[test]
+fn b_starts_with_the_room_of_a() {
+    visit(300, limits(), |script| {
+        script.settle();
+        script.viewer().choose_compare(crate::view::paint::Mode::Split);
+        script.settle();
+        let b = script.viewer().b.as_ref().expect("B");
+        assert_eq!(b.renderer.plan().expect("a plan").params[1].value, Value::Int(375));
+        assert_eq!(b.history.plan().map(|plan| plan.params[1].value.clone()), Some(Value::Int(375)));
+    });
+}
+
 #[test]
 fn a_frame_in_part_is_shown_and_said_until_a_plan_with_room_draws() {
     let events = visit(300, limits(), |script| {
-        script.until("a frame in part", |script| script.viewer().a.in_part().is_some());
-        let text = script.viewer().a.in_part();
-        assert_eq!(text.as_deref(), Some("drawn in part: 200 of 300 entries"));
-        assert!(script.viewer().busy(), "a plan with room is on its way");
         script.settle();
         assert_eq!((entries(script), script.viewer().a.in_part()), (Value::Int(375), None));
         // It stays while other things change.
@@ -53,6 +105,10 @@ fn a_frame_in_part_is_shown_and_said_until_a_plan_with_room_draws() {
         script.settle();
         assert_eq!(entries(script), Value::Int(500));
         script.viewer().a.renderer.set_param("entries", Some(Value::Int(250)));
+        script.until("a frame in part", |script| script.viewer().a.in_part().is_some());
+        let text = script.viewer().a.in_part();
+        assert_eq!(text.as_deref(), Some("drawn in part: 250 of 300 entries"));
+        assert!(script.viewer().busy(), "a plan with room is on its way");
         script.settle();
         assert_eq!(entries(script), Value::Int(375));
         script.viewer().a.renderer.set_param("digits", None);

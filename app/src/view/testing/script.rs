@@ -2,11 +2,12 @@
 
 use crate::view::events::Event;
 use crate::view::paint::Mode;
+use crate::view::panels::Panels;
 use crate::view::recovery::Recovery;
 use crate::view::shell::{Frame, FrameRequest, Shell};
 use crate::view::viewer::Viewer;
 use egui::{Pos2, RawInput, Rect, Vec2};
-use splatgraph_api::{Device, Windowed};
+use splatgraph_api::{Device, Running, Windowed};
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_framework::ir::Value;
 use splatgraph_null::{Call, Config, Fault, Journal, Null, open};
@@ -102,6 +103,10 @@ pub struct Script {
     size: (u32, u32),
     pub events: Vec<Event>,
     calls: u64,
+    /// Input of the next frame.
+    pub input: Vec<egui::Event>,
+    /// See [`Script::set_hanging`].
+    hangs: bool,
     folder: PathBuf,
 }
 
@@ -124,6 +129,15 @@ pub fn arrange(folder: &Path) {
 impl Script {
     /// Opens the viewer on such a device. The first has the faults.
     pub fn open(folder: &Path, config: &Config) -> Script {
+        Script::open_on(folder, config, false)
+    }
+
+    /// Opens the viewer with a device for the scene and another one for the window, as on a CPU.
+    pub fn open_apart(folder: &Path, config: &Config) -> Script {
+        Script::open_on(folder, config, true)
+    }
+
+    fn open_on(folder: &Path, config: &Config, apart: bool) -> Script {
         let devices = Rc::new(RefCell::new(Devices::default()));
         let config = config.clone();
         let mut faults = config.faults.clone();
@@ -135,14 +149,21 @@ impl Script {
                 patience: Duration::from_millis(20),
                 ..config.clone()
             };
-            let (canvas, journal) = open(&config);
-            let entry = opened.borrow().opened.len();
-            opened.borrow_mut().opened.push((None, journal));
-            let mut canvas = canvas?;
+            let open = |config: &Config| {
+                let (device, journal) = open(config);
+                opened.borrow_mut().opened.push((None, journal));
+                let device = device?;
+                let probe = device.new_context()?;
+                if let Some(last) = opened.borrow_mut().opened.last_mut() {
+                    last.0 = Some(probe);
+                }
+                Ok(device)
+            };
+            let scene = if apart { Some(open(&config)?) } else { None };
+            let mut canvas = open(&config)?;
             canvas.set_vsync(vsync);
-            let device = canvas.new_context()?;
-            opened.borrow_mut().opened[entry].0 = Some(canvas.new_context()?);
-            Ok((canvas, device))
+            let scene = scene.map_or_else(|| canvas.new_context(), Ok)?;
+            Ok((canvas, scene))
         }));
         let first = recovery.open(SIZE, true);
         // The program says why and ends; a person starts it again.
@@ -159,13 +180,27 @@ impl Script {
         )
         .expect("the viewer opens");
         viewer.navigation.set_animated(false);
+        // Whatever fails in a frame, there is another.
+        viewer.continuous = true;
         viewer.a.renderer.patience = Duration::from_millis(5);
         let mut shell = Shell::new(viewer, canvas, wake).expect("the shell opens");
         shell.window_mut().patience = Duration::from_millis(5);
         // Letters of an interface fill textures, which is slow here.
         shell.panels.hidden = true;
+        // The times of a frame change after it, and are drawn then.
+        shell.panels.hud = false;
         let folder = folder.to_owned();
-        Script { shell, recovery, devices, size: SIZE, events: Vec::new(), calls: 0, folder }
+        Script {
+            shell,
+            recovery,
+            devices,
+            size: SIZE,
+            events: Vec::new(),
+            calls: 0,
+            input: Vec::new(),
+            hangs: false,
+            folder,
+        }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -184,16 +219,36 @@ impl Script {
         &mut self.shell.viewer
     }
 
-    fn frame(&mut self, read: bool) -> Option<Frame> {
+    pub fn panels(&mut self) -> &mut Panels {
+        &mut self.shell.panels
+    }
+
+    /// Draws a frame, and reads it back if `read`; returns none while the device is lost.
+    pub fn frame(&mut self, read: bool) -> Option<Frame> {
+        self.draw(FrameRequest { read, ..FrameRequest::default() })
+    }
+
+    /// Lets seconds pass without a frame.
+    pub fn sleep(&mut self, seconds: u64) {
+        self.calls += 60 * seconds;
+    }
+
+    /// Draws a frame for a window that has lost its content.
+    pub fn redraw(&mut self) -> Option<Frame> {
+        self.draw(FrameRequest { redraw: true, ..FrameRequest::default() })
+    }
+
+    fn draw(&mut self, request: FrameRequest) -> Option<Frame> {
         let (width, height) = self.size;
         let input = RawInput {
             screen_rect: Some(Rect::from_min_size(Pos2::ZERO, Vec2::new(width as f32, height as f32))),
             time: Some(self.calls as f64 / 60.0),
+            events: std::mem::take(&mut self.input),
             focused: true,
             ..RawInput::default()
         };
         self.calls += 1;
-        let request = FrameRequest { size: self.size, pixels_per_point: 1.0, present: true, read };
+        let request = FrameRequest { size: self.size, pixels_per_point: 1.0, present: true, ..request };
         let frame = self.recovery.frame(&mut self.shell, input, request).expect("another device opens");
         self.events.extend(self.shell.take_events());
         frame
@@ -205,6 +260,49 @@ impl Script {
         devices.opened.iter().map(|(_, journal)| journal.reached(splatgraph_null::Point::Compile)).sum()
     }
 
+    /// Counts the frames that were submitted since the last call, of A, B and the window.
+    pub fn submissions(&self) -> usize {
+        let devices = self.devices.borrow();
+        let calls = devices.opened.iter().flat_map(|(_, journal)| journal.take());
+        calls.filter(|call| matches!(call, Call::Submit { encoder, .. } if encoder == "frame")).count()
+    }
+
+    /// Takes the results of finished frames; see [`Shell::collect`].
+    pub fn collect(&mut self) -> bool {
+        self.shell.collect()
+    }
+
+    /// Lets the first device hang in what is submitted from now on, or go on: the scene's, if it has one of its own.
+    pub fn set_hanging(&mut self, hangs: bool) {
+        self.hangs = hangs;
+        let devices = self.devices.borrow();
+        let journal = &devices.opened.first().expect("a device").1;
+        if hangs { journal.hang() } else { journal.resume() }
+    }
+
+    /// Returns what the device works on, as of the last look.
+    pub fn stalled(&self) -> Option<&Running> {
+        self.shell.stalled()
+    }
+
+    /// Returns the size of the window's plan.
+    pub fn window_size(&self) -> (u32, u32) {
+        self.shell.window().size()
+    }
+
+    /// Returns true while the results of frames are not taken.
+    pub fn in_flight(&self) -> bool {
+        self.shell.in_flight().is_some()
+    }
+
+    /// Draws frames until none is due any more.
+    pub fn rest(&mut self) {
+        self.until("rest", |script| {
+            let next = script.frame(false).expect("the device is not lost").next;
+            next.is_none() && !script.collect() && !script.in_flight()
+        });
+    }
+
     /// Returns true if frames are drawn.
     pub fn draws(&mut self) -> bool {
         (0..100).any(|_| self.frame(false).is_some_and(|frame| frame.drawn))
@@ -212,6 +310,9 @@ impl Script {
 
     /// Lets a device that hangs go on, once the viewer said that it does.
     fn resume(&mut self) {
+        if self.hangs {
+            return;
+        }
         let stuck = |text: String| text.contains("it may never end");
         let said = self.shell.problem().is_some_and(stuck)
             || self.viewer().a.inspection.as_ref().is_some_and(|i| matches!(&i.found, Some(Err(_))));
@@ -380,6 +481,7 @@ impl Script {
 
     /// Draws a last frame, notes the state, and closes everything: nothing may be left.
     pub fn close(mut self, faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<splatgraph_null::Point, u64>) {
+        self.viewer().continuous = true;
         // A frame that nobody waited for may hang unnoticed.
         self.devices.borrow().opened.iter().for_each(|(_, journal)| journal.resume());
         self.shell.finish(PATIENCE).expect("the frames end");
@@ -415,7 +517,7 @@ impl Script {
         assert!(idle, "a build does not end");
         let Script { shell, recovery, devices, events, .. } = self;
         drop(recovery);
-        drop(shell.into_device());
+        drop(shell.into_devices());
         let mut reached = BTreeMap::new();
         for (index, (probe, journal)) in devices.take().opened.into_iter().enumerate() {
             let messages = probe.map(Null::close).unwrap_or_default();

@@ -1,20 +1,19 @@
 //! Connects to the display, and outlives its end.
 //!
 //! Winit panics where its connection to an X server breaks, and libX11 ends the process by itself, with code 1 and a line on
-//! standard error. Both are an error of the display here, and neither reads like a defect of this program.
+//! standard error. Both are an error of the display here. A panic of this program in a callback of winit is an internal error: see
+//! [`guarded`].
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context as _, Result, anyhow};
+use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-#[cfg(unix)]
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Once};
 use winit::event_loop::{ActiveEventLoop, EventLoop};
+use winit::window::{Window, WindowAttributes};
 
 /// The share of a display's height that title bars and panels of a desktop leave to a window, about.
 const USABLE_HEIGHT: f64 = 0.92;
-
-/// The time that the process has to end by itself.
-#[cfg(unix)]
-const ENDING: Duration = Duration::from_secs(2);
 
 /// Opens the connection to the display.
 ///
@@ -29,7 +28,7 @@ pub fn event_loop() -> Result<EventLoop<()>> {
     }
     // Some errors are panics.
     let built = guarded(|| builder.build().map_err(|error| error.to_string()));
-    let built = built.map_err(|error| error.to_string()).and_then(|built| built);
+    let built = built.map_err(|panic| panic.message).and_then(|built| built);
     built.map_err(|error| {
         // The text before it is a place in winit's source.
         let why = error.rsplit(": ").next().unwrap_or_default().trim_end_matches('.');
@@ -65,59 +64,157 @@ mod wayland {
     }
 }
 
-/// Runs what talks to the display; a panic of the window library is an error.
+thread_local! {
+    /// Whose code this thread runs, within [`guarded`]; a panic is blamed on it.
+    static RUNNING: Cell<Option<Whose>> = const { Cell::new(None) };
+    /// The last panic on this thread.
+    static PANIC: RefCell<Option<Panic>> = const { RefCell::new(None) };
+}
+
+/// The code that panics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Whose {
+    /// This program, and the libraries that it calls apart from the window library.
+    Program,
+    /// The window library, with egui's adapter of it.
+    Library,
+}
+
+/// A panic that ended the event loop.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}", self.text())]
+pub struct Panic {
+    whose: Whose,
+    message: String,
+    /// File, line and column.
+    place: String,
+}
+
+impl Panic {
+    fn text(&self) -> String {
+        let Panic { whose, message, place } = self;
+        match whose {
+            Whose::Program => format!(
+                "internal error at {place}: {message}\nThis is a bug of splatgraph. Please report it with this text."
+            ),
+            Whose::Library => {
+                format!("the display is gone, or the window library failed: {message} ({place})")
+            }
+        }
+    }
+}
+
+/// Runs the event loop, or another part of the window library, up to its end or a panic.
+///
+/// Callbacks of the library run in [`own`], calls to the library from there in [`library`]. The innermost of them decides whose
+/// panic it is.
 ///
 /// # Errors
-/// The display, or the connection to it, is gone.
-pub fn guarded<T>(work: impl FnOnce() -> T) -> Result<T> {
-    let thread = std::thread::current().id();
-    let former = std::sync::Arc::new(std::panic::take_hook());
-    let hook = former.clone();
-    std::panic::set_hook(Box::new(move |panic| {
-        let library = panic.location().is_some_and(|place| is_of_window_library(place.file()));
-        if !(library && std::thread::current().id() == thread) {
-            (*hook)(panic);
-        }
-    }));
-    let result = catch_unwind(AssertUnwindSafe(work));
-    // A hook cannot be changed while its thread panics.
-    if !std::thread::panicking() {
-        drop(std::panic::take_hook());
-        if let Ok(former) = std::sync::Arc::try_unwrap(former) {
-            std::panic::set_hook(former);
-        }
-    }
-    result.map_err(|payload| {
-        let text = payload.downcast_ref::<String>().map(String::as_str);
-        let text = text.or(payload.downcast_ref::<&str>().copied()).unwrap_or_default();
-        anyhow!("the display is gone, or the window library failed ({text})")
-    })
+/// The library panicked: the display, or the connection to it, is gone. Or this program did, which is a bug.
+pub fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, Panic> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let usual = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            let whose = RUNNING.get();
+            if let Some(whose) = whose {
+                let message = panic.payload_as_str().unwrap_or("a panic without a message").to_owned();
+                let place = panic.location().map_or_else(String::new, ToString::to_string);
+                PANIC.set(Some(Panic { whose, message, place }));
+            }
+            if whose != Some(Whose::Library) {
+                usual(panic);
+            }
+        }));
+    });
+    let result = catch_unwind(AssertUnwindSafe(|| library(work)));
+    result.map_err(|_| PANIC.take().expect("what unwinds was recorded by the hook"))
 }
 
-/// Ends the process shortly, unless it ends by itself: a driver may wait for its device at the end, too.
-pub fn end_soon(code: i32) {
-    #[cfg(not(unix))]
-    let _ = code;
+/// Runs code of this program in a callback of the window library.
+pub fn own<T>(work: impl FnOnce() -> T) -> T {
+    run_as(Whose::Program, work)
+}
+
+/// Runs a call of the window library.
+pub fn library<T>(call: impl FnOnce() -> T) -> T {
+    run_as(Whose::Library, call)
+}
+
+fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
+    /// Restores the former owner, also when a panic unwinds.
+    struct Restore(Option<Whose>);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            RUNNING.set(self.0);
+        }
+    }
+    let _restore = Restore(RUNNING.replace(Some(whose)));
+    work()
+}
+
+/// A window; every call of it is a call of the window library.
+pub struct Handle(Arc<Window>);
+
+impl Handle {
+    /// Opens a window.
+    ///
+    /// # Errors
+    /// The display refuses it.
+    pub fn open(target: &ActiveEventLoop, attributes: WindowAttributes) -> Result<Handle> {
+        let window = library(|| target.create_window(attributes)).context("the window cannot be opened")?;
+        Ok(Handle(Arc::new(window)))
+    }
+
+    /// Calls the window.
+    pub fn with<T>(&self, call: impl FnOnce(&Window) -> T) -> T {
+        library(|| call(&self.0))
+    }
+
+    /// Returns the window for a device to draw in.
+    pub fn surface(&self) -> Arc<Window> {
+        self.0.clone()
+    }
+
+    /// Returns the size of the content, in pixels.
+    pub fn size(&self) -> (u32, u32) {
+        self.with(Window::inner_size).into()
+    }
+}
+
+/// Devices are open, and a thread may be using one.
+static OPEN: AtomicBool = AtomicBool::new(false);
+
+/// Notes that devices are open, or closed again.
+///
+/// Exit handlers of drivers and of their layers free what other threads may still use. While devices are open, the process therefore
+/// has to end without them: see [`is_left_open`], and for libX11, which ends the process by itself, a handler that comes first.
+pub fn set_open(open: bool) {
+    OPEN.store(open, Ordering::Relaxed);
     #[cfg(unix)]
-    {
-        let end = move || {
-            std::thread::sleep(ENDING);
-            signal_hook::low_level::exit(code);
-        };
-        // Without a free thread, the process ends when the driver does.
-        let _ = std::thread::Builder::new().name("end".to_owned()).spawn(end);
+    if open {
+        extern "C" fn end() {
+            if is_left_open() {
+                crate::output::signals::end_now(1);
+            }
+        }
+        static HANDLER: Once = Once::new();
+        // The last handler runs first, and drivers register theirs when they are loaded.
+        // SAFETY: the handler is a function of the program, and nothing unwinds from it.
+        HANDLER.call_once(|| _ = unsafe { libc::atexit(end) });
     }
 }
 
-/// Returns true for sources of the crates that talk to the display.
-fn is_of_window_library(file: &str) -> bool {
-    ["/winit-", "/x11rb-", "/x11-dl-", "/wayland-", "/calloop-"].iter().any(|name| file.contains(name))
+/// Returns true if devices were left open, because they are busy or nothing can be closed in order.
+pub fn is_left_open() -> bool {
+    OPEN.load(Ordering::Relaxed)
 }
 
 /// Returns the largest size up to `size` that fits a display, in pixels.
 pub fn at_most(target: &ActiveEventLoop, size: (u32, u32)) -> (u32, u32) {
-    let monitor = target.primary_monitor().or_else(|| target.available_monitors().next());
-    let monitor = monitor.map(|monitor| monitor.size()).filter(|size| size.width > 0 && size.height > 0);
+    let monitor = library(|| target.primary_monitor().or_else(|| target.available_monitors().next()));
+    let monitor =
+        monitor.map(|monitor| library(|| monitor.size())).filter(|size| size.width > 0 && size.height > 0);
     monitor.map_or(size, |monitor| fitted(size, (monitor.width, monitor.height)))
 }
 
@@ -140,10 +237,45 @@ mod tests {
         assert_eq!(fitted((900, 720), (1280, 800)), (900, 720));
     }
 
+    /// Where a panic of this file is.
+    const PLACE: &str = "display.rs:";
+
     #[test]
-    fn a_panic_of_the_window_library_is_an_error_and_the_hook_is_as_before() {
-        let error = guarded(|| panic!("this panic is part of a test")).unwrap_err();
-        assert!(error.to_string().contains("this panic is part of a test"), "{error}");
+    fn a_panic_of_the_window_library_is_told_as_the_end_of_the_display() {
+        let error = guarded(|| panic!("this panic is part of a test")).unwrap_err().to_string();
+        assert!(
+            error.starts_with("the display is gone, or the window library failed: this panic"),
+            "{error}"
+        );
+        assert!(error.contains(PLACE), "{error}");
         assert_eq!(guarded(|| 3).unwrap(), 3);
+    }
+
+    #[test]
+    fn a_panic_in_a_callback_is_a_bug_of_the_program_with_its_message_and_place() {
+        let error = guarded(|| own(|| panic!("this panic is part of a test"))).unwrap_err().to_string();
+        assert!(error.starts_with("internal error at ") && error.contains(PLACE), "{error}");
+        assert!(error.contains(": this panic is part of a test\n"), "{error}");
+        assert!(error.contains("This is a bug of splatgraph"), "{error}");
+        // A panic that was caught says nothing about the one that ended the event loop.
+        let error = guarded(|| {
+            let caught = catch_unwind(|| own(|| panic!("this panic is part of a test, too")));
+            assert!(caught.is_err());
+            panic!("this panic is part of a test")
+        });
+        assert!(error.unwrap_err().to_string().starts_with("the display is gone"));
+    }
+
+    #[test]
+    fn a_call_of_the_window_library_from_a_callback_panics_for_the_display() {
+        let error = guarded(|| own(|| library(|| panic!("this panic is part of a test")))).unwrap_err();
+        assert!(error.to_string().starts_with("the display is gone"), "{error}");
+        let error = guarded(|| {
+            own(|| {
+                library(|| ());
+                panic!("this panic is part of a test")
+            })
+        });
+        assert!(error.unwrap_err().to_string().starts_with("internal error"));
     }
 }

@@ -132,6 +132,7 @@ impl Build {
                 stand_ins: vec![],
                 facts: BTreeMap::new(),
                 params: Vec::new(),
+                effects: Vec::new(),
                 resources: Vec::new(),
                 shaders: Vec::new(),
                 passes: Vec::new(),

@@ -1,0 +1,246 @@
+//! Moves a camera smoothly through keys, at constant speed.
+//!
+//! A [`CameraPath`] is a list of cameras, its keys, and a duration. [`CameraPath::at`] gives the camera at a time: it passes through
+//! every key, without a kink, and its speed is constant. Speed counts ways, turns and zooms together, so that a turn in place
+//! takes time as well. [`Playback`] is the state of a player.
+//!
+//! Keys are in the world's coordinates, as in a `cameras.json`, which is the file of a path, too: its list of cameras. Equal
+//! keys in a row count as one. Between opposite rotations, the way is one of the two shortest ones, the same in every run.
+
+mod curve;
+#[cfg(test)]
+mod tests;
+
+use curve::{Curve, View};
+use splatgraph_assets::{Camera, Scene};
+use std::ops::RangeInclusive;
+
+/// Durations of a path, in seconds.
+pub const SECONDS: RangeInclusive<f64> = 0.1..=86_400.0;
+
+/// Duration of a new path, in seconds.
+pub const DEFAULT_SECONDS: f64 = 10.0;
+
+/// A camera that cannot be a key.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected a sound camera as key {index}: {fault}")]
+pub struct KeyError {
+    /// Index of the key.
+    pub index: usize,
+    /// See [`Camera::fault`].
+    pub fault: String,
+}
+
+/// A smooth way of a camera; see the module's documentation.
+#[derive(Clone, Debug)]
+pub struct CameraPath {
+    keys: Vec<Camera>,
+    closed: bool,
+    seconds: f64,
+    radian: f64,
+    curve: Curve,
+}
+
+impl CameraPath {
+    /// Makes an open path without keys, of [`DEFAULT_SECONDS`].
+    ///
+    /// `radian` is the way in world units that takes as long as a turn of one radian: see [`length_of_radian`]. One that is not
+    /// positive counts as 1.
+    pub fn new(radian: f64) -> CameraPath {
+        let mut path = CameraPath {
+            keys: Vec::new(),
+            closed: false,
+            seconds: DEFAULT_SECONDS,
+            radian: 1.0,
+            curve: Curve::default(),
+        };
+        path.set_radian(radian);
+        path
+    }
+
+    /// Returns the keys, in the world's coordinates.
+    pub fn keys(&self) -> &[Camera] {
+        &self.keys
+    }
+
+    /// Replaces all keys.
+    ///
+    /// # Errors
+    /// A camera is unusable; the former keys stay.
+    pub fn set_keys(&mut self, keys: Vec<Camera>) -> Result<(), KeyError> {
+        keys.iter().enumerate().try_for_each(|(index, key)| check(index, key))?;
+        self.keys = keys;
+        self.update();
+        Ok(())
+    }
+
+    /// Inserts a key before another, or at the end if there are not so many.
+    ///
+    /// # Errors
+    /// The camera is unusable.
+    pub fn insert(&mut self, index: usize, key: Camera) -> Result<(), KeyError> {
+        let index = index.min(self.keys.len());
+        check(index, &key)?;
+        self.keys.insert(index, key);
+        self.update();
+        Ok(())
+    }
+
+    /// Removes a key, if there is one at this index.
+    pub fn remove(&mut self, index: usize) {
+        if index < self.keys.len() {
+            self.keys.remove(index);
+            self.update();
+        }
+    }
+
+    /// Moves a key to another place in the list; the others keep their order.
+    pub fn reorder(&mut self, from: usize, to: usize) {
+        if from < self.keys.len() {
+            let key = self.keys.remove(from);
+            self.keys.insert(to.min(self.keys.len()), key);
+            self.update();
+        }
+    }
+
+    /// Returns true if the path leads from the last key back to the first.
+    pub fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// Closes or opens the path. The duration stays.
+    pub fn set_closed(&mut self, closed: bool) {
+        self.closed = closed;
+        self.update();
+    }
+
+    /// Returns the duration, in seconds.
+    pub fn seconds(&self) -> f64 {
+        self.seconds
+    }
+
+    /// Sets the duration, in seconds, clamped to [`SECONDS`]; NaN is ignored.
+    pub fn set_seconds(&mut self, seconds: f64) {
+        if !seconds.is_nan() {
+            self.seconds = seconds.clamp(*SECONDS.start(), *SECONDS.end());
+        }
+    }
+
+    /// Sets the way in world units that takes as long as a turn of one radian; see [`CameraPath::new`].
+    pub fn set_radian(&mut self, radian: f64) {
+        // The limits of a camera's position, and as far below 1.
+        self.radian = if radian > 0.0 { radian.clamp(1e-18, 1e18) } else { 1.0 };
+        self.update();
+    }
+
+    /// Computes the time of each key, in seconds from the start.
+    pub fn key_seconds(&self) -> Vec<f64> {
+        let length = self.curve.length();
+        let part = |at: &f64| if length > 0.0 { at / length } else { 0.0 };
+        self.curve.keys.iter().map(|at| part(at) * self.seconds).collect()
+    }
+
+    /// Computes the camera at a time, in seconds from the start; `None` without keys.
+    ///
+    /// A closed path goes round and round; an open one stays at its ends. The pictures have the size of the first key's.
+    pub fn at(&self, seconds: f64) -> Option<Camera> {
+        let first = self.keys.first()?;
+        let part = seconds / self.seconds;
+        let part = match self.closed {
+            _ if part.is_nan() => 0.0,
+            // Infinite times have no place on a circle.
+            true => Some(part.rem_euclid(1.0)).filter(|part| part.is_finite()).unwrap_or(0.0),
+            false => part.clamp(0.0, 1.0),
+        };
+        let view = self.curve.at(part * self.curve.length());
+        Some(view.map_or_else(|| first.clone(), |view| view.camera(first.width, first.height)))
+    }
+
+    /// Computes the cameras of so many frames at equal steps of time; an open path's first and last are its ends.
+    pub fn frames(&self, count: u32) -> Vec<Camera> {
+        let steps = if self.closed { count } else { count.saturating_sub(1) };
+        let frame = |index: u32| {
+            let seconds = self.seconds * f64::from(index) / f64::from(steps.max(1));
+            let camera = self.at(seconds)?;
+            Some(Camera { id: index.into(), img_name: format!("frame {index}"), ..camera })
+        };
+        (0..count).map_while(frame).collect()
+    }
+
+    fn update(&mut self) {
+        let views: Vec<View> = self.keys.iter().map(View::of).collect();
+        self.curve = Curve::new(&views, self.closed, self.radian);
+    }
+}
+
+fn check(index: usize, key: &Camera) -> Result<(), KeyError> {
+    key.fault().map_or(Ok(()), |fault| Err(KeyError { index, fault }))
+}
+
+/// Computes the length for [`CameraPath::new`] that suits a scene, in world units: half of the extent of its bulk.
+///
+/// Seen from that far, a way moves the picture about as much as a turn of the same measure.
+pub fn length_of_radian(scene: &Scene) -> f64 {
+    0.5 * scene.robust_bounds().extent()
+}
+
+/// A player of a path.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Playback {
+    position: f64,
+    playing: bool,
+    /// True before the first frame: the time before it is not the player's.
+    starting: bool,
+}
+
+impl Playback {
+    /// Returns the time that is shown, in seconds from the start of the path.
+    pub fn position(&self) -> f64 {
+        self.position
+    }
+
+    /// Returns true while the path is played.
+    pub fn is_playing(&self) -> bool {
+        self.playing
+    }
+
+    /// Plays on from the position; from the end of an open path, from its start.
+    pub fn play(&mut self, path: &CameraPath) {
+        if !path.is_closed() && self.position >= path.seconds() {
+            self.position = 0.0;
+        }
+        (self.playing, self.starting) = (!path.keys().is_empty(), true);
+    }
+
+    /// Stops at the position.
+    pub fn pause(&mut self) {
+        self.playing = false;
+    }
+
+    /// Goes to a time in seconds, within the path's duration; NaN is ignored. Playing goes on from there.
+    pub fn seek(&mut self, seconds: f64, path: &CameraPath) {
+        if !seconds.is_nan() {
+            self.position = seconds.clamp(0.0, path.seconds());
+        }
+    }
+
+    /// Plays on by the seconds since the last frame, and returns the camera; `None` while nothing is played.
+    ///
+    /// The first frame shows the position itself. An open path ends at its last camera; a closed one goes round.
+    pub fn advance(&mut self, seconds: f64, path: &CameraPath) -> Option<Camera> {
+        if !self.playing {
+            return None;
+        }
+        let passed = if std::mem::take(&mut self.starting) || !seconds.is_finite() { 0.0 } else { seconds };
+        self.position = (self.position + passed).max(0.0);
+        if path.is_closed() {
+            self.position = self.position.rem_euclid(path.seconds());
+        } else if self.position >= path.seconds() {
+            (self.position, self.playing) = (path.seconds(), false);
+        }
+        let camera = path.at(self.position);
+        // The keys may have been removed.
+        self.playing &= camera.is_some();
+        camera
+    }
+}

@@ -1,0 +1,258 @@
+//! The curve of a camera path: interpolation between keys, and the measure of its length.
+//!
+//! A key is a point with three components: position, rotation and zoom. Each is interpolated by cubic segments whose slopes are
+//! those of a Catmull-Rom spline with centripetal knots: the knot interval of a segment is the square root of the distance between
+//! its keys (Yuksel et al., On the Parameterization of Catmull-Rom Curves, 2009). All three share the knots, so that they pass a
+//! key without a kink between them. Rotations are interpolated by squad (Shoemake, Quaternion Calculus for Fast Animation,
+//! 1987), with inner quaternions that give it these slopes.
+//!
+//! A component that two adjacent keys share stays constant between them. Where a component changes little beside keys with large
+//! steps, its slopes are limited, so that it swings back by a sixth of a radian at most, and a camera does not spin.
+
+use glam::{DMat3, DQuat, DVec3};
+use splatgraph_assets::Camera;
+
+/// Steps below which a component counts as constant, in its unit.
+const STILL: f64 = 1e-9;
+/// Greatest slope: a multiple of the straight way, within which a cubic does not swing back (Fritsch and Carlson, Monotone Piecewise
+/// Cubic Interpolation, 1980), plus this many units, of which it swings back by 4/27.
+const STEEPEST: (f64, f64) = (3.0, 1.0);
+/// Largest relative difference between the lengths of both halves of an interval of the table.
+const UNEVEN: f64 = 1e-3;
+/// Bisections of a segment: at least, and at most, towards a point where the curve stands still.
+const BISECTIONS: (u32, u32) = (4, 24);
+/// Length of an interval that is not bisected any more, as a share of the distances between all keys.
+const TINY: f64 = 1e-7;
+/// The same, as a multiple of the rounding of a view: the ways between its neighbours are noise.
+const NOISE: f64 = 1e3;
+
+/// Position, rotation and zoom of a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct View {
+    position: DVec3,
+    /// From the camera's axes to the world's, of length 1.
+    rotation: DQuat,
+    /// Natural logarithms of the horizontal and the vertical focal length over the picture's height; third is 0.
+    zoom: DVec3,
+}
+
+impl View {
+    pub(super) fn of(camera: &Camera) -> View {
+        let height = f64::from(camera.height);
+        View {
+            position: camera.position.into(),
+            rotation: DQuat::from_mat3(&DMat3::from_cols_array_2d(&camera.axes())).normalize(),
+            zoom: DVec3::new((camera.fx / height).ln(), (camera.fy / height).ln(), 0.0),
+        }
+    }
+
+    /// Makes a camera with pictures of this size.
+    pub(super) fn camera(&self, width: u32, height: u32) -> Camera {
+        let focal = |zoom: f64| zoom.exp() * f64::from(height);
+        Camera {
+            id: 0,
+            img_name: String::new(),
+            width,
+            height,
+            position: self.position.into(),
+            rotation: DMat3::from_quat(self.rotation).transpose().to_cols_array_2d(),
+            fx: focal(self.zoom.x),
+            fy: focal(self.zoom.y),
+        }
+    }
+
+    /// Measures how far apart two views are, in radians.
+    ///
+    /// A turn counts as its angle, a way of `radian` world units as 1, and a change of the focal length by a factor of e as 1.
+    pub(super) fn distance(&self, to: &View, radian: f64) -> f64 {
+        let way = (to.position - self.position).length() / radian;
+        let between = self.rotation.inverse() * to.rotation;
+        // A quaternion and its negative are one rotation.
+        let turn = 2.0 * log(if between.w < 0.0 { -between } else { between }).length();
+        // The mean of both directions.
+        let zoom = (to.zoom - self.zoom).length() * std::f64::consts::FRAC_1_SQRT_2;
+        DVec3::new(way, turn, zoom).length()
+    }
+
+    /// Estimates the rounding of a view, in the unit of [`View::distance`].
+    fn rounding(&self, radian: f64) -> f64 {
+        f64::EPSILON * (self.position.length() / radian + self.zoom.length() + 1.0)
+    }
+}
+
+/// The curve between two keys, with a parameter from 0 to 1.
+#[derive(Clone, Copy, Debug)]
+struct Segment {
+    from: View,
+    /// Its quaternion is on the side of the other: the way between them is the shorter one.
+    to: View,
+    /// Slopes of the position at both ends.
+    position: [DVec3; 2],
+    /// Slopes of the zoom at both ends.
+    zoom: [DVec3; 2],
+    /// Inner quaternions of squad.
+    inner: [DQuat; 2],
+}
+
+impl Segment {
+    fn at(&self, u: f64) -> View {
+        let Segment { from, to, inner, .. } = self;
+        let outer = slerp(from.rotation, to.rotation, u);
+        let inner = slerp(inner[0], inner[1], u);
+        View {
+            position: hermite(from.position, to.position, self.position, u),
+            rotation: slerp(outer, inner, 2.0 * u * (1.0 - u)).normalize(),
+            zoom: hermite(from.zoom, to.zoom, self.zoom, u),
+        }
+    }
+}
+
+/// A curve through views, with a table of its length.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Curve {
+    segments: Vec<Segment>,
+    /// Length up to a place of the curve, and that place: a segment's index plus its parameter. Both ascend.
+    table: Vec<(f64, f64)>,
+    /// Length up to each key.
+    pub(super) keys: Vec<f64>,
+}
+
+impl Curve {
+    /// Makes the curve through these views, back to the first if it is closed.
+    pub(super) fn new(views: &[View], closed: bool, radian: f64) -> Curve {
+        let noise = NOISE * views.iter().map(|view| view.rounding(radian)).fold(0.0, f64::max);
+        // Equal keys in a row are one knot.
+        let (mut knots, mut knot_of): (Vec<View>, Vec<usize>) = (Vec::new(), Vec::new());
+        for view in views {
+            if knots.last().is_none_or(|last| last.distance(view, radian) > noise) {
+                knots.push(*view);
+            }
+            knot_of.push(knots.len() - 1);
+        }
+        let mut pairs: Vec<(View, View)> = knots.windows(2).map(|pair| (pair[0], pair[1])).collect();
+        if let (true, [first, .., last]) = (closed, knots.as_slice())
+            && last.distance(first, radian) > noise
+        {
+            pairs.push((*last, *first));
+        }
+        for (from, to) in &mut pairs {
+            if from.rotation.dot(to.rotation) < 0.0 {
+                to.rotation = -to.rotation;
+            }
+        }
+        let distances: Vec<f64> = pairs.iter().map(|(from, to)| from.distance(to, radian)).collect();
+        let slopes = |step: &dyn Fn(&(View, View)) -> DVec3, unit: f64| {
+            slopes(&pairs.iter().map(step).collect::<Vec<_>>(), &distances, closed, unit)
+        };
+        let position = slopes(&|(from, to)| to.position - from.position, radian);
+        let zoom = slopes(&|(from, to)| to.zoom - from.zoom, 1.0);
+        // Logarithms of quaternions are half of the angle.
+        let turns = slopes(&|(from, to)| log(from.rotation.inverse() * to.rotation), 0.5);
+        let segment = |(at, (from, to)): (usize, &(View, View))| {
+            let step = log(from.rotation.inverse() * to.rotation);
+            let [start, end] = turns[at];
+            let inner = [from.rotation * exp(0.5 * (start - step)), to.rotation * exp(0.5 * (step - end))];
+            Segment { from: *from, to: *to, position: position[at], zoom: zoom[at], inner }
+        };
+        let segments = pairs.iter().enumerate().map(segment).collect();
+        let mut curve = Curve { segments, table: vec![(0.0, 0.0)], keys: Vec::new() };
+        let tiny = (TINY * distances.iter().sum::<f64>()).max(noise);
+        let mut lengths = vec![0.0];
+        for at in 0..curve.segments.len() {
+            let segment = curve.segments[at];
+            let ends = [(0.0, segment.at(0.0)), (1.0, segment.at(1.0))];
+            curve.measure(at, ends, radian, tiny, 0);
+            lengths.push(curve.length());
+        }
+        curve.keys = knot_of.iter().map(|knot| lengths[*knot]).collect();
+        curve
+    }
+
+    /// Adds a part of a segment to the table, bisected until its parameter runs at an even speed.
+    fn measure(&mut self, at: usize, ends: [(f64, View); 2], radian: f64, tiny: f64, bisections: u32) {
+        let [(start, from), (end, to)] = ends;
+        let middle = 0.5 * (start + end);
+        let view = self.segments[at].at(middle);
+        let halves = [from.distance(&view, radian), view.distance(&to, radian)];
+        let length = halves[0] + halves[1];
+        let uneven = (halves[0] - halves[1]).abs() > UNEVEN * length;
+        let bent = length - from.distance(&to, radian) > UNEVEN * length;
+        let coarse = bisections < BISECTIONS.0 || length > tiny && (uneven || bent);
+        if !coarse || bisections == BISECTIONS.1 {
+            for (half, place) in halves.into_iter().zip([middle, end]) {
+                self.table.push((self.length() + half, at as f64 + place));
+            }
+        } else {
+            self.measure(at, [(start, from), (middle, view)], radian, tiny, bisections + 1);
+            self.measure(at, [(middle, view), (end, to)], radian, tiny, bisections + 1);
+        }
+    }
+
+    /// Returns the length of the curve, in the unit of [`View::distance`].
+    pub(super) fn length(&self) -> f64 {
+        self.table.last().map_or(0.0, |(length, _)| *length)
+    }
+
+    /// Computes the view at a length from the start; `None` for a curve without length.
+    pub(super) fn at(&self, length: f64) -> Option<View> {
+        // The first entry beyond, or the last one, and the one before it.
+        let beyond =
+            self.table.partition_point(|(start, _)| *start <= length).min(self.table.len().saturating_sub(1));
+        let (to, from) = (self.table.get(beyond)?, self.table.get(beyond.checked_sub(1)?)?);
+        let part = (length - from.0) / (to.0 - from.0);
+        let place = from.1 + (to.1 - from.1) * if part.is_finite() { part.clamp(0.0, 1.0) } else { 1.0 };
+        let segment = (place as usize).min(self.segments.len().checked_sub(1)?);
+        (self.length() > 0.0).then(|| self.segments[segment].at(place - segment as f64))
+    }
+}
+
+/// Computes the slopes of a component at both ends of each segment, by the segment's parameter.
+///
+/// `steps` are the differences along the segments, `distances` those between their keys, none of them 0, and `unit` is the step of
+/// this component that counts as 1 in a distance. A segment without a neighbour is straight there.
+fn slopes(steps: &[DVec3], distances: &[f64], closed: bool, unit: f64) -> Vec<[DVec3; 2]> {
+    let count = steps.len();
+    let beside = |at: usize, other: Option<usize>| {
+        let (Some(other), false) = (other, steps[at].length() <= STILL * unit) else { return steps[at] };
+        let (here, there) = (distances[at].sqrt(), distances[other].sqrt());
+        let slope = here * (steps[at] / here * there + steps[other] / there * here) / (here + there);
+        let (share, free) = STEEPEST;
+        slope.clamp_length_max(share * steps[at].length() + free * unit * distances[at].min(1.0))
+    };
+    let ends = |at: usize| {
+        let before = at.checked_sub(1).or(closed.then_some(count - 1));
+        let after = Some(at + 1).filter(|after| *after < count).or(closed.then_some(0));
+        [beside(at, before), beside(at, after)]
+    };
+    (0..count).map(ends).collect()
+}
+
+/// Interpolates by a cubic with these slopes at both ends.
+fn hermite(from: DVec3, to: DVec3, [start, end]: [DVec3; 2], u: f64) -> DVec3 {
+    let (square, cube) = (u * u, u * u * u);
+    from * (2.0 * cube - 3.0 * square + 1.0)
+        + to * (3.0 * square - 2.0 * cube)
+        + start * (cube - 2.0 * square + u)
+        + end * (cube - square)
+}
+
+/// Computes the logarithm of a unit quaternion: half the angle along the axis, of length 0 to pi.
+fn log(q: DQuat) -> DVec3 {
+    let (vector, w) = (DVec3::new(q.x, q.y, q.z), q.w);
+    let sine = vector.length();
+    // The quaternion -1 has no axis, and is a full turn.
+    if sine > 0.0 { vector / sine * sine.atan2(w) } else { DVec3::ZERO }
+}
+
+/// Computes the unit quaternion of a logarithm.
+fn exp(v: DVec3) -> DQuat {
+    let angle = v.length();
+    let (sine, cosine) = angle.sin_cos();
+    let vector = if angle > 0.0 { v / angle * sine } else { DVec3::ZERO };
+    DQuat::from_xyzw(vector.x, vector.y, vector.z, cosine)
+}
+
+/// Interpolates on the great circle between unit quaternions, the long way if they are on different sides: squad needs both ways.
+fn slerp(from: DQuat, to: DQuat, t: f64) -> DQuat {
+    from * exp(t * log(from.inverse() * to))
+}

@@ -1,0 +1,321 @@
+//! Finds the splats of a pixel, and outlines a splat on the picture.
+//!
+//! [`pick`] lists every splat that is blended at a pixel, near to far, with its share. The splat that a person means is
+//! [`Picked::selected`]: first the one with the largest share, then, by [`Picked::step`], its neighbours in depth.
+//!
+//! The rules are [`Rules::PUBLISHED`], those of the published rasteriser, in f64, whatever graph draws the picture. A graph with
+//! other rules (another `low_pass`, a `cutoff`, a cull, an order that is not exact) shows another picture, and its shares
+//! differ.
+//!
+//! A place on the picture is in pixels from its top left corner, right and down: the middle of the first pixel is (0.5, 0.5).
+
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::{Fragment, Projected, Rules, Splats, fragments, project};
+
+/// The ellipse on which a splat's alpha falls to the alpha floor, 1/255: it leaves fragments inside, and none outside.
+///
+/// Its half axes are `sqrt(2 ln(255 opacity))` standard deviations long, 3.3 for an opaque splat. The rasteriser evaluates a
+/// splat in the tiles within 3 deviations only, so that the last 0.3 may be cut off at the border of a tile. (An ellipse of 3
+/// deviations would be larger for a splat of an opacity below 0.35, and hold pixels that do not show it.)
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outline {
+    /// Centre, in pixels from the picture's top left corner; may be outside of the picture.
+    pub center: [f64; 2],
+    /// Half of the longer and of the shorter axis, in pixels.
+    pub half_axes: [f64; 2],
+    /// Angle from the picture's right to the longer axis, in radians, -pi/2 to pi/2; positive turns down.
+    pub angle: f64,
+}
+
+impl Outline {
+    /// Computes the point at an angle, in radians, of the circle that the ellipse is an image of.
+    pub fn point(&self, at: f64) -> [f64; 2] {
+        let (sin, cos) = self.angle.sin_cos();
+        let [x, y] = [self.half_axes[0] * at.cos(), self.half_axes[1] * at.sin()];
+        [self.center[0] + cos * x - sin * y, self.center[1] + sin * x + cos * y]
+    }
+
+    fn of(splat: &Projected, rules: &Rules) -> Option<Outline> {
+        let radius = (2.0 * (splat.opacity / rules.alpha_floor).ln()).sqrt();
+        // NaN where even the centre is below the floor.
+        if !(radius > 0.0 && radius.is_finite()) {
+            return None;
+        }
+        let [xx, xy, yy] = splat.covariance;
+        let (middle, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+        let longer = middle + half;
+        // The difference `middle - half` has no digits left for a needle.
+        let shorter = splat.determinant / longer;
+        Some(Outline {
+            center: splat.center.map(|v| v + 0.5),
+            half_axes: [longer, shorter].map(|variance| radius * variance.sqrt()),
+            angle: 0.5 * (2.0 * xy).atan2(xx - yy),
+        })
+    }
+}
+
+/// A splat that is blended at a picked pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PickedSplat {
+    /// Index in the scene: the order of the file, without the splats that were dropped on load.
+    pub index: u32,
+    /// View depth, in world units.
+    pub depth: f64,
+    /// Alpha at the pixel, capped at 0.99.
+    pub alpha: f64,
+    /// Transmittance of the splats before it.
+    pub transmittance: f64,
+    /// Share of the pixel: alpha times transmittance.
+    pub weight: f64,
+    /// Colour from this camera, display-encoded, not clamped.
+    pub color: [f64; 3],
+    /// Opacity at the centre.
+    pub opacity: f64,
+    /// Centre in the world's coordinates, those of the file.
+    pub position: [f64; 3],
+    /// Standard deviation along each axis, in world units.
+    pub scale: [f64; 3],
+    /// Unit quaternion w, x, y, z that turns the axes into the world.
+    pub rotation: [f64; 4],
+    /// 2D covariance with the low-pass filter, as xx, xy, yy, in square pixels.
+    pub covariance: [f64; 3],
+    /// The splat's outline.
+    pub outline: Option<Outline>,
+}
+
+/// The splats of a pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picked {
+    /// The camera of the picture, in the scene's coordinates.
+    pub camera: Camera,
+    /// Column and row of the pixel.
+    pub pixel: [u32; 2],
+    /// Splats that are blended, near to far.
+    pub splats: Vec<PickedSplat>,
+    /// The background's share of the pixel.
+    pub transmittance: f64,
+    /// Mean view depth, weighted by the splats' shares; `None` without splats.
+    pub depth: Option<f64>,
+    /// Index in `splats` of the selected one; `None` without splats.
+    pub selected: Option<usize>,
+}
+
+impl Picked {
+    /// Returns the selected splat.
+    pub fn splat(&self) -> Option<&PickedSplat> {
+        self.splats.get(self.selected?)
+    }
+
+    /// Selects the splat that is so many places farther (nearer, if negative) in the list, which is a circle.
+    pub fn step(&mut self, places: i64) {
+        if let Some(selected) = &mut self.selected {
+            *selected = (*selected as i64 + places).rem_euclid(self.splats.len() as i64) as usize;
+        }
+    }
+}
+
+/// Lists the splats that are blended at a pixel, and selects the one with the largest share.
+///
+/// `camera` is in the scene's coordinates, with the size of the picture. `None` for a pixel outside of the picture, or once
+/// `cancelled` returns true, which several threads ask. A million splats take 0.1 s on two cores.
+pub fn pick(
+    scene: &Scene,
+    camera: &Camera,
+    pixel: [u32; 2],
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> Option<Picked> {
+    let rules = &Rules::PUBLISHED;
+    let found = fragments(scene, camera, pixel, rules, cancelled)?;
+    let of = |fragment: &Fragment| {
+        let splat = scene.get(fragment.index as usize);
+        let projected = project(&splat, camera, rules)?;
+        let offset = scene.offset();
+        Some(PickedSplat {
+            index: fragment.index,
+            depth: fragment.depth,
+            alpha: fragment.alpha,
+            transmittance: fragment.transmittance,
+            weight: fragment.weight(),
+            color: fragment.color,
+            opacity: splat.opacity,
+            position: std::array::from_fn(|axis| splat.position[axis] + offset[axis]),
+            scale: splat.scale,
+            rotation: splat.rotation,
+            covariance: projected.covariance,
+            outline: Outline::of(&projected, rules),
+        })
+    };
+    let splats: Vec<PickedSplat> = found.list.iter().filter_map(of).collect();
+    let largest = splats.iter().enumerate().rev().max_by(|(_, a), (_, b)| a.weight.total_cmp(&b.weight));
+    let selected = largest.map(|(index, _)| index);
+    let (transmittance, depth) = (found.transmittance, found.depth());
+    Some(Picked { camera: camera.clone(), pixel, splats, transmittance, depth, selected })
+}
+
+/// Computes the outline of a splat from a camera in the scene's coordinates.
+///
+/// `None` for a splat that is culled, fainter than 1/255, or not in the picture, and for an index that the scene does not have.
+pub fn outline(scene: &Scene, camera: &Camera, index: u32) -> Option<Outline> {
+    if index >= scene.count() {
+        return None;
+    }
+    let rules = &Rules::PUBLISHED;
+    Outline::of(&project(&scene.get(index as usize), camera, rules)?, rules)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::{Splat, synth};
+    use splatgraph_reference::render;
+
+    fn picked(scene: &Scene, camera: &Camera, pixel: [u32; 2]) -> Option<Picked> {
+        pick(scene, camera, pixel, &|| false)
+    }
+
+    /// Makes a scene of one splat ahead of [`ahead`], long, oblique, and faint enough for its tiles to hold its outline.
+    fn needle() -> Scene {
+        let mut sh = [0.0; 48];
+        sh[..3].copy_from_slice(&[1.0, 0.5, -0.5]);
+        let splat = Splat {
+            position: [0.3, -0.2, 5.0],
+            scale: [0.9, 0.1, 0.3],
+            rotation: [0.9, 0.2, -0.3, 0.25],
+            opacity: 0.3,
+            sh,
+        };
+        Scene::generate(1, 0, |_| splat)
+    }
+
+    fn ahead() -> Camera {
+        Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (201, 151))
+    }
+
+    #[test]
+    fn the_shares_of_a_pixel_make_its_color_in_the_exact_picture() {
+        let background = [0.2, 0.3, 0.4];
+        for name in ["demo", "uniform", "needles"] {
+            let scene = synth::generate(name, 2000, 3).unwrap();
+            let camera = Camera::framing(&scene, 80, 60);
+            let picture = render(&scene, &camera, background, &Rules::PUBLISHED, &|_, _| {});
+            for at in (0..80 * 60).step_by(97) {
+                let found = picked(&scene, &camera, [at % 80, at / 80]).unwrap();
+                for (channel, expected) in picture.color[at as usize].into_iter().enumerate() {
+                    let sum: f64 = found.splats.iter().map(|splat| splat.weight * splat.color[channel]).sum();
+                    let color = sum + found.transmittance * background[channel];
+                    assert!((color - expected).abs() < 1e-9, "{name}, pixel {at}: {color}, not {expected}");
+                }
+                assert_eq!(found.splats.len() as u32, picture.contributors[at as usize]);
+                let shares = found.splats.iter().map(|splat| splat.weight);
+                let largest = shares.fold(0.0, f64::max);
+                assert!(found.splat().is_none_or(|splat| splat.weight == largest));
+            }
+        }
+    }
+
+    #[test]
+    fn a_picked_splat_has_the_numbers_of_the_scene_in_the_world() {
+        let offset = [500_000.0, -4_000_000.0, 100.0];
+        let scene = synth::generate("uniform", 300, 0).unwrap().with_offset(offset);
+        let found = picked(&scene, &Camera::framing(&scene, 64, 48), [32, 24]).unwrap();
+        assert!(found.splats.len() > 3);
+        for splat in &found.splats {
+            let own = scene.splat(splat.index as usize);
+            assert_eq!(splat.opacity, f64::from(own.opacity));
+            assert_eq!(splat.scale, own.scale.map(f64::from));
+            assert_eq!(splat.rotation, own.rotation.map(f64::from));
+            let axes = (0..3).all(|i| splat.position[i] == f64::from(own.position[i]) + offset[i]);
+            assert!(axes, "{splat:?}");
+            let depth = found.camera.to_view(own.position.map(f64::from))[2];
+            assert!((splat.depth - depth).abs() < 1e-5, "{} and {depth}", splat.depth);
+        }
+    }
+
+    #[test]
+    fn steps_go_round_the_list_in_the_order_of_depth() {
+        let scene = synth::generate("uniform", 300, 0).unwrap();
+        let mut found = picked(&scene, &Camera::framing(&scene, 64, 48), [32, 24]).unwrap();
+        let (first, count) = (found.selected, found.splats.len());
+        let mut seen = Vec::new();
+        for _ in 0..count {
+            seen.push(found.splat().unwrap().depth);
+            found.step(1);
+        }
+        assert_eq!(found.selected, first, "all the way round");
+        seen.push(found.splat().unwrap().depth);
+        assert_eq!(seen.windows(2).filter(|pair| pair[0] > pair[1]).count(), 1, "from the last to the first");
+        found.step(-1);
+        found.step(1 + 5 * count as i64);
+        assert_eq!(found.selected, first);
+    }
+
+    #[test]
+    fn empty_pixels_and_scenes_select_nothing_and_pixels_outside_are_not_picked() {
+        let (scene, camera) = (needle(), ahead());
+        let nothing = synth::generate("uniform", 0, 0).unwrap();
+        for (scene, pixel) in [(&scene, [0, 0]), (&nothing, [100, 75])] {
+            let mut found = picked(scene, &camera, pixel).unwrap();
+            found.step(1);
+            assert_eq!((found.splats.len(), found.selected, found.splat()), (0, None, None));
+            assert_eq!((found.transmittance, found.depth), (1.0, None));
+        }
+        assert_eq!(picked(&scene, &camera, [201, 0]), None);
+        assert_eq!(picked(&scene, &camera, [0, 151]), None);
+        assert_eq!(pick(&scene, &camera, [100, 75], &|| true), None);
+        assert_eq!((outline(&scene, &camera, 1), outline(&nothing, &camera, 0)), (None, None));
+    }
+
+    #[test]
+    fn the_pixels_inside_of_an_outline_are_those_that_show_the_splat() {
+        let (scene, camera) = (needle(), ahead());
+        let picture = render(&scene, &camera, [0.0; 3], &Rules::PUBLISHED, &|_, _| {});
+        let outline = outline(&scene, &camera, 0).unwrap();
+        let [longer, shorter] = outline.half_axes;
+        assert!(longer > 2.0 * shorter && outline.angle.abs() > 0.1, "{outline:?}");
+        let (sin, cos) = outline.angle.sin_cos();
+        let mut inside = 0;
+        for (at, count) in picture.contributors.iter().enumerate() {
+            let middle = [(at % 201) as f64 + 0.5, (at / 201) as f64 + 0.5];
+            let [x, y] = std::array::from_fn(|i| middle[i] - outline.center[i]);
+            let (along, across) = ((cos * x + sin * y) / longer, (cos * y - sin * x) / shorter);
+            let within = along * along + across * across <= 1.0;
+            assert_eq!(within, *count == 1, "pixel {middle:?}");
+            inside += u32::from(within);
+        }
+        assert!(inside > 300, "{inside} pixels");
+    }
+
+    #[test]
+    fn the_alpha_on_an_outline_is_the_alpha_floor() {
+        let (scene, camera) = (needle(), ahead());
+        let found = picked(&scene, &camera, [108, 68]).unwrap();
+        let splat = found.splat().expect("the needle");
+        let outline = splat.outline.unwrap();
+        assert_eq!(super::outline(&scene, &camera, 0), Some(outline));
+        let [xx, xy, yy] = splat.covariance;
+        for step in 0..32 {
+            let point = outline.point(f64::from(step) * std::f64::consts::TAU / 32.0);
+            let [x, y]: [f64; 2] = std::array::from_fn(|i| point[i] - outline.center[i]);
+            let square = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy);
+            let alpha = splat.opacity * (-0.5 * square).exp();
+            assert!((alpha - f64::from(1.0f32 / 255.0)).abs() < 1e-12, "{alpha}");
+        }
+    }
+
+    #[test]
+    fn a_splat_without_fragments_has_no_outline_and_a_thin_one_has_the_width_of_the_low_pass_filter() {
+        let (scene, camera) = (needle(), ahead());
+        let changed = |change: &(dyn Fn(&mut Splat) + Sync)| {
+            let mut splat = scene.splat(0);
+            change(&mut splat);
+            outline(&Scene::generate(1, 0, |_| splat), &camera, 0)
+        };
+        assert_eq!(changed(&|splat| splat.opacity = 0.003), None, "too faint");
+        assert_eq!(changed(&|splat| splat.opacity = 0.0), None);
+        assert_eq!(changed(&|splat| splat.position[2] = -5.0), None, "behind");
+        assert_eq!(changed(&|splat| splat.position[0] = 50.0), None, "beside");
+        let thin = changed(&|splat| splat.scale = [1e7, 1e-6, 1e-6]).unwrap();
+        let expected = (2.0 * (0.3 * 255.0f64).ln() * f64::from(0.3f32)).sqrt();
+        assert!((thin.half_axes[1] - expected).abs() < 1e-5, "{thin:?}, not {expected}");
+    }
+}

@@ -1,0 +1,208 @@
+//! Draws the tool for cameras: field of view, saved views, the path through keys, and the picture as a command.
+
+use super::Controls;
+use super::theme::{self, GRID, ROW};
+use super::widgets::{fact, heading, hint};
+use crate::camera_path::SECONDS;
+use crate::view::events::{Event, RendererId};
+use crate::view::navigation::FIELDS_OF_VIEW;
+use crate::view::viewer::Viewer;
+use egui::{Button, DragValue, RichText, Slider, Ui};
+use splatgraph_api::Device;
+use std::path::{Path, PathBuf};
+
+/// What was clicked in a list.
+enum Act {
+    Go,
+    Remove,
+    Up,
+    Down,
+}
+
+/// Draws the tool. `selected` is the viewport whose picture the command draws.
+pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, selected: RendererId, controls: &mut Controls) {
+    field_of_view(ui, viewer, controls);
+    ui.horizontal_wrapped(|ui| {
+        let copy = ui.button("Copy as JSON");
+        controls.see("copy_camera", copy.rect);
+        if hint(copy, "The camera in the world's coordinates, as in a cameras.json").clicked() {
+            let camera = viewer.world_camera();
+            ui.copy_text(serde_json::to_string_pretty(&[camera]).unwrap_or_default());
+        }
+        let command = ui.button("Copy as command");
+        controls.see("copy_command", command.rect);
+        if hint(command, "The `splatgraph render` command that draws this picture").clicked()
+            && let Some(line) = viewer.render_command(selected, Path::new("picture.png"))
+        {
+            ui.copy_text(line);
+        }
+    });
+    views(ui, viewer, controls);
+    path(ui, viewer, controls);
+}
+
+fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
+    ui.horizontal(|ui| {
+        ui.set_min_height(ROW);
+        ui.label("Field of view, vertical");
+        let mut degrees = viewer.navigation.field_of_view();
+        ui.spacing_mut().slider_width = (ui.available_width() - 88.0).max(40.0);
+        let slider = Slider::new(&mut degrees, FIELDS_OF_VIEW)
+            .clamping(egui::SliderClamping::Edits)
+            .max_decimals(1)
+            .suffix("°");
+        let slider = ui.add(slider.update_while_editing(false));
+        controls.see("field_of_view", slider.rect);
+        if slider.changed() {
+            viewer.navigation.set_field_of_view(degrees);
+        }
+    });
+}
+
+/// Draws the saved views.
+fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
+    heading(ui, "Saved views");
+    let mut act = None;
+    for (index, view) in viewer.views.list().iter().enumerate() {
+        ui.horizontal(|ui| {
+            let go = ui.add(Button::new(&view.img_name).truncate());
+            controls.see(&format!("view:{index}"), go.rect);
+            if go.clicked() {
+                act = Some((index, Act::Go));
+            }
+            if hint(ui.small_button("✗"), "Remove this view").clicked() {
+                act = Some((index, Act::Remove));
+            }
+        });
+    }
+    match act {
+        Some((index, Act::Go)) => viewer.look_through_view(index),
+        Some((index, _)) => viewer.views.remove(index),
+        None => {}
+    }
+    ui.horizontal(|ui| {
+        let save = ui.button("Save this view");
+        controls.see("save_view", save.rect);
+        if save.clicked() {
+            viewer.save_view("view");
+        }
+        let any = !viewer.views.list().is_empty();
+        let write = ui.add_enabled(any, Button::new("Write a file"));
+        controls.see("write_views", write.rect);
+        if hint(write, "Writes views-1.cameras.json, or the next free name").clicked() {
+            let path = free_name("views");
+            match viewer.write_views(&path) {
+                Ok(()) => viewer.report(Event::Saved { path }),
+                Err(error) => {
+                    viewer.report(Event::FileFailed { path, error: error.to_string() });
+                }
+            }
+        }
+    });
+}
+
+/// Draws the keys of the path, and its player.
+fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
+    heading(ui, "Path");
+    let times = viewer.path.key_seconds();
+    let mut act = None;
+    let count = viewer.path.keys().len();
+    for index in 0..count {
+        ui.horizontal(|ui| {
+            let seconds = times.get(index).copied().unwrap_or(0.0);
+            let go = ui.button(format!("Key {}", index + 1));
+            controls.see(&format!("key:{index}"), go.rect);
+            if go.clicked() {
+                act = Some((index, Act::Go));
+            }
+            ui.weak(format!("{seconds:.1} s"));
+            if hint(ui.add_enabled(index > 0, Button::new("↑")), "Earlier").clicked() {
+                act = Some((index, Act::Up));
+            }
+            if hint(ui.add_enabled(index + 1 < count, Button::new("↓")), "Later").clicked() {
+                act = Some((index, Act::Down));
+            }
+            if hint(ui.small_button("✗"), "Remove this key").clicked() {
+                act = Some((index, Act::Remove));
+            }
+        });
+    }
+    match act {
+        Some((index, Act::Go)) => viewer.seek_path(times.get(index).copied().unwrap_or(0.0)),
+        Some((index, Act::Up)) => viewer.path.reorder(index, index - 1),
+        Some((index, Act::Down)) => viewer.path.reorder(index, index + 1),
+        Some((index, Act::Remove)) => viewer.path.remove(index),
+        None => {}
+    }
+    ui.horizontal_wrapped(|ui| {
+        let add = ui.button("Add this view (K)");
+        controls.see("record_key", add.rect);
+        if add.clicked() {
+            record(viewer);
+        }
+        let write = ui.add_enabled(count > 0, Button::new("Write a file"));
+        controls.see("write_path", write.rect);
+        if hint(write, "Writes path-1.cameras.json, or the next free name").clicked() {
+            let path = free_name("path");
+            match viewer.write_path(&path) {
+                Ok(()) => viewer.report(Event::Saved { path }),
+                Err(error) => {
+                    viewer.report(Event::FileFailed { path, error: error.to_string() });
+                }
+            }
+        }
+    });
+    if count < 2 {
+        ui.weak("Two keys or more make a path.");
+        return;
+    }
+    ui.horizontal(|ui| {
+        let text = if viewer.play.is_playing() { "Pause (P)" } else { "Play (P)" };
+        let play = ui.button(text);
+        controls.see("play", play.rect);
+        if play.clicked() {
+            toggle(viewer);
+        }
+        let mut closed = viewer.path.is_closed();
+        if ui.checkbox(&mut closed, "closed").changed() {
+            viewer.path.set_closed(closed);
+        }
+        let mut seconds = viewer.path.seconds();
+        let drag = DragValue::new(&mut seconds).range(SECONDS).speed(0.1).suffix(" s");
+        if ui.add(drag.update_while_editing(false)).changed() {
+            viewer.path.set_seconds(seconds);
+        }
+    });
+    let mut at = viewer.play.position();
+    ui.spacing_mut().slider_width = (ui.available_width() - 2.0 * GRID).max(60.0);
+    let seek = Slider::new(&mut at, 0.0..=viewer.path.seconds()).show_value(false);
+    let seek = ui.add(seek.clamping(egui::SliderClamping::Never));
+    controls.see("seek", seek.rect);
+    if seek.changed() {
+        viewer.seek_path(at);
+    }
+    ui.label(RichText::new(format!("{at:.2} s")).family(theme::strong()));
+    fact(ui, "Speed", "constant, turns count as ways");
+}
+
+/// Adds the current camera to the end of the path.
+pub fn record<D: Device>(viewer: &mut Viewer<D>) {
+    if let Err(error) = viewer.record_key(usize::MAX) {
+        viewer.report(Event::Problem { text: error.to_string() });
+    }
+}
+
+/// Plays the path, or pauses it.
+pub fn toggle<D: Device>(viewer: &mut Viewer<D>) {
+    if viewer.play.is_playing() {
+        viewer.play.pause();
+    } else if viewer.path.keys().len() > 1 {
+        viewer.play.play(&viewer.path);
+    }
+}
+
+/// Finds the first of `NAME-1.cameras.json`, `NAME-2.cameras.json`, ... that does not exist.
+fn free_name(stem: &str) -> PathBuf {
+    let name = |number: u32| PathBuf::from(format!("{stem}-{number}.cameras.json"));
+    (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
+}

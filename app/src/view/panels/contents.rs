@@ -1,0 +1,249 @@
+//! Shows the contents of a resource after a pass: numbers, a histogram, a picture, and the order of sorted keys.
+
+use super::Controls;
+use super::inspector::Target;
+use super::selection::Selection;
+use super::theme::Palette;
+use super::widgets::hint;
+use crate::inspect::{Finding, ReadAs};
+use crate::view::viewport::{Inspection, Viewport};
+use egui::{Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
+use egui_plot::{Bar, BarChart, Plot};
+use splatgraph_api::Device;
+use splatgraph_framework::ir::Work;
+use splatgraph_framework::plan::Plan;
+
+/// Number of lines with numbers.
+const LINES: usize = 16;
+
+/// Number of bars in the histogram.
+const BINS: usize = 64;
+
+/// Largest width of a picture, in pixels; larger ones are reduced, because they use the memory of the user interface.
+const LARGEST: usize = 512;
+
+/// The panel's settings.
+#[derive(Default)]
+pub struct State {
+    first: usize,
+    read: ReadAs,
+    channel: usize,
+    picture: Option<TextureHandle>,
+    /// Number of the finding in the picture.
+    shown: Option<u64>,
+}
+
+impl State {
+    /// Draws the contents that are read back, and the choice of resource and pass.
+    pub fn show<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        viewport: &mut Viewport<D>,
+        plan: &Plan,
+        target: &mut Target,
+    ) {
+        ui.horizontal_wrapped(|ui| {
+            let keys = ui.button("Are the keys sorted?");
+            target.controls.see("keys_sorted", keys.rect);
+            if hint(keys, "Read the sorted keys back and check that they ascend").clicked() {
+                match sorted_keys(plan) {
+                    Some((resource, pass)) => viewport.look_at(&resource, &pass),
+                    None => viewport
+                        .cannot_look("no pass of this plan writes a resource whose name begins with `keys`"),
+                }
+            }
+            if let Some(Selection::Resource(name)) = target.selection.as_ref()
+                && let Some(pass) = last_writer(plan, name)
+            {
+                let read = ui.button("Contents");
+                target.controls.see("contents", read.rect);
+                if hint(read, format!("Read {name} back after {pass}, which writes it last")).clicked() {
+                    viewport.look_at(name, &pass);
+                }
+            }
+            if viewport.inspection.is_some() && ui.button("Close").clicked() {
+                viewport.inspection = None;
+            }
+        });
+        let number = viewport.readings();
+        let palette = Palette::of(ui);
+        let Some(inspection) = &mut viewport.inspection else {
+            ui.weak("While contents are read back, resources do not share memory.");
+            return;
+        };
+        choose(ui, plan, inspection);
+        match &inspection.found {
+            None => {
+                ui.spinner();
+            }
+            Some(Err(error)) => {
+                ui.colored_label(palette.error, error);
+            }
+            Some(Ok(finding)) => self.finding(ui, finding, number, target.controls),
+        }
+    }
+
+    fn finding(&mut self, ui: &mut Ui, finding: &Finding, number: u64, controls: &mut Controls) {
+        if let Some(order) = &finding.order {
+            let palette = Palette::of(ui);
+            let colour = if order.ascending { palette.good } else { palette.error };
+            ui.label(RichText::new(order.to_string()).strong().color(colour));
+            if let Some(at) = order.first_descent
+                && ui.button("Show where").clicked()
+            {
+                self.first = (at as usize).saturating_sub(LINES / 2);
+            }
+        }
+        // An element of an image is a pixel.
+        let inner = if finding.is_image { 2 } else { 1 };
+        let per_element = finding.shape.iter().skip(inner).product::<u64>().max(1) as usize;
+        let elements = finding.words.len() / per_element;
+        let shape: Vec<String> = finding.shape.iter().map(u64::to_string).collect();
+        ui.horizontal(|ui| {
+            ui.label(shape.join(" x "));
+            ui.selectable_value(&mut self.read, ReadAs::Uint, "integers");
+            ui.selectable_value(&mut self.read, ReadAs::Float, "floats");
+        });
+        if finding.is_image {
+            self.picture(ui, finding, number);
+        }
+        self.histogram(ui, finding, per_element);
+        self.numbers(ui, finding, per_element, elements, controls);
+    }
+
+    fn picture(&mut self, ui: &mut Ui, finding: &Finding, number: u64) {
+        if self.shown != Some(number) {
+            self.shown = Some(number);
+            self.picture = finding.words.picture(&finding.shape).map(|image| {
+                let step = image.width.max(image.height).div_ceil(LARGEST).max(1);
+                let (width, height) = (image.width.div_ceil(step), image.height.div_ceil(step));
+                let pixels = (0..width * height).map(|i| {
+                    let [r, g, b] =
+                        image.at(i % width * step, i / width * step).map(|v| (v * 255.0).round() as u8);
+                    Color32::from_rgb(r, g, b)
+                });
+                let image = ColorImage::new([width, height], pixels.collect());
+                ui.ctx().load_texture("inspected", image, TextureOptions::NEAREST)
+            });
+        }
+        if let Some(picture) = &self.picture {
+            let size = picture.size_vec2();
+            let scale = (ui.available_width() / size.x).min(1.0);
+            ui.image((picture.id(), size * scale));
+        }
+    }
+
+    fn histogram(&mut self, ui: &mut Ui, finding: &Finding, per_element: usize) {
+        let channels = per_element;
+        self.channel = self.channel.min(channels - 1);
+        if channels > 1 {
+            ComboBox::from_label("of").selected_text(format!("word {}", self.channel)).show_ui(ui, |ui| {
+                for channel in 0..channels {
+                    ui.selectable_value(&mut self.channel, channel, format!("word {channel}"));
+                }
+            });
+        }
+        let end = finding.counted.map_or(finding.words.len(), |n| n as usize * channels);
+        let found = finding.words.histogram(self.channel..end, channels, self.read, BINS);
+        let [least, greatest] = found.range;
+        let width = ((greatest - least) / BINS as f64).max(f64::MIN_POSITIVE);
+        let bar = |(index, count): (usize, &u64)| {
+            Bar::new(least + (index as f64 + 0.5) * width, *count as f64).width(width)
+        };
+        let bars: Vec<Bar> = found.counts.iter().enumerate().map(bar).collect();
+        Plot::new("histogram").height(90.0).allow_scroll(false).allow_drag(false).allow_zoom(false).show(
+            ui,
+            |plot| {
+                plot.bar_chart(BarChart::new("values", bars));
+            },
+        );
+        let mut text = format!("from {least} to {greatest}");
+        if found.not_finite > 0 {
+            text += &format!(", {} not finite", found.not_finite);
+        }
+        ui.weak(text);
+    }
+
+    fn numbers(
+        &mut self,
+        ui: &mut Ui,
+        finding: &Finding,
+        per_element: usize,
+        elements: usize,
+        controls: &mut Controls,
+    ) {
+        let last = elements.saturating_sub(LINES);
+        ui.horizontal(|ui| {
+            if ui.button("first").clicked() {
+                self.first = 0;
+            }
+            let first = ui.add(egui::DragValue::new(&mut self.first).range(0..=last).prefix("from "));
+            controls.see("inspect:first", first.rect);
+            if ui.button("last").clicked() {
+                self.first = last;
+            }
+            if let Some(counted) = finding.counted
+                && ui.button(format!("last of {counted}")).on_hover_text("Visible splats").clicked()
+            {
+                self.first = (counted as usize).saturating_sub(LINES).min(last);
+            }
+        });
+        self.first = self.first.min(last);
+        for element in self.first..(self.first + LINES).min(elements) {
+            let words = (0..per_element.min(16))
+                .filter_map(|w| finding.words.text(element * per_element + w, self.read));
+            ui.monospace(format!("{element:>9}  {}", words.collect::<Vec<_>>().join("  ")));
+        }
+    }
+}
+
+/// Draws the choice of resource and pass.
+fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
+    ui.horizontal_wrapped(|ui| {
+        let mut changed = false;
+        ComboBox::from_id_salt("resource").selected_text(inspection.resource.as_str()).show_ui(ui, |ui| {
+            for resource in &plan.resources {
+                changed |= ui
+                    .selectable_value(&mut inspection.resource, resource.name.clone(), &resource.name)
+                    .changed();
+            }
+        });
+        ui.label("after");
+        ComboBox::from_id_salt("pass").selected_text(inspection.pass.as_str()).show_ui(ui, |ui| {
+            for step in plan.prologue.iter().chain(&plan.frame) {
+                let name = &plan.pass(step.pass).name;
+                changed |= ui.selectable_value(&mut inspection.pass, name.clone(), name).changed();
+            }
+        });
+        let read = ui.button("Read").clicked();
+        ui.checkbox(&mut inspection.follow, "every frame");
+        if changed || read {
+            inspection.ask();
+        }
+    });
+}
+
+/// Finds the last pass of a frame, or else of the prologue, that writes a resource.
+fn last_writer(plan: &Plan, resource: &str) -> Option<String> {
+    let writes = |step: &&splatgraph_framework::plan::Step| {
+        let uses = &plan.pass(step.pass).uses;
+        uses.iter().any(|touch| touch.accesses.writes() && plan.resource(touch.resource).name == resource)
+    };
+    let step = plan.prologue.iter().chain(&plan.frame).rfind(writes)?;
+    Some(plan.pass(step.pass).name.clone())
+}
+
+/// Finds the sorted keys: the resource whose name begins with `keys`, and the last pass that writes it.
+pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
+    plan.frame.iter().rev().find_map(|step| {
+        let pass = plan.pass(step.pass);
+        if matches!(pass.work, Work::Export | Work::Host) {
+            return None;
+        }
+        let keys = |touch: &&splatgraph_framework::ir::Use| {
+            touch.accesses.writes() && plan.resource(touch.resource).name.starts_with("keys")
+        };
+        let touch = pass.uses.iter().find(keys)?;
+        Some((plan.resource(touch.resource).name.clone(), pass.name.clone()))
+    })
+}

@@ -1,0 +1,119 @@
+//! Shows errors over the last good picture until they are corrected: the text underlined as in a terminal, to copy or to open in
+//! an editor.
+
+use super::theme::{HEADING, Palette, TEXT, strong};
+use super::{Command, Controls, failures, hud};
+use crate::view::events::RendererId;
+use crate::view::viewer::Viewer;
+use egui::{Align2, Context, Rect, RichText};
+use splatgraph_api::Device;
+use splatgraph_framework::ir::Origin;
+
+/// The errors that a person closed: they stay closed until they change.
+#[derive(Default)]
+pub struct State {
+    closed: Option<Vec<String>>,
+}
+
+impl State {
+    /// Draws the card, if there is an error.
+    pub fn show<D: Device>(
+        &mut self,
+        ctx: &Context,
+        viewer: &mut Viewer<D>,
+        window_failure: Option<&str>,
+        view: Rect,
+        commands: &mut Vec<Command>,
+        controls: &mut Controls,
+    ) {
+        let mut texts: Vec<String> = Vec::new();
+        let mut goes_on = "Drawing with the last good plan";
+        for id in [RendererId::A, RendererId::B] {
+            let Some(renderer) = viewer.viewport(id).map(|viewport| &viewport.renderer) else { continue };
+            let Some(problem) = renderer.problem(true) else { continue };
+            // Both may have the same problem.
+            if !texts.contains(&problem) {
+                texts.push(problem);
+            }
+            if renderer.plan().is_none() {
+                goes_on = "No plan yet";
+            } else if renderer.trouble().is_some() {
+                goes_on = "The last picture stays, and drawing is tried again";
+            }
+        }
+        texts.extend(window_failure.map(str::to_owned));
+        if texts.is_empty() {
+            self.closed = None;
+            return;
+        }
+        if self.closed.as_ref() == Some(&texts) {
+            return;
+        }
+        let plain: Vec<String> = texts.iter().map(|text| failures::layout(text, TEXT).text).collect();
+        let place = plain.iter().find_map(|text| origin(text));
+        let mut close = false;
+        egui::Area::new(egui::Id::unique("mistakes"))
+            .fixed_pos(view.left_bottom())
+            .pivot(Align2::LEFT_BOTTOM)
+            .constrain_to(view)
+            .order(egui::Order::Foreground)
+            .show(ctx, |ui| {
+                let error = Palette::of(ui).error;
+                // Terminal colours are made for a dark background, in both themes.
+                let frame = hud::card(ui, error).fill(egui::Color32::from_rgb(24, 14, 14));
+                let shown = frame.show(ui, |ui| {
+                    // A window may be smaller than the frame around the text.
+                    ui.set_max_width((view.width() - 28.0).max(0.0));
+                    ui.horizontal_wrapped(|ui| {
+                        let colour = egui::Color32::from_rgb(255, 190, 190);
+                        ui.label(RichText::new(goes_on).family(strong()).size(HEADING).color(colour));
+                        if ui.button("Copy").clicked() {
+                            ui.copy_text(plain.join("\n"));
+                        }
+                        if let Some(origin) = &place {
+                            let edit = ui.button(format!("Edit {}:{}", origin.file, origin.line));
+                            controls.see("mistakes:edit", edit.rect);
+                            if edit.clicked() {
+                                commands.push(Command::Edit(origin.clone()));
+                            }
+                        }
+                        let button = ui.button("Close");
+                        controls.see("mistakes:close", button.rect);
+                        close = button.clicked();
+                    });
+                    let height = (0.6 * view.height()).max(60.0);
+                    egui::ScrollArea::both().max_height(height).show(ui, |ui| {
+                        for text in &texts {
+                            ui.add(egui::Label::new(failures::layout(text, TEXT)).extend().selectable(true));
+                            ui.add_space(6.0);
+                        }
+                    });
+                });
+                controls.see("mistakes", shown.response.rect);
+            });
+        if close {
+            self.closed = Some(texts);
+        }
+    }
+}
+
+/// Finds the first place that an error names: `  --> pipelines/splat.ron:11:85`.
+fn origin(text: &str) -> Option<Origin> {
+    let place = text.lines().find_map(|line| line.trim_start().strip_prefix("--> "))?;
+    let mut parts = place.trim().rsplitn(3, ':');
+    let (column, line) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
+    Some(Origin { file: parts.next()?.to_owned(), line, column })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_place_of_an_error_is_found_in_its_text() {
+        let text = "error: there is no resource `kesy`\n  --> C:/graphs/graph.ron:11:85\n   |\n";
+        let found = origin(text).expect("the text names a place");
+        assert_eq!((found.file.as_str(), found.line, found.column), ("C:/graphs/graph.ron", 11, 85));
+        assert!(origin("error: out of memory").is_none());
+    }
+}

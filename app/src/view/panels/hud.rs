@@ -1,0 +1,299 @@
+//! Draws over the picture: the time of a frame, toasts, progress, and the comparison of A and B.
+
+use super::Controls;
+use super::theme::{self, GRID, Palette, TEXT};
+use super::widgets;
+use crate::view::events::{Event, RendererId};
+use crate::view::renderer::Cause;
+use crate::view::viewer::{Comparison, Viewer};
+use egui::{
+    Align2, Area, Color32, Context, CornerRadius, FontId, Frame, Id, Margin, Order, Rect, RichText, Stroke,
+    Ui, pos2, vec2,
+};
+use splatgraph_api::Device;
+use splatgraph_assets::grouped;
+use std::time::{Duration, Instant};
+
+/// Time that a toast stays.
+const STAY: Duration = Duration::from_secs(5);
+/// Time that a toast about something that failed stays.
+const STAY_LONG: Duration = Duration::from_secs(12);
+/// Number of toasts at the same time.
+const MOST: usize = 4;
+/// Frames of the sparkline.
+const FRAMES: usize = 120;
+/// Background of text on the picture: dark enough for white text on any picture.
+const SHADE: Color32 = Color32::from_black_alpha(200);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Done,
+    Failed,
+}
+
+struct Toast {
+    number: u64,
+    text: String,
+    kind: Kind,
+    end: Instant,
+}
+
+/// Messages that appear over the picture and go by themselves.
+#[derive(Default)]
+pub struct Toasts {
+    shown: Vec<Toast>,
+    count: u64,
+}
+
+impl Toasts {
+    /// Shows what happened.
+    pub fn done(&mut self, text: String) {
+        self.add(text, Kind::Done, STAY);
+    }
+
+    fn add(&mut self, text: String, kind: Kind, stay: Duration) {
+        self.count += 1;
+        // The same message again replaces the former.
+        self.shown.retain(|toast| toast.text != text);
+        if self.shown.len() == MOST {
+            self.shown.remove(0);
+        }
+        self.shown.push(Toast { number: self.count, text, kind, end: Instant::now() + stay });
+    }
+
+    /// Shows an event, if it is one that a person waits for or must know.
+    pub fn tell(&mut self, event: &Event) {
+        match event {
+            Event::Swapped { renderer, swap } => {
+                let files: Vec<String> = swap
+                    .causes
+                    .iter()
+                    .filter(|cause| matches!(cause, Cause::File(_)))
+                    .map(Cause::to_string)
+                    .collect();
+                if !files.is_empty() && *renderer != RendererId::Window {
+                    let passes = match swap.passes {
+                        1 => "1 pass".to_owned(),
+                        n => format!("{n} passes"),
+                    };
+                    self.done(format!("{}: {}, {passes}", files.join(", "), widgets::time(swap.latency_ms)));
+                }
+            }
+            Event::Scene { .. }
+            | Event::Cameras { .. }
+            | Event::Saved { .. }
+            | Event::Screenshot { .. }
+            | Event::DeviceOpened { .. } => {
+                self.done(event.to_string());
+            }
+            Event::Dropped { .. } => self.add(event.to_string(), Kind::Done, STAY_LONG),
+            Event::SceneFailed { .. } | Event::FileFailed { .. } | Event::Problem { .. } => {
+                self.add(event.to_string(), Kind::Failed, STAY_LONG);
+            }
+            _ => {}
+        }
+    }
+
+    /// Draws the toasts at the top right of the picture.
+    pub fn show(&mut self, ctx: &Context, view: Rect, controls: &mut Controls) {
+        let now = Instant::now();
+        self.shown.retain(|toast| toast.end > now);
+        let Some(next) = self.shown.iter().map(|toast| toast.end).min() else { return };
+        ctx.request_repaint_after(next - now);
+        let mut dismissed = None;
+        let palette = Palette::in_mode(ctx.theme() == egui::Theme::Dark);
+        let mut top = view.top() + 3.0 * GRID;
+        for toast in &self.shown {
+            let edge = if toast.kind == Kind::Failed { palette.error } else { palette.line };
+            let shown = Area::new(Id::unique(("toast", toast.number)))
+                .fixed_pos(pos2(view.right() - 3.0 * GRID, top))
+                .pivot(Align2::RIGHT_TOP)
+                .constrain_to(view)
+                .order(Order::Foreground)
+                .show(ctx, |ui| {
+                    card(ui, edge).show(ui, |ui| {
+                        ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 420.0));
+                        ui.horizontal(|ui| {
+                            ui.add(egui::Label::new(&toast.text).wrap());
+                            if ui.add(egui::Button::new("✗").frame(false)).clicked() {
+                                dismissed = Some(toast.number);
+                            }
+                        });
+                    });
+                });
+            top = shown.response.rect.bottom() + 2.0 * GRID;
+            controls.see("toast", shown.response.rect);
+        }
+        self.shown.retain(|toast| Some(toast.number) != dismissed);
+    }
+}
+
+/// Returns the frame of a card over the picture.
+pub fn card(ui: &Ui, edge: Color32) -> Frame {
+    let palette = Palette::of(ui);
+    Frame::new()
+        .fill(palette.raised)
+        .stroke(Stroke::new(1.0, edge))
+        .corner_radius(CornerRadius::same(6))
+        .inner_margin(Margin::symmetric(12, 8))
+        .shadow(ui.visuals().popup_shadow)
+}
+
+/// Draws frame time, rate, a sparkline, splats and memory in the top left corner of the picture.
+pub fn show<D: Device>(ui: &Ui, viewer: &Viewer<D>, frame_ms: &[f64], view: Rect, controls: &mut Controls) {
+    let viewport = &viewer.a;
+    let Some(total) = viewport.history.total() else { return };
+    let memory: u64 =
+        viewport.renderer.device().map_or(0, |device| device.memory().iter().map(|(_, b)| b).sum());
+    let mut text = widgets::time(total.median);
+    if let Some(rate) = rate(frame_ms) {
+        text += &format!("   {rate} fps");
+    }
+    let second = format!(
+        "{} splats   {}",
+        grouped(viewer.scene().count().into()),
+        splatgraph_framework::dump::bytes(memory)
+    );
+    let strong = FontId::new(TEXT, theme::strong());
+    let layout =
+        |text: &str, font: FontId| ui.painter().layout_no_wrap(text.to_owned(), font, Color32::WHITE);
+    let lines = [layout(&text, strong), layout(&second, FontId::proportional(TEXT))];
+    let recent = viewport.history.recent(FRAMES);
+    let spark = if recent.len() > 1 { 20.0 } else { 0.0 };
+    let width = lines.iter().map(|line| line.size().x).fold(0.0, f32::max);
+    let height: f32 = lines.iter().map(|line| line.size().y).sum::<f32>() + spark;
+    let rect = Rect::from_min_size(view.min + vec2(12.0, 12.0), vec2(width + 20.0, height + 16.0));
+    if !view.contains_rect(rect) {
+        return;
+    }
+    let painter = ui.painter();
+    painter.rect_filled(rect, 6.0, SHADE);
+    let mut at = rect.min + vec2(10.0, 8.0);
+    for line in lines {
+        let size = line.size();
+        painter.galley(at, line, Color32::WHITE);
+        at.y += size.y;
+    }
+    if spark > 0.0 {
+        let area = Rect::from_min_size(at + vec2(0.0, 4.0), vec2(width, spark - 4.0));
+        widgets::sparkline(painter, area, &recent, Stroke::new(1.5, theme::DARK.accent));
+    }
+    controls.see("hud", rect);
+}
+
+/// Returns frames per second while frames follow each other; a window at rest has no rate.
+pub fn rate(frame_ms: &[f64]) -> Option<String> {
+    let ms = crate::stats::median(frame_ms.to_vec()).filter(|ms| *ms > 0.0)?;
+    Some(widgets::three_digits(1e3 / ms))
+}
+
+/// Draws what is being built while there is no picture, in its middle.
+pub fn progress<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
+    let renderer = &viewer.a.renderer;
+    if viewer.pictures()[0].is_some() || renderer.failure().is_some() {
+        return;
+    }
+    let text = match renderer.progress() {
+        progress if progress.is_empty() => "building the plan".to_owned(),
+        progress => progress,
+    };
+    let galley = ui.painter().layout_no_wrap(text, FontId::proportional(theme::HEADING), Color32::WHITE);
+    let rect = Rect::from_center_size(view.center(), galley.size() + vec2(24.0, 16.0));
+    ui.painter().rect_filled(rect, 6.0, SHADE);
+    ui.painter().galley(rect.min + vec2(12.0, 8.0), galley, Color32::WHITE);
+}
+
+/// Draws the name of a viewport next to the split line, on the half `towards`.
+pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
+    let at = pos2(line + towards * 18.0, view.top() + 24.0);
+    if view.contains(at) {
+        ui.painter().circle_filled(at, 11.0, SHADE);
+        let font = FontId::new(TEXT, theme::strong());
+        ui.painter().text(at, Align2::CENTER_CENTER, text, font, Color32::WHITE);
+    }
+}
+
+/// Draws the result of a comparison at the bottom of the split line, with a button that shows the worst pixel.
+///
+/// There is no card before the first result.
+pub fn comparison<D: Device>(
+    ctx: &Context,
+    viewer: &mut Viewer<D>,
+    view: Rect,
+    marked: &mut bool,
+    controls: &mut Controls,
+) {
+    if viewer.comparison().is_none() && !viewer.is_comparing() {
+        return;
+    }
+    let palette = Palette::in_mode(ctx.theme() == egui::Theme::Dark);
+    let line = view.left() + viewer.split * view.width();
+    let total = |viewer: &mut Viewer<D>, id| {
+        viewer
+            .viewport(id)
+            .and_then(|viewport| viewport.history.total())
+            .map(|total| widgets::time(total.median))
+    };
+    let times = [RendererId::A, RendererId::B].map(|id| total(viewer, id));
+    let mut close = false;
+    let shown = Area::new(Id::unique("comparison"))
+        .fixed_pos(pos2(line, view.bottom() - 4.0 * GRID))
+        .pivot(Align2::CENTER_BOTTOM)
+        .constrain_to(view)
+        .order(Order::Middle)
+        .show(ctx, |ui| {
+            card(ui, palette.line).show(ui, |ui| {
+                ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 320.0));
+                ui.horizontal(|ui| {
+                    for (name, ms) in ["A", "B"].into_iter().zip(&times) {
+                        ui.label(RichText::new(name).family(theme::strong()));
+                        ui.label(ms.clone().unwrap_or_else(|| "-".to_owned()));
+                    }
+                    if viewer.is_comparing() {
+                        ui.spinner();
+                    }
+                });
+                let Some(Comparison { psnr, ssim, worst, .. }) = viewer.comparison().cloned() else { return };
+                let psnr = if psnr.is_infinite() { "identical".to_owned() } else { format!("{psnr:.2} dB") };
+                ui.horizontal_wrapped(|ui| {
+                    ui.label(RichText::new(psnr).family(theme::strong()).size(theme::HEADING));
+                    if let Some(ssim) = ssim {
+                        ui.label(format!("SSIM {ssim:.4}"));
+                    }
+                    ui.label(format!("worst {worst:.4}"));
+                });
+                ui.horizontal(|ui| {
+                    let find =
+                        ui.add_enabled(worst > 0.0, egui::Button::new("Worst pixel").selected(*marked));
+                    controls.see("worst", find.rect);
+                    if widgets::hint(
+                        find,
+                        "Mark the pixel with the largest difference, and move the line there",
+                    )
+                    .clicked()
+                    {
+                        *marked = !*marked;
+                    }
+                    close = ui.button("Close").clicked();
+                });
+                if !viewer.comparison_is_current() {
+                    ui.weak("of an earlier view or setting");
+                }
+            });
+        });
+    controls.see("comparison", shown.response.rect);
+    if close {
+        viewer.forget_comparison();
+        *marked = false;
+    }
+    let Some(found) = viewer.comparison().filter(|_| *marked).cloned() else { return };
+    let share = vec2(
+        (found.at[0] as f32 + 0.5) / found.size[0].max(1) as f32,
+        (found.at[1] as f32 + 0.5) / found.size[1].max(1) as f32,
+    );
+    let at = view.min + share * view.size();
+    let painter = ctx.layer_painter(egui::LayerId::new(Order::Middle, Id::unique("worst")));
+    let painter = painter.with_clip_rect(view);
+    painter.circle_stroke(at, 12.0, Stroke::new(4.0, Color32::BLACK));
+    painter.circle_stroke(at, 12.0, Stroke::new(2.0, theme::DARK.caution));
+}

@@ -1,0 +1,79 @@
+//! Applies the keys that belong to no control.
+
+use super::{Command, Panels, Tool, cameras};
+use crate::view::viewer::Viewer;
+use egui::{Context, Key};
+use splatgraph_api::Device;
+
+impl Panels {
+    /// Applies the keys of this frame, unless a control has the keyboard.
+    pub(super) fn keys<D: Device>(
+        &mut self,
+        ctx: &Context,
+        viewer: &mut Viewer<D>,
+        commands: &mut Vec<Command>,
+    ) {
+        if ctx.egui_wants_keyboard_input() {
+            return;
+        }
+        let pressed = |event: &egui::Event| match event {
+            egui::Event::Key { key, pressed: true, repeat: false, modifiers, .. } => Some((*key, *modifiers)),
+            _ => None,
+        };
+        let pressed: Vec<_> = ctx.input(|input| input.events.iter().filter_map(pressed).collect());
+        for (key, modifiers) in pressed {
+            match (key, modifiers.command) {
+                (Key::Z, true) if modifiers.shift => self.redo_now = true,
+                (Key::Z, true) => self.undo_now = true,
+                (Key::Y, true) => self.redo_now = true,
+                (Key::O, true) => commands.push(Command::Open),
+                (_, true) => {}
+                // (Tab and Shift + Tab go from control to control.)
+                (Key::H, _) => self.hidden = !self.hidden,
+                (Key::F12, _) if modifiers.shift => commands.push(Command::SavePicture),
+                (Key::F12, _) => commands.push(Command::Screenshot),
+                (Key::F11, _) => commands.push(Command::Fullscreen),
+                (Key::F1, _) => self.help = !self.help,
+                (Key::V, _) => {
+                    self.vsync = !self.vsync;
+                    commands.push(Command::Vsync(self.vsync));
+                }
+                (Key::C, _) => viewer.continuous = !viewer.continuous,
+                (Key::T, _) => ctx.set_theme(match ctx.theme() {
+                    egui::Theme::Dark => egui::Theme::Light,
+                    egui::Theme::Light => egui::Theme::Dark,
+                }),
+                (Key::K, _) => cameras::record(viewer),
+                (Key::P, _) => cameras::toggle(viewer),
+                (Key::Escape, _) => {
+                    self.selection = None;
+                    viewer.forget_picked();
+                }
+                (Key::Num1, _) => self.toggle(Tool::Parameters),
+                (Key::Num2, _) => self.toggle(Tool::Times),
+                (Key::Num3, _) => self.toggle(Tool::Timeline),
+                (Key::Num4, _) => self.toggle(Tool::Inspector),
+                (Key::OpenBracket, _) => next_camera(viewer, -1),
+                (Key::CloseBracket, _) => next_camera(viewer, 1),
+                _ => {}
+            }
+        }
+    }
+
+    fn toggle(&mut self, tool: Tool) {
+        if self.layout.is_open(tool) {
+            self.layout.set_open(tool, false);
+        } else {
+            self.layout.reveal(tool);
+        }
+    }
+}
+
+/// Goes to the next or the previous camera of the list.
+fn next_camera<D: Device>(viewer: &mut Viewer<D>, step: i64) {
+    if !viewer.cameras.is_empty() {
+        let now = viewer.camera.map_or(if step > 0 { -1 } else { 0 }, |camera| camera as i64);
+        let next = (now + step).rem_euclid(viewer.cameras.len() as i64) as usize;
+        viewer.look_through(next);
+    }
+}

@@ -1,0 +1,99 @@
+//! Holds the one selection that all tools share, and the dump of the plan that it refers to.
+
+use splatgraph_framework::dump::{self, Dump, DumpBarrier, DumpPass, DumpResource};
+use splatgraph_framework::plan::Plan;
+use std::str::FromStr;
+use std::sync::Arc;
+
+/// The selected item. A click in any tool selects it in all of them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Selection {
+    /// A pass, by its name in the plan.
+    Pass(String),
+    /// A barrier, by its number in the dump.
+    Barrier(u32),
+    /// A resource, by its name in the plan.
+    Resource(String),
+    /// The picked splat.
+    Splat,
+}
+
+impl FromStr for Selection {
+    type Err = String;
+
+    /// Parses `pass:NAME`, `barrier:NUMBER` or `resource:NAME`.
+    fn from_str(text: &str) -> Result<Selection, String> {
+        let expected = || format!("expected pass:NAME, barrier:NUMBER or resource:NAME, found `{text}`");
+        match text.split_once(':').ok_or_else(expected)? {
+            ("pass", name) if !name.is_empty() => Ok(Selection::Pass(name.to_owned())),
+            ("resource", name) if !name.is_empty() => Ok(Selection::Resource(name.to_owned())),
+            ("barrier", number) => number.parse().map(Selection::Barrier).map_err(|_| expected()),
+            _ => Err(expected()),
+        }
+    }
+}
+
+/// A plan as names, made once per plan.
+#[derive(Default)]
+pub struct Dumped {
+    plan: Option<(Arc<Plan>, Dump)>,
+}
+
+impl Dumped {
+    /// Returns the dump of `plan`.
+    pub fn of(&mut self, plan: &Arc<Plan>) -> &Dump {
+        if !self.plan.as_ref().is_some_and(|(of, _)| Arc::ptr_eq(of, plan)) {
+            self.plan = None;
+        }
+        &self.plan.get_or_insert_with(|| (plan.clone(), dump::dump(plan))).1
+    }
+}
+
+impl Selection {
+    /// Returns true if the plan has the item.
+    pub fn is_in(&self, dump: &Dump) -> bool {
+        match self {
+            Selection::Pass(name) => dump.pass(name).is_some(),
+            Selection::Barrier(id) => barrier(dump, *id).is_some(),
+            Selection::Resource(name) => resource(dump, name).is_some(),
+            Selection::Splat => true,
+        }
+    }
+}
+
+/// Finds a barrier by its number.
+pub fn barrier(dump: &Dump, id: u32) -> Option<&DumpBarrier> {
+    dump.barriers().find(|barrier| barrier.id == id)
+}
+
+/// Finds a resource by its name.
+pub fn resource<'a>(dump: &'a Dump, name: &str) -> Option<&'a DumpResource> {
+    dump.resources.iter().find(|resource| resource.name == name)
+}
+
+/// Returns the way in which a pass uses a resource: reads, writes.
+pub fn touches(pass: &DumpPass, resource: &str) -> (bool, bool) {
+    let of = |touches: &[dump::DumpTouch]| touches.iter().any(|touch| touch.resource == resource);
+    (of(&pass.reads), of(&pass.writes))
+}
+
+/// Sums the sizes of the resources that a pass reads and writes, in bytes: an upper bound of its traffic if it touches each byte once.
+pub fn bound_bytes(dump: &Dump, pass: &DumpPass) -> (u64, u64) {
+    let sum = |touches: &[dump::DumpTouch]| {
+        touches.iter().filter_map(|touch| resource(dump, &touch.resource)).map(|r| r.bytes).sum()
+    };
+    (sum(&pass.reads), sum(&pass.writes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_selection_is_read_from_its_kind_and_name() {
+        assert_eq!("pass:sort.scan[0]".parse(), Ok(Selection::Pass("sort.scan[0]".to_owned())));
+        assert_eq!("barrier:8".parse(), Ok(Selection::Barrier(8)));
+        let error = "barrier:x".parse::<Selection>().expect_err("x is no number");
+        assert_eq!(error, "expected pass:NAME, barrier:NUMBER or resource:NAME, found `barrier:x`");
+    }
+}

@@ -1,0 +1,98 @@
+//! Shows the picked splat: its numbers, the list of its pixel, and its outline on the picture.
+
+use super::Controls;
+use super::theme::{self, Palette};
+use super::widgets::{self, fact, heading};
+use crate::pick;
+use crate::view::viewer::Viewer;
+use egui::{Color32, Rect, RichText, Stroke, Ui, pos2, vec2};
+use splatgraph_api::Device;
+use splatgraph_assets::grouped;
+
+/// Points of an outline.
+const POINTS: usize = 64;
+/// Greatest number of splats in the list.
+const LIST: usize = 200;
+
+/// Draws the details of the picked splat and the splats of its pixel, nearest first.
+pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
+    if viewer.is_picking() {
+        ui.spinner();
+    }
+    let Some(picked) = &mut viewer.picked else {
+        ui.weak("Click the picture to pick a splat.");
+        return;
+    };
+    let [x, y] = picked.pixel;
+    let count = picked.splats.len();
+    let Some(splat) = picked.splat().copied() else {
+        ui.label(RichText::new(format!("Pixel {x}, {y}")).family(theme::strong()).size(theme::HEADING));
+        ui.weak("No splat is blended here: this is the background.");
+        return;
+    };
+    let title = format!("Splat {}", grouped(splat.index.into()));
+    ui.label(RichText::new(title).family(theme::strong()).size(theme::HEADING));
+    ui.horizontal(|ui| {
+        let near = ui.button("Nearer");
+        controls.see("splat:nearer", near.rect);
+        let far = ui.button("Farther");
+        controls.see("splat:farther", far.rect);
+        if near.clicked() {
+            picked.step(-1);
+        } else if far.clicked() {
+            picked.step(1);
+        }
+        let place = picked.selected.map_or(0, |index| index + 1);
+        ui.weak(format!("{place} of {count} at pixel {x}, {y}"));
+    });
+    let percent = |share: f64| format!("{} %", widgets::three_digits(100.0 * share));
+    let three = |values: [f64; 3]| values.map(|v| format!("{v:.4}")).join("  ");
+    fact(ui, "Share of the pixel", percent(splat.weight));
+    fact(ui, "Alpha here", format!("{:.4}", splat.alpha));
+    fact(ui, "Transmittance before", format!("{:.4}", splat.transmittance));
+    fact(ui, "Depth", format!("{:.4}", splat.depth));
+    fact(ui, "Opacity", format!("{:.4}", splat.opacity));
+    fact(ui, "Position", three(splat.position));
+    fact(ui, "Scale", three(splat.scale));
+    fact(ui, "Rotation w x y z", splat.rotation.map(|v| format!("{v:.3}")).join("  "));
+    ui.horizontal(|ui| {
+        ui.label(RichText::new("Colour from here").color(Palette::of(ui).soft));
+        let [r, g, b] = splat.color.map(|v| (255.0 * v).round().clamp(0.0, 255.0) as u8);
+        let (rect, _) = ui.allocate_exact_size(vec2(24.0, 14.0), egui::Sense::hover());
+        ui.painter().rect_filled(rect, 2.0, Color32::from_rgb(r, g, b));
+        ui.label(three(splat.color));
+    });
+    heading(ui, "The pixel");
+    fact(ui, "Splats blended", grouped(count as u64));
+    fact(ui, "Background's share", percent(picked.transmittance));
+    if let Some(depth) = picked.depth {
+        fact(ui, "Mean depth", format!("{depth:.4}"));
+    }
+    ui.weak("By the published rules in double precision, whatever the graph does.");
+    for (index, other) in picked.splats.iter().enumerate().take(LIST) {
+        let text = format!("{}   {}", grouped(other.index.into()), percent(other.weight));
+        if ui.selectable_label(picked.selected == Some(index), text).clicked() {
+            picked.selected = Some(index);
+        }
+    }
+    if count > LIST {
+        ui.weak(format!("and {} more", count - LIST));
+    }
+}
+
+/// Draws the outline of the picked splat under the current camera.
+pub fn draw_outline<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
+    let Some(splat) = viewer.picked.as_ref().and_then(|picked| picked.splat()) else { return };
+    let camera = viewer.picture_camera();
+    let Some(outline) = pick::outline(viewer.scene(), &camera, splat.index) else { return };
+    let scale = vec2(view.width() / camera.width.max(1) as f32, view.height() / camera.height.max(1) as f32);
+    let point = |index: usize| {
+        let [x, y] = outline.point(index as f64 * std::f64::consts::TAU / POINTS as f64);
+        pos2(view.left() + x as f32 * scale.x, view.top() + y as f32 * scale.y)
+    };
+    let points: Vec<_> = (0..POINTS).map(point).collect();
+    let painter = ui.painter().with_clip_rect(view);
+    // Light on dark, so that it shows on every picture.
+    painter.add(egui::Shape::closed_line(points.clone(), Stroke::new(3.0, Color32::from_black_alpha(200))));
+    painter.add(egui::Shape::closed_line(points, Stroke::new(1.5, theme::DARK.caution)));
+}

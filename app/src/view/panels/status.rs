@@ -1,0 +1,77 @@
+//! Draws the line at the bottom: what is being done, what works in part, and the newest line of the log.
+
+use super::theme::Palette;
+use super::widgets::hint;
+use super::{Panels, presets};
+use crate::view::events::RendererId;
+use crate::view::viewer::Viewer;
+use crate::view::viewport::Viewport;
+use egui::{RichText, Ui};
+use splatgraph_api::Device;
+use splatgraph_framework::reload::WatchKind;
+
+/// Height of the line, also when it is empty, in points.
+pub const HEIGHT: f32 = 24.0;
+
+/// Lines of the log that are shown beside the newest.
+const LINES: usize = 20;
+
+impl Panels {
+    /// Draws the status line: what is being done, what works in part, and the newest line of the log.
+    pub(super) fn status<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+        let palette = Palette::of(ui);
+        ui.horizontal_centered(|ui| {
+            if let Some(path) = viewer.loading() {
+                ui.spinner();
+                ui.label(format!("loading {}", path.display()));
+            }
+            for id in [RendererId::A, RendererId::B] {
+                let Some(viewport) = viewer.viewport(id) else { continue };
+                let progress = viewport.renderer.progress();
+                if !progress.is_empty() {
+                    ui.spinner();
+                    ui.label(format!("{id}: {progress}"));
+                }
+                self.states(ui, id, viewport);
+            }
+            let watching = viewer.a.renderer.watching();
+            if watching != WatchKind::Events {
+                ui.colored_label(palette.caution, format!("files are watched by {watching}"));
+            }
+            if let Some(line) = self.log.back() {
+                let log = self.log.iter().rev().take(LINES).rev().cloned().collect::<Vec<_>>().join("\n");
+                hint(ui.add(egui::Label::new(RichText::new(line).color(palette.soft)).truncate()), log);
+            }
+        });
+    }
+
+    /// Draws a word for each state of a viewport that a person should know; its reason is beside it.
+    fn states<D: Device>(&mut self, ui: &mut Ui, id: RendererId, viewport: &Viewport<D>) {
+        let palette = Palette::of(ui);
+        let mut state = |name: &str, short: String, colour, reason: String| {
+            let label = ui.label(RichText::new(format!("{id}: {short}")).color(colour));
+            self.controls.see(&format!("{name}:{id}"), label.rect);
+            hint(label, reason);
+        };
+        if let Some(text) = viewport.stand_in() {
+            state("stand_in", "fallback".to_owned(), palette.caution, text);
+        }
+        if let Some(text) = viewport.in_part() {
+            let reason = viewport.renderer.crowded().unwrap_or("A plan with more room is built.").to_owned();
+            state("in_part", text, palette.caution, reason);
+        }
+        if let Some(text) = viewport.unordered() {
+            let reason =
+                "Too many splats of a bin have nearly the same depth; `sorted=splats` orders them all.";
+            state("unordered", text, palette.caution, reason.to_owned());
+        }
+        if let Some(text) = viewport.decisions() {
+            let base = viewport.renderer.plan().and_then(|plan| plan.based_on.last().cloned());
+            let short = match base {
+                Some(base) => format!("draws with {}", presets::file_name(&base)),
+                None => "settings chosen by device and scene".to_owned(),
+            };
+            state("decisions", short, palette.soft, text);
+        }
+    }
+}

@@ -1,0 +1,583 @@
+//! Draws the plan as one timeline: passes as bars as wide as their time, barriers as diamonds between them, memory below.
+//!
+//! The lanes are those of the dump page. Zoom with the wheel over the passes (or Ctrl and the wheel anywhere), pan by dragging. A
+//! click selects a pass, a barrier or a resource for all tools; Tab and Enter do the same from the keyboard.
+
+use super::Controls;
+use super::selection::{Selection, barrier, touches};
+use super::theme::{self, GRID, Palette, ROW, TEXT};
+use super::widgets::{self, hint, text_in};
+use egui::{
+    Align, Color32, FontId, Id, Layout, Painter, Rect, RichText, Sense, Stroke, StrokeKind, Ui, pos2, vec2,
+};
+use splatgraph_framework::dump::{self, Dump, DumpPass};
+use splatgraph_framework::ir::Run;
+
+/// Room for the barriers before a pass, in points.
+const GAP: f32 = 16.0;
+/// Least width of a pass, in points.
+const LEAST: f32 = 4.0;
+/// Width of a pass that runs once, in points.
+const ONCE: f32 = 12.0;
+/// Width of the names of the lanes, in points.
+const NAMES: f32 = 152.0;
+/// Height of a lane, in points.
+const LANE: f32 = 20.0;
+/// Heights of the phases, the passes and the barriers above the lanes, in points.
+const PHASES: f32 = 20.0;
+const PASSES: f32 = 28.0;
+const BARRIERS: f32 = 20.0;
+/// Largest magnification.
+const CLOSEST: f32 = 200.0;
+
+/// The times of a plan's passes.
+#[derive(Clone)]
+pub struct Times {
+    /// Median milliseconds by pass; empty before the first frame of the plan.
+    pub passes: Vec<(String, f64)>,
+    /// Median milliseconds of a frame that no pass accounts for.
+    pub unattributed: Option<f64>,
+    /// True if that is most of it, so that the passes' times say little.
+    pub unreliable: bool,
+}
+
+impl Times {
+    fn of(&self, pass: &str) -> Option<f64> {
+        self.passes.iter().find(|(name, _)| name == pass).map(|(_, ms)| *ms)
+    }
+}
+
+/// Zoom and position of the timeline.
+pub struct State {
+    /// Magnification; 1 fits the width.
+    zoom: f32,
+    /// Left end of what is visible, in points of the magnified timeline.
+    offset: f32,
+    /// True for passes of equal width.
+    equal: bool,
+    /// Text that the shown resources contain.
+    filter: String,
+    /// Graph, number of passes and times as they were when the pointer came: nothing moves below it.
+    held: Option<(String, usize, Times)>,
+}
+
+impl Default for State {
+    fn default() -> State {
+        State { zoom: 1.0, offset: 0.0, equal: false, filter: String::new(), held: None }
+    }
+}
+
+/// A pass on the timeline, in points from its left end.
+struct Column {
+    /// Index into [`Dump::passes`].
+    pass: usize,
+    left: f32,
+    right: f32,
+    /// Barriers before it: number and place.
+    barriers: Vec<(u32, f32)>,
+}
+
+/// A row of memory: one resource, or several that share a block one after the other.
+struct Lane<'a> {
+    title: String,
+    resources: Vec<&'a dump::DumpResource>,
+}
+
+impl State {
+    /// Draws the timeline, and applies clicks to the selection.
+    pub fn show(
+        &mut self,
+        ui: &mut Ui,
+        dump: &Dump,
+        times: &Times,
+        selection: &mut Option<Selection>,
+        controls: &mut Controls,
+    ) {
+        let held =
+            self.held.take().filter(|(graph, count, _)| *graph == dump.graph && *count == dump.passes.len());
+        let held = held.map_or_else(|| times.clone(), |(_, _, times)| times);
+        let times = &held;
+        self.summary(ui, dump, times);
+        for warning in &dump.warnings {
+            let place = format!("{}:{}", warning.declared.file, warning.declared.line);
+            let text = RichText::new(format!("warning: {} ({place})", warning.message));
+            hint(ui.label(text.color(Palette::of(ui).caution)), warning.help.join("\n"));
+        }
+        let width = (ui.available_width() - NAMES - 12.0).max(160.0);
+        let equal = self.equal || times.unreliable || times.passes.is_empty();
+        let (columns, whole) = columns(dump, times, width, self.zoom, equal);
+        self.offset = self.offset.clamp(0.0, (whole - width).max(0.0));
+        let mut clicked = None;
+        let head = vec2(ui.available_width(), PHASES + PASSES + BARRIERS);
+        let (rect, _) = ui.allocate_exact_size(head, Sense::hover());
+        let area = Rect::from_min_max(pos2(rect.left() + NAMES, rect.top()), rect.max);
+        // Below the passes, so that these take the clicks.
+        let back = ui.interact(area, ui.scope_id().with("timeline"), Sense::DRAG);
+        self.navigate(ui, area, &back, whole, width, true);
+        let view = View { area, offset: self.offset, palette: Palette::of(ui) };
+        draw_head(ui, dump, times, &columns, &view, selection.as_ref(), equal, &mut clicked, controls);
+        let lanes = lanes(dump, &self.filter);
+        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            let size = vec2(ui.available_width(), LANE * lanes.len() as f32);
+            let (rect, _) = ui.allocate_exact_size(size, Sense::hover());
+            let area = Rect::from_min_max(pos2(rect.left() + NAMES, rect.top()), rect.max);
+            let back = ui.interact(area, ui.scope_id().with("lanes"), Sense::DRAG);
+            self.navigate(ui, area, &back, whole, width, false);
+            let view = View { area, ..view };
+            draw_lanes(ui, dump, &columns, &lanes, &view, selection.as_ref(), &mut clicked, controls);
+            if lanes.is_empty() {
+                ui.weak("No resource matches.");
+            }
+        });
+        if ui.rect_contains_pointer(area) {
+            self.held = Some((dump.graph.clone(), dump.passes.len(), held.clone()));
+        }
+        if let Some(clicked) = clicked {
+            // A second click clears the selection.
+            *selection = if selection.as_ref() == Some(&clicked) { None } else { Some(clicked) };
+        }
+    }
+
+    /// Draws the totals and the controls of the view.
+    fn summary(&mut self, ui: &mut Ui, dump: &Dump, times: &Times) {
+        ui.horizontal(|ui| {
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                if ui.add_enabled(self.zoom > 1.0, egui::Button::new("Fit")).clicked() {
+                    (self.zoom, self.offset) = (1.0, 0.0);
+                }
+                let timed = !times.unreliable && !times.passes.is_empty();
+                ui.add_enabled_ui(timed, |ui| {
+                    ui.selectable_value(&mut self.equal, true, "equal");
+                    ui.selectable_value(&mut self.equal, false, "by time");
+                });
+                ui.add(egui::TextEdit::singleline(&mut self.filter).hint_text("Filter memory").desired_width(112.0));
+                ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
+                    let frame = dump.totals.frame;
+                    let mut text = format!(
+                        "{}: {} passes, {} barrier calls with {} barriers against {} hazards, {} of memory, {} saved by sharing",
+                        dump.graph,
+                        dump.totals.frame_passes,
+                        frame.calls,
+                        frame.barriers,
+                        frame.dependencies,
+                        dump::bytes(dump.totals.transient_bytes),
+                        dump::bytes(dump.totals.saved_bytes),
+                    );
+                    if let Some(rest) = times.unattributed.filter(|_| times.unreliable) {
+                        text += &format!(" — {} of a frame belong to no pass on this driver", widgets::time(rest));
+                    }
+                    let label = ui.add(egui::Label::new(&text).truncate());
+                    hint(label, text);
+                });
+            });
+        });
+    }
+
+    /// Zooms and pans by the pointer. `plain` is true where the wheel zooms without Ctrl.
+    fn navigate(&mut self, ui: &Ui, area: Rect, back: &egui::Response, whole: f32, width: f32, plain: bool) {
+        if back.dragged() {
+            self.offset -= back.drag_delta().x;
+        }
+        if !back.contains_pointer() {
+            return;
+        }
+        let (wheel, pinch) = ui.input(|input| (input.smooth_scroll_delta(), input.zoom_delta()));
+        let mut factor = pinch;
+        if plain {
+            factor *= (wheel.y / 200.0).exp();
+            self.offset -= wheel.x;
+        }
+        if factor == 1.0 {
+            return;
+        }
+        let zoom = (self.zoom * factor).clamp(1.0, CLOSEST);
+        // What is under the pointer stays there.
+        if let Some(pointer) = ui.input(|input| input.pointer.hover_pos()) {
+            let at = pointer.x - area.left();
+            let share = (self.offset + at) / whole.max(1.0);
+            let grown = width.max(whole * zoom / self.zoom);
+            self.offset = share * grown - at;
+        }
+        self.zoom = zoom;
+    }
+}
+
+/// The visible part of the timeline.
+#[derive(Clone, Copy)]
+struct View {
+    area: Rect,
+    offset: f32,
+    palette: Palette,
+}
+
+impl View {
+    fn x(&self, at: f32) -> f32 {
+        self.area.left() + at - self.offset
+    }
+
+    fn span(&self, left: f32, right: f32, top: f32, height: f32) -> Rect {
+        Rect::from_min_max(pos2(self.x(left), top), pos2(self.x(right), top + height))
+    }
+
+    fn shows(&self, rect: Rect) -> bool {
+        rect.right() > self.area.left() && rect.left() < self.area.right()
+    }
+}
+
+/// Places all passes and barriers; returns them with the whole width.
+fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (Vec<Column>, f32) {
+    let frame = |pass: &&DumpPass| pass.run == Run::Frame;
+    let count = dump.passes.iter().filter(frame).count().max(1) as f32;
+    let total: f64 = dump.passes.iter().filter(frame).filter_map(|pass| times.of(&pass.name)).sum();
+    let once = dump.passes.iter().filter(|pass| pass.run == Run::Once).count() as f32 * ONCE;
+    let gaps = dump.passes.iter().filter(|pass| !pass.barriers.is_empty()).count() as f32 * GAP;
+    let room = (width - gaps - once - GAP).max(count * LEAST);
+    let (mut columns, mut x) = (Vec::with_capacity(dump.passes.len()), 0.0);
+    let mut in_frame = false;
+    for (index, pass) in dump.passes.iter().enumerate() {
+        let mut barriers = Vec::new();
+        if pass.run == Run::Frame && !in_frame {
+            in_frame = true;
+            if !dump.handover.is_empty() {
+                barriers.extend(dump.handover.iter().map(|barrier| (barrier.id, x + GAP / 2.0)));
+                x += GAP;
+            }
+        }
+        if !pass.barriers.is_empty() {
+            barriers.extend(pass.barriers.iter().map(|barrier| (barrier.id, x + GAP / 2.0)));
+            x += GAP;
+        }
+        let share = match (equal, times.of(&pass.name)) {
+            (false, Some(ms)) if total > 0.0 => (ms / total) as f32 * (room - count * LEAST) + LEAST,
+            (false, _) => LEAST,
+            (true, _) => room / count,
+        };
+        let wide = if pass.run == Run::Once { ONCE } else { share.max(LEAST) } * zoom;
+        columns.push(Column { pass: index, left: x, right: x + wide, barriers });
+        x += wide;
+    }
+    (columns, x.max(1.0))
+}
+
+/// Groups the resources: blocks with several, then each alone, then those of the scene and the host.
+fn lanes<'a>(dump: &'a Dump, filter: &str) -> Vec<Lane<'a>> {
+    let wanted = filter.trim().to_lowercase();
+    let find = |name: &String| dump.resources.iter().find(|resource| resource.name == *name);
+    let mut lanes = Vec::new();
+    for block in dump.blocks.iter().filter(|block| block.aliases.len() > 1) {
+        let mut resources: Vec<_> = block.aliases.iter().filter_map(find).collect();
+        resources.sort_by_key(|resource| resource.lifetime.map_or(0, |lifetime| lifetime.first));
+        let title = format!("block {}, {} share {}", block.id, resources.len(), dump::bytes(block.bytes));
+        lanes.push(Lane { title, resources });
+    }
+    let shared = |resource: &dump::DumpResource| {
+        lanes.iter().any(|lane| lane.resources.iter().any(|other| other.name == resource.name))
+    };
+    let alone: Vec<_> = dump.resources.iter().filter(|resource| !shared(resource)).collect();
+    let own = |resource: &&dump::DumpResource| resource.source == "transient";
+    for resource in alone.iter().filter(|r| own(r)).chain(alone.iter().filter(|r| !own(r))) {
+        lanes.push(Lane { title: resource.name.clone(), resources: vec![resource] });
+    }
+    lanes.retain(|lane| {
+        lane.title.to_lowercase().contains(&wanted)
+            || lane.resources.iter().any(|resource| resource.name.to_lowercase().contains(&wanted))
+    });
+    lanes
+}
+
+/// Draws the phases, the passes and the barriers.
+#[allow(clippy::too_many_arguments)]
+fn draw_head(
+    ui: &Ui,
+    dump: &Dump,
+    times: &Times,
+    columns: &[Column],
+    view: &View,
+    selection: Option<&Selection>,
+    equal: bool,
+    clicked: &mut Option<Selection>,
+    controls: &mut Controls,
+) {
+    let View { area, palette, .. } = *view;
+    let (passes, barriers) = (area.top() + PHASES, area.top() + PHASES + PASSES);
+    for (name, top, height) in
+        [("phase", area.top(), PHASES), ("pass", passes, PASSES), ("barrier", barriers, BARRIERS)]
+    {
+        let rect = Rect::from_min_size(pos2(area.left() - NAMES, top), vec2(NAMES - 8.0, height));
+        text_in(ui, ui.painter(), rect, name, palette.soft);
+    }
+    let painter = ui.painter().with_clip_rect(area.intersect(ui.clip_rect()));
+    painter.rect_filled(area, 0.0, palette.paper);
+    draw_phases(ui, &painter, dump, columns, view, times.unreliable);
+    for column in columns {
+        let pass = &dump.passes[column.pass];
+        let rect = view.span(column.left, column.right, passes + 2.0, PASSES - 4.0);
+        for (id, at) in &column.barriers {
+            let centre = pos2(view.x(*at), barriers + BARRIERS / 2.0);
+            let place = Rect::from_center_size(centre, vec2(GAP, BARRIERS));
+            if !view.shows(place) {
+                continue;
+            }
+            let selected = selection == Some(&Selection::Barrier(*id));
+            let colour = if selected { palette.accent } else { palette.barrier };
+            painter.vline(centre.x, passes..=barriers + 4.0, Stroke::new(1.0, colour));
+            let response = ui.interact(place.intersect(area), Id::unique(("barrier", *id)), Sense::CLICK);
+            controls.see(&format!("barrier:{id}"), place.intersect(area));
+            let radius = if response.hovered() || response.has_focus() || selected { 7.0 } else { 5.0 };
+            widgets::diamond(&painter, centre, radius, colour, Stroke::new(1.0, palette.paper));
+            if response.clicked() {
+                *clicked = Some(Selection::Barrier(*id));
+            }
+            if response.hovered()
+                && let Some(barrier) = barrier(dump, *id)
+            {
+                hint(response, dump::barrier_line(barrier));
+            }
+        }
+        if !view.shows(rect) {
+            continue;
+        }
+        let selected = selection == Some(&Selection::Pass(pass.name.clone()));
+        let visible = rect.intersect(area);
+        let response = ui.interact(visible, Id::unique(("pass", &pass.name)), Sense::CLICK);
+        controls.see(&format!("pass:{}", pass.name), visible);
+        draw_pass(ui, &painter, dump, pass, rect, selected || response.hovered(), view, selection);
+        if selected || response.has_focus() {
+            painter.rect_stroke(rect, 2.0, Stroke::new(2.0, palette.accent), StrokeKind::Outside);
+        }
+        if response.clicked() {
+            *clicked = Some(Selection::Pass(pass.name.clone()));
+        }
+        if response.hovered() {
+            hint(response, describe(pass, times.of(&pass.name).filter(|_| !equal || !times.unreliable)));
+        }
+    }
+    if let Some(Selection::Barrier(id)) = selection {
+        draw_dependencies(&painter, dump, columns, view, *id, barriers + BARRIERS / 2.0);
+    }
+}
+
+/// Draws a bar for each run of passes of one phase, with the phase's name: colours alone say nothing.
+fn draw_phases(ui: &Ui, painter: &Painter, dump: &Dump, columns: &[Column], view: &View, grey: bool) {
+    let mut start = 0;
+    for end in 1..=columns.len() {
+        let phase =
+            |index: usize| (&dump.passes[columns[index].pass].phase, dump.passes[columns[index].pass].run);
+        if end < columns.len() && phase(end) == phase(start) {
+            continue;
+        }
+        let (name, _) = phase(start);
+        let rect =
+            view.span(columns[start].left, columns[end - 1].right, view.area.top() + 2.0, PHASES - 4.0);
+        if view.shows(rect) {
+            let colour = phase_colour(dump, name);
+            let colour = if grey { view.palette.life } else { colour };
+            painter.rect_filled(rect, 2.0, colour);
+            let inner = rect.intersect(view.area).shrink2(vec2(4.0, 0.0));
+            if inner.width() > 14.0 {
+                let ink = if grey { view.palette.ink } else { theme::ink_on(colour) };
+                text_in(ui, painter, inner, name, ink);
+            }
+        }
+        start = end;
+    }
+}
+
+/// Returns the colour of a phase by its name.
+pub fn phase_colour(dump: &Dump, phase: &str) -> Color32 {
+    let mut names: Vec<&str> = Vec::new();
+    for phase in &dump.phases {
+        if !names.contains(&phase.name.as_str()) {
+            names.push(&phase.name);
+        }
+    }
+    theme::phase(names.iter().position(|name| *name == phase).unwrap_or(0))
+}
+
+#[allow(clippy::too_many_arguments)]
+fn draw_pass(
+    ui: &Ui,
+    painter: &Painter,
+    dump: &Dump,
+    pass: &DumpPass,
+    rect: Rect,
+    lit: bool,
+    view: &View,
+    selection: Option<&Selection>,
+) {
+    let palette = view.palette;
+    let colour = phase_colour(dump, &pass.phase);
+    let inner =
+        Rect::from_min_max(rect.min, pos2((rect.right() - 1.0).max(rect.left() + 1.0), rect.bottom()));
+    // Passes of the prologue are hollow: they are no part of a frame.
+    match pass.run {
+        Run::Once => _ = painter.rect_stroke(inner, 2.0, Stroke::new(1.0, colour), StrokeKind::Inside),
+        Run::Frame => {
+            _ = painter.rect_filled(inner, 2.0, if lit { colour } else { colour.gamma_multiply(0.85) })
+        }
+    }
+    let (reads, writes) = match selection {
+        Some(Selection::Resource(name)) => touches(pass, name),
+        _ => (false, false),
+    };
+    let mark = match (reads, writes) {
+        (true, true) => Some("RW"),
+        (true, false) => Some("R"),
+        (false, true) => Some("W"),
+        (false, false) => None,
+    };
+    let text_area = inner.intersect(view.area).shrink2(vec2(4.0, 0.0));
+    let ink = if pass.run == Run::Once { palette.ink } else { theme::ink_on(colour) };
+    if let Some(mark) = mark {
+        painter.rect_stroke(inner, 2.0, Stroke::new(2.0, palette.ink), StrokeKind::Inside);
+        let font = FontId::new(TEXT, theme::strong());
+        painter.text(inner.center(), egui::Align2::CENTER_CENTER, mark, font, ink);
+    } else if text_area.width() > 24.0 {
+        // The name within its part of the graph; the phase above names that.
+        let name = pass.name.rsplit('.').next().unwrap_or(&pass.name);
+        text_in(ui, painter, text_area, name, ink);
+    }
+}
+
+/// Draws an arrow for each hazard of a barrier: from the passes that it waits for to the pass that needs it.
+fn draw_dependencies(painter: &Painter, dump: &Dump, columns: &[Column], view: &View, id: u32, y: f32) {
+    let Some(barrier) = barrier(dump, id) else { return };
+    let middle = |name: &str| {
+        let column = columns.iter().find(|column| dump.passes[column.pass].name == name)?;
+        Some(view.x((column.left + column.right) / 2.0))
+    };
+    let stroke = Stroke::new(1.5, view.palette.accent);
+    for dependency in &barrier.dependencies {
+        let Some(to) = middle(&dependency.before.name) else { continue };
+        for after in &dependency.after {
+            let Some(from) = middle(&after.name) else { continue };
+            // What the last frame did comes from the left.
+            let from = if dependency.previous_frame { view.area.left() } else { from };
+            painter.line_segment([pos2(from, y), pos2(to, y)], stroke);
+            painter.circle_filled(pos2(from, y), 3.0, view.palette.accent);
+        }
+        painter.line_segment([pos2(to - 5.0, y - 4.0), pos2(to, y)], stroke);
+        painter.line_segment([pos2(to - 5.0, y + 4.0), pos2(to, y)], stroke);
+    }
+}
+
+fn describe(pass: &DumpPass, ms: Option<f64>) -> String {
+    let mut text = format!("{}\n{} in phase {}, {}", pass.name, pass.kind, pass.phase, pass.size);
+    if pass.run == Run::Once {
+        text += "\nRuns once, before the first frame.";
+    }
+    if let Some(ms) = ms {
+        text += &format!("\n{} (median)", widgets::time(ms));
+    }
+    text + &format!("\n{}:{}", pass.declared.file, pass.declared.line)
+}
+
+/// Draws the memory: a bar over the lifetime of each resource, a circle where it is read, a square where it is written.
+#[allow(clippy::too_many_arguments)]
+fn draw_lanes(
+    ui: &Ui,
+    dump: &Dump,
+    columns: &[Column],
+    lanes: &[Lane],
+    view: &View,
+    selection: Option<&Selection>,
+    clicked: &mut Option<Selection>,
+    controls: &mut Controls,
+) {
+    let View { area, palette, .. } = *view;
+    let painter = ui.painter().with_clip_rect(area.intersect(ui.clip_rect()));
+    painter.rect_filled(area, 0.0, palette.paper);
+    for (index, lane) in lanes.iter().enumerate() {
+        let top = area.top() + LANE * index as f32;
+        let row = Rect::from_min_size(pos2(area.left(), top), vec2(area.width(), LANE));
+        if !ui.is_rect_visible(row) {
+            continue;
+        }
+        if index % 2 == 1 {
+            painter.rect_filled(row, 0.0, palette.raised);
+        }
+        let name = Rect::from_min_size(pos2(area.left() - NAMES, top), vec2(NAMES - 8.0, LANE));
+        text_in(ui, ui.painter(), name, &lane.title, palette.ink);
+        for resource in &lane.resources {
+            let (left, right) = match resource.lifetime {
+                Some(lifetime) => (columns[lifetime.first].left, columns[lifetime.last].right),
+                None => (0.0, columns.last().map_or(0.0, |column| column.right)),
+            };
+            let bar = view.span(left, right, top + 3.0, LANE - 6.0);
+            let this = Selection::Resource(resource.name.clone());
+            let selected = selection == Some(&this);
+            // The name selects as well, where it stands for one resource.
+            let place = if lane.resources.len() == 1 { bar.union(name) } else { bar };
+            let visible = place.intersect(Rect::from_min_max(name.min, area.max));
+            let response = ui.interact(visible, Id::unique(("resource", &resource.name)), Sense::CLICK);
+            controls.see(&format!("resource:{}", resource.name), visible);
+            let fill = if selected { palette.accent.gamma_multiply(0.5) } else { palette.life };
+            let edge =
+                if response.hovered() || response.has_focus() || selected { palette.accent } else { fill };
+            painter.rect(bar, 3.0, fill, Stroke::new(1.0, edge), StrokeKind::Inside);
+            for column in columns {
+                let (reads, writes) = touches(&dump.passes[column.pass], &resource.name);
+                let centre = pos2(view.x((column.left + column.right) / 2.0), bar.center().y);
+                if writes {
+                    painter.rect_filled(Rect::from_center_size(centre, vec2(6.0, 6.0)), 1.0, palette.ink);
+                }
+                if reads {
+                    let inner = if writes { palette.life } else { palette.paper };
+                    painter.circle(
+                        centre,
+                        if writes { 2.0 } else { 3.5 },
+                        inner,
+                        Stroke::new(1.0, palette.ink),
+                    );
+                }
+            }
+            if response.clicked() {
+                *clicked = Some(this);
+            }
+            if response.hovered() {
+                let text = format!(
+                    "{}\n{}, {}\nCircles read it, squares write it.\n{}:{}",
+                    resource.name,
+                    resource.shape,
+                    dump::bytes(resource.bytes),
+                    resource.declared.file,
+                    resource.declared.line
+                );
+                hint(response, text);
+            }
+        }
+    }
+}
+
+/// Height of the timeline with its summary and a few lanes, in points.
+pub const HEIGHT: f32 = ROW + PHASES + PASSES + BARRIERS + 6.0 * LANE + 4.0 * GRID;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::testing;
+
+    fn times(all: &[(&str, f64)]) -> Times {
+        let passes = all.iter().map(|(name, ms)| ((*name).to_owned(), *ms)).collect();
+        Times { passes, unattributed: None, unreliable: false }
+    }
+
+    #[test]
+    fn a_pass_is_as_wide_as_its_time_and_none_vanishes() {
+        let plan = testing::plan(&[("a", "x"), ("b", "x"), ("c", "y")]);
+        let dump = dump::dump(&plan);
+        let (columns, whole) =
+            columns(&dump, &times(&[("a", 3.0), ("b", 1.0), ("c", 0.0)]), 1000.0, 1.0, false);
+        let wide: Vec<f32> = columns.iter().map(|column| column.right - column.left).collect();
+        assert!((wide[0] - LEAST) / (wide[1] - LEAST) > 2.99, "{wide:?}");
+        assert_eq!(wide[2], LEAST);
+        assert!(whole <= 1000.0, "{whole}");
+    }
+
+    #[test]
+    fn without_times_all_passes_are_equally_wide() {
+        let plan = testing::plan(&[("a", "x"), ("b", "x")]);
+        let (columns, _) = columns(&dump::dump(&plan), &times(&[]), 500.0, 1.0, true);
+        assert_eq!(columns[0].right - columns[0].left, columns[1].right - columns[1].left);
+    }
+}

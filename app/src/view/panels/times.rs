@@ -1,0 +1,193 @@
+//! Shows the times of frames on GPU and host, per phase and per pass, and the memory.
+
+use super::theme::{self, Palette};
+use super::widgets::{self, fact, heading, hint, row};
+use crate::stats::median;
+use crate::view::history::{History, Quantiles, Row, Series};
+use crate::view::viewport::Viewport;
+use egui::{Align, ComboBox, Label, Layout, RichText, Sense, Ui, vec2};
+use egui_plot::{Line, Plot, PlotPoints, VLine};
+use splatgraph_api::Device;
+use splatgraph_assets::grouped;
+use splatgraph_framework::dump;
+
+/// Width of a column of times, in points.
+const COLUMN: f32 = 72.0;
+
+/// Draws the times of one viewport. `window` is the history of the window's graph, `plotted` the phase with plotted passes.
+pub fn show<D: Device>(
+    ui: &mut Ui,
+    viewport: &Viewport<D>,
+    loaded: u32,
+    frame_ms: &[f64],
+    window: &History,
+    plotted: &mut Option<String>,
+) {
+    let info = viewport.renderer.info();
+    hint(ui.label(RichText::new(&info.name).family(theme::strong())), &info.driver);
+    fact(ui, "Splats", grouped(loaded.into()));
+    for (name, value) in &viewport.stats {
+        fact(ui, &name.replace('_', " "), grouped((*value).into()));
+    }
+    if let Some(ms) = median(frame_ms.to_vec()).filter(|ms| *ms > 0.0) {
+        let text = format!("{} ({} /s)", widgets::time(ms), widgets::three_digits(1e3 / ms));
+        fact(ui, "Between frames", text);
+    }
+    let history = &viewport.history;
+    ui.separator();
+    columns_heading(ui, history.steady_frames());
+    let mut line = |name: &str, about: &str, ms: Option<Quantiles>| {
+        row(ui, |ui| hint(ui.label(name), about), |ui| numbers(ui, ms, false));
+    };
+    line("GPU, frame", "From the first command of a frame to its last.", history.total());
+    line("CPU, recording", "Time of the host for recording and submitting a frame.", history.record());
+    line(
+        "GPU, window",
+        "Time for drawing this window: pictures, split line, user interface.",
+        window.total(),
+    );
+    let series = history.phase_series();
+    let phases: Vec<String> = series.iter().map(|series| series.name.clone()).collect();
+    let unreliable = history.is_mostly_unattributed();
+    ui.separator();
+    if unreliable {
+        let why = "This driver writes the timestamps of compute passes when the whole frame ends, as Mesa's does on a CPU.";
+        let text = "More than half of a frame belongs to no pass: the times below say little.";
+        hint(ui.colored_label(Palette::of(ui).caution, text), why);
+    } else {
+        choose(ui, &phases, plotted);
+        let plotted_series = plotted.as_ref().map_or(series, |phase| history.pass_series(phase));
+        plot(ui, plotted_series, &history.changes());
+    }
+    table(ui, &history.table(), &phases, unreliable);
+    if let Some(rest) = history.unattributed().filter(|ms| *ms > 0.0) {
+        let about =
+            "Time of a frame that no pass accounts for: between passes, or where timestamps do not tell.";
+        let ms = Quantiles { median: rest, p99: f64::NAN };
+        row(ui, |ui| hint(ui.label("unattributed"), about), |ui| numbers(ui, Some(ms), false));
+    }
+    if window.frames() > 0 {
+        egui::CollapsingHeader::new("Window").show(ui, |ui| {
+            let phases: Vec<String> = window.phase_series().into_iter().map(|series| series.name).collect();
+            table(ui, &window.table(), &phases, window.is_mostly_unattributed());
+        });
+    }
+    ui.separator();
+    memory(ui, &viewport.renderer.device().map(Device::memory).unwrap_or_default());
+}
+
+fn columns_heading(ui: &mut Ui, frames: usize) {
+    let palette = Palette::of(ui);
+    let left = RichText::new(format!("Over {frames} frames")).color(palette.soft);
+    row(
+        ui,
+        |ui| ui.label(left),
+        |ui| {
+            cell(ui, "99 %".to_owned(), false);
+            cell(ui, "median".to_owned(), false);
+        },
+    );
+}
+
+/// Draws median and 99th percentile in their columns; one that is not a number is left out.
+fn numbers(ui: &mut Ui, ms: Option<Quantiles>, grey: bool) {
+    match ms {
+        Some(Quantiles { median, p99 }) => {
+            cell(ui, if p99.is_nan() { String::new() } else { widgets::time(p99) }, grey);
+            cell(ui, widgets::time(median), grey);
+        }
+        None => cell(ui, "unknown".to_owned(), true),
+    }
+}
+
+fn cell(ui: &mut Ui, text: String, grey: bool) {
+    let palette = Palette::of(ui);
+    let text = if grey { RichText::new(text).color(palette.soft) } else { RichText::new(text) };
+    let size = vec2(COLUMN, ui.available_height());
+    ui.allocate_ui_with_layout(size, Layout::right_to_left(Align::Center), |ui| {
+        ui.set_min_width(COLUMN);
+        ui.add(Label::new(text).extend());
+    });
+}
+
+/// Draws the choice of the plot: all phases, or the passes of one.
+fn choose(ui: &mut Ui, phases: &[String], plotted: &mut Option<String>) {
+    if plotted.as_ref().is_some_and(|phase| !phases.contains(phase)) {
+        *plotted = None;
+    }
+    let chosen = plotted.as_ref().map_or("all phases".to_owned(), |phase| format!("passes of {phase}"));
+    ComboBox::from_id_salt("plotted").selected_text(chosen).show_ui(ui, |ui| {
+        ui.selectable_value(plotted, None, "all phases");
+        for phase in phases {
+            ui.selectable_value(plotted, Some(phase.clone()), format!("passes of {phase}"));
+        }
+    });
+}
+
+fn plot(ui: &mut Ui, series: Vec<Series>, changes: &[f64]) {
+    let palette = Palette::of(ui);
+    Plot::new("phases")
+        .height(140.0)
+        .allow_scroll(false)
+        .allow_zoom(false)
+        .allow_drag(false)
+        .include_y(0.0)
+        .grid_spacing(16.0..=120.0)
+        .y_axis_min_width(48.0)
+        .y_axis_formatter(|mark, _| widgets::time(mark.value))
+        .x_axis_formatter(|_, _| String::new())
+        .show(ui, |plot| {
+            for change in changes {
+                plot.vline(VLine::new("another plan", *change).color(palette.line));
+            }
+            for (index, series) in series.into_iter().enumerate() {
+                let line = Line::new(series.name, PlotPoints::from(series.points));
+                plot.line(line.color(theme::phase(index)));
+            }
+        });
+}
+
+/// Draws the table; `phases` are in the order of the plot's colours.
+fn table(ui: &mut Ui, rows: &[Row], phases: &[String], grey: bool) {
+    let palette = Palette::of(ui);
+    for line in rows {
+        let left = |ui: &mut Ui| match line.phase {
+            None => {
+                let index = phases.iter().position(|phase| *phase == line.name).unwrap_or(0);
+                let (rect, _) = ui.allocate_exact_size(vec2(10.0, 10.0), Sense::hover());
+                let colour = if grey { palette.life } else { theme::phase(index) };
+                ui.painter().rect_filled(rect, 2.0, colour);
+                ui.add(Label::new(RichText::new(&line.name).family(theme::strong())).truncate())
+            }
+            Some(_) => {
+                ui.add_space(18.0);
+                let text = RichText::new(&line.name).color(palette.soft);
+                let width = (ui.available_width() - 2.0 * COLUMN - 24.0).max(40.0);
+                let size = vec2(width, ui.available_height());
+                ui.allocate_ui_with_layout(size, Layout::left_to_right(Align::Center), |ui| {
+                    ui.add(Label::new(text).truncate())
+                })
+                .inner
+            }
+        };
+        row(ui, left, |ui| numbers(ui, line.ms, grey));
+    }
+}
+
+fn memory(ui: &mut Ui, pieces: &[(String, u64)]) {
+    let total: u64 = pieces.iter().map(|(_, bytes)| bytes).sum();
+    heading(ui, format!("GPU memory: {}", dump::bytes(total)));
+    let mut pieces = pieces.to_vec();
+    pieces.sort_by_key(|(_, bytes)| std::cmp::Reverse(*bytes));
+    for (name, bytes) in &pieces {
+        let left = |ui: &mut Ui| {
+            let width = (ui.available_width() - COLUMN - 12.0).max(40.0);
+            let size = vec2(width, ui.available_height());
+            ui.allocate_ui_with_layout(size, Layout::left_to_right(Align::Center), |ui| {
+                ui.add(Label::new(name).truncate())
+            })
+            .inner
+        };
+        row(ui, left, |ui| cell(ui, dump::bytes(*bytes), false));
+    }
+}

@@ -1,0 +1,244 @@
+//! Draws the tools in their tiles and in floating windows, and applies clicks on their tabs.
+
+use super::layout::{self, Tool};
+use super::selection::Selection;
+use super::theme::Palette;
+use super::widgets::hint;
+use super::{Command, Panels, cameras, inspector, splat, timeline, times};
+use crate::view::history::History;
+use crate::view::viewer::Viewer;
+use egui::{Frame, Rect, Response, Ui, WidgetText};
+use egui_tiles::{SimplificationOptions, TileId, Tiles, UiResponse};
+use splatgraph_api::Device;
+
+impl Panels {
+    /// Draws the docked tools and the picture; returns the place of the picture.
+    pub(super) fn docked<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        viewer: &mut Viewer<D>,
+        window: &History,
+        commands: &mut Vec<Command>,
+    ) -> Rect {
+        self.layout.arrange(ui.max_rect(), self.hidden);
+        let empty = egui_tiles::Tree::empty(egui::Id::unique("no layout"));
+        let mut tree = std::mem::replace(&mut self.layout.tree, empty);
+        let picture = tree.tiles.find_pane(&Tool::Picture).unwrap_or(TileId::from_u64(0));
+        let (view, acts) = (Rect::NOTHING, Vec::new());
+        let mut tools = Tools { panels: self, viewer, window, commands, view, resized: false, acts, picture };
+        tree.ui(&mut tools, ui);
+        let Tools { view, resized, acts, .. } = tools;
+        self.layout.tree = tree;
+        if resized {
+            self.layout.remember_lengths();
+        }
+        for (tool, act) in acts {
+            match act {
+                Act::Close => self.layout.set_open(tool, false),
+                Act::Float => self.layout.set_floating(tool, true),
+            }
+        }
+        view
+    }
+
+    /// Draws the tools that float over the picture.
+    pub(super) fn floating<D: Device>(
+        &mut self,
+        ui: &Ui,
+        viewer: &mut Viewer<D>,
+        window: &History,
+        area: Rect,
+        commands: &mut Vec<Command>,
+    ) {
+        for tool in self.layout.floating(area.size()) {
+            let mut close = false;
+            let mut dock = false;
+            let shown = layout::float(ui, tool, area, &mut close, |ui| {
+                if ui.small_button("Dock").clicked() {
+                    dock = true;
+                }
+                self.tool(ui, tool, viewer, window, commands);
+            });
+            if let Some(shown) = shown {
+                self.controls.see(&format!("float:{}", tool.title()), shown.response.rect);
+            }
+            if close {
+                self.layout.set_open(tool, false);
+            } else if dock {
+                // Opened last, it is the one that gets the room.
+                self.layout.set_open(tool, false);
+                self.layout.reveal(tool);
+            }
+        }
+    }
+
+    /// Draws a tool.
+    fn tool<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        tool: Tool,
+        viewer: &mut Viewer<D>,
+        window: &History,
+        commands: &mut Vec<Command>,
+    ) {
+        match tool {
+            Tool::Picture => {}
+            Tool::Parameters => {
+                let scene = viewer.scene_path().display().to_string();
+                let Some(viewport) = viewer.viewport(self.selected) else { return };
+                let renderer = &mut viewport.renderer;
+                let command = format!("splatgraph render {scene} --pipeline {}", renderer.graph());
+                self.params.show(ui, renderer, &command, &mut self.controls);
+            }
+            Tool::Cameras => {
+                let selected = self.selected;
+                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                    ui.set_max_width((ui.available_width() - 10.0).max(0.0));
+                    cameras::show(ui, viewer, selected, &mut self.controls);
+                });
+            }
+            Tool::Times => {
+                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                    // Room for the scroll bar.
+                    ui.set_max_width((ui.available_width() - 10.0).max(0.0));
+                    let frame_ms: Vec<f64> = self.frame_ms.iter().copied().collect();
+                    let loaded = viewer.scene().count();
+                    if let Some(viewport) = viewer.viewport(self.selected) {
+                        times::show(ui, viewport, loaded, &frame_ms, window, &mut self.plotted);
+                    }
+                });
+            }
+            Tool::Inspector if self.selection == Some(Selection::Splat) => {
+                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                    ui.set_max_width((ui.available_width() - 10.0).max(0.0));
+                    splat::show(ui, viewer, &mut self.controls);
+                });
+            }
+            Tool::Inspector => {
+                let Some(viewport) = viewer.viewport(self.selected) else { return };
+                let mut target = inspector::Target {
+                    selection: &mut self.selection,
+                    commands,
+                    controls: &mut self.controls,
+                };
+                self.inspector.show(ui, viewport, &mut self.dumped, &mut target);
+            }
+            Tool::Timeline => {
+                let Some(viewport) = viewer.viewport(self.selected) else { return };
+                let Some(plan) = viewport.renderer.plan().cloned() else { return };
+                let measured = viewport.history.is_of(&plan);
+                let times = timeline::Times {
+                    passes: viewport.history.medians(&plan),
+                    unattributed: viewport.history.unattributed().filter(|_| measured),
+                    unreliable: measured && viewport.history.is_mostly_unattributed(),
+                };
+                let dump = self.dumped.of(&plan);
+                self.timeline.show(ui, dump, &times, &mut self.selection, &mut self.controls);
+            }
+        }
+    }
+}
+
+/// A click on the tab of a tool.
+enum Act {
+    Close,
+    Float,
+}
+
+/// What the tiles draw.
+struct Tools<'a, D: Device> {
+    panels: &'a mut Panels,
+    viewer: &'a mut Viewer<D>,
+    window: &'a History,
+    commands: &'a mut Vec<Command>,
+    /// Place of the picture.
+    view: Rect,
+    /// True if a border was dragged.
+    resized: bool,
+    acts: Vec<(Tool, Act)>,
+    /// The tile of the picture.
+    picture: TileId,
+}
+
+impl<D: Device> egui_tiles::Behavior<Tool> for Tools<'_, D> {
+    fn pane_ui(&mut self, ui: &mut Ui, _: TileId, tool: &mut Tool) -> UiResponse {
+        if *tool == Tool::Picture {
+            self.view = self.panels.view(ui, self.viewer);
+            return UiResponse::None;
+        }
+        let palette = Palette::of(ui);
+        self.panels.controls.see(&format!("tool:{}", tool.title()), ui.max_rect());
+        Frame::new().fill(palette.raised).inner_margin(8).show(ui, |ui| {
+            ui.set_min_size(ui.available_size());
+            self.panels.tool(ui, *tool, self.viewer, self.window, self.commands);
+        });
+        UiResponse::None
+    }
+
+    fn tab_title_for_pane(&mut self, tool: &Tool) -> WidgetText {
+        tool.title().into()
+    }
+
+    fn is_tab_closable(&self, tiles: &Tiles<Tool>, id: TileId) -> bool {
+        tiles.get_pane(&id).is_some_and(|tool| *tool != Tool::Picture)
+    }
+
+    fn on_tab_close(&mut self, tiles: &mut Tiles<Tool>, id: TileId) -> bool {
+        if let Some(tool) = tiles.get_pane(&id) {
+            self.acts.push((*tool, Act::Close));
+        }
+        // The tile keeps its place for the next time.
+        false
+    }
+
+    fn top_bar_right_ui(
+        &mut self,
+        tiles: &Tiles<Tool>,
+        ui: &mut Ui,
+        _: TileId,
+        tabs: &egui_tiles::Tabs,
+        _: &mut f32,
+    ) {
+        let Some(tool) = tabs.active.and_then(|id| tiles.get_pane(&id)).copied() else { return };
+        let float = ui.add(egui::Button::new("↗").frame(false));
+        if hint(float, "Undock: the tool floats over the picture").clicked() {
+            self.acts.push((tool, Act::Float));
+        }
+    }
+
+    fn is_tab_bar_visible(&self, _: TileId, tabs: &egui_tiles::Tabs) -> bool {
+        // The picture alone needs no title.
+        tabs.children.as_slice() != [self.picture]
+    }
+
+    fn on_tab_button(&mut self, tiles: &mut Tiles<Tool>, id: TileId, button: Response) -> Response {
+        if let Some(tool) = tiles.get_pane(&id) {
+            self.panels.controls.see(&format!("tab:{}", tool.title()), button.rect);
+        }
+        button
+    }
+
+    fn tab_bar_height(&self, _: &egui::Style) -> f32 {
+        28.0
+    }
+
+    fn gap_width(&self, _: &egui::Style) -> f32 {
+        layout::LINE
+    }
+
+    fn min_size(&self) -> f32 {
+        96.0
+    }
+
+    fn simplification_options(&self) -> SimplificationOptions {
+        layout::RULES
+    }
+
+    fn on_edit(&mut self, action: egui_tiles::EditAction) {
+        self.resized |= action == egui_tiles::EditAction::TileResized;
+    }
+
+    fn tab_bar_color(&self, visuals: &egui::Visuals) -> egui::Color32 {
+        Palette::in_mode(visuals.dark_mode).band
+    }
+}

@@ -1,0 +1,291 @@
+//! Draws the bar at the top: scene, camera and graph, the comparison, the tools, and how fast it is.
+
+use super::hud;
+use super::layout::Tool;
+use super::theme::{self, GRID, Palette};
+use super::widgets::{self, hint};
+use super::{Command, Panels, presets::file_name};
+use crate::view::events::RendererId;
+use crate::view::paint::Mode;
+use crate::view::profile::CAPTURES;
+use crate::view::viewer::Viewer;
+use egui::{Align, Button, Layout, Popup, PopupCloseBehavior, Response, RichText, Ui};
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, grouped};
+
+/// Width of a drop-down list, in points.
+const LIST: f32 = 400.0;
+
+/// Width of the buttons with titles of files, in points.
+const TITLE: f32 = 132.0;
+
+/// Room for the time of a frame, and for device and splats beside it, in points.
+const TIME: f32 = 120.0;
+const DEVICE: f32 = 320.0;
+
+/// Draws a button that opens a list below it. The list stays open while it is used.
+fn drop_down(ui: &mut Ui, text: &str, width: f32, contents: impl FnOnce(&mut Ui)) -> Response {
+    // As wide for every text: what stands beside it does not move.
+    let button = ui.add_sized([width, theme::ROW], Button::new(format!("{text}  ▼")).truncate());
+    Popup::menu(&button).close_behavior(PopupCloseBehavior::CloseOnClickOutside).width(LIST).show(|ui| {
+        ui.set_min_width(LIST);
+        contents(ui);
+    });
+    button
+}
+
+/// Limits a title in the bar to its end, which tells files apart.
+fn short(text: &str) -> String {
+    const MOST: usize = 15;
+    let count = text.chars().count();
+    if count <= MOST {
+        text.to_owned()
+    } else {
+        format!("…{}", text.chars().skip(count - MOST).collect::<String>())
+    }
+}
+
+impl Panels {
+    /// Draws the bar.
+    pub(super) fn top_bar<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        viewer: &mut Viewer<D>,
+        commands: &mut Vec<Command>,
+    ) {
+        let mut compare = viewer.compare;
+        ui.horizontal_wrapped(|ui| {
+            ui.spacing_mut().item_spacing.x = GRID;
+            self.scene_list(ui, viewer, commands);
+            self.camera_list(ui, viewer);
+            self.graph_list(ui, viewer, commands);
+            ui.separator();
+            for (name, mode) in [("A", Mode::A), ("A | B", Mode::Split), ("A − B", Mode::Difference)] {
+                let response = ui.selectable_value(&mut compare, mode, name);
+                let (control, about) = match mode {
+                    Mode::A => ("compare:off", "Show A alone"),
+                    Mode::Split => ("compare:split", "A and B side by side; drag the line between them"),
+                    Mode::Difference => ("compare:difference", "The amplified difference of A and B"),
+                };
+                self.controls.see(control, response.rect);
+                hint(response, about);
+            }
+            if compare != Mode::A {
+                self.comparison_controls(ui, viewer, compare);
+            }
+            ui.separator();
+            self.tool_toggles(ui);
+            ui.separator();
+            self.view_menu(ui, viewer, commands);
+            if ui.available_width() > TIME {
+                ui.with_layout(Layout::right_to_left(Align::Center), |ui| self.readout(ui, viewer));
+            }
+        });
+        if compare != viewer.compare {
+            viewer.choose_compare(compare);
+        }
+    }
+
+    fn scene_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
+        let path = viewer.scene_path().to_owned();
+        self.recent.retain(|recent| *recent != path);
+        self.recent.insert(0, path.clone());
+        let mut chosen = None;
+        let button = drop_down(ui, &short(&file_name(&path.to_string_lossy())), TITLE, |ui| {
+            if ui.button("Open a file…").clicked() {
+                commands.push(Command::Open);
+                ui.close();
+            }
+            ui.weak("Scenes of this window");
+            for recent in &self.recent {
+                let text = file_name(&recent.to_string_lossy());
+                let item = ui.selectable_label(*recent == path, text);
+                self.controls.see(&format!("scene:{}", recent.display()), item.rect);
+                if hint(item, recent.display().to_string()).clicked() && *recent != path {
+                    chosen = Some(recent.clone());
+                    ui.close();
+                }
+            }
+        });
+        self.controls.see("scene", button.rect);
+        hint(button, format!("Scene: {}", path.display()));
+        if let Some(path) = chosen {
+            viewer.open_scene(&path);
+        }
+    }
+
+    fn camera_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+        let names: Vec<String> = viewer.cameras.iter().enumerate().map(camera_name).collect();
+        let now = viewer.camera.and_then(|index| names.get(index)).cloned();
+        let mut chosen = None;
+        let title = now.unwrap_or_else(|| "free camera".to_owned());
+        let button = drop_down(ui, &short(&title), TITLE, |ui| {
+            if names.is_empty() {
+                ui.weak("Drop a cameras.json on the window to list its cameras.");
+            }
+            egui::ScrollArea::vertical().max_height(320.0).show(ui, |ui| {
+                for (index, name) in names.iter().enumerate() {
+                    let item = ui.selectable_label(viewer.camera == Some(index), name);
+                    self.controls.see(&format!("camera:{index}"), item.rect);
+                    if item.clicked() {
+                        chosen = Some(index);
+                        ui.close();
+                    }
+                }
+            });
+        });
+        self.controls.see("camera", button.rect);
+        hint(button, "Camera ([ and ] go through the list)");
+        if let Some(index) = chosen {
+            viewer.look_through(index);
+        }
+    }
+
+    fn graph_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
+        let selected = self.selected;
+        let Some(viewport) = viewer.viewport(selected) else { return };
+        let (presets, controls) = (&mut self.presets, &mut self.controls);
+        let title = short(&file_name(viewport.renderer.graph()));
+        let title = if selected == RendererId::B { format!("B: {title}") } else { title };
+        let button = drop_down(ui, &title, TITLE, |ui| {
+            if presets.show(ui, &mut viewport.renderer, controls, commands) {
+                ui.close();
+            }
+        });
+        controls.see("graph", button.rect);
+        let about = viewport.renderer.plan().map_or(String::new(), |plan| format!("\n{}", plan.summary));
+        hint(button, format!("Graph: {}{about}", viewport.renderer.graph()));
+    }
+
+    fn comparison_controls<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, compare: Mode) {
+        ui.separator();
+        ui.weak("edit");
+        for (name, id) in [("A", RendererId::A), ("B", RendererId::B)] {
+            let response = ui.selectable_value(&mut self.selected, id, name);
+            self.controls.see(&format!("viewport:{name}"), response.rect);
+            hint(response, format!("All tools show {name}: its graph, parameters and times"));
+        }
+        let swap = ui.button("Swap");
+        self.controls.see("swap", swap.rect);
+        if hint(swap, "Exchange A and B").clicked() {
+            viewer.exchange();
+        }
+        let measure = ui.add_enabled(!viewer.is_comparing(), Button::new("Measure"));
+        self.controls.see("measure", measure.rect);
+        if hint(measure, "Compute PSNR, SSIM and the worst pixel of this view").clicked() {
+            viewer.measure();
+            self.marked = false;
+        }
+        if compare == Mode::Difference {
+            let gain = egui::DragValue::new(&mut viewer.gain).range(0.0..=65_536.0).speed(0.1).prefix("x ");
+            let gain = ui.add(gain.clamp_existing_to_range(false).update_while_editing(false));
+            self.controls.see("gain", gain.rect);
+            hint(gain, "Amplification of the difference");
+        }
+    }
+
+    fn tool_toggles(&mut self, ui: &mut Ui) {
+        for tool in Tool::ALL {
+            let mut open = self.layout.is_open(tool);
+            let response = ui.toggle_value(&mut open, tool.title());
+            self.controls.see(&format!("panel:{}", tool.title()), response.rect);
+            if response.clicked() {
+                if open {
+                    self.layout.reveal(tool);
+                } else {
+                    self.layout.set_open(tool, false);
+                }
+            }
+        }
+    }
+
+    fn view_menu<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
+        let button = drop_down(ui, "View", 72.0, |ui| {
+            ui.horizontal(|ui| {
+                let undo = ui.add_enabled(self.undo.can_undo(), Button::new("Undo"));
+                self.controls.see("undo", undo.rect);
+                self.undo_now |= undo.clicked();
+                let redo = ui.add_enabled(self.undo.can_redo(), Button::new("Redo"));
+                self.controls.see("redo", redo.rect);
+                self.redo_now |= redo.clicked();
+            });
+            ui.checkbox(&mut self.hud, "Times and messages on the picture");
+            let continuous = ui.checkbox(&mut viewer.continuous, "Draw continuously (C)");
+            self.controls.see("continuous", continuous.rect);
+            hint(continuous, "Draws every frame, also while nothing changes, to measure times");
+            if ui.checkbox(&mut self.vsync, "Wait for the display (V)").changed() {
+                commands.push(Command::Vsync(self.vsync));
+            }
+            let mut light = ui.theme() == egui::Theme::Light;
+            let theme = ui.checkbox(&mut light, "Light theme (T)");
+            self.controls.see("theme", theme.rect);
+            if theme.clicked() {
+                ui.set_theme(if light { egui::Theme::Light } else { egui::Theme::Dark });
+            }
+            ui.horizontal(|ui| {
+                ui.label("Pixels per pixel of the window");
+                let scale = egui::DragValue::new(&mut viewer.scale).range(0.05..=4.0).speed(0.01);
+                let scale = ui.add(scale.clamp_existing_to_range(false).update_while_editing(false));
+                self.controls.see("scale", scale.rect);
+            });
+            ui.horizontal(|ui| {
+                ui.label("Background");
+                ui.color_edit_button_rgb(&mut viewer.background);
+            });
+            if ui.button("Save the window (F12)").clicked() {
+                commands.push(Command::Screenshot);
+                ui.close();
+            }
+            if ui.button("Save the picture (Shift + F12)").clicked() {
+                commands.push(Command::SavePicture);
+                ui.close();
+            }
+            if let Some(with) = CAPTURES
+                && ui.button(format!("Capture the next frame with {with}")).clicked()
+            {
+                commands.push(Command::Capture);
+                ui.close();
+            }
+            if ui.button("Full screen (F11)").clicked() {
+                commands.push(Command::Fullscreen);
+                ui.close();
+            }
+            if ui.button("Keys and mouse (F1)").clicked() {
+                self.help = true;
+                ui.close();
+            }
+        });
+        self.controls.see("menu", button.rect);
+    }
+
+    /// Draws frame time, rate, device and splats at the right end.
+    fn readout<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+        let palette = Palette::of(ui);
+        let splats = format!("{} splats", grouped(viewer.scene().count().into()));
+        let frame_ms: Vec<f64> = self.frame_ms.iter().copied().collect();
+        let Some(viewport) = viewer.viewport(self.selected) else { return };
+        let mut parts = Vec::new();
+        if let Some(total) = viewport.history.total() {
+            parts.push(widgets::time(total.median));
+        }
+        parts.extend(hud::rate(&frame_ms).map(|rate| format!("{rate} fps")));
+        let time = parts.join("  ");
+        if ui.available_width() < TIME + DEVICE {
+            ui.label(RichText::new(time).family(theme::strong()));
+            return;
+        }
+        let device = viewport.renderer.info().name.clone();
+        let rest = ui.add(
+            egui::Label::new(RichText::new(format!("{device}   {splats}")).color(palette.soft)).truncate(),
+        );
+        hint(rest, format!("{device}\n{splats}"));
+        ui.label(RichText::new(time).family(theme::strong()));
+    }
+}
+
+fn camera_name((index, camera): (usize, &Camera)) -> String {
+    match camera.img_name.as_str() {
+        "" => format!("camera {index}"),
+        name => format!("{index}: {name}"),
+    }
+}

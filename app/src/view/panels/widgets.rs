@@ -1,0 +1,131 @@
+//! Draws the small parts that the panels share: rows, hints beside controls, numbers and sparklines.
+
+use super::theme::{self, Palette, ROW, TEXT};
+use egui::Tooltip;
+use egui::{
+    Align, FontId, Layout, Painter, Pos2, Rect, RectAlign, Response, RichText, Stroke, Ui, Vec2, pos2,
+};
+
+/// Sides for a hint; it never covers its control.
+const SIDES: [RectAlign; 6] = [
+    RectAlign::RIGHT_START,
+    RectAlign::LEFT_START,
+    RectAlign::BOTTOM_START,
+    RectAlign::BOTTOM_END,
+    RectAlign::TOP_START,
+    RectAlign::TOP_END,
+];
+
+/// Shows a hint beside a hovered control, on a side where it covers nothing of it.
+pub fn hint(response: Response, text: impl Into<egui::WidgetText>) -> Response {
+    let mut tooltip =
+        if response.enabled() { Tooltip::for_enabled(&response) } else { Tooltip::for_disabled(&response) };
+    tooltip.popup = tooltip.popup.align(SIDES[0]).align_alternatives(&SIDES[1..]);
+    let text = text.into();
+    tooltip.show(|ui| {
+        ui.set_max_width(ui.spacing().tooltip_width);
+        ui.label(text);
+    });
+    response
+}
+
+/// Draws a row with one part at its left and one at its right.
+pub fn row(ui: &mut Ui, left: impl FnOnce(&mut Ui) -> Response, right: impl FnOnce(&mut Ui)) -> Response {
+    ui.horizontal(|ui| {
+        ui.set_min_height(ROW - 4.0);
+        let response = left(ui);
+        ui.with_layout(Layout::right_to_left(Align::Center), right);
+        response
+    })
+    .inner
+}
+
+/// Draws a name and its value in a row.
+pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
+    let palette = Palette::of(ui);
+    ui.horizontal(|ui| {
+        ui.set_min_height(ROW - 4.0);
+        ui.label(RichText::new(name).color(palette.soft));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.add(egui::Label::new(value.into()).truncate());
+        });
+    });
+}
+
+/// Draws the heading of a part of a panel.
+pub fn heading(ui: &mut Ui, text: impl Into<String>) {
+    ui.add_space(theme::GRID);
+    ui.label(RichText::new(text).family(theme::strong()));
+}
+
+/// Draws text that can be clicked.
+pub fn link(ui: &mut Ui, text: impl Into<String>) -> Response {
+    ui.add(egui::Link::new(RichText::new(text).color(Palette::of(ui).accent)))
+}
+
+/// Formats a time with three significant digits: `0.153 ms`, `12.4 ms`, `5.75 s`.
+pub fn time(ms: f64) -> String {
+    let (value, unit) = if ms >= 999.5 { (ms / 1e3, "s") } else { (ms, "ms") };
+    format!("{} {unit}", three_digits(value))
+}
+
+/// Formats a number with three significant digits, at most three of them behind the point.
+pub fn three_digits(value: f64) -> String {
+    match value.abs() {
+        v if v >= 99.95 => format!("{value:.0}"),
+        v if v >= 9.995 => format!("{value:.1}"),
+        v if v >= 0.9995 => format!("{value:.2}"),
+        _ => format!("{value:.3}"),
+    }
+}
+
+/// Draws values as a line, oldest at the left, from 0 at the bottom to the largest at the top.
+pub fn sparkline(painter: &Painter, rect: Rect, values: &[f64], stroke: Stroke) {
+    let most = values.iter().copied().fold(0.0, f64::max);
+    if values.len() < 2 || most <= 0.0 || !most.is_finite() {
+        return;
+    }
+    let step = rect.width() / (values.len() - 1) as f32;
+    let point = |(index, value): (usize, &f64)| {
+        pos2(rect.left() + index as f32 * step, rect.bottom() - rect.height() * (value / most) as f32)
+    };
+    painter.line(values.iter().enumerate().map(point).collect(), stroke);
+}
+
+/// Lays out one line of text, cut off with an ellipsis at `width`.
+pub fn elided(
+    ui: &Ui,
+    text: &str,
+    font: FontId,
+    colour: egui::Color32,
+    width: f32,
+) -> std::sync::Arc<egui::Galley> {
+    let mut job = egui::text::LayoutJob::simple_singleline(text.to_owned(), font, colour);
+    job.wrap = egui::text::TextWrapping::truncate_at_width(width);
+    ui.fonts_mut(|fonts| fonts.layout_job(job))
+}
+
+/// Draws text in a rectangle, vertically centred, cut off at its right.
+pub fn text_in(ui: &Ui, painter: &Painter, rect: Rect, text: &str, colour: egui::Color32) {
+    let galley = elided(ui, text, FontId::proportional(TEXT), colour, rect.width());
+    let top = rect.center().y - galley.size().y / 2.0;
+    painter.galley(pos2(rect.left(), top), galley, colour);
+}
+
+/// Draws a diamond around a point: the sign of a barrier.
+pub fn diamond(painter: &Painter, at: Pos2, radius: f32, fill: egui::Color32, stroke: Stroke) {
+    let corners = [Vec2::UP, Vec2::RIGHT, Vec2::DOWN, Vec2::LEFT].map(|side| at + radius * side);
+    painter.add(egui::Shape::convex_polygon(corners.to_vec(), fill, stroke));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_three_significant_digits_and_seconds_from_one_second_on() {
+        let texts = [0.0456, 0.1234, 1.2345, 12.345, 123.45, 999.4, 999.6, 5749.871].map(time);
+        let expected = ["0.046 ms", "0.123 ms", "1.23 ms", "12.3 ms", "123 ms", "999 ms", "1.00 s", "5.75 s"];
+        assert_eq!(texts, expected);
+    }
+}

@@ -1,0 +1,198 @@
+//! Picking, playing a path, and saved views in the viewer, on a device that executes nothing.
+
+use super::script::{Script, arrange};
+use crate::pick;
+use crate::view::events::Event;
+use crate::view::navigation::{Buttons, Input};
+use crate::view::viewer::Viewer;
+use splatgraph_assets::{Camera, synth};
+use splatgraph_null::{Config, Null};
+use std::path::Path;
+
+/// An origin whose coordinates are no short binary fractions, so that the world's coordinates round a camera.
+const FAR: [f64; 3] = [512_345.1, -4_000_000.7, 1_000.3];
+
+/// Visits a viewer that has drawn its scene, as it is changed before it is opened.
+fn visit(change: impl FnOnce(&Path), steps: impl FnOnce(&mut Script)) -> Vec<Event> {
+    let folder = tempfile::tempdir().expect("a folder");
+    arrange(folder.path());
+    change(folder.path());
+    let mut script = Script::open(folder.path(), &Config::default());
+    script.settle();
+    steps(&mut script);
+    let (_, events, _) = script.close(&[]);
+    events
+}
+
+fn wait(seconds: f64) -> Input {
+    Input { size: [320.0, 180.0], seconds, ..Input::default() }
+}
+
+fn drag(x: f64, y: f64) -> Input {
+    Input { moved: [x, y], buttons: Buttons { left: true, ..Buttons::default() }, ..wait(0.01) }
+}
+
+/// Records three keys of an orbit, and goes back to the first.
+fn record(viewer: &mut Viewer<Null>) {
+    for _ in 0..3 {
+        viewer.record_key(usize::MAX).expect("a sound camera");
+        viewer.navigate(&drag(120.0, 15.0));
+    }
+    viewer.seek_path(0.0);
+}
+
+#[test]
+fn splats_are_picked_in_the_last_picture_until_another_scene_is_shown() {
+    visit(
+        |_| {},
+        |script| {
+            assert!(script.viewer().picked.is_none());
+            script.viewer().pick([160.7, 90.2]);
+            assert!(script.viewer().is_picking());
+            script.until("the splats", |script| script.viewer().picked.is_some());
+            let viewer = script.viewer();
+            let camera = viewer.picture_camera();
+            assert_eq!((camera.width, camera.height), (320, 180));
+            let expected = pick::pick(viewer.scene(), &camera, [160, 90], &|| false);
+            assert_eq!(viewer.picked, expected);
+            assert!(viewer.picked.as_ref().is_some_and(|picked| picked.splats.len() > 1));
+            for outside in [[320.0, 0.0], [0.0, 180.0], [-0.1, 5.0], [f32::NAN, 5.0]] {
+                viewer.pick([160.7, 90.2]);
+                viewer.pick(outside);
+                assert!(viewer.picked.is_none() && !viewer.is_picking(), "{outside:?}");
+            }
+            viewer.pick([160.7, 90.2]);
+            let second = script.path("second.ply");
+            script.viewer().open(&second);
+            script.until("the scene", |script| script.viewer().scene().count() == 200);
+            assert!(script.viewer().picked.is_none());
+        },
+    );
+}
+
+#[test]
+fn a_path_moves_the_camera_until_the_user_does() {
+    let events = visit(
+        |folder| {
+            let scene = synth::generate("uniform", 100, 0).expect("the scene is generated").with_offset(FAR);
+            scene.write_ply(folder.join("first.ply")).expect("the scene is written");
+        },
+        |script| {
+            let viewer = script.viewer();
+            record(viewer);
+            let offset = viewer.scene().offset();
+            assert!(offset.iter().all(|v| v.abs() > 100.0), "{offset:?}");
+            let shown = |viewer: &Viewer<Null>, seconds: f64| {
+                let expected = viewer.path.at(seconds).expect("a camera").relative_to(offset);
+                viewer.navigation.camera(320, 180) == expected
+            };
+            assert!(shown(viewer, 0.0) && !viewer.is_moving());
+            viewer.play.play(&viewer.path);
+            assert!(viewer.is_moving());
+            assert!(viewer.navigate(&wait(60.0)) && shown(viewer, 0.0));
+            assert!(viewer.navigate(&wait(2.0)) && shown(viewer, 2.0));
+            viewer.navigate(&wait(1.0));
+            assert!(shown(viewer, 3.0));
+            // The user goes on from there.
+            assert!(viewer.navigate(&drag(1.0, 0.0)));
+            assert!(!viewer.play.is_playing() && viewer.play.position() > 3.0);
+            let near = viewer.path.at(3.01).expect("a camera").relative_to(offset);
+            let now = viewer.navigation.camera(320, 180);
+            let away = (0..3).map(|i| (near.position[i] - now.position[i]).abs()).fold(0.0, f64::max);
+            assert!(away < 0.1 && !viewer.navigate(&wait(1.0)), "{away}");
+            // Whatever else moves the camera ends it, too: a button, a selected camera, a file.
+            for other in 0..3 {
+                viewer.play.play(&viewer.path);
+                viewer.navigate(&wait(0.0));
+                viewer.navigate(&wait(0.5));
+                assert!(viewer.play.is_playing());
+                match other {
+                    0 => viewer.navigation.home(),
+                    1 => viewer.navigation.set_field_of_view(33.0),
+                    _ => viewer.set_cameras(vec![Camera::framing(viewer.scene(), 64, 36)]),
+                }
+                let moved = viewer.navigation.camera(320, 180);
+                viewer.navigate(&wait(0.5));
+                assert!(!viewer.play.is_playing(), "{other}");
+                assert_eq!(viewer.navigation.camera(320, 180), moved, "{other}");
+            }
+            // Seeking moves it, and playing goes on.
+            viewer.play.play(&viewer.path);
+            viewer.navigate(&wait(0.0));
+            viewer.seek_path(7.0);
+            assert!(shown(viewer, 7.0));
+            viewer.navigate(&wait(0.25));
+            assert!(viewer.play.is_playing() && shown(viewer, 7.25));
+            viewer.navigate(&wait(99.0));
+            assert!(!viewer.play.is_playing() && shown(viewer, 10.0));
+        },
+    );
+    assert!(!events.iter().any(|event| matches!(event, Event::Problem { .. })), "{events:#?}");
+}
+
+#[test]
+fn views_and_paths_come_back_from_their_files_and_show_the_same_picture() {
+    for offset in [[0.0; 3], FAR] {
+        visit(
+            |folder| {
+                let scene =
+                    synth::generate("uniform", 100, 0).expect("the scene is generated").with_offset(offset);
+                scene.write_ply(folder.join("first.ply")).expect("the scene is written");
+            },
+            |script| {
+                let (file, path) = (script.path("saved.json"), script.path("path.json"));
+                let viewer = script.viewer();
+                record(viewer);
+                let keys = viewer.path.keys().to_vec();
+                viewer.navigate(&drag(33.0, -7.0));
+                assert_eq!(viewer.save_view("front"), 0);
+                let picture = viewer.picture_camera();
+                viewer.navigate(&drag(-200.0, 3.0));
+                viewer.save_view("front");
+                viewer.write_views(&file).expect("views are written");
+                viewer.write_path(&path).expect("the path is written");
+                viewer.look_through_view(0);
+                let named = Camera { img_name: "front".into(), ..picture.clone() };
+                assert_eq!(viewer.picture_camera(), named, "to the bit");
+                viewer.path.set_keys(Vec::new()).expect("no key is unusable");
+                viewer.open_views(&file);
+                viewer.open_path(&path);
+                script.until("the files", |script| {
+                    !script.viewer().busy() && !script.viewer().path.keys().is_empty()
+                });
+                let viewer = script.viewer();
+                assert_eq!(viewer.path.keys(), keys);
+                let names: Vec<&str> =
+                    viewer.views.list().iter().map(|view| view.img_name.as_str()).collect();
+                assert_eq!(names, ["front", "front 2", "front 3", "front 2 2"]);
+                assert_eq!(viewer.views.list()[2].position, viewer.views.list()[0].position);
+                viewer.look_through_view(2);
+                let named = Camera { img_name: "front 3".into(), ..picture };
+                assert_eq!(viewer.picture_camera(), named, "to the bit, from the file");
+                // The scene's own cameras are others.
+                assert!(viewer.cameras.is_empty());
+            },
+        );
+    }
+}
+
+#[test]
+fn a_file_that_is_no_list_of_cameras_changes_no_view_and_no_path() {
+    let events = visit(
+        |folder| std::fs::write(folder.join("bad.json"), "[{}]").expect("it is written"),
+        |script| {
+            let file = script.path("bad.json");
+            record(script.viewer());
+            script.viewer().save_view("own");
+            script.viewer().open_views(&file);
+            script.viewer().open_path(&file);
+            script.until("both errors", |script| {
+                let failed = |event: &&Event| matches!(event, Event::FileFailed { .. });
+                script.events.iter().filter(failed).count() == 2
+            });
+            assert_eq!((script.viewer().views.list().len(), script.viewer().path.keys().len()), (1, 3));
+        },
+    );
+    let text = events.iter().find(|event| matches!(event, Event::FileFailed { .. })).map(ToString::to_string);
+    assert!(text.is_some_and(|text| text.contains("camera 0: missing field")), "{events:#?}");
+}

@@ -1,0 +1,222 @@
+//! A viewer in which nothing changes submits no frame, and one after each change; and a picture that takes long.
+
+use super::script::{Script, arrange};
+use crate::view::events::{Event, RendererId};
+use crate::view::navigation::{Input, Keys};
+use splatgraph_api::BufferContents;
+use splatgraph_assets::Camera;
+use splatgraph_framework::ir::Value;
+use splatgraph_null::Config;
+use tempfile::TempDir;
+
+/// Opens a viewer that draws only what changes, and lets it come to rest.
+fn resting() -> (Script, TempDir) {
+    let folder = tempfile::tempdir().expect("a folder");
+    arrange(folder.path());
+    let mut script = Script::open(folder.path(), &Config::default());
+    script.viewer().continuous = false;
+    script.settle();
+    script.rest();
+    script.submissions();
+    (script, folder)
+}
+
+/// Draws frames until the viewer rests; returns how many frames were submitted.
+fn submitted(script: &mut Script) -> usize {
+    script.rest();
+    script.submissions()
+}
+
+#[test]
+fn nothing_is_submitted_while_nothing_changes() {
+    let (mut script, _folder) = resting();
+    for _ in 0..100 {
+        let frame = script.frame(false).expect("the device is not lost");
+        assert!(!frame.drawn && frame.next.is_none());
+    }
+    assert_eq!(script.submissions(), 0);
+    script.close(&[]);
+}
+
+#[test]
+fn a_picture_and_the_window_are_submitted_after_each_change_of_the_picture() {
+    let (mut script, _folder) = resting();
+    script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
+    assert_eq!(submitted(&mut script), 2, "a live parameter");
+    let orbit =
+        Input { keys: Keys { orbit_left: true, ..Keys::default() }, seconds: 0.1, ..Input::default() };
+    assert!(script.viewer().navigation.update(&orbit));
+    assert_eq!(submitted(&mut script), 2, "the camera");
+    script.viewer().background = [0.5; 3];
+    assert_eq!(submitted(&mut script), 2, "the background");
+    script.resize((200, 100));
+    let frames = submitted(&mut script);
+    assert!((2..10).contains(&frames), "{frames} frames for a new size");
+    script.viewer().a.want_picture();
+    assert_eq!(submitted(&mut script), 2, "a picture to save");
+    assert!(script.viewer().a.take_picture().is_some_and(|picture| picture.is_ok()));
+    script.viewer().a.look_at("keys", "key");
+    assert!(submitted(&mut script) > 0);
+    let inspection = script.viewer().a.inspection.take().expect("there is an inspection");
+    assert!(matches!(inspection.found, Some(Ok(_))));
+    script.close(&[]);
+}
+
+#[test]
+fn the_window_alone_is_submitted_after_a_change_of_the_window() {
+    let (mut script, _folder) = resting();
+    script.panels().hidden = false;
+    script.rest();
+    script.submissions();
+    script.panels().help = true;
+    assert!(submitted(&mut script) > 0);
+    let drawn = script.viewer().a.renderer.submitted();
+    script.panels().help = false;
+    assert!(submitted(&mut script) > 0);
+    assert_eq!(script.viewer().a.renderer.submitted(), drawn, "the scene is drawn for the window's sake");
+    // The window system has lost what it showed.
+    let frame = script.redraw().expect("the device is not lost");
+    assert!(frame.drawn);
+    assert_eq!(submitted(&mut script), 1);
+    script.close(&[]);
+}
+
+#[test]
+fn a_key_after_a_rest_moves_the_camera_by_one_frame_and_on_while_it_is_held() {
+    let (mut script, _folder) = resting();
+    let angle = |script: &mut Script, from: &Camera| {
+        let [one, other] = [from, &script.viewer().navigation.camera(64, 36)].map(|camera| camera.axes()[2]);
+        one.iter().zip(other).map(|(a, b)| a * b).sum::<f64>().clamp(-1.0, 1.0).acos()
+    };
+    let key = |pressed| {
+        let (key, modifiers) = (egui::Key::ArrowLeft, egui::Modifiers::NONE);
+        vec![egui::Event::Key { key, physical_key: None, pressed, repeat: false, modifiers }]
+    };
+    let start = script.viewer().navigation.camera(64, 36);
+    script.sleep(100);
+    script.input = key(true);
+    let next = script.frame(false).expect("the device is not lost").next;
+    let first = angle(&mut script, &start);
+    assert!((0.001..0.03).contains(&first), "{first} radians in a frame");
+    assert!(next.is_some(), "a key that is held goes on");
+    for _ in 0..9 {
+        script.frame(false);
+    }
+    let ten = angle(&mut script, &start);
+    assert!((5.0 * first..15.0 * first).contains(&ten), "{ten} radians in ten frames, {first} in the first");
+    script.input = key(false);
+    script.rest();
+    let end = script.viewer().navigation.camera(64, 36);
+    for _ in 0..10 {
+        script.frame(false);
+    }
+    assert_eq!(script.viewer().navigation.camera(64, 36), end);
+    script.close(&[]);
+}
+
+#[test]
+fn the_first_plan_has_the_size_of_the_view_beside_the_panels() {
+    let folder = tempfile::tempdir().expect("a folder");
+    arrange(folder.path());
+    let mut script = Script::open(folder.path(), &Config::default());
+    script.panels().hidden = false;
+    script.resize((1200, 700));
+    script.settle();
+    let (_, events, _) = script.close(&[]);
+    let causes = |event: &Event| match event {
+        Event::Swapped { renderer: RendererId::A, swap } => Some(swap.causes.to_string()),
+        _ => None,
+    };
+    assert_eq!(events.iter().filter_map(causes).collect::<Vec<_>>(), ["start"]);
+}
+
+#[test]
+fn a_graph_with_a_history_is_drawn_all_the_time() {
+    let (mut script, _folder) = resting();
+    let graph = script.path("graph.ron");
+    let text = std::fs::read_to_string(&graph).expect("the graph");
+    let keys = "\"keys\": Buffer(stride: 4, count: \"max(n, entries)\"";
+    assert!(text.contains(keys));
+    std::fs::write(&graph, text.replace(keys, &format!("{keys}, history: true"))).expect("it is written");
+    script.until("the history", |script| {
+        let plan = script.viewer().a.renderer.plan().expect("a plan");
+        plan.resources.iter().any(|resource| resource.history.is_some())
+    });
+    script.settle();
+    script.submissions();
+    let frames = 20;
+    for _ in 0..frames {
+        let frame = script.frame(false).expect("the device is not lost");
+        assert!(frame.next.is_some());
+    }
+    assert_eq!(script.submissions(), 2 * frames);
+    script.close(&[]);
+}
+
+#[test]
+fn what_is_asked_for_all_the_time_is_drawn_all_the_time() {
+    let (mut script, _folder) = resting();
+    script.viewer().continuous = true;
+    for _ in 0..20 {
+        assert!(script.frame(false).is_some_and(|frame| frame.drawn && frame.next.is_some()));
+    }
+    assert_eq!(script.submissions(), 40);
+    script.viewer().continuous = false;
+    script.rest();
+    script.close(&[]);
+}
+
+#[test]
+fn the_window_is_drawn_while_a_device_of_the_scene_hangs() {
+    let folder = tempfile::tempdir().expect("a folder");
+    arrange(folder.path());
+    let mut script = Script::open_apart(folder.path(), &Config::default());
+    script.viewer().continuous = false;
+    script.settle();
+    script.rest();
+    let (shown, _) = script.viewer().pictures()[0].clone().expect("a picture");
+    assert!(matches!(shown.pixels, BufferContents::Bytes(_)), "the window's device cannot read the scene's");
+    script.set_hanging(true);
+    script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
+    script.until("the frame that hangs", |script| script.in_flight());
+    // Another change waits for its end; the window does not.
+    script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.75)));
+    let drawn = script.viewer().a.renderer.submitted();
+    for hidden in [false, true] {
+        script.panels().hidden = hidden;
+        let drawn = |script: &mut Script| script.frame(false).is_some_and(|frame| frame.drawn);
+        assert!((0..50).any(|_| drawn(&mut script)), "the window shows its tools, or none");
+    }
+    script.resize((200, 100));
+    script.until("the new size", |script| script.window_size() == (200, 100));
+    script.until("the name of the frame", |script| script.stalled().is_some());
+    assert!(script.viewer().a.renderer.submitted() <= drawn + 1);
+    assert!(script.in_flight());
+    script.set_hanging(false);
+    script.rest();
+    assert!(script.viewer().a.renderer.submitted() > drawn);
+    script.close(&[]);
+}
+
+#[test]
+fn the_window_does_not_queue_up_behind_a_picture_that_hangs() {
+    let (mut script, _folder) = resting();
+    script.panels().hidden = false;
+    script.rest();
+    script.set_hanging(true);
+    script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
+    script.until("the frame that hangs", |script| script.in_flight());
+    std::thread::sleep(std::time::Duration::from_millis(200));
+    script.submissions();
+    script.panels().help = true;
+    for _ in 0..20 {
+        let frame = script.frame(false).expect("the device is not lost");
+        assert!(!frame.drawn, "{:?}", script.stalled());
+    }
+    assert_eq!(script.submissions(), 0);
+    assert!(script.stalled().is_some_and(|running| running.place.contains("of `")));
+    script.set_hanging(false);
+    script.rest();
+    assert!(script.submissions() > 0);
+    script.close(&[]);
+}

@@ -1,0 +1,203 @@
+//! Undoes and redoes what a person changed: scene, graphs, parameters, comparison, background, resolution.
+//!
+//! After each frame the viewer's [`Settings`] are compared with those before. A change that has come to rest (no button is held) becomes
+//! a step. Changes that the program makes by itself, such as dropping a parameter that a new graph lacks, become part of the
+//! step before.
+
+use super::events::RendererId;
+use super::paint::Mode;
+use super::renderer::Renderer;
+use super::viewer::Viewer;
+use indexmap::IndexMap;
+use splatgraph_api::Device;
+use std::path::PathBuf;
+
+/// Greatest number of steps.
+const STEPS: usize = 200;
+
+/// The graph and parameters of a viewport.
+#[derive(Clone, Debug, PartialEq)]
+struct Side {
+    graph: String,
+    set: IndexMap<String, String>,
+}
+
+/// Everything that a person sets, except the camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    scene: PathBuf,
+    a: Side,
+    b: Option<Side>,
+    compare: Mode,
+    background: [f32; 3],
+    scale: f32,
+}
+
+impl Settings {
+    /// Returns the settings of a viewer, with the scene that is being loaded.
+    pub fn of<D: Device>(viewer: &Viewer<D>) -> Settings {
+        let side =
+            |renderer: &Renderer<D>| Side { graph: renderer.graph().to_owned(), set: renderer.set().clone() };
+        Settings {
+            scene: viewer.loading().unwrap_or(viewer.scene_path()).to_owned(),
+            a: side(&viewer.a.renderer),
+            b: viewer.b.as_ref().map(|b| side(&b.renderer)),
+            compare: viewer.compare,
+            background: viewer.background,
+            scale: viewer.scale,
+        }
+    }
+
+    /// Makes these the settings of a viewer; only what differs is touched.
+    fn apply<D: Device>(&self, viewer: &mut Viewer<D>) {
+        let now = Settings::of(viewer);
+        if now.scene != self.scene {
+            viewer.open_scene(&self.scene);
+        }
+        if now.compare != self.compare {
+            viewer.choose_compare(self.compare);
+        }
+        (viewer.background, viewer.scale) = (self.background, self.scale);
+        for (id, side) in [(RendererId::A, Some(&self.a)), (RendererId::B, self.b.as_ref())] {
+            if let (Some(side), Some(viewport)) = (side, viewer.viewport(id)) {
+                let renderer = &mut viewport.renderer;
+                if renderer.graph() != side.graph {
+                    renderer.choose(&side.graph, side.set.clone());
+                } else {
+                    renderer.replace_set(&side.set);
+                }
+            }
+        }
+    }
+
+    /// Names what differs from other settings: `digit_bits`, `graph`, `2 parameters`.
+    fn difference(&self, other: &Settings) -> String {
+        let mut parts: Vec<String> = Vec::new();
+        if self.scene != other.scene {
+            parts.push("scene".to_owned());
+        }
+        for (a, b) in [(Some(&self.a), Some(&other.a)), (self.b.as_ref(), other.b.as_ref())] {
+            let (Some(a), Some(b)) = (a, b) else { continue };
+            if a.graph != b.graph {
+                parts.push(format!("graph {}", a.graph));
+                continue;
+            }
+            let names = a.set.keys().chain(b.set.keys().filter(|name| !a.set.contains_key(*name)));
+            parts.extend(names.filter(|name| a.set.get(*name) != b.set.get(*name)).cloned());
+        }
+        if self.compare != other.compare {
+            parts.push("comparison".to_owned());
+        }
+        if self.background != other.background {
+            parts.push("background".to_owned());
+        }
+        if self.scale != other.scale {
+            parts.push("scale".to_owned());
+        }
+        match parts.len() {
+            0..=3 => parts.join(", "),
+            n => format!("{n} settings"),
+        }
+    }
+}
+
+/// The steps that can be undone and redone.
+#[derive(Debug, Default)]
+pub struct History {
+    past: Vec<Settings>,
+    now: Option<Settings>,
+    future: Vec<Settings>,
+}
+
+impl History {
+    /// Takes note of the settings after a frame. `by_program` is true for changes that nobody asked for.
+    pub fn observe(&mut self, settings: Settings, by_program: bool) {
+        let Some(now) = &mut self.now else {
+            self.now = Some(settings);
+            return;
+        };
+        if *now == settings {
+            return;
+        }
+        let former = std::mem::replace(now, settings);
+        if !by_program {
+            self.future.clear();
+            if self.past.len() == STEPS {
+                self.past.remove(0);
+            }
+            self.past.push(former);
+        }
+    }
+
+    /// Returns true if there is a step to undo.
+    pub fn can_undo(&self) -> bool {
+        !self.past.is_empty()
+    }
+
+    /// Returns true if there is a step to redo.
+    pub fn can_redo(&self) -> bool {
+        !self.future.is_empty()
+    }
+
+    /// Undoes the newest step; returns what it changed.
+    pub fn undo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
+        let (to, now) = (self.past.pop()?, self.now.take()?);
+        let text = to.difference(&now);
+        self.future.push(now);
+        Some(self.go(to, text, viewer))
+    }
+
+    /// Does the newest undone step again; returns what it changed.
+    pub fn redo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
+        let (to, now) = (self.future.pop()?, self.now.take()?);
+        let text = to.difference(&now);
+        self.past.push(now);
+        Some(self.go(to, text, viewer))
+    }
+
+    fn go<D: Device>(&mut self, to: Settings, text: String, viewer: &mut Viewer<D>) -> String {
+        to.apply(viewer);
+        // What could not be applied, such as B without a device, is no step of its own.
+        self.now = Some(Settings::of(viewer));
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(graph: &str, set: &[(&str, &str)]) -> Settings {
+        let set = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
+        Settings {
+            scene: "scene.ply".into(),
+            a: Side { graph: graph.to_owned(), set },
+            b: None,
+            compare: Mode::A,
+            background: [0.0; 3],
+            scale: 1.0,
+        }
+    }
+
+    #[test]
+    fn a_step_names_what_it_changed() {
+        let (plain, narrow) = (settings("splat", &[]), settings("splat", &[("digit_bits", "4")]));
+        assert_eq!(plain.difference(&narrow), "digit_bits");
+        assert_eq!(settings("tiled", &[]).difference(&narrow), "graph tiled");
+    }
+
+    #[test]
+    fn what_the_program_changes_by_itself_is_no_step() {
+        let mut history = History::default();
+        history.observe(settings("splat", &[("budget", "0.5")]), false);
+        history.observe(settings("unsorted", &[("budget", "0.5")]), false);
+        history.observe(settings("unsorted", &[]), true);
+        assert_eq!(history.past.len(), 1);
+        history.observe(settings("unsorted", &[]), false);
+        assert_eq!(history.past.len(), 1, "nothing changed");
+        for step in 0..STEPS + 5 {
+            history.observe(settings("unsorted", &[("n", &step.to_string())]), false);
+        }
+        assert_eq!(history.past.len(), STEPS);
+    }
+}

@@ -1,0 +1,78 @@
+//! Asks for a file with the system's dialog, without holding up the window.
+
+use crate::view::renderer::Wake;
+use rfd::AsyncFileDialog;
+use std::future::Future;
+use std::path::{Path, PathBuf};
+use std::pin::pin;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::task::{Context, Poll, Wake as TaskWake, Waker};
+use std::thread::Thread;
+
+/// The dialog of a window; one is open at a time.
+pub struct Dialog {
+    answers: (Sender<Option<PathBuf>>, Receiver<Option<PathBuf>>),
+    is_open: bool,
+    wake: Wake,
+}
+
+impl Dialog {
+    /// Creates a dialog that is closed. `wake` is called when a file was chosen.
+    pub fn new(wake: Wake) -> Dialog {
+        Dialog { answers: channel(), is_open: false, wake }
+    }
+
+    /// Opens the dialog in the folder of `near`.
+    pub fn ask(&mut self, window: &winit::window::Window, near: &Path) {
+        if std::mem::replace(&mut self.is_open, true) {
+            return;
+        }
+        let mut dialog = AsyncFileDialog::new()
+            .set_parent(window)
+            .set_title("Open a scene, a graph or cameras")
+            .add_filter("Scenes, graphs and cameras", &["ply", "ron", "json"])
+            .add_filter("All files", &["*"]);
+        if let Some(folder) = near.parent().and_then(|folder| folder.canonicalize().ok()) {
+            dialog = dialog.set_directory(folder);
+        }
+        let answer = dialog.pick_file();
+        let (sender, wake) = (self.answers.0.clone(), self.wake.clone());
+        let work = move || {
+            let path = block_on(answer).map(|file| file.path().to_owned());
+            let _ = sender.send(path);
+            wake();
+        };
+        if std::thread::Builder::new().name("dialog".to_owned()).spawn(work).is_err() {
+            self.is_open = false;
+        }
+    }
+
+    /// Takes the chosen file.
+    pub fn take(&mut self) -> Option<PathBuf> {
+        let answer = self.answers.1.try_recv().ok()?;
+        self.is_open = false;
+        answer
+    }
+}
+
+/// Unparks a thread.
+struct Unpark(Mutex<Thread>);
+
+impl TaskWake for Unpark {
+    fn wake(self: Arc<Self>) {
+        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).unpark();
+    }
+}
+
+/// Runs a future to its end on this thread.
+fn block_on<T>(future: impl Future<Output = T>) -> T {
+    let waker = Waker::from(Arc::new(Unpark(Mutex::new(std::thread::current()))));
+    let mut future = pin!(future);
+    loop {
+        match future.as_mut().poll(&mut Context::from_waker(&waker)) {
+            Poll::Ready(value) => return value,
+            Poll::Pending => std::thread::park(),
+        }
+    }
+}

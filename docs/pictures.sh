@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# Makes the pictures of the window in docs/images/ from a scene and its cameras. Needs Xvfb (package xvfb), and a release build.
+# Usage: docs/pictures.sh SCENE.ply CAMERAS.json
+set -euo pipefail
+cd "$(dirname -- "${BASH_SOURCE[0]}")/.."
+scene=$(realpath -- "$1") cameras=$(realpath -- "$2")
+program=${SPLATGRAPH:-target/release/splatgraph}
+
+shoot() { # name, width x height, options
+  local name=$1 size=$2
+  shift 2
+  xvfb-run -a -s "-screen 0 2560x1440x24" "$program" view "$scene" --cameras "$cameras" --pipeline splat --frames 30 \
+    --size "$size" --screenshot "docs/images/$name.png" "$@"
+}
+
+shoot view 1600x900 --show parameters,times,timeline,hud
+shoot view-light 1280x800 --theme light --show parameters,times,timeline,hud
+shoot view-split 1280x800 --compare unsorted --measure --show parameters,hud
+shoot view-barrier 1280x800 --select barrier:8 --show inspector,timeline
+shoot view-pick 1280x800 --pick 0.5,0.3 --show inspector,hud
+shoot view-small 500x400
+WINIT_X11_SCALE_FACTOR=2 shoot view-hidpi 2560x1440
