@@ -152,16 +152,16 @@ fn quick(groups: u32, args: &[&str]) -> Program {
 
 #[test]
 fn while_a_pass_runs_for_long_the_window_says_so_is_used_and_can_be_closed() {
-    let mut program = quick(60_000, &["--show", "settings"]);
+    let mut program = quick(60_000, &["--show", "parameters"]);
     // A pass of many minutes.
     program.write("slow.comp", &slow_shader(60_000));
     let named = comes(|| program.window.title().contains("has been running for"));
     assert!(named, "the title is {}", program.window.title());
     program.until(0, "the slow pass", |event| event["event"] == "slow");
     // What is not the picture goes on.
-    let preset = middle(program.control("preset:unsorted"));
+    let toggle = middle(program.control("panel:Inspector"));
     let mut since = program.now();
-    program.window.point(preset);
+    program.window.point(toggle);
     program.frame_after(since);
     since = program.now();
     program.window.key('h'.into());
@@ -172,7 +172,7 @@ fn while_a_pass_runs_for_long_the_window_says_so_is_used_and_can_be_closed() {
     program.frame_after(since);
     since = program.now();
     program.window.key('h'.into());
-    program.until(since, "the panels", |event| event["name"] == "preset:unsorted");
+    program.until(since, "the panels", |event| event["name"] == "panel:Inspector");
     assert!(program.window.title().contains("has been running for"), "the pass has ended");
     let begun = Instant::now();
     program.window.ask_to_close();

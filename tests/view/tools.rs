@@ -9,6 +9,7 @@ use splatgraph::view::events::Event;
 use splatgraph::view::panels::Tool;
 use splatgraph::view::panels::selection::Selection;
 use splatgraph_framework::ir::Value;
+use std::sync::Arc;
 
 /// Size of a window of 1600 x 900 points, in pixels.
 const SIZE: (u32, u32) = (640, 360);
@@ -51,6 +52,26 @@ fn a_plan_with_fewer_passes_leaves_the_open_tools_alone() {
         viewer.shell.viewer.a.renderer.choose(&graph.to_string_lossy(), Default::default());
         until_measured(&mut viewer);
     }
+    viewer.close();
+}
+
+#[test]
+fn the_picture_keeps_its_place_while_plans_are_built() {
+    let mut viewer = viewer("pipelines/splat.ron");
+    let place = |viewer: &TestShell| viewer.shell.panels.controls.find("view").expect("there is a picture");
+    let before = place(&viewer);
+    let mut building = 0;
+    for bits in [4, 8, 11] {
+        viewer.shell.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(bits)));
+        let former = viewer.shell.viewer.a.renderer.plan().cloned();
+        // One frame after another, as while the pointer moves.
+        while viewer.shell.viewer.a.renderer.plan().map(Arc::as_ptr) == former.as_ref().map(Arc::as_ptr) {
+            viewer.frame();
+            assert_eq!(place(&viewer), before);
+            building += usize::from(!viewer.shell.viewer.a.renderer.progress().is_empty());
+        }
+    }
+    assert!(building > 0, "no frame was drawn while a plan was being built");
     viewer.close();
 }
 

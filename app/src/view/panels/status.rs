@@ -1,12 +1,12 @@
 //! Draws the line at the bottom: what is being done, what works in part, and the newest line of the log.
 
-use super::theme::Palette;
+use super::theme::{Palette, TEXT};
 use super::widgets::hint;
 use super::{Panels, presets};
 use crate::view::events::RendererId;
 use crate::view::viewer::Viewer;
 use crate::view::viewport::Viewport;
-use egui::{RichText, Ui};
+use egui::{Align, Layout, RichText, Spinner, Ui, UiBuilder};
 use splatgraph_api::Device;
 use splatgraph_framework::reload::WatchKind;
 
@@ -20,29 +20,30 @@ impl Panels {
     /// Draws the status line: what is being done, what works in part, and the newest line of the log.
     pub(super) fn status<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let palette = Palette::of(ui);
-        ui.horizontal_centered(|ui| {
-            if let Some(path) = viewer.loading() {
-                ui.spinner();
-                ui.label(format!("loading {}", path.display()));
+        // It takes no room of its panel: one that grows with its contents would give the picture another size.
+        let room = UiBuilder::new().max_rect(ui.max_rect()).layout(Layout::left_to_right(Align::Center));
+        let ui = &mut ui.new_child(room);
+        if let Some(path) = viewer.loading() {
+            ui.add(Spinner::new().size(TEXT));
+            ui.label(format!("loading {}", path.display()));
+        }
+        for id in [RendererId::A, RendererId::B] {
+            let Some(viewport) = viewer.viewport(id) else { continue };
+            let progress = viewport.renderer.progress();
+            if !progress.is_empty() {
+                ui.add(Spinner::new().size(TEXT));
+                ui.label(format!("{id}: {progress}"));
             }
-            for id in [RendererId::A, RendererId::B] {
-                let Some(viewport) = viewer.viewport(id) else { continue };
-                let progress = viewport.renderer.progress();
-                if !progress.is_empty() {
-                    ui.spinner();
-                    ui.label(format!("{id}: {progress}"));
-                }
-                self.states(ui, id, viewport);
-            }
-            let watching = viewer.a.renderer.watching();
-            if watching != WatchKind::Events {
-                ui.colored_label(palette.caution, format!("files are watched by {watching}"));
-            }
-            if let Some(line) = self.log.back() {
-                let log = self.log.iter().rev().take(LINES).rev().cloned().collect::<Vec<_>>().join("\n");
-                hint(ui.add(egui::Label::new(RichText::new(line).color(palette.soft)).truncate()), log);
-            }
-        });
+            self.states(ui, id, viewport);
+        }
+        let watching = viewer.a.renderer.watching();
+        if watching != WatchKind::Events {
+            ui.colored_label(palette.caution, format!("files are watched by {watching}"));
+        }
+        if let Some(line) = self.log.back() {
+            let log = self.log.iter().rev().take(LINES).rev().cloned().collect::<Vec<_>>().join("\n");
+            hint(ui.add(egui::Label::new(RichText::new(line).color(palette.soft)).truncate()), log);
+        }
     }
 
     /// Draws a word for each state of a viewport that a person should know; its reason is beside it.

@@ -9,7 +9,7 @@ use crate::view::events::RendererId;
 use crate::view::paint::Mode;
 use crate::view::profile::CAPTURES;
 use crate::view::viewer::Viewer;
-use egui::{Align, Button, Layout, Popup, PopupCloseBehavior, Response, RichText, Ui};
+use egui::{Align, Button, Layout, Popup, PopupCloseBehavior, Rect, Response, RichText, Ui, UiBuilder, pos2};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, grouped};
 
@@ -59,7 +59,7 @@ impl Panels {
             self.scene_list(ui, viewer, commands);
             self.camera_list(ui, viewer);
             self.graph_list(ui, viewer, commands);
-            ui.separator();
+            widgets::divider(ui);
             for (name, mode) in [("A", Mode::A), ("A | B", Mode::Split), ("A − B", Mode::Difference)] {
                 let response = ui.selectable_value(&mut compare, mode, name);
                 let (control, about) = match mode {
@@ -73,12 +73,17 @@ impl Panels {
             if compare != Mode::A {
                 self.comparison_controls(ui, viewer, compare);
             }
-            ui.separator();
+            widgets::divider(ui);
             self.tool_toggles(ui);
-            ui.separator();
+            widgets::divider(ui);
             self.view_menu(ui, viewer, commands);
             if ui.available_width() > TIME {
-                ui.with_layout(Layout::right_to_left(Align::Center), |ui| self.readout(ui, viewer));
+                // It takes no room of the bar: whatever it says, no row is added and the picture keeps its size.
+                let (start, end) = (ui.cursor().min, ui.max_rect().right());
+                let rest = Rect::from_min_max(start, pos2(end, start.y + theme::ROW));
+                let layout = Layout::right_to_left(Align::Center);
+                let mut rest = ui.new_child(UiBuilder::new().max_rect(rest).layout(layout));
+                self.readout(&mut rest, viewer);
             }
         });
         if compare != viewer.compare {
@@ -158,7 +163,7 @@ impl Panels {
     }
 
     fn comparison_controls<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, compare: Mode) {
-        ui.separator();
+        widgets::divider(ui);
         ui.weak("edit");
         for (name, id) in [("A", RendererId::A), ("B", RendererId::B)] {
             let response = ui.selectable_value(&mut self.selected, id, name);

@@ -129,3 +129,10 @@ mod tests {
         assert_eq!(texts, expected);
     }
 }
+
+/// Draws a line between groups of controls in a row. It is as high as the row, not as what is left of the panel.
+pub fn divider(ui: &mut Ui) {
+    let (rect, _) = ui.allocate_exact_size(egui::vec2(2.0 * theme::GRID, ROW), egui::Sense::hover());
+    let stroke = ui.visuals().widgets.noninteractive.bg_stroke;
+    ui.painter().vline(rect.center().x, rect.y_range().shrink(theme::GRID), stroke);
+}
