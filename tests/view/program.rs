@@ -225,10 +225,17 @@ impl Program {
         self.act();
     }
 
-    /// Clicks a control.
+    /// Clicks a control, once it stands still: a menu that opens takes its place in its second frame.
     pub fn click(&mut self, name: &str) {
-        let place = middle(self.control(name));
-        self.window.point(place);
+        let mut place = self.control(name);
+        loop {
+            self.act();
+            let now = self.control(name);
+            if std::mem::replace(&mut place, now) == now {
+                break;
+            }
+        }
+        self.window.point(middle(place));
         self.window.press(1);
         self.window.release(1);
         self.act();

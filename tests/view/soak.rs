@@ -318,6 +318,8 @@ impl Soak {
         self.viewer.frame();
         self.edited.clear();
         self.viewer.shell.panels.hidden = true;
+        // Times are never the same.
+        self.viewer.shell.panels.hud = false;
         self.viewer.shell.panels.help = false;
         let scene = self.viewer.path(self.scenes[0]);
         let is_loaded = |viewer: &mut TestShell| viewer.shell.viewer.loading().is_none();
@@ -384,6 +386,7 @@ impl Soak {
             assert!(now.rgb == before.rgb, "{what} does not look as before: {}", difference(now, before));
         }
         self.viewer.shell.panels.hidden = false;
+        self.viewer.shell.panels.hud = true;
         reference
     }
 }
