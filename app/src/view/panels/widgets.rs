@@ -118,6 +118,13 @@ pub fn diamond(painter: &Painter, at: Pos2, radius: f32, fill: egui::Color32, st
     painter.add(egui::Shape::convex_polygon(corners.to_vec(), fill, stroke));
 }
 
+/// Draws a line between groups of controls in a row. It is as high as the row, not as what is left of the panel.
+pub fn divider(ui: &mut Ui) {
+    let (rect, _) = ui.allocate_exact_size(egui::vec2(2.0 * theme::GRID, ROW), egui::Sense::hover());
+    let stroke = ui.visuals().widgets.noninteractive.bg_stroke;
+    ui.painter().vline(rect.center().x, rect.y_range().shrink(theme::GRID), stroke);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,11 +135,4 @@ mod tests {
         let expected = ["0.046 ms", "0.123 ms", "1.23 ms", "12.3 ms", "123 ms", "999 ms", "1.00 s", "5.75 s"];
         assert_eq!(texts, expected);
     }
-}
-
-/// Draws a line between groups of controls in a row. It is as high as the row, not as what is left of the panel.
-pub fn divider(ui: &mut Ui) {
-    let (rect, _) = ui.allocate_exact_size(egui::vec2(2.0 * theme::GRID, ROW), egui::Sense::hover());
-    let stroke = ui.visuals().widgets.noninteractive.bg_stroke;
-    ui.painter().vline(rect.center().x, rect.y_range().shrink(theme::GRID), stroke);
 }
