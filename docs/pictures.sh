@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Makes the pictures of the window in docs/images/ from a scene and its cameras. Needs Xvfb (package xvfb), and a release build.
+# Makes the pictures of the window in docs/images/ from a scene and its cameras. Needs Xvfb and
+# ImageMagick (packages xvfb and imagemagick), and a release build.
 # Usage: docs/pictures.sh SCENE.ply CAMERAS.json
 set -euo pipefail
 cd "$(dirname -- "${BASH_SOURCE[0]}")/.."
@@ -16,7 +17,22 @@ shoot() { # name, width x height, options
 shoot view 1600x900 --show parameters,times,timeline,hud
 shoot view-light 1280x800 --theme light --show parameters,times,timeline,hud
 shoot view-split 1280x800 --compare unsorted --measure --show parameters,hud
+# The same scene, sorted by digits of 4 and of 11 bits: the timeline counts the passes.
+shoot view-digits-4 1280x800 --set digit_bits=4 --show parameters,timeline
+shoot view-digits-11 1280x800 --set digit_bits=11 --show parameters,timeline
 shoot view-barrier 1280x800 --select barrier:8 --show inspector,timeline
 shoot view-pick 1280x800 --pick 0.5,0.3 --show inspector,hud
 shoot view-small 500x400
 WINIT_X11_SCALE_FACTOR=2 shoot view-hidpi 2560x1440
+
+# A mistake in a file that is being edited.
+folder=$(mktemp -d)
+trap 'rm -rf -- "$folder"' EXIT
+cp -r pipelines shaders "$folder"
+xvfb-run -a -s "-screen 0 1280x800x24" bash -c '
+  "$1" view "$2" --cameras "$3" --size 1280x800 --show parameters --pipeline "$4/pipelines/splat.ron" 2>/dev/null & window=$!
+  sleep 8
+  sed -i "s/\"digit_bits\": \"digit_bits\"/\"digit_bits\": \"digit_bit\"/" "$4/pipelines/splat.ron"
+  sleep 4
+  import -window root docs/images/view-error.png
+  kill "$window"' - "$program" "$scene" "$cameras" "$folder"

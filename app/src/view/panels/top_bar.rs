@@ -77,9 +77,9 @@ impl Panels {
             self.tool_toggles(ui);
             widgets::divider(ui);
             self.view_menu(ui, viewer, commands);
-            if ui.available_width() > TIME {
+            let (start, end) = (ui.cursor().min, ui.max_rect().right());
+            if end - start.x > TIME {
                 // It takes no room of the bar: whatever it says, no row is added and the picture keeps its size.
-                let (start, end) = (ui.cursor().min, ui.max_rect().right());
                 let rest = Rect::from_min_max(start, pos2(end, start.y + theme::ROW));
                 let layout = Layout::right_to_left(Align::Center);
                 let mut rest = ui.new_child(UiBuilder::new().max_rect(rest).layout(layout));
