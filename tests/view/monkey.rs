@@ -402,6 +402,11 @@ fn after_five_hundred_random_actions_the_picture_is_the_one_that_render_draws() 
     let device = canvas.new_context().expect("a second executor");
     let mut monkey = Monkey::new(canvas, device, "auto", 4);
     monkey.play(500, || {});
+    // A file's change is told some time after it was written.
+    let begun = Instant::now();
+    while monkey.shell.viewer.a.renderer.failure().is_some() && begun.elapsed() < PATIENCE {
+        monkey.settle();
+    }
     let viewport = &mut monkey.shell.viewer.a;
     assert!(viewport.renderer.failure().is_none(), "{:?}", viewport.renderer.problem(false));
     viewport.want_picture();
