@@ -9,6 +9,7 @@ use crate::view::navigation::FIELDS_OF_VIEW;
 use crate::view::viewer::Viewer;
 use egui::{Button, DragValue, RichText, Slider, Ui};
 use splatgraph_api::Device;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 /// What was clicked in a list.
@@ -87,17 +88,7 @@ fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls
             viewer.save_view("view");
         }
         let any = !viewer.views.list().is_empty();
-        let write = ui.add_enabled(any, Button::new("Write a file"));
-        controls.see("write_views", write.rect);
-        if hint(write, "Writes views-1.cameras.json, or the next free name").clicked() {
-            let path = free_name("views");
-            match viewer.write_views(&path) {
-                Ok(()) => viewer.report(Event::Saved { path }),
-                Err(error) => {
-                    viewer.report(Event::FileFailed { path, error: error.to_string() });
-                }
-            }
-        }
+        write_button(ui, viewer, controls, "views", any, Viewer::write_views);
     });
 }
 
@@ -140,17 +131,7 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
         if add.clicked() {
             record(viewer);
         }
-        let write = ui.add_enabled(count > 0, Button::new("Write a file"));
-        controls.see("write_path", write.rect);
-        if hint(write, "Writes path-1.cameras.json, or the next free name").clicked() {
-            let path = free_name("path");
-            match viewer.write_path(&path) {
-                Ok(()) => viewer.report(Event::Saved { path }),
-                Err(error) => {
-                    viewer.report(Event::FileFailed { path, error: error.to_string() });
-                }
-            }
-        }
+        write_button(ui, viewer, controls, "path", count > 0, Viewer::write_path);
     });
     if count < 2 {
         ui.weak("Two keys or more make a path.");
@@ -183,6 +164,27 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
     }
     ui.label(RichText::new(format!("{at:.2} s")).family(theme::strong()));
     fact(ui, "Speed", "constant, turns count as ways");
+}
+
+/// Draws the button that writes a file of cameras under the next free name, and reports the result.
+fn write_button<D: Device, E: Display>(
+    ui: &mut Ui,
+    viewer: &mut Viewer<D>,
+    controls: &mut Controls,
+    stem: &str,
+    enabled: bool,
+    write: impl FnOnce(&mut Viewer<D>, &Path) -> Result<(), E>,
+) {
+    let button = ui.add_enabled(enabled, Button::new("Write a file"));
+    controls.see(&format!("write_{stem}"), button.rect);
+    if hint(button, format!("Writes {stem}-1.cameras.json, or the next free name")).clicked() {
+        let path = free_name(stem);
+        let event = match write(viewer, &path) {
+            Ok(()) => Event::Saved { path },
+            Err(error) => Event::FileFailed { path, error: error.to_string() },
+        };
+        viewer.report(event);
+    }
 }
 
 /// Adds the current camera to the end of the path.

@@ -140,14 +140,20 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
 }
 
 /// Draws frame time, rate, a sparkline, splats and memory in the top left corner of the picture.
-pub fn show<D: Device>(ui: &Ui, viewer: &Viewer<D>, frame_ms: &[f64], view: Rect, controls: &mut Controls) {
+pub fn show<D: Device>(
+    ui: &Ui,
+    viewer: &Viewer<D>,
+    interval: Option<f64>,
+    view: Rect,
+    controls: &mut Controls,
+) {
     let viewport = &viewer.a;
     let Some(total) = viewport.history.total() else { return };
     let memory: u64 =
         viewport.renderer.device().map_or(0, |device| device.memory().iter().map(|(_, b)| b).sum());
     let mut text = widgets::time(total.median);
-    if let Some(rate) = rate(frame_ms) {
-        text += &format!("   {rate} fps");
+    if let Some(ms) = interval {
+        text += &format!("   {}", rate(ms));
     }
     let second = format!(
         "{} splats   {}",
@@ -181,10 +187,9 @@ pub fn show<D: Device>(ui: &Ui, viewer: &Viewer<D>, frame_ms: &[f64], view: Rect
     controls.see("hud", rect);
 }
 
-/// Returns frames per second while frames follow each other; a window at rest has no rate.
-pub fn rate(frame_ms: &[f64]) -> Option<String> {
-    let ms = crate::stats::median(frame_ms.to_vec()).filter(|ms| *ms > 0.0)?;
-    Some(widgets::three_digits(1e3 / ms))
+/// Formats the rate of frames that are so many milliseconds apart: `60.0 fps`.
+pub fn rate(interval_ms: f64) -> String {
+    format!("{} fps", widgets::three_digits(1e3 / interval_ms))
 }
 
 /// Draws what is being built while there is no picture, in its middle.

@@ -32,6 +32,7 @@ use super::paint::Mode;
 use super::undo::{self, Settings};
 use super::viewer::Viewer;
 use super::wheel::Wheel;
+use crate::stats::median;
 use egui::{Align2, CentralPanel, Context, Panel, Rect, Ui};
 use layout::Layout;
 use presets::Presets;
@@ -321,6 +322,11 @@ impl Panels {
         }
     }
 
+    /// Returns the median of the milliseconds between recent frames, while frames follow each other.
+    fn interval(&self) -> Option<f64> {
+        median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
+    }
+
     /// Says under a parameter's row what its change did to the plan.
     fn tell_effect<D: Device>(&mut self, viewer: &mut Viewer<D>) {
         let selected = self.selected;
@@ -377,8 +383,7 @@ impl Panels {
             splat::draw_outline(ui, viewer, rect);
         }
         if self.hud {
-            let frame_ms: Vec<f64> = self.frame_ms.iter().copied().collect();
-            hud::show(ui, viewer, &frame_ms, rect, &mut self.controls);
+            hud::show(ui, viewer, self.interval(), rect, &mut self.controls);
         }
         hud::progress(ui, viewer, rect);
         rect

@@ -2,7 +2,6 @@
 
 use super::theme::{self, Palette};
 use super::widgets::{self, fact, heading, hint, row};
-use crate::stats::median;
 use crate::view::history::{History, Quantiles, Row, Series};
 use crate::view::viewport::Viewport;
 use egui::{Align, ComboBox, Label, Layout, RichText, Sense, Ui, vec2};
@@ -19,7 +18,7 @@ pub fn show<D: Device>(
     ui: &mut Ui,
     viewport: &Viewport<D>,
     loaded: u32,
-    frame_ms: &[f64],
+    interval: Option<f64>,
     window: &History,
     plotted: &mut Option<String>,
 ) {
@@ -29,7 +28,7 @@ pub fn show<D: Device>(
     for (name, value) in &viewport.stats {
         fact(ui, &name.replace('_', " "), grouped((*value).into()));
     }
-    if let Some(ms) = median(frame_ms.to_vec()).filter(|ms| *ms > 0.0) {
+    if let Some(ms) = interval {
         let text = format!("{} ({} /s)", widgets::time(ms), widgets::three_digits(1e3 / ms));
         fact(ui, "Between frames", text);
     }

@@ -101,10 +101,10 @@ impl Panels {
                 egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
                     // Room for the scroll bar.
                     ui.set_max_width((ui.available_width() - 10.0).max(0.0));
-                    let frame_ms: Vec<f64> = self.frame_ms.iter().copied().collect();
+                    let interval = self.interval();
                     let loaded = viewer.scene().count();
                     if let Some(viewport) = viewer.viewport(self.selected) {
-                        times::show(ui, viewport, loaded, &frame_ms, window, &mut self.plotted);
+                        times::show(ui, viewport, loaded, interval, window, &mut self.plotted);
                     }
                 });
             }

@@ -267,13 +267,13 @@ impl Panels {
     fn readout<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let palette = Palette::of(ui);
         let splats = format!("{} splats", grouped(viewer.scene().count().into()));
-        let frame_ms: Vec<f64> = self.frame_ms.iter().copied().collect();
+        let interval = self.interval();
         let Some(viewport) = viewer.viewport(self.selected) else { return };
         let mut parts = Vec::new();
         if let Some(total) = viewport.history.total() {
             parts.push(widgets::time(total.median));
         }
-        parts.extend(hud::rate(&frame_ms).map(|rate| format!("{rate} fps")));
+        parts.extend(interval.map(hud::rate));
         let time = parts.join("  ");
         if ui.available_width() < TIME + DEVICE {
             ui.label(RichText::new(time).family(theme::strong()));
