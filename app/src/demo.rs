@@ -2,6 +2,7 @@
 //!
 //! The first use writes it as an ordinary `.ply` in the layout of the reference implementation; later uses load that file.
 
+use crate::folders;
 use crate::output;
 use splatgraph_assets::{Camera, Scene, synth};
 use std::env;
@@ -20,28 +21,7 @@ pub fn path() -> Option<PathBuf> {
     match here.ancestors().find(in_checkout) {
         Some(root) => Some(root.join("assets/splats/demo.ply")),
         // Another version of the program may make another scene.
-        None => Some(cache_folder()?.join(concat!("splatgraph/demo-", env!("CARGO_PKG_VERSION"), ".ply"))),
-    }
-}
-
-fn cache_folder() -> Option<PathBuf> {
-    // Without the variable HOME, this asks the system's list of users.
-    cache_folder_of(|name| env::var_os(name).map(PathBuf::from), env::home_dir)
-}
-
-fn cache_folder_of(
-    variable: impl Fn(&str) -> Option<PathBuf>,
-    listed_home: impl Fn() -> Option<PathBuf>,
-) -> Option<PathBuf> {
-    // The XDG Base Directory Specification has relative paths ignored.
-    let variable = |name| variable(name).filter(|path| path.is_absolute());
-    let home = || variable("HOME").or_else(&listed_home).filter(|path| path.is_absolute());
-    if cfg!(windows) {
-        variable("LOCALAPPDATA")
-    } else if cfg!(target_os = "macos") {
-        home().map(|home| home.join("Library/Caches"))
-    } else {
-        variable("XDG_CACHE_HOME").or_else(|| home().map(|home| home.join(".cache")))
+        None => Some(folders::cache()?.join(concat!("splatgraph/demo-", env!("CARGO_PKG_VERSION"), ".ply"))),
     }
 }
 
@@ -89,20 +69,6 @@ mod tests {
     fn in_a_checkout_the_scene_lies_among_the_assets() {
         // Tests run in app/.
         assert!(path().is_some_and(|path| path.ends_with("assets/splats/demo.ply")), "{:?}", path());
-    }
-
-    #[cfg(target_os = "linux")]
-    #[test]
-    fn without_a_home_there_is_no_folder_that_others_can_foresee() {
-        let with = |set: &'static [(&str, &str)], home: Option<&'static str>| {
-            let variable = |name: &str| set.iter().find(|(n, _)| *n == name).map(|(_, value)| value.into());
-            cache_folder_of(variable, || home.map(PathBuf::from))
-        };
-        assert_eq!(with(&[("XDG_CACHE_HOME", "/cache"), ("HOME", "/me")], None), Some("/cache".into()));
-        assert_eq!(with(&[("XDG_CACHE_HOME", "cache"), ("HOME", "/me")], None), Some("/me/.cache".into()));
-        assert_eq!(with(&[("HOME", "")], Some("/listed")), Some("/listed/.cache".into()));
-        assert_eq!(with(&[("HOME", "."), ("TMPDIR", "/tmp")], None), None);
-        assert_eq!(with(&[], Some("")), None);
     }
 
     #[test]

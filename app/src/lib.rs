@@ -48,6 +48,7 @@ pub mod demo;
 pub mod experiment;
 pub mod facts;
 pub mod fit;
+mod folders;
 pub mod growth;
 pub mod image;
 pub mod inspect;

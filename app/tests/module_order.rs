@@ -6,9 +6,10 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 33] = [
+const CRATE: [&str; 34] = [
     "numbers",
     "output",
+    "folders",
     "backend",
     "image",
     "report",
@@ -43,7 +44,7 @@ const CRATE: [&str; 33] = [
 ];
 
 /// The modules of the viewer, from the ground up.
-const VIEW: [&str; 18] = [
+const VIEW: [&str; 19] = [
     "profile",
     "animation",
     "history",
@@ -51,14 +52,15 @@ const VIEW: [&str; 18] = [
     "wheel",
     "paint",
     "renderer",
+    "events",
     "opening",
     "picking",
     "cameras",
-    "events",
     "viewport",
     "viewer",
     "undo",
     "panels",
+    "kept",
     "shell",
     "recovery",
     "window",

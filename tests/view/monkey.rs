@@ -68,6 +68,7 @@ impl<D: Device> Monkey<D> {
         let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], Arc::new(|| {}))
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
+        viewer.folder = folder.path().to_owned();
         viewer.a.renderer.patience = PATIENCE;
         let mut shell = Shell::new(viewer, canvas, Arc::new(|| {}))
             .unwrap_or_else(|error| panic!("the shell opens: {error}"));

@@ -67,6 +67,7 @@ impl Program {
             .env("DISPLAY", screen.display())
             .env_remove("WAYLAND_DISPLAY")
             .env_remove("WAYLAND_SOCKET")
+            .env("XDG_STATE_HOME", folder.path().join("state"))
             .env("WINIT_X11_SCALE_FACTOR", "1")
             .stderr(errors);
         change(&mut command);

@@ -322,7 +322,7 @@ impl Soak {
         self.viewer.shell.panels.hud = false;
         self.viewer.shell.panels.help = false;
         let scene = self.viewer.path(self.scenes[0]);
-        let is_loaded = |viewer: &mut TestShell| viewer.shell.viewer.loading().is_none();
+        let is_loaded = |viewer: &mut TestShell| viewer.shell.viewer.loading(RendererId::A).is_none();
         self.viewer.until("the end of loading", is_loaded);
         if self.viewer.shell.viewer.scene_path() != scene {
             self.viewer.shell.viewer.open(&scene);

@@ -5,9 +5,10 @@ use crate::common;
 use egui::{Key, Modifiers, Vec2};
 use splatgraph::backend::Validation;
 use splatgraph::builtin;
-use splatgraph::view::events::Event;
+use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::panels::Tool;
 use splatgraph::view::panels::selection::Selection;
+use splatgraph_assets::synth;
 use splatgraph_framework::ir::Value;
 use std::sync::Arc;
 
@@ -193,8 +194,18 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     assert!(found.psnr < 40.0 && found.worst > 0.0, "{found:?}");
     assert!(viewer.events.iter().any(|event| matches!(event, Event::Compared { .. })));
     assert!(viewer.shell.panels.controls.find("comparison").is_some());
+    assert!(viewer.shell.viewer.comparison_is_current(), "at once, and not only after a while");
     assert!(viewer.click("worst"));
     viewer.act();
+    assert!(viewer.shell.viewer.comparison_is_current());
+    // What is asked for together with a change is measured after it.
+    let splat = viewer.path("pipelines/splat.ron");
+    let b = viewer.shell.viewer.b.as_mut().expect("there is a B");
+    b.renderer.choose(&splat.to_string_lossy(), Default::default());
+    viewer.shell.viewer.measure();
+    viewer.until("the next result", |viewer| !viewer.shell.viewer.is_comparing());
+    let found = viewer.shell.viewer.comparison().expect("it is there").clone();
+    assert!(found.psnr.is_infinite(), "the same graph twice: {found:?}");
     assert!(viewer.shell.viewer.comparison_is_current());
     viewer.shell.viewer.navigation.set_camera(&splatgraph_assets::Camera::looking_at(
         [0.0, -1.0, -4.0],
@@ -204,6 +215,95 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     ));
     viewer.frame();
     assert!(!viewer.shell.viewer.comparison_is_current(), "the camera moved");
+    viewer.close();
+}
+
+#[test]
+fn b_draws_another_scene_from_the_same_place_of_the_world() {
+    let mut viewer = viewer("pipelines/splat.ron");
+    let far = synth::generate("demo", 300, 7).expect("the scene is generated").with_offset([3.0, -2.0, 1.0]);
+    let (first, other) = (viewer.path("scene.ply"), viewer.path("other.ply"));
+    far.write_ply(&other).expect("the scene is written");
+    assert!(viewer.click("compare:split"));
+    viewer.act();
+    viewer.settle();
+    viewer.shell.viewer.measure();
+    viewer.until("a result", |viewer| !viewer.shell.viewer.is_comparing());
+    let psnr = |viewer: &TestShell| viewer.shell.viewer.comparison().expect("it is there").psnr;
+    assert!(psnr(&viewer).is_infinite(), "B starts as a copy of A");
+    let camera = viewer.shell.viewer.world_camera();
+    viewer.shell.viewer.open_scene_in(RendererId::B, &other);
+    viewer.shell.viewer.measure();
+    viewer.until("the next result", |viewer| !viewer.shell.viewer.is_comparing());
+    assert!(psnr(&viewer) < 40.0, "{} dB", psnr(&viewer));
+    assert_eq!(viewer.shell.viewer.world_camera(), camera);
+    assert_eq!(viewer.shell.viewer.scene_path(), first);
+    assert_eq!(viewer.shell.viewer.scene_of(RendererId::B).count(), 300);
+    let command = viewer.shell.viewer.render_command(RendererId::B, "b.png".as_ref()).expect("there is a B");
+    assert!(command.contains("other.ply"), "{command}");
+    // Exchanged, each keeps its scene, and nothing is read again.
+    viewer.shell.viewer.exchange();
+    viewer.settle();
+    assert_eq!(viewer.shell.viewer.scene_path(), other);
+    assert_eq!(viewer.shell.viewer.scene_path_of(RendererId::B), first);
+    let now = viewer.shell.viewer.world_camera();
+    let away = now.position.iter().zip(camera.position).map(|(a, b)| (a - b).abs());
+    assert!(away.fold(0.0, f64::max) < 1e-5, "the camera stays where it is");
+    // Undone step by step, B shares A's scene again.
+    for _ in 0..2 {
+        viewer.key(Key::Z, Modifiers::COMMAND);
+        viewer.act();
+        viewer.settle();
+    }
+    assert_eq!(viewer.shell.viewer.scene_path(), first);
+    assert!(!viewer.shell.viewer.has_two_scenes());
+    viewer.close();
+}
+
+#[test]
+fn lists_of_scenes_and_cameras_show_what_is_searched_for() {
+    let mut viewer = viewer("pipelines/splat.ron");
+    let cameras = synth::demo_cameras();
+    assert!(cameras.len() > 2);
+    viewer.shell.viewer.set_cameras(cameras);
+    let listed = |viewer: &TestShell, kind: &str| {
+        viewer.shell.panels.controls.iter().filter(|(name, _)| name.starts_with(kind)).count()
+    };
+    for (list, search, kind) in [("camera", "camera_search", "camera:"), ("scene", "scene_search", "scene:")]
+    {
+        assert!(viewer.click(list));
+        viewer.act();
+        viewer.frame();
+        let all = listed(&viewer, kind);
+        assert!(all > 0, "{list}");
+        assert!(viewer.click(search));
+        viewer.act();
+        viewer.plan_input(vec![egui::Event::Text("nothing is called so".to_owned())]);
+        viewer.act();
+        viewer.frame();
+        assert_eq!(listed(&viewer, kind), 0, "{list}");
+        viewer.key(Key::Escape, Modifiers::NONE);
+        viewer.act();
+    }
+    viewer.close();
+}
+
+#[test]
+fn a_pass_is_held_against_a_copy_of_its_bytes() {
+    let mut viewer = viewer("pipelines/splat.ron");
+    until_measured(&mut viewer);
+    viewer.shell.panels.select(Selection::Pass("project".to_owned()));
+    viewer.frame();
+    viewer.frame();
+    assert_eq!(viewer.shell.viewer.copy_limit(), None);
+    let before = viewer.shell.viewer.a.history.frames();
+    assert!(viewer.click("measure_copy"), "the inspector offers it");
+    viewer.act();
+    viewer.until("the rate", |viewer| viewer.shell.viewer.copy_limit().is_some());
+    let rate = viewer.shell.viewer.copy_limit().expect("it is measured");
+    assert!((0.01..100_000.0).contains(&rate), "{rate} GB/s");
+    assert!(viewer.shell.viewer.a.history.frames() > before, "pictures went on");
+    assert!(!viewer.shell.viewer.is_measuring_copy());
     viewer.close();
 }
 

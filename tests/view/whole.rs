@@ -75,6 +75,7 @@ impl TestShell {
         let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], wake())
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
+        viewer.folder = folder.path().to_owned();
         // No frame is left out, also if it is the same, and however slow the machine is.
         viewer.continuous = true;
         viewer.a.renderer.patience = PATIENCE;

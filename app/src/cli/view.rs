@@ -6,6 +6,7 @@ use crate::backend::Backend;
 use crate::image::Format;
 use crate::output::{Claims, Log, is_standard_output};
 use crate::view::events::RendererId;
+use crate::view::kept;
 use crate::view::paint::Mode;
 use crate::view::panels::Tool;
 use crate::view::panels::selection::Selection;
@@ -48,6 +49,9 @@ pub struct Args {
     /// Compare with another graph
     #[arg(long, value_name = "NAME")]
     compare: Option<String>,
+    /// Compare with another scene, from the same place of the world
+    #[arg(long, value_name = "FILE.ply")]
+    compare_scene: Option<PathBuf>,
     /// Set a parameter of the other graph; without --compare, of the same graph; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting)]
     compare_set: Vec<(String, String)>,
@@ -63,7 +67,7 @@ pub struct Args {
     /// Resolution: pixels of the picture per pixel of the window, across and down
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     scale: f32,
-    /// Open tools, comma-separated [default: parameters,times,timeline,hud, or parameters,hud in a small window]
+    /// Open tools, comma-separated [default: those of the last window; at first parameters,times,timeline,hud]
     #[arg(long, value_name = "PANELS", value_enum, value_delimiter = ',')]
     show: Vec<ShowPanel>,
     /// Inspect a resource after a pass (names as in `dump`), in the inspector
@@ -78,9 +82,9 @@ pub struct Args {
     /// Pick the splat at a place of the first picture, as shares of its width and height
     #[arg(long, value_name = "X,Y", value_parser = place, conflicts_with = "select")]
     pick: Option<[f32; 2]>,
-    /// Colours of the window
-    #[arg(long, value_enum, default_value_t = Theme::Dark)]
-    theme: Theme,
+    /// Colours of the window [default: those of the last window; at first dark]
+    #[arg(long, value_enum)]
+    theme: Option<Theme>,
     /// Draw as fast as the device can, without waiting for the display
     #[arg(long)]
     no_vsync: bool,
@@ -202,6 +206,9 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     for graph in [Some(&args.drawing.pipeline), args.compare.as_ref()].into_iter().flatten() {
         claims.input("the graph", Path::new(graph))?;
     }
+    if let Some(path) = &args.compare_scene {
+        claims.input("the other scene", path)?;
+    }
     if let Some(path) = &args.screenshot {
         if is_standard_output(path) || Format::of(path).is_none() {
             return Err(Usage(format!(
@@ -237,6 +244,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         device: args.device.options(),
         vsync: !args.no_vsync,
         continuous: args.continuous,
+        // A script asks for the same window each time.
+        kept: if args.screenshot.is_some() || args.frames.is_some() { None } else { kept::path() },
         setup: Box::new(move |shell, size| initial.apply(shell, size)),
         events,
         screenshot: args.screenshot.clone(),
@@ -261,6 +270,7 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene,
 struct InitialState {
     background: [f32; 3],
     compare: Option<(Mode, Option<String>, IndexMap<String, String>)>,
+    compare_scene: Option<PathBuf>,
     split: f32,
     gain: f32,
     scale: f32,
@@ -269,13 +279,14 @@ struct InitialState {
     select: Option<Selection>,
     pick: Option<[f32; 2]>,
     measure: bool,
-    theme: Theme,
+    theme: Option<Theme>,
 }
 
 impl InitialState {
     fn of(args: &Args) -> InitialState {
         let wanted = args.measure
             || args.compare.is_some()
+            || args.compare_scene.is_some()
             || !args.compare_set.is_empty()
             || args.compare_as.is_some();
         let mode = match args.compare_as {
@@ -287,6 +298,7 @@ impl InitialState {
         InitialState {
             background: args.background,
             compare,
+            compare_scene: args.compare_scene.clone(),
             split: args.split,
             gain: args.gain,
             scale: args.scale,
@@ -300,6 +312,7 @@ impl InitialState {
     }
 
     fn apply(self, shell: &mut Shell<Backend>, (width, _): (u32, u32)) -> Result<()> {
+        let restored = shell.panels.is_restored() && self.show.is_empty();
         let show = match self.show.as_slice() {
             [] if width < SMALL => vec![ShowPanel::Parameters, ShowPanel::Hud],
             [] => vec![ShowPanel::Parameters, ShowPanel::Times, ShowPanel::Timeline, ShowPanel::Hud],
@@ -318,8 +331,10 @@ impl InitialState {
                 tools.push(tool);
             }
         }
-        shell.panels.open_tools(&tools);
-        shell.panels.hud = has(ShowPanel::Hud);
+        if !restored {
+            shell.panels.open_tools(&tools);
+            shell.panels.hud = has(ShowPanel::Hud);
+        }
         shell.panels.hidden = has(ShowPanel::None);
         if let Some(selection) = self.select {
             shell.panels.select(selection);
@@ -327,10 +342,12 @@ impl InitialState {
         if let Some(place) = self.pick {
             shell.panels.pick_first(place);
         }
-        shell.context().set_theme(match self.theme {
-            Theme::Dark => egui::Theme::Dark,
-            Theme::Light => egui::Theme::Light,
-        });
+        if let Some(theme) = self.theme {
+            shell.context().set_theme(match theme {
+                Theme::Dark => egui::Theme::Dark,
+                Theme::Light => egui::Theme::Light,
+            });
+        }
         let viewer = &mut shell.viewer;
         viewer.background = self.background;
         (viewer.split, viewer.gain, viewer.scale) = (self.split, self.gain, self.scale);
@@ -339,6 +356,9 @@ impl InitialState {
             if let Some(b) = viewer.viewport(RendererId::B) {
                 let graph = graph.unwrap_or_else(|| b.renderer.graph().to_owned());
                 b.renderer.choose(&graph, set);
+            }
+            if let Some(path) = &self.compare_scene {
+                viewer.open_scene_in(RendererId::B, path);
             }
             if self.measure {
                 viewer.measure();

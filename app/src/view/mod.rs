@@ -22,6 +22,7 @@ pub mod animation;
 pub mod cameras;
 pub mod events;
 pub mod history;
+pub mod kept;
 pub mod navigation;
 pub mod opening;
 pub mod paint;

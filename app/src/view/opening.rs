@@ -3,6 +3,7 @@
 //! A request cancels the one before it, so that a slow file never replaces one that was opened after it. A load is cancelled at
 //! its next report of progress; until then its thread goes on, and its result is dropped.
 
+use super::events::RendererId;
 use super::renderer::Wake;
 use splatgraph_assets::{Camera, Scene};
 use std::any::Any;
@@ -27,8 +28,8 @@ pub struct Opened {
 
 /// The content of a file.
 pub enum Content {
-    /// A scene, and the cameras that belong to it, with their file.
-    Scene(Result<Box<Scene>, String>, Option<(PathBuf, Result<Vec<Camera>, String>)>),
+    /// A scene for a viewport, and the cameras that belong to it, with their file.
+    Scene(RendererId, Result<Box<Scene>, String>, Option<(PathBuf, Result<Vec<Camera>, String>)>),
     /// Cameras, in the world's coordinates.
     Cameras(CameraRole, Result<Vec<Camera>, String>),
 }
@@ -60,7 +61,8 @@ impl Drop for Request {
 /// The files that are being read.
 pub struct Opening {
     next: u64,
-    scene: Option<Request>,
+    /// A's and B's.
+    scenes: [Option<Request>; 2],
     /// By their [`CameraRole`].
     cameras: [Option<Request>; 3],
     finished: (Sender<Opened>, Receiver<Opened>),
@@ -73,26 +75,38 @@ struct Cancelled;
 impl Opening {
     /// Creates a reader that calls `wake` when a file was read.
     pub fn new(wake: Wake) -> Opening {
-        Opening { next: 1, scene: None, cameras: [const { None }; 3], finished: channel(), wake }
+        Opening {
+            next: 1,
+            scenes: [const { None }; 2],
+            cameras: [const { None }; 3],
+            finished: channel(),
+            wake,
+        }
     }
 
-    /// Returns the scene that is being read.
-    pub fn scene(&self) -> Option<&Path> {
-        self.scene.as_ref().map(|request| request.path.as_path())
+    /// Returns the scene that is being read for a viewport.
+    pub fn scene(&self, id: RendererId) -> Option<&Path> {
+        self.scenes[index(id)].as_ref().map(|request| request.path.as_path())
     }
 
     /// Returns true while a file is being read.
     pub fn busy(&self) -> bool {
-        self.scene.is_some() || self.cameras.iter().any(Option::is_some)
+        self.scenes.iter().chain(&self.cameras).any(Option::is_some)
     }
 
-    /// Reads a scene, and its cameras if there are some; cancels the scene that is being read.
+    /// Drops the scene that is being read for a viewport.
+    pub fn cancel_scene(&mut self, id: RendererId) {
+        self.scenes[index(id)] = None;
+    }
+
+    /// Reads a scene for a viewport, and its cameras if there are some; cancels the scene that is being read for it.
     ///
     /// # Errors
     /// The system starts no thread.
-    pub fn open_scene(&mut self, path: &Path) -> Result<(), String> {
-        self.scene = None;
-        let request = self.start(path, |path, cancelled| {
+    pub fn open_scene(&mut self, id: RendererId, path: &Path) -> Result<(), String> {
+        self.scenes[index(id)] = None;
+        let failed = move |error| Content::Scene(id, Err(error), None);
+        let request = self.start(path, failed, move |path, cancelled| {
             let progress = |_, _| {
                 if cancelled.load(Ordering::Relaxed) {
                     // Without the message of a panic.
@@ -105,9 +119,9 @@ impl Opening {
                 scene.identity();
             }
             let cameras = scene.as_ref().ok().and_then(|_| cameras_of(path));
-            Content::Scene(scene, cameras.map(|file| (file.clone(), load_cameras(&file))))
+            Content::Scene(id, scene, cameras.map(|file| (file.clone(), load_cameras(&file))))
         })?;
-        self.scene = Some(request);
+        self.scenes[index(id)] = Some(request);
         Ok(())
     }
 
@@ -118,7 +132,24 @@ impl Opening {
     pub fn open_cameras(&mut self, role: CameraRole, path: &Path) -> Result<(), String> {
         self.cameras[role as usize] = None;
         let read = move |path: &Path, _: &AtomicBool| Content::Cameras(role, load_cameras(path));
-        self.cameras[role as usize] = Some(self.start(path, read)?);
+        let failed = move |error| Content::Cameras(role, Err(error));
+        self.cameras[role as usize] = Some(self.start(path, failed, read)?);
+        Ok(())
+    }
+
+    /// Reads the scenes for the other viewport each: what is being read for A is read for B.
+    ///
+    /// # Errors
+    /// The system starts no thread.
+    pub fn exchange_scenes(&mut self) -> Result<(), String> {
+        let paths = [RendererId::A, RendererId::B].map(|id| (id, self.scene(id).map(Path::to_owned)));
+        for (id, path) in paths {
+            let other = if id == RendererId::A { RendererId::B } else { RendererId::A };
+            match path {
+                Some(path) => self.open_scene(other, &path)?,
+                None => self.cancel_scene(other),
+            }
+        }
         Ok(())
     }
 
@@ -126,7 +157,7 @@ impl Opening {
     pub fn take(&mut self) -> Option<Opened> {
         loop {
             let opened = self.finished.1.try_recv().ok()?;
-            for request in std::iter::once(&mut self.scene).chain(&mut self.cameras) {
+            for request in self.scenes.iter_mut().chain(&mut self.cameras) {
                 if request.as_ref().is_some_and(|request| request.number == opened.number) {
                     *request = None;
                     return Some(opened);
@@ -135,9 +166,11 @@ impl Opening {
         }
     }
 
+    /// Reads a file on another thread. `failed` makes the content of one whose reading panics.
     fn start(
         &mut self,
         path: &Path,
+        failed: impl FnOnce(String) -> Content + Send + 'static,
         read: impl FnOnce(&Path, &AtomicBool) -> Content + Send + 'static,
     ) -> Result<Request, String> {
         let (number, cancelled) = (self.next, Arc::new(AtomicBool::new(false)));
@@ -150,7 +183,7 @@ impl Opening {
                 Ok(content) => content,
                 Err(payload) if payload.is::<Cancelled>() || cancelled.load(Ordering::Relaxed) => return,
                 // A panic is a defect of this program, and no reason to end it.
-                Err(payload) => Content::Scene(Err(format!("internal error: {}", message(&*payload))), None),
+                Err(payload) => failed(format!("internal error: {}", message(&*payload))),
             };
             let load_ms = begun.elapsed().as_secs_f64() * 1e3;
             // The viewer may be closed by now.
@@ -160,6 +193,11 @@ impl Opening {
         let thread = std::thread::Builder::new().name("open".to_owned()).spawn(work);
         thread.map(|_| request).map_err(|error| format!("no thread can be started to read it: {error}"))
     }
+}
+
+/// Returns the index of a viewport's scene. The window has none, and counts as A.
+fn index(id: RendererId) -> usize {
+    usize::from(id == RendererId::B)
 }
 
 fn message(payload: &(dyn Any + Send)) -> String {
@@ -212,12 +250,12 @@ mod tests {
         synth::generate("demo", 200_000, 0).unwrap().write_ply(&slow).unwrap();
         synth::generate("demo", 100, 0).unwrap().write_ply(&fast).unwrap();
         let mut opening = Opening::new(Arc::new(|| {}));
-        opening.open_scene(&slow).unwrap();
-        opening.open_scene(&fast).unwrap();
-        assert_eq!(opening.scene(), Some(fast.as_path()));
+        opening.open_scene(RendererId::A, &slow).unwrap();
+        opening.open_scene(RendererId::A, &fast).unwrap();
+        assert_eq!(opening.scene(RendererId::A), Some(fast.as_path()));
         let opened = waited(&mut opening);
         assert_eq!(opened.path, fast);
-        assert!(matches!(opened.content, Content::Scene(Ok(scene), None) if scene.count() == 100));
+        assert!(matches!(opened.content, Content::Scene(_, Ok(scene), None) if scene.count() == 100));
         assert!(!opening.busy());
         // Nor does the slow one come later.
         std::thread::sleep(Duration::from_millis(300));
@@ -236,8 +274,8 @@ mod tests {
             (PathBuf::from("/dev/zero"), "device"),
             (folder.path().join("nothing.ply"), "No such file"),
         ] {
-            opening.open_scene(&path).unwrap();
-            let Content::Scene(Err(error), None) = waited(&mut opening).content else {
+            opening.open_scene(RendererId::A, &path).unwrap();
+            let Content::Scene(_, Err(error), None) = waited(&mut opening).content else {
                 panic!("{} is a scene", path.display());
             };
             assert!(error.contains(expected), "{error}");

@@ -190,7 +190,7 @@ impl<D: Device> Shell<D> {
         zone!("window frame");
         let begun = Instant::now();
         for file in &input.dropped_files {
-            self.viewer.open(file.path());
+            self.viewer.open_in(self.panels.selected, file.path());
         }
         self.collect_all();
         self.seen = self.changes();

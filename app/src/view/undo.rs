@@ -10,7 +10,7 @@ use super::renderer::Renderer;
 use super::viewer::Viewer;
 use indexmap::IndexMap;
 use splatgraph_api::Device;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Greatest number of steps.
 const STEPS: usize = 200;
@@ -26,6 +26,8 @@ struct Side {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     scene: PathBuf,
+    /// B's scene, if it has one of its own.
+    other: Option<PathBuf>,
     a: Side,
     b: Option<Side>,
     compare: Mode,
@@ -38,8 +40,11 @@ impl Settings {
     pub fn of<D: Device>(viewer: &Viewer<D>) -> Settings {
         let side =
             |renderer: &Renderer<D>| Side { graph: renderer.graph().to_owned(), set: renderer.set().clone() };
+        let own = viewer.has_two_scenes().then(|| viewer.scene_path_of(RendererId::B));
+        let other = viewer.loading(RendererId::B).or(own);
         Settings {
-            scene: viewer.loading().unwrap_or(viewer.scene_path()).to_owned(),
+            scene: viewer.loading(RendererId::A).unwrap_or(viewer.scene_path()).to_owned(),
+            other: other.map(Path::to_owned),
             a: side(&viewer.a.renderer),
             b: viewer.b.as_ref().map(|b| side(&b.renderer)),
             compare: viewer.compare,
@@ -50,9 +55,19 @@ impl Settings {
 
     /// Makes these the settings of a viewer; only what differs is touched.
     fn apply<D: Device>(&self, viewer: &mut Viewer<D>) {
-        let now = Settings::of(viewer);
+        let mut now = Settings::of(viewer);
+        if now.scene != self.scene && now.other.as_ref() == Some(&self.scene) {
+            // They were exchanged: nothing is to be read again.
+            viewer.exchange();
+            now = Settings::of(viewer);
+        }
         if now.scene != self.scene {
             viewer.open_scene(&self.scene);
+        }
+        match &self.other {
+            other if *other == now.other => {}
+            Some(path) => viewer.open_scene_in(RendererId::B, path),
+            None => viewer.share_scene(),
         }
         if now.compare != self.compare {
             viewer.choose_compare(self.compare);
@@ -73,7 +88,7 @@ impl Settings {
     /// Names what differs from other settings: `digit_bits`, `graph`, `2 parameters`.
     fn difference(&self, other: &Settings) -> String {
         let mut parts: Vec<String> = Vec::new();
-        if self.scene != other.scene {
+        if self.scene != other.scene || self.other != other.other {
             parts.push("scene".to_owned());
         }
         for (a, b) in [(Some(&self.a), Some(&other.a)), (self.b.as_ref(), other.b.as_ref())] {
@@ -170,6 +185,7 @@ mod tests {
     fn settings(graph: &str, set: &[(&str, &str)]) -> Settings {
         let set = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
         Settings {
+            other: None,
             scene: "scene.ply".into(),
             a: Side { graph: graph.to_owned(), set },
             b: None,

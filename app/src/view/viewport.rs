@@ -201,6 +201,11 @@ impl<D: Device> Viewport<D> {
         self.reading = Reading::Wanted;
     }
 
+    /// Returns true if a picture was requested, and no frame that gives it was submitted yet.
+    pub(super) fn wants_picture(&self) -> bool {
+        matches!(self.reading, Reading::Wanted)
+    }
+
     /// Takes the requested picture once it is read back, or the reason why it cannot be.
     pub fn take_picture(&mut self) -> Option<Result<Pixels, String>> {
         match std::mem::take(&mut self.reading) {
@@ -294,7 +299,7 @@ impl<D: Device> Viewport<D> {
             || self.animated
             || self.renderer.must_redraw()
             || inspect.is_some() && self.asks()
-            || matches!(self.reading, Reading::Wanted)
+            || self.wants_picture()
             || show && self.is_held_back() && self.renderer.in_flight() == 0;
         if !due {
             return;

@@ -14,6 +14,8 @@ mod editor;
 mod event_log;
 
 use super::events::Event;
+use super::kept;
+use super::opening::CameraRole;
 use super::panels::Command;
 use super::recovery::Recovery;
 use super::shell::{FrameRequest, Shell};
@@ -87,6 +89,8 @@ pub struct WindowOptions {
     pub vsync: bool,
     /// True to draw all the time, also while nothing changes. A number of frames and a screenshot imply it.
     pub continuous: bool,
+    /// File that keeps the arrangement from one start to the next; `None` to start anew.
+    pub kept: Option<PathBuf>,
     /// Sets the initial state of the shell.
     pub setup: Setup,
     /// Destination of events, one JSON object per line.
@@ -150,6 +154,8 @@ struct Running {
     blind: Option<Instant>,
     /// The pass that the last event of a slow one named.
     slow: Option<String>,
+    /// File that keeps the arrangement.
+    kept: Option<PathBuf>,
     /// The dialog that asks for a file.
     open: dialog::Dialog,
     /// File for the next frame's picture.
@@ -197,6 +203,13 @@ impl App {
         viewer.continuous = options.continuous || options.frames.is_some() || options.screenshot.is_some();
         let mut shell = Shell::new(viewer, canvas, wake.clone())?;
         shell.panels.vsync = options.vsync;
+        if let Some(path) = &options.kept {
+            match kept::restore(path, &mut shell.panels) {
+                Ok(None) => {}
+                Ok(Some(theme)) => shell.context().set_theme(theme),
+                Err(text) => shell.report(Event::Problem { text }),
+            }
+        }
         (options.setup)(&mut shell, size)?;
         let input = window.with(|window| {
             let (context, scale) = (shell.context().clone(), window.scale_factor() as f32);
@@ -221,6 +234,7 @@ impl App {
             blind: None,
             slow: None,
             open: dialog::Dialog::new(wake),
+            kept: options.kept,
             save: None,
             save_a: None,
         });
@@ -360,8 +374,11 @@ impl Running {
     /// Draws a frame; returns true if the window must close.
     fn draw(&mut self) -> Result<bool> {
         self.asked = false;
-        if let Some(path) = self.open.take() {
-            self.shell.viewer.open(&path);
+        if let Some((path, cameras)) = self.open.take() {
+            match cameras {
+                None => self.shell.viewer.open_in(self.shell.panels.selected, &path),
+                Some(role) => self.shell.viewer.open_cameras_as(role, &path),
+            }
         }
         let input: RawInput = self.window.with(|window| self.input.take_egui_input(window));
         let close = self.must_close()?;
@@ -504,7 +521,8 @@ impl Running {
                     window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
                 });
             }
-            Command::Open => self.window.with(|window| self.open.ask(window, self.shell.viewer.scene_path())),
+            Command::Open => self.ask(None),
+            Command::OpenCameras(role) => self.ask(Some(role)),
             Command::Edit(origin) => {
                 if let Err(error) = editor::open(&origin) {
                     self.shell.report(Event::Problem { text: error });
@@ -517,6 +535,12 @@ impl Running {
                 }
             }
         }
+    }
+
+    /// Asks for a file, beside the scene.
+    fn ask(&mut self, cameras: Option<CameraRole>) {
+        let near = self.shell.viewer.scene_path();
+        self.window.with(|window| self.open.ask(window, near, cameras));
     }
 
     /// Saves a picture and reports the result.
@@ -535,6 +559,11 @@ impl Running {
 
     /// Closes the device, and returns the validation messages. What does not end in time is left to the end of the process.
     fn close(mut self) -> Vec<String> {
+        if let Some(path) = &self.kept
+            && let Err(error) = kept::keep(path, &self.shell.panels, self.shell.context().theme())
+        {
+            say(format!("the arrangement of the window is not kept: {error}"));
+        }
         let end = Instant::now() + CLOSING;
         let finished = self.shell.finish(CLOSING);
         let still = match finished {

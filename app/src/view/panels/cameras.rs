@@ -1,11 +1,12 @@
 //! Draws the tool for cameras: field of view, saved views, the path through keys, and the picture as a command.
 
-use super::Controls;
 use super::theme::{self, GRID, ROW};
 use super::widgets::{fact, heading, hint};
+use super::{Command, Controls};
 use crate::camera_path::SECONDS;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::FIELDS_OF_VIEW;
+use crate::view::opening::CameraRole;
 use crate::view::viewer::Viewer;
 use egui::{Button, DragValue, RichText, Slider, Ui};
 use splatgraph_api::Device;
@@ -21,7 +22,13 @@ enum Act {
 }
 
 /// Draws the tool. `selected` is the viewport whose picture the command draws.
-pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, selected: RendererId, controls: &mut Controls) {
+pub fn show<D: Device>(
+    ui: &mut Ui,
+    viewer: &mut Viewer<D>,
+    selected: RendererId,
+    commands: &mut Vec<Command>,
+    controls: &mut Controls,
+) {
     field_of_view(ui, viewer, controls);
     ui.horizontal_wrapped(|ui| {
         let copy = ui.button("Copy as JSON");
@@ -38,8 +45,8 @@ pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, selected: RendererId
             ui.copy_text(line);
         }
     });
-    views(ui, viewer, controls);
-    path(ui, viewer, controls);
+    views(ui, viewer, commands, controls);
+    path(ui, viewer, commands, controls);
 }
 
 fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
@@ -61,7 +68,12 @@ fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut 
 }
 
 /// Draws the saved views.
-fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
+fn views<D: Device>(
+    ui: &mut Ui,
+    viewer: &mut Viewer<D>,
+    commands: &mut Vec<Command>,
+    controls: &mut Controls,
+) {
     heading(ui, "Saved views");
     let mut act = None;
     for (index, view) in viewer.views.list().iter().enumerate() {
@@ -89,11 +101,17 @@ fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls
         }
         let any = !viewer.views.list().is_empty();
         write_button(ui, viewer, controls, "views", any, Viewer::write_views);
+        read_button(ui, CameraRole::Views, "Adds the cameras of a cameras.json", commands);
     });
 }
 
 /// Draws the keys of the path, and its player.
-fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
+fn path<D: Device>(
+    ui: &mut Ui,
+    viewer: &mut Viewer<D>,
+    commands: &mut Vec<Command>,
+    controls: &mut Controls,
+) {
     heading(ui, "Path");
     let times = viewer.path.key_seconds();
     let mut act = None;
@@ -132,6 +150,7 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
             record(viewer);
         }
         write_button(ui, viewer, controls, "path", count > 0, Viewer::write_path);
+        read_button(ui, CameraRole::Path, "Makes the cameras of a cameras.json the keys", commands);
     });
     if count < 2 {
         ui.weak("Two keys or more make a path.");
@@ -166,6 +185,13 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
     fact(ui, "Speed", "constant, turns count as ways");
 }
 
+/// Draws the button that asks for a file of cameras.
+fn read_button(ui: &mut Ui, role: CameraRole, about: &str, commands: &mut Vec<Command>) {
+    if hint(ui.button("Read a file…"), about).clicked() {
+        commands.push(Command::OpenCameras(role));
+    }
+}
+
 /// Draws the button that writes a file of cameras under the next free name, and reports the result.
 fn write_button<D: Device, E: Display>(
     ui: &mut Ui,
@@ -178,7 +204,7 @@ fn write_button<D: Device, E: Display>(
     let button = ui.add_enabled(enabled, Button::new("Write a file"));
     controls.see(&format!("write_{stem}"), button.rect);
     if hint(button, format!("Writes {stem}-1.cameras.json, or the next free name")).clicked() {
-        let path = free_name(stem);
+        let path = free_name(&viewer.folder, stem);
         let event = match write(viewer, &path) {
             Ok(()) => Event::Saved { path },
             Err(error) => Event::FileFailed { path, error: error.to_string() },
@@ -203,8 +229,8 @@ pub fn toggle<D: Device>(viewer: &mut Viewer<D>) {
     }
 }
 
-/// Finds the first of `NAME-1.cameras.json`, `NAME-2.cameras.json`, ... that does not exist.
-fn free_name(stem: &str) -> PathBuf {
-    let name = |number: u32| PathBuf::from(format!("{stem}-{number}.cameras.json"));
+/// Finds the first in a folder of `NAME-1.cameras.json`, `NAME-2.cameras.json`, ... that does not exist.
+fn free_name(folder: &Path, stem: &str) -> PathBuf {
+    let name = |number: u32| folder.join(format!("{stem}-{number}.cameras.json"));
     (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
 }

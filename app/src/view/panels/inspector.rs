@@ -25,6 +25,21 @@ pub struct Target<'a> {
     pub commands: &'a mut Vec<Command>,
     /// Places of the controls.
     pub controls: &'a mut Controls,
+    /// What is known of the device's copy limit.
+    pub copy: Copy,
+    /// Set to true to measure it.
+    pub measure: &'a mut bool,
+}
+
+/// What is known of the device's copy limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Copy {
+    /// Nothing.
+    Unknown,
+    /// It is being measured.
+    Measuring,
+    /// 10^9 bytes per second, read and written.
+    Known(f64),
 }
 
 impl State {
@@ -114,6 +129,7 @@ fn show_pass<D: Device>(
             let text = format!("{} GB/s", widgets::three_digits(rate));
             fact(ui, "If each byte moves once", text);
         }
+        against_copy(ui, (read + written) as f64, ms.median, target);
         if viewport.history.is_mostly_unattributed() {
             ui.weak("This driver's timestamps do not tell passes apart.");
         }
@@ -166,6 +182,29 @@ fn show_pass<D: Device>(
         for push in &pass.push {
             let name = push.name.clone().unwrap_or_else(|| format!("byte {}", push.offset));
             fact(ui, &name, push.value.to_string());
+        }
+    }
+}
+
+/// Draws how long a copy of a pass's bytes would take, and the share of the pass's time that this is.
+fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
+    match target.copy {
+        Copy::Known(rate) => {
+            let limit = bytes / rate * 1e-6;
+            let share = widgets::three_digits(100.0 * limit / ms.max(f64::MIN_POSITIVE));
+            fact(ui, "A copy of its bytes", format!("{}, {share} % of it", widgets::time(limit)));
+        }
+        Copy::Measuring => {
+            ui.horizontal(|ui| {
+                ui.spinner();
+                ui.weak("measuring how fast the device copies");
+            });
+        }
+        Copy::Unknown => {
+            let button = ui.button("Hold against a copy");
+            target.controls.see("measure_copy", button.rect);
+            let about = "Measures how fast the device copies, and shows how long a copy of the bound bytes would take";
+            *target.measure |= hint(button, about).clicked();
         }
     }
 }

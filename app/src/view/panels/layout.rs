@@ -6,6 +6,7 @@
 
 use egui::{Id, Rect, Ui, Vec2, vec2};
 use egui_tiles::{Container, Linear, LinearDir, SimplificationOptions, Tile, TileId, Tiles, Tree};
+use serde::{Deserialize, Serialize};
 
 /// Least size of the picture beside docked tools, in points.
 pub const PICTURE: Vec2 = vec2(320.0, 200.0);
@@ -16,11 +17,14 @@ const SIDE: (f32, f32) = (240.0, 320.0);
 /// Least height of the tool below the picture, in points.
 const BELOW: f32 = 140.0;
 
+/// Greatest number of tiles of a sound arrangement.
+const MOST: usize = 100;
+
 /// Width of the line between tiles, in points.
 pub const LINE: f32 = 1.0;
 
 /// A part of the window.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Tool {
     /// The picture of the scene.
     Picture,
@@ -64,6 +68,7 @@ impl Tool {
 }
 
 /// The arrangement of the tools.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Layout {
     /// The tiles; taken out while they are drawn.
     pub tree: Tree<Tool>,
@@ -95,6 +100,27 @@ impl Default for Layout {
 }
 
 impl Layout {
+    /// Returns true if the tree has each tool once, so that all of them can be shown.
+    pub fn is_sound(&self) -> bool {
+        let mut panes: Vec<Tool> = Vec::new();
+        let mut next: Vec<TileId> = self.tree.root().into_iter().collect();
+        // A tile that is listed twice would be walked twice, and one that holds itself for ever.
+        while let Some(tile) = next.pop() {
+            match self.tree.tiles.get(tile) {
+                Some(Tile::Pane(tool)) => panes.push(*tool),
+                Some(Tile::Container(container)) => next.extend(container.children()),
+                None => return false,
+            }
+            if panes.len() + next.len() > MOST {
+                return false;
+            }
+        }
+        panes.sort();
+        let mut all = [Tool::ALL.as_slice(), &[Tool::Picture]].concat();
+        all.sort();
+        panes == all && self.lengths.iter().all(|(_, length)| length.is_finite() && *length >= 0.0)
+    }
+
     /// Returns true if a tool is open, docked or floating.
     pub fn is_open(&self, tool: Tool) -> bool {
         self.open.contains(&tool)

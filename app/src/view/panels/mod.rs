@@ -28,6 +28,7 @@ mod widgets;
 
 use super::events::{Event, RendererId};
 use super::history::{History, WINDOW};
+use super::opening::CameraRole;
 use super::paint::Mode;
 use super::undo::{self, Settings};
 use super::viewer::Viewer;
@@ -37,11 +38,12 @@ use egui::{Align2, CentralPanel, Context, Panel, Rect, Ui};
 use layout::Layout;
 use presets::Presets;
 use selection::{Dumped, Selection};
+use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
 use std::collections::{BTreeMap, VecDeque};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf, absolute};
 use std::sync::Arc;
 use std::time::Instant;
 use theme::Palette;
@@ -70,6 +72,8 @@ pub enum Command {
     Fullscreen,
     /// Ask for a scene, a graph or cameras, and open the file.
     Open,
+    /// Ask for cameras, and open the file for this use.
+    OpenCameras(CameraRole),
     /// Open a line of a file in an editor.
     Edit(Origin),
 }
@@ -106,6 +110,15 @@ pub struct PanelOutput {
     pub commands: Vec<Command>,
 }
 
+/// What a person arranges, for the next start.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct Arrangement {
+    layout: Layout,
+    hud: bool,
+    /// Scenes that were open, the newest first.
+    recent: Vec<PathBuf>,
+}
+
 /// The state of the panels.
 pub struct Panels {
     /// True to show the picture alone.
@@ -139,8 +152,13 @@ pub struct Panels {
     redo_now: bool,
     /// The program dropped parameters since the last frame.
     dropped: bool,
-    /// Scenes of this window, the newest first.
+    /// Scenes that were open, the newest first.
     recent: Vec<PathBuf>,
+    /// Texts that the shown scenes and cameras contain.
+    scene_search: String,
+    camera_search: String,
+    /// True once a kept arrangement was restored.
+    restored: bool,
     drag: pointer::Drag,
     wheel: Wheel,
     /// True to mark the worst pixel of the comparison.
@@ -185,6 +203,9 @@ impl Default for Panels {
             redo_now: false,
             dropped: false,
             recent: Vec::new(),
+            scene_search: String::new(),
+            camera_search: String::new(),
+            restored: false,
             drag: pointer::Drag::default(),
             wheel: Wheel::default(),
             marked: false,
@@ -229,6 +250,38 @@ impl Panels {
         }
         for tool in tools {
             self.layout.reveal(*tool);
+        }
+    }
+
+    /// Returns the arrangement for the next start.
+    pub fn arrangement(&self) -> Arrangement {
+        Arrangement { layout: self.layout.clone(), hud: self.hud, recent: self.recent.clone() }
+    }
+
+    /// Takes an arrangement of an earlier start; returns false, and changes nothing, if it lacks a tool.
+    pub fn restore(&mut self, arrangement: Arrangement) -> bool {
+        let Arrangement { layout, hud, mut recent } = arrangement;
+        if !layout.is_sound() {
+            return false;
+        }
+        recent.retain(|scene| scene.is_file());
+        (self.layout, self.hud, self.recent, self.restored) = (layout, hud, recent, true);
+        true
+    }
+
+    /// Returns true if an arrangement of an earlier start was restored.
+    pub fn is_restored(&self) -> bool {
+        self.restored
+    }
+
+    /// Moves a scene to the front of those that were open.
+    fn remember_scene(&mut self, scene: &Path) {
+        // A relative path means another file at the next start.
+        let scene = absolute(scene).unwrap_or_else(|_| scene.to_owned());
+        if self.recent.first() != Some(&scene) {
+            self.recent.retain(|recent| *recent != scene);
+            self.recent.insert(0, scene);
+            self.recent.truncate(RECENT);
         }
     }
 
@@ -282,7 +335,6 @@ impl Panels {
         self.over_picture(ui.ctx(), viewer, window_failure, view, &mut commands);
         help::show(ui.ctx(), &mut self.help);
         self.step(ui.ctx(), viewer);
-        self.recent.truncate(RECENT);
         PanelOutput { view, commands }
     }
 
@@ -369,15 +421,15 @@ impl Panels {
     fn view<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) -> Rect {
         let rect = ui.max_rect();
         self.controls.see("view", rect);
-        if let Some(at) = self.drag.act(ui, rect, viewer, &mut self.wheel) {
-            viewer.pick(at);
+        if let Some((id, at)) = self.drag.act(ui, rect, viewer, &mut self.wheel) {
+            viewer.pick(id, at);
             self.selection = Some(Selection::Splat);
         }
         if viewer.pictures()[0].is_some()
             && let Some([x, y]) = self.pick_first.take()
         {
             let camera = viewer.picture_camera();
-            viewer.pick([x * camera.width as f32, y * camera.height as f32]);
+            viewer.pick(RendererId::A, [x * camera.width as f32, y * camera.height as f32]);
         }
         if self.selection == Some(Selection::Splat) {
             splat::draw_outline(ui, viewer, rect);

@@ -1,6 +1,7 @@
 //! Converts pointer and keys over the picture to input of the camera and the split line.
 
 use super::hud;
+use crate::view::events::RendererId;
 use crate::view::navigation::{Buttons, Input, Keys, Modifiers};
 use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
@@ -22,14 +23,14 @@ pub enum Drag {
 }
 
 impl Drag {
-    /// Applies the input of the last frame. Returns the place of a click on the picture, in its pixels.
+    /// Applies the input of the last frame. Returns the viewport and the place of a click on the picture, in its pixels.
     pub fn act<D: Device>(
         &mut self,
         ui: &mut Ui,
         view: Rect,
         viewer: &mut Viewer<D>,
         wheel: &mut Wheel,
-    ) -> Option<[f32; 2]> {
+    ) -> Option<(RendererId, [f32; 2])> {
         // The keyboard is the camera's wherever no control has it: the view takes no focus of its own.
         let response = ui.interact(view, ui.scope_id().with("view"), Sense::CLICK | Sense::DRAG);
         let line = view.left() + viewer.split * view.width();
@@ -107,6 +108,7 @@ impl Drag {
             response.interact_pointer_pos().filter(|_| response.clicked() && !response.double_clicked())?;
         let camera = viewer.picture_camera();
         let share = (at - view.min) / view.size();
-        Some([share.x * camera.width as f32, share.y * camera.height as f32])
+        let id = if splits && share.x > viewer.split { RendererId::B } else { RendererId::A };
+        Some((id, [share.x * camera.width as f32, share.y * camera.height as f32]))
     }
 }

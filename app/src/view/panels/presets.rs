@@ -41,17 +41,15 @@ impl Presets {
     ) -> bool {
         self.remember(renderer);
         let mut chosen = None;
-        ui.horizontal(|ui| {
-            let search =
-                egui::TextEdit::singleline(&mut self.search).hint_text("Search").desired_width(180.0);
-            let search = ui.add(search);
-            controls.see("graph_search", search.rect);
+        let wanted = ui.horizontal(|ui| {
+            let wanted = super::widgets::search(ui, &mut self.search, "graph_search", controls);
             if ui.button("Open a file…").clicked() {
                 commands.push(Command::Open);
                 ui.close();
             }
+            wanted
         });
-        let wanted = self.search.trim().to_lowercase();
+        let wanted = wanted.inner;
         let fits = |entry: &&Entry| {
             [&entry.graph, &entry.summary].iter().any(|text| text.to_lowercase().contains(&wanted))
         };

@@ -23,11 +23,11 @@ impl Panels {
         // It takes no room of its panel: one that grows with its contents would give the picture another size.
         let room = UiBuilder::new().max_rect(ui.max_rect()).layout(Layout::left_to_right(Align::Center));
         let ui = &mut ui.new_child(room);
-        if let Some(path) = viewer.loading() {
-            ui.add(Spinner::new().size(TEXT));
-            ui.label(format!("loading {}", path.display()));
-        }
         for id in [RendererId::A, RendererId::B] {
+            if let Some(path) = viewer.loading(id) {
+                ui.add(Spinner::new().size(TEXT));
+                ui.label(format!("loading {}", path.display()));
+            }
             let Some(viewport) = viewer.viewport(id) else { continue };
             let progress = viewport.renderer.progress();
             if !progress.is_empty() {

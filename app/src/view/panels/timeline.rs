@@ -97,7 +97,7 @@ impl State {
             self.held.take().filter(|(graph, count, _)| *graph == dump.graph && *count == dump.passes.len());
         let held = held.map_or_else(|| times.clone(), |(_, _, times)| times);
         let times = &held;
-        self.summary(ui, dump, times);
+        self.summary(ui, dump, times, controls);
         for warning in &dump.warnings {
             let place = format!("{}:{}", warning.declared.file, warning.declared.line);
             let text = RichText::new(format!("warning: {} ({place})", warning.message));
@@ -139,7 +139,7 @@ impl State {
     }
 
     /// Draws the totals and the controls of the view.
-    fn summary(&mut self, ui: &mut Ui, dump: &Dump, times: &Times) {
+    fn summary(&mut self, ui: &mut Ui, dump: &Dump, times: &Times, controls: &mut Controls) {
         ui.horizontal(|ui| {
             ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
                 if ui.add_enabled(self.zoom > 1.0, egui::Button::new("Fit")).clicked() {
@@ -151,6 +151,9 @@ impl State {
                     ui.selectable_value(&mut self.equal, false, "by time");
                 });
                 ui.add(egui::TextEdit::singleline(&mut self.filter).hint_text("Filter memory").desired_width(112.0));
+                let button = ui.button("Legend");
+                controls.see("legend", button.rect);
+                egui::Popup::menu(&button).show(|ui| legend(ui, dump));
                 ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
                     let frame = dump.totals.frame;
                     let mut text = format!(
@@ -222,6 +225,43 @@ impl View {
     fn shows(&self, rect: Rect) -> bool {
         rect.right() > self.area.left() && rect.left() < self.area.right()
     }
+}
+
+/// Draws the legend: each phase with its colour and number of passes, and the signs.
+fn legend(ui: &mut Ui, dump: &Dump) {
+    let palette = Palette::of(ui);
+    let mut row = |text: String, sign: &dyn Fn(&Painter, Rect)| {
+        ui.horizontal(|ui| {
+            let (rect, _) = ui.allocate_exact_size(vec2(3.0 * GRID + 4.0, ROW - 4.0), Sense::hover());
+            sign(ui.painter(), Rect::from_center_size(rect.center(), vec2(16.0, 12.0)));
+            ui.label(text);
+        });
+    };
+    let mut seen: Vec<&str> = Vec::new();
+    for phase in &dump.phases {
+        if seen.contains(&phase.name.as_str()) {
+            continue;
+        }
+        seen.push(&phase.name);
+        let count = dump.passes.iter().filter(|pass| pass.phase == phase.name).count();
+        let passes = if count == 1 { "1 pass".to_owned() } else { format!("{count} passes") };
+        let colour = phase_colour(dump, &phase.name);
+        row(format!("{}: {passes}", phase.name), &|painter, rect| _ = painter.rect_filled(rect, 2.0, colour));
+    }
+    let line = Stroke::new(1.0, palette.ink);
+    row("runs once, before the first frame".to_owned(), &|painter, rect| {
+        painter.rect_stroke(rect, 2.0, line, StrokeKind::Inside);
+    });
+    row("barrier".to_owned(), &|painter, rect| {
+        widgets::diamond(painter, rect.center(), 5.0, palette.barrier, Stroke::NONE);
+    });
+    row("memory in use".to_owned(), &|painter, rect| _ = painter.rect_filled(rect, 3.0, palette.life));
+    row("read by the pass above".to_owned(), &|painter, rect| {
+        painter.circle(rect.center(), 3.5, palette.paper, line);
+    });
+    row("written by it".to_owned(), &|painter, rect| {
+        painter.rect_filled(Rect::from_center_size(rect.center(), vec2(6.0, 6.0)), 1.0, palette.ink);
+    });
 }
 
 /// Places all passes and barriers; returns them with the whole width.

@@ -84,7 +84,7 @@ impl Panels {
         match tool {
             Tool::Picture => {}
             Tool::Parameters => {
-                let scene = viewer.scene_path().display().to_string();
+                let scene = viewer.scene_path_of(self.selected).display().to_string();
                 let Some(viewport) = viewer.viewport(self.selected) else { return };
                 let renderer = &mut viewport.renderer;
                 let command = format!("splatgraph render {scene} --pipeline {}", renderer.graph());
@@ -94,7 +94,7 @@ impl Panels {
                 let selected = self.selected;
                 egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
                     ui.set_max_width((ui.available_width() - 10.0).max(0.0));
-                    cameras::show(ui, viewer, selected, &mut self.controls);
+                    cameras::show(ui, viewer, selected, commands, &mut self.controls);
                 });
             }
             Tool::Times => {
@@ -102,7 +102,7 @@ impl Panels {
                     // Room for the scroll bar.
                     ui.set_max_width((ui.available_width() - 10.0).max(0.0));
                     let interval = self.interval();
-                    let loaded = viewer.scene().count();
+                    let loaded = viewer.scene_of(self.selected).count();
                     if let Some(viewport) = viewer.viewport(self.selected) {
                         times::show(ui, viewport, loaded, interval, window, &mut self.plotted);
                     }
@@ -115,13 +115,24 @@ impl Panels {
                 });
             }
             Tool::Inspector => {
+                let copy = match viewer.copy_limit() {
+                    Some(rate) => inspector::Copy::Known(rate),
+                    None if viewer.is_measuring_copy() => inspector::Copy::Measuring,
+                    None => inspector::Copy::Unknown,
+                };
                 let Some(viewport) = viewer.viewport(self.selected) else { return };
+                let mut measure = false;
                 let mut target = inspector::Target {
                     selection: &mut self.selection,
                     commands,
                     controls: &mut self.controls,
+                    copy,
+                    measure: &mut measure,
                 };
                 self.inspector.show(ui, viewport, &mut self.dumped, &mut target);
+                if measure {
+                    viewer.measure_copy();
+                }
             }
             Tool::Timeline => {
                 let Some(viewport) = viewer.viewport(self.selected) else { return };

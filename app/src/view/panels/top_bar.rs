@@ -12,6 +12,7 @@ use crate::view::viewer::Viewer;
 use egui::{Align, Button, Layout, Popup, PopupCloseBehavior, Rect, Response, RichText, Ui, UiBuilder, pos2};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, grouped};
+use std::path::Path;
 
 /// Width of a drop-down list, in points.
 const LIST: f32 = 400.0;
@@ -92,46 +93,61 @@ impl Panels {
     }
 
     fn scene_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
-        let path = viewer.scene_path().to_owned();
-        self.recent.retain(|recent| *recent != path);
-        self.recent.insert(0, path.clone());
+        let selected = self.selected;
+        let path = viewer.scene_path_of(selected).to_owned();
+        self.remember_scene(&path);
+        let (recent, search, controls) = (&self.recent, &mut self.scene_search, &mut self.controls);
         let mut chosen = None;
-        let button = drop_down(ui, &short(&file_name(&path.to_string_lossy())), TITLE, |ui| {
-            if ui.button("Open a file…").clicked() {
-                commands.push(Command::Open);
-                ui.close();
-            }
-            ui.weak("Scenes of this window");
-            for recent in &self.recent {
-                let text = file_name(&recent.to_string_lossy());
-                let item = ui.selectable_label(*recent == path, text);
-                self.controls.see(&format!("scene:{}", recent.display()), item.rect);
-                if hint(item, recent.display().to_string()).clicked() && *recent != path {
-                    chosen = Some(recent.clone());
+        let title = short(&file_name(&path.to_string_lossy()));
+        let title = if selected == RendererId::B { format!("B: {title}") } else { title };
+        let button = drop_down(ui, &title, TITLE, |ui| {
+            let wanted = ui.horizontal(|ui| {
+                let wanted = widgets::search(ui, search, "scene_search", controls);
+                if ui.button("Open a file…").clicked() {
+                    commands.push(Command::Open);
+                    ui.close();
+                }
+                wanted
+            });
+            let shown = recent.iter().filter(|scene| contains(&scene.to_string_lossy(), &wanted.inner));
+            for (index, scene) in shown.enumerate() {
+                let item = ui.selectable_label(index == 0 && *scene == recent[0], named(scene));
+                if ui.is_visible() {
+                    controls.see(&format!("scene:{}", scene.display()), item.rect);
+                }
+                if hint(item, scene.display().to_string()).clicked() && *scene != recent[0] {
+                    chosen = Some(scene.clone());
                     ui.close();
                 }
             }
         });
         self.controls.see("scene", button.rect);
-        hint(button, format!("Scene: {}", path.display()));
+        let whose = if selected == RendererId::B { "Scene of B" } else { "Scene" };
+        hint(button, format!("{whose}: {}", path.display()));
         if let Some(path) = chosen {
-            viewer.open_scene(&path);
+            self.scene_search.clear();
+            viewer.open_scene_in(selected, &path);
         }
     }
 
     fn camera_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let names: Vec<String> = viewer.cameras.iter().enumerate().map(camera_name).collect();
         let now = viewer.camera.and_then(|index| names.get(index)).cloned();
+        let (search, controls) = (&mut self.camera_search, &mut self.controls);
         let mut chosen = None;
         let title = now.unwrap_or_else(|| "free camera".to_owned());
         let button = drop_down(ui, &short(&title), TITLE, |ui| {
             if names.is_empty() {
                 ui.weak("Drop a cameras.json on the window to list its cameras.");
+                return;
             }
+            let wanted = widgets::search(ui, search, "camera_search", controls);
             egui::ScrollArea::vertical().max_height(320.0).show(ui, |ui| {
-                for (index, name) in names.iter().enumerate() {
+                for (index, name) in names.iter().enumerate().filter(|(_, name)| contains(name, &wanted)) {
                     let item = ui.selectable_label(viewer.camera == Some(index), name);
-                    self.controls.see(&format!("camera:{index}"), item.rect);
+                    if ui.is_visible() {
+                        controls.see(&format!("camera:{index}"), item.rect);
+                    }
                     if item.clicked() {
                         chosen = Some(index);
                         ui.close();
@@ -142,6 +158,7 @@ impl Panels {
         self.controls.see("camera", button.rect);
         hint(button, "Camera ([ and ] go through the list)");
         if let Some(index) = chosen {
+            self.camera_search.clear();
             viewer.look_through(index);
         }
     }
@@ -266,7 +283,7 @@ impl Panels {
     /// Draws frame time, rate, device and splats at the right end.
     fn readout<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let palette = Palette::of(ui);
-        let splats = format!("{} splats", grouped(viewer.scene().count().into()));
+        let splats = format!("{} splats", grouped(viewer.scene_of(self.selected).count().into()));
         let interval = self.interval();
         let Some(viewport) = viewer.viewport(self.selected) else { return };
         let mut parts = Vec::new();
@@ -286,6 +303,18 @@ impl Panels {
         hint(rest, format!("{device}\n{splats}"));
         ui.label(RichText::new(time).family(theme::strong()));
     }
+}
+
+/// Returns true if a text contains another, which is in lower case, in any case.
+fn contains(text: &str, wanted: &str) -> bool {
+    text.to_lowercase().contains(wanted)
+}
+
+/// Names a scene by its file and its folder, which tell `point_cloud.ply` of several captures apart.
+fn named(scene: &Path) -> String {
+    let folder = scene.parent().and_then(Path::file_name).map(|name| name.to_string_lossy());
+    let name = file_name(&scene.to_string_lossy());
+    folder.map_or(name.clone(), |folder| format!("{name}   ({folder})"))
 }
 
 fn camera_name((index, camera): (usize, &Camera)) -> String {

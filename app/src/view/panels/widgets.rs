@@ -1,5 +1,6 @@
 //! Draws the small parts that the panels share: rows, hints beside controls, numbers and sparklines.
 
+use super::Controls;
 use super::theme::{self, Palette, ROW, TEXT};
 use egui::Tooltip;
 use egui::{
@@ -50,6 +51,13 @@ pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
             ui.add(egui::Label::new(value.into()).truncate());
         });
     });
+}
+
+/// Draws a field for text to look for; returns the text in lower case.
+pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
+    let field = ui.add(egui::TextEdit::singleline(text).hint_text("Search").desired_width(180.0));
+    controls.see(name, field.rect);
+    text.trim().to_lowercase()
 }
 
 /// Draws the heading of a part of a panel.

@@ -3,6 +3,7 @@
 use super::script::{Script, arrange};
 use crate::pick;
 use crate::view::events::Event;
+use crate::view::events::RendererId;
 use crate::view::navigation::{Buttons, Input};
 use crate::view::viewer::Viewer;
 use splatgraph_assets::{Camera, synth};
@@ -47,7 +48,7 @@ fn splats_are_picked_in_the_last_picture_until_another_scene_is_shown() {
         |_| {},
         |script| {
             assert!(script.viewer().picked.is_none());
-            script.viewer().pick([160.7, 90.2]);
+            script.viewer().pick(RendererId::A, [160.7, 90.2]);
             assert!(script.viewer().is_picking());
             script.until("the splats", |script| script.viewer().picked.is_some());
             let viewer = script.viewer();
@@ -57,11 +58,11 @@ fn splats_are_picked_in_the_last_picture_until_another_scene_is_shown() {
             assert_eq!(viewer.picked, expected);
             assert!(viewer.picked.as_ref().is_some_and(|picked| picked.splats.len() > 1));
             for outside in [[320.0, 0.0], [0.0, 180.0], [-0.1, 5.0], [f32::NAN, 5.0]] {
-                viewer.pick([160.7, 90.2]);
-                viewer.pick(outside);
+                viewer.pick(RendererId::A, [160.7, 90.2]);
+                viewer.pick(RendererId::A, outside);
                 assert!(viewer.picked.is_none() && !viewer.is_picking(), "{outside:?}");
             }
-            viewer.pick([160.7, 90.2]);
+            viewer.pick(RendererId::A, [160.7, 90.2]);
             let second = script.path("second.ply");
             script.viewer().open(&second);
             script.until("the scene", |script| script.viewer().scene().count() == 200);

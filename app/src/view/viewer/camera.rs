@@ -23,21 +23,26 @@ impl<D: Device> Viewer<D> {
         self.world_camera_of(self.asked)
     }
 
-    /// Returns the camera of the last frame's pictures, in the scene's coordinates and the pictures' size.
+    /// Returns the camera of the last frame's pictures, in the coordinates of A's scene and the pictures' size.
     pub fn picture_camera(&self) -> Camera {
-        self.camera_of(self.asked)
+        self.picture_camera_of(RendererId::A)
     }
 
-    /// Returns the camera for pictures of this size.
+    /// Does the same in the coordinates of a viewport's scene.
+    pub fn picture_camera_of(&self, id: RendererId) -> Camera {
+        self.camera_of(id, self.asked)
+    }
+
+    /// Returns the camera for a viewport's pictures of this size.
     ///
     /// It takes the way through the world's coordinates, which round it where the scene is far from the world's origin: a command
     /// that reads it from a file draws the same picture.
-    pub(super) fn camera_of(&self, size: (u32, u32)) -> Camera {
-        self.world_camera_of(size).relative_to(self.scene.offset())
+    pub(super) fn camera_of(&self, id: RendererId, size: (u32, u32)) -> Camera {
+        self.world_camera_of(size).relative_to(self.scene_of(id).offset())
     }
 
     fn world_camera_of(&self, (width, height): (u32, u32)) -> Camera {
-        self.navigation.camera(width, height).relative_to(self.scene.offset().map(|v| -v))
+        self.navigation.camera(width, height).relative_to(self.scene().offset().map(|v| -v))
     }
 
     /// Applies the user's input to the camera, or plays the path on; returns true if the camera moved.
@@ -50,7 +55,7 @@ impl<D: Device> Viewer<D> {
         }
         let played = self.play.advance(input.seconds, &self.path);
         if let Some(camera) = &played {
-            self.navigation.jump_to(&camera.relative_to(self.scene.offset()));
+            self.navigation.jump_to(&camera.relative_to(self.scene().offset()));
         }
         let moved = self.navigation.update(input);
         if moved && played.is_some() {
@@ -69,7 +74,7 @@ impl<D: Device> Viewer<D> {
     pub fn seek_path(&mut self, seconds: f64) {
         self.play.seek(seconds, &self.path);
         if let Some(camera) = self.path.at(self.play.position()) {
-            self.navigation.jump_to(&camera.relative_to(self.scene.offset()));
+            self.navigation.jump_to(&camera.relative_to(self.scene().offset()));
             self.played = None;
         }
     }
@@ -92,7 +97,7 @@ impl<D: Device> Viewer<D> {
     /// Goes to a saved view.
     pub fn look_through_view(&mut self, index: usize) {
         if let Some(view) = self.views.list().get(index) {
-            self.navigation.set_camera(&view.relative_to(self.scene.offset()));
+            self.navigation.set_camera(&view.relative_to(self.scene().offset()));
         }
     }
 
@@ -123,7 +128,7 @@ impl<D: Device> Viewer<D> {
     }
 
     /// Reads cameras on another thread.
-    pub(super) fn open_cameras_as(&mut self, role: CameraRole, path: &Path) {
+    pub(in crate::view) fn open_cameras_as(&mut self, role: CameraRole, path: &Path) {
         if let Err(error) = self.opening.open_cameras(role, path) {
             self.events.push(Event::FileFailed { path: path.to_owned(), error });
         }
@@ -137,7 +142,7 @@ impl<D: Device> Viewer<D> {
     ) -> Result<(), String> {
         match role {
             CameraRole::Selectable => {
-                let offset = self.scene.offset();
+                let offset = self.scene().offset();
                 self.set_cameras(cameras.iter().map(|camera| camera.relative_to(offset)).collect());
             }
             CameraRole::Views => {
@@ -158,7 +163,7 @@ impl<D: Device> Viewer<D> {
     /// Writes the command that draws the picture of a viewport to a file; `None` for one that is not there.
     pub fn render_command(&mut self, id: RendererId, output: &Path) -> Option<String> {
         let camera = self.world_camera();
-        let (scene, background) = (self.scene_path.clone(), self.background);
+        let (scene, background) = (self.scene_path_of(id).to_owned(), self.background);
         let renderer = &self.viewport(id)?.renderer;
         let set = renderer.set().iter().map(|(name, value)| (name.as_str(), value.as_str()));
         let command = RenderCommand {

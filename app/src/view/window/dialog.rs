@@ -1,5 +1,6 @@
 //! Asks for a file with the system's dialog, without holding up the window.
 
+use crate::view::opening::CameraRole;
 use crate::view::renderer::Wake;
 use rfd::AsyncFileDialog;
 use std::future::Future;
@@ -10,9 +11,12 @@ use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake as TaskWake, Waker};
 use std::thread::Thread;
 
+/// The chosen file, and the use of its cameras if only cameras were asked for.
+type Answer = Option<(PathBuf, Option<CameraRole>)>;
+
 /// The dialog of a window; one is open at a time.
 pub struct Dialog {
-    answers: (Sender<Option<PathBuf>>, Receiver<Option<PathBuf>>),
+    answers: (Sender<Answer>, Receiver<Answer>),
     is_open: bool,
     wake: Wake,
 }
@@ -23,15 +27,21 @@ impl Dialog {
         Dialog { answers: channel(), is_open: false, wake }
     }
 
-    /// Opens the dialog in the folder of `near`.
-    pub fn ask(&mut self, window: &winit::window::Window, near: &Path) {
+    /// Opens the dialog in the folder of `near`, for any file, or for cameras with a use.
+    pub fn ask(&mut self, window: &winit::window::Window, near: &Path, cameras: Option<CameraRole>) {
         if std::mem::replace(&mut self.is_open, true) {
             return;
         }
+        let (title, filter, endings): (_, _, &[&str]) = match cameras {
+            None => {
+                ("Open a scene, a graph or cameras", "Scenes, graphs and cameras", &["ply", "ron", "json"])
+            }
+            Some(_) => ("Open cameras", "Cameras", &["json"]),
+        };
         let mut dialog = AsyncFileDialog::new()
             .set_parent(window)
-            .set_title("Open a scene, a graph or cameras")
-            .add_filter("Scenes, graphs and cameras", &["ply", "ron", "json"])
+            .set_title(title)
+            .add_filter(filter, endings)
             .add_filter("All files", &["*"]);
         if let Some(folder) = near.parent().and_then(|folder| folder.canonicalize().ok()) {
             dialog = dialog.set_directory(folder);
@@ -39,7 +49,7 @@ impl Dialog {
         let answer = dialog.pick_file();
         let (sender, wake) = (self.answers.0.clone(), self.wake.clone());
         let work = move || {
-            let path = block_on(answer).map(|file| file.path().to_owned());
+            let path = block_on(answer).map(|file| (file.path().to_owned(), cameras));
             let _ = sender.send(path);
             wake();
         };
@@ -49,7 +59,7 @@ impl Dialog {
     }
 
     /// Takes the chosen file.
-    pub fn take(&mut self) -> Option<PathBuf> {
+    pub fn take(&mut self) -> Answer {
         let answer = self.answers.1.try_recv().ok()?;
         self.is_open = false;
         answer

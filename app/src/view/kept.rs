@@ -1,0 +1,108 @@
+//! Keeps the arrangement of the window from one start to the next: tools, theme, and the scenes that were open.
+//!
+//! It is a JSON file in the user's folder for state. A file that cannot be read, or that another version wrote, is told and replaced.
+
+use super::panels::{Arrangement, Panels};
+use crate::folders;
+use crate::output;
+use egui::Theme;
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+/// Number of the format; files with another one are not read.
+const VERSION: u32 = 1;
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Kept {
+    version: u32,
+    light: bool,
+    #[serde(flatten)]
+    arrangement: Arrangement,
+}
+
+/// Returns the file; `None` if the system names no folder for it.
+pub fn path() -> Option<PathBuf> {
+    Some(folders::state()?.join("splatgraph/window.json"))
+}
+
+/// Restores the panels; returns the theme, or `None` if nothing was kept.
+///
+/// # Errors
+/// The file is there, and cannot be used; the panels are as they were.
+pub fn restore(path: &Path, panels: &mut Panels) -> Result<Option<Theme>, String> {
+    let text = match fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(format!("{}: {error}", path.display())),
+    };
+    let kept: Kept = serde_json::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;
+    if kept.version != VERSION {
+        return Err(format!("{}: expected version {VERSION}, found {}", path.display(), kept.version));
+    }
+    if !panels.restore(kept.arrangement) {
+        return Err(format!("{}: expected each tool once", path.display()));
+    }
+    Ok(Some(if kept.light { Theme::Light } else { Theme::Dark }))
+}
+
+/// Writes the file, unless it has the same content already.
+///
+/// # Errors
+/// It cannot be written; the former stays.
+pub fn keep(path: &Path, panels: &Panels, theme: Theme) -> Result<(), String> {
+    let kept = Kept { version: VERSION, light: theme == Theme::Light, arrangement: panels.arrangement() };
+    let text = serde_json::to_string_pretty(&kept).map_err(|error| error.to_string())?;
+    if fs::read_to_string(path).is_ok_and(|former| former == text) {
+        return Ok(());
+    }
+    output::write(path, |out| out.write_all(text.as_bytes()).map_err(Into::into))
+        .map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::panels::Tool;
+
+    #[test]
+    fn the_arrangement_of_the_window_is_there_again_at_the_next_start() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/window.json");
+        let mut panels = Panels::default();
+        assert_eq!(restore(&path, &mut panels), Ok(None), "nothing was kept before the first start");
+        panels.open_tools(&[Tool::Timeline, Tool::Inspector]);
+        panels.hud = false;
+        keep(&path, &panels, Theme::Light).unwrap();
+        let mut next = Panels::default();
+        assert_eq!(restore(&path, &mut next), Ok(Some(Theme::Light)));
+        let all = |panels: &Panels| serde_json::to_value(panels.arrangement()).unwrap();
+        assert_eq!(all(&next), all(&panels));
+        assert_ne!(all(&next), all(&Panels::default()));
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_used_is_told_and_changes_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("window.json");
+        let mut panels = Panels::default();
+        let before = serde_json::to_value(panels.arrangement()).unwrap();
+        keep(&path, &panels, Theme::Dark).unwrap();
+        let sound = fs::read_to_string(&path).unwrap();
+        let twice = sound.replacen("\"Inspector\"", "\"Times\"", 1);
+        assert_ne!(twice, sound);
+        for (text, expected) in [
+            ("{", "EOF"),
+            (&sound[..sound.len() / 2], "EOF"),
+            (&sound.replace("\"version\": 1", "\"version\": 7"), "expected version 1, found 7"),
+            (&twice, "expected each tool once"),
+        ] {
+            fs::write(&path, text).unwrap();
+            let error = restore(&path, &mut panels).unwrap_err();
+            assert!(error.contains("window.json") && error.contains(expected), "{error}");
+            assert_eq!(serde_json::to_value(panels.arrangement()).unwrap(), before);
+        }
+    }
+}

@@ -1,0 +1,215 @@
+//! The comparison of A and B: both pictures are read back, and another thread computes their differences.
+//!
+//! It waits until both viewports draw what was asked for, and remembers what that was, so that it is known to be of something else
+//! as soon as the camera or a setting has changed.
+
+use super::{Viewer, Viewport};
+use crate::metrics;
+use crate::session::image_of;
+use crate::view::events::{Event, RendererId};
+use crate::view::paint::Mode;
+use indexmap::IndexMap;
+use splatgraph_api::{Device, Pixels};
+use splatgraph_assets::Camera;
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+/// The differences between the pictures of A and B.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    /// PSNR in decibels; infinite for identical pictures.
+    pub psnr: f64,
+    /// SSIM; `None` for pictures smaller than its window.
+    pub ssim: Option<f64>,
+    /// Largest difference of a channel, of 1.
+    pub worst: f64,
+    /// Column and row of that pixel.
+    pub at: [usize; 2],
+    /// Width and height of the pictures, in pixels.
+    pub size: [usize; 2],
+}
+
+/// Everything that a comparison depends on.
+#[derive(Clone, Debug, PartialEq)]
+struct Compared {
+    camera: Camera,
+    background: [f32; 3],
+    sides: [Option<Side>; 2],
+}
+
+/// Graph, changed parameters and scene of a viewport.
+#[derive(Clone, Debug, PartialEq)]
+struct Side {
+    graph: String,
+    set: IndexMap<String, String>,
+    scene: u64,
+}
+
+/// The progress of a comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    No,
+    /// A viewport does not draw yet what was asked for.
+    Waiting,
+    /// The pictures are read back.
+    Reading,
+    /// Another thread computes the differences.
+    Computing,
+}
+
+/// A comparison, or the reason that there is none.
+type ComparisonResult = Result<Comparison, String>;
+
+/// The running comparison and the newest one.
+pub(super) struct Comparing {
+    step: Step,
+    results: (Sender<ComparisonResult>, Receiver<ComparisonResult>),
+    /// The newest comparison, with what it was made of.
+    newest: Option<(Comparison, Compared)>,
+    /// What the running comparison is made of.
+    of: Option<Compared>,
+}
+
+impl Default for Comparing {
+    fn default() -> Comparing {
+        Comparing { step: Step::No, results: channel(), newest: None, of: None }
+    }
+}
+
+impl<D: Device> Viewer<D> {
+    /// Compares the next pictures of A and B; the result is an event, and [`Viewer::comparison`].
+    pub fn measure(&mut self) {
+        if self.b.is_some() && self.comparing.step == Step::No {
+            self.comparing.step = Step::Waiting;
+        }
+    }
+
+    /// Returns true while pictures are compared.
+    pub fn is_comparing(&self) -> bool {
+        self.comparing.step != Step::No
+    }
+
+    /// Returns the newest comparison of A and B.
+    pub fn comparison(&self) -> Option<&Comparison> {
+        self.comparing.newest.as_ref().map(|(found, _)| found)
+    }
+
+    /// Returns true if the comparison was made of what is shown now.
+    pub fn comparison_is_current(&self) -> bool {
+        self.comparing.newest.as_ref().is_some_and(|(_, of)| *of == self.compares_now())
+    }
+
+    /// Forgets the comparison.
+    pub fn forget_comparison(&mut self) {
+        self.comparing.newest = None;
+    }
+
+    fn compares_now(&self) -> Compared {
+        let side = |id, viewport: &Viewport<D>| Side {
+            graph: viewport.renderer.graph().to_owned(),
+            set: viewport.renderer.set().clone(),
+            scene: self.scene_of(id).identity(),
+        };
+        let (width, height) = self.asked;
+        Compared {
+            camera: self.navigation.camera(width.max(1), height.max(1)),
+            background: self.background,
+            sides: [
+                Some(side(RendererId::A, &self.a)),
+                self.b.as_ref().map(|viewport| side(RendererId::B, viewport)),
+            ],
+        }
+    }
+
+    /// Asks for both pictures once both viewports draw what they should.
+    pub(super) fn start_comparison(&mut self) {
+        let asks = match self.comparing.step {
+            Step::Waiting => self.b.is_none() || self.compare == Mode::A || !self.changes_soon(),
+            // The picture of a frame that could not be submitted is of a later camera.
+            Step::Reading => {
+                [Some(&self.a), self.b.as_ref()].into_iter().flatten().any(Viewport::wants_picture)
+            }
+            Step::No | Step::Computing => false,
+        };
+        if !asks {
+            return;
+        }
+        if self.comparing.step == Step::Waiting {
+            self.comparing.step = Step::Reading;
+            for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+                viewport.want_picture();
+            }
+        }
+        self.comparing.of = Some(self.compares_now());
+    }
+
+    /// Takes the result of the other thread.
+    pub(super) fn take_comparison(&mut self) {
+        while let Ok(result) = self.comparing.results.1.try_recv() {
+            self.comparing.step = Step::No;
+            match result {
+                Ok(found) => {
+                    let Comparison { psnr, ssim, worst, .. } = found;
+                    self.events.push(Event::Compared { psnr, ssim, worst });
+                    self.comparing.newest = self.comparing.of.take().map(|of| (found, of));
+                }
+                Err(error) => self.cannot_compare(&error),
+            }
+        }
+    }
+
+    fn cannot_compare(&mut self, why: &str) {
+        self.comparing.step = Step::No;
+        self.events.push(Event::Problem { text: format!("A and B cannot be compared: {why}") });
+    }
+
+    /// Compares both pictures of [`Viewer::measure`] on another thread, once they are read back.
+    pub(super) fn compare_pictures(&mut self) {
+        if self.comparing.step != Step::Reading {
+            return;
+        }
+        let pictures = match self.b.as_mut().filter(|_| self.compare != Mode::A) {
+            None => Err("B is not shown".to_owned()),
+            Some(b) if self.a.has_picture() && b.has_picture() => {
+                let (Some(a), Some(b)) = (self.a.take_picture(), b.take_picture()) else { return };
+                a.and_then(|a| Ok((a, b?)))
+            }
+            // A picture that cannot be drawn is not waited for.
+            Some(b) => match [&self.a, b].into_iter().find_map(|viewport| viewport.renderer.problem(false)) {
+                Some(problem) => Err(problem.lines().next().unwrap_or_default().to_owned()),
+                None => return,
+            },
+        };
+        let (a, b) = match pictures {
+            Ok(pictures) => pictures,
+            Err(why) => {
+                for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+                    viewport.forget_picture();
+                }
+                return self.cannot_compare(&why);
+            }
+        };
+        self.comparing.step = Step::Computing;
+        let (done, wake) = (self.comparing.results.0.clone(), self.wake.clone());
+        let work = move || {
+            let _ = done.send(differences(&a, &b));
+            wake();
+        };
+        if let Err(error) = std::thread::Builder::new().name("compare".to_owned()).spawn(work) {
+            self.cannot_compare(&format!("no thread can be started: {error}"));
+        }
+    }
+}
+
+/// Computes the differences of two pictures in display-encoded colours from 0 to 1.
+fn differences(a: &Pixels, b: &Pixels) -> ComparisonResult {
+    let image = |pixels| image_of(pixels).ok_or("the output has no colours");
+    let (a, b) = (image(a)?.clamped(), image(b)?.clamped());
+    let found = metrics::compare(&a, &b).map_err(|error| error.to_string())?;
+    Ok(Comparison {
+        psnr: found.psnr(),
+        ssim: found.ssim,
+        worst: found.worst.difference,
+        at: [found.worst.x, found.worst.y],
+        size: [a.width, a.height],
+    })
+}

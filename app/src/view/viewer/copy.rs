@@ -1,0 +1,127 @@
+//! Measures how fast the device copies from buffer to buffer: what the times of passes are held against.
+//!
+//! A graph draws it like any other, beside the pictures, so that nothing waits for it.
+
+use super::{Viewer, Viewport};
+use crate::view::events::Event;
+use crate::view::renderer::{PlanInputs, Renderer};
+use crate::view::viewport::View;
+use splatgraph_api::Device;
+use std::time::Instant;
+
+/// The graph that copies, and its pass that does.
+const GRAPH: &str = "bench/copy";
+const PASS: &str = "copy";
+/// Frames whose median is taken.
+const FRAMES: u64 = 40;
+/// Size of the pictures that nobody sees, in pixels.
+const SIZE: (u32, u32) = (16, 16);
+
+/// The progress of the measurement.
+pub(super) enum CopyLimit<D: Device> {
+    Unknown,
+    Measuring(Box<Viewport<D>>),
+    /// 10^9 bytes per second, read and written.
+    Known(f64),
+}
+
+impl<D: Device> CopyLimit<D> {
+    pub fn viewport(&self) -> Option<&Viewport<D>> {
+        match self {
+            CopyLimit::Measuring(viewport) => Some(viewport),
+            CopyLimit::Unknown | CopyLimit::Known(_) => None,
+        }
+    }
+
+    pub fn viewport_mut(&mut self) -> Option<&mut Viewport<D>> {
+        match self {
+            CopyLimit::Measuring(viewport) => Some(viewport),
+            CopyLimit::Unknown | CopyLimit::Known(_) => None,
+        }
+    }
+}
+
+impl<D: Device> Viewer<D> {
+    /// Returns the device's copy limit in 10^9 bytes per second, read and written; `None` before it was measured.
+    pub fn copy_limit(&self) -> Option<f64> {
+        match &self.copy {
+            CopyLimit::Known(rate) => Some(*rate),
+            CopyLimit::Unknown | CopyLimit::Measuring(_) => None,
+        }
+    }
+
+    /// Returns true while the copy limit is measured.
+    pub fn is_measuring_copy(&self) -> bool {
+        self.copy.viewport().is_some()
+    }
+
+    /// Measures the copy limit with the next frames; a failure is an event.
+    pub fn measure_copy(&mut self) {
+        if self.is_measuring_copy() {
+            return;
+        }
+        let renderer = match self.a.renderer.device().map(Device::new_context) {
+            Some(Ok(device)) => {
+                Renderer::new(device, GRAPH, &[], self.wake.clone()).map_err(|error| error.to_string())
+            }
+            Some(Err(error)) => Err(error.to_string()),
+            None => Err("the device is lost".to_owned()),
+        };
+        match renderer {
+            Ok(renderer) => self.copy = CopyLimit::Measuring(Box::new(Viewport::new(renderer))),
+            Err(error) => self.end_copy(Err(error)),
+        }
+    }
+
+    /// Draws a frame of the measurement, and ends it when there are enough.
+    pub(super) fn step_copy(&mut self, now: Instant) {
+        let Some(viewport) = self.copy.viewport_mut() else { return };
+        let inputs = PlanInputs {
+            scene: Some(self.subject.scene.clone()),
+            catalog: self.subject.catalog.clone(),
+            size: SIZE,
+            share_memory: true,
+        };
+        viewport.renderer.paused = self.rests;
+        viewport.renderer.poll(&inputs, now);
+        let (camera, scene) = (self.navigation.camera(SIZE.0, SIZE.1), &self.subject.scene);
+        viewport.draw(&View {
+            scene,
+            camera: &camera,
+            background: [0.0; 3],
+            continuous: true,
+            to_host: false,
+        });
+        viewport.renderer.take_events();
+        if let Some(problem) = viewport.renderer.problem(false) {
+            let first = problem.lines().next().unwrap_or_default().to_owned();
+            self.end_copy(Err(first));
+        } else if viewport.history.frames() >= FRAMES {
+            let rate = rate(viewport).ok_or_else(|| "the device has no timestamps".to_owned());
+            self.end_copy(rate);
+        }
+    }
+
+    fn end_copy(&mut self, rate: Result<f64, String>) {
+        self.copy = match rate {
+            Ok(rate) => CopyLimit::Known(rate),
+            Err(error) => {
+                self.report(Event::Problem { text: format!("the copy limit cannot be measured: {error}") });
+                CopyLimit::Unknown
+            }
+        };
+    }
+}
+
+/// Computes the rate of the pass; of the whole frame where the driver's timestamps do not tell passes apart.
+fn rate<D: Device>(viewport: &Viewport<D>) -> Option<f64> {
+    let plan = viewport.renderer.plan()?;
+    let pass = plan.passes.iter().find(|pass| pass.name == PASS)?;
+    let bytes: u64 = pass.bindings.iter().map(|binding| plan.resource(binding.resource).bytes()).sum();
+    let ms = if viewport.history.is_mostly_unattributed() {
+        viewport.history.total()?.median
+    } else {
+        viewport.history.medians(plan).into_iter().find(|(name, _)| name == PASS)?.1
+    };
+    (ms > 0.0).then(|| bytes as f64 / ms * 1e-6)
+}

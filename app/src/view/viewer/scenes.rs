@@ -1,0 +1,182 @@
+//! The viewer's scenes: A's, and B's if it has one of its own.
+//!
+//! The camera is in the coordinates of A's scene. B looks from the same place of the world.
+
+use super::Viewer;
+use crate::camera_path;
+use crate::facts;
+use crate::view::events::{Event, RendererId};
+use crate::view::navigation::{self, Navigation};
+use crate::view::opening::{CameraRole, Content, Opened};
+use glam::DVec3;
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::ir::Catalog;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A scene, its file, and what graphs import of it.
+pub(super) struct Subject {
+    pub scene: Arc<Scene>,
+    pub path: PathBuf,
+    pub catalog: Arc<Catalog>,
+}
+
+impl Subject {
+    pub fn new(scene: Scene, path: PathBuf) -> Subject {
+        let catalog = Arc::new(facts::catalog(&scene));
+        Subject { scene: Arc::new(scene), path, catalog }
+    }
+}
+
+impl<D: Device> Viewer<D> {
+    pub(super) fn subject_of(&self, id: RendererId) -> &Subject {
+        self.other.as_ref().filter(|_| id == RendererId::B).unwrap_or(&self.subject)
+    }
+
+    /// Returns A's scene.
+    pub fn scene(&self) -> &Scene {
+        &self.subject.scene
+    }
+
+    /// Returns the scene of a viewport.
+    pub fn scene_of(&self, id: RendererId) -> &Scene {
+        &self.subject_of(id).scene
+    }
+
+    /// Returns the file of A's scene.
+    pub fn scene_path(&self) -> &Path {
+        &self.subject.path
+    }
+
+    /// Returns the file of a viewport's scene.
+    pub fn scene_path_of(&self, id: RendererId) -> &Path {
+        &self.subject_of(id).path
+    }
+
+    /// Returns true if B has a scene of its own.
+    pub fn has_two_scenes(&self) -> bool {
+        self.other.is_some()
+    }
+
+    /// Returns the scene that is being loaded for a viewport.
+    pub fn loading(&self, id: RendererId) -> Option<&Path> {
+        self.opening.scene(id)
+    }
+
+    /// Loads a scene for A on another thread; the former stays until then. Of several, the last is shown.
+    pub fn open_scene(&mut self, path: &Path) {
+        self.open_scene_in(RendererId::A, path);
+    }
+
+    /// Loads a scene for a viewport in the same way. B shares A's scene if it is given the same file, and else has one of its own.
+    pub fn open_scene_in(&mut self, id: RendererId, path: &Path) {
+        if id == RendererId::B && path == self.scene_path() {
+            return self.share_scene();
+        }
+        if let Err(error) = self.opening.open_scene(id, path) {
+            self.events.push(Event::SceneFailed { path: path.to_owned(), error });
+        }
+    }
+
+    /// Has B draw A's scene.
+    pub fn share_scene(&mut self) {
+        self.opening.cancel_scene(RendererId::B);
+        if self.other.take().is_some() && self.picked_in == RendererId::B {
+            self.forget_picked();
+        }
+    }
+
+    /// Exchanges A and B: graphs, parameters and scenes. The camera stays where it is in the world.
+    pub fn exchange(&mut self) {
+        let Some(b) = &mut self.b else { return };
+        std::mem::swap(&mut self.a, b);
+        if let Some(mut other) = self.other.take() {
+            let camera = self.world_camera();
+            let former = self.scene().offset();
+            std::mem::swap(&mut self.subject, &mut other);
+            self.other = Some(other);
+            if let Err(error) = self.opening.exchange_scenes() {
+                self.events.push(Event::Problem { text: error });
+            }
+            let scene = self.subject.scene.clone();
+            let up = self.navigation.up();
+            self.navigation =
+                Navigation::new(&scene.robust_bounds(), &camera.relative_to(scene.offset()), up);
+            self.move_cameras(former);
+            self.path.set_radian(camera_path::length_of_radian(&scene));
+            self.forget_picked();
+        }
+    }
+
+    /// Brings the selectable cameras from the coordinates of a scene at `former` into those of A's scene.
+    fn move_cameras(&mut self, former: [f64; 3]) {
+        let moved = DVec3::from(self.scene().offset()) - DVec3::from(former);
+        for camera in &mut self.cameras {
+            *camera = camera.relative_to(moved.into());
+        }
+    }
+
+    /// Takes a file that was read.
+    pub(super) fn take(&mut self, opened: Opened) {
+        let Opened { path, load_ms, number, content } = opened;
+        match content {
+            Content::Scene(id, Ok(scene), cameras) => {
+                let splats = scene.count();
+                self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
+                let subject = Subject::new(*scene, path);
+                if self.picked_in == id || !self.has_two_scenes() {
+                    self.forget_picked();
+                }
+                match id {
+                    RendererId::B => self.other = Some(subject),
+                    RendererId::A | RendererId::Window => {
+                        // Cameras that were opened after the scene stay.
+                        let cameras = if self.cameras_number > number { None } else { Some(cameras) };
+                        self.show_scene(subject, cameras);
+                    }
+                }
+            }
+            Content::Scene(_, Err(error), _) => self.events.push(Event::SceneFailed { path, error }),
+            Content::Cameras(role, cameras) => {
+                if role == CameraRole::Selectable {
+                    self.cameras_number = number;
+                }
+                self.take_cameras(role, path, cameras);
+            }
+        }
+    }
+
+    /// Makes a scene A's, with its cameras, if it has any. With `None`, those from before stay.
+    #[allow(clippy::type_complexity)]
+    fn show_scene(
+        &mut self,
+        subject: Subject,
+        cameras: Option<Option<(PathBuf, Result<Vec<Camera>, String>)>>,
+    ) {
+        let former = self.scene().offset();
+        self.navigation = at_start(&subject.scene);
+        self.path.set_radian(camera_path::length_of_radian(&subject.scene));
+        self.subject = subject;
+        match cameras {
+            None => {
+                self.move_cameras(former);
+                let cameras = std::mem::take(&mut self.cameras);
+                self.set_cameras(cameras);
+            }
+            Some(cameras) => {
+                self.set_cameras(Vec::new());
+                if let Some((file, cameras)) = cameras {
+                    self.take_cameras(CameraRole::Selectable, file, cameras);
+                }
+            }
+        }
+    }
+}
+
+/// Makes the first view of a scene without cameras.
+pub(super) fn at_start(scene: &Scene) -> Navigation {
+    let (width, height) = facts::DEFAULT_SIZE;
+    let camera = Camera::framing(scene, width, height);
+    Navigation::new(&scene.robust_bounds(), &camera, navigation::DEFAULT_UP)
+}
