@@ -26,19 +26,21 @@ struct Block {
     focal: [f32; 4],
     /// Width and height in pixels, and their inverses.
     viewport: [f32; 4],
-    /// Near plane, the scene's depth range, frame number.
+    /// Near plane, the scene's depth range.
     depth: [f32; 4],
     background: [f32; 4],
     /// The position's part below its f32.
     position_low: [f32; 4],
+    frame: u32,
+    padding: [u32; 3],
     /// Room for new members without a change of size.
-    reserved: [[f32; 4]; 6],
+    reserved: [[f32; 4]; 5],
 }
 
 const _: () = assert!(size_of::<Block>() == 256);
 
-/// The frame's number in the block: byte offset of its vector, and its component.
-pub const FRAME_NUMBER: (u32, u32) = (std::mem::offset_of!(Block, depth) as u32, 3);
+/// Byte offset of the frame's number in the block.
+pub const FRAME_NUMBER: u32 = std::mem::offset_of!(Block, frame) as u32;
 
 /// Makes the uniform blocks of a frame, by name.
 ///
@@ -75,10 +77,12 @@ fn uniform(camera: &Camera, depth: [f64; 2], background: [f32; 3], frame: u32) -
         position: [x, y, z, 0.0],
         focal: [camera.fx, camera.fy, 0.5 * width / camera.fx, 0.5 * height / camera.fy].map(|v| v as f32),
         viewport: [width, height, 1.0 / width, 1.0 / height].map(|v| v as f32),
-        depth: [NEAR as f32, depth[0] as f32, depth[1] as f32, frame as f32],
+        depth: [NEAR as f32, depth[0] as f32, depth[1] as f32, 0.0],
         background: [r, g, b, 0.0],
         position_low: [low_x, low_y, low_z, 0.0],
-        reserved: [[0.0; 4]; 6],
+        frame,
+        padding: [0; 3],
+        reserved: [[0.0; 4]; 5],
     };
     bytemuck::bytes_of(&block).to_vec()
 }
@@ -123,9 +127,10 @@ mod tests {
         assert_eq!(f[16..20], [1.0, 2.0, 3.0, 0.0], "position at 64");
         assert_eq!(f[20..24], [50.0, 40.0, 2.0, 1.25], "focal at 80");
         assert_eq!(f[24..28], [200.0, 100.0, 0.005, 0.01], "viewport at 96");
-        assert_eq!(f[28..32], [0.2, 1.5, 8.0, 7.0], "depth at 112");
+        assert_eq!(f[28..32], [0.2, 1.5, 8.0, 0.0], "depth at 112");
         assert_eq!(f[32..36], [0.25, 0.5, 0.75, 0.0], "background at 128");
-        assert!(f[36..].iter().all(|v| *v == 0.0));
+        assert_eq!(f[40].to_bits(), 7, "frame at 160");
+        assert!(f[36..40].iter().chain(&f[41..]).all(|v| *v == 0.0));
     }
 
     #[test]

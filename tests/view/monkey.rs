@@ -153,7 +153,12 @@ impl<D: Device> Monkey<D> {
         }
         let before = Settings::of(&self.shell.viewer);
         self.dropped = false;
-        let deed = if looks { self.look() } else { self.change() };
+        let mut deed = if looks { self.look() } else { self.change() };
+        if looks && self.hits_floating_tool() {
+            // Whoever aims at what lies below a floating tool hits a control of that.
+            self.input.clear();
+            deed += " is covered";
+        }
         if self.deeds.len() == 12 {
             self.deeds.pop_front();
         }
@@ -163,6 +168,16 @@ impl<D: Device> Monkey<D> {
             let after = Settings::of(&self.shell.viewer);
             assert_eq!(after, before, "looking changed a setting: {:#?}", self.deeds);
         }
+    }
+
+    /// Returns true if a planned press of the pointer is within a tool that floats over others.
+    fn hits_floating_tool(&self) -> bool {
+        let floats = self.shell.panels.controls.iter().filter(|(name, _)| name.starts_with("float:"));
+        let floats: Vec<Rect> = floats.map(|(_, rect)| rect).collect();
+        self.input.iter().flatten().any(|input| match input {
+            Input::PointerButton { pos, .. } => floats.iter().any(|rect| rect.contains(*pos)),
+            _ => false,
+        })
     }
 
     /// Plans an action that must change no setting.
