@@ -9,5 +9,11 @@ layout(set = 0, binding = 30, std140) uniform Camera {
     vec4 background;  // r, g, b, display-encoded; w unused
     vec4 position_low; // what is missing in `position`; w unused
     uint frame;       // number of the frame, from 0
-    vec4 reserved[5];
+    // Places in the camera's frame are computed from this point of the world: the camera, or for a telephoto view of a distant
+    // scene a point on the camera's axis in the middle of the scene. Four vectors of three; w unused.
+    vec4 origin;      // rounded to f32
+    vec4 origin_low;  // what is missing in it
+    vec4 to_origin;   // from the camera to it, in the world
+    vec4 view_origin; // the same in the camera's frame
+    vec4 reserved;
 } camera;

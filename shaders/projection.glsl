@@ -9,7 +9,13 @@
 #endif
 
 #if POSITION_STORAGE == POSITION_STORAGE_F32
+#if SCENE_WIDE
+// The position rounded, and what is missing: some files have more digits than a float, and need them.
+struct Position3 { float x, y, z, low_x, low_y, low_z; };
+#define HAS_LOW
+#else
 struct Position3 { float x, y, z; };
+#endif
 #endif
 #if COVARIANCE == COVARIANCE_FACTORED
 struct Covariance3 { float m[9]; };
@@ -59,12 +65,23 @@ const float FARTHEST = 9223372036854775808.0;  // 2^63
 // The largest half axis of a sigma, in pixels: its square is a float, and the picture is a point to it.
 const float LARGEST = 4611686018427387904.0;  // 2^62
 
+// Computes a b + c, rounded once. The exact expression of depths needs that, and so do differences that compensate.
+#if DEVICE_FUSED_FMA || !DEVICE_FLOAT64
+#define exact_fma fma
+#else
+// This device's fma() rounds the product. In doubles it is exact, and the sum is rounded a second time in one of 2^29 cases.
+float exact_fma(float a, float b, float c) {
+    precise double sum = double(a) * double(b) + double(c);
+    return float(sum);
+}
+#endif
+
 // Computes a b - c d and compensates the rounding error of one product (Kahan). Otherwise the difference of two nearly
 // equal products would have no correct digit.
 float difference_of_products(float a, float b, float c, float d) {
     precise float cd = c * d;
-    precise float error = fma(-c, d, cd);
-    precise float difference = fma(a, b, -cd);
+    precise float error = exact_fma(-c, d, cd);
+    precise float difference = exact_fma(a, b, -cd);
     return difference + error;
 }
 
@@ -172,23 +189,38 @@ bool project_splat(uint i, out Projection splat) {
     vec3 p = position_of(i);
     mat4 view = camera.view;
 
+#ifndef HAS_LOW
     // The depth that decides about culling and order. The exact expression matters, as its rounding defines the order of the
     // splats.
-    precise float depth = fma(view[2][2], p.z, fma(view[1][2], p.y, view[0][2] * p.x)) + view[3][2];
+    precise float depth = exact_fma(view[2][2], p.z, exact_fma(view[1][2], p.y, view[0][2] * p.x)) + view[3][2];
     splat.depth = depth;
     if (!(depth > NEAR_PLANE)) {
         return false;
     }
+#endif
     float alpha = opacity[i];
     if (!(alpha >= alpha_floor)) {
         return false;
     }
-    // The place in the camera's frame, from a difference that is exact near the camera, wherever in the world that is: the
-    // translation of `view` has the rounding of a number as large as the distance from the origin.
-    precise vec3 from_camera = (p - camera.position.xyz) - camera.position_low.xyz;
-    float x = fma(view[2][0], from_camera.z, fma(view[1][0], from_camera.y, view[0][0] * from_camera.x));
-    float y = fma(view[2][1], from_camera.z, fma(view[1][1], from_camera.y, view[0][1] * from_camera.x));
-    float z = fma(view[2][2], from_camera.z, fma(view[1][2], from_camera.y, view[0][2] * from_camera.x));
+    // The place in the camera's frame, from a difference that is exact near the origin, wherever in the world that is: the
+    // translation of `view` has the rounding of a number as large as the distance from the world's origin.
+#ifdef HAS_LOW
+    vec3 low = vec3(position[i].low_x, position[i].low_y, position[i].low_z);
+    precise vec3 d = (p - camera.origin.xyz) + (low - camera.origin_low.xyz);
+#else
+    precise vec3 d = (p - camera.origin.xyz) - camera.origin_low.xyz;
+#endif
+    vec3 from_camera = d + camera.to_origin.xyz;
+    float x = exact_fma(view[2][0], d.z, exact_fma(view[1][0], d.y, view[0][0] * d.x)) + camera.view_origin.x;
+    float y = exact_fma(view[2][1], d.z, exact_fma(view[1][1], d.y, view[0][1] * d.x)) + camera.view_origin.y;
+    float z = exact_fma(view[2][2], d.z, exact_fma(view[1][2], d.y, view[0][2] * d.x)) + camera.view_origin.z;
+#ifdef HAS_LOW
+    // In floats, the published expression has no digits left of such a position.
+    splat.depth = z;
+    if (!(z > NEAR_PLANE)) {
+        return false;
+    }
+#endif
 
     // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
     vec2 slope = vec2(x, y) / z;

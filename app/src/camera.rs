@@ -34,10 +34,19 @@ struct Block {
     frame: u32,
     padding: [u32; 3],
     /// Room for new members without a change of size.
-    reserved: [[f32; 4]; 5],
+    origin: [f32; 4],
+    /// The origin's part below its f32.
+    origin_low: [f32; 4],
+    /// From the camera to the origin, in the world and in the camera's frame.
+    to_origin: [f32; 4],
+    view_origin: [f32; 4],
+    reserved: [f32; 4],
 }
 
 const _: () = assert!(size_of::<Block>() == 256);
+
+/// Focal length, in pixels, above which rounding from the camera could move a splat by a thousandth of a pixel.
+const LONG_FOCAL: f64 = 16_384.0;
 
 /// Byte offset of the frame's number in the block.
 pub const FRAME_NUMBER: u32 = std::mem::offset_of!(Block, frame) as u32;
@@ -68,8 +77,17 @@ fn uniform(camera: &Camera, depth: [f64; 2], background: [f32; 3], frame: u32) -
     let translation = rows.map(|row| -(0..3).map(|i| row[i] * camera.position[i]).sum::<f64>());
     let column = |c: usize| [rows[0][c] as f32, rows[1][c] as f32, rows[2][c] as f32, 0.0];
     let [tx, ty, tz] = translation.map(|v| v as f32);
-    let [x, y, z] = camera.position.map(|v| v as f32);
-    let [low_x, low_y, low_z] = camera.position.map(|v| (v - f64::from(v as f32)) as f32);
+    let position = camera.position.map(Double::of);
+    let [x, y, z] = position.map(|v| v.high);
+    let [low_x, low_y, low_z] = position.map(|v| v.low);
+    let origin = origin(camera, depth).map(Double::of);
+    let [origin_x, origin_y, origin_z] = origin.map(|v| v.high);
+    let [origin_low_x, origin_low_y, origin_low_z] = origin.map(|v| v.low);
+    // Of the origin as shaders read it.
+    let to_origin: [f64; 3] =
+        std::array::from_fn(|axis| origin[axis].value() - Double::of(camera.position[axis]).value());
+    let [to_x, to_y, to_z] = to_origin.map(|v| v as f32);
+    let [view_x, view_y, view_z] = rows.map(|row| (0..3).map(|i| row[i] * to_origin[i]).sum::<f64>() as f32);
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let [r, g, b] = background;
     let block = Block {
@@ -82,9 +100,46 @@ fn uniform(camera: &Camera, depth: [f64; 2], background: [f32; 3], frame: u32) -
         position_low: [low_x, low_y, low_z, 0.0],
         frame,
         padding: [0; 3],
-        reserved: [[0.0; 4]; 5],
+        origin: [origin_x, origin_y, origin_z, 0.0],
+        origin_low: [origin_low_x, origin_low_y, origin_low_z, 0.0],
+        to_origin: [to_x, to_y, to_z, 0.0],
+        view_origin: [view_x, view_y, view_z, 0.0],
+        reserved: [0.0; 4],
     };
     bytemuck::bytes_of(&block).to_vec()
+}
+
+/// A number as the sum of two floats.
+#[derive(Clone, Copy)]
+struct Double {
+    high: f32,
+    low: f32,
+}
+
+impl Double {
+    fn of(value: f64) -> Double {
+        let high = value as f32;
+        Double { high, low: (value - f64::from(high)) as f32 }
+    }
+
+    fn value(self) -> f64 {
+        f64::from(self.high) + f64::from(self.low)
+    }
+}
+
+/// Chooses the point from which places in the camera's frame are computed; `depth` is the scene's depth range.
+///
+/// A place that is computed from the camera is rounded by 6e-8 of its distance: fx * 6e-8 pixels, whatever the distance. Long
+/// focal lengths make pixels of that. From a point amid the scene it is rounded by its distance from there.
+fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
+    let [near, far] = depth;
+    let is_telephoto = camera.fx.max(camera.fy) > LONG_FOCAL;
+    // A nearer splat would be rounded by more than from the camera.
+    if !is_telephoto || near < 0.25 * far || !far.is_finite() {
+        return camera.position;
+    }
+    let [_, _, forward] = camera.axes();
+    std::array::from_fn(|axis| camera.position[axis] + 0.5 * (near + far) * forward[axis])
 }
 
 #[cfg(test)]
@@ -130,7 +185,23 @@ mod tests {
         assert_eq!(f[28..32], [0.2, 1.5, 8.0, 0.0], "depth at 112");
         assert_eq!(f[32..36], [0.25, 0.5, 0.75, 0.0], "background at 128");
         assert_eq!(f[40].to_bits(), 7, "frame at 160");
-        assert!(f[36..40].iter().chain(&f[41..]).all(|v| *v == 0.0));
+        assert_eq!(f[44..48], [1.0, 2.0, 3.0, 0.0], "origin at 176: the camera");
+        assert!(f[36..40].iter().chain(&f[41..44]).chain(&f[48..]).all(|v| *v == 0.0));
+    }
+
+    #[test]
+    fn a_telephoto_view_of_a_distant_scene_has_its_origin_amid_the_scene() {
+        let mut camera = sideways();
+        camera.position = [-1e6 + 0.1, 2.0, 3.0];
+        (camera.fx, camera.fy) = (1e8, 1e8);
+        let f = floats(&uniform(&camera, [999_999.0, 1_000_001.0], [0.0; 3], 0));
+        let point = |at: usize| [0, 1, 2].map(|axis| f64::from(f[at + axis]));
+        let origin: Vec<f64> = point(44).iter().zip(point(48)).map(|(high, low)| high + low).collect();
+        assert!((origin[0] - 0.1).abs() < 1e-7, "{origin:?}");
+        assert_eq!((point(52), point(56)), ([1e6, 0.0, 0.0], [0.0, 0.0, 1e6]));
+        // One that surrounds the camera has none of its own.
+        let f = floats(&uniform(&camera, [0.2, 1_000_001.0], [0.0; 3], 0));
+        assert_eq!(f[44..47], f[16..19]);
     }
 
     #[test]

@@ -25,12 +25,19 @@ pub struct SceneFacts {
     ///
     /// A few views decide: see [`keys::of_scene`].
     pub key_bits: u32,
+    /// Positions have digits beyond f32: see [`Scene::is_wide`].
+    pub wide: bool,
 }
 
 impl SceneFacts {
     /// The facts of a nominal scene, for plans without a scene.
-    pub const NOMINAL: SceneFacts =
-        SceneFacts { count: 1_000_000, sh_degree: 3, stored_sh_degree: 3, key_bits: *keys::WIDTHS.end() };
+    pub const NOMINAL: SceneFacts = SceneFacts {
+        count: 1_000_000,
+        sh_degree: 3,
+        stored_sh_degree: 3,
+        key_bits: *keys::WIDTHS.end(),
+        wide: false,
+    };
 
     /// Collects the facts of a loaded scene.
     pub fn of(scene: &Scene) -> SceneFacts {
@@ -39,6 +46,7 @@ impl SceneFacts {
             sh_degree: scene.effective_degree(),
             stored_sh_degree: scene.stored_degree(),
             key_bits: keys::of_scene(scene),
+            wide: scene.is_wide(),
         }
     }
 }
@@ -46,13 +54,14 @@ impl SceneFacts {
 /// Collects the facts of a graph that draws a scene. The size is in pixels.
 pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Facts {
     let mut facts = without_scene(device, size);
-    let scene = [
+    let scene_facts = [
         ("scene.count", scene.count as i64),
         ("scene.sh_degree", scene.sh_degree.into()),
         ("scene.stored_sh_degree", scene.stored_sh_degree.into()),
         ("scene.key_bits", scene.key_bits.into()),
     ];
-    facts.host.extend(scene.map(|(name, value)| (name.to_owned(), Value::Int(value))));
+    facts.host.extend(scene_facts.map(|(name, value)| (name.to_owned(), Value::Int(value))));
+    facts.host.insert("scene.wide".to_owned(), Value::Bool(scene.wide));
     facts
 }
 
@@ -98,6 +107,7 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
         shared_bytes: 16 << 10,
         max_invocations: 256,
         rounds_half: false,
+        fused_fma: false,
         features: PORTABLE_FEATURES,
     }
 }
@@ -112,6 +122,7 @@ pub fn apple_device() -> DeviceFacts {
         max_storage_bytes: 1 << 28,
         shared_bytes: 32 << 10,
         max_invocations: 1024,
+        fused_fma: true,
         ..portable_device(USUAL_SUBGROUP_SIZE)
     }
 }

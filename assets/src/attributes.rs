@@ -23,16 +23,17 @@ const MAX_SH_PLANES: u32 = 12;
 
 /// The names of the attributes.
 ///
-/// Positions and scales have 3 floats, rotations 4 (a quaternion w x y z), opacities 1. Spherical harmonics come in planes of
+/// Positions and scales have 3 floats, wide positions 6 (the position rounded, then what is missing), rotations 4 (a quaternion w x y z), opacities 1. Spherical harmonics come in planes of
 /// 4 floats: float `3 * k + c` of coefficient `k`, channel `c`, is in plane `(3 * k + c) / 4`.
-pub const ATTRIBUTES: [&str; 5] =
-    ["scene.position", "scene.scale", "scene.rotation", "scene.opacity", "scene.sh"];
+pub const ATTRIBUTES: [&str; 6] =
+    ["scene.position", "scene.position_wide", "scene.scale", "scene.rotation", "scene.opacity", "scene.sh"];
 
 impl Scene {
     /// Returns the layout of an attribute; `None` if the name is not among [`ATTRIBUTES`].
     pub fn attribute(&self, name: &str) -> Option<AttributeInfo> {
         let (stride, planes) = match name {
             "scene.position" | "scene.scale" => (12, 1),
+            "scene.position_wide" => (24, 1),
             "scene.rotation" => (16, 1),
             "scene.opacity" => (4, 1),
             "scene.sh" => (16, sh_floats(self.stored_degree()).div_ceil(4) as u32),
@@ -70,6 +71,7 @@ impl Scene {
         let here = first..first + (length / info.stride) as usize;
         match name {
             "scene.position" => write_floats(&self.positions()[here], out),
+            "scene.position_wide" => self.write_wide_positions(here, out),
             "scene.scale" => write_floats(&self.scales()[here], out),
             "scene.rotation" => write_floats(&self.rotations()[here], out),
             "scene.opacity" => write_floats(&self.opacities()[here], out),
@@ -94,13 +96,30 @@ impl Scene {
         });
     }
 
+    /// Writes each position as two triples of floats, whose sum it is.
+    fn write_wide_positions(&self, splats: Range<usize>, out: &mut [u8]) {
+        out.par_chunks_mut(24).zip(splats).for_each(|(out, index)| {
+            let high = self.columns.position[index];
+            let low = self.columns.low.get(index).copied().unwrap_or_default();
+            for (out, value) in out.chunks_exact_mut(4).zip(high.into_iter().chain(low)) {
+                out.copy_from_slice(&value.to_le_bytes());
+            }
+        });
+    }
+
     /// Hashes everything that can be drawn; equal scenes have equal hashes, whatever their files. Computed once.
     pub fn identity(&self) -> u64 {
         *self.identity.get_or_init(|| {
             let c = &self.columns;
             let head = [u64::from(self.count()), u64::from(c.degree)];
-            let columns =
-                [hash(&c.position), hash(&c.scale), hash(&c.rotation), hash(&c.opacity), hash(&c.sh)];
+            let columns = [
+                hash(&c.position),
+                hash(&c.low),
+                hash(&c.scale),
+                hash(&c.rotation),
+                hash(&c.opacity),
+                hash(&c.sh),
+            ];
             head.into_iter().chain(columns).fold(0, mix)
         })
     }

@@ -152,6 +152,8 @@ pub(crate) struct Gathered {
     norms: QuaternionNorms,
     effective_degree: u32,
     bounds: Bounds,
+    /// The largest rounding of a position, in standard deviations of its splat.
+    rounding: f32,
 }
 
 impl Gathered {
@@ -161,7 +163,14 @@ impl Gathered {
             norms: QuaternionNorms::NONE,
             effective_degree: 0,
             bounds: Bounds::EMPTY,
+            rounding: 0.0,
         }
+    }
+
+    fn add_low(&mut self, low: [f32; 3], scale: [f32; 3]) {
+        let largest = |v: [f32; 3]| v.into_iter().fold(0.0, |most: f32, v| most.max(v.abs()));
+        // A splat without any extent is as wide as a pixel at least, wherever it is seen from.
+        self.rounding = self.rounding.max(largest(low) / largest(scale).max(f32::MIN_POSITIVE));
     }
 
     fn join(&mut self, other: &Self) {
@@ -169,14 +178,20 @@ impl Gathered {
         self.norms.join(&other.norms);
         self.effective_degree = self.effective_degree.max(other.effective_degree);
         self.bounds.join(&other.bounds);
+        self.rounding = self.rounding.max(other.rounding);
     }
 }
+
+/// The largest rounding of positions that is left out, in standard deviations: it is invisible beside that of the picture, 100 dB.
+const INVISIBLE: f32 = 1.0 / 16_384.0;
 
 /// The arrays, one entry per splat.
 #[derive(Clone, Debug)]
 pub(crate) struct Columns {
     pub degree: u32,
     pub position: Vec<[f32; 3]>,
+    /// What is missing in `position`; empty where nothing is that shows.
+    pub low: Vec<[f32; 3]>,
     pub scale: Vec<[f32; 3]>,
     pub rotation: Vec<[f32; 4]>,
     pub opacity: Vec<f32>,
@@ -192,6 +207,8 @@ pub(crate) struct Rows<'a> {
     kept: usize,
     degree: u32,
     position: &'a mut [[f32; 3]],
+    /// Empty where positions are floats.
+    low: &'a mut [[f32; 3]],
     scale: &'a mut [[f32; 3]],
     rotation: &'a mut [[f32; 4]],
     opacity: &'a mut [f32],
@@ -212,6 +229,12 @@ impl Rows<'_> {
     /// Stores the next splat, or counts the reason to drop it. `norm` is the length of the file's quaternion.
     #[inline]
     pub(crate) fn push(&mut self, splat: &Splat, norm: f64) {
+        self.push_wide(splat, splat.position.map(f64::from), norm);
+    }
+
+    /// Stores a splat whose position has more digits than f32, which [`Splat::position`] rounds.
+    #[inline]
+    pub(crate) fn push_wide(&mut self, splat: &Splat, position: [f64; 3], norm: f64) {
         let floats = sh_floats(self.degree);
         if let Some(reason) = fault(splat, norm, floats) {
             self.gathered.dropped.count(reason);
@@ -226,6 +249,11 @@ impl Rows<'_> {
         }
         let index = self.kept;
         self.position[index] = splat.position;
+        if !self.low.is_empty() {
+            let low = std::array::from_fn(|axis| (position[axis] - f64::from(splat.position[axis])) as f32);
+            self.low[index] = low;
+            self.gathered.add_low(low, splat.scale);
+        }
         self.scale[index] = splat.scale;
         self.rotation[index] = splat.rotation;
         self.opacity[index] = splat.opacity;
@@ -255,6 +283,9 @@ fn fault(splat: &Splat, norm: f64, sh_floats: usize) -> Option<Reason> {
 }
 
 impl Columns {
+    /// Bytes that the further digits of a position take.
+    pub(crate) const LOW_BYTES: u64 = size_of::<[f32; 3]>() as u64;
+
     /// Computes the bytes that a splat takes in all arrays together.
     pub(crate) const fn bytes_per_splat(degree: u32) -> u64 {
         (size_of::<[f32; 3]>() * 2 + size_of::<[f32; 4]>() + size_of::<f32>() * (1 + sh_floats(degree)))
@@ -270,6 +301,7 @@ impl Columns {
             Some(Self {
                 degree,
                 position: memory::zeroed(count)?,
+                low: Vec::new(),
                 scale: memory::zeroed(count)?,
                 rotation: memory::zeroed(count)?,
                 opacity: memory::zeroed(count)?,
@@ -282,6 +314,21 @@ impl Columns {
         })
     }
 
+    /// Makes room for positions with more digits than f32 has.
+    ///
+    /// # Errors
+    /// It does not fit in memory.
+    pub(crate) fn widen(&mut self) -> Result<(), SceneMemoryError> {
+        let count = self.position.len();
+        self.low = memory::zeroed(count).ok_or_else(|| SceneMemoryError {
+            count: count as u64,
+            degree: self.degree,
+            needed: count as u64 * Self::LOW_BYTES,
+            available: memory::available(),
+        })?;
+        Ok(())
+    }
+
     /// Fills all rows in parallel, one chunk per task, and closes the gaps that dropped splats leave. Of several errors,
     /// returns that of the first chunk.
     pub(crate) fn fill<E: Send>(
@@ -289,18 +336,22 @@ impl Columns {
         convert: impl Fn(&mut Rows) -> Result<(), E> + Sync,
     ) -> Result<Gathered, E> {
         let degree = self.degree;
+        let mut low = self.low.chunks_mut(CHUNK);
+        let low: Vec<&mut [[f32; 3]]> =
+            (0..self.position.len().div_ceil(CHUNK)).map(|_| low.next().unwrap_or_default()).collect();
         let chunks: Vec<Result<(usize, Gathered), E>> = self
             .position
             .par_chunks_mut(CHUNK)
+            .zip(low)
             .zip(self.scale.par_chunks_mut(CHUNK))
             .zip(self.rotation.par_chunks_mut(CHUNK))
             .zip(self.opacity.par_chunks_mut(CHUNK))
             .zip(self.sh.par_chunks_mut(CHUNK * sh_floats(degree)))
             .enumerate()
-            .map(|(chunk, ((((position, scale), rotation), opacity), sh))| {
+            .map(|(chunk, (((((position, low), scale), rotation), opacity), sh))| {
                 let (first, gathered) = (chunk * CHUNK, Gathered::new());
                 let mut rows =
-                    Rows { first, kept: 0, degree, position, scale, rotation, opacity, sh, gathered };
+                    Rows { first, kept: 0, degree, position, low, scale, rotation, opacity, sh, gathered };
                 convert(&mut rows)?;
                 Ok((rows.kept, rows.gathered))
             })
@@ -324,6 +375,9 @@ impl Columns {
         }
         let floats = sh_floats(self.degree);
         self.position.copy_within(from..from + count, to);
+        if !self.low.is_empty() {
+            self.low.copy_within(from..from + count, to);
+        }
         self.scale.copy_within(from..from + count, to);
         self.rotation.copy_within(from..from + count, to);
         self.opacity.copy_within(from..from + count, to);
@@ -332,6 +386,7 @@ impl Columns {
 
     fn truncate(&mut self, count: usize) {
         self.position.truncate(count);
+        self.low.truncate(count);
         self.scale.truncate(count);
         self.rotation.truncate(count);
         self.opacity.truncate(count);
@@ -356,8 +411,15 @@ pub struct Scene {
 }
 
 impl Scene {
-    pub(crate) fn new(columns: Columns, gathered: Gathered, size_breakdown: Option<SizeBreakdown>) -> Self {
+    pub(crate) fn new(
+        mut columns: Columns,
+        gathered: Gathered,
+        size_breakdown: Option<SizeBreakdown>,
+    ) -> Self {
         let empty = columns.opacity.is_empty();
+        if gathered.rounding < INVISIBLE {
+            columns.low = Vec::new();
+        }
         Self {
             columns,
             offset: [0.0; 3],
@@ -420,6 +482,33 @@ impl Scene {
         }
     }
 
+    /// Generates a scene as [`Scene::try_generate`] does, whose positions have more digits than f32.
+    ///
+    /// `splat` returns the position beside the splat, whose own is not read.
+    ///
+    /// # Errors
+    /// The scene does not fit in memory.
+    pub fn try_generate_wide(
+        count: u32,
+        degree: u32,
+        splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
+    ) -> Result<Self, SceneMemoryError> {
+        let mut columns = Columns::zeroed(count as usize, degree.min(3))?;
+        columns.widen()?;
+        let filled = columns.fill(|rows| {
+            for index in 0..rows.len() {
+                let (mut splat, position) = splat(rows.first() + index);
+                splat.position = position.map(|v| v as f32);
+                rows.push_wide(&splat, position, 1.0);
+            }
+            Ok::<_, std::convert::Infallible>(())
+        });
+        match filled {
+            Ok(gathered) => Ok(Self::new(columns, gathered, None)),
+            Err(never) => match never {},
+        }
+    }
+
     /// Places the scene's origin in the world, without a change of the splats' positions, which are relative to it.
     pub fn with_offset(self, offset: [f64; 3]) -> Self {
         Self { offset, ..self }
@@ -441,6 +530,23 @@ impl Scene {
     /// Returns the centres, in world units, relative to [`Scene::offset`].
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.columns.position
+    }
+
+    /// Returns true if positions have digits that [`Scene::positions`] lacks, as those of two clouds far from each other do.
+    pub fn is_wide(&self) -> bool {
+        !self.columns.low.is_empty()
+    }
+
+    /// Returns the centre of splat `index` with all of its digits, in world units, relative to [`Scene::offset`].
+    ///
+    /// # Panics
+    /// Panics if `index` is not below [`Scene::count`].
+    pub fn position(&self, index: usize) -> [f64; 3] {
+        let high = self.columns.position[index].map(f64::from);
+        match self.columns.low.get(index) {
+            Some(low) => std::array::from_fn(|axis| high[axis] + f64::from(low[axis])),
+            None => high,
+        }
     }
 
     /// Returns the standard deviations along each splat's axes, in world units.

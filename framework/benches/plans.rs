@@ -31,6 +31,7 @@ fn facts() -> Facts {
         shared_bytes: 32 << 10,
         max_invocations: 1024,
         rounds_half: true,
+        fused_fma: true,
         features: Features::all(),
     };
     Facts { device, host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }

@@ -40,6 +40,7 @@ use crate::{link, lower, solve};
 ///     shared_bytes: 16 << 10,
 ///     max_invocations: 256,
 ///     rounds_half: true,
+///     fused_fma: true,
 ///     features: Features::empty(),
 /// };
 /// let request =

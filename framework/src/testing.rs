@@ -135,6 +135,7 @@ pub fn facts() -> Facts {
         shared_bytes: u32::MAX,
         max_invocations: u32::MAX,
         rounds_half: false,
+        fused_fma: true,
         features: Features::all(),
     };
     Facts { device, host: ints.map(|(k, v)| (k.to_string(), Value::Int(v))).into() }

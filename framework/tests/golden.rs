@@ -90,6 +90,7 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
         shared_bytes: u32::MAX,
         max_invocations: u32::MAX,
         rounds_half: true,
+        fused_fma: true,
         features: Features::all(),
     };
     let mut facts = Facts { device, host: host.into() };

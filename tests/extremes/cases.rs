@@ -121,6 +121,22 @@ pub const CASES: &[Case] = &[
         bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 133.0, tiled: 82.0, half: 47.0, bytes: None, key16: 100.0, unsorted: 17.0, naive: 13.0 },
     },
     Case {
+        name: "two-clouds", scene: || generated("two-clouds", 3000), factored: false,
+        bounds: Bounds { exact: 130.0, worst: 1e-5, tiled_exact: 130.0, tiled: 80.0, half: 45.0, bytes: None, key16: 100.0, unsorted: 15.0, naive: 12.0 },
+    },
+    Case {
+        name: "telephoto", scene: || generated("telephoto", 2000), factored: false,
+        bounds: Bounds { exact: 92.0, worst: 2e-3, tiled_exact: 92.0, tiled: 80.0, half: 40.0, bytes: None, key16: 40.0, unsorted: 5.0, naive: 5.0 },
+    },
+    Case {
+        name: "millionth", scene: || generated("millionth", 2000), factored: false,
+        bounds: Bounds { exact: 110.0, worst: 1e-5, tiled_exact: 110.0, tiled: 70.0, half: 40.0, bytes: None, key16: 40.0, unsorted: 5.0, naive: 5.0 },
+    },
+    Case {
+        name: "askew", scene: || halved("askew", 20_000), factored: false,
+        bounds: Bounds { exact: 110.0, worst: 1e-5, tiled_exact: 110.0, tiled: 70.0, half: 20.0, bytes: None, key16: 5.0, unsorted: 5.0, naive: 5.0 },
+    },
+    Case {
         name: "fov-1", scene: || ball(120.0, 1.0), factored: false,
         bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 133.0, tiled: 80.0, half: 41.0, bytes: None, key16: 100.0, unsorted: 12.0, naive: 8.0 },
     },

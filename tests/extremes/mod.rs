@@ -202,6 +202,9 @@ held! {
     splats_at_the_near_plane_and_around_the_camera_are_drawn_or_culled: "near-plane";
     outliers_take_nothing_from_the_rest: "far";
     a_scene_far_from_the_origin_is_as_exact_as_its_positions: "remote";
+    clouds_ten_million_units_apart_are_drawn_as_exactly_as_one: "two-clouds";
+    a_telephoto_view_is_as_exact_as_one_from_nearby: "telephoto", "millionth";
+    depths_that_differ_by_rounding_alone_have_the_published_order: "askew";
     fields_of_view_from_1_to_170_degrees_are_drawn: "fov-1", "fov-170";
     pictures_of_one_pixel_and_of_one_row_are_drawn: "one-pixel", "one-row";
     layers_that_are_nearly_opaque_show_the_first: "layers-opaque";

@@ -31,6 +31,7 @@ fn facts() -> Facts {
         shared_bytes: u32::MAX,
         max_invocations: u32::MAX,
         rounds_half: false,
+        fused_fma: true,
         features: Features::all(),
     };
     Facts { device, host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }

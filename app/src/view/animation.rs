@@ -83,7 +83,9 @@ mod tests {
 
     #[test]
     fn a_shader_that_reads_the_number_of_the_frame_is_told_from_others_of_the_block() {
-        for expression in ["float(camera.frame)", "float(next(camera.frame))", "camera.frame == 0 ? 1.0 : 0.0"] {
+        for expression in
+            ["float(camera.frame)", "float(next(camera.frame))", "camera.frame == 0 ? 1.0 : 0.0"]
+        {
             assert!(of(expression), "{expression}");
         }
         for expression in ["1.0", "camera.depth.y", "camera.position_low.w", "camera.reserved[0].x"] {

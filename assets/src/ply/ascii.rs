@@ -129,7 +129,8 @@ pub(crate) fn wide(line: &Line, column: usize) -> Option<f64> {
     parsed(words(line.text).nth(column)?)
 }
 
-/// Parses a splat's line into its slots, its position relative to `origin`. Adds the bytes of each word to its column's total.
+/// Parses a splat's line into its slots, and its position relative to `origin` with all of its digits beside them. Adds the bytes of
+/// each word to its column's total.
 ///
 /// Returns the number of values, at most one per column. The caller rejects lines with fewer.
 ///
@@ -140,11 +141,12 @@ pub(crate) fn row(
     layout: &Layout,
     vertex: &Element,
     origin: [f64; 3],
-    slots: &mut [f32],
+    (slots, position): (&mut [f32], &mut [f64; 3]),
     sizes: &mut [u64],
 ) -> Result<usize, SceneError> {
     let columns = layout.slot_of.len();
     let number = line.number;
+    let wide = layout.wide();
     let mut found = 0;
     for word in words(line.text) {
         if found == columns {
@@ -152,9 +154,14 @@ pub(crate) fn row(
             return Err(error(number, format!("expected {columns} values, found {all}")));
         }
         if let Some(slot) = layout.slot_of[found] {
-            let value = match origin.get(slot) {
-                Some(origin) if *origin != 0.0 => parsed::<f64>(word).map(|value| (value - origin) as f32),
-                _ => parsed(word),
+            let value = match wide.get(slot) {
+                Some(wide) => {
+                    let value = parsed::<f64>(word).map(|value| value - origin[slot]);
+                    position[slot] = value.unwrap_or_default();
+                    // A text is rounded once.
+                    if *wide { value.map(|value| value as f32) } else { parsed(word) }
+                }
+                None => parsed(word),
             };
             slots[slot] = value.ok_or_else(|| {
                 let name = &vertex.properties[found].name;

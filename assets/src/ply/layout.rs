@@ -98,6 +98,11 @@ impl Layout {
         Ok(Self { degree, stride, slots, slot_of })
     }
 
+    /// Says of each axis whether the file's type of it is wider than f32.
+    pub(crate) fn wide(&self) -> [bool; 3] {
+        std::array::from_fn(|axis| matches!(self.slots[axis].scalar, Scalar::F64 | Scalar::I32 | Scalar::U32))
+    }
+
     /// Converts the file's values to a splat, and returns the length of the file's quaternion with it.
     ///
     /// Exponential, sigmoid and norm are computed in f64 and rounded once, so that a file gives the same splats with every

@@ -7,7 +7,6 @@
 //! It is the median of some rows, spread over the file, so that outliers do not move it; a multiple of [`STEP`], so that
 //! people can read it and the subtraction is exact. Axes near the origin keep theirs, and their coordinates stay as they are.
 
-use super::header::Scalar;
 use super::layout::Layout;
 
 /// Spacing of the origins, in world units; f32 resolves a ten-thousandth at half of it.
@@ -28,9 +27,7 @@ pub(super) struct Sample {
 impl Sample {
     /// Starts a sample of `count` rows; `None` where f32 holds every coordinate of the file.
     pub(super) fn of(layout: &Layout, count: u64) -> Option<Self> {
-        let wide: [bool; 3] = std::array::from_fn(|axis| {
-            matches!(layout.slots[axis].scalar, Scalar::F64 | Scalar::I32 | Scalar::U32)
-        });
+        let wide = layout.wide();
         let every = count.div_ceil(SAMPLES).max(1);
         wide.contains(&true).then(|| Self { every, wide, values: Default::default() })
     }

@@ -166,9 +166,15 @@ impl File<'_> {
     fn allocate(&self, count: u64) -> Result<Columns, SceneError> {
         let degree = self.layout.degree;
         let buffers = rayon::current_num_threads() * PIECE.max(self.layout.stride);
-        let needed = Scene::host_bytes(count, degree).saturating_add(buffers as u64);
+        let wide = self.layout.wide().contains(&true);
+        let low = if wide { count.saturating_mul(Columns::LOW_BYTES) } else { 0 };
+        let needed = Scene::host_bytes(count, degree).saturating_add(low).saturating_add(buffers as u64);
         SceneMemoryError::check_against(count, degree, needed, self.memory)?;
-        Ok(Columns::zeroed(count as usize, degree)?)
+        let mut columns = Columns::zeroed(count as usize, degree)?;
+        if wide {
+            columns.widen()?;
+        }
+        Ok(columns)
     }
 
     fn binary<const BIG: bool>(&self) -> Result<Body, SceneError> {
@@ -194,6 +200,7 @@ impl File<'_> {
         let stride = layout.stride;
         let origin = self.binary_origin::<BIG>(start, count)?;
         let mut columns = self.allocate(count)?;
+        let wide = self.layout.wide();
         let done = Done::new(count * stride as u64, self.progress);
         let buffers = Buffers::default();
         let rows_at_once = (PIECE / stride).max(1);
@@ -204,17 +211,22 @@ impl File<'_> {
                     let rows = &mut buffer[..count * stride];
                     self.source.read(start + ((out.first() + first) * stride) as u64, rows)?;
                     for row in rows.chunks_exact(stride) {
-                        let (splat, norm) = layout.splat(|slot| {
-                            let place = layout.slots[slot];
-                            let bytes = &row[place.offset..];
-                            match origin.get(slot) {
-                                Some(origin) if *origin != 0.0 => {
-                                    (binary::wide::<BIG>(bytes, place.scalar) - origin) as f32
-                                }
-                                _ => binary::value::<BIG>(bytes, place.scalar),
+                        let position = |axis: usize| {
+                            let place = layout.slots[axis];
+                            binary::wide::<BIG>(&row[place.offset..], place.scalar) - origin[axis]
+                        };
+                        let (splat, norm) = layout.splat(|slot| match wide.get(slot) {
+                            Some(true) => position(slot) as f32,
+                            _ => {
+                                let place = layout.slots[slot];
+                                binary::value::<BIG>(&row[place.offset..], place.scalar)
                             }
                         });
-                        out.push(&splat, norm);
+                        if wide.contains(&true) {
+                            out.push_wide(&splat, std::array::from_fn(position), norm);
+                        } else {
+                            out.push(&splat, norm);
+                        }
                     }
                     done.add(rows.len() as u64);
                 }
@@ -293,16 +305,23 @@ impl File<'_> {
             let place = chunks[out.first() / CHUNK];
             let mut lines = ascii::Lines::new(self.source, place);
             let mut slots = [0.0; MAX_SLOTS];
+            let wide = self.layout.wide().contains(&true);
             let mut chunk_sizes = vec![0; vertex.properties.len()];
             for index in 0..out.len() {
                 let row = (out.first() + index) as u64;
                 let line = lines.next_row()?.ok_or_else(|| truncated(vertex, row))?;
-                let found = ascii::row(&line, self.layout, vertex, origin, &mut slots, &mut chunk_sizes)?;
+                let mut position = [0.0; 3];
+                let values = (&mut slots[..], &mut position);
+                let found = ascii::row(&line, self.layout, vertex, origin, values, &mut chunk_sizes)?;
                 if found < vertex.properties.len() {
                     return Err(short_row(&line, vertex, row));
                 }
                 let (splat, norm) = self.layout.splat(|slot| slots[slot]);
-                out.push(&splat, norm);
+                if wide {
+                    out.push_wide(&splat, position, norm);
+                } else {
+                    out.push(&splat, norm);
+                }
             }
             let mut sizes = sizes.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             sizes.iter_mut().zip(&chunk_sizes).for_each(|(sum, size)| *sum += size);

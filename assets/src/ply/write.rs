@@ -67,7 +67,7 @@ impl Scene {
 
     /// Returns true if positions need more digits than `float` has.
     fn is_offset(&self) -> bool {
-        self.offset() != [0.0; 3]
+        self.offset() != [0.0; 3] || self.is_wide()
     }
 
     /// Writes the scene as a PLY file in the reference layout, with its stored degree, in the world's coordinates.
@@ -100,7 +100,8 @@ impl Scene {
                     for index in first..end.min(first + CHUNK) {
                         let splat = self.splat(index);
                         if self.is_offset() {
-                            let world = |axis: usize| f64::from(splat.position[axis]) + self.offset()[axis];
+                            let position = self.position(index);
+                            let world = |axis: usize| position[axis] + self.offset()[axis];
                             (0..3).for_each(|axis| bytes.extend_from_slice(&world(axis).to_le_bytes()));
                         } else {
                             splat.position.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));

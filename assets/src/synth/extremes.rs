@@ -281,6 +281,64 @@ pub(super) fn surveyed(count: u32, seed: u64) -> Made {
     Ok(scene.with_offset([9_999_360.0, -9_999_360.0, 9_999_360.0]))
 }
 
+/// Generates two clouds, the larger half of the splats at one end and the smaller, in front of [`camera`], ten million units away.
+pub(super) fn two_clouds(count: u32, seed: u64) -> Made {
+    let scene = Scene::try_generate_wide(count, 0, |i| {
+        let splat = small_cloud(&mut Random::new(seed, i as u64), count / 3);
+        let near = splat.position.map(f64::from);
+        let far = [TWO_CLOUDS[0] + 1e7 + near[0], near[1] + 1e7, near[2]];
+        let position =
+            if i % 3 == 1 { std::array::from_fn(|axis| near[axis] + TWO_CLOUDS[axis]) } else { far };
+        (splat, position)
+    })?;
+    Ok(scene)
+}
+
+/// The place of the smaller of [`two_clouds`], in world units.
+const TWO_CLOUDS: [f64; 3] = [-5_000_000.123_456_789, 0.123_456_789, 0.1];
+
+/// Makes a camera that looks at the smaller of [`two_clouds`].
+pub(super) fn two_clouds_camera() -> Camera {
+    Camera { img_name: "smaller".into(), ..camera().relative_to(TWO_CLOUDS.map(|v| -v)) }
+}
+
+/// Makes a camera that fills its picture with a ball of this radius, from far away.
+pub(super) fn telephoto_camera(distance: f64, radius: f64) -> Camera {
+    let degrees = 3.0 * (radius / distance).atan().to_degrees();
+    let eye = [0.28 * distance, -0.3 * distance, -0.911_921 * distance];
+    Camera { img_name: "telephoto".into(), ..Camera::looking_at(eye, [0.0; 3], degrees, (960, 540)) }
+}
+
+/// Generates a ball of a millionth of a unit.
+pub(super) fn millionth(count: u32, seed: u64) -> Made {
+    let ball = uniform(count, seed)?;
+    Scene::try_generate(count, 3, |i| {
+        let mut splat = ball.splat(i);
+        splat.position = splat.position.map(|v| 1e-6 * v);
+        splat.scale = splat.scale.map(|v| 1e-6 * v);
+        splat
+    })
+}
+
+/// Makes a camera at the origin, askew to all axes.
+pub(super) fn askew_camera() -> Camera {
+    Camera { img_name: "askew".into(), ..Camera::looking_at([0.0; 3], [-3.1, 4.3, 5.98], 60.0, (960, 540)) }
+}
+
+/// Generates splats on a plane across the view of [`askew_camera`], eight units away: their depths differ by rounding alone.
+pub(super) fn askew(count: u32, seed: u64) -> Made {
+    let [right, down, forward] = askew_camera().axes();
+    Scene::try_generate(count, 0, |i| {
+        let mut splat = cloud(&mut Random::new(seed, i as u64), count);
+        let [x, y, _] = splat.position.map(f64::from);
+        splat.position =
+            std::array::from_fn(|axis| (8.0 * forward[axis] + x * right[axis] + 1.5 * y * down[axis]) as f32);
+        splat.opacity = 0.7;
+        splat.sh = flat(hue([i as f64 * 0.7, i as f64 * 0.11, i as f64 * 0.3]));
+        splat
+    })
+}
+
 /// Generates a splat of [`cloud`] at three tenths of its size, and as much nearer.
 fn small_cloud(random: &mut Random, count: u32) -> Splat {
     let mut splat = cloud(random, count);

@@ -70,7 +70,7 @@ const fn layered(name: &'static str, summary: &'static str, make: fn(u32, u64) -
     Generator { name, summary, default_count: 4096, cameras: origin, make }
 }
 
-const GENERATORS: [Generator; 18] = [
+const GENERATORS: [Generator; 22] = [
     Generator {
         name: "demo",
         summary: "a lotus pond at dusk, with an iridescent knot above it: gloss, needles, mist and reflections",
@@ -127,6 +127,27 @@ const GENERATORS: [Generator; 18] = [
         )
     },
     extreme("surveyed", "the same cloud ten million units from the origin, in doubles", extremes::surveyed),
+    Generator {
+        cameras: || vec![extremes::two_clouds_camera()],
+        ..extreme("two-clouds", "two clouds ten million units apart, in doubles", extremes::two_clouds)
+    },
+    Generator {
+        cameras: || vec![extremes::telephoto_camera(1e6, 1.0)],
+        ..extreme("telephoto", "a ball of one unit, seen from a million units away", extremes::uniform)
+    },
+    Generator {
+        cameras: || vec![extremes::telephoto_camera(1.0, 1e-6)],
+        ..extreme(
+            "millionth",
+            "a ball of a millionth of a unit, seen from one unit away",
+            extremes::millionth,
+        )
+    },
+    Generator {
+        default_count: 20_000,
+        cameras: || vec![extremes::askew_camera()],
+        ..extreme("askew", "splats of one depth, on a plane askew to the axes", extremes::askew)
+    },
 ];
 
 /// Lists all generators.
@@ -209,6 +230,10 @@ mod tests {
         let near = make("near-plane", 3000);
         let depths = |z: f32| near.positions().iter().filter(|p| p[2] == z).count();
         assert!([0.2f32, 0.2f32.next_up(), 0.2f32.next_down()].into_iter().all(|z| depths(z) == 500));
+        let two = make("two-clouds", 3000);
+        assert!(two.is_wide() && two.position(0)[0] > 5e6 && two.position(1)[0] < -4e6);
+        assert!(!make("surveyed", 3000).is_wide(), "its rounding is invisible");
+        assert!(make("millionth", 3000).bounds().max.iter().all(|v| (5e-7..1.1e-6).contains(v)));
         assert!(make("remote", 30).positions().iter().all(|p| p[0] > 9990.0 && p[1] < -9990.0));
     }
 }

@@ -69,6 +69,7 @@ pub fn limits(told: &Told) -> Limits {
         },
         // Not documented; docs/metal.md says how to find out. Plans for devices that do not round are right on all.
         rounds_half: false,
+        fused_fma: true,
         features: features(),
         timestamp_bits: 64,
         // Samples can be resolved when their command buffer has completed.

@@ -87,6 +87,7 @@ pub fn limits() -> Limits {
             max_per_group: 32,
         },
         rounds_half: true,
+        fused_fma: true,
         features: Features::all(),
         timestamp_bits: 64,
         live_timestamps: true,

@@ -24,6 +24,11 @@ pub trait Splats: Sync {
 
     /// Splat `index`, which is below [`Splats::count`].
     fn get(&self, index: usize) -> Gaussian;
+
+    /// True if f32 does not hold the positions, so that no depth can be computed from positions of f32.
+    fn is_wide(&self) -> bool {
+        false
+    }
 }
 
 impl Splats for [Gaussian] {
@@ -44,11 +49,15 @@ impl Splats for Scene {
     fn get(&self, index: usize) -> Gaussian {
         let splat = self.splat(index);
         Gaussian {
-            position: splat.position.map(f64::from),
+            position: self.position(index),
             scale: splat.scale.map(f64::from),
             rotation: splat.rotation.map(f64::from),
             opacity: f64::from(splat.opacity),
             sh: std::array::from_fn(|k| std::array::from_fn(|channel| f64::from(splat.sh[3 * k + channel]))),
         }
+    }
+
+    fn is_wide(&self) -> bool {
+        Scene::is_wide(self)
     }
 }

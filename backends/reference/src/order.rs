@@ -11,15 +11,17 @@ pub(crate) struct View {
     eye: [f64; 3],
     /// Elements 2, 6, 10 and 14 of the rasteriser's matrix: the view direction, and the translation along it.
     depth_row: [f32; 4],
+    /// Positions have more digits than f32.
+    wide: bool,
 }
 
 impl View {
-    pub(crate) fn new(camera: &Camera) -> View {
+    pub(crate) fn new(camera: &Camera, wide: bool) -> View {
         let rows = camera.axes();
         let eye = camera.position;
         let translation = -(0..3).map(|i| rows[2][i] * eye[i]).sum::<f64>();
         let [x, y, z] = rows[2].map(|v| v as f32);
-        View { rows, eye, depth_row: [x, y, z, translation as f32] }
+        View { rows, eye, depth_row: [x, y, z, translation as f32], wide }
     }
 
     /// A point in view space: right, down, forward.
@@ -35,10 +37,12 @@ impl View {
     /// The depth that culling and sorting go by.
     ///
     /// In f32 it is `fma(m10, z, fma(m6, y, m2 * x)) + m14`, the order in which the compiler of the rasteriser contracts
-    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h): equal bits give equal ties.
+    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h): equal bits give equal ties. That rasteriser cannot be given a position with
+    /// more digits than f32: its depth is computed in f64, and rounded.
     pub(crate) fn depth(&self, p: [f64; 3], rule: Depth) -> f64 {
         match rule {
             Depth::F64 => self.point(p)[2],
+            Depth::F32 if self.wide => f64::from(self.point(p)[2] as f32),
             Depth::F32 => {
                 let [x, y, z] = p.map(|v| v as f32);
                 let [m2, m6, m10, m14] = self.depth_row;
@@ -62,7 +66,7 @@ pub(crate) fn sort<T: Send>(items: &mut [T], rules: &Rules, key: impl Fn(&T) -> 
 
 /// Lists the splats beyond the near plane, near to far, by index.
 pub fn depth_order(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rules) -> Vec<u32> {
-    let view = View::new(camera);
+    let view = View::new(camera, splats.is_wide());
     let mut keys: Vec<(f64, u32)> = (0..splats.count())
         .into_par_iter()
         .map(|index| (view.depth(splats.get(index).position, rules.depth), index as u32))

@@ -78,7 +78,7 @@ pub fn fragments(
     if x >= camera.width || y >= camera.height {
         return None;
     }
-    let projector = Projector::new(camera, rules);
+    let projector = Projector::new(camera, rules, splats.is_wide());
     let tile = [x / TILE, y / TILE];
     let touches = |[x0, y0, x1, y1]: [u32; 4]| (x0..x1).contains(&tile[0]) && (y0..y1).contains(&tile[1]);
     let chunk = |chunk: usize| -> Option<Vec<Ellipse>> {
@@ -126,7 +126,8 @@ pub struct Projected {
 
 /// Projects a splat; `None` where it is culled or degenerate, or touches no tile of the image.
 pub fn project(splat: &Gaussian, camera: &Camera, rules: &Rules) -> Option<Projected> {
-    let Ellipse { depth, footprint, .. } = Projector::new(camera, rules).project(0, splat)?;
+    let wide = splat.position.iter().any(|v| *v != f64::from(*v as f32));
+    let Ellipse { depth, footprint, .. } = Projector::new(camera, rules, wide).project(0, splat)?;
     Some(Projected {
         depth,
         center: footprint.center,

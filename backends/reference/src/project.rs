@@ -84,11 +84,12 @@ pub(crate) struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    pub(crate) fn new(camera: &'a Camera, rules: &'a Rules) -> Self {
+    /// Prepares a camera; `wide` says whether positions have more digits than f32.
+    pub(crate) fn new(camera: &'a Camera, rules: &'a Rules, wide: bool) -> Self {
         let tan =
             [f64::from(camera.width) / camera.fx, f64::from(camera.height) / camera.fy].map(|v| 0.5 * v);
         let grid = [camera.width, camera.height].map(|side| side.div_ceil(TILE));
-        Self { view: View::new(camera), camera, rules, tan, grid }
+        Self { view: View::new(camera, wide), camera, rules, tan, grid }
     }
 
     /// Pixels across the image.

@@ -39,7 +39,7 @@ pub struct Visible {
 
 /// Lists the splats that touch a tile of the image, near to far, and counts the tiles across and down.
 pub fn visible(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rules) -> (Vec<Visible>, [u32; 2]) {
-    let projector = Projector::new(camera, rules);
+    let projector = Projector::new(camera, rules, splats.is_wide());
     let of = |ellipse: Ellipse| Visible { index: ellipse.index, depth: ellipse.depth, tiles: ellipse.tiles };
     let mut visible: Vec<Visible> = (0..splats.count())
         .into_par_iter()
@@ -68,7 +68,7 @@ pub fn render(
     rules: &Rules,
     progress: Progress,
 ) -> Picture {
-    let projector = Projector::new(camera, rules);
+    let projector = Projector::new(camera, rules, splats.is_wide());
     let mut ellipses: Vec<Ellipse> = (0..splats.count())
         .into_par_iter()
         .filter_map(|index| projector.project(index as u32, &splats.get(index)))

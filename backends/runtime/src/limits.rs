@@ -43,6 +43,8 @@ pub struct Limits {
     pub subgroup: SubgroupLimits,
     /// Blending rounds its results in half-float images to nearest.
     pub rounds_half: bool,
+    /// Shaders' `fma` rounds once.
+    pub fused_fma: bool,
     /// Optional features of shaders that are enabled.
     pub features: Features,
     /// Bits that count in a timestamp; 0 where the queue has no timer.
@@ -97,6 +99,7 @@ impl Limits {
             shared_bytes: self.shared_bytes,
             max_invocations: self.max_invocations,
             rounds_half: self.rounds_half,
+            fused_fma: self.fused_fma,
             features: self.features,
         }
     }

@@ -210,6 +210,8 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         },
         // Cuts the digits off that a half float has no room for.
         rounds_half: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
+        // Multiplies and adds, on whatever CPU; Vulkan leaves it open.
+        fused_fma: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
         features: OptionalFeatures::of(instance, handle).shaders(),
         timestamp_bits: 0,
         // Reading them waits for all that was submitted.

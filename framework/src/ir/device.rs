@@ -23,6 +23,8 @@ pub struct DeviceFacts {
     pub max_invocations: u32,
     /// Blending rounds to the nearest half-precision float. Without it, digits are cut off.
     pub rounds_half: bool,
+    /// Shaders' `fma` rounds once. Without it, the product is rounded before the sum.
+    pub fused_fma: bool,
     /// Optional features that the device was opened with, or would be.
     pub features: Features,
 }
@@ -34,10 +36,12 @@ impl DeviceFacts {
     }
 
     /// Lists the facts under their names in graphs, in alphabetical order.
-    pub fn named(&self) -> [(&'static str, Value); 11] {
+    pub fn named(&self) -> [(&'static str, Value); 13] {
         let bytes = i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX);
         let has = |feature| Value::Bool(self.features.contains(feature));
         [
+            ("device.float64", has(Features::FLOAT64)),
+            ("device.fused_fma", Value::Bool(self.fused_fma)),
             ("device.int64", has(Features::INT64)),
             ("device.max_groups_x", Value::Int(self.max_groups_x.into())),
             ("device.max_invocations", Value::Int(self.max_invocations.into())),

@@ -39,6 +39,7 @@ fn plan(shader: &str, buffers: usize) -> Plan {
         shared_bytes: 32 << 10,
         max_invocations: 1024,
         rounds_half: true,
+        fused_fma: true,
         features: Features::all(),
     };
     let (facts, catalog) = (device.into(), Catalog::default());

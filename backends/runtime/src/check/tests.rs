@@ -16,6 +16,7 @@ fn limits() -> Limits {
         max_image_size: 16384,
         max_targets: 8,
         rounds_half: true,
+        fused_fma: true,
         features: Features::empty(),
         max_storage_buffers: 32,
         max_uniform_buffers: 16,
