@@ -14,6 +14,7 @@ use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::session::{FrameOptions, Session, image_of};
 use splatgraph::{builtin, metrics, truth};
+use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Rules, Splats, render};
 
@@ -252,4 +253,36 @@ fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
         ways.extend(["splat", "tiled_exact"].map(|preset| Way::new(preset, &set, |_| 0.0)));
     }
     draw(scene, &camera, ways);
+}
+
+#[test]
+fn a_device_says_truly_whether_its_fma_rounds_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // The square of 1 + 2^-12 has a bit beyond the float: 2^-24.
+    let shader = "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"camera.glsl\"\n\
+        layout(local_size_x = 1) in;\n\
+        layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D color;\n\
+        void main() {\n\
+            float a = uintBitsToFloat(0x3f800800u + min(camera.frame, 0u));\n\
+            float rest = fma(a, a, -(1.0 + 1.0 / 2048.0)) * 16777216.0;\n\
+            imageStore(color, ivec2(0), vec4(vec3(rest), 1.0));\n\
+        }\n";
+    let graph = r#"Graph(version: 1, summary: "", output: "color",
+        imports: { "camera": Import(from: "frame.camera") },
+        resources: { "color": Image(format: "rgba32f", size: (1, 1)) },
+        passes: [Dispatch(name: "n", shader: "fma.comp", size: Groups(1), bind: { "Camera": "camera", "color": "color" })])"#;
+    std::fs::write(folder.path().join("fma.comp"), shader).expect("a shader");
+    let path = folder.path().join("graph.ron");
+    std::fs::write(&path, graph).expect("a graph");
+    let scene = Scene::generate(1, 0, cases::plain);
+    let camera = Camera::framing(&scene, 1, 1);
+    let mut session: Session<Backend> = Session::new(common::device(), scene, &path.to_string_lossy(), &[]);
+    session.prepare((1, 1), &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+    let frame = session
+        .submit(&camera, &FrameOptions { read_output: true, ..FrameOptions::default() })
+        .expect("submitted");
+    let output = session.wait(frame).expect("drawn").output.expect("asked for");
+    let rest = image_of(&output).expect("colours").rgb[0][0];
+    assert!(rest == 0.0 || rest == 1.0, "{rest}");
+    assert_eq!(session.device().info().facts.fused_fma, rest == 1.0);
 }
