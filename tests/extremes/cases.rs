@@ -161,6 +161,22 @@ pub const CASES: &[Case] = &[
         bounds: Bounds { exact: 150.0, worst: 1e-5, tiled_exact: 171.0, tiled: 171.0, half: 90.0, bytes: None, key16: 150.0, unsorted: 150.0, naive: 150.0 },
     },
     Case {
+        name: "floor", scene: || halved("floor", 4096), factored: false,
+        bounds: Bounds { exact: 115.0, worst: 1e-5, tiled_exact: 115.0, tiled: 85.0, half: 14.0, bytes: None, key16: 115.0, unsorted: 115.0, naive: 6.0 },
+    },
+    Case {
+        name: "layers-dark", scene: || halved("layers-dark", 5000), factored: false,
+        bounds: Bounds { exact: 100.0, worst: 1e-4, tiled_exact: 100.0, tiled: 90.0, half: 25.0, bytes: None, key16: 100.0, unsorted: 100.0, naive: 100.0 },
+    },
+    Case {
+        name: "bright", scene: || generated("bright", 2000), factored: false,
+        bounds: Bounds { exact: 125.0, worst: 5e-5, tiled_exact: 125.0, tiled: 35.0, half: 35.0, bytes: Some(13.0), key16: 100.0, unsorted: 30.0, naive: 30.0 },
+    },
+    Case {
+        name: "crossing", scene: || generated("crossing", 18), factored: false,
+        bounds: Bounds { exact: 125.0, worst: 5e-5, tiled_exact: 125.0, tiled: 70.0, half: 40.0, bytes: None, key16: 100.0, unsorted: 5.0, naive: 5.0 },
+    },
+    Case {
         name: "empty-view", scene: || generated("empty-view", 2000), factored: false,
         bounds: Bounds { exact: f64::INFINITY, worst: 0.0, tiled_exact: f64::INFINITY, tiled: f64::INFINITY, half: f64::INFINITY, bytes: None, key16: f64::INFINITY, unsorted: f64::INFINITY, naive: f64::INFINITY },
     },
