@@ -21,7 +21,7 @@ pub(super) const GRAPHS: [&str; 8] = [
 
 /// Edits that build: file, text and its replacement.
 const CONSTANTS: [(&str, &str, &str); 6] = [
-    ("shaders/compose.comp", "transmittance * camera", "0.5 * transmittance * camera"),
+    ("shaders/compose.comp", "blended.a * camera", "0.5 * blended.a * camera"),
     ("shaders/splat.frag", "min(alpha_cap,", "min(0.5 * alpha_cap,"),
     ("shaders/window/compose.frag", "shown = vec4(colour, 1.0)", "shown = vec4(0.5 * colour, 1.0)"),
     ("pipelines/splat.ron", "Int(default: 8, range: (1, 11)", "Int(default: 6, range: (1, 11)"),
