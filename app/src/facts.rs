@@ -21,16 +21,18 @@ pub struct SceneFacts {
     pub sh_degree: u32,
     /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,
-    /// Bits at which depth keys put all splats that overlap on the screen in the right order.
-    ///
-    /// A few views decide: see [`keys::of_scene`].
+    /// Bits at which depth keys put all splats in the right order, in every view: see [`keys::of_scene`].
     pub key_bits: u32,
 }
 
 impl SceneFacts {
     /// The facts of a nominal scene, for plans without a scene.
-    pub const NOMINAL: SceneFacts =
-        SceneFacts { count: 1_000_000, sh_degree: 3, stored_sh_degree: 3, key_bits: *keys::WIDTHS.end() };
+    pub const NOMINAL: SceneFacts = SceneFacts {
+        count: 1_000_000,
+        sh_degree: 3,
+        stored_sh_degree: 3,
+        key_bits: *keys::WIDTHS.end(),
+    };
 
     /// Collects the facts of a loaded scene.
     pub fn of(scene: &Scene) -> SceneFacts {
@@ -38,7 +40,7 @@ impl SceneFacts {
             count: scene.count().into(),
             sh_degree: scene.effective_degree(),
             stored_sh_degree: scene.stored_degree(),
-            key_bits: keys::of_scene(scene),
+            key_bits: keys::of_scene(&scene.bounds()),
         }
     }
 }

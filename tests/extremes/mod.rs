@@ -90,9 +90,9 @@ impl Way {
             let set = [("target", "rgba32f"), ("covariance", "factored")];
             all.push(Way::new("splat", &set, |bounds| bounds.exact));
         }
-        // The rasteriser of GPUs, which a CPU does not choose.
+        // The rasteriser of GPUs, which a CPU does not choose. Packed, it composites segments in half floats.
         let cells = ("rasteriser", "cells");
-        all.push(Way::new("tiled", &[("stop", "0.0"), cells], |bounds| bounds.tiled));
+        all.push(Way::new("tiled", &[("stop", "0.0"), cells], |bounds| bounds.tiled - 9.0));
         all.push(Way::new("tiled_exact", &[("stop", "0.0"), ("extent", "alpha"), cells], |bounds| {
             bounds.tiled_exact
         }));

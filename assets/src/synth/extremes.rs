@@ -310,8 +310,8 @@ pub(super) fn crossing(count: u32, seed: u64) -> Made {
         let plate = i % 18;
         let angle = (10.0 + 60.0 * plate as f64 + random.range(-1.0, 1.0)).to_radians();
         let (x, y) = (angle.cos(), angle.sin());
-        // Far to near in the file, six thousandths of a unit apart; the points at the ends of a box of two units.
-        let z = if plate < 6 { -0.006 * plate as f64 } else { 1.0 - 2.0 * (plate % 2) as f64 };
+        // Far to near in the file, two ten-thousandths of a unit apart; the points at the ends of a box of two units.
+        let z = if plate < 6 { -2e-4 * plate as f64 } else { 1.0 - 2.0 * (plate % 2) as f64 };
         let position = std::array::from_fn(|axis| [x, 0.0, 0.0][axis] + y * along[axis] + z * CROSSING[axis]);
         let half: f64 = 35f64.to_radians();
         Splat {
@@ -319,7 +319,9 @@ pub(super) fn crossing(count: u32, seed: u64) -> Made {
             scale: if plate < 6 { [0.8, 0.8, 1e-3] } else { [1e-3; 3] },
             rotation: [half.cos() as f32, -half.sin() as f32, 0.0, 0.0],
             opacity: 0.9,
-            sh: flat(std::array::from_fn(|c| if plate % 3 == c { 0.9 } else { 0.1 + 0.1 * (plate % 2) as f64 })),
+            sh: flat(std::array::from_fn(
+                |c| if plate % 3 == c { 0.9 } else { 0.1 + 0.1 * (plate % 2) as f64 },
+            )),
         }
     })
 }

@@ -124,7 +124,11 @@ const GENERATORS: [Generator; 22] = [
     Generator {
         default_count: 18,
         cameras: || vec![extremes::crossing_camera()],
-        ..extreme("crossing", "plates that change places only where a camera looks across them", extremes::crossing)
+        ..extreme(
+            "crossing",
+            "plates that change places only where a camera looks across them",
+            extremes::crossing,
+        )
     },
     Generator {
         cameras: || vec![extremes::remote_camera()],
