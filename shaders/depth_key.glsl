@@ -19,21 +19,32 @@ uint fixed_log2(float z) {
     return ((bits >> 23) << 24) + (m >> 8) + (scaled >> 8);
 }
 
-// Scales 0 .. range to KEY_BITS bits; returns x unchanged if the range fits. With KEYS_FILL_THEIR_BITS it moves x up instead, for
-// those who sort by the highest bits first.
+// Scales 0 .. range to KEY_BITS bits; returns x unchanged if the range fits. With KEYS_FILL_THEIR_BITS a range that fits is scaled, too, by a
+// factor above 1 that keeps all x apart: for sorts by the highest bits first.
 uint stretch(uint x, uint range) {
 #if KEY_BITS < 32
-    if ((range >> KEY_BITS) != 0u) {
-        // x / range in units of 2^-32, times 2^KEY_BITS: the factor is rounded, but it is the same for every key.
-        uint up = 31u - uint(findMSB(range));
+    bool is_wide = (range >> KEY_BITS) != 0u;
+#ifdef KEYS_FILL_THEIR_BITS
+    // Not if it nearly fills them: rounding the factor would take more than it gives.
+    bool is_scaled = is_wide || range < (1u << KEY_BITS) - (1u << (KEY_BITS - 8));
+    const float SHARE = 0.9999995;
+#else
+    bool is_scaled = is_wide;
+    const float SHARE = 1.0;
+#endif
+    if (is_scaled) {
+        // x / range in units of 2^-32, times 2^KEY_BITS: the factor is rounded, but it is the same for every key. Where the range fits, it is
+        // rounded down, so that no key is clamped.
+        uint up = 31u - uint(findMSB(max(range, 1u)));
         float factor = exp2(float(KEY_BITS)) * (4294967296.0 / (float(range << up) + 1.0));
+        factor *= is_wide ? 1.0 : SHARE;
         uint key, low;
         umulExtended(x << up, uint(min(factor, 4294967040.0)), key, low);
         return min(key, (1u << KEY_BITS) - 1u);
     }
-#endif
-#ifdef KEYS_FILL_THEIR_BITS
-    return x << (uint(KEY_BITS) - 1u - uint(findMSB(max(range, 1u))));
+    return x;
+#elif defined(KEYS_FILL_THEIR_BITS)
+    return x << (31u - uint(findMSB(max(range, 1u))));
 #else
     return x;
 #endif

@@ -58,6 +58,10 @@ const float DILATION = 0.3;
 // Margin of the bounds, in pixels, so that rounding never drops a pixel that shading would keep.
 const float MARGIN = 1.0 / 64.0;
 
+// The least logarithm of opacity / alpha floor that an extent is computed from. Closer to the floor, the logarithm has no correct digit: an
+// extent of 0 would drop a wide splat that shading keeps. Beyond the ellipse shading drops every pixel.
+const float LEAST_LOG = 1e-6;
+
 // The largest distance of a centre from the picture, in pixels. A scene can have larger ones, up to infinity, where f32 holds
 // no picture: splats farther away are dropped.
 const float FARTHEST = 9223372036854775808.0;  // 2^63
@@ -198,8 +202,9 @@ bool project_splat(uint i, out Projection splat) {
         return false;
     }
 #endif
+    // At the floor itself, only a pixel exactly at the centre would not be below it.
     float alpha = opacity[i];
-    if (!(alpha >= alpha_floor)) {
+    if (!(alpha > alpha_floor)) {
         return false;
     }
     // The place in the camera's frame, from a difference that is exact near the origin, wherever in the world that is: the
@@ -269,14 +274,14 @@ bool project_splat(uint i, out Projection splat) {
 #if LOW_PASS == LOW_PASS_COMPENSATED
     // The dilated ellipse has the volume of the sharp one (Yu et al. 2024, "Mip-Splatting", equation 9).
     alpha *= sqrt(e.determinant / determinant);
-    if (!(alpha >= alpha_floor)) {
+    if (!(alpha > alpha_floor)) {
         return false;
     }
 #endif
 
     splat.centre = camera.focal.xy * slope + 0.5 * (camera.viewport.xy - 1.0);
     splat.alpha = alpha;
-    splat.reach = sqrt(2.0 * max(log(alpha / alpha_floor), 0.0));
+    splat.reach = sqrt(2.0 * max(log(alpha / alpha_floor), LEAST_LOG));
     splat.unit = unit;
     splat.xx = e.xx + low_pass;
     splat.xy = e.xy;

@@ -109,9 +109,11 @@ fn by_pairs(bits: &'static str) -> [(&'static str, &'static str); 4] {
 fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
     let splats = [("rasteriser", "cells"), ("sorter", "subgroup"), ("sorted", "splats")];
     let expected: Vec<Vec<u32>> = drawn(EXACT, &splats).iter().map(bytes).collect();
-    for bits in ["32", "24", "20"] {
-        let found: Vec<Vec<u32>> = drawn(EXACT, &by_pairs(bits)).iter().map(bytes).collect();
-        assert!(found == expected, "pairs sorted by {bits} bits are blended in another order");
+    // Keys of 28 bits are scaled to fill them, which must keep depths apart.
+    for (bits, key_bits) in [("32", "32"), ("24", "32"), ("20", "32"), ("24", "28")] {
+        let set = [&by_pairs(bits)[..], &[("key_bits", key_bits)]].concat();
+        let found: Vec<Vec<u32>> = drawn(EXACT, &set).iter().map(bytes).collect();
+        assert!(found == expected, "pairs sorted by {bits} of {key_bits} bits are blended in another order");
     }
 }
 
@@ -139,11 +141,7 @@ fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
     // Far to near in the file, all within one class of 14 bits of depth; and one far behind them, so that classes are that wide.
     let scene = |run: usize| {
         let splat = |at: usize| Splat {
-            position: if at == 0 {
-                [0.0, 0.0, 1000.0]
-            } else {
-                [-0.25, -0.2, 1.0 + 2e-6 * (run - at) as f32]
-            },
+            position: if at == 0 { [0.0, 0.0, 100.0] } else { [-0.25, -0.2, 1.0 + 2e-6 * (run - at) as f32] },
             scale: [0.02; 3],
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity: 0.05,

@@ -21,12 +21,14 @@ pub struct SceneFacts {
     pub sh_degree: u32,
     /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,
-    /// Bits at which depth keys put all splats that overlap on the screen in the right order.
-    ///
-    /// A few views decide: see [`keys::of_scene`].
+    /// Bits at which depth keys put all splats in the right order, in every view: see [`keys::of_scene`].
     pub key_bits: u32,
     /// Positions have digits beyond f32: see [`Scene::is_wide`].
     pub wide: bool,
+    /// Largest absolute value of a coefficient of the spherical harmonics, rounded up.
+    pub largest_sh: u64,
+    /// Display-encoded brightness that no splat exceeds, rounded up.
+    pub brightest: u64,
 }
 
 impl SceneFacts {
@@ -37,6 +39,8 @@ impl SceneFacts {
         stored_sh_degree: 3,
         key_bits: *keys::WIDTHS.end(),
         wide: false,
+        largest_sh: 4,
+        brightest: 8,
     };
 
     /// Collects the facts of a loaded scene.
@@ -45,8 +49,10 @@ impl SceneFacts {
             count: scene.count().into(),
             sh_degree: scene.effective_degree(),
             stored_sh_degree: scene.stored_degree(),
-            key_bits: keys::of_scene(scene),
             wide: scene.is_wide(),
+            key_bits: keys::of_scene(&scene.bounds()),
+            largest_sh: scene.color_range().largest_sh.ceil() as u64,
+            brightest: scene.color_range().brightest.ceil() as u64,
         }
     }
 }
@@ -59,6 +65,8 @@ pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Fact
         ("scene.sh_degree", scene.sh_degree.into()),
         ("scene.stored_sh_degree", scene.stored_sh_degree.into()),
         ("scene.key_bits", scene.key_bits.into()),
+        ("scene.largest_sh", i64::try_from(scene.largest_sh).unwrap_or(i64::MAX)),
+        ("scene.brightest", i64::try_from(scene.brightest).unwrap_or(i64::MAX)),
     ];
     facts.host.extend(scene_facts.map(|(name, value)| (name.to_owned(), Value::Int(value))));
     facts.host.insert("scene.wide".to_owned(), Value::Bool(scene.wide));

@@ -4,13 +4,14 @@
 //! Only pairs that overlap on the screen matter; others may change places without a trace. The keys are those of
 //! shaders/depth_key.glsl, computed here with the same operations, and a test holds the two together.
 //!
-//! [`of_scene`] is the width that a scene needs in a few views, which the graphs know as the fact `scene.key_bits`.
+//! [`of_scene`] is the width that orders every view of a scene exactly, which the graphs know as the fact `scene.key_bits`; [`needs`] finds
+//! what given views need.
 
-use crate::camera::depth_range;
+use crate::camera::{ROUNDING, depth_range};
 use crate::orbit;
 use rayon::prelude::*;
 use serde::Serialize;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Bounds, Camera, NEAR, Scene};
 use splatgraph_reference::{Rules, Visible, visible};
 use std::ops::Range;
 
@@ -221,41 +222,19 @@ pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
     (0..count).map(turned).collect()
 }
 
-/// Size of the views that [`of_scene`] samples, in pixels.
-const SAMPLED_SIZE: (u32, u32) = (960, 540);
-/// Distances from the scene's middle, as shares of that of a camera that frames it, each in as many directions.
-const SAMPLED_DISTANCES: [f64; 3] = [1.0 / 3.0, 1.0, 0.0];
-/// Splats that are projected in all views together, above which there are fewer views.
-const SAMPLED_SPLATS: u32 = 4_000_000;
-
-/// Lists the views that [`of_scene`] samples.
+/// Computes the width of keys by the bits of the float that orders every view of a scene exactly, 8 to 32.
 ///
-/// They are nine that look to the scene's middle from near and far, and outwards from there. Scenes of more than 444,444 splats are
-/// seen in fewer.
-pub fn sampled(scene: &Scene) -> Vec<Camera> {
-    let middle = scene.robust_bounds().center();
-    let nearer = |camera: &Camera, share: f64| Camera {
-        position: std::array::from_fn(|i| middle[i] + share * (camera.position[i] - middle[i])),
-        ..camera.clone()
-    };
-    let framing = Camera::framing(scene, SAMPLED_SIZE.0, SAMPLED_SIZE.1);
-    let directions = around(scene, &framing, SAMPLED_DISTANCES.len() as u32);
-    let views = directions.iter().flat_map(|camera| SAMPLED_DISTANCES.map(|share| nearer(camera, share)));
-    views.take((SAMPLED_SPLATS / scene.count().max(1)).max(1) as usize).collect()
-}
-
-/// Finds the width of keys by the bits of the float that a scene needs, 8 to 32.
-///
-/// It is the least at which no two splats that overlap change places in [`sampled`] views. It is computed once for a scene.
-pub fn of_scene(scene: &Scene) -> u32 {
-    scene.key_bits(|| {
-        // One view after the other: what a scene of many splats needs for each is large.
-        let width = |camera: Camera| {
-            let cameras = [camera];
-            need(&Seen::new(scene, &cameras).views(), Mapping::FloatBits, 0).unwrap_or(*WIDTHS.end())
-        };
-        sampled(scene).into_iter().map(width).max().unwrap_or(*WIDTHS.end())
-    })
+/// Keys are exact where their range has at most 2^width floats. In a view, depths go from some `near` to at most `near` plus the diagonal
+/// of the scene's box. The bits of a float are concave in its value, so no such range has more floats than that from the near plane on.
+/// Depths are rounded ([`depth_range`]), by little for cameras no farther from the origin than a thousand times the scene is.
+pub fn of_scene(bounds: &Bounds) -> u32 {
+    let side = |i: usize| f64::from(bounds.max[i]) - f64::from(bounds.min[i]);
+    let diagonal = (0..3).map(|i| side(i) * side(i)).sum::<f64>().sqrt();
+    let coordinate = |i: usize| f64::from(bounds.min[i].abs().max(bounds.max[i].abs()));
+    let rounding = 2000.0 * ROUNDING * (0..3).map(coordinate).sum::<f64>();
+    let far = (NEAR + diagonal + rounding).min(f32::MAX.into()) as f32;
+    let range = far.to_bits() - (NEAR as f32).to_bits();
+    (u32::BITS - range.leading_zeros()).clamp(*WIDTHS.start(), *WIDTHS.end())
 }
 
 /// Tiles and pairs that are looked at for one width in one view. Splats that tie by the thousand, at one place or on a plane, would
@@ -465,20 +444,47 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_is_sampled_from_near_and_far_and_its_middle_and_large_ones_less_often() {
-        let scene = |count| splatgraph_assets::synth::generate("uniform", count, 0).unwrap();
-        let small = scene(2000);
-        let cameras = sampled(&small);
-        let seen = Seen::new(&small, &cameras);
-        let found = needs(&seen.views(), 0).into_iter().find(|need| need.map == Mapping::FloatBits).unwrap();
-        assert_eq!((cameras.len(), Some(of_scene(&small))), (9, found.bits));
-        let middle = small.robust_bounds().center();
-        let depth = |at: usize| cameras[at].to_view(middle)[2];
-        assert!(depth(1) > 0.0 && (depth(0) - depth(1) / 3.0).abs() < 1e-9 && depth(2).abs() < 1e-9);
-        assert_eq!(sampled(&scene(1_500_000)).len(), 2);
+    fn the_width_of_a_scene_grows_with_the_octaves_from_the_near_plane_through_its_box() {
+        let cube = |side: f32| of_scene(&Bounds { min: [-0.5 * side; 3], max: [0.5 * side; 3] });
+        // A diagonal of 1.7 is 3.2 octaves from 0.2 on, one of 17 is 6.4, one of 17,000 is 16.4.
+        assert_eq!([1.0, 10.0, 1e4, 1e8].map(cube), [25, 26, 28, 28]);
+        assert_eq!(of_scene(&Bounds { min: [0.5; 3], max: [0.5; 3] }), 17, "a point has the rounding alone");
+        assert_eq!(of_scene(&Bounds { min: [-1e38; 3], max: [1e38; 3] }), 31);
     }
 
     proptest! {
+        #[test]
+        fn keys_of_a_scenes_width_keep_all_depths_apart_in_every_view(
+            corner in prop::array::uniform3(-1e3f32..1e3),
+            size in prop::array::uniform3(0f32..1e2),
+            eye in prop::array::uniform3(-300f64..300.0),
+            to in prop::array::uniform3(0f64..1.0),
+            shares in prop::collection::vec(prop::array::uniform3(0f64..=1.0), 2..20),
+        ) {
+            let bounds = Bounds { min: corner, max: std::array::from_fn(|i| corner[i] + size[i]) };
+            let at = |share: [f64; 3]| -> [f64; 3] {
+                std::array::from_fn(|i| {
+                    let (low, high) = (f64::from(bounds.min[i]), f64::from(bounds.max[i]));
+                    low + share[i] * (high - low)
+                })
+            };
+            // Near, within and far from the box.
+            let position: [f64; 3] = std::array::from_fn(|i| f64::from(corner[i]) + eye[i] * eye[0].abs() / 300.0);
+            let target = at(to);
+            prop_assume!((0..3).any(|i| (target[i] - position[i]).abs() > 1e-3));
+            let camera = Camera::looking_at(position, target, 60.0, (64, 48));
+            let bits = of_scene(&bounds);
+            let [near, far] = depth_range(&camera, &bounds).map(|z| z as f32);
+            let keys = Keys::new(Mapping::FloatBits, (near, far), bits, [].into_iter());
+            for share in shares {
+                let z = camera.to_view(at(share))[2] as f32;
+                prop_assume!(z > NEAR as f32);
+                // Up to the ends of the range, where no depth of the box is clamped.
+                prop_assert!(near <= z && z <= far, "{z} is not in {near} to {far}");
+                prop_assert!(keys.of(z) < keys.of(z.next_up()) || z == far, "{bits} bits, {z} in {near} to {far}");
+            }
+        }
+
         #[test]
         fn keys_never_decrease_with_depth(a in 0.2f32..1e6, b in 0.2f32..1e6, width in 8u32..=32, far in 1f32..1e6) {
             let (a, b) = (a.min(b), a.max(b));

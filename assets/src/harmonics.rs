@@ -44,6 +44,23 @@ pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
     ]
 }
 
+/// Bounds a colour from every direction: none is above it, in any channel, and none is further below 0.
+///
+/// `sh` holds the coefficients of a splat, channel by channel within each. By the addition theorem (Unsöld), the squares of the functions
+/// of band `l` sum up to (2l+1)/(4 pi) in every direction, so a band is at most the root of that times the length of its coefficients.
+pub fn brightest(sh: &[f32]) -> f64 {
+    let channel = |channel: usize| {
+        let band = |l: usize| {
+            let coefficients =
+                sh[(3 * l * l).min(sh.len())..sh.len().min(3 * (l + 1) * (l + 1))].chunks_exact(3);
+            let squares: f64 = coefficients.map(|c| f64::from(c[channel]).powi(2)).sum();
+            (squares * (2 * l + 1) as f64 / (4.0 * PI)).sqrt()
+        };
+        0.5 + (0..4).map(band).sum::<f64>()
+    };
+    (0..3).map(channel).fold(0.0, f64::max)
+}
+
 /// A function of the cosine to an axis, as the coefficients of the Legendre polynomials P0 to P3.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zonal(pub [f64; 4]);
@@ -136,6 +153,29 @@ mod tests {
 
     const DIRECTIONS: [[f64; 3]; 4] =
         [[0.6, 0.8, 0.0], [-0.48, 0.6, 0.64], [0.0, 0.0, -1.0], [0.36, -0.48, -0.8]];
+
+    #[test]
+    fn no_direction_is_brighter_than_the_bound_and_of_each_band_alone_one_comes_near() {
+        let directions: Vec<[f64; 3]> = (0..4000)
+            .map(|i| {
+                let (z, turn) = ((f64::from(i) + 0.5) / 2000.0 - 1.0, 2.399_963_229_728_653 * f64::from(i));
+                let across = (1.0 - z * z).sqrt();
+                [across * turn.cos(), across * turn.sin(), z]
+            })
+            .collect();
+        for floats in [3, 12, 27, 48] {
+            // The coefficients of a lobe, whose bands are all largest in one direction.
+            let axis = basis([0.36, -0.48, -0.8]);
+            let sh: Vec<f32> =
+                (0..floats).map(|i| (axis[i / 3] * [900.0, -3.0, 1.0][i % 3]) as f32).collect();
+            let red = |d: &[f64; 3]| {
+                0.5 + basis(*d).iter().zip(sh.chunks_exact(3)).map(|(y, c)| y * f64::from(c[0])).sum::<f64>()
+            };
+            let (most, bound) = (directions.iter().map(red).fold(0.0, f64::max), brightest(&sh));
+            assert!(most <= bound && most > 0.99 * bound, "{floats} floats: {most}, bound {bound}");
+        }
+        assert_eq!(brightest(&[0.0; 48]), 0.5);
+    }
 
     #[test]
     fn the_constants_are_those_of_the_reference() {

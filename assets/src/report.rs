@@ -6,7 +6,7 @@
 
 use crate::bounds::{Bounds, quantile};
 use crate::camera::Camera;
-use crate::scene::{CHUNK, Dropped, QuaternionNorms, Scene};
+use crate::scene::{CHUNK, ColorRange, Dropped, QuaternionNorms, Scene};
 use crate::size_breakdown::grouped;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -14,6 +14,9 @@ use std::fmt;
 
 /// View depth of the reference rasteriser's near plane, in world units.
 pub const NEAR: f64 = 0.2;
+
+/// Largest half float.
+const LARGEST_HALF: f64 = 65_504.0;
 
 /// The statistics of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -28,6 +31,8 @@ pub struct Report {
     pub effective_sh_degree: u32,
     /// Lengths of the quaternions before normalisation.
     pub quaternions: QuaternionNorms,
+    /// Range of the spherical harmonics and of the colours.
+    pub color: ColorRange,
     /// Opacities near their limits.
     pub opacity: OpacityReport,
     /// Splats that are large relative to the scene.
@@ -132,6 +137,7 @@ impl Report {
             stored_sh_degree: scene.stored_degree(),
             effective_sh_degree: scene.effective_degree(),
             quaternions: scene.quaternion_norms(),
+            color: scene.color_range(),
             opacity: OpacityReport {
                 below_floor: opacities(|o| o < 1.0 / 255.0),
                 above_cap: opacities(|o| o > 0.99),
@@ -206,6 +212,13 @@ impl fmt::Display for Report {
             f,
             "harmonics",
             format!("degree {stored} stored, {effective}{}", if zero.is_empty() { " in use" } else { zero }),
+        )?;
+        let c = &self.color;
+        let beyond = if c.brightest > LARGEST_HALF { ", beyond half floats" } else { "" };
+        line(
+            f,
+            "colours",
+            format!("coefficients up to {:.3}, brightness up to {:.3}{beyond}", c.largest_sh, c.brightest),
         )?;
         let q = &self.quaternions;
         line(
@@ -309,9 +322,26 @@ mod tests {
         for word in ["100 splats", "none", "degree 2 stored, 2 in use", "depth, framing"] {
             assert!(text.contains(word), "{word} in\n{text}");
         }
+        assert!(!text.contains("beyond half floats"));
         let json = serde_json::to_value(&report).unwrap();
         assert_eq!(json["dropped"]["zero_rotation"], 0);
         assert!(json["depth"][0]["range"]["near"].is_f64());
+    }
+
+    #[test]
+    fn colours_that_half_floats_do_not_hold_are_told() {
+        let scene = Scene::generate(10, 1, |i| {
+            let mut s = splat(i);
+            s.sh = [0.0; 48];
+            s.sh[7] = if i == 3 { -2e5 } else { 0.0 };
+            s
+        });
+        let report = Report::new(&scene, &[]);
+        assert_eq!(report.color.largest_sh, 2e5);
+        // The root of 3 / (4 pi), times the coefficient, beside 0.5.
+        assert!((report.color.brightest - 97_721.0).abs() < 0.1, "{:?}", report.color);
+        let told = "coefficients up to 200000.000, brightness up to 97721.005, beyond half floats";
+        assert!(report.to_string().contains(told), "{report}");
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! unit. A scene is immutable, so derived values are computed once.
 
 use crate::bounds::Bounds;
+use crate::harmonics;
 use crate::memory::{self, SceneMemoryError};
 use crate::size_breakdown::SizeBreakdown;
 use rayon::prelude::*;
@@ -394,6 +395,15 @@ impl Columns {
     }
 }
 
+/// The range of a scene's colours: what must fit in the format that they are stored in.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ColorRange {
+    /// Largest absolute value of a coefficient of the spherical harmonics.
+    pub largest_sh: f32,
+    /// Display-encoded brightness that no channel of a splat exceeds, from any direction ([`harmonics::brightest`]).
+    pub brightest: f64,
+}
+
 /// A loaded or generated scene.
 #[derive(Debug)]
 pub struct Scene {
@@ -406,7 +416,7 @@ pub struct Scene {
     /// Sizes of the file's parts; empty for a generated scene until they are asked for.
     pub(crate) size_breakdown: OnceLock<SizeBreakdown>,
     robust: OnceLock<Bounds>,
-    key_bits: OnceLock<u32>,
+    colors: OnceLock<ColorRange>,
     pub(crate) identity: OnceLock<u64>,
 }
 
@@ -429,7 +439,7 @@ impl Scene {
             bounds: if empty { Bounds::ORIGIN } else { gathered.bounds },
             size_breakdown: size_breakdown.map_or_else(OnceLock::new, OnceLock::from),
             robust: OnceLock::new(),
-            key_bits: OnceLock::new(),
+            colors: OnceLock::new(),
             identity: OnceLock::new(),
         }
     }
@@ -619,9 +629,21 @@ impl Scene {
         *self.robust.get_or_init(|| Bounds::percentiles(&self.columns.position, 0.01, 0.99))
     }
 
-    /// Returns the bits that a depth key needs, which `compute` finds on the first call: it takes a renderer.
-    pub fn key_bits(&self, compute: impl FnOnce() -> u32) -> u32 {
-        *self.key_bits.get_or_init(compute)
+    /// Returns the range of the spherical harmonics and of the colours that they give. Computed once.
+    pub fn color_range(&self) -> ColorRange {
+        *self.colors.get_or_init(|| {
+            let range = |sh: &[f32]| ColorRange {
+                largest_sh: sh.iter().fold(0.0, |most: f32, c| most.max(c.abs())),
+                brightest: harmonics::brightest(sh),
+            };
+            let wider = |a: ColorRange, b: ColorRange| ColorRange {
+                largest_sh: a.largest_sh.max(b.largest_sh),
+                brightest: a.brightest.max(b.brightest),
+            };
+            let none = || ColorRange { largest_sh: 0.0, brightest: 0.0 };
+            let splats = self.columns.sh.par_chunks_exact(sh_floats(self.columns.degree)).with_min_len(CHUNK);
+            splats.map(range).reduce(none, wider)
+        })
     }
 }
 

@@ -15,10 +15,13 @@ struct Cut {
 // So much farther than the ellipse reaches, in pixels, that rounding drops no pixel.
 const float CUT_MARGIN = 1.0 / 64.0;
 
+// The least of `limit`: LEAST_LOG of projection.glsl, in powers of 2.
+const float LEAST_LIMIT = 1.4427e-6;
+
 // Returns how the square of `side` pixels from `corner` sees a splat that ends at the alpha `least`.
 Cut cut_of(Record r, vec2 corner, float side, float least) {
     Cut c;
-    c.limit = max(r.log_alpha - log2(least), 0.0);
+    c.limit = max(r.log_alpha - log2(least), LEAST_LIMIT);
     c.centre = r.centre - corner;
     c.inverse_x = 1.0 / r.root.x;
     c.root_y = r.root.z;

@@ -36,6 +36,13 @@ float published_radius(Projection p) {
     return ceil(3.0 * sqrt(0.5 * (p.xx + p.yy) + spread) * p.unit);
 }
 
+// Returns log2 of an opacity that is not below the alpha floor, rounded so that its power of 2 is not either.
+float log_of_alpha(float alpha) {
+    float log_alpha = log2(alpha);
+    // Two steps of floats between -8 and -4, more than the rounding of both functions.
+    return exp2(log_alpha) < alpha_floor ? log_alpha + 1e-6 : log_alpha;
+}
+
 #if SORTED == SORTED_PAIRS
 uint splat_pairs = 0u;
 #endif
@@ -71,7 +78,7 @@ float project(uint i) {
     r.centre = p.centre;
     float width = sqrt(p.yy / p.determinant);
     r.root = (ROOT_SCALE / p.unit) * vec3(width, -width * (p.xy / p.yy), inversesqrt(p.yy));
-    r.log_alpha = log2(p.alpha);
+    r.log_alpha = log_of_alpha(p.alpha);
     r.radius = radius;
     r.colour = finite_colour(i, p.from_camera, BRIGHTEST);
     records[i] = pack_record(r);

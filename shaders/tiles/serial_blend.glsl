@@ -39,8 +39,8 @@ uint bin_of_tile(uvec2 tile) {
     return (tile.y / BIN_TILES) * uint(BINS_X) + tile.x / BIN_TILES;
 }
 
-// Returns 2^x for x from -126 to 127; anything for others. Relatively within 2.8e-6 of it, or within 2.5e-7 where records are 32-bit
-// floats.
+// Returns 2^x for x from -126 to 127; anything for others. Relatively within 2.9e-6 of it, and exact for 0; within 2.5e-7 where records
+// are 32-bit floats.
 float power_of_2(float x) {
     const float TO_INTEGER = 12582912.0;  // 1.5 2^23: a sum with it has no fraction
     precise float rounded = x + TO_INTEGER;
@@ -53,10 +53,10 @@ float power_of_2(float x) {
     p = p * f + 0.693146967;
     p = p * f + 1.00000007;
 #else
-    float p = 0.00957010079 * f + 0.0559178628;
-    p = p * f + 0.240247449;
-    p = p * f + 0.693121814;
-    p = p * f + 0.999999261;
+    float p = 0.00958286412 * f + 0.0559064299;
+    p = p * f + 0.240240991;
+    p = p * f + 0.693124175;
+    p = p * f + 1.0;
 #endif
     return intBitsToFloat(floatBitsToInt(p) + (floatBitsToInt(rounded) << 23));
 }
@@ -65,7 +65,7 @@ float power_of_2(float x) {
 struct Splat {
     vec2 at;          // u and v of the falloff (record.glsl) at the tile's first pixel
     vec3 root;
-    float log_alpha;
+    float log_alpha;  // binary logarithm of the opacity; where the falloff goes by products, of its ratio to the alpha floor
     vec3 colour;
     float bend;       // factor between the ratios of alphas from vector to vector down, where the falloff goes by products
 };
@@ -86,10 +86,18 @@ Limits limits() {
 }
 
 // Returns a splat as the tile at `corner` sees it.
-Splat seen_from(vec2 corner, Record r) {
+Splat seen_from(vec2 corner, Record r, Limits limits) {
     vec2 d = corner - r.centre;
     vec2 down = float(ROWS) * r.root.yz;
-    return Splat(vec2(r.root.x * d.x + r.root.y * d.y, r.root.z * d.y), r.root, r.log_alpha, r.colour, exp2(-2.0 * dot(down, down)));
+#if FALLOFF_BY_PRODUCTS
+    float log_alpha = r.log_alpha - limits.least;
+#else
+    float log_alpha = r.log_alpha;
+#endif
+    // 1 where no float lies between: exp2() of a small number may be one step too low.
+    float bend = -2.0 * dot(down, down);
+    bend = bend > -4e-8 ? 1.0 : exp2(bend);
+    return Splat(vec2(r.root.x * d.x + r.root.y * d.y, r.root.z * d.y), r.root, log_alpha, r.colour, bend);
 }
 
 // Blends a splat over a pixel; `alpha` has no alpha cap yet, and is 0 below the alpha floor.
@@ -116,9 +124,9 @@ float power_at(Splat s, vec2 uv) {
 }
 
 #if FALLOFF_BY_PRODUCTS
-// The power that counts as far away: no row of a block's column that it is the middle of comes to the least alpha floor, 0.001. The
+// The power that counts as far away: no row of a block's column that it is the middle of comes to the alpha floor. The
 // length of u and v changes by at most 1.551 from row to row, the root of log2(e) / 2 / 0.3, since the low pass leaves no splat
-// narrower: four rows nearer it is at least 3.28, which is an alpha of 0.0006.
+// narrower: four rows nearer it is at least 3.28, which is 0.0006 of the alpha floor.
 const float FAR = -90.0;
 // An alpha that nobody sees, from which none comes back to the alpha floor. None falls below it, so that no product is a denormal
 // float: arithmetic with those takes a hundred times as long.
@@ -128,11 +136,13 @@ const float UNSEEN = 1e-20;
 //
 // The power is a quadratic function of the row, so the ratio of a row's alpha to the last one's changes by a constant factor. That takes
 // two products a row instead of a power of 2.
+//
+// Alphas are powers of 2 times the alpha floor: a splat whose opacity is the floor has that alpha to the bit, not one below it.
 void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 down, Limits limits) {
     const uint MIDDLE = STEPS / 2u;
     uv += float(MIDDLE) * down;
     float power = power_at(s, uv);
-    float middle = power_of_2(max(power, FAR));
+    float middle = limits.floor * power_of_2(max(power, FAR));
     float to_below = power_of_2(power < FAR ? 0.0 : power_at(s, uv + down) - power);
     float to_above = s.bend / to_below;
     float alpha = middle;

@@ -56,7 +56,7 @@ void main() {
         uint at = min(first + lane, end - 1u);
         Record r = unpack_record(records[lists[at]]);
         bool touches = first + lane < end && ((blocks_of(r, corner, alpha_floor) >> block) & 1u) != 0u;
-        Splat own = seen_from(corner, r);
+        Splat own = seen_from(corner, r, limits);
         own.log_alpha = touches ? own.log_alpha : -1e6;
         [[unroll]] for (uint s = 0u; s < uint(LOADERS); s++) {
             blend_block(sums, splat_of_lane(own, s), vec2(pixel_in_tile(block, 0u, lane)), limits);

@@ -108,7 +108,7 @@ void main() {
         [[unroll]] for (uint o = 0u; o < OWN; o++) {
             uint at = first + o * uint(LOADERS) + lane;
             Record r = unpack_record(records[lists[min(at, end - 1u)]]);
-            own[o] = seen_from(corner, r);
+            own[o] = seen_from(corner, r, limits);
             uint touched = lane < uint(LOADERS) && at < end ? blocks_of(r, corner, alpha_floor) & open : 0u;
             [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {
                 words[b / PER_WORD] |= ((touched >> b) & 1u) << ((b % PER_WORD) * CHUNK + o * uint(LOADERS) + (lane & uint(LOADERS - 1)));

@@ -90,7 +90,7 @@ pub const CASES: &[Case] = &[
     },
     Case {
         name: "needles", scene: || generated("needles", 2000), factored: true,
-        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 128.0, tiled: 84.0, half: 35.0, bytes: None, key16: 100.0, unsorted: 13.0, naive: 12.0 },
+        bounds: Bounds { exact: 125.0, worst: 1e-5, tiled_exact: 128.0, tiled: 84.0, half: 35.0, bytes: None, key16: 80.0, unsorted: 13.0, naive: 12.0 },
     },
     Case {
         name: "quaternions", scene: || generated("quaternions", 2000), factored: false,
@@ -175,6 +175,22 @@ pub const CASES: &[Case] = &[
     Case {
         name: "faint", scene: || generated("faint", 2000), factored: false,
         bounds: Bounds { exact: 150.0, worst: 1e-5, tiled_exact: 171.0, tiled: 171.0, half: 90.0, bytes: None, key16: 150.0, unsorted: 150.0, naive: 150.0 },
+    },
+    Case {
+        name: "floor", scene: || halved("floor", 4096), factored: false,
+        bounds: Bounds { exact: 115.0, worst: 1e-5, tiled_exact: 115.0, tiled: 93.0, half: 14.0, bytes: None, key16: 115.0, unsorted: 115.0, naive: 6.0 },
+    },
+    Case {
+        name: "layers-dark", scene: || halved("layers-dark", 5000), factored: false,
+        bounds: Bounds { exact: 200.0, worst: 1e-9, tiled_exact: 200.0, tiled: 200.0, half: 150.0, bytes: None, key16: 200.0, unsorted: 200.0, naive: 200.0 },
+    },
+    Case {
+        name: "bright", scene: || generated("bright", 2000), factored: false,
+        bounds: Bounds { exact: 145.0, worst: 1e-4, tiled_exact: 145.0, tiled: 145.0, half: 80.0, bytes: Some(13.0), key16: 140.0, unsorted: 30.0, naive: 30.0 },
+    },
+    Case {
+        name: "crossing", scene: || generated("crossing", 18), factored: false,
+        bounds: Bounds { exact: 135.0, worst: 1e-5, tiled_exact: 135.0, tiled: 78.0, half: 50.0, bytes: None, key16: 130.0, unsorted: 8.0, naive: 8.0 },
     },
     Case {
         name: "empty-view", scene: || generated("empty-view", 2000), factored: false,

@@ -15,7 +15,7 @@ use splatgraph::image::Image;
 use splatgraph::session::{FrameOptions, Session, image_of};
 use splatgraph::{builtin, metrics, truth};
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::{Rules, Splats, render};
 
 /// Behind everything, so that transmittance shows.
@@ -91,6 +91,12 @@ impl Way {
             let set = [("target", "rgba32f"), ("covariance", "factored")];
             all.push(Way::new("splat", &set, |bounds| bounds.exact));
         }
+        // The rasteriser of GPUs, which a CPU does not choose. Packed, it composites segments in half floats.
+        let cells = ("rasteriser", "cells");
+        all.push(Way::new("tiled", &[("stop", "0.0"), cells], |bounds| bounds.tiled - 9.0));
+        all.push(Way::new("tiled_exact", &[("stop", "0.0"), ("extent", "alpha"), cells], |bounds| {
+            bounds.tiled_exact
+        }));
         all.push(Way::new("splat", &[("target", "rgba16f")], |bounds| bounds.half));
         all.push(Way::new("front_to_back", &[("target", "rgba16f")], |bounds| bounds.half));
         if bytes {
@@ -213,6 +219,10 @@ held! {
     harmonics_of_ten_thousand_stay_finite: "harmonics";
     one_splat_can_cover_everything: "cover", "huge";
     splats_at_the_floor_of_alpha_are_drawn_or_not: "faint";
+    layers_at_the_floor_of_alpha_are_kept_by_all_renderers_or_by_none: "floor";
+    what_covers_a_background_leaves_none_of_it: "layers-dark";
+    colours_beyond_half_floats_are_not_stored_in_them: "bright";
+    splats_that_cross_in_an_unusual_view_are_in_the_right_order: "crossing";
     a_view_of_nothing_is_the_background: "empty-view";
 }
 
@@ -285,4 +295,45 @@ fn a_device_says_truly_whether_its_fma_rounds_once() {
     let rest = image_of(&output).expect("colours").rgb[0][0];
     assert!(rest == 0.0 || rest == 1.0, "{rest}");
     assert_eq!(session.device().info().facts.fused_fma, rest == 1.0);
+}
+
+/// Layers of one opacity each, some floats from the floor of alpha, without falloff and with little.
+#[test]
+fn a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none() {
+    let (layers, camera) = (cases::find("floor").scene)();
+    let floor = (1.0f32 / 255.0).to_bits();
+    for (steps, scale) in [(-1, 1e6), (0, 1e6), (1, 1e6), (2, 1e6), (8, 1e6), (8, 2e4), (600, 200.0)] {
+        let splat = |index: usize| Splat {
+            opacity: f32::from_bits(floor.saturating_add_signed(steps)),
+            scale: [scale, scale, 0.01],
+            ..layers.splat(index)
+        };
+        let scene = Scene::generate(400, 0, splat);
+        let truth = exact(&scene, &camera, &QUADS);
+        let shows = truth.rgb.iter().any(|pixel| *pixel != BACKGROUND);
+        assert_eq!(shows, steps > 0, "{steps} floats from the floor, exact");
+        let cells = ("rasteriser", "cells");
+        let ways = vec![
+            Way::new("splat", &[("target", "rgba32f")], |_| 110.0),
+            Way::new("auto", &[("stop", "0.0")], |_| 90.0),
+            Way::new("tiled", &[("stop", "0.0"), cells], |_| 88.0),
+            Way::new("tiled_exact", &[("stop", "0.0"), ("extent", "alpha")], |_| 110.0),
+            Way::new("tiled_exact", &[("stop", "0.0"), ("extent", "alpha"), cells], |_| 110.0),
+        ];
+        for (way, image) in draw(scene, &camera, ways) {
+            let what = format!("{steps} floats from the floor, scale {scale}, {}", way.name());
+            let error = Error::of(&what, &image, &truth);
+            println!("{what}: {:.1} dB", error.db);
+            let bound = (way.bound)(&cases::find("floor").bounds);
+            assert!(error.db >= bound, "{what}: {:.1} dB, expected {bound} or more", error.db);
+        }
+    }
+    if common::lanes_are_usual() {
+        for bits in [128, 512] {
+            common::again_with_vectors_of(
+                bits,
+                "extremes::a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none",
+            );
+        }
+    }
 }

@@ -50,10 +50,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let own_size = cameras.first().map_or(facts::DEFAULT_SIZE, |c| (c.width, c.height));
     let size = args.drawing.size.unwrap_or(own_size);
     let needs = keys::needs(&Seen::new(&scene, &cameras).views(), 0);
-    let (key_bits, views) = (keys::of_scene(&scene), keys::sampled(&scene).len());
+    let key_bits = keys::of_scene(&scene.bounds());
     let bands = harmonics::bands(&scene);
     let worksheet = format!(
-        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): what float_bits needs in {views} views from near, far and the middle\n{}",
+        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): with float_bits, every view is in the exact order\n{}",
         args.scene.display(),
         scene.size_breakdown(),
         keys_text(&needs, 0),

@@ -232,18 +232,24 @@ pub(super) fn harmonics(count: u32, seed: u64) -> Made {
     })
 }
 
+/// Makes layer `i` across the whole view, close behind the one before it.
+fn layer(i: usize, color: [f64; 3]) -> Splat {
+    Splat {
+        position: [0.0, 0.0, 2.0 + i as f32 / 1024.0],
+        scale: [200.0, 200.0, 0.01],
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity: 0.5,
+        sh: flat(color),
+    }
+}
+
 /// Generates layers across the whole view, of one opacity, one close behind the other.
 fn layers(count: u32, seed: u64, opacity: f32) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
-        Splat {
-            position: [0.0, 0.0, 2.0 + i as f32 / 1024.0],
-            scale: [200.0, 200.0, 0.01],
-            rotation: [1.0, 0.0, 0.0, 0.0],
-            opacity,
-            // From one colour to another, so that a picture shows which layers it is made of.
-            sh: flat([random.range(0.6, 1.0), random.range(0.3, 0.7), i as f64 / f64::from(count.max(1))]),
-        }
+        // From one colour to another, so that a picture shows which layers it is made of.
+        let color = [random.range(0.6, 1.0), random.range(0.3, 0.7), i as f64 / f64::from(count.max(1))];
+        Splat { opacity, ..layer(i, color) }
     })
 }
 
@@ -255,6 +261,75 @@ pub(super) fn layers_opaque(count: u32, seed: u64) -> Made {
 /// Generates layers across the view that are just above the floor of alpha.
 pub(super) fn layers_faint(count: u32, seed: u64) -> Made {
     layers(count, seed, 0.0045)
+}
+
+/// Generates layers across the view that hide what is behind them and shed no light of their own.
+pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 0, |i| {
+        let opacity = 0.0045 * Random::new(seed, i as u64).range(0.99, 1.01);
+        Splat { opacity: opacity as f32, ..layer(i, [0.0; 3]) }
+    })
+}
+
+/// Generates layers without falloff, whose opacities are the floats around 1/255.
+///
+/// At the floor of alpha a float decides whether a layer is drawn: three of eight are below it.
+pub(super) fn floor(count: u32, seed: u64) -> Made {
+    let floor = (1.0f32 / 255.0).to_bits();
+    Scene::try_generate(count, 0, |i| {
+        let random = &mut Random::new(seed, i as u64);
+        let color = [random.range(0.6, 1.0), random.range(0.3, 0.7), i as f64 / f64::from(count.max(1))];
+        Splat {
+            opacity: f32::from_bits(floor - 3 + i as u32 % 8),
+            scale: [1e6, 1e6, 0.01],
+            ..layer(i, color)
+        }
+    })
+}
+
+/// Generates spherical harmonics of degree 3 that reach beyond half floats, and so do their colours.
+pub(super) fn bright(count: u32, seed: u64) -> Made {
+    Scene::try_generate(count, 3, |i| {
+        let random = &mut Random::new(seed, i as u64);
+        let mut splat = cloud(random, count);
+        splat.sh = std::array::from_fn(|_| random.range(-1e5, 1e5) as f32);
+        splat
+    })
+}
+
+/// The direction in which [`crossing_camera`] looks, across the plates of [`crossing`].
+const CROSSING: [f64; 3] = [0.0, 0.939_692_620_785_908_4, 0.342_020_143_325_668_7];
+
+/// Generates six plates, one close behind the other, and twelve points far before and behind them.
+///
+/// Their centres are far apart on the plates' planes, so that the plates change places only where a camera looks across the planes.
+pub(super) fn crossing(count: u32, seed: u64) -> Made {
+    let along = [0.0, -CROSSING[2], CROSSING[1]];
+    Scene::try_generate(count, 0, |i| {
+        let random = &mut Random::new(seed, i as u64);
+        let plate = i % 18;
+        let angle = (10.0 + 60.0 * plate as f64 + random.range(-1.0, 1.0)).to_radians();
+        let (x, y) = (angle.cos(), angle.sin());
+        // Far to near in the file, two ten-thousandths of a unit apart; the points at the ends of a box of two units.
+        let z = if plate < 6 { -2e-4 * plate as f64 } else { 1.0 - 2.0 * (plate % 2) as f64 };
+        let position = std::array::from_fn(|axis| [x, 0.0, 0.0][axis] + y * along[axis] + z * CROSSING[axis]);
+        let half: f64 = 35f64.to_radians();
+        Splat {
+            position: single(position),
+            scale: if plate < 6 { [0.8, 0.8, 1e-3] } else { [1e-3; 3] },
+            rotation: [half.cos() as f32, -half.sin() as f32, 0.0, 0.0],
+            opacity: 0.9,
+            sh: flat(std::array::from_fn(
+                |c| if plate % 3 == c { 0.9 } else { 0.1 + 0.1 * (plate % 2) as f64 },
+            )),
+        }
+    })
+}
+
+/// Makes a camera that looks across the plates of [`crossing`].
+pub(super) fn crossing_camera() -> Camera {
+    let position = CROSSING.map(|v| -3.0 * v);
+    Camera { img_name: "across".into(), ..Camera::looking_at(position, [0.0; 3], 60.0, (960, 540)) }
 }
 
 /// The place of [`remote`], in world units.

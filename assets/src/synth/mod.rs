@@ -70,7 +70,7 @@ const fn layered(name: &'static str, summary: &'static str, make: fn(u32, u64) -
     Generator { name, summary, default_count: 4096, cameras: origin, make }
 }
 
-const GENERATORS: [Generator; 22] = [
+const GENERATORS: [Generator; 26] = [
     Generator {
         name: "demo",
         summary: "a lotus pond at dusk, with an iridescent knot above it: gloss, needles, mist and reflections",
@@ -118,6 +118,18 @@ const GENERATORS: [Generator; 22] = [
         "layers across the view with an opacity just above the floor of 1/255",
         extremes::layers_faint,
     ),
+    layered("layers-dark", "black layers across the view, as faint", extremes::layers_dark),
+    layered("floor", "layers whose opacities are the floats around the floor of 1/255", extremes::floor),
+    extreme("bright", "spherical harmonics of degree 3 with coefficients of up to 100,000", extremes::bright),
+    Generator {
+        default_count: 18,
+        cameras: || vec![extremes::crossing_camera()],
+        ..extreme(
+            "crossing",
+            "plates that change places only where a camera looks across them",
+            extremes::crossing,
+        )
+    },
     Generator {
         cameras: || vec![extremes::remote_camera()],
         ..extreme(

@@ -207,6 +207,10 @@ pub fn blend(blend: Blend) -> Option<BlendState> {
             color: (F::One, F::OneMinusSourceAlpha),
             alpha: (F::One, F::OneMinusSourceAlpha),
         }),
+        Blend::TransmittanceOver => Some(BlendState {
+            color: (F::One, F::OneMinusSourceAlpha),
+            alpha: (F::Zero, F::OneMinusSourceAlpha),
+        }),
         Blend::TransmittanceUnder => Some(BlendState {
             color: (F::DestinationAlpha, F::One),
             alpha: (F::Zero, F::OneMinusSourceAlpha),

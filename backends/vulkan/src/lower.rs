@@ -174,6 +174,10 @@ pub(crate) fn blend(blend: Blend) -> Option<BlendState> {
             color: (F::ONE, F::ONE_MINUS_SRC_ALPHA),
             alpha: (F::ONE, F::ONE_MINUS_SRC_ALPHA),
         }),
+        Blend::TransmittanceOver => Some(BlendState {
+            color: (F::ONE, F::ONE_MINUS_SRC_ALPHA),
+            alpha: (F::ZERO, F::ONE_MINUS_SRC_ALPHA),
+        }),
         Blend::TransmittanceUnder => {
             Some(BlendState { color: (F::DST_ALPHA, F::ONE), alpha: (F::ZERO, F::ONE_MINUS_SRC_ALPHA) })
         }

@@ -68,6 +68,9 @@ pub enum Blend {
     Replace,
     /// Back to front, `s` premultiplied: `d = s + (1 - s.a) d`.
     PremultipliedOver,
+    /// Back to front, `s` premultiplied, `d.a` holds the transmittance (cleared to 1):
+    /// `d.rgb = s.rgb + (1 - s.a) d.rgb`, `d.a = (1 - s.a) d.a`.
+    TransmittanceOver,
     /// Front to back, `s` premultiplied, `d.a` holds the transmittance (cleared to 1):
     /// `d.rgb = d.a s.rgb + d.rgb`, `d.a = (1 - s.a) d.a`.
     TransmittanceUnder,

@@ -21,10 +21,10 @@ pub(super) const GRAPHS: [&str; 8] = [
 
 /// Edits that build: file, text and its replacement.
 const CONSTANTS: [(&str, &str, &str); 6] = [
-    ("shaders/compose.comp", "transmittance * camera", "0.5 * transmittance * camera"),
+    ("shaders/compose.comp", "blended.a * camera", "0.5 * blended.a * camera"),
     ("shaders/splat.frag", "min(alpha_cap,", "min(0.5 * alpha_cap,"),
     ("shaders/window/compose.frag", "shown = vec4(colour, 1.0)", "shown = vec4(0.5 * colour, 1.0)"),
-    ("pipelines/splat.ron", "Int(default: 8, range: (1, 11)", "Int(default: 6, range: (1, 11)"),
+    ("pipelines/splat.ron", "Int(default: \"ceil_div(key_bits, ceil_div(key_bits, 9))\"", "Int(default: 6"),
     ("pipelines/splat.ron", "Float(default: 3.33,", "Float(default: 2.5,"),
     ("pipelines/view/window.ron", "history: true", "history: false"),
 ];

@@ -1,4 +1,4 @@
-//! Draws: what the two blends give, to the bit, and where pixels fall.
+//! Draws: what the blends give, to the bit, and where pixels fall.
 //!
 //! All colours are small sums of powers of two, so that the expected pixels are exact in 32-bit floats.
 
@@ -85,6 +85,13 @@ fn premultiplied_over_puts_the_later_fragment_in_front() {
     // Over (0.25, 0.5, 1, 1): first to (0.5 + 0.125, 0.25 + 0.25, 0.5, 1), then 3/4 of that plus the second.
     let pixel = two_triangles(Blend::PremultipliedOver, [0.25, 0.5, 1.0, 1.0], false);
     assert_eq!(pixel, [0.46875, 0.125 + 0.375, 0.25 + 0.375, 1.0]);
+}
+
+#[test]
+fn transmittance_over_puts_the_later_fragment_in_front() {
+    // Colours as above; alpha holds what still shines through: 1, then 1/2, then 3/8.
+    let pixel = two_triangles(Blend::TransmittanceOver, [0.25, 0.5, 1.0, 1.0], false);
+    assert_eq!(pixel, [0.46875, 0.125 + 0.375, 0.25 + 0.375, 0.375]);
 }
 
 #[test]
