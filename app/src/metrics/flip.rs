@@ -63,7 +63,7 @@ impl Seen {
             height: image.height,
             values: opponent.iter().map(|pixel| pixel[channel]).collect(),
         };
-        let filtered = [0, 1, 2].map(|channel| contrast(&plane(channel), &SENSITIVITY[channel]));
+        let filtered = [0, 1, 2].map(|channel| contrast(&plane(channel), SENSITIVITY[channel]));
         let inverse = glam::DMat3::from_cols_array_2d(&TO_XYZ).transpose().inverse();
         let colour = (0..opponent.len()).into_par_iter().map(|at| {
             let rgb = from_opponent([0, 1, 2].map(|channel| filtered[channel].values[at]), &inverse);
@@ -242,7 +242,7 @@ mod tests {
         Image::from_fn(width, height, |x, y| {
             let flat = (x / 9 + y / 7 + seed) % 5;
             std::array::from_fn(|c| {
-                let point = usize::from((x * 31 + y * 17 + seed) % 97 == 0) * 90;
+                let point = usize::from((x * 31 + y * 17 + seed).is_multiple_of(97)) * 90;
                 ((flat * (40 + 11 * c) + point + (x * (c + 1)) % 23) % 256) as f32 / 255.0
             })
         })

@@ -300,3 +300,47 @@ fn stats<D: Device>(
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     Ok(CameraStats::new(camera, plan, &info, loaded, &frames, Vec::new()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+    use splatgraph_null::{Call, Config, Null, open};
+
+    #[test]
+    fn milliseconds_are_shares_of_one_time_of_the_exact_settings_on_a_warm_device() {
+        let (device, journal) = open(&Config::default());
+        let scene = synth::generate("demo", 50, 0).expect("a small scene");
+        let camera = Camera::framing(&scene, 32, 24);
+        let mut session: Session<Null> =
+            Session::new(device.expect("no fault is set"), scene, "unsorted", &[]);
+        let mut exact = session.beside("splat", &[]).expect("a context");
+        for session in [&mut session, &mut exact] {
+            session.prepare((32, 24), &mut |_| {}).expect("it is prepared");
+            turns::frame(session, &camera).expect("the prologue's frame");
+        }
+        let mut timed = |ms, effort| {
+            journal.take();
+            let baseline = Baseline { session: &mut exact, ms };
+            let time =
+                time_in_turns(&mut session, baseline, &camera, effort).expect("frames").expect("timestamps");
+            let submits =
+                journal.take().into_iter().filter(|call| matches!(call, Call::Submit { .. })).count();
+            (time, submits)
+        };
+        // The null device's passes take as long in every frame, so that eight rounds are enough.
+        let effort = Effort { rounds: 16, frames: 2 };
+        let (own, submits) = timed(None, effort);
+        assert_eq!((own.rounds, own.share.range), (8, Some((own.share.median, own.share.median))));
+        assert!(submits >= 2 * 2 + 8 * 2 * 2, "two turns of a warm-up at least, and eight rounds: {submits}");
+        assert!(own.share.median < 1.0 && own.busy <= 1.0, "{own:?}");
+        let (other, _) = timed(Some(100.0), effort);
+        assert_eq!((other.share, other.exact_ms), (own.share, 100.0));
+        assert!((other.gpu_ms - 100.0 * own.share.median).abs() < 1e-9, "{other:?}");
+        let phase = |time: &Time| time.phases["draw"] / time.gpu_ms;
+        assert!((phase(&other) - phase(&own)).abs() < 1e-9, "phases are of the same time: {own:?} {other:?}");
+        // One round is a glance: no warm-up, and no range.
+        let (glance, submits) = timed(None, Effort { rounds: 1, frames: 1 });
+        assert_eq!((glance.rounds, glance.share.range, submits), (1, None, 2));
+    }
+}

@@ -69,3 +69,62 @@ impl Kept {
         (all > 0.0).then(|| (drawn / all).min(1.0))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::facts::{self, SceneFacts};
+    use crate::planner::Planner;
+    use splatgraph_framework::ir::PassId;
+    use std::time::Duration;
+
+    #[test]
+    fn of_a_warm_up_only_the_prologues_times_are_kept_and_a_device_that_rests_is_told() {
+        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
+        let plan = Planner::default().plan("splat", &[], &facts, &facts::nominal_catalog());
+        let plan = plan.unwrap_or_else(|error| panic!("{error}"));
+        let id = |name: &str| {
+            PassId(plan.passes.iter().position(|pass| pass.name == name).expect("a pass") as u32)
+        };
+        let frame = |ms: f64, prologue: bool| FrameResult {
+            total_ms: Some(ms),
+            pass_ms: prologue
+                .then(|| (id("covariance"), Some(7.0)))
+                .into_iter()
+                .chain([(id("project"), Some(ms))])
+                .collect(),
+            record_ms: ms,
+            ..FrameResult::default()
+        };
+        let mut kept = Kept::default();
+        kept.add(frame(90.0, true), &plan, false);
+        kept.add(frame(80.0, false), &plan, false);
+        (0..4).for_each(|_| kept.add(frame(1.0, false), &plan, true));
+        let begun = Instant::now();
+        kept.done = (0..4).map(|at| begun + Duration::from_millis(4 * at)).collect();
+        let stats = kept.stats(
+            ("a", (32, 24)),
+            &plan,
+            &DeviceInfo { name: "device".into(), ..info() },
+            3,
+            Vec::new(),
+        );
+        let times: Vec<_> = stats.passes.iter().map(|pass| (pass.name.as_str(), pass.gpu_ms)).collect();
+        assert_eq!(times, [("covariance", Some(7.0)), ("project", Some(1.0))]);
+        assert_eq!(
+            (stats.frames, stats.gpu_ms, stats.record_ms, stats.busy),
+            (4, Some(1.0), 1.0, Some(0.25))
+        );
+        assert!(stats.line().contains("on device, which rested for 75 % of the time"), "{}", stats.line());
+        // A single frame counts with all of its passes.
+        let mut kept = Kept::default();
+        kept.add(frame(5.0, true), &plan, true);
+        let stats = kept.stats(("a", (32, 24)), &plan, &info(), 3, Vec::new());
+        assert_eq!((stats.frames, stats.gpu_ms, stats.busy, stats.passes.len()), (1, Some(5.0), None, 2));
+    }
+
+    fn info() -> DeviceInfo {
+        let device = splatgraph_null::open(&splatgraph_null::Config::default()).0.expect("no fault is set");
+        splatgraph_api::Device::info(&device).clone()
+    }
+}
