@@ -66,7 +66,8 @@ impl Tried {
         }
     }
 
-    fn median(&self) -> f64 {
+    /// The median share of the exact settings' time; 1 without timestamps.
+    pub fn median(&self) -> f64 {
         self.share.map_or(1.0, |share| share.median)
     }
 }

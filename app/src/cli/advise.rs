@@ -295,24 +295,35 @@ fn measured(
     Ok(Some(rows))
 }
 
-/// Names the settings that noise hides; empty without any.
+/// Settings that noise hides, of which so many are named; the JSON has all.
+const NAMED: usize = 5;
+
+/// Joins the first names of a list, and counts the others.
+fn some(names: &[String]) -> String {
+    let more = names.len().saturating_sub(NAMED);
+    let named = names[..names.len() - more].join("; ");
+    if more == 0 { named } else { format!("{named}; and {more} more") }
+}
+
+/// Names the settings that noise hides, those that may be fastest first; empty without any.
 fn noise(found: Option<&Tried>, hidden: &[&Tried], unsure: &[String]) -> String {
     let mut text = String::new();
     if !hidden.is_empty() {
-        let names: Vec<String> =
-            hidden.iter().map(|tried| format!("{} ({})", tried.setting.name, list(&tried.psnr_db))).collect();
-        text += &match found {
-            Some(_) => format!("  too noisy to tell whether these are better: {} dB\n", names.join(" dB, ")),
-            None => {
-                format!("  too noisy to tell whether these are fast enough: {} dB\n", names.join(" dB, "))
-            }
+        let mut hidden = hidden.to_vec();
+        hidden.sort_by(|a, b| a.median().total_cmp(&b.median()));
+        let of = |tried: &&Tried| {
+            let (share, db) = (100.0 * tried.median(), tried.least_psnr());
+            format!("{} ({db:.2} dB, {share:.1} %)", tried.setting.name)
         };
+        let question = if found.is_some() { "better" } else { "fast enough" };
+        let names: Vec<String> = hidden.iter().map(of).collect();
+        text += &format!("  too noisy to tell whether these are {question}: {}\n", some(&names));
     }
     if !unsure.is_empty() {
         let least = 100.0 * LEAST_SAVING;
         text += &format!(
-            "  too noisy to tell whether these save {least:.0} % of the time, and not combined: {}\n",
-            unsure.join("; ")
+            "  too noisy to tell whether these save {least:.0} %, and not combined: {}\n",
+            some(unsure)
         );
     }
     text
@@ -399,8 +410,10 @@ mod tests {
         assert!(text.contains("most accurate: exact: 80.00, 81.00 dB, 10.000 ms, 100.0 ± 1.0 %"), "{text}");
         assert!(text.contains("fastest: target = h: 60.00, 61.00 dB, 2.500 ms, 25.0 ± 1.0 %"), "{text}");
         let text = noise(Some(&all[0]), &[&all[1]], &["key_bits = 8".into()]);
-        assert!(text.contains("whether these are better: target = h (60.00, 61.00) dB"), "{text}");
-        assert!(text.contains("save 2 % of the time, and not combined: key_bits = 8"), "{text}");
+        assert!(text.contains("whether these are better: target = h (60.00 dB, 25.0 %)\n"), "{text}");
+        assert!(text.contains("save 2 %, and not combined: key_bits = 8\n"), "{text}");
+        let many: Vec<String> = (0..9).map(|at| at.to_string()).collect();
+        assert!(noise(None, &[], &many).ends_with("not combined: 0; 1; 2; 3; 4; and 4 more\n"));
         assert!(noise(None, &[&all[1]], &[]).contains("fast enough: target = h"));
         assert_eq!(noise(None, &[], &[]), "");
     }

@@ -361,7 +361,7 @@ impl Drawing {
 #[derive(Debug, clap::Args)]
 pub struct EffortArgs {
     /// Rounds of frames, at most: fewer where a share of time is known well enough; below 8, no difference in time is told from noise
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     /// Frames in a round, in turns with as many to compare with [default: by the time of one, 1 to 30]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]

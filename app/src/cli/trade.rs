@@ -219,8 +219,8 @@ fn origin(
 /// Hashes the program's file.
 fn program() -> std::io::Result<String> {
     // On Linux, the link leads to the program that runs, also when its file was replaced.
-    let path = if cfg!(target_os = "linux") { "/proc/self/exe".into() } else { std::env::current_exe()? };
-    let mut file = fs::File::open(path)?;
+    let link = fs::File::open("/proc/self/exe");
+    let mut file = link.or_else(|_| fs::File::open(std::env::current_exe()?))?;
     let (mut hash, mut bytes) = (DefaultHasher::new(), vec![0; 1 << 20]);
     loop {
         match file.read(&mut bytes)? {
