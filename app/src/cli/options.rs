@@ -360,7 +360,7 @@ impl Drawing {
 /// Numbers of frames of a measurement.
 #[derive(Debug, clap::Args)]
 pub struct EffortArgs {
-    /// Rounds of frames, at most: fewer where a share of time is known well enough; below 8, no difference in time is told from noise
+    /// Rounds of frames, at most: fewer where a share of time is known well enough, or after 8 seconds; below 8, no difference in time is told from noise
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     /// Frames in a round, in turns with as many to compare with [default: by the time of one, 1 to 30]

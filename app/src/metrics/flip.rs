@@ -157,9 +157,11 @@ impl Plane {
         let (width, height) = (self.width, self.height);
         let mut rows = vec![0.0; self.values.len()];
         rows.par_chunks_mut(width).zip(self.values.par_chunks(width)).for_each(|(out, row)| {
-            let at = |x: usize, tap: usize| row[(x + tap).saturating_sub(across.len() / 2).min(width - 1)];
-            for (x, out) in out.iter_mut().enumerate() {
-                *out = across.iter().enumerate().map(|(tap, weight)| weight * at(x, tap)).sum();
+            let edge = |value: f64| std::iter::repeat_n(value, across.len() / 2);
+            let padded: Vec<f64> =
+                edge(row[0]).chain(row.iter().copied()).chain(edge(row[width - 1])).collect();
+            for (out, window) in out.iter_mut().zip(padded.windows(across.len())) {
+                *out = across.iter().zip(window).map(|(weight, value)| weight * value).sum();
             }
         });
         let mut values = vec![0.0; rows.len()];

@@ -118,7 +118,7 @@ impl<D: Device> Sweep<'_, D> {
             Err(text) => return Ok(Err(text)),
         };
         let whole = Baseline { session: &mut *self.whole, ms: self.ms };
-        let time = measure::time_in_turns(session, whole, &view.camera, effort)?;
+        let time = measure::time_in_turns(session, whole, &view.camera, effort, measure::LONGEST)?;
         let number = |name: &str| drawn.counts.iter().find(|(n, _)| n == name).map(|(_, count)| *count);
         let step = Step {
             choice,

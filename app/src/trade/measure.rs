@@ -15,6 +15,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Rules, depth_order};
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 /// A camera with the truth about its picture.
 pub struct View {
@@ -106,6 +107,9 @@ pub struct Baseline<'a, D> {
     pub ms: Option<f64>,
 }
 
+/// Time after which the rounds of a setting end, however wide the range: a machine that does other work may never make it narrow.
+pub const LONGEST: Duration = Duration::from_secs(8);
+
 /// As many times the rounds of other settings may have to show the noise of the exact ones against themselves, on which all depend.
 const ROUNDS_OF_EXACT: u32 = 4;
 
@@ -144,7 +148,7 @@ fn measured<D: Device>(
     };
     let more = if setting.name == EXACT && effort.rounds > 1 { ROUNDS_OF_EXACT } else { 1 };
     let effort = Effort { rounds: more * effort.rounds, ..effort };
-    let time = time_in_turns(session, exact, &view.camera, effort)?;
+    let time = time_in_turns(session, exact, &view.camera, effort, more * LONGEST)?;
     let gpu_bytes = session.device().memory().iter().map(|(_, bytes)| bytes).sum();
     let of_last_frame = session.plan().is_some_and(plans::uses_last_frame);
     Ok(Ok(Measured { time, error: drawn.error, inversions: drawn.inversions, of_last_frame, gpu_bytes }))
@@ -153,7 +157,7 @@ fn measured<D: Device>(
 /// Measures the time of a frame of `session`, in turns with frames of `exact`; `None` without timestamps.
 ///
 /// Both are prepared in the camera's size, and draw for a while before any frame counts. Rounds end when the share is known well
-/// enough ([`noise::enough`]), with `effort.rounds` at the latest.
+/// enough ([`noise::enough`]), with `effort.rounds` at the latest, or when they have taken `longest` and have a range.
 ///
 /// # Errors
 /// The device fails.
@@ -162,11 +166,13 @@ pub fn time_in_turns<D: Device>(
     exact: Baseline<D>,
     camera: &Camera,
     effort: Effort,
+    longest: Duration,
 ) -> Result<Option<Time>, SessionError> {
     // A single round is a glance: nothing is told from it, and two frames side by side are as warm as each other.
     if effort.rounds > 1 {
         turns::warm_up(&mut [&mut *exact.session, &mut *session], camera)?;
     }
+    let begun = Instant::now();
     let one = Effort { rounds: 1, ..effort };
     let mut rounds = Vec::new();
     for _ in 0..effort.rounds {
@@ -176,7 +182,8 @@ pub fn time_in_turns<D: Device>(
         let busy = turns::busy(&own);
         let of_exact = stats(exact.session, camera, of_exact)?.gpu_ms;
         rounds.push(Round { stats: stats(session, camera, own)?, exact_ms: of_exact, busy });
-        if shares(&rounds).is_some_and(|shares| noise::enough(&shares)) {
+        let late = rounds.len() >= noise::LEAST_ROUNDS && begun.elapsed() >= longest;
+        if late || shares(&rounds).is_some_and(|shares| noise::enough(&shares)) {
             break;
         }
     }
@@ -322,8 +329,9 @@ mod tests {
         let mut timed = |ms, effort| {
             journal.take();
             let baseline = Baseline { session: &mut exact, ms };
-            let time =
-                time_in_turns(&mut session, baseline, &camera, effort).expect("frames").expect("timestamps");
+            let time = time_in_turns(&mut session, baseline, &camera, effort, LONGEST)
+                .expect("frames")
+                .expect("timestamps");
             let submits =
                 journal.take().into_iter().filter(|call| matches!(call, Call::Submit { .. })).count();
             (time, submits)
