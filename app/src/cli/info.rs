@@ -52,8 +52,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let needs = keys::needs(&Seen::shown(&scene, &cameras).views(), 0);
     let (key_bits, views) = (keys::of_scene(&scene), keys::sampled(&scene).len());
     let bands = harmonics::bands(&scene);
+    let hidden = if report.opacity.below_floor > 0 { ", splats below the alpha floor included" } else { "" };
     let worksheet = format!(
-        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): what float_bits needs in {views} views from near, far and the middle\n{}",
+        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): what float_bits needs in {views} views from near, far and the middle{hidden}\n{}",
         args.scene.display(),
         scene.size_breakdown(),
         keys_text(&needs, 0),
