@@ -79,6 +79,41 @@ fn a_scene_without_view_dependence_is_told_to_leave_the_bands_out() {
 }
 
 #[test]
+fn splats_below_the_alpha_floor_count_neither_for_keys_nor_for_harmonics() {
+    // Pairs of neighbours in depth, one of which cannot show and alone has harmonics, the nearer one later in the file.
+    let scene = |opacity: f32| {
+        Scene::generate(40, 3, |at| {
+            let hidden = at % 2 == 1;
+            let pair = 20 - (at / 2) as u32;
+            let near = f32::from_bits((1.0 + 0.5 * pair as f32).to_bits() - u32::from(hidden));
+            Splat {
+                position: [0.0, 0.0, near],
+                scale: [0.2; 3],
+                rotation: [1.0, 0.0, 0.0, 0.0],
+                opacity: if hidden { opacity } else { 0.5 },
+                sh: std::array::from_fn(|i| if i < 3 || hidden { 0.4 } else { 0.0 }),
+            }
+        })
+    };
+    let (text, hidden) = advice(&scene(0.0039));
+    assert_eq!(bits(&hidden, "float_bits"), Some(8), "{text}");
+    assert!(text.contains("none: sh_degree=0 draws the same picture"), "{text}");
+    assert!(
+        text.contains("degree 3 stored, 0 in use, the bands above are zero in every splat that can show"),
+        "{text}"
+    );
+    assert_eq!(
+        (&hidden["report"]["effective_sh_degree"], &hidden["report"]["shown_sh_degree"]),
+        (&3.into(), &0.into())
+    );
+    // A little above the floor they show.
+    let (text, shown) = advice(&scene(0.004));
+    assert!(bits(&shown, "float_bits") > Some(20), "{text}");
+    assert!(text.contains("degree 3 stored, 3 in use") && !text.contains("sh_degree=0"), "{text}");
+    assert_eq!(shown["report"]["shown_sh_degree"], 3, "{text}");
+}
+
+#[test]
 fn keys_are_predicted_as_the_shader_makes_them() {
     let scene = crate::files::scene();
     let camera = splatgraph_assets::synth::demo_cameras().swap_remove(0).resized(96, 54);

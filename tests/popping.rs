@@ -33,6 +33,16 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
     let found = popping(&place, &command);
     let pop = |name: &str| of(&found, name, "pop");
 
+    // Each number stands beside the step that it is of.
+    for row in found["variants"].as_array().expect("a list") {
+        let number = |key: &str| row["summary"][key].as_f64().expect("a number");
+        assert!((number("step_degrees") - 2.0).abs() < 1e-9, "{row}");
+        assert!((number("pop_per_degree") - number("pop") / 2.0).abs() < 1e-12, "{row}");
+    }
+    assert!(
+        found["notes"].as_str().is_some_and(|notes| notes.contains("0 by definition: the published order"))
+    );
+
     // The true order, by either operator: what is left is the cut of the quads.
     assert!(pop("splat") < 1e-4 && (pop("splat") / pop("front_to_back") - 1.0).abs() < 0.1, "{found:#}");
     assert!(pop("key_bits=8") > 5.0 * pop("splat"), "{found:#}");
@@ -86,6 +96,8 @@ fn a_camera_at_rest_pops_in_no_order() {
         assert_eq!((of(&found, name, "pop"), of(&found, name, "worst_step")), (0.0, 0.0), "{found:#}");
     }
     assert_eq!(of(&found, "key_bits=8", "order_changes"), 0.0);
+    let rows = found["variants"].as_array().expect("a list");
+    assert!(rows.iter().all(|row| row["summary"]["pop_per_degree"].is_null()), "a camera at rest: {found:#}");
 }
 
 #[test]

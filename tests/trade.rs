@@ -92,3 +92,85 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
         assert!(found.0 == Some(code) && found.1.contains(why), "{more:?}: {found:?}");
     }
 }
+
+/// The numbers of a row of the only camera.
+fn psnr(place: &Place, setting: &str) -> Option<f64> {
+    let ledger = ledger(place);
+    let rows = ledger["rows"].as_array().expect("rows");
+    let row = rows.iter().find(|row| row["setting"] == setting).expect("a row");
+    row["found"]["Ok"]["error"]["psnr_db"].as_f64()
+}
+
+#[test]
+fn a_ledger_is_not_resumed_with_the_rows_of_another_truth_graph_or_preset() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    let truth = ["render", "scene.ply", "-c", "cameras.json", "-o", "true", "--format", "npy"];
+    assert_eq!(place.code(&truth).0, Some(0));
+    let short = ["trade", "scene.ply", "-c", "cameras.json", "--rounds", "1", "--frames", "1", "--only"];
+    let trade = |more: &[&str]| {
+        let (code, errors) = place.code(&[&short[..], more].concat());
+        assert_eq!(code, Some(0), "{errors}");
+        errors
+    };
+    let against = ["defaults", "--truth", "true"];
+    trade(&against);
+    assert_eq!(psnr(&place, "defaults"), None, "the defaults drew the truth");
+    assert!(trade(&against).contains("2 rows of an earlier run are kept"));
+
+    // Other pictures under the same names.
+    assert_eq!(place.code(&[&truth[..], &["--background", "1,1,1"]].concat()).0, Some(0));
+    let errors = trade(&against);
+    assert!(
+        errors.contains("rows of an earlier run are measured anew: measured with another truth")
+            && !errors.contains("are kept"),
+        "{errors}"
+    );
+    let resumed = psnr(&place, "defaults").expect("not equal");
+    trade(&[&against[..], &["-o", "fresh"]].concat());
+    place.write("ledger/ledger.json", fs::read(place.at("fresh/ledger.json")).expect("it is written"));
+    assert!(resumed < 30.0 && psnr(&place, "defaults") == Some(resumed), "{resumed}");
+
+    // A preset of the folder stands before the built-in one; the graph's own rows stay.
+    let preset = |bits: u32| {
+        let text = format!("Preset(graph: \"splat\", summary: \"Keys\", set: {{ \"key_bits\": {bits} }})");
+        fs::create_dir_all(place.at("pipelines")).expect("a folder");
+        place.write("pipelines/key16.ron", text);
+    };
+    preset(16);
+    trade(&["preset key16"]);
+    assert!(trade(&["preset key16"]).contains("2 rows of an earlier run are kept"));
+    let before = psnr(&place, "preset key16");
+    preset(8);
+    let errors = trade(&["preset key16"]);
+    assert!(
+        errors.contains("measured with another graph")
+            && errors.contains("1 rows of an earlier run are kept"),
+        "{errors}"
+    );
+    assert!(psnr(&place, "preset key16") < before);
+}
+
+#[test]
+fn settings_with_the_plan_of_another_are_not_measured_and_a_stale_order_earns_no_mark() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    let short = ["trade", "scene.ply", "-c", "cameras.json", "-p", "splat", "--rounds", "1", "--frames", "1"];
+    let only = ["--only", "defaults", "--only", "preset digit8", "--only", "preset stale_order"];
+    let output = place.run(&[&short[..], &only].concat());
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{errors}");
+    assert!(errors.contains("not measured: `preset digit8` has the plan of `defaults`"), "{errors}");
+    let table = String::from_utf8_lossy(&output.stdout);
+    let row = table.lines().find(|line| line.contains("preset stale_order")).expect("a row");
+    assert!(row.starts_with(' ') && row.ends_with("still views hide its cost"), "{table}");
+    assert!(table.contains("`preset stale_order` is not judged"), "{table}");
+    assert!(!table.contains("digit8"), "{table}");
+    // One round tells nothing of time.
+    assert!(table.contains("too noisy to tell whether") && table.contains("at least 8 rounds"), "{table}");
+    let csv = fs::read_to_string(place.at("ledger/ledger.csv")).expect("it is written");
+    assert!(
+        csv.lines().any(|line| line.starts_with("\"preset stale_order\"") && line.contains("not judged")),
+        "{csv}"
+    );
+}

@@ -201,6 +201,17 @@ impl Seen<'_> {
         Seen { scene, cameras, visible }
     }
 
+    /// Projects the splats that can show by the published rules: others may be in any order.
+    ///
+    /// [`of_scene`] counts the others, too: a graph's parameter `alpha_floor` can be set lower than the published floor.
+    pub fn shown<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
+        let mut seen = Seen::new(scene, cameras);
+        for (visible, _) in &mut seen.visible {
+            visible.retain(|splat| scene.can_show(splat.index as usize));
+        }
+        seen
+    }
+
     /// Lists the views.
     pub fn views(&self) -> Vec<View<'_>> {
         let mut views = Vec::new();

@@ -1,11 +1,20 @@
 //! Measures the difference between two pictures.
 //!
 //! Each of the three numbers sees what the others miss. **PSNR** is the squared error of the whole picture; **SSIM** compares
-//! local structure, closer to perception; the **worst pixel** finds a single missing splat. All sums are in f64.
+//! local structure, closer to perception; the **worst pixel** finds a single missing splat. [`flip`] sees what people see in two
+//! pictures that take turns. All sums are in f64.
+
+pub mod flip;
 
 use crate::image::Image;
 use rayon::prelude::*;
 use serde::Serialize;
+
+/// A channel of a picture: f32 or f64.
+pub trait Channel: Copy + Into<f64> + PartialEq + Send + Sync {}
+
+impl Channel for f32 {}
+impl Channel for f64 {}
 
 /// Radius of SSIM's window: 11 x 11.
 const RADIUS: usize = 5;
@@ -77,7 +86,7 @@ pub enum MetricError {
 }
 
 /// Computes all metrics of two pictures of one size with finite values.
-pub fn compare(a: &Image, b: &Image) -> Result<Comparison, MetricError> {
+pub fn compare<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<Comparison, MetricError> {
     comparable(a, b)?;
     Ok(Comparison {
         psnr_db: psnr_over(a, b, |_| true),
@@ -91,7 +100,7 @@ pub fn compare(a: &Image, b: &Image) -> Result<Comparison, MetricError> {
 ///
 /// # Errors
 /// They are not.
-pub fn comparable(a: &Image, b: &Image) -> Result<(), MetricError> {
+pub fn comparable<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<(), MetricError> {
     if (a.width, a.height) != (b.width, b.height) {
         return Err(MetricError::Sizes {
             a_width: a.width,
@@ -100,10 +109,11 @@ pub fn comparable(a: &Image, b: &Image) -> Result<(), MetricError> {
             b_height: b.height,
         });
     }
+    let finite = |value: &C| (*value).into().is_finite();
     for (which, image) in [("the first picture", a), ("the second picture", b)] {
-        let mut bad = image.rgb.iter().enumerate().filter(|(_, p)| p.iter().any(|v| !v.is_finite()));
+        let mut bad = image.rgb.iter().enumerate().filter(|(_, p)| p.iter().any(|v| !finite(v)));
         if let Some((first, _)) = bad.next() {
-            let count = image.rgb.as_flattened().iter().filter(|v| !v.is_finite()).count();
+            let count = image.rgb.as_flattened().iter().filter(|v| !finite(v)).count();
             return Err(MetricError::NotFinite {
                 which,
                 count,
@@ -121,13 +131,13 @@ pub fn squared_error(psnr_db: Option<f64>) -> f64 {
 }
 
 /// Clamps a channel to its displayed value.
-fn shown(value: f32) -> f64 {
-    f64::from(value.clamp(0.0, 1.0))
+fn shown<C: Channel>(value: C) -> f64 {
+    value.into().clamp(0.0, 1.0)
 }
 
 /// Computes PSNR in decibels over the pixels that `wanted` takes by their index, of pictures of one size; `None` if they are equal
 /// there, or if there are none.
-pub fn psnr_over(a: &Image, b: &Image, wanted: impl Fn(usize) -> bool) -> Option<f64> {
+pub fn psnr_over<C: Channel>(a: &Image<C>, b: &Image<C>, wanted: impl Fn(usize) -> bool) -> Option<f64> {
     let (mut sum, mut channels) = (0.0, 0usize);
     for (_, (a, b)) in a.rgb.iter().zip(&b.rgb).enumerate().filter(|(index, _)| wanted(*index)) {
         for (a, b) in a.iter().zip(b) {
@@ -138,11 +148,11 @@ pub fn psnr_over(a: &Image, b: &Image, wanted: impl Fn(usize) -> bool) -> Option
     (sum > 0.0).then(|| -10.0 * (sum / channels as f64).log10())
 }
 
-fn worst_pixel(a: &Image, b: &Image) -> WorstPixel {
+fn worst_pixel<C: Channel>(a: &Image<C>, b: &Image<C>) -> WorstPixel {
     let mut worst = WorstPixel { difference: 0.0, x: 0, y: 0 };
     for (i, (a_pixel, b_pixel)) in a.rgb.iter().zip(&b.rgb).enumerate() {
         for c in 0..3 {
-            let difference = (f64::from(a_pixel[c]) - f64::from(b_pixel[c])).abs();
+            let difference = (a_pixel[c].into() - b_pixel[c].into()).abs();
             if difference > worst.difference {
                 worst = WorstPixel { difference, x: i % a.width, y: i / a.width };
             }
@@ -163,7 +173,7 @@ fn worst_pixel(a: &Image, b: &Image) -> WorstPixel {
 /// use_sample_covariance=False, data_range=1, channel_axis=2)`.
 ///
 /// Returns `None` for pictures with fewer than 11 columns or rows. Panics if the sizes differ.
-pub fn ssim(a: &Image, b: &Image) -> Option<f64> {
+pub fn ssim<C: Channel>(a: &Image<C>, b: &Image<C>) -> Option<f64> {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let (columns, rows) = (a.width.checked_sub(2 * RADIUS)?, a.height.checked_sub(2 * RADIUS)?);
     if columns == 0 || rows == 0 {
@@ -186,7 +196,7 @@ fn gaussian_window() -> [f64; 2 * RADIUS + 1] {
 /// Sums one row of the map over the channels; its windows begin at row `top`.
 ///
 /// The window is separable: the five moments of every column are summed vertically, then horizontally.
-fn ssim_row(a: &Image, b: &Image, top: usize, window: &[f64; 2 * RADIUS + 1]) -> f64 {
+fn ssim_row<C: Channel>(a: &Image<C>, b: &Image<C>, top: usize, window: &[f64; 2 * RADIUS + 1]) -> f64 {
     const C1: f64 = 0.01 * 0.01;
     const C2: f64 = 0.03 * 0.03;
     let mut sum = 0.0;
@@ -220,12 +230,13 @@ fn ssim_row(a: &Image, b: &Image, top: usize, window: &[f64; 2 * RADIUS + 1]) ->
 }
 
 /// Makes a picture of the absolute differences, times `gain`.
-pub fn difference(a: &Image, b: &Image, gain: f32) -> Image {
+pub fn difference<C: Channel>(a: &Image<C>, b: &Image<C>, gain: f32) -> Image {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
-    Image::from_fn(a.width, a.height, |x, y| {
-        let (a, b) = (a.at(x, y), b.at(x, y));
-        std::array::from_fn(|c| (a[c] - b[c]).abs() * gain)
-    })
+    let rgb =
+        a.rgb.iter().zip(&b.rgb).map(|(a, b)| {
+            std::array::from_fn(|c| ((a[c].into() - b[c].into()).abs() * f64::from(gain)) as f32)
+        });
+    Image { width: a.width, height: a.height, rgb: rgb.collect() }
 }
 
 #[cfg(test)]

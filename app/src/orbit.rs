@@ -16,6 +16,14 @@ pub fn turned(camera: &Camera, around: [f64; 3], degrees: f64) -> Camera {
     with_axes(camera, position, axes.map(|axis| turn * axis))
 }
 
+/// Computes the angle by which a camera turns to another, about whichever axis, in degrees from 0 to 180.
+pub fn turn_between(from: &Camera, to: &Camera) -> f64 {
+    let axes = |camera: &Camera| DMat3::from_cols_array_2d(&camera.axes());
+    // The quaternion's imaginary part keeps the digits of small angles, which the cosine loses.
+    let turn = DQuat::from_mat3(&(axes(to) * axes(from).transpose()));
+    2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees()
+}
+
 /// Turns a camera to a point and zooms in, into pictures of another size. Its roll stays.
 pub fn facing(camera: &Camera, target: [f64; 3], zoom: f64, (width, height): (u32, u32)) -> Camera {
     let [right, down, forward] = camera.axes().map(DVec3::from);
@@ -50,6 +58,17 @@ mod tests {
         assert!(camera.to_view(moved.position)[0] < -1.0, "to the left: {moved:?}");
         let back = turned(&moved, point, -30.0);
         assert!(close(back.position, camera.position) && close(back.rotation[0], camera.rotation[0]));
+    }
+
+    #[test]
+    fn the_angle_between_two_cameras_is_that_of_the_turn_however_small_and_about_any_axis() {
+        let camera = Camera::looking_at([1.0, -2.0, 3.0], [0.5, 0.0, 0.0], 60.0, (64, 48));
+        for degrees in [0.0, 1e-4, 0.25, -30.0, 179.0] {
+            let found = turn_between(&camera, &turned(&camera, [0.2, 0.1, -0.3], degrees));
+            assert!((found - f64::abs(degrees)).abs() < 1e-9, "{degrees}: {found}");
+        }
+        let moved = Camera { position: [9.0; 3], ..camera.clone() };
+        assert_eq!(turn_between(&camera, &moved), 0.0);
     }
 
     #[test]

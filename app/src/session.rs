@@ -195,6 +195,24 @@ impl<D: Device> Session<D> {
         Ok(self.planner.controls(&self.pipeline, &self.set, &facts, &catalog)?)
     }
 
+    /// Builds the plan of another graph for a picture size, and loads nothing. Shaders that it shares with others are compiled once.
+    ///
+    /// # Errors
+    /// The graph or its shaders have errors.
+    pub fn plan_of(
+        &mut self,
+        pipeline: &str,
+        set: &[(String, String)],
+        size: (u32, u32),
+    ) -> Result<Plan, SessionError> {
+        let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
+        let catalog = facts::catalog(&self.scene);
+        let grown = std::mem::take(&mut self.planner.grown);
+        let plan = self.planner.plan(pipeline, set, &facts, &catalog);
+        self.planner.grown = grown;
+        Ok(plan?)
+    }
+
     /// Returns the device, with its loaded plan.
     pub fn device(&mut self) -> &mut D {
         &mut self.device

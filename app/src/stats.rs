@@ -44,6 +44,8 @@ pub struct CameraStats {
     pub gpu_ms: Option<f64>,
     /// Milliseconds of the host for recording and submitting a frame.
     pub record_ms: f64,
+    /// Share of the time in which the device drew, 1 at most; `None` where it is not known. A device that rests lowers its clock.
+    pub busy: Option<f64>,
     /// Number of frames.
     pub frames: usize,
     /// Device memory by name, in bytes.
@@ -52,6 +54,9 @@ pub struct CameraStats {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub inspected: Vec<crate::inspect::Finding>,
 }
+
+/// Share of the time below which a device rests so much between frames that its clock may fall.
+pub const BUSY: f64 = 0.5;
 
 /// The time of a pass.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -108,6 +113,7 @@ impl CameraStats {
             passes,
             gpu_ms: total_time(plan, frames),
             record_ms: median(frames.iter().map(|f| f.record_ms).collect()).unwrap_or(0.0),
+            busy: None,
             frames: frames.len(),
             buffers: memory.into_iter().map(|(name, bytes)| BufferSize { name, bytes }).collect(),
             inspected: Vec::new(),
@@ -132,6 +138,9 @@ impl CameraStats {
             line += &format!(", {ms:.3} ms");
         }
         line += &format!(" on {}", self.device);
+        if let Some(busy) = self.busy.filter(|busy| *busy < BUSY) {
+            line += &format!(", which rested for {:.0} % of the time", 100.0 * (1.0 - busy));
+        }
         let once: Vec<&str> =
             self.passes.iter().filter(|p| p.run == Run::Once).map(|p| p.phase.as_str()).collect();
         let phases: Vec<String> = self

@@ -89,6 +89,35 @@ pub fn in_turns<D: Device>(
     Ok(all)
 }
 
+/// Time for which frames are drawn before any counts, at least: a device that has rested runs at a lower clock.
+pub const WARM_UP: Duration = Duration::from_millis(200);
+
+/// Draws frames in turns for a while, which count for nothing. Returns the milliseconds of the last turn.
+///
+/// # Errors
+/// The device fails.
+pub fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> Result<f64, SessionError> {
+    let begun = Instant::now();
+    let turn = Effort { rounds: 1, frames: 1 };
+    let mut turns = 0;
+    loop {
+        let turn_begun = Instant::now();
+        in_turns(sessions, camera, turn, Timestamps::Passes)?;
+        turns += 1;
+        // Two at least: a graph may draw with the order of the frame before.
+        if turns >= 2 && begun.elapsed() >= WARM_UP {
+            return Ok(1e3 * turn_begun.elapsed().as_secs_f64());
+        }
+    }
+}
+
+/// Computes the share of the host's time of frames in which the device drew, 1 at most; `None` without timestamps or frames.
+pub fn busy(frames: &[Timed]) -> Option<f64> {
+    let drawn = frames.iter().map(|frame| frame.result.total_ms).sum::<Option<f64>>()?;
+    let all: f64 = frames.iter().map(|frame| frame.wall_ms).sum();
+    (all > 0.0).then(|| (drawn / all).min(1.0))
+}
+
 /// Time that the frames of a round take together, about.
 const ROUND: Duration = Duration::from_millis(200);
 
@@ -147,6 +176,18 @@ mod tests {
         let rounds = [round(&[1.0, 2.0, 90.0]), round(&[3.0, 3.0, 3.0]), round(&[2.5, 7.0, 1.0])];
         assert_eq!(Figure::of(rounds), Some(Figure { median: 2.5, spread: 1.0 }));
         assert_eq!(Figure::of([round(&[4.0, 2.0])]), Some(Figure { median: 3.0, spread: 0.0 }));
+    }
+
+    #[test]
+    fn a_device_is_busy_for_the_share_of_the_time_in_which_it_draws() {
+        let frame = |total_ms, wall_ms| Timed {
+            result: FrameResult { total_ms, ..FrameResult::default() },
+            submit_ms: 0.0,
+            wall_ms,
+        };
+        assert_eq!(busy(&[frame(Some(1.0), 3.0), frame(Some(2.0), 3.0)]), Some(0.5));
+        assert_eq!(busy(&[frame(Some(2.0), 1.0)]), Some(1.0));
+        assert_eq!((busy(&[frame(None, 1.0)]), busy(&[])), (None, None));
     }
 
     #[test]

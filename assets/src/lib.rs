@@ -43,5 +43,5 @@ pub use error::{LoadError, SceneError};
 pub use memory::SceneMemoryError;
 pub use ply::read::{Progress, SceneHeader};
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
-pub use scene::{ColorRange, Dropped, QuaternionNorms, Scene, Splat, sh_floats};
+pub use scene::{ALPHA_FLOOR, ColorRange, Dropped, QuaternionNorms, Scene, Splat, sh_floats};
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};

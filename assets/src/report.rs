@@ -6,7 +6,7 @@
 
 use crate::bounds::{Bounds, quantile};
 use crate::camera::Camera;
-use crate::scene::{CHUNK, ColorRange, Dropped, QuaternionNorms, Scene};
+use crate::scene::{ALPHA_FLOOR, CHUNK, ColorRange, Dropped, QuaternionNorms, Scene};
 use crate::size_breakdown::grouped;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -29,6 +29,8 @@ pub struct Report {
     pub stored_sh_degree: u32,
     /// Highest band that is not zero in every splat.
     pub effective_sh_degree: u32,
+    /// Highest band that is not zero in every splat that can show.
+    pub shown_sh_degree: u32,
     /// Lengths of the quaternions before normalisation.
     pub quaternions: QuaternionNorms,
     /// Range of the spherical harmonics and of the colours.
@@ -136,10 +138,11 @@ impl Report {
             dropped: *scene.dropped(),
             stored_sh_degree: scene.stored_degree(),
             effective_sh_degree: scene.effective_degree(),
+            shown_sh_degree: scene.shown_degree(),
             quaternions: scene.quaternion_norms(),
             color: scene.color_range(),
             opacity: OpacityReport {
-                below_floor: opacities(|o| o < 1.0 / 255.0),
+                below_floor: opacities(|o| o < ALPHA_FLOOR),
                 above_cap: opacities(|o| o > 0.99),
             },
             size: SizeReport {
@@ -206,13 +209,14 @@ impl fmt::Display for Report {
         let line = |f: &mut fmt::Formatter<'_>, what: &str, text: String| writeln!(f, "  {what:<22}{text}");
         writeln!(f, "{} splats", grouped(self.splats.into()))?;
         line(f, "dropped", self.dropped.to_string())?;
-        let (stored, effective) = (self.stored_sh_degree, self.effective_sh_degree);
-        let zero = if effective < stored { " in use, the bands above are all zero" } else { "" };
-        line(
-            f,
-            "harmonics",
-            format!("degree {stored} stored, {effective}{}", if zero.is_empty() { " in use" } else { zero }),
-        )?;
+        let (stored, effective, shown) =
+            (self.stored_sh_degree, self.effective_sh_degree, self.shown_sh_degree);
+        let above = match () {
+            () if shown < effective => ", the bands above are zero in every splat that can show",
+            () if effective < stored => ", the bands above are all zero",
+            () => "",
+        };
+        line(f, "harmonics", format!("degree {stored} stored, {shown} in use{above}"))?;
         let c = &self.color;
         let beyond = if c.brightest > LARGEST_HALF { ", beyond half floats" } else { "" };
         line(

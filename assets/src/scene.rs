@@ -16,6 +16,9 @@ use std::sync::OnceLock;
 /// Number of splats that one task of a parallel loop converts.
 pub(crate) const CHUNK: usize = 8192;
 
+/// Opacity below which the reference rasteriser never draws a splat.
+pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
+
 /// Counts the floats of spherical harmonics of a degree: 3 channels of (degree + 1)^2 coefficients.
 pub const fn sh_floats(degree: u32) -> usize {
     3 * ((degree + 1) * (degree + 1)) as usize
@@ -589,6 +592,27 @@ impl Scene {
     /// Returns the highest band that is not zero in every splat, the last that a renderer must evaluate.
     pub fn effective_degree(&self) -> u32 {
         self.effective_degree
+    }
+
+    /// Returns true if splat `index` can show by the published rules: its opacity is 1/255 or more.
+    ///
+    /// # Panics
+    /// Panics if `index` is not below [`Scene::count`].
+    pub fn can_show(&self, index: usize) -> bool {
+        self.columns.opacity[index] >= ALPHA_FLOOR
+    }
+
+    /// Finds the highest band that is not zero in every splat that [can show](Scene::can_show).
+    pub fn shown_degree(&self) -> u32 {
+        let (c, floats) = (&self.columns, sh_floats(self.columns.degree));
+        let degree = |index: usize| {
+            let sh = &c.sh[index * floats..][..floats];
+            (1..=c.degree)
+                .rev()
+                .find(|band| sh[sh_floats(band - 1)..sh_floats(*band)].iter().any(|v| *v != 0.0))
+        };
+        let shown = (0..c.opacity.len()).into_par_iter().with_min_len(CHUNK).filter(|at| self.can_show(*at));
+        shown.filter_map(degree).max().unwrap_or(0)
     }
 
     /// Copies splat `index`.

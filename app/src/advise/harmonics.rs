@@ -2,7 +2,7 @@
 //!
 //! The basis is orthonormal on the sphere, so that the mean square of a band over all directions is the sum of its squared
 //! coefficients over 4 pi (Parseval; Ramamoorthi and Hanrahan 2001, "An Efficient Representation for Irradiance Environment
-//! Maps"). Splats count by what they can show: opacity times area.
+//! Maps"). Splats count by what they can show: opacity times area, and nothing below the alpha floor.
 
 use crate::sweep::choice::world_area;
 use rayon::prelude::*;
@@ -37,6 +37,7 @@ pub fn energy(sh: &[[f64; 3]; 16]) -> Energy {
 pub fn bands(scene: &Scene) -> Vec<Band> {
     let of_splat = |index: usize| {
         let weight = f64::from(scene.opacities()[index]) * world_area(scene, index);
+        let weight = if scene.can_show(index) { weight } else { 0.0 };
         // A splat as large as f32 allows still has a finite weight in f64; one that is not has none.
         let weight = if weight.is_finite() { weight } else { 0.0 };
         let [a, b, c, d] = energy(&Splats::get(scene, index).sh).map(|energy| weight * energy);
@@ -66,7 +67,7 @@ mod tests {
             position: [0.0; 3],
             scale: [1.0, 2.0, 0.5],
             rotation: [1.0, 0.0, 0.0, 0.0],
-            opacity: if i == 2 { 0.0 } else { 0.5 },
+            opacity: if i == 2 { 0.0039 } else { 0.5 },
             // What cannot be seen does not count.
             sh: std::array::from_fn(|at| if i == 2 { 9.0 } else { sh(at) }),
         })

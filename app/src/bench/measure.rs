@@ -12,7 +12,6 @@ use splatgraph_framework::ir::{PassId, Reason, Run, StandIn};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 /// A graph with the values that some of its parameters are set to.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -234,7 +233,7 @@ impl<D: Device> Bench<'_, D> {
         if sessions.is_empty() {
             return Ok(());
         }
-        let turn_ms = warm_up(&mut sessions, camera)?;
+        let turn_ms = turns::warm_up(&mut sessions, camera)?;
         let usual = || turns::frames_of(turn_ms / sessions.len() as f64);
         let effort = Effort { rounds: self.frames.rounds, frames: self.frames.frames.unwrap_or_else(usual) };
         let profiled = turns::in_turns(&mut sessions, camera, effort, Timestamps::Passes)?;
@@ -257,25 +256,6 @@ impl<D: Device> Bench<'_, D> {
             });
         }
         Ok(())
-    }
-}
-
-/// Time for which frames are drawn before any counts, at least: a device that has rested runs at a lower clock.
-const WARM_UP: Duration = Duration::from_millis(200);
-
-/// Draws frames in turns for a while. Returns the milliseconds of the last turn.
-fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> Result<f64, SessionError> {
-    let begun = Instant::now();
-    let turn = Effort { rounds: 1, frames: 1 };
-    let mut turns = 0;
-    loop {
-        let turn_begun = Instant::now();
-        turns::in_turns(sessions, camera, turn, Timestamps::Passes)?;
-        turns += 1;
-        // Two at least: a graph may draw with the order of the frame before.
-        if turns >= 2 && begun.elapsed() >= WARM_UP {
-            return Ok(1e3 * turn_begun.elapsed().as_secs_f64());
-        }
     }
 }
 

@@ -3,6 +3,7 @@
 use super::measure::{Found, Part};
 use super::report::{Origin, Report, Row, first_line, size_text};
 use crate::report::text::table;
+use crate::stats::BUSY;
 use crate::turns::Figure;
 use splatgraph_assets::grouped;
 use std::path::Path;
@@ -40,6 +41,9 @@ pub fn tables(report: &Report) -> String {
             text += &format!("\nGPU ms of each camera\n{}", cameras(rows));
         }
         text += &format!("\n{}", candidates(rows));
+        for (row, found) in drawn(rows) {
+            text += &resting(row, found);
+        }
         for (row, why) in rows.iter().filter_map(|row| Some((row, row.found.as_ref().err()?))) {
             text += &format!("{}: not drawn: {}\n", row.pipeline, first_line(why));
         }
@@ -103,6 +107,19 @@ fn candidates(rows: &[Row]) -> String {
         line
     };
     table(&std::iter::once(header).chain(drawn(rows).map(line)).collect::<Vec<_>>())
+}
+
+/// Says that the device rests between frames, if it does so for most of the time.
+fn resting(row: &Row, found: &Found) -> String {
+    let busy = found.mean.gpu_ms.zip(found.mean.wall_ms).map(|(gpu, wall)| gpu.median / wall.median);
+    match busy.filter(|busy| *busy < BUSY) {
+        Some(busy) => format!(
+            "{}: the device rests for {:.0} % of the time between frames, which are drawn alone: its clock may be lower than under load\n",
+            row.pipeline,
+            100.0 * (1.0 - busy)
+        ),
+        None => String::new(),
+    }
 }
 
 /// The passes of a candidate, then those that run once.

@@ -3,7 +3,7 @@
 use super::options::{self, DrawingBackendArgs, EffortArgs, MEASURED_PIPELINE};
 use super::{Outcome, Usage};
 use crate::advise::harmonics::{self, Band};
-use crate::advise::search::{Budget, Tried, best, combinations};
+use crate::advise::search::{Best, Budget, Tried, best, combinations, own_share};
 use crate::backend::Backend;
 use crate::fit;
 use crate::keys::{self, Mapping, Need, Seen, WIDTHS};
@@ -11,7 +11,9 @@ use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::shell_word;
 use crate::progress::Progress;
 use crate::session::Session;
-use crate::trade::measure::{View, measure};
+use crate::trade::measure::{Baseline, Row, View, measure};
+use crate::trade::noise::LEAST_SAVING;
+use crate::trade::plans;
 use crate::trade::settings::{self, EXACT, Setting};
 use crate::turns::Effort;
 use anyhow::{Context, Result};
@@ -25,11 +27,14 @@ use std::path::{Path, PathBuf};
 ///
 /// Without a budget, this needs no graphics device and says what the scene is like: what was dropped and what is unusual; the
 /// width at which depth keys put every two splats that overlap on the screen in the right order, for each mapping of depth to
-/// keys; how much each band of spherical harmonics changes the colours.
+/// keys; how much each band of spherical harmonics changes the colours. Splats below the alpha floor of 1/255 show nowhere, and count
+/// in neither.
 ///
 /// With --psnr or --ms, it draws the scene with one parameter that has an effect changed at a time, predicts what several do together, draws the
 /// most promising, and advises the best that it measured to be within the budget, as a command. PSNR is that of every view
 /// against the exact renderer (`render --backend reference`), as `compare` measures it. The exit code is 1 if there is none.
+///
+/// Of settings that noise does not tell apart, the most accurate is advised, and the others are named as too noisy to tell.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph advise scene.ply -c cameras.json                # what the scene is like
@@ -88,7 +93,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         cameras = keys::around(&scene, cameras.first().context("no cameras")?, AROUND);
     }
     let report = Report::new(&scene, &cameras);
-    let needs = keys::needs(&Seen::new(&scene, &cameras).views(), args.errors);
+    let needs = keys::needs(&Seen::shown(&scene, &cameras).views(), args.errors);
     let bands = harmonics::bands(&scene);
     let name = args.scene.as_ref().map_or_else(|| "the demo scene".into(), |path| path.display().to_string());
     let silent = args.json.as_deref().is_some_and(crate::output::is_standard_output);
@@ -105,15 +110,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
             fit::check_header(path, device.info(), &args.pipeline, &[])?;
         }
         let mut session = Session::new(device, scene, &args.pipeline, &[]);
-        let tried = search(args, &mut session, &cameras, &needs, &budget)?;
-        let found = best(&tried, &budget);
+        let Searched { tried, unsure } = search(args, &mut session, &cameras, &needs, &budget)?;
+        let Best { found, hidden } = best(&tried, &budget);
         tell(&found.map_or_else(|| nothing(&tried, &budget), |found| advice(args, found, &tried)))?;
+        tell(&noise(found, &hidden, &unsure))?;
         if found.is_none() {
             outcome = Outcome::Failed;
         }
         all["budget"] = serde_json::to_value(budget)?;
         all["advised"] = serde_json::to_value(found)?;
         all["tried"] = serde_json::to_value(&tried)?;
+        let names = |of: &[&Tried]| of.iter().map(|tried| tried.setting.name.clone()).collect::<Vec<_>>();
+        all["too_noisy_to_tell"] = json!({ "better": names(&hidden), "not_combined": unsure });
         if super::validated(args.device.validate, &session.into_device().close()) == Outcome::Failed {
             outcome = Outcome::Failed;
         }
@@ -172,6 +180,13 @@ pub(super) fn bands_text(bands: &[Band]) -> String {
     }
 }
 
+/// What a search measured.
+struct Searched {
+    tried: Vec<Tried>,
+    /// Settings of which noise hides whether they save time, and which were not combined.
+    unsure: Vec<String>,
+}
+
 /// Measures one parameter at a time and every preset, then the most promising combinations.
 fn search(
     args: &Args,
@@ -179,7 +194,7 @@ fn search(
     cameras: &[Camera],
     needs: &[Need],
     budget: &Budget,
-) -> Result<Vec<Tried>> {
+) -> Result<Searched> {
     let first = cameras.first().context("no cameras")?;
     let controls = session.controls((first.width, first.height))?;
     let mut singles = settings::list(&args.pipeline, &controls, &options::measured_names());
@@ -187,24 +202,38 @@ fn search(
     let mut exact = session.beside(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
     let singles = options::with_effect(singles, &exact)?;
-    // A quarter of a ledger's: a setting must be told apart from others that save a hundredth, and there are many.
-    let effort = args.effort.choose(&mut exact, first, 4)?;
+    let singles = options::with_plans(singles, &mut exact, cameras)?;
+    // Half of a ledger's: there are many settings.
+    let effort = args.effort.choose(&mut exact, first, 8)?;
     let views: Vec<View> = cameras.iter().map(|camera| View::exact(session.scene(), camera)).collect();
 
     let mut progress = Progress::new("measuring");
     let of = (singles.len() + DRAWN.0) as u64;
     let mut tried = Vec::new();
-    for (at, setting) in singles.iter().enumerate() {
+    let mut exact_ms = vec![None; views.len()];
+    let mut floor = None;
+    let mut measured = |setting: &Setting, exact_ms: &mut [Option<f64>]| {
+        measured(session, &mut exact, exact_ms, setting, &views, effort)
+    };
+    for (at, (setting, _)) in singles.iter().enumerate() {
         progress.set(at as u64, of, &setting.name);
-        tried.extend(measured(session, &mut exact, setting, &views, effort)?);
+        let Some(rows) = measured(setting, &mut exact_ms)? else { continue };
+        if setting.name == EXACT {
+            // Against themselves, they show the noise.
+            floor = own_share(&rows).and_then(|share| share.floor());
+        }
+        tried.extend(Tried::new(setting, &rows, floor));
     }
     let mut within = 0;
-    for (at, setting) in combinations(&tried, budget).iter().take(DRAWN.0).enumerate() {
+    let (combined, unsure) = combinations(&tried, budget);
+    let new = combined.iter().filter(|setting| singles.iter().all(|(other, _)| other.name != setting.name));
+    for (at, setting) in new.take(DRAWN.0).enumerate() {
         progress.set((singles.len() + at) as u64, of, &setting.name);
         // The command need not name what is the default.
         let setting = Setting { set: changed(&setting.set, &controls), ..setting.clone() };
-        let found = measured(session, &mut exact, &setting, &views, effort)?;
-        within += usize::from(found.as_ref().is_some_and(|found| budget.allows(found)));
+        let rows = measured(&setting, &mut exact_ms)?;
+        let found = rows.and_then(|rows| Tried::new(&setting, &rows, floor));
+        within += usize::from(found.as_ref().is_some_and(|found| budget.allows(found) == Some(true)));
         tried.extend(found);
         if within == DRAWN.1 {
             break;
@@ -215,7 +244,7 @@ fn search(
             found.setting.set = changed(&found.setting.set, &controls);
         }
     }
-    Ok(tried)
+    Ok(Searched { tried, unsure })
 }
 
 /// The exact settings with keys as narrow as their mapping allows.
@@ -240,25 +269,64 @@ fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, Strin
     set.iter().filter(|pair| !is_default(pair)).cloned().collect()
 }
 
-/// Measures a setting in every view; `None` if it cannot be drawn, or draws from the previous frame: stills do not show what that costs.
+/// Measures a setting in every view; `None` if it draws from the previous frame: stills do not show what that costs.
+///
+/// `exact_ms` are the milliseconds of the exact settings in each view, as soon as they are known.
 fn measured(
     session: &mut Session<Backend>,
     exact: &mut Session<Backend>,
+    exact_ms: &mut [Option<f64>],
     setting: &Setting,
     views: &[View],
     effort: Effort,
-) -> Result<Option<Tried>> {
+) -> Result<Option<Vec<Row>>> {
     let mut rows = Vec::new();
-    for view in views {
+    for (view, exact_ms) in views.iter().zip(exact_ms) {
         exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
-        rows.push(measure(session, exact, setting, view, effort)?);
-        let of_last_frame =
-            |plan: &splatgraph_framework::plan::Plan| plan.resources.iter().any(|r| r.history.is_some());
-        if session.plan().is_some_and(of_last_frame) {
+        let baseline = Baseline { session: &mut *exact, ms: *exact_ms };
+        let row = measure(session, baseline, (setting, None), view, effort)?;
+        if session.plan().is_some_and(plans::uses_last_frame) {
             return Ok(None);
         }
+        let found = row.found.as_ref().ok().and_then(|found| found.time.as_ref());
+        *exact_ms = exact_ms.or(found.map(|time| time.exact_ms));
+        rows.push(row);
     }
-    Ok(Tried::new(setting, &rows))
+    Ok(Some(rows))
+}
+
+/// Settings that noise hides, of which so many are named; the JSON has all.
+const NAMED: usize = 5;
+
+/// Joins the first names of a list, and counts the others.
+fn some(names: &[String]) -> String {
+    let more = names.len().saturating_sub(NAMED);
+    let named = names[..names.len() - more].join("; ");
+    if more == 0 { named } else { format!("{named}; and {more} more") }
+}
+
+/// Names the settings that noise hides, those that may be fastest first; empty without any.
+fn noise(found: Option<&Tried>, hidden: &[&Tried], unsure: &[String]) -> String {
+    let mut text = String::new();
+    if !hidden.is_empty() {
+        let mut hidden = hidden.to_vec();
+        hidden.sort_by(|a, b| a.median().total_cmp(&b.median()));
+        let of = |tried: &&Tried| {
+            let (share, db) = (100.0 * tried.median(), tried.least_psnr());
+            format!("{} ({db:.2} dB, {share:.1} %)", tried.setting.name)
+        };
+        let question = if found.is_some() { "better" } else { "fast enough" };
+        let names: Vec<String> = hidden.iter().map(of).collect();
+        text += &format!("  too noisy to tell whether these are {question}: {}\n", some(&names));
+    }
+    if !unsure.is_empty() {
+        let least = 100.0 * LEAST_SAVING;
+        text += &format!(
+            "  too noisy to tell whether these save {least:.0} %, and not combined: {}\n",
+            some(unsure)
+        );
+    }
+    text
 }
 
 fn list(psnr_db: &[f64]) -> String {
@@ -266,8 +334,11 @@ fn list(psnr_db: &[f64]) -> String {
 }
 
 fn time(tried: &Tried) -> String {
-    match tried.gpu_ms {
-        Some(ms) => format!("{ms:.3} ms, {:.1} % of the exact settings' time", 100.0 * tried.of_exact),
+    match tried.gpu_ms.zip(tried.share) {
+        Some((ms, share)) => {
+            let half = share.range.map_or("?".into(), |(low, high)| format!("{:.1}", 50.0 * (high - low)));
+            format!("{ms:.3} ms, {:.1} ± {half} % of the exact settings' time", 100.0 * share.median)
+        }
         None => "the device has no timestamps".into(),
     }
 }
@@ -320,6 +391,7 @@ fn nothing(tried: &[Tried], budget: &Budget) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trade::noise::Share;
 
     #[test]
     fn without_a_setting_in_the_budget_the_nearest_are_told() {
@@ -327,7 +399,7 @@ mod tests {
             setting: Setting { name: name.into(), pipeline: "splat".into(), set: Vec::new() },
             psnr_db: vec![db, db + 1.0],
             gpu_ms: Some(ms),
-            of_exact: ms / 10.0,
+            share: Some(Share { median: ms / 10.0, range: Some((ms / 10.0 - 0.01, ms / 10.0 + 0.01)) }),
         };
         let all = [tried(EXACT, 80.0, 10.0), tried("target = h", 60.0, 2.5)];
         let text = nothing(&all, &Budget { psnr: Some(90.0), ms: Some(1.0) });
@@ -335,7 +407,14 @@ mod tests {
             text.contains("no setting of 2 that were measured has at least 90 dB and at most 1 ms"),
             "{text}"
         );
-        assert!(text.contains("most accurate: exact: 80.00, 81.00 dB, 10.000 ms, 100.0 %"), "{text}");
-        assert!(text.contains("fastest: target = h: 60.00, 61.00 dB, 2.500 ms, 25.0 %"), "{text}");
+        assert!(text.contains("most accurate: exact: 80.00, 81.00 dB, 10.000 ms, 100.0 ± 1.0 %"), "{text}");
+        assert!(text.contains("fastest: target = h: 60.00, 61.00 dB, 2.500 ms, 25.0 ± 1.0 %"), "{text}");
+        let text = noise(Some(&all[0]), &[&all[1]], &["key_bits = 8".into()]);
+        assert!(text.contains("whether these are better: target = h (60.00 dB, 25.0 %)\n"), "{text}");
+        assert!(text.contains("save 2 %, and not combined: key_bits = 8\n"), "{text}");
+        let many: Vec<String> = (0..9).map(|at| at.to_string()).collect();
+        assert!(noise(None, &[], &many).ends_with("not combined: 0; 1; 2; 3; 4; and 4 more\n"));
+        assert!(noise(None, &[&all[1]], &[]).contains("fast enough: target = h"));
+        assert_eq!(noise(None, &[], &[]), "");
     }
 }

@@ -1,8 +1,8 @@
 //! Runs `splatgraph compare`: measures the difference between pictures.
 
 use super::{Outcome, Usage, options};
-use crate::image::{Format, Image, npz_names, split_member};
-use crate::metrics::{self, Comparison, MetricError};
+use crate::image::{Depth, Format, Image, npz_names, split_member};
+use crate::metrics::{self, Comparison, MetricError, flip};
 use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::{Claims, is_standard_output, one_line, say};
 use anyhow::{Context, Result, bail};
@@ -10,14 +10,17 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Compare pictures: PSNR, SSIM and the worst pixel
+/// Compare pictures: PSNR, SSIM, FLIP and the worst pixel
 ///
 /// A and B are pictures (.png, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of them; a .npz archive counts as a folder
 /// of arrays. Pictures of two folders are matched by name without extension; a picture without a partner is an error.
 ///
 /// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM is the mean over the channels
-/// of that of Wang et al. 2004 (Gaussian window of 11 x 11, sigma 1.5). The worst pixel is the one with the largest
-/// difference of a channel, unclamped; if one picture has only 8 bits, values are clamped to 0..1.
+/// of that of Wang et al. 2004 (Gaussian window of 11 x 11, sigma 1.5). FLIP is the mean of that of Andersson et al. 2020, 0 for
+/// equal pictures, of the values as they are and of the values in 8 bits, which `trade` has. The worst pixel is the one with the
+/// largest difference of a channel, unclamped; if one picture has only 8 or 16 bits, values are clamped to 0..1.
+///
+/// Everything is computed in f64, and float64 arrays keep their digits.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph compare out.npy golden.npz#camera0
@@ -51,6 +54,21 @@ fn positive(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
         _ => Err("expected a number above 0".into()),
+    }
+}
+
+/// The differences of a pair.
+struct Found {
+    all: Comparison,
+    /// FLIP of the values as they are.
+    flip: f64,
+    /// FLIP of the values in 8 bits.
+    flip_8_bits: f64,
+}
+
+impl Found {
+    fn psnr(&self) -> f64 {
+        self.all.psnr()
     }
 }
 
@@ -135,7 +153,8 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
         if let Some(out) = diffs.get(index) {
             metrics::difference(&a, &b, args.gain).save(out)?;
         }
-        found.push(comparison);
+        let (flip, flip_8_bits) = (flip::of_floats(&b, &a), flip::of_8_bits(&b, &a));
+        found.push(Found { all: comparison, flip, flip_8_bits });
     }
 
     let worst = (0..found.len()).min_by(|&i, &j| found[i].psnr().total_cmp(&found[j].psnr()));
@@ -242,7 +261,7 @@ fn cannot(pair: &Pair) -> String {
     format!("{} and {} cannot be compared", pair.a.display(), pair.b.display())
 }
 
-fn load(pair: &Pair) -> Result<(Image, Image)> {
+fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
     let sizes = (Image::size_of(&pair.a)?, Image::size_of(&pair.b)?);
     if sizes.0 != sizes.1 {
         // As the comparison would, but before either is decoded.
@@ -250,9 +269,14 @@ fn load(pair: &Pair) -> Result<(Image, Image)> {
         let error = MetricError::Sizes { a_width, a_height, b_width, b_height };
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }
-    let (a, b) = (Image::load(&pair.a)?, Image::load(&pair.b)?);
-    let eight_bits = [&pair.a, &pair.b].iter().any(|p| Format::of(p) == Some(Format::Png));
-    Ok(if eight_bits { (a.clamped(), b.clamped()) } else { (a, b) })
+    let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
+    // A level stands for the float nearest to it, in the precision of the other picture.
+    Ok(match (a_depth, b_depth) {
+        (Depth::Levels(greatest), Depth::Double) => (a.levels(greatest).clamped(), b.clamped()),
+        (Depth::Double, Depth::Levels(greatest)) => (a.clamped(), b.levels(greatest).clamped()),
+        (Depth::Levels(_), _) | (_, Depth::Levels(_)) => (a.clamped(), b.clamped()),
+        _ => (a, b),
+    })
 }
 
 fn decibels(c: &Comparison) -> String {
@@ -263,31 +287,47 @@ fn similarity(c: &Comparison) -> String {
     c.ssim.map_or("-".into(), |v| format!("{v:.6}"))
 }
 
-fn sentence(c: &Comparison) -> String {
-    let worst = &c.worst;
+fn sentence(found: &Found) -> String {
+    let (c, worst) = (&found.all, &found.all.worst);
     format!(
-        "PSNR {} dB, SSIM {}, worst pixel {:.6} at ({}, {}){}",
+        "PSNR {} dB, SSIM {}, FLIP {:.6} ({:.6} in 8 bits), worst pixel {} at ({}, {}){}",
         decibels(c),
         similarity(c),
-        worst.difference,
+        found.flip,
+        found.flip_8_bits,
+        digits(worst.difference),
         worst.x,
         worst.y,
         if c.identical { ": identical" } else { "" }
     )
 }
 
-fn table(pairs: &[Pair], found: &[Comparison], worst: usize) -> String {
+/// Formats a difference: six digits behind the point, or as many as show that it is not 0.
+fn digits(difference: f64) -> String {
+    if difference > 0.0 && difference < 1e-6 {
+        format!("{difference:.1e}")
+    } else {
+        format!("{difference:.6}")
+    }
+}
+
+fn table(pairs: &[Pair], found: &[Found], worst: usize) -> String {
     let width =
         pairs.iter().map(|p| one_line(&p.name).chars().count()).max().unwrap_or(0).max("picture".len());
-    let mut text =
-        format!("{:width$} {:>10} {:>10} {:>12}  at\n", "picture", "PSNR dB", "SSIM", "worst pixel");
-    for (pair, c) in pairs.iter().zip(found) {
+    let mut text = format!(
+        "{:width$} {:>10} {:>10} {:>10} {:>11} {:>12}  at\n",
+        "picture", "PSNR dB", "SSIM", "FLIP", "FLIP 8 bits", "worst pixel"
+    );
+    for (pair, found) in pairs.iter().zip(found) {
+        let c = &found.all;
         text += &format!(
-            "{:width$} {:>10} {:>10} {:>12.6}  ({}, {})\n",
+            "{:width$} {:>10} {:>10} {:>10.6} {:>11.6} {:>12}  ({}, {})\n",
             one_line(&pair.name),
             decibels(c),
             similarity(c),
-            c.worst.difference,
+            found.flip,
+            found.flip_8_bits,
+            digits(c.worst.difference),
             c.worst.x,
             c.worst.y
         );
@@ -296,11 +336,15 @@ fn table(pairs: &[Pair], found: &[Comparison], worst: usize) -> String {
 }
 
 /// Serialises an infinite PSNR as `null`.
-fn report(pairs: &[Pair], found: &[Comparison], worst: usize, folders: bool) -> Value {
-    let entry = |pair: &Pair, c: &Comparison| {
+fn report(pairs: &[Pair], found: &[Found], worst: usize, folders: bool) -> Value {
+    let entry = |pair: &Pair, found: &Found| {
         let mut entry = json!({ "name": pair.name, "a": pair.a, "b": pair.b });
-        if let (Value::Object(entry), Ok(Value::Object(metrics))) = (&mut entry, serde_json::to_value(c)) {
+        if let (Value::Object(entry), Ok(Value::Object(metrics))) =
+            (&mut entry, serde_json::to_value(found.all))
+        {
             entry.extend(metrics);
+            entry.insert("flip".into(), found.flip.into());
+            entry.insert("flip_8_bits".into(), found.flip_8_bits.into());
         }
         entry
     };
@@ -352,6 +396,36 @@ mod tests {
         // 0.6 in 8 bits is 153 / 255; a difference of a tenth is 20 dB.
         assert_eq!(compared(&a, &b, &["--min-psnr", "19.9"]).unwrap(), Outcome::Done);
         assert_eq!(compared(&a, &b, &["--min-psnr", "20.1"]).unwrap(), Outcome::Failed);
+    }
+
+    #[test]
+    fn float64_arrays_keep_their_digits_and_8_bits_are_the_nearest_float_of_either_kind() {
+        let root = tempfile::tempdir().unwrap();
+        let path = |name: &str| root.path().join(name);
+        let said = |a: &str, b: &str, options: &[&str]| {
+            let (a, b) = (path(a), path(b));
+            let line = [&["compare", a.to_str().unwrap(), b.to_str().unwrap()], options].concat();
+            compare(&Line::parse_from(line).args).unwrap().0
+        };
+        let double = |name: &str, value: f64| {
+            crate::image::save_words(&path(name), &[12, 12, 3], &[value; 3 * 144]).unwrap();
+        };
+        double("a.npy", 0.2);
+        double("b.npy", 0.2 + 1e-9);
+        let text = said("a.npy", "b.npy", &[]);
+        assert!(text.starts_with("PSNR 180.00 dB") && text.contains("worst pixel 1.0e-9 at"), "{text}");
+        assert!(!text.contains("identical"), "{text}");
+        let json: Value = serde_json::from_str(&said("a.npy", "b.npy", &["--json"])).unwrap();
+        assert!(json["identical"] == false && json["flip"].as_f64() > Some(0.0), "{json}");
+        assert_eq!(json["flip_8_bits"], 0.0, "{json}");
+        // 51 / 255 is 0.2, whichever float stores it.
+        grey(0.2).save(&path("single.npy")).unwrap();
+        grey(0.2).save(&path("levels.png")).unwrap();
+        for name in ["a.npy", "single.npy"] {
+            assert!(said("levels.png", name, &[]).ends_with(": identical"), "{name}");
+            assert!(said(name, "levels.png", &[]).ends_with(": identical"), "{name}");
+        }
+        assert!(!said("a.npy", "single.npy", &[]).contains("identical"));
     }
 
     #[test]

@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let own_size = cameras.first().map_or(facts::DEFAULT_SIZE, |c| (c.width, c.height));
     let size = args.drawing.size.unwrap_or(own_size);
-    let needs = keys::needs(&Seen::new(&scene, &cameras).views(), 0);
+    let needs = keys::needs(&Seen::shown(&scene, &cameras).views(), 0);
     let key_bits = keys::of_scene(&scene.bounds());
     let bands = harmonics::bands(&scene);
     let worksheet = format!(

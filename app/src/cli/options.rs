@@ -10,6 +10,7 @@ use crate::fit::Target;
 use crate::output::{self, Claims, say};
 use crate::progress::Progress;
 use crate::session::Session;
+use crate::trade::plans;
 use crate::trade::settings::{self, Setting};
 use crate::turns::{Effort, suitable_frames};
 use anyhow::{Context, Result};
@@ -359,8 +360,8 @@ impl Drawing {
 /// Numbers of frames of a measurement.
 #[derive(Debug, clap::Args)]
 pub struct EffortArgs {
-    /// Rounds of frames, whose medians show the spread
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    /// Rounds of frames, at most: fewer where a share of time is known well enough, or after 8 seconds; below 8, no difference in time is told from noise
+    #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     /// Frames in a round, in turns with as many to compare with [default: by the time of one, 1 to 30]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
@@ -411,6 +412,30 @@ pub fn claim_cameras(claims: &mut Claims, cameras: &str) -> Result<(), Usage> {
 pub fn with_effect(all: Vec<Setting>, exact: &Session<Backend>) -> Result<Vec<Setting>> {
     let plan = exact.plan().context("no plan of the exact settings")?;
     let (settings, lines) = settings::with_effect(all, plan);
+    lines.iter().for_each(say);
+    Ok(settings)
+}
+
+/// Builds the plans of settings in the pictures of all cameras, and leaves out settings whose plans are equal to those of an earlier one.
+///
+/// Returns each with the hash of its plans; `None` if one cannot be built.
+pub fn with_plans(
+    all: Vec<Setting>,
+    session: &mut Session<Backend>,
+    cameras: &[Camera],
+) -> Result<Vec<(Setting, Option<u64>)>> {
+    let mut sizes: Vec<(u32, u32)> = cameras.iter().map(|camera| (camera.width, camera.height)).collect();
+    sizes.sort_unstable();
+    sizes.dedup();
+    let mut progress = Progress::new("building plans");
+    let (mut planned, of) = (Vec::new(), all.len() as u64);
+    for (at, setting) in all.into_iter().enumerate() {
+        progress.set(at as u64, of, &setting.name);
+        let plan = plans::of_setting(session, &setting, &sizes)?;
+        planned.push((setting, plan));
+    }
+    drop(progress);
+    let (settings, lines) = plans::distinct(planned);
     lines.iter().for_each(say);
     Ok(settings)
 }

@@ -12,6 +12,7 @@ use crate::progress::Progress;
 use crate::session::{FrameOptions, Session, image_of};
 use crate::stats::CameraStats;
 use crate::truth::{self, Map, Truth};
+use crate::turns;
 use anyhow::{Context, Result, bail};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect};
 use splatgraph_assets::Camera;
@@ -19,11 +20,14 @@ use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 mod destination;
 mod exact;
+mod kept;
 
 use destination::{Destination, per_camera, stem};
+use kept::Kept;
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph render -o demo.png                                          # the demo scene
@@ -76,7 +80,7 @@ pub struct Args {
     /// Write statistics as JSON, one entry per camera; `-` is standard output
     #[arg(long, value_name = "STATS.json")]
     json: Option<PathBuf>,
-    /// Number of frames per camera; times are medians over them
+    /// Number of frames per camera; times are medians over them, after a warm-up of a fifth of a second where there are several
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
     repeat: u32,
     /// Read a resource back after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
@@ -400,30 +404,31 @@ fn draw(
         .map(|inspect_request| resolve(&plan, inspect_request))
         .collect::<Result<_, _>>()?;
 
-    let mut results: Vec<FrameResult> = Vec::new();
+    let mut kept = Kept::default();
     let mut findings: Vec<Option<Finding>> = vec![None; targets.len()];
-    let mut flying: VecDeque<(_, Vec<usize>)> = VecDeque::new();
+    let mut flying: VecDeque<(_, Vec<usize>, bool)> = VecDeque::new();
     let mut growths = session.growths();
-    let mut land = |session: &mut Session<Backend>, (id, asked): (_, Vec<usize>)| -> Result<()> {
+    let mut land = |session: &mut Session<Backend>, (id, asked, counts): (_, Vec<usize>, _)| -> Result<()> {
         let result = session.wait(id)?;
         let plan = session.plan().context("no plan after a frame")?;
         // The passes of a plan with less room may be others, and their times mean another plan.
         if std::mem::replace(&mut growths, session.growths()) != session.growths() {
-            results.clear();
+            kept = Kept::default();
         }
         for (bytes, &index) in result.inspected.iter().zip(&asked) {
             let target = resolve(plan, &args.inspect[index])?;
             findings[index] = Some(Finding::new(plan, &target, bytes, visible(&result)));
         }
-        // Counts are those of the last frame.
-        if let Some(former) = results.last_mut() {
-            former.stats = Vec::new();
-        }
-        results.push(result);
+        kept.add(result, plan, counts);
         Ok(())
     };
-    for frame in 0..args.repeat {
-        let (first, last) = (frame == 0, frame + 1 == args.repeat);
+    // A device that has rested draws at a lower clock: of several frames, those of a warm-up do not count.
+    let begun = Instant::now();
+    let mut warm = args.repeat == 1;
+    let (mut counted, mut first) = (0, true);
+    while counted < args.repeat {
+        counted += u32::from(warm);
+        let last = counted == args.repeat;
         // The results of the prologue can only be read in the frame that runs it.
         let due = |target: &Inspect| if inspect::in_prologue(&plan, target) { first && loaded } else { last };
         let asked: Vec<usize> = (0..targets.len()).filter(|&i| due(&targets[i])).collect();
@@ -433,19 +438,21 @@ fn draw(
             inspect: asked.iter().map(|&i| targets[i]).collect(),
             untimed_passes: false,
         };
+        first = false;
         if flying.len() == FRAMES_IN_FLIGHT
             && let Some(oldest) = flying.pop_front()
         {
             land(session, oldest)?;
         }
-        flying.push_back((session.submit(camera, &request)?, asked));
+        flying.push_back((session.submit(camera, &request)?, asked, warm));
+        warm |= begun.elapsed() >= turns::WARM_UP;
     }
     for frame in flying {
         land(session, frame)?;
     }
 
     let plan = session.plan().context("no plan after the frames")?.clone();
-    let image = match results.last_mut().and_then(|result| result.output.take()) {
+    let image = match kept.output() {
         Some(pixels) => Some(image_of(&pixels).with_context(|| not_colours(&plan))?),
         None if wanted => bail!("the device returned no picture"),
         None => None,
@@ -454,7 +461,7 @@ fn draw(
     let memory = session.device().memory();
     let info = session.device().info();
     let size = (camera.width, camera.height);
-    let mut stats = CameraStats::new((&camera.img_name, size), &plan, info, scene_count, &results, memory);
+    let mut stats = kept.stats((&camera.img_name, size), &plan, info, scene_count, memory);
     let found = findings
         .into_iter()
         .enumerate()

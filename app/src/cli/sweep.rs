@@ -92,9 +92,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let view = View::exact(whole.scene(), camera);
         whole.prepare((camera.width, camera.height), &mut |_| {})?;
         progress.suspend(|| whole.tell_settings_without_effect());
-        let effort = args.effort.choose(&mut whole, camera, 1)?;
+        let effort = args.effort.choose(&mut whole, camera, 4)?;
         let (pipeline, set) = (args.drawing.pipeline.as_str(), args.drawing.set.as_slice());
-        let mut sweep = Sweep { whole: &mut whole, pipeline, set, nearest: nearest.as_deref() };
+        let mut sweep = Sweep { whole: &mut whole, pipeline, set, ms: None, nearest: nearest.as_deref() };
         let refused = |why: String| anyhow!("{}: {why}", one_line(&camera.img_name));
         let mut keep = |step: Step, picture| {
             done += 1;
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let closer = approach::cameras(whole.scene(), first);
     whole.prepare((first.width, first.height), &mut |_| {})?;
-    let effort = args.effort.choose(&mut whole, first, 1)?;
+    let effort = args.effort.choose(&mut whole, first, 4)?;
     let closer = approach::measure(&mut whole, &closer, stops, effort, &mut |at| {
         progress.set(done + at as u64, of, "a camera comes closer");
     })?;

@@ -9,15 +9,17 @@ use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::{self, one_line, say};
 use crate::progress::Progress;
 use crate::session::Session;
-use crate::trade::ledger::{Book, Origin, csv, table};
-use crate::trade::measure::{View, measure};
+use crate::trade::ledger::{Book, Origin};
+use crate::trade::measure::{Baseline, View, measure};
 use crate::trade::page::{page, plot};
 use crate::trade::settings::{self, Setting};
+use crate::trade::table::{csv, notes, table};
 use anyhow::{Context, Result, bail};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Measure what each setting saves, and what it costs in accuracy
@@ -25,12 +27,19 @@ use std::path::{Path, PathBuf};
 /// Draws the scene with every parameter at its exact value, then with one parameter away from it at a time, with the graph's
 /// defaults, and with every preset. Each picture is held against the truth: that of the exact renderer (`render --backend
 /// reference`), or the pictures of a folder. Frames are drawn in turns with those of the exact settings, so that a change of
-/// the device's clock concerns both. A parameter that has no effect in the plan of the exact settings is not measured.
+/// the device's clock concerns both. A parameter that has no effect in the plan of the exact settings is not measured, nor is a
+/// setting whose plan is that of another.
 ///
-/// The columns: the time of a frame on the GPU, its spread over the rounds, and its share of the exact settings' time; PSNR over
+/// The columns: the share of the exact settings' time, ± half of what it can be with 99 % confidence, and the milliseconds on
+/// the GPU that it makes of one time of the exact settings, with the spread over the rounds; PSNR over
 /// all pixels and over those that a splat covers; the least SSIM; the mean of NVIDIA's FLIP (0 is equal); the largest
 /// difference of a channel; the share of pixels that are off by more than 1/255; pairs of visible splats in the wrong
-/// order; memory on the device. A `*` marks the settings that no other beats in both time and PSNR: the Pareto front.
+/// order; memory on the device. A `*` marks the Pareto front: what is at least as accurate takes 2 % longer or more, beyond the
+/// noise, which is at least that of the exact settings against themselves. A `?` marks what may be on it: too noisy to tell. A
+/// graph that draws from the frame before is not judged, as still views hide what that costs.
+///
+/// A run that was interrupted goes on. Rows are kept only as long as all that their numbers depend on is the same: the program, the
+/// scene, the cameras, the truth's pictures, the plans, the device.
 ///
 /// Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
 #[derive(Debug, clap::Args)]
@@ -90,39 +99,41 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut exact = session.beside(&first.pipeline, &first.set)?;
     // The files of the graph and its shaders are known once they are built.
     exact.prepare((camera.width, camera.height), &mut |_| {})?;
-    let settings = options::with_effect(settings, &exact)?;
-    let origin = origin(args, &mut exact, &cameras);
-    let mut book = Book::open(args.output.join(LEDGER), origin);
+    let wanted = options::with_effect(settings, &exact)?.into_iter().filter(|setting| only(args, setting));
+    let settings = options::with_plans(wanted.collect(), &mut exact, &cameras)?;
+    let plans: Vec<_> = settings.iter().map(|(setting, plan)| (setting.name.as_str(), *plan)).collect();
+    let origin = origin(args, &mut exact, (&cameras, truths.as_deref()), plans[0].1)?;
+    let (mut book, lost) = Book::open(args.output.join(LEDGER), origin, &plans);
+    lost.iter().for_each(say);
     if !book.ledger.rows.is_empty() {
         say(format!("{}: {} rows of an earlier run are kept", book.path().display(), book.ledger.rows.len()));
     }
 
     let mut progress = Progress::new("measuring");
     let of = (settings.len() * cameras.len()) as u64;
-    let wanted = |setting: &Setting| only(args, setting);
     for (index, camera) in cameras.iter().enumerate() {
-        let missing =
-            |book: &Book, setting: &Setting| wanted(setting) && !book.has(&setting.name, &camera.img_name);
-        if !settings.iter().any(|setting| missing(&book, setting)) {
+        if settings.iter().all(|(setting, _)| book.has(&setting.name, &camera.img_name)) {
             continue;
         }
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
-        let effort = args.effort.choose(&mut exact, camera, 1)?;
+        let effort = args.effort.choose(&mut exact, camera, 4)?;
         let view = view(session.scene(), camera, truths.as_ref().map(|truths| &truths[index]));
-        for (at, setting) in settings.iter().enumerate().filter(|(_, setting)| wanted(setting)) {
+        for (at, (setting, plan)) in settings.iter().enumerate() {
             if book.has(&setting.name, &camera.img_name) {
                 continue;
             }
             let done = (index * settings.len() + at) as u64;
             progress.set(done, of, &format!("{}, {}", one_line(&camera.img_name), setting.name));
-            book.add(measure(&mut session, &mut exact, setting, &view, effort)?)?;
+            let baseline = Baseline { session: &mut exact, ms: book.exact_ms(&camera.img_name) };
+            book.add(measure(&mut session, baseline, (setting, *plan), &view, effort)?)?;
         }
     }
     drop(progress);
 
-    book.ledger.rows.retain(|row| settings.iter().any(|s| s.name == row.setting && wanted(s)));
+    book.ledger.rows.retain(|row| settings.iter().any(|(setting, _)| setting.name == row.setting));
     let (lines, failed) = book.ledger.lines();
-    options::write_text(None, &table(&lines))?;
+    let notes: String = notes(&lines).iter().map(|note| format!("{note}\n")).collect();
+    options::write_text(None, &format!("{}{notes}", table(&lines)))?;
     for (setting, why) in &failed {
         say(format!("{setting}: {why}"));
     }
@@ -173,27 +184,60 @@ fn chosen(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Re
     Ok(all)
 }
 
-fn origin(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Origin {
+/// Describes all that the rows depend on; `exact` is the hash of the exact settings' plans.
+fn origin(
+    args: &Args,
+    session: &mut Session<Backend>,
+    (cameras, truths): (&[Camera], Option<&[Image]>),
+    exact: Option<u64>,
+) -> Result<Origin> {
     let info = session.device().info();
     let device = format!("{} ({})", info.name, info.driver);
-    let mut content = DefaultHasher::new();
-    session.scene().identity().hash(&mut content);
-    for file in session.files() {
-        fs::read(&file.path).ok().hash(&mut content);
-    }
+    let opened = format!(
+        "{:?}, bounds {:?}, validation {}, robustness {}",
+        info.facts, info.robustness, args.device.validate, !args.device.no_robustness
+    );
     let (rounds, frames) = args.effort.given();
-    Origin {
+    Ok(Origin {
         version: env!("CARGO_PKG_VERSION").into(),
+        program: program().context("the program's own file cannot be read")?,
         scene: args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string()),
         splats: session.scene().count(),
-        content: format!("{:016x}", content.finish()),
-        cameras: serde_json::to_value(cameras).unwrap_or_default(),
+        content: format!("{:016x}", session.scene().identity()),
+        cameras: serde_json::to_value(cameras)?,
         pipeline: args.pipeline.clone(),
+        exact: exact.map_or_else(String::new, |plan| format!("{plan:016x}")),
         truth: args.truth.as_ref().map_or_else(|| "reference".into(), |path| path.display().to_string()),
+        truth_content: truths.map_or_else(String::new, content),
         device,
+        opened,
         rounds,
         frames,
+    })
+}
+
+/// Hashes the program's file.
+fn program() -> std::io::Result<String> {
+    // On Linux, the link leads to the program that runs, also when its file was replaced.
+    let link = fs::File::open("/proc/self/exe");
+    let mut file = link.or_else(|_| fs::File::open(std::env::current_exe()?))?;
+    let (mut hash, mut bytes) = (DefaultHasher::new(), vec![0; 1 << 20]);
+    loop {
+        match file.read(&mut bytes)? {
+            0 => return Ok(format!("{:016x}", hash.finish())),
+            count => hash.write(&bytes[..count]),
+        }
     }
+}
+
+/// Hashes the pixels of pictures, bit by bit.
+fn content(pictures: &[Image]) -> String {
+    let mut hash = DefaultHasher::new();
+    for picture in pictures {
+        (picture.width, picture.height).hash(&mut hash);
+        picture.rgb.as_flattened().iter().for_each(|value| value.to_bits().hash(&mut hash));
+    }
+    format!("{:016x}", hash.finish())
 }
 
 /// Loads the true picture of every camera.

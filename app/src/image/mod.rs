@@ -26,13 +26,40 @@ const MAX_PIXELS: u64 = 1 << 28;
 
 /// A picture: rows from the top, pixels from the left, display-encoded RGB, not clamped.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Image {
+pub struct Image<C = f32> {
     /// Width, in pixels.
     pub width: usize,
     /// Height, in pixels.
     pub height: usize,
     /// `width * height` pixels; 0 is black and 1 is white.
-    pub rgb: Vec<[f32; 3]>,
+    pub rgb: Vec<[C; 3]>,
+}
+
+/// The precision of the values in a picture's file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    /// Integers from 0 to this level, which is white.
+    Levels(u16),
+    /// float32.
+    Single,
+    /// float64.
+    Double,
+}
+
+impl Image<f64> {
+    /// Clamps every channel to 0..1, as a screen or an 8-bit file does.
+    pub fn clamped(mut self) -> Image<f64> {
+        self.rgb.as_flattened_mut().iter_mut().for_each(|value| *value = value.clamp(0.0, 1.0));
+        self
+    }
+
+    /// Replaces the float32 nearest to a level of `greatest` by the float64 nearest to it.
+    pub fn levels(mut self, greatest: u16) -> Image<f64> {
+        let greatest = f64::from(greatest);
+        let level = |value: &mut f64| *value = (*value * greatest).round() / greatest;
+        self.rgb.as_flattened_mut().iter_mut().for_each(level);
+        self
+    }
 }
 
 impl Image {
@@ -78,14 +105,38 @@ impl Image {
     /// Loads `.png`, `.exr`, `.npy`, or `archive.npz#array`.
     pub fn load(path: &Path) -> Result<Image, ImageError> {
         if let Some((archive, array)) = split_member(path) {
+            return npy::load_member(&archive, &array).map(|(image, _)| image);
+        }
+        match Format::of(path) {
+            Some(Format::Png) => png::load(path).map(|(image, _)| image),
+            Some(Format::Exr) => exr::load(path),
+            Some(Format::Npy) => npy::load(path).map(|(image, _)| image),
+            None => Err(no_picture(path)),
+        }
+    }
+
+    /// Loads what [`Image::load`] does and keeps every digit of float64 arrays. Also returns the file's precision.
+    ///
+    /// # Errors
+    /// Those of [`Image::load`].
+    pub fn load_wide(path: &Path) -> Result<(Image<f64>, Depth), ImageError> {
+        if let Some((archive, array)) = split_member(path) {
             return npy::load_member(&archive, &array);
         }
         match Format::of(path) {
-            Some(Format::Png) => png::load(path),
-            Some(Format::Exr) => exr::load(path),
             Some(Format::Npy) => npy::load(path),
-            None => Err(no_picture(path)),
+            Some(Format::Png) => {
+                let (image, greatest) = png::load(path)?;
+                Ok((image.wide(), Depth::Levels(greatest)))
+            }
+            _ => Ok((Image::load(path)?.wide(), Depth::Single)),
         }
+    }
+
+    /// Converts every channel to f64.
+    pub fn wide(&self) -> Image<f64> {
+        let rgb = self.rgb.iter().map(|pixel| pixel.map(f64::from)).collect();
+        Image { width: self.width, height: self.height, rgb }
     }
 
     /// Saves a picture in the format of the path's extension, and creates its folder.
@@ -238,11 +289,11 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-/// Bytes of memory per pixel that reading a picture takes at most: its values as f32, and as a file may hold them.
-const BYTES_PER_PIXEL: u64 = 12 + 8;
+/// Bytes of memory per pixel that reading a picture takes at most: its values as f64, and as f32 or as a file may hold them.
+const BYTES_PER_PIXEL: u64 = 24 + 12;
 
 /// Allocates room for the pixels of a picture.
-fn room(path: &Path, pixels: usize) -> Result<Vec<[f32; 3]>, ImageError> {
+fn room<C>(path: &Path, pixels: usize) -> Result<Vec<[C; 3]>, ImageError> {
     let mut rgb = Vec::new();
     rgb.try_reserve_exact(pixels).map_err(|e| ImageError::because(path, e))?;
     Ok(rgb)

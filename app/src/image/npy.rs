@@ -1,9 +1,9 @@
 //! Reads and writes NumPy's `.npy` arrays, and reads `.npz` archives of them.
 //!
-//! Arrays are written as float32, little-endian, shape `[height, width, 3]`. They are read as any float type, or as bytes
+//! Arrays are written as float32, little-endian, shape `[height, width, 3]`. They are read as float32, float64, or bytes
 //! of 0 to 255, with 3 channels, or 4 of which the last is ignored.
 
-use super::{Image, ImageError, check_size, has_extension, open, room};
+use super::{Depth, Image, ImageError, check_size, has_extension, open, room};
 use crate::output::{self, file::Cause};
 use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;
@@ -72,7 +72,7 @@ fn header<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
     NpyFile::new(io::Cursor::new(start).chain(reader))
 }
 
-pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
+pub(super) fn load<C: Value>(path: &Path) -> Result<(Image<C>, Depth), ImageError> {
     read(path, header(open(path)?).map_err(|e| ImageError::because(path, e))?)
 }
 
@@ -80,7 +80,7 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     shape(path, &header(open(path)?).map_err(|e| ImageError::because(path, e))?).map(|(size, _)| size)
 }
 
-pub(super) fn load_member(archive: &Path, array: &str) -> Result<Image, ImageError> {
+pub(super) fn load_member<C: Value>(archive: &Path, array: &str) -> Result<(Image<C>, Depth), ImageError> {
     let mut npz = open_npz(archive)?;
     let member = member(archive, &mut npz, array)?;
     read(archive, header(member).map_err(|e| ImageError::because(archive, e))?)
@@ -135,7 +135,33 @@ fn shape<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<((usize, usize), usiz
     Ok((check_size(path, width, height)?, channels as usize))
 }
 
-fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
+/// A channel that the values of arrays are read as.
+pub(super) trait Value: Copy + Default {
+    fn of_double(value: f64) -> Self;
+    fn of_single(value: f32) -> Self;
+}
+
+impl Value for f32 {
+    fn of_double(value: f64) -> f32 {
+        value as f32
+    }
+
+    fn of_single(value: f32) -> f32 {
+        value
+    }
+}
+
+impl Value for f64 {
+    fn of_double(value: f64) -> f64 {
+        value
+    }
+
+    fn of_single(value: f32) -> f64 {
+        value.into()
+    }
+}
+
+fn read<C: Value, R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<C>, Depth), ImageError> {
     let ((width, height), channels) = shape(path, &npy)?;
     let kind = match npy.dtype() {
         npyz::DType::Plain(kind) => (kind.type_char(), kind.size_field()),
@@ -148,9 +174,12 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
     };
     let size = (width, height, channels);
     match kind {
-        (TypeChar::Float, 4) => pixels(path, npy, size, |v: f32| v),
-        (TypeChar::Float, 8) => pixels(path, npy, size, |v: f64| v as f32),
-        (TypeChar::Uint, 1) => pixels(path, npy, size, |v: u8| f32::from(v) / 255.0),
+        (TypeChar::Float, 4) => Ok((pixels(path, npy, size, C::of_single)?, Depth::Single)),
+        (TypeChar::Float, 8) => Ok((pixels(path, npy, size, C::of_double)?, Depth::Double)),
+        (TypeChar::Uint, 1) => {
+            let level = |v: u8| C::of_single(f32::from(v) / 255.0);
+            Ok((pixels(path, npy, size, level)?, Depth::Levels(u8::MAX.into())))
+        }
         _ => Err(ImageError::new(
             path,
             format!("expected values of type float32, float64 or uint8, found {}", npy.dtype().descr()),
@@ -159,17 +188,17 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<Image, ImageError> {
 }
 
 /// Reads the values of an array, one by one.
-fn pixels<R: Read, T: npyz::Deserialize>(
+fn pixels<R: Read, T: npyz::Deserialize, C: Value>(
     path: &Path,
     npy: NpyFile<R>,
     (width, height, channels): (usize, usize, usize),
-    convert: impl Fn(T) -> f32,
-) -> Result<Image, ImageError> {
+    convert: impl Fn(T) -> C,
+) -> Result<Image<C>, ImageError> {
     let mut values = npy.data::<T>().map_err(|e| ImageError::because(path, e))?;
     let mut rgb = room(path, width * height)?;
     let missing = || ImageError::new(path, "the file ends before its last pixel");
     for _ in 0..width * height {
-        let mut pixel = [0.0; 4];
+        let mut pixel = [C::default(); 4];
         for value in &mut pixel[..channels] {
             let read = values.next().ok_or_else(missing)?;
             *value = convert(read.map_err(|e| ImageError::because(path, e))?);
@@ -182,6 +211,14 @@ fn pixels<R: Read, T: npyz::Deserialize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn load(path: &Path) -> Result<Image, ImageError> {
+        super::load(path).map(|(image, _)| image)
+    }
+
+    fn load_member(archive: &Path, array: &str) -> Result<Image, ImageError> {
+        super::load_member(archive, array).map(|(image, _)| image)
+    }
 
     #[test]
     fn arrays_of_other_shapes_and_types_are_errors_that_say_what_they_are() {

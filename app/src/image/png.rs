@@ -39,8 +39,8 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     header(path).map(|(_, size)| size)
 }
 
-/// Loads a file and ignores its alpha: pictures here are opaque.
-pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
+/// Loads a file, with its greatest level, and ignores its alpha: pictures here are opaque.
+pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
     let fail = |e: png::DecodingError| ImageError::because(path, e);
     let (decoder, (width, height)) = header(path)?;
     let mut reader = decoder.read_info().map_err(fail)?;
@@ -64,22 +64,24 @@ pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
     // Grey is that of its one channel three times.
     let [r, g, b] = if channels < 3 { [0; 3] } else { [0, 1, 2] };
     let mut rgb = room(path, width * height)?;
-    match frame.bit_depth {
+    let greatest = match frame.bit_depth {
         png::BitDepth::Sixteen => {
             let value = |b: &[u8]| f32::from(u16::from_be_bytes([b[0], b[1]])) / f32::from(u16::MAX);
             let pixels = bytes.chunks_exact(2 * channels);
             rgb.extend(pixels.map(|p| [r, g, b].map(|c| value(&p[2 * c..]))));
+            u16::MAX
         }
         _ => {
             let pixels = bytes.chunks_exact(channels);
             rgb.extend(pixels.map(|p| [r, g, b].map(|c| f32::from(p[c]) / 255.0)));
+            u8::MAX.into()
         }
-    }
+    };
     if rgb.len() != width * height {
         let text = format!("expected {} pixels, found {}", width * height, rgb.len());
         return Err(ImageError::new(path, text));
     }
-    Ok(Image { width, height, rgb })
+    Ok((Image { width, height, rgb }, greatest))
 }
 
 #[cfg(test)]
@@ -105,14 +107,14 @@ mod tests {
         let colour = [[0.0, 0.2, 1.0], [1.0, 0.2, 0.0]];
 
         write(&path, Grayscale, One, &[0b0100_0000], None);
-        assert_eq!(load(&path).unwrap().rgb, grey);
+        assert_eq!(load(&path).unwrap().0.rgb, grey);
         write(&path, GrayscaleAlpha, Eight, &[0, 9, 255, 9], None);
-        assert_eq!(load(&path).unwrap().rgb, grey);
+        assert_eq!(load(&path).unwrap().0.rgb, grey);
         write(&path, Rgba, Eight, &[0, 51, 255, 9, 255, 51, 0, 9], None);
-        assert_eq!(load(&path).unwrap().rgb, colour);
+        assert_eq!(load(&path).unwrap().0.rgb, colour);
         write(&path, Rgb, Sixteen, &[0, 0, 51, 51, 255, 255, 255, 255, 51, 51, 0, 0], None);
-        assert_eq!(load(&path).unwrap().rgb, colour);
+        assert_eq!(load(&path).unwrap().0.rgb, colour);
         write(&path, Indexed, Eight, &[1, 0], Some(&[255, 51, 0, 0, 51, 255]));
-        assert_eq!(load(&path).unwrap().rgb, colour);
+        assert_eq!(load(&path).unwrap().0.rgb, colour);
     }
 }

@@ -31,6 +31,8 @@ pub struct Variant {
 pub struct Step {
     /// The camera that the step ends at.
     pub camera: String,
+    /// Degrees by which the camera turns in the step.
+    pub degrees: f64,
     /// The change of the error.
     #[serde(flatten)]
     pub score: Score,
@@ -175,6 +177,7 @@ pub fn measure<D: Device>(
             let truths = (&path.orders[at - 1], &path.orders[at]);
             steps.push(Step {
                 camera: camera.img_name.clone(),
+                degrees: orbit::turn_between(&path.cameras[at - 1], camera),
                 score,
                 order_changes: orders.and_then(|(before, after)| shot::order_changes(before, after)),
                 true_order_changes: orders.and_then(|(before, after)| {

@@ -11,8 +11,12 @@ use serde::Serialize;
 pub struct Summary {
     /// The variant's name.
     pub name: String,
+    /// Mean degrees by which the camera turns in a step: pops of other steps are other numbers.
+    pub step_degrees: f64,
     /// Mean pop of the steps.
     pub pop: f64,
+    /// Pop of all steps by the degrees of all; `None` for a camera that does not turn.
+    pub pop_per_degree: Option<f64>,
     /// Mean excess of the steps.
     pub excess: f64,
     /// The largest pop of a step, and the camera that the step ends at.
@@ -37,9 +41,12 @@ pub fn summary(track: &Track) -> Summary {
     let changes = |of: &dyn Fn(usize) -> Option<u64>| {
         (0..steps.len()).map(of).sum::<Option<u64>>().map(|sum| sum as f64 / count)
     };
+    let (pop, step_degrees) = (mean(&|at| steps[at].score.pop), mean(&|at| steps[at].degrees));
     Summary {
         name: track.variant.name.clone(),
-        pop: mean(&|at| steps[at].score.pop),
+        step_degrees,
+        pop,
+        pop_per_degree: (step_degrees > 0.0).then(|| pop / step_degrees),
         excess: mean(&|at| steps[at].score.excess),
         worst_step: step.map_or(0.0, |step| step.score.pop),
         worst_camera: step.map_or_else(String::new, |step| step.camera.clone()),
@@ -53,12 +60,23 @@ pub fn summary(track: &Track) -> Summary {
     }
 }
 
+/// Says what the numbers are of, and what they are not: lines below a table.
+pub const NOTES: &str = "\
+pop: of steps of this many degrees. At another step, kinds of error may change places: one that drifts falls with the step, one that jumps \
+falls less.
+per °: the same for each degree that the camera turns. Compare it at one step.
+0 by definition: the published order, in which the exact renderer draws, too. It sorts by depth, and pops where two splats change places; \
+that is in no number here.
+";
+
 /// Formats summaries as a table for a terminal.
 pub fn table(summaries: &[Summary]) -> String {
     let optional = |value: Option<f64>| value.map_or("-".into(), |v| format!("{v:.0}"));
     let header = [
         "variant",
+        "step",
         "pop",
+        "per °",
         "excess",
         "worst step",
         "at",
@@ -71,7 +89,9 @@ pub fn table(summaries: &[Summary]) -> String {
     rows.extend(summaries.iter().map(|found| {
         vec![
             found.name.clone(),
+            format!("{}°", shown_degrees(found.step_degrees)),
             format!("{:.3e}", found.pop),
+            found.pop_per_degree.map_or("-".into(), |pop| format!("{pop:.3e}")),
             format!("{:.3e}", found.excess),
             format!("{:.3e}", found.worst_step),
             found.worst_camera.clone(),
@@ -84,10 +104,15 @@ pub fn table(summaries: &[Summary]) -> String {
     text::table(&rows)
 }
 
+/// Formats degrees with at most four digits behind the point, and no zeros at the end.
+fn shown_degrees(degrees: f64) -> String {
+    format!("{degrees:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
 /// Writes every step of every variant as CSV (RFC 4180), with all digits; a value that there is none of is empty.
 pub fn csv(tracks: &[Track]) -> String {
     let mut csv = String::from(
-        "variant,step,camera,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes\n",
+        "variant,step,camera,degrees,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes\n",
     );
     let optional = |value: Option<u64>| value.map_or(String::new(), |v| v.to_string());
     for track in tracks {
@@ -96,6 +121,7 @@ pub fn csv(tracks: &[Track]) -> String {
                 text::quoted(&track.variant.name),
                 (at + 1).to_string(),
                 text::quoted(&step.camera),
+                step.degrees.to_string(),
                 step.score.pop.to_string(),
                 step.score.excess.to_string(),
                 step.score.worst.difference.to_string(),
@@ -125,8 +151,10 @@ pub fn plot(tracks: &[Track]) -> Plot {
     let line = |(names, pops): &(String, Vec<f64>)| {
         Series::line(names, pops.iter().enumerate().map(|(at, pop)| ((at + 1) as f64, *pop)))
     };
+    let degrees: Vec<f64> = tracks.iter().map(|track| summary(track).step_degrees).collect();
+    let of = degrees.first().map_or(String::new(), |step| format!(", steps of {}°", shown_degrees(*step)));
     Plot {
-        title: "Change of the error from frame to frame".into(),
+        title: format!("Change of the error from frame to frame{of}"),
         x: Axis { label: "step of the path".into(), logarithmic: false },
         y: Axis { label: "pop: mean |E' - E| of a pixel".into(), logarithmic: true },
         series: lines.iter().map(line).collect(),
@@ -142,6 +170,7 @@ mod tests {
     fn track() -> Track {
         let step = |camera: &str, pop: f64, changes: Option<u64>| Step {
             camera: camera.into(),
+            degrees: 0.25,
             score: Score {
                 pop,
                 excess: 0.5 * pop,
@@ -162,6 +191,10 @@ mod tests {
         assert!((found.pop - 0.2).abs() < 1e-12 && (found.excess - 0.1).abs() < 1e-12, "{found:?}");
         assert_eq!((found.worst_step, found.worst_camera.as_str()), (0.3, "y"));
         assert_eq!((found.worst.difference, found.order_changes), (0.6, Some(3.5)));
+        assert_eq!((found.step_degrees, found.pop_per_degree), (0.25, Some(found.pop / 0.25)));
+        let mut still = track();
+        still.steps.iter_mut().for_each(|step| step.degrees = 0.0);
+        assert_eq!(summary(&still).pop_per_degree, None);
         let mut without = track();
         without.steps[0].order_changes = None;
         assert_eq!(summary(&without).order_changes, None);
@@ -171,11 +204,14 @@ mod tests {
     fn tables_are_aligned_and_csv_has_a_line_for_each_step() {
         let text = table(&[summary(&track())]);
         let lines: Vec<&str> = text.lines().collect();
-        assert!(lines.len() == 2 && lines[0].len() == lines[1].len(), "{text}");
+        let width = |line: &str| line.chars().count();
+        assert!(lines.len() == 2 && width(lines[0]) == width(lines[1]), "{text}");
+        assert!(lines[1].contains(" 0.25°  2.000e-1  8.000e-1 "), "{text}");
+        assert_eq!(["0.25", "0", "12"].map(String::from), [0.25, 0.0, 12.0].map(shown_degrees));
         let text = csv(&[track()]);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 3, "{text}");
-        assert!(lines[2].starts_with("\"a \"\"b\"\"\",2,\"y\",0.3,0.15,0.6,3,4,0.5,0.25,4,2"), "{text}");
+        assert!(lines[2].starts_with("\"a \"\"b\"\"\",2,\"y\",0.25,0.3,0.15,0.6,3,4,0.5,0.25,4,2"), "{text}");
         let series = plot(&[track(), track()]).series;
         assert_eq!((series.len(), series[0].points.len()), (1, 2));
         assert_eq!(series[0].name, "a \"b\", a \"b\"");

@@ -122,6 +122,7 @@ pub fn fit(steps: &[Closer]) -> Option<Fit> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trade::noise::Share;
     use splatgraph_assets::synth;
 
     #[test]
@@ -155,7 +156,10 @@ mod tests {
             time: Some(Time {
                 gpu_ms: ms,
                 spread_ms: 0.0,
-                of_exact: 1.0,
+                share: Share::EXACT,
+                exact_ms: ms,
+                rounds: 8,
+                busy: 1.0,
                 phases: [("draw".into(), ms)].into(),
                 phase_spreads: [].into(),
             }),

@@ -4,7 +4,7 @@ use super::choice::{BUDGET, Choice, ranking, subset};
 use crate::image::Image;
 use crate::session::{Session, SessionError};
 use crate::trade::error::Error;
-use crate::trade::measure::{self, Time, View};
+use crate::trade::measure::{self, Baseline, Time, View};
 use crate::turns::Effort;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
@@ -45,6 +45,8 @@ pub struct Sweep<'a, D> {
     pub pipeline: &'a str,
     /// See `pipeline`.
     pub set: &'a [(String, String)],
+    /// Milliseconds of all splats, which [`Sweep::all`] finds and all other times of the view are shares of.
+    pub ms: Option<f64>,
     /// The parameters of [`Choice::Nearest`] besides [`BUDGET`], which the graph has; `None` if it has not.
     pub nearest: Option<&'a [(String, String)]>,
 }
@@ -61,7 +63,9 @@ impl<D: Device> Sweep<'_, D> {
     ) -> Result<Result<(Step, Image), String>, SessionError> {
         let mut session = self.whole.beside(self.pipeline, self.set)?;
         let count = session.scene().count();
-        self.step(&mut session, None, count, view, effort)
+        let found = self.step(&mut session, None, count, view, effort)?;
+        self.ms = found.as_ref().ok().and_then(|(step, _)| Some(step.time.as_ref()?.exact_ms));
+        Ok(found)
     }
 
     /// Measures the view with each of `counts` splats; `each` gets a step with its picture.
@@ -113,7 +117,8 @@ impl<D: Device> Sweep<'_, D> {
             Ok(drawn) => drawn,
             Err(text) => return Ok(Err(text)),
         };
-        let time = measure::time_in_turns(session, self.whole, &view.camera, effort)?;
+        let whole = Baseline { session: &mut *self.whole, ms: self.ms };
+        let time = measure::time_in_turns(session, whole, &view.camera, effort, measure::LONGEST)?;
         let number = |name: &str| drawn.counts.iter().find(|(n, _)| n == name).map(|(_, count)| *count);
         let step = Step {
             choice,

@@ -247,7 +247,7 @@ impl Swept {
                 step.gpu_bytes.to_string(),
                 some(time.map(|t| t.gpu_ms)),
                 some(time.map(|t| t.spread_ms)),
-                some(time.map(|t| t.of_exact)),
+                some(time.map(|t| t.share.median)),
             ];
             cells.extend(phases.iter().map(|name| some(time.and_then(|t| t.phases.get(*name).copied()))));
             text += &(cells.join(",") + "\n");

@@ -1,14 +1,11 @@
 //! Measures the error of a picture against the truth.
 
 use crate::image::Image;
-use crate::metrics::{self, MetricError};
+use crate::metrics::{self, MetricError, flip};
 use serde::{Deserialize, Serialize};
 
 /// A channel that is off by more than one step of 8 bits is visible in a file.
 const STEP: f32 = 1.0 / 255.0;
-
-/// Distance and size of a display that FLIP assumes: 67 pixels to a degree, a 4K display of 0.7 m at 0.7 m.
-const PIXELS_PER_DEGREE: f32 = nv_flip::DEFAULT_PIXELS_PER_DEGREE;
 
 /// The error of a picture. All but `worst` are of values clamped to 0..1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,7 +35,7 @@ pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error
     Ok(Error {
         psnr_db: found.psnr_db,
         ssim: found.ssim,
-        flip: flip(picture, truth),
+        flip: flip::of_8_bits(truth, picture),
         worst: found.worst.difference,
         off: off(picture, truth, |_| true),
         covered_psnr_db: metrics::psnr_over(picture, truth, |pixel| covered[pixel]),
@@ -54,18 +51,6 @@ fn off(picture: &Image, truth: &Image, wanted: impl Fn(usize) -> bool) -> f64 {
         count += 1;
     }
     off as f64 / count.max(1) as f64
-}
-
-/// Computes the mean of FLIP over the pixels.
-fn flip(picture: &Image, truth: &Image) -> f64 {
-    let bytes = |image: &Image| {
-        let steps = |v: &f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
-        let bytes: Vec<u8> = image.rgb.as_flattened().iter().map(steps).collect();
-        nv_flip::FlipImageRgb8::with_data(image.width as u32, image.height as u32, &bytes)
-    };
-    let map = nv_flip::flip(bytes(truth), bytes(picture), PIXELS_PER_DEGREE);
-    let values = map.to_vec();
-    values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len().max(1) as f64
 }
 
 #[cfg(test)]

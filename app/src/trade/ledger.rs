@@ -1,35 +1,45 @@
-//! Keeps the rows of a ledger in a file, and prints them.
+//! Keeps the rows of a ledger in a file, and sums them up.
 
 use super::measure::{Measured, Row, Time};
+use super::noise::{self, Mark, Point, Share};
+use super::settings::EXACT;
 use crate::metrics::squared_error;
 use crate::output;
-use crate::report::text;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Everything that decides the numbers of a ledger. Rows of another origin are not mixed with it.
+/// Everything that decides the numbers of a ledger, besides the plan of each setting ([`Row::plan`]). Rows of another origin are not
+/// mixed with it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// The program's version.
     pub version: String,
+    /// A hash of the program's file: the exact renderer and the metrics are in it.
+    pub program: String,
     /// The scene's file, and its number of splats.
     pub scene: String,
     /// See `scene`.
     pub splats: u32,
-    /// A hash of what the scene and the graph's files hold.
+    /// A hash of what the scene holds.
     pub content: String,
-    /// The cameras, as in cameras.json.
+    /// The cameras, as in cameras.json, with the size of their pictures.
     pub cameras: Json,
     /// The graph.
     pub pipeline: String,
+    /// A hash of the plans of its exact settings, which all times are shares of.
+    pub exact: String,
     /// The truth: `reference`, or the folder of the pictures.
     pub truth: String,
+    /// A hash of the pixels of the folder's pictures; empty for `reference`.
+    pub truth_content: String,
     /// The device and its driver.
     pub device: String,
-    /// Rounds of frames.
+    /// The facts of the device, and the checks that it was opened with.
+    pub opened: String,
+    /// Rounds of frames, at most.
     pub rounds: u32,
     /// Frames in a round; `None` where the time of a frame decides.
     pub frames: Option<u32>,
@@ -42,6 +52,23 @@ impl Origin {
             .file_stem()
             .map_or_else(|| self.scene.as_str().into(), |s| s.to_string_lossy());
         format!("{name}, {}", self.pipeline)
+    }
+
+    /// Lists what differs from another origin, for people.
+    pub fn changes(&self, other: &Origin) -> Vec<&'static str> {
+        let differs = [
+            ("program", self.version != other.version || self.program != other.program),
+            (
+                "scene",
+                (&self.scene, self.splats, &self.content) != (&other.scene, other.splats, &other.content),
+            ),
+            ("cameras", self.cameras != other.cameras),
+            ("graph", (&self.pipeline, &self.exact) != (&other.pipeline, &other.exact)),
+            ("truth", (&self.truth, &self.truth_content) != (&other.truth, &other.truth_content)),
+            ("device", (&self.device, &self.opened) != (&other.device, &other.opened)),
+            ("frames", (self.rounds, self.frames) != (other.rounds, other.frames)),
+        ];
+        differs.into_iter().filter(|(_, differs)| *differs).map(|(name, _)| name).collect()
     }
 
     /// The number of cameras.
@@ -67,19 +94,48 @@ pub struct Book {
 }
 
 impl Book {
-    /// Opens the ledger in a file; an empty one if there is none of this origin.
+    /// Opens the ledger in a file, with its rows of the present plans; an empty one if there is none of this origin.
     ///
-    /// A ledger of another origin is replaced when the first row is added.
-    pub fn open(path: PathBuf, origin: Origin) -> Book {
-        let found: Option<Ledger> =
-            fs::read(&path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
-        let rows = found.filter(|found| found.origin == origin).map_or_else(Vec::new, |found| found.rows);
-        Book { ledger: Ledger { origin, rows }, path }
+    /// `plans` are the settings, each with the hash of its plans. The second value says which rows of the file are not kept, and why. The
+    /// file itself stays as it is until the first row is added.
+    pub fn open(path: PathBuf, origin: Origin, plans: &[(&str, Option<u64>)]) -> (Book, Option<String>) {
+        let bytes = fs::read(&path).ok();
+        let found: Option<Ledger> = bytes.as_ref().and_then(|bytes| serde_json::from_slice(bytes).ok());
+        let mut lost = bytes.is_some().then(|| "it is of another version of the program".to_owned());
+        let mut rows = Vec::new();
+        if let Some(found) = found {
+            let changes = found.origin.changes(&origin);
+            let of_another =
+                |names: Vec<&str>| format!("measured with another {}", names.join(" and another "));
+            lost = (!changes.is_empty()).then(|| of_another(changes));
+            if lost.is_none() {
+                // A setting that is not wanted now may be later.
+                let stale =
+                    |row: &Row| plans.iter().any(|(name, plan)| row.setting == *name && row.plan != *plan);
+                let all = found.rows.len();
+                rows = found.rows;
+                rows.retain(|row| !stale(row));
+                lost = (rows.len() < all).then(|| of_another(vec!["graph"]));
+            }
+        }
+        let lost =
+            lost.map(|why| format!("{}: rows of an earlier run are measured anew: {why}", path.display()));
+        (Book { ledger: Ledger { origin, rows }, path }, lost)
     }
 
     /// Returns true if the setting has been measured in this view.
     pub fn has(&self, setting: &str, camera: &str) -> bool {
-        self.ledger.rows.iter().any(|row| row.setting == setting && row.camera == camera)
+        self.row(setting, camera).is_some()
+    }
+
+    /// Returns the milliseconds that the shares of a view are of; `None` before its first row, or without timestamps.
+    pub fn exact_ms(&self, camera: &str) -> Option<f64> {
+        let first = self.ledger.rows.iter().find(|row| row.camera == camera && row.found.is_ok())?;
+        Some(first.found.as_ref().ok()?.time.as_ref()?.exact_ms)
+    }
+
+    fn row(&self, setting: &str, camera: &str) -> Option<&Row> {
+        self.ledger.rows.iter().find(|row| row.setting == setting && row.camera == camera)
     }
 
     /// Adds a row, and writes the file.
@@ -107,8 +163,8 @@ pub struct Line {
     pub gpu_ms: Option<f64>,
     /// Largest spread of a view, in milliseconds.
     pub spread_ms: Option<f64>,
-    /// Mean of the views' shares of the exact settings' time.
-    pub of_exact: Option<f64>,
+    /// Mean of the views' shares of the exact settings' time, with the range of the noise.
+    pub share: Option<Share>,
     /// PSNR of the mean squared error of all views, in decibels; infinite for equal pictures.
     pub psnr_db: f64,
     /// The same, over the covered pixels.
@@ -123,12 +179,14 @@ pub struct Line {
     pub off: f64,
     /// Pairs of splats in the wrong order, in all views.
     pub inversions: Option<u64>,
+    /// Least share of the host's time of a frame in which the device drew.
+    pub busy: Option<f64>,
     /// Most bytes on the device.
     pub gpu_bytes: u64,
     /// The phases: a name, the mean of the views' milliseconds, and the largest spread of a view.
     pub phases: Vec<(String, f64, f64)>,
-    /// No setting is at least as fast and as accurate, and better in one of both.
-    pub best: bool,
+    /// The place among the others.
+    pub mark: Mark,
 }
 
 impl Ledger {
@@ -148,7 +206,7 @@ impl Ledger {
                 Err(text) => failed.push((name.to_string(), text.clone())),
             }
         }
-        mark_best(&mut lines);
+        mark(&mut lines);
         (lines, failed)
     }
 }
@@ -171,7 +229,9 @@ fn line(name: &str, views: &[&Measured]) -> Line {
         setting: name.to_string(),
         gpu_ms: times.as_ref().map(|times| mean(times.iter().map(|time| time.gpu_ms))),
         spread_ms: times.as_ref().map(|times| most(&mut times.iter().map(|time| time.spread_ms))),
-        of_exact: times.as_ref().map(|times| mean(times.iter().map(|time| time.of_exact))),
+        share: times
+            .as_ref()
+            .and_then(|times| Share::mean(&times.iter().map(|time| time.share).collect::<Vec<_>>())),
         psnr_db: joint_psnr(errors().map(|error| error.psnr_db)),
         covered_psnr_db: joint_psnr(errors().map(|error| error.covered_psnr_db)),
         ssim: errors().map(|error| error.ssim).reduce(|a, b| a.zip(b).map(|(a, b)| a.min(b))).flatten(),
@@ -179,9 +239,10 @@ fn line(name: &str, views: &[&Measured]) -> Line {
         worst: most(&mut errors().map(|error| error.worst)),
         off: mean(errors().map(|error| error.off)),
         inversions: views.iter().map(|view| view.inversions).sum(),
+        busy: times.as_ref().and_then(|times| times.iter().map(|time| time.busy).reduce(f64::min)),
         gpu_bytes: views.iter().map(|view| view.gpu_bytes).max().unwrap_or(0),
         phases: phases(&times.unwrap_or_default()),
-        best: false,
+        mark: if views.iter().any(|view| view.of_last_frame) { Mark::Hidden } else { Mark::Beaten },
     }
 }
 
@@ -203,96 +264,22 @@ pub(super) fn phase_names(lines: &[Line]) -> Vec<String> {
     names.into_iter().cloned().collect()
 }
 
-/// Marks the lines that no other dominates in time and PSNR: the Pareto front. Without times, the most accurate.
-fn mark_best(lines: &mut [Line]) {
-    let values: Vec<(f64, f64)> =
-        lines.iter().map(|line| (line.of_exact.unwrap_or(0.0), line.psnr_db)).collect();
-    for (line, (time, psnr)) in lines.iter_mut().zip(&values) {
-        let better = |(t, p): &(f64, f64)| t <= time && p >= psnr && (t < time || p > psnr);
-        line.best = !values.iter().any(better);
+/// Widens the ranges of all lines by the noise of the exact settings against themselves, and marks the Pareto front.
+fn mark(lines: &mut [Line]) {
+    let floor = lines.iter().find(|line| line.setting == EXACT).and_then(|exact| exact.share?.floor());
+    for line in lines.iter_mut() {
+        line.share = line.share.map(|share| share.widened(floor));
     }
-}
-
-/// The columns of the tables.
-pub(super) const COLUMNS: [&str; 12] = [
-    "setting",
-    "GPU ms",
-    "spread",
-    "of exact",
-    "PSNR dB",
-    "covered",
-    "SSIM",
-    "FLIP",
-    "worst",
-    "off",
-    "inversions",
-    "MiB",
-];
-
-/// The cells of a line, with as many digits as people read.
-pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
-    let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
-    let db = |value: f64| if value.is_finite() { format!("{value:.1}") } else { "equal".into() };
-    [
-        line.setting.clone(),
-        optional(line.gpu_ms, 3),
-        optional(line.spread_ms, 3),
-        line.of_exact.map_or("-".into(), |share| format!("{:.1} %", 100.0 * share)),
-        db(line.psnr_db),
-        db(line.covered_psnr_db),
-        optional(line.ssim, 5),
-        format!("{:.4}", line.flip),
-        format!("{:.4}", line.worst),
-        format!("{:.2} %", 100.0 * line.off),
-        line.inversions.map_or("-".into(), |count| count.to_string()),
-        format!("{:.1}", line.gpu_bytes as f64 / f64::from(1 << 20)),
-    ]
-}
-
-/// Sets lines as a table for a terminal; `*` marks the Pareto front.
-pub fn table(lines: &[Line]) -> String {
-    let marked = |mark: &str, mut row: Vec<String>| {
-        row[0].insert_str(0, mark);
-        row
+    let point = |line: &Line| Point {
+        // Their time is 1 by definition; what was measured against themselves is the noise.
+        share: if line.setting == EXACT { line.share.map(|_| Share::EXACT) } else { line.share },
+        psnr_db: line.psnr_db,
+        hidden: line.mark == Mark::Hidden,
     };
-    let header = marked("  ", COLUMNS.map(String::from).to_vec());
-    let row = |line: &Line| marked(if line.best { "* " } else { "  " }, cells(line).to_vec());
-    text::table(&std::iter::once(header).chain(lines.iter().map(row)).collect::<Vec<_>>())
-}
-
-/// Writes lines as CSV (RFC 4180), with all digits; a value that there is none of is empty.
-pub fn csv(lines: &[Line]) -> String {
-    let mut text = String::from(
-        "setting,gpu_ms,spread_ms,of_exact,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto",
-    );
-    let phases = phase_names(lines);
-    phases.iter().for_each(|name| text += &format!(",{name}_ms,{name}_spread_ms"));
-    text += "\n";
-    let optional = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
-    for line in lines {
-        let mut cells = vec![
-            text::quoted(&line.setting),
-            optional(line.gpu_ms),
-            optional(line.spread_ms),
-            optional(line.of_exact),
-            line.psnr_db.to_string(),
-            line.covered_psnr_db.to_string(),
-            optional(line.ssim),
-            line.flip.to_string(),
-            line.worst.to_string(),
-            line.off.to_string(),
-            line.inversions.map_or(String::new(), |count| count.to_string()),
-            line.gpu_bytes.to_string(),
-            line.best.to_string(),
-        ];
-        for name in &phases {
-            let phase = line.phases.iter().find(|(own, ..)| own == name);
-            cells.push(optional(phase.map(|(_, ms, _)| *ms)));
-            cells.push(optional(phase.map(|(.., spread)| *spread)));
-        }
-        text += &(cells.join(",") + "\n");
+    let points: Vec<Point> = lines.iter().map(point).collect();
+    for (line, mark) in lines.iter_mut().zip(noise::front(&points)) {
+        line.mark = mark;
     }
-    text
 }
 
 /// Ledgers for tests.
@@ -303,13 +290,17 @@ pub(super) mod testing {
     pub fn origin() -> Origin {
         Origin {
             version: "1".into(),
+            program: "1".into(),
             scene: "a.ply".into(),
             splats: 3,
             content: "0".into(),
             cameras: Json::Array(vec![Json::Null]),
             pipeline: "splat".into(),
+            exact: "0".into(),
             truth: "reference".into(),
+            truth_content: String::new(),
             device: "none".into(),
+            opened: String::new(),
             rounds: 1,
             frames: None,
         }
@@ -319,12 +310,15 @@ pub(super) mod testing {
         Ledger { origin: origin(), rows }
     }
 
-    pub fn line(setting: &str, gpu_ms: f64, psnr_db: f64, best: bool) -> Line {
+    pub fn line(setting: &str, gpu_ms: f64, psnr_db: f64, mark: Mark) -> Line {
         Line {
             setting: setting.into(),
             gpu_ms: Some(gpu_ms),
             spread_ms: Some(0.1),
-            of_exact: Some(gpu_ms / 4.0),
+            share: Some(Share {
+                median: gpu_ms / 4.0,
+                range: Some((gpu_ms / 4.0 - 0.01, gpu_ms / 4.0 + 0.01)),
+            }),
             psnr_db,
             covered_psnr_db: psnr_db,
             ssim: Some(0.9),
@@ -332,9 +326,10 @@ pub(super) mod testing {
             worst: 0.5,
             off: 0.25,
             inversions: Some(7),
+            busy: Some(0.9),
             gpu_bytes: 1 << 20,
             phases: vec![("draw".into(), gpu_ms, 0.1)],
-            best,
+            mark,
         }
     }
 }
@@ -347,10 +342,19 @@ mod tests {
     use super::*;
 
     fn measured(ms: f64, psnr_db: Option<f64>) -> Measured {
+        within(ms, 0.005, psnr_db)
+    }
+
+    /// A setting whose share has a range of so much to both sides.
+    fn within(ms: f64, half: f64, psnr_db: Option<f64>) -> Measured {
+        let share = ms / 4.0;
         let time = Time {
             gpu_ms: ms,
             spread_ms: 0.1,
-            of_exact: ms / 4.0,
+            share: Share { median: share, range: Some((share - half, share + half)) },
+            exact_ms: 4.0,
+            rounds: 8,
+            busy: 0.9,
             phases: [("draw".to_string(), ms)].into(),
             phase_spreads: [("draw".to_string(), 0.05)].into(),
         };
@@ -363,11 +367,15 @@ mod tests {
             covered_psnr_db: psnr_db,
             covered_off: 0.5,
         };
-        Measured { time: Some(time), error, inversions: Some(7), gpu_bytes: 1 << 20 }
+        Measured { time: Some(time), error, inversions: Some(7), of_last_frame: false, gpu_bytes: 1 << 20 }
     }
 
     fn row(setting: &str, camera: &str, found: Result<Measured, String>) -> Row {
-        Row { setting: setting.into(), camera: camera.into(), found }
+        Row { setting: setting.into(), plan: Some(1), camera: camera.into(), found }
+    }
+
+    fn marks(rows: Vec<Row>) -> Vec<(String, Mark)> {
+        ledger(rows).lines().0.into_iter().map(|line| (line.setting, line.mark)).collect()
     }
 
     #[test]
@@ -383,31 +391,73 @@ mod tests {
         ];
         let (lines, failed) = ledger(rows).lines();
         assert_eq!(failed, [("broken".to_string(), "error: no".to_string())]);
-        let best: Vec<bool> = lines.iter().map(|line| line.best).collect();
-        assert_eq!(best, [true, true, false]);
+        let found: Vec<Mark> = lines.iter().map(|line| line.mark).collect();
+        assert_eq!(found, [Mark::Best, Mark::Best, Mark::Beaten]);
         assert!(lines[0].psnr_db.is_infinite());
         // Half of the squared error of 40 dB.
         assert!((lines[1].psnr_db - (40.0 + 10.0 * 2f64.log10())).abs() < 1e-9);
         assert_eq!((lines[1].gpu_ms, lines[1].inversions), (Some(2.0), Some(14)));
-        let table = table(&lines);
-        assert!(table.contains("* fast") && table.contains("  bad") && table.contains("equal"), "{table}");
-        let csv = csv(&lines);
-        assert_eq!(csv.lines().count(), 4);
-        assert!(csv.starts_with("setting,gpu_ms") && csv.contains(",draw_ms,draw_spread_ms\n"), "{csv}");
         assert_eq!(lines[1].phases, [("draw".to_string(), 2.0, 0.05)]);
     }
 
     #[test]
-    fn a_ledger_goes_on_where_it_stopped_unless_it_is_of_another_origin() {
+    fn a_setting_within_the_noise_of_the_exact_ones_is_not_on_the_front_for_sure() {
+        let quiet = row("exact", "a", Ok(measured(4.0, Some(90.0))));
+        // The exact settings against themselves: 81 %.
+        let noisy = row("exact", "a", Ok(within(4.0 * 0.81, 0.05, Some(90.0))));
+        let faster = row("x", "a", Ok(measured(3.4, Some(60.0))));
+        let none = row("y", "a", Ok(measured(4.0, Some(60.0))));
+        let told = |rows: &[&Row]| marks(rows.iter().map(|row| (*row).clone()).collect()).pop().unwrap().1;
+        assert_eq!((told(&[&quiet, &faster]), told(&[&quiet, &none])), (Mark::Best, Mark::Beaten));
+        assert_eq!((told(&[&noisy, &faster]), told(&[&noisy, &none])), (Mark::Likely, Mark::Unlikely));
+    }
+
+    #[test]
+    fn a_setting_that_draws_from_the_frame_before_is_not_judged_by_still_views() {
+        let stale = Measured { of_last_frame: true, ..measured(2.0, Some(90.0)) };
+        let found = marks(vec![
+            row("exact", "a", Ok(measured(4.0, Some(90.0)))),
+            row("stale_order", "a", Ok(stale)),
+            row("fast", "a", Ok(measured(3.0, Some(80.0)))),
+        ]);
+        let found: Vec<Mark> = found.into_iter().map(|(_, mark)| mark).collect();
+        assert_eq!(found, [Mark::Best, Mark::Hidden, Mark::Best]);
+    }
+
+    #[test]
+    fn a_ledger_goes_on_where_it_stopped_unless_anything_that_its_numbers_depend_on_has_changed() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ledger.json");
-        let mut book = Book::open(path.clone(), origin());
+        let plans = [("exact", Some(1)), ("broken", Some(1))];
+        let (mut book, lost) = Book::open(path.clone(), origin(), &plans);
+        assert_eq!(lost, None);
         book.add(row("exact", "a", Ok(measured(4.0, Some(61.25))))).unwrap();
         book.add(row("broken", "a", Err("no".into()))).unwrap();
-        let again = Book::open(path.clone(), origin());
-        assert_eq!(again.ledger, book.ledger);
+        let (again, lost) = Book::open(path.clone(), origin(), &plans);
+        assert_eq!((&again.ledger, lost), (&book.ledger, None));
         assert!(again.has("exact", "a") && !again.has("exact", "b"));
-        let other = Book::open(path, Origin { splats: 4, ..origin() });
-        assert!(other.ledger.rows.is_empty());
+        assert_eq!((again.exact_ms("a"), again.exact_ms("b")), (Some(4.0), None));
+        let text = String::from("2");
+        for (other, what) in [
+            (Origin { splats: 4, ..origin() }, "scene"),
+            (Origin { content: text.clone(), ..origin() }, "scene"),
+            (Origin { truth_content: text.clone(), ..origin() }, "truth"),
+            (Origin { program: text.clone(), ..origin() }, "program"),
+            (Origin { exact: text.clone(), ..origin() }, "graph"),
+            (Origin { opened: text.clone(), ..origin() }, "device"),
+            (Origin { cameras: Json::Null, ..origin() }, "cameras"),
+            (Origin { rounds: 2, ..origin() }, "frames"),
+        ] {
+            let (found, lost) = Book::open(path.clone(), other, &plans);
+            let lost = lost.unwrap_or_default();
+            assert!(found.ledger.rows.is_empty() && lost.ends_with(&format!("another {what}")), "{lost}");
+        }
+        // A preset whose file was edited, alone.
+        let (found, lost) = Book::open(path.clone(), origin(), &[("exact", Some(1)), ("broken", Some(2))]);
+        assert!(found.has("exact", "a") && !found.has("broken", "a"));
+        assert!(lost.unwrap_or_default().ends_with("measured with another graph"));
+        fs::write(&path, "{}").unwrap();
+        let (_, lost) = Book::open(path, origin(), &plans);
+        assert!(lost.unwrap_or_default().ends_with("another version of the program"));
     }
 }

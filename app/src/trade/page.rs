@@ -1,6 +1,8 @@
 //! Shows a ledger as a plot of time against error, and as a page.
 
-use super::ledger::{COLUMNS, Ledger, Line, cells, phase_names};
+use super::ledger::{Ledger, Line, phase_names};
+use super::noise::Mark;
+use super::table::{COLUMNS, cells, notes, sign};
 use crate::report::page::Page;
 use crate::report::plot::{Axis, Form, Plot, PlotError, Point, Series};
 
@@ -17,13 +19,16 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     let point = |line: &Line| {
         let equal = line.psnr_db.is_infinite();
         let name = if equal { format!("{} (equal)", line.setting) } else { line.setting.clone() };
-        Some(Point { x: 100.0 * line.of_exact?, y: line.psnr_db.min(top), name })
+        Some(Point { x: 100.0 * line.share?.median, y: line.psnr_db.min(top), name })
     };
-    let points = |best: bool| lines.iter().filter(move |line| line.best == best).filter_map(point);
-    let mut front: Vec<Point> = points(true).collect();
+    let points =
+        |marks: &[Mark]| lines.iter().filter(|line| marks.contains(&line.mark)).filter_map(point).collect();
+    let mut front: Vec<Point> = points(&[Mark::Best]);
     front.sort_by(|a, b| a.x.total_cmp(&b.x));
-    let muted: Vec<Point> = points(false).collect();
-    if front.is_empty() {
+    let muted: Vec<Point> = points(&[Mark::Beaten, Mark::Unlikely, Mark::Hidden]);
+    let likely: Vec<Point> = points(&[Mark::Likely]);
+    let named = |name: &str| if likely.is_empty() { String::new() } else { name.to_owned() };
+    if front.is_empty() && likely.is_empty() {
         return None;
     }
     Some(Plot {
@@ -36,6 +41,7 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
         series: vec![
             Series { name: "beaten in time and error by another".into(), form: Form::Muted, points: muted },
             Series { name: "Pareto front".into(), form: Form::Line, points: front },
+            Series { name: named("too noisy to tell"), form: Form::Points, points: likely },
         ],
     })
 }
@@ -65,13 +71,12 @@ pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Res
         .iter()
         .map(|line| {
             let mut cells = cells(line).to_vec();
-            if line.best {
-                cells[0] += " *";
-            }
+            cells[0] = format!("{} {}", cells[0], sign(line.mark)).trim_end().to_owned();
             cells
         })
         .collect();
     page.table(&COLUMNS, &rows);
+    notes(lines).iter().for_each(|note| page.text(note));
     let phases = phase_names(lines);
     if !phases.is_empty() {
         page.heading("Milliseconds of each phase");
@@ -94,15 +99,17 @@ pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Res
     page.text(
         "`exact` has every parameter at its exact value; `NAME = VALUE` is one parameter away from it; `defaults` are the \
          graph's. Frames of a setting are drawn in turns with those of `exact`, so that a change of the device's clock \
-         concerns both.",
+         concerns both. Settings whose plans are equal are measured once.",
     );
     page.text(
-        "`GPU ms`: the median of the rounds' median frames, mean of the views; `spread`: the largest of a view's round \
-         medians without the smallest; `of exact`: the share of the exact settings' time in the same rounds. `PSNR dB`: of \
+        "`of exact`: the share of the exact settings' time in the same rounds, the median of the rounds and mean of the views, ± half \
+         of what it can be with 99 % confidence; that of `exact` is of itself, and its distance from 100 % is the noise, which the others \
+         have at least. `GPU ms`: that share of one time of the exact settings, of a warm device; `spread`: the largest of a view's \
+         rounds without the smallest, likewise. `PSNR dB`: of \
          the mean squared error of all views, over all pixels; `covered`: over those that a splat shows in; `SSIM`: the \
          least of the views; `FLIP`: NVIDIA's, mean, 0 is equal; `worst`: the largest difference of a channel; `off`: \
          pixels that are off by more than 1/255; `inversions`: pairs of visible splats in the wrong order; `MiB`: memory on \
-         the device. `*`: the Pareto front.",
+         the device. `*`: the Pareto front: what is at least as accurate takes 2 % longer or more, beyond the noise. `?`: it may be on the front.",
     );
     Ok(page.html())
 }
@@ -115,9 +122,9 @@ mod tests {
     #[test]
     fn the_front_is_joined_from_fast_to_slow_and_the_dominated_are_grey() {
         let lines = [
-            line("exact", 4.0, f64::INFINITY, true),
-            line("fast", 1.0, 40.0, true),
-            line("bad", 3.0, 30.0, false),
+            line("exact", 4.0, f64::INFINITY, Mark::Best),
+            line("fast", 1.0, 40.0, Mark::Best),
+            line("bad", 3.0, 30.0, Mark::Beaten),
         ];
         let ledger = ledger(Vec::new());
         let plot = plot(&ledger, &lines).unwrap();
@@ -140,7 +147,7 @@ mod tests {
 
     #[test]
     fn without_times_there_is_a_table_and_no_plot() {
-        let lines = [Line { gpu_ms: None, of_exact: None, ..line("exact", 4.0, 50.0, true) }];
+        let lines = [Line { gpu_ms: None, share: None, ..line("exact", 4.0, 50.0, Mark::Best) }];
         let ledger = ledger(Vec::new());
         assert_eq!(plot(&ledger, &lines), None);
         assert!(!page(&ledger, &lines, &[]).unwrap().contains("<svg"));

@@ -1,0 +1,130 @@
+//! Keeps the results of a camera's frames: those that count, and the prologue's times.
+
+use crate::stats::CameraStats;
+use splatgraph_api::{DeviceInfo, FrameResult, Pixels};
+use splatgraph_framework::ir::Run;
+use splatgraph_framework::plan::Plan;
+use std::time::Instant;
+
+/// The results of frames of one plan.
+#[derive(Default)]
+pub struct Kept {
+    /// The frame that ran the prologue, without its other passes, if it does not count itself.
+    once: Option<FrameResult>,
+    counted: Vec<FrameResult>,
+    /// The moments at which the counted frames were done.
+    done: Vec<Instant>,
+}
+
+impl Kept {
+    /// Adds the next frame. Of one that does not count, only the times of passes that run once are kept.
+    pub fn add(&mut self, mut result: FrameResult, plan: &Plan, counts: bool) {
+        if counts {
+            // Counts are those of the last frame.
+            if let Some(former) = self.counted.last_mut() {
+                former.stats = Vec::new();
+            }
+            self.counted.push(result);
+            self.done.push(Instant::now());
+            return;
+        }
+        result.pass_ms.retain(|(pass, _)| plan.pass(*pass).run == Run::Once);
+        if !result.pass_ms.is_empty() {
+            self.once = Some(FrameResult { total_ms: None, stats: Vec::new(), ..result });
+        }
+    }
+
+    /// Takes the picture of the last frame.
+    pub fn output(&mut self) -> Option<Pixels> {
+        self.counted.last_mut()?.output.take()
+    }
+
+    /// Summarises the frames.
+    pub fn stats(
+        self,
+        camera: (&str, (u32, u32)),
+        plan: &Plan,
+        device: &DeviceInfo,
+        loaded: u64,
+        memory: Vec<(String, u64)>,
+    ) -> CameraStats {
+        let (busy, frames) = (self.busy(), self.counted.len());
+        let record_ms: Vec<f64> = self.counted.iter().map(|frame| frame.record_ms).collect();
+        let all: Vec<FrameResult> = self.once.into_iter().chain(self.counted).collect();
+        let stats = CameraStats::new(camera, plan, device, loaded, &all, memory);
+        let record_ms = crate::stats::median(record_ms).unwrap_or(stats.record_ms);
+        CameraStats { busy, frames, record_ms, ..stats }
+    }
+
+    /// Computes the share of the time in which the device drew, 1 at most; `None` with fewer than four frames, or without timestamps.
+    ///
+    /// The last frame is left out: its picture is read back.
+    fn busy(&self) -> Option<f64> {
+        let (between, times) = match (self.counted.as_slice(), self.done.as_slice()) {
+            ([_, between @ .., _], [first, .., end, _]) if between.len() > 1 => (between, (*first, *end)),
+            _ => return None,
+        };
+        let drawn = between.iter().map(|frame| frame.total_ms).sum::<Option<f64>>()?;
+        let all = 1e3 * times.1.duration_since(times.0).as_secs_f64();
+        (all > 0.0).then(|| (drawn / all).min(1.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::facts::{self, SceneFacts};
+    use crate::planner::Planner;
+    use splatgraph_framework::ir::PassId;
+    use std::time::Duration;
+
+    #[test]
+    fn of_a_warm_up_only_the_prologues_times_are_kept_and_a_device_that_rests_is_told() {
+        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
+        let plan = Planner::default().plan("splat", &[], &facts, &facts::nominal_catalog());
+        let plan = plan.unwrap_or_else(|error| panic!("{error}"));
+        let id = |name: &str| {
+            PassId(plan.passes.iter().position(|pass| pass.name == name).expect("a pass") as u32)
+        };
+        let frame = |ms: f64, prologue: bool| FrameResult {
+            total_ms: Some(ms),
+            pass_ms: prologue
+                .then(|| (id("covariance"), Some(7.0)))
+                .into_iter()
+                .chain([(id("project"), Some(ms))])
+                .collect(),
+            record_ms: ms,
+            ..FrameResult::default()
+        };
+        let mut kept = Kept::default();
+        kept.add(frame(90.0, true), &plan, false);
+        kept.add(frame(80.0, false), &plan, false);
+        (0..4).for_each(|_| kept.add(frame(1.0, false), &plan, true));
+        let begun = Instant::now();
+        kept.done = (0..4).map(|at| begun + Duration::from_millis(4 * at)).collect();
+        let stats = kept.stats(
+            ("a", (32, 24)),
+            &plan,
+            &DeviceInfo { name: "device".into(), ..info() },
+            3,
+            Vec::new(),
+        );
+        let times: Vec<_> = stats.passes.iter().map(|pass| (pass.name.as_str(), pass.gpu_ms)).collect();
+        assert_eq!(times, [("covariance", Some(7.0)), ("project", Some(1.0))]);
+        assert_eq!(
+            (stats.frames, stats.gpu_ms, stats.record_ms, stats.busy),
+            (4, Some(1.0), 1.0, Some(0.25))
+        );
+        assert!(stats.line().contains("on device, which rested for 75 % of the time"), "{}", stats.line());
+        // A single frame counts with all of its passes.
+        let mut kept = Kept::default();
+        kept.add(frame(5.0, true), &plan, true);
+        let stats = kept.stats(("a", (32, 24)), &plan, &info(), 3, Vec::new());
+        assert_eq!((stats.frames, stats.gpu_ms, stats.busy, stats.passes.len()), (1, Some(5.0), None, 2));
+    }
+
+    fn info() -> DeviceInfo {
+        let device = splatgraph_null::open(&splatgraph_null::Config::default()).0.expect("no fault is set");
+        splatgraph_api::Device::info(&device).clone()
+    }
+}
