@@ -155,6 +155,8 @@ fn a_ledger_is_not_resumed_with_the_rows_of_another_truth_graph_or_preset() {
 fn settings_with_the_plan_of_another_are_not_measured_and_a_stale_order_earns_no_mark() {
     let place = Place::new();
     place.cameras(&["one"]);
+    fs::create_dir_all(place.at("pipelines")).expect("a folder");
+    place.write("pipelines/digit8.ron", "Preset(graph: \"splat\", summary: \"Nothing\", set: {})");
     let short = ["trade", "scene.ply", "-c", "cameras.json", "-p", "splat", "--rounds", "1", "--frames", "1"];
     let only = ["--only", "defaults", "--only", "preset digit8", "--only", "preset stale_order"];
     let output = place.run(&[&short[..], &only].concat());
