@@ -19,6 +19,9 @@ const RISK: f64 = 0.01;
 /// Least saving that counts. Two settings closer to each other take the same time.
 pub const LEAST_SAVING: f64 = 0.02;
 
+/// Decibels by which PSNRs differ that count as equal: less than a table shows.
+const EQUAL_DB: f64 = 0.05;
+
 /// Half of the range of a share near 1 at which no more rounds are drawn, and the part that a share far from 1 adds.
 const NARROW: (f64, f64) = (0.01, 0.05);
 
@@ -135,7 +138,7 @@ pub struct Point {
 
 /// Marks the Pareto front of time and PSNR. Of settings that are equal in both, the first is on it.
 ///
-/// Without times, only PSNR counts.
+/// PSNRs that differ by less than [`EQUAL_DB`] are equal. Without times, only PSNR counts.
 pub fn front(points: &[Point]) -> Vec<Mark> {
     let faster = |a: &Point, b: &Point| match (a.share, b.share) {
         (Some(a), Some(b)) => a.faster(&b),
@@ -146,16 +149,18 @@ pub fn front(points: &[Point]) -> Vec<Mark> {
         (Some(a), Some(b)) => a.median < (1.0 - LEAST_SAVING) * b.median,
         _ => false,
     };
+    let equal = |a: f64, b: f64| a == b || (a - b).abs() < EQUAL_DB;
     let mark = |(at, point): (usize, &Point)| {
         if point.hidden {
             return Mark::Hidden;
         }
         let (mut told, mut seems) = (true, true);
         for (other_at, other) in points.iter().enumerate() {
-            if other_at == at || other.hidden || other.psnr_db < point.psnr_db {
+            let as_accurate = equal(other.psnr_db, point.psnr_db);
+            if other_at == at || other.hidden || (other.psnr_db < point.psnr_db && !as_accurate) {
                 continue;
             }
-            let later_equal = other.psnr_db == point.psnr_db && at < other_at;
+            let later_equal = as_accurate && at < other_at;
             let (beats, seems_beaten) = match later_equal {
                 // It need not be faster than its equal; it must not be slower.
                 true => (faster(other, point).map(|slower| !slower), seems_faster(other, point)),
@@ -256,6 +261,12 @@ mod tests {
         assert_eq!(marks(&noisy), [Mark::Best, Mark::Likely]);
         let hidden = Point { hidden: true, ..point(share(0.5, 0.0), 200.0) };
         assert_eq!(marks(&[hidden, close[0]]), [Mark::Hidden, Mark::Best], "it beats nothing either");
+        // A hundredth of a decibel is no accuracy, and equal pictures are equal.
+        let hair = [point(share(1.0, 0.01), 100.01), point(share(1.0, 0.01), 100.06)];
+        assert_eq!(marks(&hair[..1]), [Mark::Beaten]);
+        assert_eq!(marks(&hair[1..]), [Mark::Best]);
+        let same = [point(share(1.0, 0.01), f64::INFINITY), point(share(1.0, 0.01), f64::INFINITY)];
+        assert_eq!(marks(&same), [Mark::Best, Mark::Beaten]);
         // Without timestamps, the most accurate.
         assert_eq!(
             front(&[point(None, 50.0), point(None, 60.0), point(None, 60.0)]),
