@@ -48,11 +48,10 @@ impl Kind {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, target_os = "linux"))]
 mod tests {
     use super::*;
 
-    #[cfg(target_os = "linux")]
     #[test]
     fn without_a_home_there_is_no_folder_that_others_can_foresee() {
         let with = |kind: Kind, set: &'static [(&str, &str)], home: Option<&'static str>| {
