@@ -19,7 +19,6 @@ const VERSION: u32 = 1;
 struct Kept {
     version: u32,
     light: bool,
-    #[serde(flatten)]
     arrangement: Arrangement,
 }
 
