@@ -216,9 +216,9 @@ bool project_splat(uint i, out Projection splat) {
     precise vec3 d = (p - camera.origin.xyz) - camera.origin_low.xyz;
 #endif
     vec3 from_camera = d + camera.to_origin.xyz;
-    float x = exact_fma(view[2][0], d.z, exact_fma(view[1][0], d.y, view[0][0] * d.x)) + camera.view_origin.x;
-    float y = exact_fma(view[2][1], d.z, exact_fma(view[1][1], d.y, view[0][1] * d.x)) + camera.view_origin.y;
-    float z = exact_fma(view[2][2], d.z, exact_fma(view[1][2], d.y, view[0][2] * d.x)) + camera.view_origin.z;
+    float x = fma(view[2][0], d.z, fma(view[1][0], d.y, view[0][0] * d.x)) + camera.view_origin.x;
+    float y = fma(view[2][1], d.z, fma(view[1][1], d.y, view[0][1] * d.x)) + camera.view_origin.y;
+    float z = fma(view[2][2], d.z, fma(view[1][2], d.y, view[0][2] * d.x)) + camera.view_origin.z;
 #ifdef HAS_LOW
     // In floats, the published expression has no digits left of such a position.
     splat.depth = z;

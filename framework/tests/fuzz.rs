@@ -179,6 +179,8 @@ fn facts() -> Facts {
         ("scene.sh_degree", 3),
         ("scene.stored_sh_degree", 3),
         ("scene.key_bits", 24),
+        ("scene.largest_sh", 4),
+        ("scene.brightest", 8),
         ("viewport.width", 64),
         ("viewport.height", 32),
     ];
@@ -194,12 +196,20 @@ fn facts() -> Facts {
         fused_fma: true,
         features: Features::all(),
     };
-    Facts { device, host: host.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }
+    let ints = host.map(|(name, value)| (name.to_string(), Value::Int(value)));
+    let host = ints.into_iter().chain([("scene.wide".to_string(), Value::Bool(false))]).collect();
+    Facts { device, host }
 }
 
 fn catalog() -> Catalog {
-    let attributes =
-        [("position", 12, 1), ("scale", 12, 1), ("rotation", 16, 1), ("opacity", 4, 1), ("sh", 16, 12)];
+    let attributes = [
+        ("position", 12, 1),
+        ("position_wide", 24, 1),
+        ("scale", 12, 1),
+        ("rotation", 16, 1),
+        ("opacity", 4, 1),
+        ("sh", 16, 12),
+    ];
     Catalog {
         attributes: attributes
             .map(|(name, stride, planes)| {

@@ -116,7 +116,8 @@ const POWERS: [Loose; 4] = [
 /// Compares these graphs of a folder, or those that are built in.
 fn compare_all(folder: &str, graphs: &[(&str, &[(&str, &str)])], loose: &[Loose]) {
     let (mut stage, mut device) = (Stage::new(), lavapipe());
-    let facts = device.info().facts;
+    // Metal has no doubles: both compute fma() as lavapipe does.
+    let facts = DeviceFacts { fused_fma: true, ..device.info().facts };
     let plans: Vec<Plan> =
         graphs.iter().map(|(graph, set)| stage.plan(&format!("{folder}{graph}"), set, &facts)).collect();
     let library = Library::new(&shaders(&plans));
