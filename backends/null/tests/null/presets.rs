@@ -24,12 +24,16 @@ fn plans(share_memory: bool) -> Vec<Plan> {
         ("scene.sh_degree", 3),
         ("scene.stored_sh_degree", 3),
         ("scene.key_bits", 24),
+        ("scene.largest_sh", 4),
+        ("scene.brightest", 8),
         ("viewport.width", 64),
         ("viewport.height", 36),
     ];
     let facts = Facts {
         device: limits().facts(),
-        host: numbers.map(|(name, value)| (name.to_string(), Value::Int(value))).into(),
+        host: (numbers.map(|(name, value)| (name.to_string(), Value::Int(value))).into_iter())
+            .chain([("scene.wide".to_string(), Value::Bool(false))])
+            .collect(),
     };
     let attributes = ATTRIBUTES.map(|name| {
         let info = scene.attribute(name).expect("a scene has it");
