@@ -33,13 +33,14 @@ struct Block {
     position_low: [f32; 4],
     frame: u32,
     padding: [u32; 3],
-    /// Room for new members without a change of size.
+    /// The point from which places in the camera's frame are computed.
     origin: [f32; 4],
     /// The origin's part below its f32.
     origin_low: [f32; 4],
     /// From the camera to the origin, in the world and in the camera's frame.
     to_origin: [f32; 4],
     view_origin: [f32; 4],
+    /// Room for new members without a change of size.
     reserved: [f32; 4],
 }
 
@@ -91,8 +92,7 @@ fn uniform(camera: &Camera, depth: [f64; 2], background: [f32; 3], frame: u32) -
     let [origin_x, origin_y, origin_z] = origin.map(|v| v.high);
     let [origin_low_x, origin_low_y, origin_low_z] = origin.map(|v| v.low);
     // Of the origin as shaders read it.
-    let to_origin: [f64; 3] =
-        std::array::from_fn(|axis| origin[axis].value() - Double::of(camera.position[axis]).value());
+    let to_origin: [f64; 3] = std::array::from_fn(|axis| origin[axis].value() - position[axis].value());
     let [to_x, to_y, to_z] = to_origin.map(|v| v as f32);
     let [view_x, view_y, view_z] = rows.map(|row| (0..3).map(|i| row[i] * to_origin[i]).sum::<f64>() as f32);
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));

@@ -176,7 +176,12 @@ impl<D: Device> Viewer<D> {
         self.shown().any(busy) || self.opening.busy()
     }
 
-    /// Iterates over what is drawn: A, B if it is shown, and copies while they are measured.
+    /// Iterates over A, B, and copies while they are measured.
+    fn all(&self) -> impl Iterator<Item = &Viewport<D>> {
+        [Some(&self.a), self.b.as_ref(), self.copy.viewport()].into_iter().flatten()
+    }
+
+    /// Iterates over those of them that are drawn: B is not while it is hidden.
     fn shown(&self) -> impl Iterator<Item = &Viewport<D>> {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [Some(&self.a), b, self.copy.viewport()].into_iter().flatten()
@@ -195,7 +200,7 @@ impl<D: Device> Viewer<D> {
     /// Counts changes of what panels show: see [`Renderer::changes`]; finished frames count, too.
     pub(super) fn changes(&self) -> u64 {
         let of = |viewport: &Viewport<D>| viewport.renderer.changes() + viewport.history.frames();
-        [Some(&self.a), self.b.as_ref(), self.copy.viewport()].into_iter().flatten().map(of).sum()
+        self.all().map(of).sum()
     }
 
     /// Returns the time of the next frame that is due although nothing wakes the owner and no frame in flight ends.
@@ -224,8 +229,7 @@ impl<D: Device> Viewer<D> {
 
     /// Returns the time of the newest submission in flight.
     pub(super) fn newest(&self) -> Option<Instant> {
-        let all = [Some(&self.a), self.b.as_ref(), self.copy.viewport()];
-        all.into_iter().flatten().filter_map(|viewport| viewport.renderer.newest()).max()
+        self.all().filter_map(|viewport| viewport.renderer.newest()).max()
     }
 
     /// Shows A alone, or both. B starts as a copy of A.
