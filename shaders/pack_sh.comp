@@ -8,6 +8,7 @@
 // 1/127. A coefficient is so rounded by at most 1/254 of the splat's largest one.
 
 #include "groups.glsl"
+#include "sh_layout.glsl"
 
 layout(local_size_x = 256) in;
 

@@ -229,12 +229,10 @@ bool project_splat(uint i, out Projection splat) {
 
     // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
     vec2 slope = vec2(x, y) / z;
-#if CULLS_CENTRES
     // As others do, whatever the splat's size.
-    if (any(greaterThan(abs(slope), (1.0 + 2.0 * CULL_MARGIN) * camera.focal.zw))) {
+    if (CULL_MARGIN < 1.0 && any(greaterThan(abs(slope), (1.0 + 2.0 * CULL_MARGIN) * camera.focal.zw))) {
         return false;
     }
-#endif
     vec2 limit = jacobian_limit * camera.focal.zw;
     vec2 held = clamp(slope, -limit, limit);
     vec3 w0 = vec3(view[0][0], view[1][0], view[2][0]);

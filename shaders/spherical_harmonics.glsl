@@ -5,6 +5,8 @@
 //
 // Source of the basis: Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2013; signs as in Kerbl et al. 2023.
 
+#include "sh_layout.glsl"
+
 #if SH_STORAGE == SH_STORAGE_F16
 #ifdef LONG_SH
 layout(set = 0, binding = 8, std430) readonly buffer Sh { uint64_t sh[]; };

@@ -317,12 +317,11 @@ fn check_and_dump_count_what_is_left_out_and_warn_where_a_result_was_asked_for()
 #[test]
 fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reasons() {
     let folder = scene();
-    let needs = r#"require: [("device.max_groups_x < 1", "a device without workgroups")], fallback: "splat""#;
-    std::fs::write(
-        folder.path().join("odd.ron"),
-        format!(r#"Preset(graph: "tiled", summary: "an odd one", set: {{}}, {needs})"#),
-    )
-    .expect("writable");
+    let needs = r#"require: [("device.max_groups_x < 1", "a device without workgroups")]"#;
+    let odd = format!(r#"Preset(graph: "tiled", summary: "an odd one", set: {{}}, {needs})"#);
+    let choice = r#"Choice(summary: "an odd one or quads", of: [(graph: "odd"), (graph: "splat")])"#;
+    std::fs::write(folder.path().join("odd.ron"), odd).expect("writable");
+    std::fs::write(folder.path().join("either.ron"), choice).expect("writable");
     let draw = |pipeline: &str| {
         let args = ["render", "scene.ply", "-p", pipeline, "-c", "cameras.json#0", "--size", "64x36"];
         let device = common::device_option();
@@ -335,12 +334,12 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
         let stats: Value = serde_json::from_str(&text).expect("JSON");
         (errors, stats[0].clone())
     };
-    let (errors, stats) = draw("odd.ron");
-    assert_eq!(errors.matches("`splat` stands in for `odd.ron`, which needs a device without workgroups (device.max_groups_x = ").count(), 1, "{errors}");
-    assert_eq!((&stats["pipeline"], &stats["stand_ins"][0]["taken"]), (&"odd.ron".into(), &"splat".into()));
+    let (errors, stats) = draw("either.ron");
+    assert_eq!(errors.matches("`splat` stands in for `odd`, which needs a device without workgroups (device.max_groups_x = ").count(), 1, "{errors}");
+    assert_eq!((&stats["pipeline"], &stats["stand_ins"][0]["taken"]), (&"either.ron".into(), &"splat".into()));
     assert!(stats["phases"]["draw"].is_number(), "quads are drawn: {stats}");
-    let text = done(folder.path(), &["dump", "odd.ron"]);
-    assert!(text.contains("\n`splat` stands in for `odd.ron`, which needs"), "{text}");
+    let text = done(folder.path(), &["dump", "either.ron"]);
+    assert!(text.contains("\n`splat` stands in for `odd`, which needs"), "{text}");
     let text = done(folder.path(), &["check", "odd.ron"]);
     assert!(text.starts_with("odd.ron: not for the smallest supported device\n"), "{text}");
 

@@ -23,7 +23,7 @@ pub fn source_map() -> SourceMap {
 pub fn names() -> Vec<&'static str> {
     let draws = |text: &str| match Document::parse(text) {
         Ok(Document::Graph(graph)) => graph.output.is_some(),
-        Ok(Document::Preset(_)) => true,
+        Ok(Document::Preset(_) | Document::Choice(_)) => true,
         // It is listed, and its use reports the error.
         Err(_) => true,
     };

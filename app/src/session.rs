@@ -82,7 +82,7 @@ pub struct Session<D> {
     planner: Planner,
     /// Warnings about the graph were printed.
     warned: bool,
-    /// The fallbacks that were told of last.
+    /// The graphs passed over that were told of last.
     told: Vec<StandIn>,
     /// The settings without an effect that were told of.
     told_settings: BTreeSet<String>,
@@ -246,7 +246,7 @@ impl<D: Device> Session<D> {
     /// Builds and loads the plan for pictures of this size, unless it is loaded already.
     ///
     /// Returns true if it did; the next frame then runs the plan's prologue. Warnings about the graph go to standard error, once, and
-    /// so does a line for each fallback that stands in for the graph.
+    /// so does a line for each graph of a choice that the device lacks something for.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -264,7 +264,7 @@ impl<D: Device> Session<D> {
         }
         if plan.stand_ins != self.told {
             self.told.clone_from(&plan.stand_ins);
-            plan.stand_ins.iter().for_each(say);
+            plan.stand_ins.iter().filter(|stand_in| !stand_in.preference).for_each(say);
         }
         self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress)?;
         self.loaded = Some((Arc::new(plan), size));

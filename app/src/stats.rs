@@ -24,7 +24,7 @@ pub struct CameraStats {
     pub pipeline: String,
     /// The graphs and presets that it is based on, the graph last; empty for a graph.
     pub based_on: Vec<String>,
-    /// The fallbacks that stood in for it, in order.
+    /// The graphs of a choice that were passed over, in order.
     pub stand_ins: Vec<StandIn>,
     /// The device's name.
     pub device: String,

@@ -25,7 +25,7 @@ pub struct Plan {
     pub summary: String,
     /// The graphs and presets that it is based on, the graph last; empty for a graph.
     pub based_on: Vec<String>,
-    /// The fallbacks that stand in for what was asked for, in order; the last one's is this plan's graph.
+    /// The graphs of a choice that are passed over, in order; the last one's stand-in is this plan's graph.
     pub stand_ins: Vec<StandIn>,
     /// The facts of the scene, the device and the viewport that the plan was built from.
     pub facts: BTreeMap<String, Value>,
@@ -85,7 +85,7 @@ impl Plan {
 
     /// Returns the name of the graph or preset that is drawn.
     ///
-    /// It is the requested one, or the fallback that stands in for it.
+    /// It is the requested one, or what stands in for it.
     pub fn drawn(&self) -> &str {
         self.stand_ins.last().map_or(&self.name, |stand_in| &stand_in.taken)
     }

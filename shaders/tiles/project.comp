@@ -85,7 +85,7 @@ float project(uint i) {
     return p.depth;
 }
 
-#if RASTERISER == RASTERISER_SERIAL
+#if SERIAL
 // Each workgroup takes some memory of its own on a CPU, so there are few.
 layout(local_size_x = 256) in;
 

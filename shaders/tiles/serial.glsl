@@ -4,14 +4,8 @@
 // The pairs of a splat and a bin, in the order of depth and within a splat row by row, are cut into blocks of equal length, one per
 // invocation. So an invocation's work is bounded whatever the splats' sizes: lavapipe ends its loops after 65,535 rounds in all.
 
-#include "../groups.glsl"
+#include "serial_lanes.glsl"
 #include "bins.glsl"
-
-layout(local_size_x = DEVICE_SUBGROUP_SIZE) in;
-
-uint invocation_index() {
-    return group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
-}
 
 // The layout of the buffer `work`: the amounts to bin.
 //

@@ -5,7 +5,7 @@
 
 #include "../camera.glsl"
 #include "../depth_key.glsl"
-#include "serial.glsl"
+#include "serial_lanes.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Depth { float depth[]; };
 layout(set = 0, binding = 1, std430) readonly buffer BlockOffset { uint block_offset[]; };

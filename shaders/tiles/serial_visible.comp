@@ -3,7 +3,7 @@
 
 // Counts the visible splats of each block of 256, one block per invocation, as the other projections do themselves.
 
-#include "serial.glsl"
+#include "serial_lanes.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Depth { float depth[]; };
 layout(set = 0, binding = 1, std430) writeonly buffer BlockCount { uint block_count[]; };

@@ -105,7 +105,7 @@ pub struct View {
 /// The measurements of a candidate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Found {
-    /// The fallbacks that were measured in place of the graph, in order; empty where it is the graph itself.
+    /// The graphs of a choice that were passed over, in order.
     pub stand_ins: Vec<StandIn>,
     /// All parameters of the graph with their values.
     pub parameters: Map<String, Json>,

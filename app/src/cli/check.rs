@@ -270,8 +270,12 @@ mod tests {
             "not for the smallest supported device\n  4, 8, 16, 32, 64 lanes: the graph needs workgroups of 1024 \
              invocations (device.max_invocations = 256), and nothing stands in"
         );
-        let narrow = r#"require: [("device.subgroup_size <= 32", "narrow subgroups")], fallback: "splat""#;
-        let text = checked(&written("narrow.ron", narrow));
+        let narrow = r#"require: [("device.subgroup_size <= 32", "narrow subgroups")]"#;
+        let narrow = written("narrow.ron", narrow);
+        let either = std::path::Path::new(&narrow).with_file_name("either.ron");
+        let choice = r#"Choice(summary: "", of: [(graph: "narrow.ron"), (graph: "splat")])"#;
+        std::fs::write(&either, choice).expect("writable");
+        let text = checked(&either.display().to_string());
         assert!(text.starts_with("OK\n  4, 8"), "{text}");
         let last = text.lines().last().expect("a line");
         assert!(last.starts_with("  64 lanes: `splat` stands in for `"), "{text}");

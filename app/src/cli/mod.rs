@@ -202,16 +202,20 @@ fn preset_list() -> String {
     let rows = presets.iter().map(|p| (p.name.to_owned(), p.summary.clone()));
     let mut text = format!("Built-in graphs:\n{}", options::two_columns(rows.collect()));
     if let Some(default) = presets.iter().find(|p| p.name == options::DRAWN_PIPELINE) {
-        let row = |Control { param, label, help }: &Control| {
+        let row = |Control { param, label, help, .. }: &Control| {
             let about = if help.is_empty() { label } else { help };
             let domain = options::domain(&param.domain);
             (param.name.clone(), format!("{domain} [{}]  {about}", param.value))
         };
+        let name = default.name;
         text += &format!(
-            "\n\nParameters of {} for --set, with their values for a million splats in brackets:\n{}",
-            default.name,
-            options::two_columns(default.params.iter().map(row).collect())
+            "\n\nParameters of {name} for --set, with their values for a million splats in brackets:"
         );
+        for group in default.params.chunk_by(|a, b| a.part == b.part) {
+            let title = group[0].part.as_ref().map(|part| format!(" {}:\n", part.replace('_', " ")));
+            let rows = options::two_columns(group.iter().map(row).collect());
+            text += &format!("\n{}{rows}", title.unwrap_or_default());
+        }
     }
     text
 }

@@ -152,7 +152,8 @@ impl<D: Device> Viewport<D> {
     /// Describes what is drawn in place of a graph that the device lacks something for.
     pub fn stand_in(&self) -> Option<String> {
         let stand_ins = &self.renderer.plan()?.stand_ins;
-        let all: Vec<String> = stand_ins.iter().map(ToString::to_string).collect();
+        let lacking = stand_ins.iter().filter(|stand_in| !stand_in.preference);
+        let all: Vec<String> = lacking.map(ToString::to_string).collect();
         (!all.is_empty()).then(|| all.join("; "))
     }
 

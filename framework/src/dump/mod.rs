@@ -57,7 +57,7 @@ pub struct Dump {
     /// The graph is last; empty for a graph.
     #[serde(default)]
     pub based_on: Vec<String>,
-    /// The fallbacks that stand in for the graph that was asked for, in order.
+    /// The graphs of a choice that are passed over, in order.
     #[serde(default)]
     pub stand_ins: Vec<StandIn>,
     /// In the order of the file.

@@ -49,15 +49,17 @@ impl fmt::Display for Unmet {
     }
 }
 
-/// Says that a graph's fallback is taken in place of the graph.
+/// Says that a choice passes a graph over, and takes the next.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StandIn {
     /// The graph whose requirements do not hold.
     pub wanted: String,
-    /// Its fallback, which is taken; the graph wanted in the next entry, if there is one.
+    /// The next of the choice, which is taken; the graph wanted in the next entry, if there is one.
     pub taken: String,
     /// The requirements, at least one.
     pub unmet: Vec<Unmet>,
+    /// The requirements are all the choice's own: the graph would run, and is preferred elsewhere.
+    pub preference: bool,
 }
 
 impl fmt::Display for StandIn {

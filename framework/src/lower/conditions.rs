@@ -5,7 +5,9 @@ use super::resources::Handle;
 use super::scope::Place;
 use super::{RemovedPass, RemovedUse};
 use crate::ir::{Culled, ParamSet, Reason, Value};
-use crate::schema::{Call, Number, Part, PassDecl, Reference, ResourceName, Size, SwapDecl};
+use crate::schema::{
+    Call, Expression, Number, Part, PassDecl, Reference, ResourceName, Size, SwapDecl, is_choice,
+};
 use crate::source::Diagnostic;
 
 /// A `when` that is false.
@@ -109,7 +111,7 @@ impl Lowering<'_> {
         let Some(Parts { name, users, numbers, shaders }) = Parts::of(pass) else { return };
         let name = format!("{}{name}{}", level.prefix, level.suffix);
         let condition = match why.condition {
-            Number::Expression(expression) => expression.text.clone(),
+            Number::Expression(expression) => expression.line(),
             Number::Literal(value) => value.to_string(),
         };
         for user in &users {
@@ -117,16 +119,25 @@ impl Lowering<'_> {
                 self.unwritten.push(RemovedUse { resource: id, pass: name.clone(), when: why.at.span() });
             }
         }
+        let chooses = shaders.iter().filter(|shader| is_choice(&shader.text));
+        let chosen: Vec<ParamSet> = chooses.map(|shader| level.names.named(shader)).collect();
+        let shaders = shaders.into_iter().filter_map(|shader| level.names.shader(shader)).collect();
         let numbers = numbers.into_iter().flat_map(|number| level.names.named_by(number));
+        let numbers = numbers.chain(chosen.into_iter().flatten());
         let choices = users.iter().flat_map(|user| level.names.named_by_choice(user));
+        let exposed = match pass {
+            PassDecl::Include { name, .. } => level.exposed.get(name),
+            _ => None,
+        };
+        let exposed = exposed.into_iter().flatten().filter_map(|name| level.names.params.get(name)).flatten();
         self.removed.push(RemovedPass {
             condition: condition.clone(),
             when: why.at.span(),
             reason: why.reason.clone(),
             decided: why.decided.clone(),
-            named: numbers.chain(choices).collect(),
+            named: numbers.chain(choices).chain(exposed.copied()).collect(),
             file: level.file,
-            shaders: shaders.into_iter().cloned().collect(),
+            shaders,
             constants: level.constants.clone(),
         });
         let origin = self.files.origin(place.span());
@@ -161,7 +172,7 @@ struct Parts<'a> {
     name: &'a str,
     users: Vec<&'a Reference>,
     numbers: Vec<&'a Number>,
-    shaders: Vec<&'a String>,
+    shaders: Vec<&'a Expression>,
 }
 
 impl Parts<'_> {

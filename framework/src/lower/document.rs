@@ -13,34 +13,29 @@ pub(super) struct Opened {
     pub file: FileId,
     pub graph: Rc<Graph>,
     pub outline: Rc<Outline>,
-    /// The summary of the outermost preset, or of the graph.
+    /// The summary of the outermost preset or choice, or of the graph.
     pub summary: String,
     /// Settings of the presets, outer ones already laid over inner ones.
     pub set: IndexMap<String, Setting>,
-    /// The graphs and presets that it is based on, as the presets name them, the graph last.
+    /// The graphs and presets that it is based on, as presets and choices name them, the graph last.
     pub based_on: Vec<String>,
-    /// The needs of the presets and the graph.
+    /// The name under which a choice has it.
+    pub candidate: Option<String>,
+    /// The other graphs of the choice.
+    pub others: Rc<Vec<Opened>>,
+    /// The needs of choices, presets and the graph, from the outside in.
     pub require: Vec<Requirement>,
-    /// The fallback of the outermost preset that has one, or of the graph.
-    pub fallback: Option<Fallback>,
 }
 
-/// A need of a graph or a preset: an entry of `require`.
+/// A need of a graph, of a preset, or of a choice for one of its graphs: an entry of `require`.
 #[derive(Clone, Debug)]
 pub(super) struct Requirement {
     pub condition: Expression,
     pub words: String,
     pub outline: Rc<Outline>,
     pub path: Path,
-}
-
-/// The `fallback` of a graph or a preset.
-#[derive(Clone, Debug)]
-pub(super) struct Fallback {
-    pub name: String,
-    /// The file that names it.
-    pub file: FileId,
-    pub span: Span,
+    /// It stands in a choice: the graph would run, and another is preferred.
+    pub preference: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -50,8 +45,11 @@ pub(super) struct Setting {
     pub path: Path,
 }
 
-/// Limits how deep presets and includes nest, so that the stack cannot overflow.
+/// Limits how deep presets, choices and includes nest, so that the stack cannot overflow.
 pub(super) const MAX_DEPTH: usize = 16;
+
+/// Limits the graphs that a choice leads to: choices of choices could double them at each step.
+const MAX_CANDIDATES: usize = 64;
 
 /// Finds a graph that is named on the command line.
 pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diagnostic>> {
@@ -62,77 +60,125 @@ pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diag
     })
 }
 
-/// Reads a file; where it is a preset, goes on to its graph.
-pub(super) fn follow(files: &mut SourceMap, mut file: FileId) -> Result<Opened, Vec<Diagnostic>> {
-    let mut set = IndexMap::new();
-    let mut summary = None;
-    let (mut based_on, mut require, mut fallback) = (Vec::new(), Vec::new(), None);
-    let mut chain: Vec<(FileId, Span)> = Vec::new();
-    loop {
-        let (document, outline) = parse(files, file)?;
-        let (needs, stand_in) = match &document {
-            Document::Graph(graph) => (&graph.require, &graph.fallback),
-            Document::Preset(preset) => (&preset.require, &preset.fallback),
-        };
-        require.extend(needs.iter().enumerate().map(|(index, (condition, words))| Requirement {
-            condition: condition.clone(),
-            words: words.clone(),
-            outline: outline.clone(),
-            path: Path::root().field("require").index(index),
-        }));
-        if let (None, Some(name)) = (&fallback, stand_in) {
-            let span = outline.value(&Path::root().field("fallback"));
-            fallback = Some(Fallback { name: name.clone(), file, span });
-        }
+/// Reads a file and follows presets and choices to the graphs that it can stand for, in order of preference.
+///
+/// All are read whether they are needed or not: a mistake is to be found on every device.
+pub(super) fn follow(files: &mut SourceMap, file: FileId) -> Result<Vec<Opened>, Vec<Diagnostic>> {
+    Follow { files, chain: Vec::new(), found: 0 }.file(file)
+}
+
+/// The state of the way from a file to its graphs.
+struct Follow<'a> {
+    files: &'a mut SourceMap,
+    /// The presets and choices on the way, and where each names the next.
+    chain: Vec<(FileId, Span)>,
+    /// Graphs so far.
+    found: usize,
+}
+
+impl Follow<'_> {
+    fn file(&mut self, file: FileId) -> Result<Vec<Opened>, Vec<Diagnostic>> {
+        let (document, outline) = parse(self.files, file)?;
+        let root = Path::root();
         match document {
             Document::Graph(graph) => {
                 if graph.version != GRAPH_VERSION {
-                    let at = outline.value(&Path::root().field("version"));
-                    return Err(vec![Diagnostic::new(
-                        format!("this graph is of version {}", graph.version),
-                        at,
-                        format!("this program reads version {GRAPH_VERSION}"),
-                    )]);
+                    let at = outline.value(&root.field("version"));
+                    let message = format!("this graph is of version {}", graph.version);
+                    let read = format!("this program reads version {GRAPH_VERSION}");
+                    return Err(vec![Diagnostic::new(message, at, read)]);
                 }
-                let summary = summary.unwrap_or_else(|| graph.summary.clone());
-                return Ok(Opened {
-                    file,
-                    graph: Rc::new(graph),
-                    outline,
-                    summary,
-                    set,
-                    based_on,
-                    require,
-                    fallback,
-                });
+                self.found += 1;
+                let require = requirements(&graph.require, &outline, &root, false);
+                let summary = graph.summary.clone();
+                let (set, based_on) = (IndexMap::new(), Vec::new());
+                let graph = Rc::new(graph);
+                Ok(vec![Opened { file, graph, outline, summary, set, based_on, candidate: None, others: Rc::default(), require }])
             }
             Document::Preset(preset) => {
-                let base = outline.value(&Path::root().field("graph"));
-                chain.push((file, base));
-                summary.get_or_insert(preset.summary);
-                for (name, number) in preset.set {
-                    let path = Path::root().field("set").key(&name);
-                    set.entry(name).or_insert(Setting { number, outline: outline.clone(), path });
-                }
-                let next =
-                    files.find(Some(file), &preset.graph, Kind::Graph).map_err(|e| vec![e.at(base)])?;
-                if chain.len() > MAX_DEPTH {
-                    let message = format!("presets are based on one another deeper than {MAX_DEPTH}");
-                    return Err(vec![Diagnostic::new(message, base, "the limit is passed here")]);
-                }
-                if chain.iter().any(|(seen, _)| *seen == next) {
-                    let mut diagnostic =
-                        Diagnostic::new("these presets are based on each other", base, "leads back");
-                    for (_, span) in &chain[..chain.len() - 1] {
-                        diagnostic = diagnostic.with_label(*span, "based on this");
+                let at = outline.value(&root.field("graph"));
+                let mut all = self.next(file, &preset.graph, at, "these presets are based on each other")?;
+                for opened in &mut all {
+                    opened.summary.clone_from(&preset.summary);
+                    let mut set = IndexMap::new();
+                    for (name, number) in &preset.set {
+                        let (number, path) = (number.clone(), root.field("set").key(name));
+                        set.insert(name.clone(), Setting { number, outline: outline.clone(), path });
                     }
-                    return Err(vec![diagnostic]);
+                    for (name, setting) in std::mem::take(&mut opened.set) {
+                        set.entry(name).or_insert(setting);
+                    }
+                    opened.set = set;
+                    opened.based_on.insert(0, preset.graph.clone());
+                    opened.require.splice(0..0, requirements(&preset.require, &outline, &root, false));
                 }
-                based_on.push(preset.graph);
-                file = next;
+                Ok(all)
+            }
+            Document::Choice(choice) => {
+                let mut all = Vec::new();
+                for (index, candidate) in choice.of.iter().enumerate() {
+                    let path = root.field("of").index(index);
+                    let at = outline.value(&path.field("graph"));
+                    let mut found =
+                        self.next(file, &candidate.graph, at, "these choices lead to each other")?;
+                    for opened in &mut found {
+                        opened.summary.clone_from(&choice.summary);
+                        opened.based_on.insert(0, candidate.graph.clone());
+                        opened.candidate.get_or_insert_with(|| candidate.graph.clone());
+                        opened.require.splice(0..0, requirements(&candidate.require, &outline, &path, true));
+                    }
+                    all.append(&mut found);
+                    if self.found > MAX_CANDIDATES {
+                        let message = format!("this is a choice of over {MAX_CANDIDATES} graphs");
+                        return Err(vec![Diagnostic::new(message, at, "the limit is passed here")]);
+                    }
+                }
+                if all.is_empty() {
+                    let at = outline.value(&root.field("of"));
+                    return Err(vec![Diagnostic::new("this choice has no graph", at, "is empty")]);
+                }
+                Ok(all)
             }
         }
     }
+
+    /// Goes on to the graph that a preset or a choice names at `at`. `circle` says what is wrong if that leads back.
+    fn next(
+        &mut self,
+        file: FileId,
+        name: &str,
+        at: Span,
+        circle: &str,
+    ) -> Result<Vec<Opened>, Vec<Diagnostic>> {
+        let next = self.files.find(Some(file), name, Kind::Graph).map_err(|e| vec![e.at(at)])?;
+        self.chain.push((file, at));
+        if self.chain.len() > MAX_DEPTH {
+            let message = format!("presets and choices lead to one another deeper than {MAX_DEPTH}");
+            return Err(vec![Diagnostic::new(message, at, "the limit is passed here")]);
+        }
+        if let Some(first) = self.chain.iter().position(|(seen, _)| *seen == next) {
+            let others = &self.chain[first..self.chain.len() - 1];
+            let diagnostic = Diagnostic::new(circle, at, "leads back");
+            return Err(vec![others.iter().fold(diagnostic, |d, (_, span)| d.with_label(*span, "leads on"))]);
+        }
+        let found = self.file(next)?;
+        self.chain.pop();
+        Ok(found)
+    }
+}
+
+fn requirements(
+    needs: &[(Expression, String)],
+    outline: &Rc<Outline>,
+    of: &Path,
+    preference: bool,
+) -> Vec<Requirement> {
+    let requirement = |(index, (condition, words)): (usize, &(Expression, String))| {
+        let (condition, words) = (condition.clone(), words.clone());
+        let path = of.field("require").index(index);
+        Requirement { condition, words, outline: outline.clone(), path, preference }
+    };
+    needs.iter().enumerate().map(requirement).collect()
 }
 
 /// Reads one file, without following anything.

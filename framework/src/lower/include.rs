@@ -1,55 +1,70 @@
 //! Includes: lowers another graph's passes with the includer's resources and parameters.
 
 use indexmap::IndexMap;
-use std::rc::Rc;
 
 use super::LoweredInclude;
-use super::document::{self, MAX_DEPTH, Opened};
+use super::declared;
+use super::document::{MAX_DEPTH, Opened};
 use super::params;
-use super::passes::{Level, Lowering};
+use super::passes::{Level, Lowering, Scope};
 use super::resources::Handle;
 use super::scope::{Names, Place};
-use crate::ir::Param;
-use crate::schema::{Graph, Number, ParamDecl, Reference};
+use crate::ir::{Param, Value};
+use crate::schema::{Number, ParamDecl, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Path};
 
+/// An include as written, besides its condition.
+pub(super) struct Written<'a> {
+    pub graph: &'a str,
+    pub name: &'a str,
+    pub with: &'a IndexMap<String, Reference>,
+    pub set: &'a IndexMap<String, Number>,
+    pub place: &'a Place,
+}
+
 impl Lowering<'_> {
-    pub(super) fn include(
-        &mut self,
-        level: &mut Level,
-        graph: &str,
-        name: &str,
-        with: &IndexMap<String, Reference>,
-        set: &IndexMap<String, Number>,
-        place: &Place,
-    ) -> Result<(), Diagnostic> {
+    pub(super) fn include(&mut self, level: &mut Level, include: &Written) -> Result<(), Diagnostic> {
+        let Written { graph, name, with, place, .. } = *include;
         let decided = level.names.take_notes().decided;
         let graph_place = place.field("graph");
         let file =
             self.files.find(Some(level.file), graph, Kind::Graph).map_err(|e| e.at(graph_place.span()))?;
-        if self.includes.contains(&file) {
-            return Err(graph_place
-                .error("these graphs include each other", "leads back to a graph that includes this one"));
-        }
         if self.includes.len() > MAX_DEPTH {
             return Err(graph_place
                 .error(format!("includes are nested deeper than {MAX_DEPTH}"), "the limit is passed here"));
         }
-        let opened = match self.opened.get(&file) {
-            Some(opened) => opened.clone(),
-            None => match document::follow(self.files, file) {
-                Ok(opened) => self.opened.entry(file).or_insert(Rc::new(opened)).clone(),
-                Err(errors) => {
-                    self.errors.extend(errors);
-                    return Ok(());
-                }
-            },
+        let chosen = match self.choices.choose(file, self.files, 0) {
+            Ok(chosen) => chosen,
+            Err(errors) => {
+                self.errors.extend(errors);
+                return Ok(());
+            }
         };
-        let Graph { params, lets, imports, resources, .. } = &*opened.graph;
-        if !self.count(params.len() + lets.len() + imports.len() + resources.len(), place) {
+        let opened = &chosen.opened;
+        if self.includes.contains(&opened.file) {
+            return Err(graph_place
+                .error("these graphs include each other", "leads back to a graph that includes this one"));
+        }
+        if !chosen.errors.is_empty() {
+            let here = |error: &Diagnostic| error.clone().with_label(graph_place.span(), "included here");
+            self.errors.extend(chosen.errors.iter().map(here));
             return Ok(());
         }
-        let (names, params) = self.include_params(level, &opened, set, place)?;
+        let parameters = match declared::parameters(opened, &mut self.choices, self.files) {
+            Ok(parameters) => parameters,
+            Err(errors) => {
+                self.errors.extend(errors);
+                return Ok(());
+            }
+        };
+        let declarations = parameters.all.len()
+            + [opened.graph.lets.len(), opened.graph.imports.len(), opened.graph.resources.len()]
+                .iter()
+                .sum::<usize>();
+        if !self.count(declarations, place) {
+            return Ok(());
+        }
+        let (names, params) = self.include_params(level, opened, &parameters, include)?;
         let full = format!("{}{name}{}", level.prefix, level.suffix);
         let span = place.field("name").span();
         if let Some(first) = self.include_names.insert(full.clone(), span) {
@@ -58,7 +73,8 @@ impl Lowering<'_> {
         }
         let prefix = format!("{full}.");
         let before = self.errors.len();
-        let mut inner = self.level(&opened, names, &params, prefix);
+        let scope = Scope { names, params, exposed: parameters.exposed };
+        let mut inner = self.level(opened, scope, prefix);
         let mut include = LoweredInclude { name: full, span, parent: level.include, given: Vec::new() };
         for (port_name, port) in &opened.graph.ports {
             let Some(given) = with.get(port_name) else {
@@ -84,12 +100,9 @@ impl Lowering<'_> {
                 None => Vec::new(),
             };
             include.given.push((given.text.clone(), resources));
-            let stride =
-                Place::new(&opened.outline, Path::root().field("ports").key(port_name)).field("stride");
-            let handle = match handle {
-                Some(handle) => Some(self.port(port_name, port, handle, &inner.names, &stride, &at)?),
-                None => None,
-            };
+            let port_at = Place::new(&opened.outline, Path::root().field("ports").key(port_name));
+            let handle =
+                handle.map(|handle| self.port(port_name, port, handle, &inner, &port_at, &at)).transpose()?;
             inner.handles.insert(port_name.clone(), handle);
         }
         if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
@@ -99,32 +112,6 @@ impl Lowering<'_> {
             let ports = opened.graph.ports.keys().map(String::as_str);
             return Err(diagnostic.with_nearest(unknown, ports, ""));
         }
-        for field in ["output", "stats"] {
-            let set = if field == "output" {
-                opened.graph.output.is_some()
-            } else {
-                !opened.graph.stats.is_empty()
-            };
-            if set {
-                let span = opened.outline.key(&Path::root().field(field));
-                return Err(Diagnostic::new(
-                    format!("an included graph has no `{field}` of its own"),
-                    span,
-                    "declared here",
-                )
-                .with_label(graph_place.span(), "included here"));
-            }
-        }
-        if let Some(requirement) = opened.require.first() {
-            let span = requirement.outline.value(&requirement.path);
-            return Err(Diagnostic::new(
-                "an included graph has no `require` of its own",
-                span,
-                "declared here",
-            )
-            .with_label(graph_place.span(), "included here")
-            .with_help("state it in the graph that includes this one, with a `fallback` for all of it"));
-        }
         inner.include = Some(self.included.len());
         inner.around = level.around.iter().copied().chain(decided).collect();
         self.included.push(include);
@@ -132,43 +119,87 @@ impl Lowering<'_> {
         if self.errors.len() > before {
             return Ok(());
         }
-        self.includes.push(file);
+        self.includes.push(opened.file);
         let passes = Place::new(&opened.outline, Path::root().field("passes"));
         self.walk(&mut inner, &opened.graph.passes, &passes);
         self.includes.pop();
+        if self.errors.len() > before {
+            return Ok(());
+        }
+        inner.names.take_notes();
+        self.stats(&inner);
+        self.results.extend(inner.names.take_notes().all());
+        self.give(level, name, &inner);
         Ok(())
     }
 
-    /// The parameters of an included graph: from `set`, in the includer's names, over its own defaults.
+    /// Gives the includer the names of an included graph's resources: `include.resource`.
+    ///
+    /// They are what its own passes find under them at their end. A constant that is the name of a resource gives that one, and the
+    /// output is the `picture`.
+    fn give(&mut self, level: &mut Level, include: &str, inner: &Level) {
+        let ports = &inner.graph.ports;
+        let own = inner.handles.iter().filter(|(name, _)| !ports.contains_key(*name));
+        let mut given: IndexMap<String, Option<Handle>> =
+            own.map(|(name, handle)| (name.clone(), handle.clone())).collect();
+        for (name, value) in &inner.names.values {
+            let Value::Text(text) = value else { continue };
+            let parsed = ResourceName::parse(text).filter(|_| !is_choice(text));
+            if let (Some(of), false) = (parsed, given.contains_key(name))
+                && inner.handles.contains_key(&of.name)
+            {
+                given.insert(name.clone(), self.handle(inner, &of));
+            }
+        }
+        if let Some(output) = &inner.graph.output {
+            let at = Place::new(&inner.outline, Path::root().field("output"));
+            match self.look_up(inner, output, &at) {
+                Ok(found) => drop(given.insert("picture".into(), found.map(Handle::Plain))),
+                Err(error) => self.errors.push(error),
+            }
+        }
+        level.handles.extend(given.into_iter().map(|(name, handle)| (format!("{include}.{name}"), handle)));
+    }
+
+    /// The parameters of an included graph: those that the includer has as well, and else from `set`, in the includer's names, over
+    /// its own defaults.
     fn include_params(
         &self,
         level: &Level,
         opened: &Opened,
-        set: &IndexMap<String, Number>,
-        place: &Place,
+        parameters: &declared::Parameters,
+        include: &Written,
     ) -> Result<(Names, Vec<Param>), Diagnostic> {
-        let graph = &opened.graph;
-        if let Some((name, setting)) = opened.set.iter().find(|(k, _)| !graph.params.contains_key(*k)) {
-            return Err(params::unknown(name, setting.outline.key(&setting.path), graph));
+        let Written { set, place, name: include, .. } = *include;
+        if let Some((name, setting)) = opened.set.iter().find(|(k, _)| !parameters.contains(k) && !parameters.elsewhere.contains(*k)) {
+            return Err(params::unknown(name, setting.outline.key(&setting.path), parameters.names()));
         }
-        if let Some(name) = set.keys().find(|k| !graph.params.contains_key(*k)) {
-            return Err(params::unknown(name, place.field("set").field(name).key(), graph));
+        if let Some(name) = set.keys().find(|k| !parameters.contains(k)) {
+            return Err(params::unknown(name, place.field("set").field(name).key(), parameters.names()));
         }
+        let exposed = level.exposed.get(include);
         let mut names = Names::of(self.request.facts);
         let mut params = Vec::new();
-        for (name, declaration) in &opened.graph.params {
-            let at = Place::new(&opened.outline, Path::root().field("params").key(name));
-            if matches!(declaration, ParamDecl::Live(_)) {
-                return Err(Diagnostic::new(
-                    "an included graph has no live parameters of its own",
-                    at.key(),
-                    "declared here",
-                )
-                .with_help("declare it in the graph that includes it: its shaders see it all the same"));
+        for index in parameters.order(&opened.set) {
+            let declared = &parameters.all[index];
+            let name = &declared.name;
+            let shared = exposed.filter(|exposed| exposed.contains(name));
+            if let Some(param) = shared.and_then(|_| level.params.iter().find(|param| param.name == *name)) {
+                names.adopt(name, &level.names);
+                params.push(param.clone());
+                continue;
+            }
+            if matches!(declared.declaration(), ParamDecl::Live(_)) {
+                let message = format!("`{name}` is live, and the includer does not expose it");
+                return Err(Diagnostic::new(message, place.field("graph").span(), "included here")
+                    .with_label(declared.place.key(), "declared here")
+                    .with_help(format!(
+                        "live parameters are those of the outermost graph: `expose: Only([\"{name}\"])`"
+                    )));
             }
             let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));
             let (param, behind) =
-                params::included(name, declaration, &at, opened.set.get(name), given, &names, self.files)?;
+                params::included(declared, opened.set.get(name), given, &names, self.files)?;
             names.define(name, param.value.clone(), behind);
             params.push(param);
         }

@@ -5,12 +5,13 @@
 //! draws and fills over numbered resources, every expression has a value, and `front(keys)` is one definite buffer. Lowering
 //! does not look at shaders; whether the names under `bind` exist is checked by linking.
 //!
-//! Files: `document` loads files and follows presets; `require` takes another graph where the device lacks what one needs;
-//! `params` resolves parameters, and `defines` turns them into preprocessor defines; `scope` evaluates expressions;
+//! Files: `document` loads files and follows presets and choices; `require` takes the first graph of a choice whose needs hold;
+//! `declared` lists a graph's parameters, `params` gives them values, and `defines` turns them into preprocessor defines; `scope` evaluates expressions;
 //! `resources` numbers buffers and images; `passes` walks the passes, `conditions` leaves some of them out; `include` lowers
 //! included graphs.
 
 mod conditions;
+mod declared;
 mod defines;
 mod document;
 mod include;
@@ -25,10 +26,14 @@ use std::rc::Rc;
 
 pub use params::parse_value;
 
+use declared::Declared;
+use require::Choices;
+
 use crate::ir::{
     Culled, DrawCall, FileId, Param, ParamSet, Reason, Request, Run, Shape, Source, Span, StandIn, Stat,
     Target, Topology, Unmet, Value,
 };
+use crate::schema::folded;
 use crate::source::{Diagnostic, SourceMap};
 
 /// Holds a graph without its constructs. Passes are in the order of the file.
@@ -40,7 +45,7 @@ pub struct Lowered {
     pub summary: String,
     /// The graphs and presets that it is based on, the graph last; empty for a graph.
     pub based_on: Vec<String>,
-    /// The fallbacks that were taken, in order; the last one's is this graph.
+    /// The graphs that a choice passed over, in order; the last one's stand-in is this graph.
     pub stand_ins: Vec<StandIn>,
     /// Known values of scene, device and viewport.
     pub facts: BTreeMap<String, Value>,
@@ -319,6 +324,8 @@ pub struct Control {
     pub label: String,
     /// A sentence, or nothing.
     pub help: String,
+    /// The include that it is exposed of; none for the graph's own.
+    pub part: Option<String>,
 }
 
 /// Lowers the graph that `request` names.
@@ -328,27 +335,27 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
 
 /// Reads a graph's summary and parameters, without lowering its passes: for lists, help and controls.
 pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
-    let (root, stand_ins) = require::open(request, files)?;
+    let mut choices = Choices::new(request);
+    let chosen = choices.root(files)?;
+    let parameters = declared::parameters(&chosen.opened, &mut choices, files)?;
     let mut errors = Vec::new();
-    let resolved = params::resolve(&root, request, files, &mut errors);
-    let control = |param: Param| {
-        let declaration = &root.graph.params[&param.name];
-        let (label, help) = params::texts(declaration);
-        let label = if label.is_empty() { param.name.replace('_', " ") } else { label.to_string() };
-        Control { label, help: help.to_string(), param }
-    };
-    let controls = resolved.params.into_iter().map(control).collect();
-    if errors.is_empty() {
-        Ok((root.summary.clone(), controls))
-    } else {
-        Err(require::explained(errors, &stand_ins))
+    let resolved = params::resolve(&chosen.opened, &parameters, request, files, &mut errors);
+    if !errors.is_empty() {
+        return Err(require::explained(errors, &chosen.stand_ins));
     }
+    let control = |(param, declared): (Param, &Declared)| {
+        let (label, help) = params::texts(declared.declaration());
+        let label = if label.is_empty() { param.name.replace('_', " ") } else { folded(label) };
+        Control { label, help: folded(help), part: declared.part.clone(), param }
+    };
+    let controls = resolved.params.into_iter().zip(&parameters.all).map(control).collect();
+    Ok((folded(&chosen.opened.summary), controls))
 }
 
 /// Says which graph a device is given for the one that a request names.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Standing {
-    /// The fallbacks that are taken, in order; none where the graph itself suits the device.
+    /// The graphs of a choice that are passed over, in order.
     pub stand_ins: Vec<StandIn>,
     /// The needs of the last of them (or of the graph) that do not hold.
     ///
@@ -359,9 +366,10 @@ pub struct Standing {
 /// Holds a graph's `require` against the facts, without lowering it.
 ///
 /// # Errors
-/// Those of the graph's file, of its `require` and `fallback`, and of the files that these lead to.
+/// Those of the graph's file, of its `require`, and of the files that it leads to.
 pub fn standing(request: &Request, files: &mut SourceMap) -> Result<Standing, Vec<Diagnostic>> {
-    require::standing(request, files).map(|(_, standing, _)| standing)
+    let chosen = Choices::new(request).standing(files)?;
+    Ok(Standing { stand_ins: chosen.stand_ins.clone(), unmet: chosen.unmet.clone() })
 }
 
 /// Values by name.

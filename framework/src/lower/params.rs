@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 
 use super::SkippedUse;
+use super::declared::{Declared, Parameters};
 use super::document::{Opened, Setting};
 use super::scope::{Names, Place, describe};
 use crate::ir::{
     Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, ParamSet, Reason, Request, Span, Value,
 };
-use crate::schema::{Expression, Graph, Number, ParamDecl, ParamKind};
-use crate::source::{Diagnostic, Path, SourceMap, nearest};
+use crate::schema::{Expression, Number, ParamDecl, ParamKind};
+use crate::source::{Diagnostic, SourceMap, nearest};
 
 /// The parameters of a graph with their values.
 pub(super) struct Resolved {
@@ -31,33 +32,37 @@ struct Text<'a> {
 /// Gives the parameters of the root graph their values: defaults, then presets, then the request's settings.
 pub(super) fn resolve(
     root: &Opened,
+    parameters: &Parameters,
     request: &Request,
     files: &mut SourceMap,
     errors: &mut Vec<Diagnostic>,
 ) -> Resolved {
-    let known = |name: &str| root.graph.params.contains_key(name);
-    for (name, setting) in root.set.iter().filter(|(name, _)| !known(name)) {
-        errors.push(unknown(name, setting.outline.key(&setting.path), &root.graph));
+    let unknown_here = |name: &str| !parameters.contains(name) && !parameters.elsewhere.contains(name);
+    for (name, setting) in root.set.iter().filter(|(name, _)| unknown_here(name)) {
+        errors.push(unknown(name, setting.outline.key(&setting.path), parameters.names()));
     }
     let mut texts = Vec::new();
     for (name, value) in request.set {
         let file = files.add("--set", format!("{name}={value}"));
-        if !known(name) {
+        if !parameters.contains(name) {
             let span = Span { file, start: 0, end: name.len() };
-            errors.push(unknown(name, span, &root.graph));
+            errors.push(unknown(name, span, parameters.names()));
         }
         let span = Span { file, start: name.len() + 1, end: name.len() + 1 + value.len() };
         texts.push((name.as_str(), Text { value, span }));
     }
 
     let mut names = Names::of(request.facts);
-    let (mut params, mut live) = (Vec::new(), BTreeMap::new());
-    let (mut live_bytes, mut skipped) = (0, Vec::new());
-    for (name, declaration) in &root.graph.params {
-        let place = Place::new(&root.outline, Path::root().field("params").key(name));
+    let mut params: Vec<Option<Param>> = vec![None; parameters.all.len()];
+    let (mut live, mut skipped) = (BTreeMap::new(), Vec::new());
+    let is_live = |declared: &&Declared| matches!(declared.declaration(), ParamDecl::Live(_));
+    let live_bytes = |until: usize| 4 * parameters.all[..until].iter().filter(is_live).count() as u64;
+    for index in parameters.order(&root.set) {
+        let declared = &parameters.all[index];
+        let name = &declared.name;
         let text = texts.iter().rev().find(|(n, _)| n == name).map(|(_, t)| t);
-        let made = one(name, declaration, &place, root.set.get(name), text, &names, live_bytes, files);
-        let made = made.and_then(|made| Ok((made, grows(declaration, &place, Some(&root.graph))?)));
+        let made = one(declared, root.set.get(name), text, &names, live_bytes(index), files);
+        let made = made.and_then(|made| Ok((made, grows(declared)?)));
         match made {
             Ok((Made { mut param, params: mut behind, range, skipped: others }, grows)) => {
                 param.grows = grows;
@@ -70,36 +75,37 @@ pub(super) fn resolve(
                 param.reason.take_if(|_| value != param.value);
                 param.value = value;
                 if !others.is_empty() {
-                    let (name, span, decided) = (name.clone(), place.key(), behind.clone());
+                    let (name, span, decided) = (name.clone(), declared.place.key(), behind.clone());
                     skipped.push(SkippedUse { params: others, name, span, decided });
                 }
-                behind.insert(params.len());
+                behind.insert(index);
                 match param.binding {
                     ParamBinding::Const => names.define(name, param.value.clone(), behind),
                     ParamBinding::Live { .. } => {
                         names.live.insert(name.clone());
                         live.insert(name.clone(), behind);
-                        live_bytes += 4;
                     }
                 }
-                params.push(param);
+                params[index] = Some(param);
             }
             Err(diagnostic) => errors.push(diagnostic),
         }
     }
-    Resolved { params, names, live_bytes, live, skipped }
+    let params = params.into_iter().flatten().collect();
+    Resolved { params, names, live_bytes: live_bytes(parameters.all.len()), live, skipped }
 }
 
-/// A setting of a parameter that the graph does not have.
-pub(super) fn unknown(name: &str, span: Span, graph: &Graph) -> Diagnostic {
-    let all: Vec<_> = graph.params.keys().map(|k| format!("`{k}`")).collect();
+/// A setting of a parameter that the graph does not have; `known` are those that it has.
+pub(super) fn unknown<'a>(name: &str, span: Span, known: impl Iterator<Item = &'a str>) -> Diagnostic {
+    let known: Vec<&str> = known.collect();
+    let all: Vec<_> = known.iter().map(|k| format!("`{k}`")).collect();
     let otherwise = match all[..] {
         [] => "this graph has no parameters".to_string(),
         _ => format!("it has {}", all.join(", ")),
     };
     Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here").with_nearest(
         name,
-        graph.params.keys().map(String::as_str),
+        known.iter().copied(),
         otherwise,
     )
 }
@@ -115,18 +121,16 @@ struct Made {
     skipped: ParamSet,
 }
 
-#[allow(clippy::too_many_arguments)]
 fn one(
-    name: &str,
-    declaration: &ParamDecl,
-    place: &Place,
+    declared: &Declared,
     setting: Option<&Setting>,
     text: Option<&Text>,
     names: &Names,
     offset: u64,
     files: &SourceMap,
 ) -> Result<Made, Diagnostic> {
-    let (kind, binding) = match declaration {
+    let Declared { name, place, default: replaced, .. } = declared;
+    let (kind, binding) = match declared.declaration() {
         ParamDecl::Const(kind) => (kind, ParamBinding::Const),
         ParamDecl::Live(kind) => (kind, ParamBinding::Live { offset: offset as u32 }),
     };
@@ -138,7 +142,13 @@ fn one(
         ));
     }
     let kind_place = place.index(0);
-    let (found, range) = names.traced(|| domain(kind, &kind_place, names));
+    let written = match replaced {
+        Some(Setting { number, outline, path }) => {
+            (number.clone(), Place { outline: outline.clone(), path: path.clone() })
+        }
+        None => (written_default(kind), kind_place.field("default")),
+    };
+    let (found, range) = names.traced(|| domain(kind, &kind_place, &written, names));
     let (domain, default, exact) = found?;
     let (value, (reason, params, skipped)) = match (text, setting) {
         (Some(text), _) => {
@@ -151,7 +161,7 @@ fn one(
             let value = given(&setting.number, &domain, names, &at)?;
             (value, reason(&setting.number, &domain, names))
         }
-        (None, None) => (default.clone(), reason(&written_default(kind), &domain, names)),
+        (None, None) => (default.clone(), reason(&written.0, &domain, names)),
     };
     let origin = files.origin(place.key());
     let param =
@@ -159,23 +169,16 @@ fn one(
     Ok(Made { param, params, range, skipped })
 }
 
-/// The statistic that a parameter grows with. `graph` is that of the statistics; none for a graph that is included.
-fn grows(
-    declaration: &ParamDecl,
-    place: &Place,
-    graph: Option<&Graph>,
-) -> Result<Option<String>, Diagnostic> {
+/// The statistic that a parameter grows with: one of the graph that declares it.
+fn grows(declared: &Declared) -> Result<Option<String>, Diagnostic> {
+    let declaration = declared.declaration();
     let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
     let ParamKind::Int { grows: Some(name), .. } = kind else { return Ok(None) };
-    let at = place.index(0).field("grows");
+    let at = declared.place.index(0).field("grows");
     if matches!(declaration, ParamDecl::Live(_)) {
         return Err(at.error("a live parameter cannot grow", "a plan has room by its constants alone"));
     }
-    let Some(graph) = graph else {
-        return Err(at
-            .error("a parameter of an included graph cannot grow", "an included graph has no statistics")
-            .with_help("let a parameter of the graph that includes it grow, and give its value with `set`"));
-    };
+    let graph = declared.graph();
     if graph.stats.contains_key(name) {
         return Ok(Some(name.clone()));
     }
@@ -199,10 +202,11 @@ pub(super) fn texts(declaration: &ParamDecl) -> (&str, &str) {
     }
 }
 
-/// Evaluates the domain, the default and the exact value of a declaration.
+/// Evaluates the domain, the default, which stands at a place of its own, and the exact value of a declaration.
 fn domain(
     kind: &ParamKind,
     place: &Place,
+    (default, default_at): &(Number, Place),
     names: &Names,
 ) -> Result<(Domain, Value, Option<Value>), Diagnostic> {
     let value =
@@ -227,9 +231,9 @@ fn domain(
         }
     };
     let empty = |at: Place| Err(at.error("this range is empty", "its end is below its start"));
-    let (domain, default, exact) = match kind {
-        ParamKind::Bool { default, exact, .. } => (Domain::Bool, default, exact),
-        ParamKind::Int { default, range, exact, .. } => {
+    let (domain, exact) = match kind {
+        ParamKind::Bool { exact, .. } => (Domain::Bool, exact.clone()),
+        ParamKind::Int { range, exact, .. } => {
             let at = place.field("range");
             let bound = |number: &Number, index: usize| {
                 let v = names.integer(number, &at.index(index))?;
@@ -243,9 +247,9 @@ fn domain(
             if max < min {
                 return empty(at);
             }
-            (Domain::Int { min, max }, default, exact)
+            (Domain::Int { min, max }, exact.clone())
         }
-        ParamKind::Float { default, range, step, exact, .. } => {
+        ParamKind::Float { range, step, exact, .. } => {
             let (min, max) = (bound(&range.0, 0)?, bound(&range.1, 1)?);
             if max < min {
                 return empty(place.field("range"));
@@ -261,20 +265,14 @@ fn domain(
                     other => return Err(place.field("step").error("a step is a number", describe(&other))),
                 },
             };
-            (Domain::Float { min, max, step }, default, exact)
+            (Domain::Float { min, max, step }, exact.clone())
         }
-        ParamKind::Choice { default, of, exact, .. } => {
-            let domain = Domain::Choice(of.clone());
-            // A name of the list, or an expression that comes to one.
-            let pick = |expression: &Expression, field| {
-                value(&Number::Expression(expression.clone()), field, &domain)
-            };
-            let default = pick(default, "default")?;
-            let exact = exact.as_ref().map(|e| pick(e, "exact")).transpose()?;
-            return Ok((domain, default, exact));
+        // A name of the list, or an expression that comes to one.
+        ParamKind::Choice { of, exact, .. } => {
+            (Domain::Choice(of.clone()), exact.clone().map(Number::Expression))
         }
     };
-    let default = value(default, "default", &domain)?;
+    let default = given(default, &domain, names, default_at)?;
     let exact = exact.as_ref().map(|e| value(e, "exact", &domain)).transpose()?;
     Ok((domain, default, exact))
 }
@@ -385,16 +383,13 @@ pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
 /// A parameter of an included graph, with the parameters of the root graph behind its value. `given` is what the includer sets,
 /// the names that this is over, and where it stands.
 pub(super) fn included(
-    name: &str,
-    declaration: &ParamDecl,
-    place: &Place,
+    declared: &Declared,
     setting: Option<&Setting>,
     given_here: Option<(&Number, &Names, Place)>,
     names: &Names,
     files: &SourceMap,
 ) -> Result<(Param, ParamSet), Diagnostic> {
-    let Made { mut param, mut params, .. } = one(name, declaration, place, setting, None, names, 0, files)?;
-    grows(declaration, place, None)?;
+    let Made { mut param, mut params, .. } = one(declared, setting, None, names, 0, files)?;
     if let Some((number, outer, at)) = given_here {
         param.value = given(number, &param.domain, outer, &at)?;
         (_, params, _) = reason(number, &param.domain, outer);

@@ -1,15 +1,17 @@
 //! The walk over the passes: conditions, repeats, swaps and includes.
 
 use indexmap::IndexMap;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
+use super::declared;
 use super::defines::{Constants, define_text, defines};
 use super::document::Opened;
+use super::include::Written;
 use super::params;
-use super::require;
+use super::require::{self, Choices};
 use super::resources::{Handle, History, PingPong};
-use super::scope::{Names, Notes, Place};
+use super::scope::{Names, Notes, Place, describe};
 use super::{
     Lowered, LoweredBind, LoweredInclude, LoweredPass, LoweredPush, LoweredResource, LoweredSize,
     LoweredWork, RemovedPass, RemovedUse, ResourceHandle, ShaderName, SkippedUse,
@@ -18,7 +20,7 @@ use crate::ir::{
     Culled, DrawCall, EXPORT, FileId, Format, HOST, LIVE_BLOCK, Load, Param, ParamSet, Request, Run, Shape,
     Source, Span, Stat, Target, Value,
 };
-use crate::schema::{Call, Graph, Number, PassDecl, Reference, Size};
+use crate::schema::{Call, Expression, Graph, Number, PassDecl, Reference, Size, folded, is_choice};
 use crate::source::{Diagnostic, Outline, Path, SourceMap};
 
 /// Passes that a graph may have after its repeats: far beyond any use, and short of exhausting memory by a typing error.
@@ -45,8 +47,7 @@ pub(super) struct Lowering<'a> {
     passes: Vec<LoweredPass>,
     /// Counts towards [`MAX_STEPS`].
     steps: usize,
-    /// Included graphs, each read once.
-    pub opened: HashMap<FileId, Rc<Opened>>,
+    pub choices: Choices<'a>,
     /// Name and place of every pass, to refuse one used twice.
     pass_names: BTreeMap<String, Option<Span>>,
     /// Name and place of every include, likewise.
@@ -58,6 +59,10 @@ pub(super) struct Lowering<'a> {
     pub skipped: Vec<SkippedUse>,
     /// As [`Lowered::shape`].
     pub shape: ParamSet,
+    /// As [`Lowered::results`].
+    pub results: ParamSet,
+    /// Words of this graph and of those that it includes, and their places.
+    stats: Vec<(Stat<ResourceHandle>, Span)>,
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
     pub included: Vec<LoweredInclude>,
@@ -69,8 +74,14 @@ pub(super) struct Level {
     pub graph: Rc<Graph>,
     pub outline: Rc<Outline>,
     pub names: Names,
+    /// The parameters, those that it exposes of others among them.
+    pub params: Vec<Param>,
+    /// As [`Parameters::exposed`](super::declared::Parameters::exposed).
+    pub exposed: BTreeMap<String, BTreeSet<String>>,
     /// `None` for a declaration that was in error.
     pub handles: IndexMap<String, Option<Handle>>,
+    /// Includes whose resources are not there: left out by the condition at a place, or in error.
+    pub absent: BTreeMap<String, Option<Span>>,
     /// In front of the names of passes and resources.
     pub prefix: String,
     /// Behind the names of passes: the indices of the repeats.
@@ -83,6 +94,14 @@ pub(super) struct Level {
     unfit: Rc<Vec<(String, String)>>,
     /// As [`LoweredPass::constants`].
     pub constants: Rc<BTreeMap<String, ParamSet>>,
+}
+
+/// What a level starts from.
+pub(super) struct Scope {
+    /// Facts and parameters.
+    pub names: Names,
+    pub params: Vec<Param>,
+    pub exposed: BTreeMap<String, BTreeSet<String>>,
 }
 
 /// The fields that all kinds of passes share.
@@ -104,7 +123,7 @@ impl<'a> Lowering<'a> {
             ping_pongs: Vec::new(),
             passes: Vec::new(),
             steps: 0,
-            opened: HashMap::new(),
+            choices: Choices::new(request),
             // The frame's last passes, which the solver adds.
             pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
             include_names: BTreeMap::new(),
@@ -114,18 +133,24 @@ impl<'a> Lowering<'a> {
             removed: Vec::new(),
             skipped: Vec::new(),
             shape: ParamSet::new(),
+            results: ParamSet::new(),
+            stats: Vec::new(),
             includes: Vec::new(),
             included: Vec::new(),
         }
     }
 
     pub fn run(mut self) -> Result<Lowered, Vec<Diagnostic>> {
-        let (root, stand_ins) = require::open(self.request, self.files)?;
-        let resolved = params::resolve(&root, self.request, self.files, &mut self.errors);
+        let chosen = self.choices.root(self.files)?;
+        let (root, stand_ins) = (&chosen.opened, &chosen.stand_ins);
+        let parameters = declared::parameters(root, &mut self.choices, self.files)?;
+        let resolved = params::resolve(root, &parameters, self.request, self.files, &mut self.errors);
         if !self.errors.is_empty() {
-            return Err(require::explained(self.errors, &stand_ins));
+            return Err(require::explained(self.errors, stand_ins));
         }
-        let mut level = self.level(&root, resolved.names, &resolved.params, String::new());
+        let (names, params) = (resolved.names, resolved.params.clone());
+        let scope = Scope { names, params, exposed: parameters.exposed };
+        let mut level = self.level(root, scope, String::new());
         if let Some(port) = root.graph.ports.keys().next() {
             let span = root.outline.key(&Path::root().field("ports").key(port));
             self.errors.push(
@@ -140,8 +165,8 @@ impl<'a> Lowering<'a> {
         self.walk(&mut level, &root.graph.passes, &passes);
         level.names.take_notes();
         let output = self.output(&level);
-        let stats = self.stats(&level);
-        let results = level.names.take_notes().all();
+        self.stats(&level);
+        self.results.extend(level.names.take_notes().all());
         let live_bytes = resolved.live_bytes.next_multiple_of(16).max(16);
         let live_span = root.outline.key(&Path::root().field("params"));
         let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
@@ -150,15 +175,15 @@ impl<'a> Lowering<'a> {
         match output {
             Some((output, output_span)) if self.errors.is_empty() => Ok(Lowered {
                 name: self.request.graph.into(),
-                summary: root.summary.clone(),
-                based_on: root.based_on,
-                stand_ins,
+                summary: folded(&root.summary),
+                based_on: root.based_on.clone(),
+                stand_ins: stand_ins.clone(),
                 facts: self.request.facts.named(),
                 live_glsl: params::live_glsl(&resolved.params),
                 params: resolved.params,
                 live_params: resolved.live,
                 shape: self.shape,
-                results,
+                results: self.results,
                 resources: self.resources,
                 passes: self.passes,
                 culled: self.culled,
@@ -168,7 +193,7 @@ impl<'a> Lowering<'a> {
                 includes: self.included,
                 output,
                 output_span,
-                stats,
+                stats: self.stats.into_iter().map(|(stat, _)| stat).collect(),
                 live,
             }),
             _ => Err(self.errors),
@@ -176,13 +201,8 @@ impl<'a> Lowering<'a> {
     }
 
     /// A level with its `let`s evaluated.
-    pub(super) fn level(
-        &mut self,
-        opened: &Opened,
-        mut names: Names,
-        params: &[Param],
-        prefix: String,
-    ) -> Level {
+    pub(super) fn level(&mut self, opened: &Opened, scope: Scope, prefix: String) -> Level {
+        let Scope { mut names, params, exposed } = scope;
         for (name, number) in &opened.graph.lets {
             let place = Place::new(&opened.outline, Path::root().field("let").key(name));
             if names.values.contains_key(name) || names.live.contains(name) {
@@ -203,7 +223,7 @@ impl<'a> Lowering<'a> {
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
-        let Constants { defines, unfit, params: constants } = defines(&names, params);
+        let Constants { defines, unfit, params: constants } = defines(&names, &params);
         let mut seen = BTreeMap::new();
         for (name, value) in &defines {
             if seen.insert(name, value).is_some_and(|other| other != value) {
@@ -219,7 +239,10 @@ impl<'a> Lowering<'a> {
             graph: opened.graph.clone(),
             outline: opened.outline.clone(),
             names,
+            params,
+            exposed,
             handles: IndexMap::new(),
+            absent: BTreeMap::new(),
             prefix,
             suffix: String::new(),
             include: None,
@@ -282,7 +305,7 @@ impl<'a> Lowering<'a> {
                         }
                     }
                 };
-                let shader = ShaderName { name: shader.clone(), span: place.field("shader").span() };
+                let shader = self.shader(level, shader, &place.field("shader"))?;
                 let work = LoweredWork::Dispatch { shader, size, size_span: size_place.span() };
                 self.emit(level, &head, work, bind, push, define)
             }
@@ -331,11 +354,9 @@ impl<'a> Lowering<'a> {
                     self.clear(image, target.load, &place.field("targets").index(i).field("load"))?;
                     resolved.push((Target { image, load: target.load, blend: target.blend }, at.span()));
                 }
-                let shader =
-                    |name: &String, field| ShaderName { name: name.clone(), span: place.field(field).span() };
                 let work = LoweredWork::Draw {
-                    vertex: shader(vertex, "vertex"),
-                    fragment: shader(fragment, "fragment"),
+                    vertex: self.shader(level, vertex, &place.field("vertex"))?,
+                    fragment: self.shader(level, fragment, &place.field("fragment"))?,
                     topology: *topology,
                     call,
                     call_span: call_place.span(),
@@ -373,12 +394,30 @@ impl<'a> Lowering<'a> {
                 Ok(())
             }
             PassDecl::Swap(swap) => self.swap(level, swap, place),
-            PassDecl::Include { graph, name, when, with, set } => {
+            PassDecl::Include { graph, name, when, with, set, expose: _ } => {
                 if !self.wanted(level, when, pass, place)? {
+                    level.absent.insert(name.clone(), Some(place.field("when").span()));
                     return Ok(());
                 }
-                self.include(level, graph, name, with, set, place)
+                let errors = self.errors.len();
+                let result = self.include(level, &Written { graph, name, with, set, place });
+                if result.is_err() || self.errors.len() > errors {
+                    level.absent.insert(name.clone(), None);
+                }
+                result
             }
+        }
+    }
+
+    /// The file name of a shader, or the one that an expression chooses.
+    fn shader(&self, level: &Level, text: &Expression, place: &Place) -> Result<ShaderName, Diagnostic> {
+        let span = place.span();
+        if !is_choice(&text.text) {
+            return Ok(ShaderName { name: text.text.clone(), span });
+        }
+        match level.names.deciding(|| level.names.expression(text, place))? {
+            Value::Text(name) => Ok(ShaderName { name, span }),
+            other => Err(place.error("the name of a shader is needed here", format!("this is {}", describe(&other)))),
         }
     }
 
@@ -632,21 +671,28 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    fn stats(&mut self, level: &Level) -> Vec<Stat<ResourceHandle>> {
-        let mut stats = Vec::new();
+    /// Adds the statistics of a graph.
+    pub(super) fn stats(&mut self, level: &Level) {
         for (name, (buffer, offset)) in &level.graph.stats {
             let at = Place::new(&level.outline, Path::root().field("stats").key(name));
             let word = format!("the word of `{name}` does not stand");
             let found = self.words(level, (buffer, offset), (4, &word), &at).and_then(|found| {
                 self.of_this_frame(found.map(|(id, _)| id), &at.index(0))?;
-                Ok(found)
+                match self.stats.iter().find(|(stat, _)| stat.name == *name) {
+                    None => Ok(found),
+                    Some((_, first)) => {
+                        let message = format!("two statistics are called `{name}`");
+                        Err(Diagnostic::new(message, at.key(), "the second").with_label(*first, "the first"))
+                    }
+                }
             });
             match found {
-                Ok(Some((buffer, offset))) => stats.push(Stat { name: name.clone(), buffer, offset }),
+                Ok(Some((buffer, offset))) => {
+                    self.stats.push((Stat { name: name.clone(), buffer, offset }, at.key()));
+                }
                 Ok(None) => {}
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
-        stats
     }
 }

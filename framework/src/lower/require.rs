@@ -1,111 +1,168 @@
-//! Requirements: the needs of a graph held against the facts, and the fallbacks that stand in for it.
+//! Requirements: the needs of a graph held against the facts, and the choice between graphs that follows.
 
-use super::Standing;
-use super::document::{self, Fallback, MAX_DEPTH, Opened, Requirement};
+use std::collections::HashMap;
+use std::rc::Rc;
+
+use super::document::{self, MAX_DEPTH, Opened, Requirement};
 use super::scope::{Names, Place};
 use crate::ir::{FileId, Reason, Request, StandIn, Unmet};
-use crate::schema::Number;
+use crate::schema::{Number, PassDecl, folded};
 use crate::source::{Diagnostic, Kind, SourceMap};
 
-/// Opens the graph that a request names, or the fallback that stands in for it.
-///
-/// An error says which needs do not hold where nothing suits the facts.
-pub(super) fn open(
-    request: &Request,
-    files: &mut SourceMap,
-) -> Result<(Opened, Vec<StandIn>), Vec<Diagnostic>> {
-    let (opened, Standing { stand_ins, .. }, unmet) = standing(request, files)?;
-    if unmet.is_empty() { Ok((opened, stand_ins)) } else { Err(explained(unmet, &stand_ins)) }
+/// A graph of a choice, or the only one.
+#[derive(Debug)]
+pub(super) struct Chosen {
+    pub opened: Rc<Opened>,
+    /// Those before it.
+    pub stand_ins: Vec<StandIn>,
+    /// Needs that do not hold; there are some where nothing suits the facts.
+    pub unmet: Vec<Unmet>,
+    /// The same, as errors.
+    pub errors: Vec<Diagnostic>,
 }
 
-/// Follows the fallbacks to the first graph whose needs all hold.
-///
-/// The last part has an error for each need of the last one that does not.
-pub(super) fn standing(
-    request: &Request,
-    files: &mut SourceMap,
-) -> Result<(Opened, Standing, Vec<Diagnostic>), Vec<Diagnostic>> {
-    let mut chain = chain(request.graph, files)?.into_iter().peekable();
-    let names = Names::of(request.facts);
-    let mut stand_ins = Vec::new();
-    loop {
-        let (wanted, opened) =
-            chain.next().expect("a chain has an element, and each turn but the last leaves one");
-        let (unmet, errors) = unmet(&opened.require, &names)?;
-        match chain.peek() {
-            Some((taken, _)) if !unmet.is_empty() => {
-                stand_ins.push(StandIn { wanted, taken: taken.clone(), unmet });
+/// Chooses graphs by the facts of a request, each file's once.
+pub(super) struct Choices<'a> {
+    request: &'a Request<'a>,
+    /// None while the file's own includes are being looked at.
+    known: HashMap<FileId, Option<Rc<Chosen>>>,
+}
+
+impl<'a> Choices<'a> {
+    pub fn new(request: &'a Request<'a>) -> Self {
+        Choices { request, known: HashMap::new() }
+    }
+
+    /// Opens the graph that the request names: of a choice, the first whose needs hold.
+    ///
+    /// An error says which needs do not hold where nothing suits the facts.
+    pub fn root(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
+        let chosen = self.standing(files)?;
+        if chosen.unmet.is_empty() {
+            Ok(chosen)
+        } else {
+            Err(explained(chosen.errors.clone(), &chosen.stand_ins))
+        }
+    }
+
+    /// Takes the first graph whose needs all hold of what the request names; the last one, if there is none.
+    pub fn standing(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
+        let file = document::find(files, self.request.graph)?;
+        self.choose(file, files, 0)
+    }
+
+    /// Takes the first graph that a file can stand for and whose needs all hold; the last one, if there is none.
+    pub fn choose(
+        &mut self,
+        file: FileId,
+        files: &mut SourceMap,
+        depth: usize,
+    ) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
+        if let Some(Some(known)) = self.known.get(&file) {
+            return Ok(known.clone());
+        }
+        self.known.insert(file, None);
+        let chosen = self.first(file, files, depth).map(Rc::new);
+        match &chosen {
+            Ok(chosen) => drop(self.known.insert(file, Some(chosen.clone()))),
+            Err(_) => drop(self.known.remove(&file)),
+        }
+        chosen
+    }
+
+    fn first(
+        &mut self,
+        file: FileId,
+        files: &mut SourceMap,
+        depth: usize,
+    ) -> Result<Chosen, Vec<Diagnostic>> {
+        let all = document::follow(files, file)?;
+        let others = if all.len() > 1 { Rc::new(all.clone()) } else { Rc::default() };
+        let mut all = all.into_iter().peekable();
+        let asked = self.request.graph;
+        let name = |opened: &Opened| opened.candidate.clone().unwrap_or_else(|| asked.to_string());
+        let mut stand_ins = Vec::new();
+        loop {
+            let mut opened = all.next().expect("a choice has a graph, and each turn but the last leaves one");
+            opened.others = others.clone();
+            let Needs { unmet, errors, preference } = self.needs(&opened, files, depth)?;
+            match all.peek() {
+                Some(next) if !unmet.is_empty() => {
+                    stand_ins.push(StandIn { wanted: name(&opened), taken: name(next), unmet, preference });
+                }
+                _ => return Ok(Chosen { opened: Rc::new(opened), stand_ins, unmet, errors }),
             }
-            _ => return Ok((opened, Standing { stand_ins, unmet }, errors)),
         }
+    }
+
+    /// Holds the needs of a graph against the facts, and those of the graphs that it always includes.
+    fn needs(
+        &mut self,
+        opened: &Opened,
+        files: &mut SourceMap,
+        depth: usize,
+    ) -> Result<Needs, Vec<Diagnostic>> {
+        let mut needs = unmet(&opened.require, &Names::of(self.request.facts))?;
+        // Includes that lead back, or to nothing, are errors of the walk.
+        if depth < MAX_DEPTH {
+            for graph in always_included(&opened.graph.passes) {
+                let Ok(file) = files.find(Some(opened.file), graph, Kind::Graph) else { continue };
+                if matches!(self.known.get(&file), Some(None)) {
+                    continue;
+                }
+                let Ok(chosen) = self.choose(file, files, depth + 1) else { continue };
+                needs.preference &= chosen.unmet.is_empty();
+                needs.unmet.extend(chosen.unmet.iter().cloned());
+                needs.errors.extend(chosen.errors.iter().cloned());
+            }
+        }
+        Ok(needs)
     }
 }
 
-/// Reads the graph and its fallback, the fallback's own, and so on, with their names.
-///
-/// All are read whether they are needed or not: a mistake is to be found on every device.
-fn chain(name: &str, files: &mut SourceMap) -> Result<Vec<(String, Opened)>, Vec<Diagnostic>> {
-    let mut file = document::find(files, name)?;
-    let mut name = name.to_string();
-    let mut seen: Vec<(FileId, Option<Fallback>)> = Vec::new();
-    let mut chain = Vec::new();
-    loop {
-        let opened = document::follow(files, file)?;
-        let fallback = opened.fallback.clone();
-        let needs = !opened.require.is_empty();
-        chain.push((name, opened));
-        let Some(next) = fallback else { return Ok(chain) };
-        if !needs {
-            let diagnostic =
-                Diagnostic::new("this fallback is never taken", next.span, "the graph needs nothing");
-            return Err(vec![
-                diagnostic.with_help("state what it needs: `require: [(\"condition\", \"words\")]`"),
-            ]);
-        }
-        let found = files.find(Some(next.file), &next.name, Kind::Graph);
-        let found = found.map_err(|error| vec![error.at(next.span)])?;
-        seen.push((file, Some(next.clone())));
-        if let Some(first) = seen.iter().position(|(file, _)| *file == found) {
-            let diagnostic = Diagnostic::new("these fallbacks lead to each other", next.span, "leads back");
-            let others = seen[first..seen.len() - 1].iter().filter_map(|(_, fallback)| fallback.as_ref());
-            return Err(vec![
-                others.fold(diagnostic, |d, other| d.with_label(other.span, "falls back to this")),
-            ]);
-        }
-        if seen.len() > MAX_DEPTH {
-            let message = format!("fallbacks follow one another deeper than {MAX_DEPTH}");
-            return Err(vec![Diagnostic::new(message, next.span, "the limit is passed here")]);
-        }
-        (name, file) = (next.name, found);
-    }
+/// The needs of a graph that do not hold, each with the error that it is where nothing stands in.
+#[derive(Default)]
+struct Needs {
+    unmet: Vec<Unmet>,
+    errors: Vec<Diagnostic>,
+    /// All of them are preferences of a choice.
+    preference: bool,
 }
 
-/// Finds the needs that do not hold, each with the error that it is where no fallback stands in.
-fn unmet(require: &[Requirement], names: &Names) -> Result<(Vec<Unmet>, Vec<Diagnostic>), Vec<Diagnostic>> {
-    let (mut unmet, mut refused, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+/// Lists the graphs that passes include whatever the parameters are.
+fn always_included(passes: &[PassDecl]) -> impl Iterator<Item = &str> {
+    passes.iter().filter_map(|pass| match pass {
+        PassDecl::Include { graph, when: None, .. } => Some(graph.as_str()),
+        _ => None,
+    })
+}
+
+fn unmet(require: &[Requirement], names: &Names) -> Result<Needs, Vec<Diagnostic>> {
+    let mut needs = Needs { preference: true, ..Needs::default() };
+    let mut errors = Vec::new();
     for requirement in require {
         let at = Place::new(&requirement.outline, requirement.path.index(0));
         let condition = Number::Expression(requirement.condition.clone());
         match names.truth(&condition, &at) {
             Ok(true) => {}
             Ok(false) => {
-                let literal =
-                    Reason { expression: requirement.condition.text.clone(), values: Default::default() };
+                let expression = requirement.condition.line();
+                let literal = Reason { expression, values: Default::default() };
                 let reason = names.reason(&requirement.condition).unwrap_or(literal);
-                let needs = requirement.words.clone();
-                let message = format!("this graph needs {needs}");
+                let words = folded(&requirement.words);
+                let message = format!("this graph needs {words}");
                 let found =
                     if reason.values.is_empty() { "is false".into() } else { format!("found {reason}") };
-                refused.push(
-                    Diagnostic::new(message, at.span(), found)
-                        .with_help("a `fallback` names a graph that stands in where it does not hold"),
-                );
-                unmet.push(Unmet { needs, reason });
+                needs.errors.push(Diagnostic::new(message, at.span(), found).with_help(
+                    "a `Choice` names graphs in order of preference, and draws the first whose needs hold",
+                ));
+                needs.unmet.push(Unmet { needs: words, reason });
+                needs.preference &= requirement.preference;
             }
             Err(diagnostic) => errors.push(diagnostic),
         }
     }
-    if errors.is_empty() { Ok((unmet, refused)) } else { Err(errors) }
+    if errors.is_empty() { Ok(needs) } else { Err(errors) }
 }
 
 /// Adds to errors that another graph stands in for the one that was asked for.

@@ -2,7 +2,7 @@
 
 use super::params::is_identifier;
 use super::passes::{Level, Lowering};
-use super::scope::{Names, Place, describe};
+use super::scope::{Place, describe};
 use super::{LoweredResource, ResourceHandle};
 use crate::expr::Scope;
 use crate::ir::{Format, HostBuffer, Shape, Source, Span, Value};
@@ -10,7 +10,7 @@ use crate::schema::{Expression, Import, Part, Port, Reference, ResourceDecl, Res
 use crate::source::{Diagnostic, Path};
 
 /// The meaning of a resource name in a graph.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Handle {
     /// One resource, or the planes of an attribute.
     Plain(Vec<ResourceHandle>),
@@ -304,18 +304,19 @@ impl Lowering<'_> {
         };
         let Some(handle) = level.handles.get(name) else {
             let diagnostic = Diagnostic::new(format!("there is no resource `{name}`"), span, "not declared");
+            match name.split_once('.').and_then(|(include, _)| level.absent.get(include)) {
+                None => {}
+                // Its own errors are told.
+                Some(None) => return Ok(None),
+                Some(Some(when)) => return Err(diagnostic.with_label(*when, "its include is left out here")),
+            }
             let names = level.handles.keys().map(String::as_str);
             return Err(diagnostic.with_nearest(name, names, ""));
         };
         match (handle, part) {
             (None, _) => Ok(None),
             (Some(handle), Part::PreviousFrame) => {
-                let history = self.histories.iter().find(|h| match (&h.of, handle) {
-                    (Handle::Plain(a), Handle::Plain(b)) => a == b,
-                    (Handle::PingPong(a), Handle::PingPong(b)) => a == b,
-                    _ => false,
-                });
-                match history {
+                match self.histories.iter().find(|history| history.of == *handle) {
                     Some(history) => Ok(Some(vec![history.previous_frame])),
                     None => Err(Diagnostic::new(
                         format!("`{name}` has no history"),
@@ -364,11 +365,14 @@ impl Lowering<'_> {
         name: &str,
         port: &Port,
         given: Handle,
-        names: &Names,
-        stride_at: &Place,
+        inner: &Level,
+        port_at: &Place,
         at: &Place,
     ) -> Result<Handle, Diagnostic> {
-        let Port::Buffer { stride, ping_pong } = port;
+        let (stride, ping_pong) = match port {
+            Port::Buffer { stride, ping_pong } => (stride, ping_pong),
+            Port::Image { format } => return self.image_port(name, format, given, inner, port_at, at),
+        };
         let handle = match (given, ping_pong) {
             (Handle::PingPong(index), false) => {
                 let pair = &self.ping_pongs[index];
@@ -386,7 +390,7 @@ impl Lowering<'_> {
             Handle::PingPong(index) => self.ping_pongs[*index].halves[0],
             Handle::Plain(ids) => ids[0],
         };
-        let wanted = names.positive(stride, stride_at)?;
+        let wanted = inner.names.positive(stride, &port_at.field("stride"))?;
         match self.resources[first.index()].shape {
             Shape::Buffer { stride, .. } if stride == wanted => Ok(handle),
             Shape::Buffer { stride, .. } => Err(at.error(
@@ -396,6 +400,49 @@ impl Lowering<'_> {
             Shape::Image { .. } => {
                 Err(at.error(format!("the port `{name}` takes a buffer"), "this is an image"))
             }
+        }
+    }
+
+    /// Checks an includer's resource against a port that takes an image.
+    fn image_port(
+        &self,
+        name: &str,
+        format: &Option<Expression>,
+        given: Handle,
+        inner: &Level,
+        port_at: &Place,
+        at: &Place,
+    ) -> Result<Handle, Diagnostic> {
+        let is_buffer = || at.error(format!("the port `{name}` takes an image"), "this is a buffer");
+        let Handle::Plain(ids) = &given else { return Err(is_buffer()) };
+        let Shape::Image { format: found, .. } = self.resources[ids[0].index()].shape else {
+            return Err(is_buffer());
+        };
+        let wanted = format.as_ref().map(|f| self.format(inner, f, &port_at.field("format"))).transpose()?;
+        match wanted.filter(|wanted| *wanted != found) {
+            None => Ok(given),
+            Some(wanted) => Err(at.error(
+                format!("the port `{name}` takes images of the format {}", wanted.name()),
+                format!("has the format {}", found.name()),
+            )),
+        }
+    }
+
+    /// The handle behind a name that is known; none if its declaration is in error.
+    pub(super) fn handle(&self, level: &Level, name: &ResourceName) -> Option<Handle> {
+        let handle = level.handles.get(&name.name)?.clone()?;
+        match (&handle, name.part) {
+            (_, Part::Whole) => Some(handle),
+            (Handle::PingPong(index), Part::Front | Part::Back) => {
+                let pair = &self.ping_pongs[*index];
+                let side = if name.part == Part::Back { 1 - pair.front } else { pair.front };
+                Some(Handle::Plain(vec![pair.halves[side]]))
+            }
+            (_, Part::PreviousFrame) => {
+                let history = self.histories.iter().find(|history| history.of == handle)?;
+                Some(Handle::Plain(vec![history.previous_frame]))
+            }
+            (Handle::Plain(_), _) => None,
         }
     }
 }

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use super::{Extent, Values};
 use crate::expr::{ExprError, Scope};
 use crate::ir::{Facts, ParamSet, Reason, Span, Value};
-use crate::schema::{self, Expression, Number, Reference};
+use crate::schema::{self, Expression, Number, Reference, is_choice};
 use crate::source::{Diagnostic, Outline, Path};
 
 /// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables.
@@ -102,6 +102,16 @@ impl Names {
         }
     }
 
+    /// Takes a parameter over from the includer's names.
+    pub fn adopt(&mut self, name: &str, from: &Names) {
+        if let Some(value) = from.values.get(name) {
+            self.define(name, value.clone(), from.params.get(name).cloned().unwrap_or_default());
+        }
+        if from.live.contains(name) {
+            self.live.insert(name.into());
+        }
+    }
+
     /// Returns what was noted since the last call.
     pub fn take_notes(&self) -> Notes {
         self.notes.take()
@@ -148,6 +158,17 @@ impl Names {
         names.filter_map(|(name, _)| self.params.get(name)).flatten().copied().collect()
     }
 
+    /// The file name of a shader; none where its choice has no value.
+    pub fn shader(&self, text: &Expression) -> Option<String> {
+        if !is_choice(&text.text) {
+            return Some(text.text.clone());
+        }
+        match self.traced(|| text.parsed.as_ref().ok()?.eval(self).ok()).0 {
+            Some(Value::Text(name)) => Some(name),
+            _ => None,
+        }
+    }
+
     /// The value of `number`, which stands at `place`.
     pub fn evaluate(&self, number: &Number, place: &Place) -> Result<Value, Diagnostic> {
         match number {
@@ -188,7 +209,7 @@ impl Names {
         let reached = Reached { names: self, values: RefCell::default() };
         expression.parsed.as_ref().ok()?.eval(&reached).ok()?;
         let values = reached.values.into_inner();
-        (!values.is_empty()).then(|| Reason { expression: expression.text.clone(), values })
+        (!values.is_empty()).then(|| Reason { expression: expression.line(), values })
     }
 
     pub fn integer(&self, number: &Number, place: &Place) -> Result<i64, Diagnostic> {

@@ -110,39 +110,154 @@ fn an_included_graph_takes_its_ports_and_parameters_from_the_includer() {
 }
 
 #[test]
-fn a_fallback_stands_in_where_a_need_does_not_hold_and_says_why() {
+fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others_over() {
     let base = |require: &str| {
         graph(WIDTH, &[make(), shown("show")].join("\n")).replace("summary:", &format!("{require} summary:"))
     };
     let wide = base(
-        r#"require: [("device.max_groups_x >= 70000", "dispatches of 70000 workgroups"), ("true", "nothing")], fallback: "middle","#,
+        r#"require: [("device.max_groups_x >= 70000", "dispatches of 70000 workgroups"), ("true", "nothing")],"#,
     );
-    let middle = r#"Preset(graph: "narrow", summary: "Narrower", set: {"width": 5}, require: [("device.subgroup_size > 4096", "wide subgroups")], fallback: "narrow")"#;
+    let middle = r#"Preset(graph: "narrow", summary: "Narrower", set: {"width": 5}, require: [("device.subgroup_size > 4096", "wide subgroups")])"#;
     let narrow = base("");
-    let mut files = SHADERS.to_vec();
-    files.extend([("graph.ron", wide.as_str()), ("middle.ron", middle), ("narrow.ron", narrow.as_str())]);
-    let plan = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
-    assert_eq!((plan.name.as_str(), plan.drawn()), ("graph.ron", "narrow"));
-    let said: Vec<String> = plan.stand_ins.iter().map(ToString::to_string).collect();
+    let plan = |choice: &str| {
+        let mut files = SHADERS.to_vec();
+        files.extend([
+            ("graph.ron", choice),
+            ("wide.ron", &wide),
+            ("middle.ron", middle),
+            ("narrow.ron", &narrow),
+        ]);
+        plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"))
+    };
+    let found =
+        plan(r#"Choice(summary: "the best", of: [(graph: "wide"), (graph: "middle"), (graph: "narrow")])"#);
+    assert_eq!(
+        (found.name.as_str(), found.drawn(), found.summary.as_str()),
+        ("graph.ron", "narrow", "the best")
+    );
+    let said: Vec<String> = found.stand_ins.iter().map(ToString::to_string).collect();
     let expected = [
-        "`middle` stands in for `graph.ron`, which needs dispatches of 70000 workgroups (device.max_groups_x = 65535)",
+        "`middle` stands in for `wide`, which needs dispatches of 70000 workgroups (device.max_groups_x = 65535)",
         "`narrow` stands in for `middle`, which needs wide subgroups (device.subgroup_size = 8)",
     ];
     assert_eq!(said, expected);
+    assert!(found.stand_ins.iter().all(|stand_in| !stand_in.preference));
     // The settings of a preset go with it.
-    assert_eq!(plan.params[0].value, Value::Int(8));
+    assert_eq!(found.params[0].value, Value::Int(8));
 
-    // A preset's own fallback goes before that of its graph.
-    let preset = r#"Preset(graph: "wide", summary: "Wide", set: {}, fallback: "narrow")"#;
+    let preferred = plan(
+        r#"Choice(summary: "", of: [(graph: "narrow", require: [("device.subgroup_size >= 16", "a GPU")]), (graph: "narrow")])"#,
+    );
+    assert!(preferred.stand_ins[0].preference, "{:?}", preferred.stand_ins);
+    assert_eq!(preferred.based_on, ["narrow"]);
+    // A preset of a choice is one of the graph that is chosen.
     let mut files = SHADERS.to_vec();
+    let (choice, preset) = (
+        r#"Choice(summary: "", of: [(graph: "wide"), (graph: "narrow")])"#,
+        r#"Preset(graph: "choice", summary: "", set: {"width": 3})"#,
+    );
     files.extend([
         ("graph.ron", preset),
-        ("wide.ron", wide.as_str()),
-        ("middle.ron", middle),
-        ("narrow.ron", narrow.as_str()),
+        ("choice.ron", choice),
+        ("wide.ron", &wide),
+        ("narrow.ron", &narrow),
     ]);
-    let plan = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
-    assert_eq!((plan.stand_ins.len(), plan.drawn()), (1, "narrow"));
+    let found = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((found.params[0].value.clone(), found.drawn()), (Value::Int(3), "narrow"));
+}
+
+/// A renderer of two parts: one makes a buffer, the other shows it.
+fn of_parts(include: &str, more: &str) -> Vec<(&'static str, String)> {
+    let maker = r#"Graph(version: 1, summary: "makes", params: {
+            "size": Const(Int(default: 64, range: (1, 128))),
+            "times": Const(Int(default: 1, range: (1, 9), help: "How often\n      it is made.")),
+            "share": Live(Float(default: 0.5, range: (0.0, 1.0))),
+            "room": Const(Int(default: 64, range: (1, 1024), grows: "made")),
+        },
+        let: { "result": "times > 1 ? 'b' : 'a'" },
+        resources: { "a": Buffer(stride: 4, count: "size"), "b": Buffer(stride: 4, count: "size") },
+        passes: [
+            Dispatch(name: "make", shader: "make.comp", size: Threads("size"), bind: {"Out": "a"}),
+            Dispatch(name: "more", shader: "copy.comp", size: Threads("size"), when: "times > 1", bind: {"In": "a", "Out": "b"}),
+        ],
+        stats: {"made": ("a", 0)},
+    )"#;
+    let whole = format!(
+        r#"Graph(version: 1, summary: "whole", output: "image",
+            params: {{ "width": Const(Int(default: 8, range: (1, 11))) }},
+            resources: {{ "image": Image(format: "rgba16f", size: (8, 8)) }},
+            passes: [
+                {include}
+                Dispatch(name: "show", shader: "show.comp", size: Threads(64), bind: {{"In": "maker.result", "Image": "image"}}),
+                {more}
+            ])"#
+    );
+    vec![("graph.ron", whole), ("maker.ron", maker.to_string())]
+}
+
+fn plan_of_parts(include: &str, set: &[(&str, &str)]) -> Result<crate::plan::Plan, String> {
+    let parts = of_parts(include, "");
+    let mut files = SHADERS.to_vec();
+    files.extend(parts.iter().map(|(name, text)| (*name, text.as_str())));
+    plan_of(&files, set)
+}
+
+#[test]
+fn a_part_has_resources_statistics_and_parameters_that_its_includer_binds() {
+    let include = r#"Include(graph: "maker", name: "maker", set: {"times": "width > 4 ? 2 : 1", "size": 64}, expose: Only(["times", "share", "room"])),"#;
+    let shows = |set: &[(&str, &str)]| {
+        let plan = plan_of_parts(include, set).unwrap_or_else(|e| panic!("{e}"));
+        let params: Vec<String> = plan.params.iter().map(|p| format!("{}={}", p.name, p.value)).collect();
+        let show = plan.passes.iter().find(|pass| pass.name == "show").expect("the last pass");
+        let stats: Vec<&str> = plan.stats.iter().map(|stat| stat.name.as_str()).collect();
+        assert_eq!(stats, ["made"]);
+        (params.join(" "), plan.resource(show.bindings[0].resource).name.clone())
+    };
+    assert_eq!(shows(&[]), ("width=8 times=2 share=0.5 room=64".into(), "maker.b".into()));
+    assert_eq!(shows(&[("width", "4")]), ("width=4 times=1 share=0.5 room=64".into(), "maker.a".into()));
+    assert_eq!(shows(&[("times", "1")]), ("width=8 times=1 share=0.5 room=64".into(), "maker.a".into()));
+
+    let all = plan_of_parts(
+        r#"Include(graph: "maker", name: "maker", set: {"times": 1}, expose: All),"#,
+        &[("size", "65")],
+    );
+    let all = all.unwrap_or_else(|e| panic!("{e}"));
+    let names: Vec<&str> = all.params.iter().map(|p| p.name.as_str()).collect();
+    assert_eq!(names, ["width", "size", "share", "room"], "`All` leaves out what `set` decides");
+    assert_eq!(all.params[3].grows.as_deref(), Some("made"));
+    let refused = plan_of_parts(r#"Include(graph: "maker", name: "maker"),"#, &[]).unwrap_err();
+    assert!(refused.contains("`share` is live, and the includer does not expose it"), "{refused}");
+}
+
+#[test]
+fn a_graph_builds_on_the_picture_of_another_whichever_a_choice_takes() {
+    let scene = of_parts(r#"Include(graph: "maker", name: "maker", expose: All),"#, "");
+    let never = r#"Preset(graph: "scene", summary: "", set: {}, require: [("false", "a miracle")])"#;
+    let choice = r#"Choice(summary: "", of: [(graph: "never"), (graph: "scene")])"#;
+    let edges = r#"Graph(version: 1, summary: "edges", output: "image",
+        resources: { "image": Image(format: "rgba16f", size: (8, 8)) },
+        passes: [
+            Include(graph: "choice", name: "scene", expose: All),
+            Dispatch(name: "filter", shader: "filter.comp", size: Threads(64), bind: {"Picture": "scene.picture", "Image": "image"}),
+        ])"#;
+    let filter = "local 64 1 1
+image r Picture rgba16f
+image w Image rgba16f";
+    let mut files = SHADERS.to_vec();
+    files.extend([
+        ("graph.ron", edges),
+        ("choice.ron", choice),
+        ("never.ron", never),
+        ("filter.comp", filter),
+    ]);
+    files.extend([("scene.ron", scene[0].1.as_str()), ("maker.ron", scene[1].1.as_str())]);
+    let plan = plan_of(&files, &[("times", "2")]).unwrap_or_else(|e| panic!("{e}"));
+    let names: Vec<&str> = plan.passes.iter().map(|p| p.name.as_str()).collect();
+    assert_eq!(names, ["scene.maker.make", "scene.maker.more", "scene.show", "filter", "export", "host"]);
+    let filter = plan.passes.iter().find(|pass| pass.name == "filter").expect("a pass");
+    assert_eq!(plan.resource(filter.bindings[0].resource).name, "scene.image");
+    let params: Vec<&str> = plan.params.iter().map(|p| p.name.as_str()).collect();
+    assert_eq!(params, ["width", "size", "times", "share", "room"]);
 }
 
 #[test]

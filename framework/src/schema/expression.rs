@@ -25,6 +25,18 @@ impl From<String> for Expression {
     }
 }
 
+impl Expression {
+    /// Returns the text on one line.
+    pub fn line(&self) -> String {
+        folded(&self.text)
+    }
+}
+
+/// Folds the line breaks of a text in a graph file, with the spaces around them, to one space each.
+pub fn folded(text: &str) -> String {
+    text.lines().map(str::trim).collect::<Vec<_>>().join(" ")
+}
+
 /// Refers to a resource: by name, by a half of it or its previous contents, or by an expression that chooses such a text.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(from = "String")]

@@ -12,7 +12,7 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use std::fmt;
 
-pub use expression::{Expression, Part, Reference, ResourceName, is_choice};
+pub use expression::{Expression, Part, Reference, ResourceName, folded, is_choice};
 
 use crate::ir::{Blend, Load, Run, Topology, Value};
 
@@ -28,6 +28,8 @@ pub enum Document {
     Graph(Graph),
     /// A preset.
     Preset(Preset),
+    /// A choice of graphs.
+    Choice(GraphChoice),
 }
 
 impl Document {
@@ -55,9 +57,27 @@ pub struct Preset {
     /// Needs that it has besides those of the graph; as there.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
-    /// Stands in where a need does not hold, in place of the graph's own fallback.
+}
+
+/// Names graphs in order of preference: the first whose needs hold is drawn.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, rename = "Choice")]
+pub struct GraphChoice {
+    /// One line that describes the choice.
+    pub summary: String,
+    /// The graphs, the preferred first.
+    pub of: Vec<Candidate>,
+}
+
+/// Names a graph of a choice.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Candidate {
+    /// The graph, a preset or another choice.
+    pub graph: String,
+    /// Needs that it has here besides its own; as those of a graph.
     #[serde(default)]
-    pub fallback: Option<String>,
+    pub require: Vec<(Expression, String)>,
 }
 
 /// Describes a graph: the body of `Graph(...)`.
@@ -71,9 +91,6 @@ pub struct Graph {
     /// The needs of the graph: conditions over facts, each with words for a person.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
-    /// The graph or preset that stands in where a need does not hold.
-    #[serde(default)]
-    pub fallback: Option<String>,
     /// Parameters, in order: each may use those before.
     #[serde(default)]
     pub params: IndexMap<String, ParamDecl>,
@@ -86,15 +103,15 @@ pub struct Graph {
     /// In a graph made to be included: the resources that the includer gives.
     #[serde(default)]
     pub ports: IndexMap<String, Port>,
-    /// Buffers and images.
+    /// Buffers and images. The includer knows them as `include.resource`.
     #[serde(default)]
     pub resources: IndexMap<String, ResourceDecl>,
     /// Passes, in order.
     pub passes: Vec<PassDecl>,
-    /// 32-bit words to read back after each frame: buffer, byte offset.
+    /// 32-bit words to read back after each frame: buffer, byte offset. Those of an included graph are the includer's, too.
     #[serde(default)]
     pub stats: IndexMap<String, (Reference, Number)>,
-    /// The image that is shown. Graphs made to be included have none.
+    /// The image that is shown; `include.picture` to a graph that includes this one. Parts of a renderer have none.
     #[serde(default)]
     pub output: Option<Reference>,
 }
@@ -251,6 +268,22 @@ pub enum Port {
         #[serde(default)]
         ping_pong: bool,
     },
+    /// An image of the including graph.
+    Image {
+        /// As of a resource; any by default.
+        #[serde(default)]
+        format: Option<Expression>,
+    },
+}
+
+/// Selects the parameters of an included graph that are the includer's, too.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum Expose {
+    /// All that `set` gives no value.
+    All,
+    /// These. A value that `set` gives is their default.
+    Only(Vec<String>),
 }
 
 /// Declares a resource.
@@ -301,8 +334,8 @@ pub enum PassDecl {
         /// Removes the pass where it is false.
         #[serde(default)]
         when: Option<Number>,
-        /// File name of the compute shader.
-        shader: String,
+        /// File name of the compute shader, or an expression that chooses one.
+        shader: Expression,
         /// Number of workgroups.
         size: Size,
         /// Resource for each GLSL block or image variable, by its name.
@@ -325,10 +358,10 @@ pub enum PassDecl {
         /// Removes the pass where it is false.
         #[serde(default)]
         when: Option<Number>,
-        /// File name of the vertex shader.
-        vertex: String,
-        /// File name of the fragment shader.
-        fragment: String,
+        /// File name of the vertex shader, or an expression that chooses one.
+        vertex: Expression,
+        /// As `vertex`, of the fragment shader.
+        fragment: Expression,
         /// Primitive type that the vertices form.
         topology: Topology,
         /// Number of vertices and instances.
@@ -384,10 +417,14 @@ pub enum PassDecl {
         #[serde(default)]
         when: Option<Number>,
         /// Resource of this graph for each port, by the port's name.
+        #[serde(default)]
         with: IndexMap<String, Reference>,
         /// Parameters of the included graph that differ from their defaults, by name.
         #[serde(default)]
         set: IndexMap<String, Number>,
+        /// Parameters of the included graph that are this graph's as well, as if they were declared after its own; none by default.
+        #[serde(default = "nothing")]
+        expose: Expose,
     },
 }
 
@@ -430,6 +467,10 @@ impl<'de> Deserialize<'de> for SwapDecl {
         }
         deserializer.deserialize_any(Either)
     }
+}
+
+fn nothing() -> Expose {
+    Expose::Only(Vec::new())
 }
 
 fn every_frame() -> Run {

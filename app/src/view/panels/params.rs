@@ -30,6 +30,8 @@ pub struct State {
     groups: Groups,
     /// The effect of the last change of a constant: its name, and a sentence.
     effect: Option<(String, String)>,
+    /// Part of the identity of all controls, which forget what is being typed when it changes.
+    edits: u64,
 }
 
 /// The change of one parameter; `None` restores the default.
@@ -39,6 +41,11 @@ impl State {
     /// Says what the last change of a parameter did to the plan, above the rows, which stay where they are.
     pub fn tell(&mut self, parameter: &str, effect: String) {
         self.effect = Some((parameter.to_owned(), effect));
+    }
+
+    /// Drops what is being typed into a control: its value has changed under it, and would come back with the focus's end.
+    pub fn drop_edits(&mut self) {
+        self.edits += 1;
     }
 
     /// Draws the list and applies changes. `command` draws the same scene with the same graph.
@@ -68,7 +75,8 @@ impl State {
                 widgets::heading(ui, title);
                 for control in members {
                     let modified = renderer.set().contains_key(&control.param.name);
-                    changes.extend(row(ui, plan, control, modified, controls));
+                    let row = |ui: &mut Ui| row(ui, plan, control, modified, controls);
+                    changes.extend(ui.push_id(self.edits, row).inner);
                 }
             }
             if shown == 0 {
@@ -135,9 +143,12 @@ impl State {
     }
 }
 
-/// Names the group of a parameter: the phase whose passes depend on it.
-fn group(plan: &Plan, name: &str) -> String {
-    match plan.affected_phases(name).as_slice() {
+/// Names the group of a parameter: the part of the graph that owns it, or the phase whose passes depend on it.
+fn group(plan: &Plan, control: &Control) -> String {
+    if let Some(part) = &control.part {
+        return part.replace('_', " ");
+    }
+    match plan.affected_phases(&control.param.name).as_slice() {
         [phase] => (*phase).to_owned(),
         [] => "Other".to_owned(),
         // What reaches most of the graph belongs to no part of it.
@@ -164,7 +175,7 @@ impl Groups {
         for control in all {
             let name = &control.param.name;
             if !self.members.iter().any(|(known, _)| known == name) {
-                self.members.push((name.clone(), group(plan, name)));
+                self.members.push((name.clone(), group(plan, control)));
             }
         }
     }

@@ -154,14 +154,19 @@ fn what_facts_chose_and_what_stands_in_for_a_graph_are_said_with_their_reasons()
         let text = std::fs::read_to_string(script.path("graph.ron")).expect("the graph");
         write(&text.replace("params: {", &format!("params: {{ {choice}")));
         let graph = script.path("wanted.ron");
-        let needs = r#"require: [("device.subgroup_size > 4096", "wide subgroups")], fallback: "chosen.ron""#;
-        std::fs::write(&graph, format!(r#"Preset(graph: "graph.ron", summary: "", set: {{}}, {needs})"#))
-            .expect("a file is written");
+        let needs = r#"require: [("device.subgroup_size > 4096", "wide subgroups")]"#;
+        std::fs::write(
+            script.path("wide.ron"),
+            format!(r#"Preset(graph: "graph.ron", summary: "", set: {{}}, {needs})"#),
+        )
+        .expect("a file is written");
+        let choice = r#"Choice(summary: "", of: [(graph: "wide.ron"), (graph: "chosen.ron")])"#;
+        std::fs::write(&graph, choice).expect("a file is written");
         script.viewer().a.renderer.choose(&graph.to_string_lossy(), Default::default());
         script.settle();
         let a = &script.viewer().a;
-        let said = a.stand_in().expect("a fallback");
-        assert!(said.starts_with("`chosen.ron` stands in for `"), "{said}");
+        let said = a.stand_in().expect("a stand-in");
+        assert!(said.starts_with("`chosen.ron` stands in for `wide.ron`, "), "{said}");
         assert!(
             said.ends_with(&format!("which needs wide subgroups (device.subgroup_size = {lanes})")),
             "{said}"

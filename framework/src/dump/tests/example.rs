@@ -254,6 +254,7 @@ impl Maker {
             based_on: vec!["splat".into()],
             stand_ins: vec![StandIn {
                 wanted: "example".into(),
+                preference: false,
                 taken: "digits".into(),
                 unmet: vec![Unmet {
                     needs: "many splats".into(),

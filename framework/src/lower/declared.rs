@@ -1,0 +1,244 @@
+//! The parameters of a graph: its own, and those that it exposes of the graphs that it includes.
+//!
+//! An exposed parameter is the includer's as if its declaration stood after the includer's own: its default and its range are
+//! evaluated over the includer's parameters, and its value is the included graph's as well. Two includes that expose a parameter of one
+//! declaration share it.
+
+use indexmap::IndexMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
+
+use super::document::{MAX_DEPTH, Opened, Setting};
+use super::params::unknown;
+use super::require::Choices;
+use super::scope::Place;
+use crate::expr::Expr;
+use crate::ir::FileId;
+use crate::schema::{Expose, Expression, Graph, Number, ParamDecl, ParamKind, PassDecl};
+use crate::source::{Diagnostic, Kind, Path, SourceMap};
+
+/// A parameter of a graph, with the file that declares it.
+#[derive(Clone, Debug)]
+pub(super) struct Declared {
+    pub name: String,
+    /// The graph that declares it.
+    graph: Rc<Graph>,
+    /// The declaration.
+    pub place: Place,
+    /// Takes the place of the default in the declaration: a preset of an included graph, or the includer's `set`.
+    pub default: Option<Setting>,
+    /// The include that it comes from, in the graph whose parameter it is; none for its own.
+    pub part: Option<String>,
+}
+
+impl Declared {
+    pub fn declaration(&self) -> &ParamDecl {
+        &self.graph.params[&self.name]
+    }
+
+    /// The graph whose statistics it can grow with.
+    pub fn graph(&self) -> &Graph {
+        &self.graph
+    }
+}
+
+/// The parameters of a graph, in order.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Parameters {
+    pub all: Vec<Declared>,
+    /// The parameters that each include exposes, by the include's name in the file.
+    pub exposed: BTreeMap<String, BTreeSet<String>>,
+    /// Of a graph that was chosen: names that a preset of the choice may set, since other graphs of the choice have them.
+    pub elsewhere: BTreeSet<String>,
+}
+
+impl Parameters {
+    /// Lists indices so that each parameter comes after those that its expressions name, and else in their order.
+    ///
+    /// `settings` stand in for defaults. What names itself on the way comes last, and then has no value.
+    pub fn order(&self, settings: &IndexMap<String, Setting>) -> Vec<usize> {
+        let known: BTreeMap<&str, usize> =
+            self.names().enumerate().map(|(index, name)| (name, index)).collect();
+        let mut needed_by: Vec<Vec<usize>> = vec![Vec::new(); self.all.len()];
+        let mut needs = vec![0; self.all.len()];
+        for (index, declared) in self.all.iter().enumerate() {
+            let setting = settings.get(&declared.name).or(declared.default.as_ref());
+            let numbers = expressions(declared.declaration(), setting);
+            let names = numbers.iter().flat_map(|expression| expression.parsed.iter().flat_map(Expr::names));
+            let names: BTreeSet<usize> = names.filter_map(|(name, _)| known.get(name).copied()).collect();
+            needs[index] = names.len();
+            names.into_iter().for_each(|name| needed_by[name].push(index));
+        }
+        let mut ready: BTreeSet<usize> = (0..needs.len()).filter(|index| needs[*index] == 0).collect();
+        let mut order = Vec::new();
+        while let Some(index) = ready.pop_first() {
+            order.push(index);
+            for other in &needed_by[index] {
+                needs[*other] -= 1;
+                if needs[*other] == 0 {
+                    ready.insert(*other);
+                }
+            }
+        }
+        order.extend((0..needs.len()).filter(|index| needs[*index] > 0));
+        order
+    }
+
+    pub fn contains(&self, name: &str) -> bool {
+        self.all.iter().any(|declared| declared.name == name)
+    }
+
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.all.iter().map(|declared| declared.name.as_str())
+    }
+}
+
+/// The expressions of a declaration, and that of what is set in place of the default.
+fn expressions<'a>(declaration: &'a ParamDecl, setting: Option<&'a Setting>) -> Vec<&'a Expression> {
+    let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
+    let (default, choice, range, step, exact) = match kind {
+        ParamKind::Bool { default, exact, .. } => (Some(default), None, None, None, exact.as_ref()),
+        ParamKind::Int { default, range, exact, .. } => (Some(default), None, Some(range), None, exact.as_ref()),
+        ParamKind::Float { default, range, step, exact, .. } => {
+            (Some(default), None, Some(range), step.as_ref(), exact.as_ref())
+        }
+        ParamKind::Choice { default, .. } => (None, Some(default), None, None, None),
+    };
+    let default = default.into_iter().chain(setting.map(|setting| &setting.number));
+    let ends = range.into_iter().flat_map(|(from, to)| [from, to]);
+    let numbers = default.chain(ends).chain(step).chain(exact);
+    let expressions = numbers.filter_map(|number| match number {
+        Number::Expression(expression) => Some(expression),
+        Number::Literal(_) => None,
+    });
+    expressions.chain(choice).collect()
+}
+
+/// Lists the parameters of a graph.
+///
+/// # Errors
+/// Names that are exposed twice or not there, and those of the files that are included.
+pub(super) fn parameters(
+    opened: &Opened,
+    choices: &mut Choices,
+    files: &mut SourceMap,
+) -> Result<Parameters, Vec<Diagnostic>> {
+    let mut collect = Collect { choices, files, around: Vec::new() };
+    let mut found = collect.graph(opened)?;
+    if opened.set.keys().any(|name| !found.contains(name)) {
+        for other in opened.others.iter() {
+            // The mistakes of a graph that is not drawn are told where it is.
+            if let Ok(other) = collect.graph(other) {
+                found.elsewhere.extend(other.names().map(str::to_owned));
+            }
+        }
+    }
+    Ok(found)
+}
+
+struct Collect<'a, 'r> {
+    choices: &'a mut Choices<'r>,
+    files: &'a mut SourceMap,
+    /// The files whose parameters are being listed, outermost first.
+    around: Vec<FileId>,
+}
+
+impl Collect<'_, '_> {
+    fn graph(&mut self, opened: &Opened) -> Result<Parameters, Vec<Diagnostic>> {
+        let params = Path::root().field("params");
+        let own = opened.graph.params.keys().map(|name| Declared {
+            name: name.clone(),
+            graph: opened.graph.clone(),
+            place: Place::new(&opened.outline, params.key(name)),
+            default: None,
+            part: None,
+        });
+        let mut found = Parameters { all: own.collect(), ..Parameters::default() };
+        // Includes that lead back are an error of the walk, which says more.
+        if self.around.contains(&opened.file) || self.around.len() > MAX_DEPTH {
+            return Ok(found);
+        }
+        self.around.push(opened.file);
+        let passes = Place::new(&opened.outline, Path::root().field("passes"));
+        let result = self.passes(opened, &opened.graph.passes, &passes, &mut found);
+        self.around.pop();
+        result.map(|()| found)
+    }
+
+    fn passes(
+        &mut self,
+        opened: &Opened,
+        passes: &[PassDecl],
+        at: &Place,
+        found: &mut Parameters,
+    ) -> Result<(), Vec<Diagnostic>> {
+        for (i, pass) in passes.iter().enumerate() {
+            match pass {
+                PassDecl::Repeat { body, .. } => {
+                    self.passes(opened, body, &at.index(i).field("body"), found)?;
+                }
+                PassDecl::Include { expose: Expose::Only(names), .. } if names.is_empty() => {}
+                PassDecl::Include { .. } => self.include(opened, pass, &at.index(i), found)?,
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn include(
+        &mut self,
+        opened: &Opened,
+        pass: &PassDecl,
+        place: &Place,
+        found: &mut Parameters,
+    ) -> Result<(), Vec<Diagnostic>> {
+        let PassDecl::Include { graph, name, set, expose, .. } = pass else { return Ok(()) };
+        let graph_place = place.field("graph");
+        let file = self.files.find(Some(opened.file), graph, Kind::Graph);
+        let file = file.map_err(|e| vec![e.at(graph_place.span())])?;
+        let chosen = self.choices.choose(file, self.files, 0)?;
+        let inner = self.graph(&chosen.opened)?;
+        let at = place.field("expose");
+        if let Expose::Only(names) = expose {
+            for (i, wanted) in names.iter().enumerate().filter(|(_, wanted)| !inner.contains(wanted)) {
+                let span = at.index(0).index(i).span();
+                return Err(vec![unknown(wanted, span, inner.names())]);
+            }
+        }
+        for mut declared in inner.all {
+            let wanted = match expose {
+                Expose::All => !set.contains_key(&declared.name),
+                Expose::Only(names) => names.contains(&declared.name),
+            };
+            if !wanted {
+                continue;
+            }
+            let name_of = &declared.name;
+            if let Some(first) = found.all.iter().find(|other| other.name == *name_of) {
+                let shared = first.place.key() == declared.place.key() && !set.contains_key(name_of);
+                if shared {
+                    found.exposed.entry(name.clone()).or_default().insert(name_of.clone());
+                    continue;
+                }
+                let message = format!("this graph has the parameter `{name_of}` already");
+                let error = Diagnostic::new(message, at.span(), "exposed here")
+                    .with_label(first.place.key(), "the first");
+                let help = format!(
+                    "give it the first one's value instead: `set: {{ \"{name_of}\": \"{name_of}\" }}`"
+                );
+                return Err(vec![error.with_help(help)]);
+            }
+            if let Some(number) = set.get(name_of) {
+                let path = place.field("set").field(name_of).path;
+                declared.default =
+                    Some(Setting { number: number.clone(), outline: place.outline.clone(), path });
+            } else if let Some(setting) = chosen.opened.set.get(name_of) {
+                declared.default = Some(setting.clone());
+            }
+            declared.part = Some(name.clone());
+            found.exposed.entry(name.clone()).or_default().insert(name_of.clone());
+            found.all.push(declared);
+        }
+        Ok(())
+    }
+}

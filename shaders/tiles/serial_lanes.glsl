@@ -1,0 +1,9 @@
+// Invocations of the serial passes, each with work of its own: see serial.glsl.
+
+#include "../groups.glsl"
+
+layout(local_size_x = DEVICE_SUBGROUP_SIZE) in;
+
+uint invocation_index() {
+    return group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
+}
