@@ -88,7 +88,7 @@ fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
             "{pass}"
         );
         let buffers = camera["buffers"].as_array().expect("a list");
-        assert!(buffers.iter().any(|b| b["name"] == "keys#0" && b["bytes"] == 20_000), "{buffers:?}");
+        assert!(buffers.iter().any(|b| b["name"] == "order.keys#0" && b["bytes"] == 20_000), "{buffers:?}");
     }
     for name in ["pond", "knot", "lotus", "lee"] {
         let image = splatgraph::image::Image::load(&folder.path().join(format!("out/{name}.npy")))
@@ -120,7 +120,7 @@ fn dumps_show_eight_four_and_three_digits() {
             serde_json::from_str(&done(folder.path(), &["dump", preset, "--format", "json"])).expect("JSON");
         let passes = dump["passes"].as_array().expect("a list");
         for step in ["histogram", "scan", "scatter"] {
-            let prefix = format!("sort.{step}[");
+            let prefix = format!("order.sort.{step}[");
             let found =
                 passes.iter().filter(|p| p["name"].as_str().is_some_and(|n| n.starts_with(&prefix))).count();
             assert_eq!(found, digits, "{preset}: dispatches of {step}");
@@ -135,7 +135,7 @@ fn the_accounts_of_a_file_and_of_a_plan_are_complete() {
     let bytes = std::fs::metadata(folder.path().join("scene.ply")).expect("there").len();
     let text = done(folder.path(), &["info", "scene.ply", "--pipeline", "splat"]);
     assert!(text.contains(&format!("{} bytes", splatgraph_assets::grouped(bytes))), "{text}");
-    for name in ["covariances", "keys#1", "sort.table"] {
+    for name in ["scene.covariances", "order.keys#1", "order.sort.table"] {
         assert!(text.contains(name), "no {name} in\n{text}");
     }
 }
@@ -335,8 +335,19 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
         (errors, stats[0].clone())
     };
     let (errors, stats) = draw("either.ron");
-    assert_eq!(errors.matches("`splat` stands in for `odd`, which needs a device without workgroups (device.max_groups_x = ").count(), 1, "{errors}");
-    assert_eq!((&stats["pipeline"], &stats["stand_ins"][0]["taken"]), (&"either.ron".into(), &"splat".into()));
+    assert_eq!(
+        errors
+            .matches(
+                "`splat` stands in for `odd`, which needs a device without workgroups (device.max_groups_x = "
+            )
+            .count(),
+        1,
+        "{errors}"
+    );
+    assert_eq!(
+        (&stats["pipeline"], &stats["stand_ins"][0]["taken"]),
+        (&"either.ron".into(), &"splat".into())
+    );
     assert!(stats["phases"]["draw"].is_number(), "quads are drawn: {stats}");
     let text = done(folder.path(), &["dump", "either.ron"]);
     assert!(text.contains("\n`splat` stands in for `odd`, which needs"), "{text}");
@@ -345,16 +356,20 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
 
     let (errors, stats) = draw("auto");
     assert!(!errors.contains("stands in"), "{errors}");
-    assert_eq!(stats["based_on"], serde_json::json!(["tiled"]));
-    let reason = &stats["reasons"]["rasteriser"];
+    let stand_in = &stats["stand_ins"][0];
+    let reason = match stats["based_on"][0].as_str() {
+        Some("tiled_cpu") => &stand_in["unmet"][0]["reason"],
+        other => panic!("expected the tiles of CPUs, found {other:?}"),
+    };
+    assert_eq!((&stand_in["wanted"], &stand_in["preference"]), (&"tiled".into(), &true.into()));
     assert!(
-        reason["expression"].as_str().is_some_and(|text| text.contains("device.subgroup_size < 16")),
+        reason["expression"].as_str().is_some_and(|text| text.contains("device.subgroup_size >= 16")),
         "{stats}"
     );
     assert!(reason["values"]["device.subgroup_size"].is_number(), "{stats}");
     let text = done(folder.path(), &["dump", "auto"]);
     assert!(text.contains("\nbased on tiled\n"), "{text}");
-    assert!(text.contains("\nparameter rasteriser=cells, because device.subgroup_size = 32 ("), "{text}");
+    assert!(text.contains("\nparameter sorter=subgroup, because device.subgroup_size = 32 ("), "{text}");
 }
 
 #[test]

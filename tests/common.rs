@@ -133,3 +133,42 @@ pub fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
         format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     (output.status.success(), text)
 }
+
+/// A graph with parameters.
+pub type Graph = (&'static str, &'static [(&'static str, &'static str)]);
+
+/// The tiles for GPUs and for CPUs, whichever the device would choose.
+pub const FAST_TILES: [Graph; 2] = [("tiled", &[]), ("tiled_cpu", &[])];
+
+/// The same as `tiled_exact`.
+pub const EXACT_TILES: [Graph; 2] = [
+    (
+        "tiled",
+        &[
+            ("record", "f32"),
+            ("extent", "tiles"),
+            ("sh_storage", "f32"),
+            ("covariance", "six"),
+            ("sorted", "splats"),
+            ("key_bits", "32"),
+            ("stop_after", "splat"),
+            ("segment", "16384"),
+        ],
+    ),
+    (
+        "tiled_cpu",
+        &[
+            ("record", "f32"),
+            ("extent", "tiles"),
+            ("sh_storage", "f32"),
+            ("covariance", "six"),
+            ("key_bits", "32"),
+            ("stop_after", "splat"),
+        ],
+    ),
+];
+
+/// Lists the parameters of a graph, and more that win over them.
+pub fn with<'a>(graph: Graph, more: &[(&'a str, &'a str)]) -> Vec<(&'a str, &'a str)> {
+    graph.1.iter().copied().chain(more.iter().copied()).collect()
+}

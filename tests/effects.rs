@@ -191,10 +191,10 @@ fn no_value_of_a_parameter_without_an_effect_changes_a_plan() {
 }
 
 #[test]
-fn tiles_on_a_gpu_and_on_a_cpu_name_the_parameters_of_the_other_variant() {
+fn tiles_on_a_gpu_name_the_parameters_that_the_sort_of_splats_alone_has() {
     let mut builds = Builds::new();
-    let mut said = |lanes: u32| -> Vec<String> {
-        let plan = builds.plan("tiled", &[], &facts_of(lanes, 1_000_000)).expect("a plan");
+    let mut said = |graph: &str, lanes: u32| -> Vec<String> {
+        let plan = builds.plan(graph, &[], &facts_of(lanes, 1_000_000)).expect("a plan");
         let idle = plan.params.iter().filter(|param| plan.no_effect(&param.name).is_some());
         // Without the numbers of lines.
         let without = |text: String| {
@@ -202,16 +202,14 @@ fn tiles_on_a_gpu_and_on_a_cpu_name_the_parameters_of_the_other_variant() {
         };
         idle.filter_map(|param| plan.effect_text(&param.name)).map(without).collect()
     };
-    let none = |name: &str| format!("`{name}` has no effect: nothing in this plan depends on it; ");
-    let sorts = "and here rasteriser = cells, sorted = pairs";
-    let include =
-        format!("it is used where `sorts_splats && sorter == 'subgroup'` (pipelines/tiled), {sorts}");
-    let budget = format!("it is used where `sorts_splats` (pipelines/tiled), {sorts}");
-    let gpu = [none("digit_bits") + &include, none("block_keys") + &budget, none("budget") + &budget];
-    assert_eq!(said(32), gpu);
-    let cells = "it is used where `rasteriser == 'cells'` (pipelines/tiled), and here rasteriser = serial";
-    let ties = "`tie_bits` (pipelines/tiled) leaves it out, as rasteriser = serial";
-    assert_eq!(said(8), [none("pair_bits") + ties, none("segment") + cells]);
+    let none = |name: &str| {
+        format!(
+            "`{name}` has no effect: nothing in this plan depends on it; it is used where `sorted == 'splats'` \
+             (pipelines/parts/tile_bins), and here sorted = pairs"
+        )
+    };
+    assert_eq!(said("auto", 32), [none("block_keys"), none("budget")]);
+    assert_eq!(said("auto", 8), [""; 0]);
 }
 
 /// The lines of standard error that name a parameter without an effect, of a command that succeeds.

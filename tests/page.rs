@@ -103,30 +103,31 @@ fn the_page_draws_every_pass_and_barrier_and_opens_where_its_address_says() {
     // Folded, eight iterations of three passes are three columns.
     let folded = open("");
     assert_eq!(count(&folded, "column"), passes.len() - 21, "columns");
-    assert!(folded.contains("sort ×8"));
+    assert!(folded.contains("order.sort ×8"));
 
-    let barrier = barriers.iter().find(|b| b["before"]["name"] == "sort.scatter[0]").expect("there is one");
+    let barrier =
+        barriers.iter().find(|b| b["before"]["name"] == "order.sort.scatter[0]").expect("there is one");
     let opened = panel(&open(&format!("#barrier={}", barrier["id"])));
     let origin = &barrier["before"]["declared"];
     let origin =
         format!("{}:{}:{}", origin["file"].as_str().expect("text"), origin["line"], origin["column"]);
     for words in [
         &format!("Barrier {}", barrier["id"]),
-        "before sort.scatter[0]",
+        "before order.sort.scatter[0]",
         "on all memory",
-        "read after write: sort.table",
+        "read after write: order.sort.table",
         "COMPUTE · STORAGE_WRITE",
         &origin,
     ] {
         assert!(opened.contains(words), "no {words} in {opened}");
     }
 
-    let opened = open("#unfold=sort&pass=sort.scan[2]");
+    let opened = open("#unfold=order.sort&pass=order.sort.scan[2]");
     let text = panel(&opened);
-    assert!(text.contains("sort.scan[2]") && text.contains("sort/scan.comp"), "{text}");
+    assert!(text.contains("order.sort.scan[2]") && text.contains("sort/scan.comp"), "{text}");
     assert_eq!(count(&opened, "column"), passes.len(), "the repeat is unfolded");
-    let text = panel(&open("#resource=keys%231"));
-    assert!(text.contains("keys#1") && text.contains("written by"), "{text}");
+    let text = panel(&open("#resource=order.keys%231"));
+    assert!(text.contains("order.keys#1") && text.contains("written by"), "{text}");
     let text = panel(&open("#barrier=9999&pass=%"));
     assert!(text.starts_with("Overview"), "what there is not opens nothing: {text}");
 }

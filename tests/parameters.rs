@@ -1,6 +1,6 @@
 //! The parameters of the graphs: each draws what the exact renderer draws with the same rule changed, or of the same scene rounded.
 
-use crate::common;
+use crate::common::{self, EXACT_TILES, Graph};
 use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::session::Session;
@@ -34,20 +34,14 @@ fn drawn(session: &mut Session<Backend>, camera: &Camera, set: &[(&str, &str)]) 
     drawn_by(session, camera, QUADS, set)
 }
 
-/// A graph with parameters that make it exact.
-type Graph = (&'static str, &'static [(&'static str, &'static str)]);
-
 const QUADS: Graph = ("splat", &[("target", "rgba32f")]);
 
-/// Both kinds of graphs, and both rasterisers of tiles, by the rules of quads.
-const ALL: [Graph; 3] = [
-    QUADS,
-    ("tiled_exact", &[("stop", "0.0"), ("extent", "alpha"), ("rasteriser", "serial")]),
-    ("tiled_exact", &[("stop", "0.0"), ("extent", "alpha"), ("rasteriser", "cells")]),
-];
+/// Both kinds of graphs, and the tiles for CPUs and for GPUs, by the rules of quads.
+const ALL: [Graph; 3] = [QUADS, EXACT_TILES[1], EXACT_TILES[0]];
 
 fn drawn_by(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
-    let all = graph.1.iter().chain(set);
+    let of_quads: &[_] = if graph.0 == "splat" { &[] } else { &[("stop", "0.0"), ("extent", "alpha")] };
+    let all = graph.1.iter().chain(of_quads).chain(set);
     let set: Vec<(String, String)> = all.map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect();
     session.set_graph(graph.0, &set);
     session.prepare((camera.width, camera.height), &mut |_| {}).expect("it is prepared");
@@ -212,10 +206,7 @@ fn equalised_keys_are_right_where_they_are_wide_and_the_nearest_to_right_where_t
     let far = Splat { position: [0.0, 0.0, 1e6], ..scene.splat(0) };
     let scene = Scene::generate(count + 1, 3, |i| if i < count as usize { scene.splat(i) } else { far });
     let mut session = Session::new(common::device(), scene, "splat", &[]);
-    let tiles = (
-        "tiled",
-        &[("rasteriser", "cells"), ("sorted", "pairs"), ("record", "f32"), ("sh_storage", "f32")][..],
-    );
+    let tiles = ("tiled", &[("sorted", "pairs"), ("record", "f32"), ("sh_storage", "f32")][..]);
     for graph in ALL.into_iter().chain([tiles]) {
         let right = drawn_by(&mut session, &camera, graph, &[("key_bits", "32")]);
         let mut at = |map: &str, bits: &str| {

@@ -18,17 +18,22 @@ fn serial_tiles_draw_a_stack_deeper_than_one_pass_like_the_other_renderers() {
         run(&[&["render", "stack.ply", "-c", "stack.json#0", "--size", "64x48", "-o", name], set].concat());
         Image::load(&place.at(name)).expect("a picture")
     };
-    let tiles = ["--pipeline", "tiled_exact", "--set", "stop=0", "--validate", "--set"];
-    let serial = draw("serial.npy", &[&tiles[..], &["rasteriser=serial"]].concat());
-    let cells = draw("cells.npy", &[&tiles[..], &["rasteriser=cells"]].concat());
+    let tiles = |graph: common::Graph, more: &[(&str, &str)]| {
+        let set = common::with(graph, more);
+        let set: Vec<String> = set.iter().map(|(name, value)| format!("--set={name}={value}")).collect();
+        let set = set.iter().map(String::as_str);
+        let args: Vec<&str> = ["--pipeline", graph.0, "--validate"].into_iter().chain(set).collect();
+        draw("tiles.npy", &args)
+    };
+    let [cells, serial] = common::EXACT_TILES.map(|graph| tiles(graph, &[("stop", "0")]));
     let quads = draw("quads.npy", &["--pipeline", "splat", "--set", "target=rgba32f"]);
     for (name, other) in [("cells", cells), ("quads", quads)] {
         let found = metrics::compare(&serial, &other).expect("of one size");
         assert!(found.psnr() > 80.0, "{name}: {found:?}");
     }
-    let packed = ["--pipeline", "tiled", "--set", "stop=0", "--set", "sorted=splats", "--validate", "--set"];
-    let serial = draw("packed-serial.npy", &[&packed[..], &["rasteriser=serial"]].concat());
-    let cells = draw("packed-cells.npy", &[&packed[..], &["rasteriser=cells"]].concat());
+    let [cells, serial] = common::FAST_TILES;
+    let (cells, serial) =
+        (tiles(cells, &[("stop", "0"), ("sorted", "splats")]), tiles(serial, &[("stop", "0")]));
     let found = metrics::compare(&serial, &cells).expect("of one size");
     assert!(found.psnr() > 80.0, "packed: {found:?}");
 }

@@ -1,7 +1,7 @@
 //! Splats in tiles: against the images of the published CUDA rasteriser, against each other, and where lists are long or short of
 //! room.
 
-use crate::common;
+use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
 use crate::images::{bytes, draw_scene, golden, inspected, psnr};
 use splatgraph::backend::Backend;
 use splatgraph::image::Image;
@@ -10,25 +10,23 @@ use splatgraph::truth::{Truth, rules};
 use splatgraph_assets::{Camera, Scene, Splat, synth};
 use std::sync::Arc;
 
-const EXACT: &str = "tiled_exact";
-const FAST: &str = "tiled";
+/// Exact tiles, for GPUs and for CPUs.
+const GPU: Graph = EXACT_TILES[0];
+const CPU: Graph = EXACT_TILES[1];
 
-/// The rasterisers, of which the device chooses one if the test does not.
-const RASTERISERS: [&str; 2] = ["cells", "serial"];
-
-/// Returns the least PSNR of a preset against the golden images of a scene, by either rasteriser.
-fn least_psnr(preset: &str, scene: &str) -> Option<f64> {
+/// Returns the least PSNR of graphs against the golden images of a scene.
+fn least_psnr(graphs: [Graph; 2], scene: &str) -> Option<f64> {
     let data = common::data("tiles against golden images")?;
     let scenes = data.join("scenes");
     let loaded = Scene::load(scenes.join(format!("{scene}.ply")), &|_, _| {}).expect("the scene loads");
     let loaded = Arc::new(loaded);
     let cameras = Camera::load(scenes.join(format!("{scene}.cameras.json"))).expect("the cameras load");
     let mut least = f64::INFINITY;
-    for rasteriser in RASTERISERS {
-        let images = draw_scene(loaded.clone(), &cameras, preset, [0.0; 3], &[("rasteriser", rasteriser)]);
+    for graph in graphs {
+        let images = draw_scene(loaded.clone(), &cameras, graph.0, [0.0; 3], graph.1);
         for (i, image) in images.iter().enumerate() {
             let db = psnr(image, &golden(&data, scene, &format!("camera{i}")));
-            println!("{preset}, {rasteriser}, {scene}, camera {i}: {db:.2} dB");
+            println!("{graph:?}, {scene}, camera {i}: {db:.2} dB");
             least = least.min(db);
         }
     }
@@ -38,7 +36,7 @@ fn least_psnr(preset: &str, scene: &str) -> Option<f64> {
 #[test]
 fn exact_tiles_agree_with_the_published_rasteriser_to_98_decibels() {
     for scene in ["biker", "playbot-31k", "rules"] {
-        let Some(db) = least_psnr(EXACT, scene) else { return };
+        let Some(db) = least_psnr(EXACT_TILES, scene) else { return };
         // Its own rounding decides whether a pixel at the floor of alpha keeps a splat.
         assert!(db >= 98.0, "{scene}: {db:.2} dB, expected 98 or more");
     }
@@ -47,7 +45,7 @@ fn exact_tiles_agree_with_the_published_rasteriser_to_98_decibels() {
 #[test]
 fn fast_tiles_agree_with_the_published_rasteriser_to_75_decibels_on_captures() {
     for (scene, bound) in [("biker", 75.0), ("playbot-31k", 75.0), ("rules", 57.0)] {
-        let Some(db) = least_psnr(FAST, scene) else { return };
+        let Some(db) = least_psnr(FAST_TILES, scene) else { return };
         assert!(db >= bound, "{scene}: {db:.2} dB, expected {bound} or more");
     }
 }
@@ -59,10 +57,10 @@ fn demo(size: (u32, u32)) -> (Arc<Scene>, Vec<Camera>) {
     (scene, cameras.collect())
 }
 
-/// Draws the small demo scene with a preset and parameters.
-fn drawn(preset: &str, set: &[(&str, &str)]) -> Vec<Image> {
+/// Draws the small demo scene with a graph and more parameters.
+fn drawn(graph: Graph, more: &[(&str, &str)]) -> Vec<Image> {
     let (scene, cameras) = demo((400, 225));
-    draw_scene(scene, &cameras, preset, [0.1, 0.2, 0.3], set)
+    draw_scene(scene, &cameras, graph.0, [0.1, 0.2, 0.3], &with(graph, more))
 }
 
 /// Fails if two pictures of the same camera differ by more than these decibels allow.
@@ -76,52 +74,69 @@ fn assert_close(what: &str, found: &[Image], expected: &[Image], bound: f64) {
 
 #[test]
 fn every_variant_of_tiles_draws_the_same_picture() {
-    let cells = ("rasteriser", "cells");
-    let expected = drawn(EXACT, &[("rasteriser", "serial")]);
+    let expected = drawn(CPU, &[]);
     // Which lists there are, how they are cut, and who blends them changes the rounding of sums alone.
-    for set in [
-        &[cells][..],
-        &[cells, ("segment", "64"), ("entries", "100000")],
-        &[cells, ("sorter", "subgroup")],
-        &[cells, ("digit_bits", "5")],
-        &[("sorter", "subgroup")],
+    for (graph, set) in [
+        (GPU, &[][..]),
+        (GPU, &[("segment", "64"), ("entries", "100000")]),
+        (GPU, &[("sorter", "subgroup")]),
+        (GPU, &[("digit_bits", "5")]),
+        (CPU, &[("sorter", "subgroup")]),
     ] {
-        assert_close(&format!("{set:?}"), &drawn(EXACT, set), &expected, 75.0);
+        assert_close(&format!("{} {set:?}", graph.0), &drawn(graph, set), &expected, 75.0);
     }
     // And these round what they are made of.
-    let serial = ("rasteriser", "serial");
-    for set in [
-        &[cells, ("sorted", "pairs")],
-        &[cells, ("record", "packed")],
-        &[cells, ("stop_after", "chunk")],
-        &[serial, ("record", "packed")],
-        &[serial, ("stop_after", "chunk")],
+    for (graph, set) in [
+        (GPU, ("sorted", "pairs")),
+        (GPU, ("record", "packed")),
+        (GPU, ("stop_after", "chunk")),
+        (CPU, ("record", "packed")),
+        (CPU, ("stop_after", "chunk")),
     ] {
-        assert_close(&format!("{set:?}"), &drawn(EXACT, set), &expected, 65.0);
+        assert_close(&format!("{} {set:?}", graph.0), &drawn(graph, &[set]), &expected, 65.0);
+    }
+}
+
+#[test]
+fn the_digit_width_changes_every_sort_of_tiles_and_no_byte_of_the_picture() {
+    let all =
+        |graph, more: &[(&str, &str)]| -> Vec<Vec<u32>> { drawn(graph, more).iter().map(bytes).collect() };
+    for graph in [FAST_TILES[0], FAST_TILES[1], GPU] {
+        for sorter in ["subgroup", "serial"] {
+            let expected = all(graph, &[("sorter", sorter)]);
+            for width in ["1", "4", "8", "11"] {
+                let found = all(graph, &[("sorter", sorter), ("digit_bits", width)]);
+                assert!(
+                    found == expected,
+                    "{graph:?}, {sorter}: digits of {width} bits draw another picture"
+                );
+            }
+        }
     }
 }
 
 /// The subgroup's sort of pairs, which orders as many bits of bin and depth by radix.
-fn by_pairs(bits: &'static str) -> [(&'static str, &'static str); 4] {
-    [("rasteriser", "cells"), ("sorter", "subgroup"), ("sorted", "pairs"), ("pair_bits", bits)]
+fn by_pairs(bits: &'static str) -> [(&'static str, &'static str); 3] {
+    [("sorter", "subgroup"), ("sorted", "pairs"), ("pair_bits", bits)]
 }
 
 #[test]
 fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
-    let splats = [("rasteriser", "cells"), ("sorter", "subgroup"), ("sorted", "splats")];
-    let expected: Vec<Vec<u32>> = drawn(EXACT, &splats).iter().map(bytes).collect();
+    let splats = [("sorter", "subgroup"), ("sorted", "splats")];
+    let expected: Vec<Vec<u32>> = drawn(GPU, &splats).iter().map(bytes).collect();
     // Keys of 28 bits are scaled to fill them, which must keep depths apart.
     for (bits, key_bits) in [("32", "32"), ("24", "32"), ("20", "32"), ("24", "28")] {
         let set = [&by_pairs(bits)[..], &[("key_bits", key_bits)]].concat();
-        let found: Vec<Vec<u32>> = drawn(EXACT, &set).iter().map(bytes).collect();
+        let found: Vec<Vec<u32>> = drawn(GPU, &set).iter().map(bytes).collect();
         assert!(found == expected, "pairs sorted by {bits} of {key_bits} bits are blended in another order");
     }
 }
 
 /// Counts the pairs that tiles leave in the file's order where they sort `bits` bits by radix.
 fn unordered(scene: &Arc<Scene>, camera: &Camera, bits: &'static str) -> u32 {
-    let set = by_pairs(bits).map(|(name, value)| (name.to_string(), value.to_string()));
-    let mut session: Session<Backend> = Session::new(common::device(), scene.clone(), EXACT, &set);
+    let set = with(GPU, &by_pairs(bits));
+    let set: Vec<(String, String)> = set.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
+    let mut session: Session<Backend> = Session::new(common::device(), scene.clone(), GPU.0, &set);
     session.prepare((camera.width, camera.height), &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
     let frame = session.submit(camera, &FrameOptions::default()).expect("submitted");
     let stats = session.wait(frame).expect("drawn").stats;
@@ -153,10 +168,11 @@ fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
     assert_eq!(unordered(&scene(128), &camera, "16"), 0);
     assert_eq!(unordered(&scene(129), &camera, "16"), 129);
     let draw = |set: &[(&str, &str)]| {
-        let images = draw_scene(scene(128), std::slice::from_ref(&camera), EXACT, [0.0; 3], set);
+        let set = with(GPU, set);
+        let images = draw_scene(scene(128), std::slice::from_ref(&camera), GPU.0, [0.0; 3], &set);
         bytes(&images[0])
     };
-    let sorted = [("rasteriser", "cells"), ("sorter", "subgroup"), ("sorted", "splats")];
+    let sorted = [("sorter", "subgroup"), ("sorted", "splats")];
     assert!(draw(&by_pairs("16")) == draw(&sorted), "128 pairs are blended in another order");
 }
 
@@ -185,11 +201,11 @@ fn scattered(count: u32, scales: &[[f32; 3]], colour: impl Fn(f32) -> f32 + Sync
 #[test]
 fn needles_far_narrower_than_a_pixel_are_no_brighter_than_their_colour_in_serial_tiles() {
     let (scene, camera) = scattered(1000, &[[0.3, 1e-6, 1e-6]], |_| 1.0);
-    let draw = |rasteriser| {
-        let set = [("low_pass", "none"), ("rasteriser", rasteriser)];
-        draw_scene(scene.clone(), std::slice::from_ref(&camera), EXACT, [0.0; 3], &set)
+    let draw = |graph: Graph| {
+        let set = with(graph, &[("low_pass", "none")]);
+        draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, [0.0; 3], &set)
     };
-    let [cells, serial] = RASTERISERS.map(draw);
+    let [cells, serial] = EXACT_TILES.map(draw);
     assert_close("needles", &serial, &cells, 60.0);
     let least = serial[0].rgb.iter().flatten().copied().fold(f32::INFINITY, f32::min);
     assert!(least >= 0.0, "a colour of {least}");
@@ -204,18 +220,12 @@ fn a_falloff_by_products_is_that_by_powers_of_2() {
         scattered(100, &[point, needle, plate, [0.05; 3], [0.2, 0.1, 0.02]], |share| 3.0 * share - 1.5);
     for low_pass in ["dilated", "compensated"] {
         // The least floor, so that faint alphas count; order, early stop and records agree.
-        let rules = [
-            ("low_pass", low_pass),
-            ("alpha_floor", "0.001"),
-            ("stop", "0"),
-            ("sorted", "splats"),
-            ("key_bits", "32"),
-        ];
-        let draw = |rasteriser| {
-            let set = [&rules[..], &[("rasteriser", rasteriser)]].concat();
-            draw_scene(scene.clone(), std::slice::from_ref(&camera), FAST, [0.0; 3], &set)
+        let rules = [("low_pass", low_pass), ("alpha_floor", "0.001"), ("stop", "0"), ("key_bits", "32")];
+        let draw = |name: &str, more: &[(&str, &str)]| {
+            let set = [&rules[..], more].concat();
+            draw_scene(scene.clone(), std::slice::from_ref(&camera), name, [0.0; 3], &set)
         };
-        let [powers, products] = RASTERISERS.map(draw);
+        let (powers, products) = (draw("tiled", &[("sorted", "splats")]), draw("tiled_cpu", &[]));
         assert_close(low_pass, &products, &powers, 110.0);
     }
     if common::lanes_are_usual() {
@@ -228,19 +238,17 @@ fn pictures_wider_than_256_bins_have_larger_ones() {
     let scene = Arc::new(synth::generate("demo", 3000, 0).expect("a scene"));
     let camera = synth::demo_cameras().swap_remove(0).resized(8200, 40);
     let truth = Truth::draw(&scene, &camera, [0.0; 3], &rules(&[]).expect("rules")).image();
-    for rasteriser in RASTERISERS {
-        let set = [("rasteriser", rasteriser)];
-        let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), EXACT, [0.0; 3], &set);
-        assert_close(rasteriser, &images, std::slice::from_ref(&truth), 95.0);
+    for graph in EXACT_TILES {
+        let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, [0.0; 3], graph.1);
+        assert_close(graph.0, &images, std::slice::from_ref(&truth), 95.0);
     }
 }
 
 #[test]
 fn tiles_give_the_same_bytes_in_every_run() {
-    for (preset, rasteriser) in [(EXACT, "serial"), (FAST, "serial"), (EXACT, "cells"), (FAST, "cells")] {
-        let all =
-            || -> Vec<Vec<u32>> { drawn(preset, &[("rasteriser", rasteriser)]).iter().map(bytes).collect() };
-        assert!(all() == all(), "{preset}, {rasteriser}: two runs differ");
+    for graph in EXACT_TILES.into_iter().chain(FAST_TILES) {
+        let all = || -> Vec<Vec<u32>> { drawn(graph, &[]).iter().map(bytes).collect() };
+        assert!(all() == all(), "{graph:?}: two runs differ");
     }
 }
 
@@ -250,10 +258,9 @@ fn tiles_are_right_on_subgroups_of_4_8_and_16() {
     let camera = synth::demo_cameras().swap_remove(0).resized(160, 90);
     let background = [0.1, 0.2, 0.3];
     let truth = Truth::draw(&scene, &camera, background, &rules(&[]).expect("rules")).image();
-    for rasteriser in RASTERISERS {
-        let set = [("rasteriser", rasteriser)];
-        let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), EXACT, background, &set);
-        assert_close(rasteriser, &images, std::slice::from_ref(&truth), 95.0);
+    for graph in EXACT_TILES {
+        let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, background, graph.1);
+        assert_close(graph.0, &images, std::slice::from_ref(&truth), 95.0);
     }
     if common::lanes_are_usual() {
         for bits in [128, 512] {
@@ -273,7 +280,7 @@ fn a_long_list_is_left_to_the_deep_pass_once_where_workgroups_fill_several_rows(
         sh: [0.0; 48],
     });
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 90.0, (4097, 4096));
-    let deep = inspected(scene, &camera, FAST, &[("rasteriser", "serial")], "deep@serial_rasterise");
+    let deep = inspected(scene, &camera, "tiled_cpu", &[], "deep@rasterise");
     let [x, y, z, tiles] =
         [0, 4, 8, 12].map(|at| u32::from_le_bytes(*deep[at..].first_chunk().expect("a word")));
     // The list is that of a bin, which has four tiles here.
@@ -282,11 +289,10 @@ fn a_long_list_is_left_to_the_deep_pass_once_where_workgroups_fill_several_rows(
 
 #[test]
 fn lists_without_room_grow_until_the_picture_is_whole() {
-    for rasteriser in RASTERISERS {
-        let with = |entries| -> Vec<Vec<u32>> {
-            drawn(EXACT, &[("rasteriser", rasteriser), ("entries", entries)]).iter().map(bytes).collect()
-        };
-        assert!(with("1000000") == with("100"), "{rasteriser}: the picture depends on the room at first");
+    for graph in EXACT_TILES {
+        let with =
+            |entries| -> Vec<Vec<u32>> { drawn(graph, &[("entries", entries)]).iter().map(bytes).collect() };
+        assert!(with("1000000") == with("100"), "{graph:?}: the picture depends on the room at first");
     }
 }
 
@@ -310,9 +316,8 @@ fn long_lists_are_blended_to_their_end() {
         }
     }));
     let truth = Truth::draw(&scene, &camera, [0.0; 3], &rules(&[]).expect("rules")).image();
-    for (preset, rasteriser) in [(EXACT, "serial"), (FAST, "serial"), (EXACT, "cells"), (FAST, "cells")] {
-        let set = [("rasteriser", rasteriser)];
-        let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), preset, [0.0; 3], &set);
-        assert_close(&format!("{preset}, {rasteriser}"), &images, std::slice::from_ref(&truth), 60.0);
+    for graph in EXACT_TILES.into_iter().chain(FAST_TILES) {
+        let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, [0.0; 3], graph.1);
+        assert_close(&format!("{graph:?}"), &images, std::slice::from_ref(&truth), 60.0);
     }
 }

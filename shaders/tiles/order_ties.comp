@@ -40,6 +40,15 @@ uint sorted_part(uint key) {
     return key >> TIE_BITS;
 }
 
+// Returns the splat of a pair, above whose index bits of the depth may stand.
+uint splat_of(uint pair) {
+#if REST_BITS > 0
+    return pair & ((1u << INDEX_BITS) - 1u);
+#else
+    return pair;
+#endif
+}
+
 void main() {
     uint count = pair_args[ARGS_VISIBLE];
     uint first = group_index() * gl_WorkGroupSize.x;
@@ -90,7 +99,7 @@ void main() {
             place += comes_first ? 1u : 0u;
         }
     }
-    splats_out[place] = near_splats[at];
+    splats_out[place] = splat_of(near_splats[at]);
 #else
     splats_out[i] = splats_in[i];
 #endif

@@ -57,15 +57,6 @@ const uint PARTS = WORDS / CELL_LANES;
 // Not 0 if light comes through somewhere after a chunk; for even and odd chunks.
 shared uint is_open[2];
 
-// Returns the splat of a pair, above whose index bits of the depth may stand.
-uint splat_of(uint pair) {
-#if REST_BITS > 0
-    return pair & ((1u << INDEX_BITS) - 1u);
-#else
-    return pair;
-#endif
-}
-
 // Finds the bin of the further segment `number`: the last whose further segments start at or before it.
 uint bin_of(uint number, uint lane) {
     uint bin = 0u;
@@ -169,7 +160,7 @@ void main() {
     for (uint first = begin; first < end; first += CHUNK, round++) {
         uint entry = first + thread - 1u;
         bool is_entry = thread > 0u && entry < end;
-        StoredRecord stored = records[splat_of(lists[is_entry ? entry : first])];
+        StoredRecord stored = records[lists[is_entry ? entry : first]];
         barrier();
         if (first != begin && is_open[round & 1u] == 0u) {
             break;

@@ -80,7 +80,9 @@ impl Way {
             "unsorted" => Way::new(preset, &full, |bounds| bounds.unsorted),
             "front_to_back_naive" => Way::new(preset, &full, |bounds| bounds.naive),
             "key16" => Way::new(preset, &full, |bounds| bounds.key16),
-            "auto" | "tiled" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled),
+            "auto" | "tiled_cpu" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled),
+            // The tiles of GPUs, which a CPU does not choose. Packed, they composite segments in half floats.
+            "tiled" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled - 9.0),
             "tiled_exact" => {
                 Way::new(preset, &[("stop", "0.0"), ("extent", "alpha")], |bounds| bounds.tiled_exact)
             }
@@ -91,12 +93,8 @@ impl Way {
             let set = [("target", "rgba32f"), ("covariance", "factored")];
             all.push(Way::new("splat", &set, |bounds| bounds.exact));
         }
-        // The rasteriser of GPUs, which a CPU does not choose. Packed, it composites segments in half floats.
-        let cells = ("rasteriser", "cells");
-        all.push(Way::new("tiled", &[("stop", "0.0"), cells], |bounds| bounds.tiled - 9.0));
-        all.push(Way::new("tiled_exact", &[("stop", "0.0"), ("extent", "alpha"), cells], |bounds| {
-            bounds.tiled_exact
-        }));
+        let exact = common::with(common::EXACT_TILES[0], &[("stop", "0.0"), ("extent", "alpha")]);
+        all.push(Way::new("tiled", &exact, |bounds| bounds.tiled_exact));
         all.push(Way::new("splat", &[("target", "rgba16f")], |bounds| bounds.half));
         all.push(Way::new("front_to_back", &[("target", "rgba16f")], |bounds| bounds.half));
         if bytes {
@@ -109,7 +107,10 @@ impl Way {
 
     /// Returns true if splats are blended in the order of exact depths.
     fn is_right(&self) -> bool {
-        !["unsorted", "front_to_back_naive", "key16", "auto", "tiled"].contains(&self.preset)
+        let exact = self.set.iter().any(|(name, value)| (name.as_str(), value.as_str()) == ("record", "f32"));
+        exact
+            || !["unsorted", "front_to_back_naive", "key16", "auto", "tiled", "tiled_cpu"]
+                .contains(&self.preset)
     }
 
     fn name(&self) -> String {
@@ -312,13 +313,13 @@ fn a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none() {
         let truth = exact(&scene, &camera, &QUADS);
         let shows = truth.rgb.iter().any(|pixel| *pixel != BACKGROUND);
         assert_eq!(shows, steps > 0, "{steps} floats from the floor, exact");
-        let cells = ("rasteriser", "cells");
+        let exact = common::with(common::EXACT_TILES[0], &[("stop", "0.0"), ("extent", "alpha")]);
         let ways = vec![
             Way::new("splat", &[("target", "rgba32f")], |_| 110.0),
             Way::new("auto", &[("stop", "0.0")], |_| 90.0),
-            Way::new("tiled", &[("stop", "0.0"), cells], |_| 88.0),
+            Way::new("tiled", &[("stop", "0.0")], |_| 88.0),
             Way::new("tiled_exact", &[("stop", "0.0"), ("extent", "alpha")], |_| 110.0),
-            Way::new("tiled_exact", &[("stop", "0.0"), ("extent", "alpha"), cells], |_| 110.0),
+            Way::new("tiled", &exact, |_| 110.0),
         ];
         for (way, image) in draw(scene, &camera, ways) {
             let what = format!("{steps} floats from the floor, scale {scale}, {}", way.name());

@@ -77,11 +77,31 @@ impl Stage {
 
 /// The kernels that GPUs take and those of CPUs, in all forms of their parameters.
 const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
-    ("tiled", &[CELLS, SUBGROUP, ROOM]),
-    ("tiled", &[CELLS, SUBGROUP, ROOM, ("segment", "64"), ("pair_bits", "18")]),
-    ("tiled", &[ROOM, ("sh_storage", "q8"), ("position_storage", "fixed16")]),
-    ("tiled_exact", &[CELLS, SUBGROUP, ROOM]),
-    ("tiled_exact", &[ROOM, ("key_map", "equalised"), ("key_bits", "20")]),
+    ("tiled", &[SUBGROUP, ROOM]),
+    ("tiled", &[SUBGROUP, ROOM, ("segment", "64"), ("pair_bits", "18")]),
+    ("tiled_cpu", &[ROOM, ("sh_storage", "q8"), ("position_storage", "fixed16")]),
+    (
+        "tiled",
+        &[
+            SUBGROUP,
+            ROOM,
+            ("record", "f32"),
+            ("extent", "tiles"),
+            ("sorted", "splats"),
+            ("stop_after", "splat"),
+        ],
+    ),
+    (
+        "tiled_cpu",
+        &[
+            ROOM,
+            ("record", "f32"),
+            ("extent", "tiles"),
+            ("stop_after", "splat"),
+            ("key_map", "equalised"),
+            ("key_bits", "20"),
+        ],
+    ),
     ("splat", &[SUBGROUP, ("covariance", "factored"), ("key_map", "linear"), ("key_bits", "16")]),
     (
         "splat",
@@ -96,7 +116,6 @@ const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
     ("splat", &[SUBGROUP, ("low_pass", "compensated"), ("cull_margin", "0.1"), ("key_map", "equalised")]),
     ("splat", &[("low_pass", "none"), ("target", "rgba16f"), ("digit_bits", "11")]),
 ];
-const CELLS: (&str, &str) = ("rasteriser", "cells");
 const SUBGROUP: (&str, &str) = ("sorter", "subgroup");
 const ROOM: (&str, &str) = ("entries", "20000");
 
@@ -107,7 +126,7 @@ const POWERS: [Loose; 4] = [
     // The reach of a splat is a root of a logarithm.
     Loose { resource: "splats", words: (8, &[6]), halves: false, by: 1e-6 },
     // The logarithm of the opacity, in both forms of a record.
-    Loose { resource: "records", words: (4, &[1]), halves: false, by: 1e-6 },
+    Loose { resource: "splats.records", words: (4, &[1]), halves: false, by: 1e-6 },
     // Sums of colours times opacities, which are powers: half floats near 1 are 5e-4 apart.
     Loose { resource: "sums", words: (1, &[0]), halves: true, by: 1e-3 },
     Loose { resource: "final", words: (1, &[0]), halves: false, by: 1e-5 },
@@ -164,7 +183,7 @@ float written_log2(float x) {
 /// Copies the shipped graphs and shaders to `to`, with [`WRITTEN_OUT`] in every compute shader.
 fn write_out(to: &Path) {
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    for folder in ["pipelines", "shaders", "shaders/sort", "shaders/tiles"] {
+    for folder in ["pipelines", "pipelines/parts", "shaders", "shaders/sort", "shaders/tiles"] {
         std::fs::create_dir_all(to.join(folder)).expect("a folder");
         for entry in std::fs::read_dir(from.join(folder)).expect("the shipped files").flatten() {
             let path = entry.path();
@@ -225,7 +244,7 @@ fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_
 /// Bounds what more lanes change in a channel; the first is a twentieth of a step of 8 bits.
 ///
 /// 8 lanes go through eight rows of a block by products or sums, and round each time; 32 lanes have two pixels each.
-const MORE_LANES: [(&str, f32); 2] = [("tiled", 2e-4), ("tiled_exact", 2e-6)];
+const MORE_LANES: [(common::Graph, f32); 2] = [(common::FAST_TILES[1], 2e-4), (common::EXACT_TILES[1], 2e-6)];
 
 /// Compares the CPUs' rasteriser at a Mac's width with that of 8 lanes, which gives every byte of lavapipe.
 ///
@@ -237,9 +256,9 @@ fn the_serial_rasteriser_draws_the_same_picture_at_the_width_of_simd_groups_of_m
     common::alone(NAME, || {
         let mut stage = Stage::new();
         for (graph, bound) in MORE_LANES {
-            let set = [("rasteriser", "serial"), SUBGROUP, ROOM];
+            let set = common::with(graph, &[SUBGROUP, ROOM]);
             let plans = [facts::portable_device(8), facts::apple_device()]
-                .map(|device| stage.plan(graph, &set, &device));
+                .map(|device| stage.plan(graph.0, &set, &device));
             let library = Library::new(&shaders(&plans));
             let expected = stage.run(&plans[0], &library, false);
             for reversed in [false, true] {
@@ -254,8 +273,8 @@ fn the_serial_rasteriser_draws_the_same_picture_at_the_width_of_simd_groups_of_m
                 assert!(pairs().all(|(found, expected)| found.is_finite() && expected.is_finite()));
                 let most = pairs().map(|(found, expected)| (found - expected).abs()).fold(0.0, f32::max);
                 let other = pairs().filter(|(found, expected)| found != expected).count();
-                println!("{graph}, reversed {reversed}: {other} words differ, by {most:e} at most");
-                assert!(most <= bound, "{graph}, reversed {reversed}: {most:e}");
+                println!("{}, reversed {reversed}: {other} words differ, by {most:e} at most", graph.0);
+                assert!(most <= bound, "{}, reversed {reversed}: {most:e}", graph.0);
             }
         }
     });

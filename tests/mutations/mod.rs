@@ -112,7 +112,7 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
         let set = [(name.to_string(), value.to_string())];
         let plan = planner.plan("splat", &set, &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
         let draws = |id: &PassId| matches!(plan.pass(*id).work, Work::Draw { .. });
-        let args = plan.find_resource("args").expect("the draw has arguments");
+        let args = plan.find_resource("order.args").expect("the draw has arguments");
         for barrier in builds::calls(&plan).flatten() {
             let after_draw = barrier.dependencies.iter().any(|dependency| {
                 dependency.resource == args

@@ -24,7 +24,7 @@ const GRAPH: &str = "pipelines/splat.ron";
 const SHADER: &str = "shaders/project.comp";
 
 /// A graph that the graph includes, and a file that the shader does.
-const INCLUDE: &str = "pipelines/sort_serial.ron";
+const INCLUDE: &str = "pipelines/parts/sort.ron";
 const HEADER: &str = "shaders/camera.glsl";
 
 /// As in the soak test: the allocator's padding depends on what was there before.

@@ -46,11 +46,11 @@ mod tests {
         let blocks = 489u64;
         let (table, totals) = (4 * 256 * blocks, 4 * 4 * 256 * 8);
         // Keys and values are read and written, the table is read. Its row per bin is as docs/sort.md counts it.
-        assert_eq!(bytes("sort.scatter[0]"), 16 * n + table + args);
+        assert_eq!(bytes("order.sort.scatter[0]"), 16 * n + table + args);
         // The totals are added to: read and written.
-        assert_eq!(bytes("sort.histogram[1]"), 4 * n + table + 2 * totals + args);
-        assert_eq!(bytes("sort.scan[2]"), 2 * table + totals + args);
-        assert_eq!(bytes("sort.clear"), totals);
+        assert_eq!(bytes("order.sort.histogram[1]"), 4 * n + table + 2 * totals + args);
+        assert_eq!(bytes("order.sort.scan[2]"), 2 * table + totals + args);
+        assert_eq!(bytes("order.sort.clear"), totals);
         let (camera, pixels) = (256, 640 * 480);
         // The cleared target is blended into, which is writing alone as far as the memory must see it.
         assert_eq!(bytes("back_to_front"), camera + args + 4 * n + (32 + 16) * n + 8 * pixels + LIVE);

@@ -508,9 +508,12 @@ mod tests {
         let one = measured_in(one, &device, &[candidate("splat", &[])], &["one"]).remove(0);
         let one = one.expect("it is drawn").mean;
         assert!((of_parts(&one) - median(&one)).abs() < 1e-12);
-        assert_eq!(found.once.iter().map(|part| part.name.as_str()).collect::<Vec<_>>(), ["covariance"]);
+        assert_eq!(
+            found.once.iter().map(|part| part.name.as_str()).collect::<Vec<_>>(),
+            ["scene.covariance"]
+        );
         assert!(
-            figures.passes.iter().all(|pass| pass.name != "covariance"),
+            figures.passes.iter().all(|pass| pass.name != "scene.covariance"),
             "what runs once is no part of a frame"
         );
     }

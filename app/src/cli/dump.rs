@@ -222,7 +222,7 @@ mod tests {
         let same = compared("splat --set digit_bits=4 --diff digit4 --format json");
         assert_eq!((&same["passes"]["changed"], &same["parameters"]), (&json!([]), &json!([])));
         let text = dumped(folder.path(), "splat --diff digit4").expect("both have plans");
-        assert!(text.contains("only in b (12): sort.histogram[4..7]"), "{text}");
+        assert!(text.contains("only in b (12): order.sort.histogram[4..7]"), "{text}");
     }
 
     #[test]

@@ -68,8 +68,15 @@ fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, Ins
     if let Some(id) = plan.find_resource(name) {
         return Ok(id);
     }
-    let halves: Vec<ResourceId> =
-        (0..2).filter_map(|half| plan.find_resource(&format!("{name}#{half}"))).collect();
+    let named = |is: &dyn Fn(&str) -> bool| -> Vec<ResourceId> {
+        let found = plan.resources.iter().enumerate();
+        found.filter(|(_, r)| is(&r.name)).map(|(index, _)| ResourceId(index as u32)).collect()
+    };
+    let ends = |full: &str| full.strip_suffix(name).is_some_and(|front| front.ends_with('.'));
+    let mut halves = named(&|full| without_half(full) == name);
+    if halves.is_empty() {
+        halves = named(&|full| ends(full) || ends(without_half(full)));
+    }
     if halves.is_empty() {
         let names = plan.resources.iter().map(|r| without_half(&r.name));
         return Err(InspectError(match nearest(name, names.clone()) {
@@ -86,11 +93,21 @@ fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, Ins
     };
     match (touched(true).as_slice(), touched(false).as_slice(), halves.as_slice()) {
         (&[id], ..) | (_, &[id], _) | (.., &[id]) => Ok(id),
-        _ => Err(InspectError(format!(
-            "`{name}` is a pair, and `{}` does not say which half is meant: name {name}#0 or {name}#1",
-            pass.name
-        ))),
+        _ => {
+            let names: Vec<&str> = halves.iter().map(|id| plan.resource(*id).name.as_str()).collect();
+            let names = names.join(" or ");
+            Err(InspectError(format!(
+                "`{name}` is {names}, and `{}` does not say which: name one",
+                pass.name
+            )))
+        }
     }
+}
+
+/// Returns true for the name of a resource with sort keys: `keys` or `order.keys#1`, but not their previous contents.
+pub fn holds_keys(name: &str) -> bool {
+    let last = name.rsplit_once('.').map_or(name, |(_, last)| last);
+    last.starts_with("keys") && !name.starts_with("last(")
 }
 
 /// Strips the half of `keys#1`.
@@ -141,7 +158,7 @@ impl Finding {
         let resource = plan.resource(target.resource);
         let (shape, words) = words(resource, bytes);
         let order = match &words {
-            Words::Uint(keys) if resource.name.starts_with("keys") => Some(KeyOrder::of(keys, visible)),
+            Words::Uint(keys) if holds_keys(&resource.name) => Some(KeyOrder::of(keys, visible)),
             _ => None,
         };
         let pass = plan.pass(target.after).name.clone();
@@ -324,7 +341,9 @@ mod tests {
         let error = |resource, pass| resolve(&plan(), resource, pass).unwrap_err().to_string();
         assert_eq!(error("keys", "sort.scater"), "no pass `sort.scater` runs; did you mean `sort.scatter`?");
         assert_eq!(error("key", "draw"), "the plan has no resource `key`; did you mean `keys`?");
-        assert!(error("keys", "draw").starts_with("`keys` is a pair, and `draw` does not say"));
+        assert!(
+            error("keys", "draw").starts_with("`keys` is keys#0 or keys#1, and `draw` does not say which")
+        );
         // In the plan's list of passes, but not among its steps.
         assert!(error("keys", "both").starts_with("no pass `both` runs"));
     }

@@ -36,6 +36,16 @@ impl Declared {
         &self.graph.params[&self.name]
     }
 
+    /// The names in its expressions, and in what is set in place of its default.
+    pub fn names<'a>(&'a self, setting: Option<&'a Setting>) -> BTreeSet<&'a str> {
+        let setting = setting.or(self.default.as_ref());
+        let expressions = expressions(self.declaration(), setting).into_iter();
+        expressions
+            .flat_map(|expression| expression.parsed.iter().flat_map(Expr::names))
+            .map(|(name, _)| name)
+            .collect()
+    }
+
     /// The graph whose statistics it can grow with.
     pub fn graph(&self) -> &Graph {
         &self.graph
@@ -62,10 +72,8 @@ impl Parameters {
         let mut needed_by: Vec<Vec<usize>> = vec![Vec::new(); self.all.len()];
         let mut needs = vec![0; self.all.len()];
         for (index, declared) in self.all.iter().enumerate() {
-            let setting = settings.get(&declared.name).or(declared.default.as_ref());
-            let numbers = expressions(declared.declaration(), setting);
-            let names = numbers.iter().flat_map(|expression| expression.parsed.iter().flat_map(Expr::names));
-            let names: BTreeSet<usize> = names.filter_map(|(name, _)| known.get(name).copied()).collect();
+            let names = declared.names(settings.get(&declared.name));
+            let names: BTreeSet<usize> = names.iter().filter_map(|name| known.get(name).copied()).collect();
             needs[index] = names.len();
             names.into_iter().for_each(|name| needed_by[name].push(index));
         }
@@ -98,7 +106,9 @@ fn expressions<'a>(declaration: &'a ParamDecl, setting: Option<&'a Setting>) -> 
     let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
     let (default, choice, range, step, exact) = match kind {
         ParamKind::Bool { default, exact, .. } => (Some(default), None, None, None, exact.as_ref()),
-        ParamKind::Int { default, range, exact, .. } => (Some(default), None, Some(range), None, exact.as_ref()),
+        ParamKind::Int { default, range, exact, .. } => {
+            (Some(default), None, Some(range), None, exact.as_ref())
+        }
         ParamKind::Float { default, range, step, exact, .. } => {
             (Some(default), None, Some(range), step.as_ref(), exact.as_ref())
         }

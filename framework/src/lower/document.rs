@@ -93,7 +93,17 @@ impl Follow<'_> {
                 let summary = graph.summary.clone();
                 let (set, based_on) = (IndexMap::new(), Vec::new());
                 let graph = Rc::new(graph);
-                Ok(vec![Opened { file, graph, outline, summary, set, based_on, candidate: None, others: Rc::default(), require }])
+                Ok(vec![Opened {
+                    file,
+                    graph,
+                    outline,
+                    summary,
+                    set,
+                    based_on,
+                    candidate: None,
+                    others: Rc::default(),
+                    require,
+                }])
             }
             Document::Preset(preset) => {
                 let at = outline.value(&root.field("graph"));

@@ -171,7 +171,9 @@ impl Lowering<'_> {
         include: &Written,
     ) -> Result<(Names, Vec<Param>), Diagnostic> {
         let Written { set, place, name: include, .. } = *include;
-        if let Some((name, setting)) = opened.set.iter().find(|(k, _)| !parameters.contains(k) && !parameters.elsewhere.contains(*k)) {
+        if let Some((name, setting)) =
+            opened.set.iter().find(|(k, _)| !parameters.contains(k) && !parameters.elsewhere.contains(*k))
+        {
             return Err(params::unknown(name, setting.outline.key(&setting.path), parameters.names()));
         }
         if let Some(name) = set.keys().find(|k| !parameters.contains(k)) {

@@ -1,6 +1,6 @@
 //! Parameters: from their declarations, presets and `--set` to values.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::SkippedUse;
 use super::declared::{Declared, Parameters};
@@ -57,9 +57,15 @@ pub(super) fn resolve(
     let (mut live, mut skipped) = (BTreeMap::new(), Vec::new());
     let is_live = |declared: &&Declared| matches!(declared.declaration(), ParamDecl::Live(_));
     let live_bytes = |until: usize| 4 * parameters.all[..until].iter().filter(is_live).count() as u64;
+    let mut failed: BTreeSet<&str> = BTreeSet::new();
     for index in parameters.order(&root.set) {
         let declared = &parameters.all[index];
         let name = &declared.name;
+        if declared.names(root.set.get(name)).iter().any(|name| failed.contains(name)) {
+            // Its own error would only follow from that one.
+            failed.insert(name);
+            continue;
+        }
         let text = texts.iter().rev().find(|(n, _)| n == name).map(|(_, t)| t);
         let made = one(declared, root.set.get(name), text, &names, live_bytes(index), files);
         let made = made.and_then(|made| Ok((made, grows(declared)?)));
@@ -88,7 +94,10 @@ pub(super) fn resolve(
                 }
                 params[index] = Some(param);
             }
-            Err(diagnostic) => errors.push(diagnostic),
+            Err(diagnostic) => {
+                failed.insert(name);
+                errors.push(diagnostic);
+            }
         }
     }
     let params = params.into_iter().flatten().collect();

@@ -417,7 +417,10 @@ impl<'a> Lowering<'a> {
         }
         match level.names.deciding(|| level.names.expression(text, place))? {
             Value::Text(name) => Ok(ShaderName { name, span }),
-            other => Err(place.error("the name of a shader is needed here", format!("this is {}", describe(&other)))),
+            other => {
+                Err(place
+                    .error("the name of a shader is needed here", format!("this is {}", describe(&other))))
+            }
         }
     }
 

@@ -5,7 +5,7 @@ use super::inspector::Target;
 use super::selection::Selection;
 use super::theme::Palette;
 use super::widgets::hint;
-use crate::inspect::{Finding, ReadAs};
+use crate::inspect::{Finding, ReadAs, holds_keys};
 use crate::view::viewport::{Inspection, Viewport};
 use egui::{Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};
@@ -241,7 +241,7 @@ pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
             return None;
         }
         let keys = |touch: &&splatgraph_framework::ir::Use| {
-            touch.accesses.writes() && plan.resource(touch.resource).name.starts_with("keys")
+            touch.accesses.writes() && holds_keys(&plan.resource(touch.resource).name)
         };
         let touch = pass.uses.iter().find(keys)?;
         Some((plan.resource(touch.resource).name.clone(), pass.name.clone()))
