@@ -32,7 +32,7 @@ cp -r pipelines shaders "$folder"
 xvfb-run -a -s "-screen 0 1280x800x24" bash -c '
   "$1" view "$2" --cameras "$3" --size 1280x800 --show parameters --pipeline "$4/pipelines/splat.ron" 2>/dev/null & window=$!
   sleep 8
-  sed -i "s/\"digit_bits\": \"digit_bits\"/\"digit_bits\": \"digit_bit\"/" "$4/pipelines/splat.ron"
+  sed -i "s/\"digit_bits\": \"digit_bits\"/\"digit_bits\": \"digit_bit\"/" "$4/pipelines/parts/depth_order.ron"
   sleep 4
   import -window root docs/images/view-error.png
   kill "$window"' - "$program" "$scene" "$cameras" "$folder"

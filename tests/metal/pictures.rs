@@ -87,7 +87,7 @@ const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
             ROOM,
             ("record", "f32"),
             ("extent", "tiles"),
-            ("sorted", "splats"),
+            ("sorted", "splats"), ("segment", "16384"),
             ("stop_after", "splat"),
         ],
     ),

@@ -1,6 +1,6 @@
 //! Runs `splatgraph advise`: what a scene needs, and the cheapest setting within a budget.
 
-use super::options::{self, DrawingBackendArgs, EffortArgs, MEASURED_PIPELINE};
+use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
 use super::{Outcome, Usage};
 use crate::advise::harmonics::{self, Band};
 use crate::advise::search::{Best, Budget, Tried, best, combinations, own_share};
@@ -45,7 +45,7 @@ pub struct Args {
     /// A .ply file in the layout of the reference implementation [default: the demo scene]
     scene: Option<PathBuf>,
     /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are tried as they are
-    #[arg(short, long, value_name = "NAME", default_value = MEASURED_PIPELINE)]
+    #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
     pipeline: String,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: four around the scene]
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
@@ -350,7 +350,7 @@ fn advice(args: &Args, found: &Tried, tried: &[Tried]) -> String {
     args.scene.iter().for_each(|path| add(&path.display().to_string()));
     args.cameras.iter().for_each(|cameras| ["-c", cameras].into_iter().for_each(&mut add));
     args.size.iter().for_each(|(w, h)| ["--size", &format!("{w}x{h}")].into_iter().for_each(&mut add));
-    if found.setting.pipeline != MEASURED_PIPELINE {
+    if found.setting.pipeline != DEFAULT_PIPELINE {
         ["--pipeline", &found.setting.pipeline].into_iter().for_each(&mut add);
     }
     for (name, value) in &found.setting.set {

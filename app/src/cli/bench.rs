@@ -1,6 +1,6 @@
 //! Runs `splatgraph bench`: time, bytes and memory of graphs, drawn in turns.
 
-use super::options::{self, BackendArgs, EffortArgs, MEASURED_PIPELINE};
+use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
 use crate::bench::limit::{self, CopyLimit};
@@ -51,7 +51,7 @@ pub struct Args {
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=134_217_728))]
     pairs: Vec<u32>,
     /// The graphs to compare: names of built-in ones, or paths
-    #[arg(short, long, value_name = "NAME,...", default_value = MEASURED_PIPELINE, value_delimiter = ',')]
+    #[arg(short, long, value_name = "NAME,...", default_value = DEFAULT_PIPELINE, value_delimiter = ',')]
     pipelines: Vec<String>,
     /// Set a parameter of all graphs; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
@@ -355,7 +355,7 @@ fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> 
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     let of_frames = [
         ("SCENE", !args.scenes.is_empty()),
-        ("--pipelines", args.pipelines != [MEASURED_PIPELINE]),
+        ("--pipelines", args.pipelines != [DEFAULT_PIPELINE]),
         ("--sizes", !args.sizes.is_empty()),
         ("--splats", !args.splats.is_empty()),
         ("--cameras", !args.cameras.is_empty()),

@@ -201,7 +201,7 @@ fn preset_list() -> String {
     let presets = builtin::presets();
     let rows = presets.iter().map(|p| (p.name.to_owned(), p.summary.clone()));
     let mut text = format!("Built-in graphs:\n{}", options::two_columns(rows.collect()));
-    if let Some(default) = presets.iter().find(|p| p.name == options::DRAWN_PIPELINE) {
+    if let Some(default) = presets.iter().find(|p| p.name == options::DEFAULT_PIPELINE) {
         let row = |Control { param, label, help, .. }: &Control| {
             let about = if help.is_empty() { label } else { help };
             let domain = options::domain(&param.domain);

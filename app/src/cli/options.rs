@@ -22,15 +22,12 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// Default of `--pipeline` where pictures are drawn: the fastest graph for the device, chosen by its facts.
-pub const DRAWN_PIPELINE: &str = "auto";
-
-/// Default of `--pipeline` where graphs and settings are measured: the one that [`DRAWN_PIPELINE`] takes where it can.
-pub const MEASURED_PIPELINE: &str = "tiled";
+/// Default of `--pipeline`: the fastest graph for the device, chosen by its facts.
+pub const DEFAULT_PIPELINE: &str = "auto";
 
 /// Lists the built-in graphs to measure: all but the one that takes another of them.
 pub fn measured_names() -> Vec<&'static str> {
-    builtin::names().into_iter().filter(|name| *name != DRAWN_PIPELINE).collect()
+    builtin::names().into_iter().filter(|name| *name != DEFAULT_PIPELINE).collect()
 }
 
 /// Parses `NAME=VALUE`.
@@ -333,7 +330,7 @@ impl std::ops::Deref for DrawingBackendArgs {
 #[derive(Debug, clap::Args)]
 pub struct Drawing {
     /// The graph: the name of a built-in one (see --help), or a path
-    #[arg(short, long, value_name = "NAME", default_value = DRAWN_PIPELINE)]
+    #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
     pub pipeline: String,
     /// Set a parameter of the graph; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]

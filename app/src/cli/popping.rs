@@ -1,6 +1,6 @@
 //! Runs `splatgraph popping`: the error that changes from frame to frame.
 
-use super::options::{self, DrawingBackendArgs, MEASURED_PIPELINE};
+use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
@@ -43,7 +43,7 @@ pub struct Args {
     /// A graph: the name of a built-in one, or a path; may be repeated [default: all built-in ones]
     #[arg(short, long, value_name = "NAME")]
     pipeline: Vec<String>,
-    /// Parameters of the graph `tiled` that make a variant of it; may be repeated, for several variants
+    /// Parameters of the graph `auto` that make a variant of it; may be repeated, for several variants
     #[arg(long, value_name = "NAME=VALUE,...", value_parser = variant)]
     with: Vec<Variant>,
     /// The path: cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
@@ -81,7 +81,7 @@ const PNG: &str = "popping.png";
 fn variant(text: &str) -> Result<Variant, String> {
     let set = text.split(',').map(options::setting).collect::<Result<Vec<_>, _>>()?;
     let name = set.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",");
-    Ok(Variant { name, pipeline: MEASURED_PIPELINE.into(), set })
+    Ok(Variant { name, pipeline: DEFAULT_PIPELINE.into(), set })
 }
 
 fn degrees(text: &str) -> Result<f64, String> {
@@ -108,7 +108,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     measure::check(&path)?;
     let origin = origin(args, &scene, &path, device.info());
     let size = (path[0].width, path[0].height);
-    let mut session = Session::new(device, scene, MEASURED_PIPELINE, &[]);
+    let mut session = Session::new(device, scene, DEFAULT_PIPELINE, &[]);
     // Mistakes in a graph are told before the true pictures are drawn, which takes the longest.
     for variant in &variants {
         session.set_graph(&variant.pipeline, &variant.set);
@@ -156,7 +156,7 @@ fn variants(args: &Args) -> Vec<Variant> {
     if all.is_empty() && args.with.is_empty() {
         all = options::measured_names().into_iter().map(graph).collect();
     } else if all.is_empty() {
-        all.push(graph(MEASURED_PIPELINE));
+        all.push(graph(DEFAULT_PIPELINE));
     }
     all.extend(args.with.iter().cloned());
     let mut kept: Vec<Variant> = Vec::new();

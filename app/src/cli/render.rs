@@ -318,7 +318,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     let given = match args.backend {
         Renderer::Device(_) => vec![("--rule", !args.rule.is_empty()), ("--map", !args.map.is_empty())],
         Renderer::Reference => vec![
-            ("--pipeline", args.drawing.pipeline != options::DRAWN_PIPELINE),
+            ("--pipeline", args.drawing.pipeline != options::DEFAULT_PIPELINE),
             ("--set", !args.drawing.set.is_empty()),
             ("--repeat", args.repeat != 1),
             ("--inspect", !args.inspect.is_empty()),

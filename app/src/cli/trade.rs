@@ -1,6 +1,6 @@
 //! Runs `splatgraph trade`: the ledger of what each setting saves and costs.
 
-use super::options::{self, DrawingBackendArgs, EffortArgs, MEASURED_PIPELINE};
+use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
 use crate::fit;
@@ -52,7 +52,7 @@ pub struct Args {
     /// A .ply file in the layout of the reference implementation
     scene: Option<PathBuf>,
     /// The graph whose parameters are changed: the name of a built-in one, or a path
-    #[arg(short, long, value_name = "NAME", default_value = MEASURED_PIPELINE)]
+    #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
     pipeline: String,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]

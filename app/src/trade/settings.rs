@@ -106,17 +106,17 @@ mod tests {
         let presets = builtin::presets();
         let tiled = presets.iter().find(|preset| preset.name == "tiled").expect("it is built in");
         let all = list("tiled", &tiled.params, &["tiled", "key16"]);
-        // On a CPU, lists have no segments.
+        // Where pairs are sorted, all splats are drawn.
         let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
-        let plan = Planner::default().plan("tiled", &all[0].set, &facts, &facts::nominal_catalog());
+        let plan = Planner::default().plan("tiled", &[], &facts, &facts::nominal_catalog());
         let (kept, lines) = with_effect(all.clone(), &plan.expect("a plan"));
         let left_out: Vec<&Setting> = all.iter().filter(|setting| !kept.contains(setting)).collect();
         assert!(
-            left_out.len() > 1 && left_out.iter().all(|s| s.name.starts_with("segment = ")),
+            left_out.len() > 1 && left_out.iter().all(|s| s.name.starts_with("budget = ")),
             "{left_out:?}"
         );
         assert!(
-            lines.len() == 1 && lines[0].starts_with("not measured: `segment` has no effect: "),
+            lines.len() == 1 && lines[0].starts_with("not measured: `budget` has no effect: "),
             "{lines:?}"
         );
         assert!(kept.iter().any(|s| s.name == "defaults") && kept.iter().any(|s| s.name == "preset key16"));

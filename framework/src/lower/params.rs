@@ -89,6 +89,7 @@ pub(super) fn resolve(
                     ParamBinding::Const => names.define(name, param.value.clone(), behind),
                     ParamBinding::Live { .. } => {
                         names.live.insert(name.clone());
+                        names.params.insert(name.clone(), behind.clone());
                         live.insert(name.clone(), behind);
                     }
                 }

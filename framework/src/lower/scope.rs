@@ -109,6 +109,7 @@ impl Names {
         }
         if from.live.contains(name) {
             self.live.insert(name.into());
+            self.params.extend(from.params.get(name).map(|params| (name.to_owned(), params.clone())));
         }
     }
 

@@ -91,7 +91,7 @@ pub struct Graph {
     /// The needs of the graph: conditions over facts, each with words for a person.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
-    /// Parameters, in order: each may use those before.
+    /// Parameters, in the order of panels. Each may use the others, but for circles.
     #[serde(default)]
     pub params: IndexMap<String, ParamDecl>,
     /// Named expressions over parameters, facts and the entries before.

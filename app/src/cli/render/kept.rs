@@ -89,7 +89,7 @@ mod tests {
         let frame = |ms: f64, prologue: bool| FrameResult {
             total_ms: Some(ms),
             pass_ms: prologue
-                .then(|| (id("covariance"), Some(7.0)))
+                .then(|| (id("scene.covariance"), Some(7.0)))
                 .into_iter()
                 .chain([(id("project"), Some(ms))])
                 .collect(),
@@ -110,7 +110,7 @@ mod tests {
             Vec::new(),
         );
         let times: Vec<_> = stats.passes.iter().map(|pass| (pass.name.as_str(), pass.gpu_ms)).collect();
-        assert_eq!(times, [("covariance", Some(7.0)), ("project", Some(1.0))]);
+        assert_eq!(times, [("scene.covariance", Some(7.0)), ("project", Some(1.0))]);
         assert_eq!(
             (stats.frames, stats.gpu_ms, stats.record_ms, stats.busy),
             (4, Some(1.0), 1.0, Some(0.25))

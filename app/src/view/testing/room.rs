@@ -171,7 +171,10 @@ fn what_facts_chose_and_what_stands_in_for_a_graph_are_said_with_their_reasons()
             said.ends_with(&format!("which needs wide subgroups (device.subgroup_size = {lanes})")),
             "{said}"
         );
-        assert_eq!(a.decisions(), Some(format!("narrow = true, because device.subgroup_size = {lanes}")));
+        assert_eq!(
+            a.decisions(),
+            Some(format!("chosen.ron: narrow = true, because device.subgroup_size = {lanes}"))
+        );
         script.viewer().a.renderer.set_param("narrow", Some(Value::Bool(false)));
         script.settle();
         assert_eq!(script.viewer().a.decisions(), None, "a person chose it");
