@@ -130,10 +130,10 @@ fn a_live_parameter_changes_the_next_picture_without_a_new_plan() {
 #[test]
 fn parameters_that_a_file_no_longer_declares_are_forgotten_and_the_others_stay() {
     let mut twin = Twin::drawing("splat", SPLATS, &[("digit_bits", "4"), ("budget", "0.5")]);
-    let graph = twin.read("pipelines/splat.ron");
-    let declaration =
-        graph.lines().find(|line| line.contains("\"budget\": Live")).expect("it is declared").to_owned();
-    twin.write("pipelines/splat.ron", graph.replace(&declaration, ""));
+    let graph = twin.read("pipelines/parts/depth_order.ron");
+    let from = graph.find("    \"budget\": Live").expect("it is declared");
+    let end = from + graph[from..].find("    )),\n").expect("its end") + "    )),\n".len();
+    twin.write("pipelines/parts/depth_order.ron", format!("{}{}", &graph[..from], &graph[end..]));
     for (name, text) in [("shaders/args.glsl", "live.glsl"), ("shaders/compact.comp", "budget")] {
         // Where a shader reads it, it must not any more.
         let shader = twin.read(name);
@@ -321,7 +321,7 @@ fn sorted_keys_are_found_sorted_and_the_prologue_can_be_looked_at() {
     twin.viewer.a.look_at("covariances", "covariance");
     twin.settle();
     twin.frames(3);
-    assert_eq!(found(&twin).pass, "covariance");
+    assert_eq!(found(&twin).pass, "scene.covariance");
     twin.viewer.a.look_at("color", "back_to_front");
     twin.settle();
     twin.frames(3);
