@@ -16,7 +16,7 @@ const F12: u32 = 0xffc9;
 fn a_person_uses_the_window() {
     let mut program = Program::start(
         3_000,
-        &["--pipeline", "pipelines/splat.ron", "--size", "900x800", "--scale", "0.25", "--show", "settings"],
+        &["--pipeline", "pipelines/splat.ron", "--size", "900x620", "--scale", "0.25", "--show", "settings"],
     );
     let first = program.still();
     assert!(first.rgb.iter().any(|pixel| pixel.iter().any(|v| *v > 50)), "the view is empty");
@@ -227,16 +227,13 @@ fn camera(program: &mut Program, first: &Pixels) {
 /// Files that are edited are shown.
 fn files(program: &mut Program, first: &Pixels) {
     let since = program.now();
-    let graph = program.edit(
-        "pipelines/splat.ron",
-        "\"budget\": Live(Float(default: 1.0",
-        "\"budget\": Live(Float(default: 0.3",
-    );
-    program.swapped(since, "a", "splat.ron");
+    let part = "pipelines/parts/depth_order.ron";
+    let graph = program.edit(part, "default: 1.0, range: (0.0, 1.0)", "default: 0.3, range: (0.0, 1.0)");
+    program.swapped(since, "a", "depth_order.ron");
     program.view_is_not("fewer splats", first);
     let since = program.now();
-    program.write("pipelines/splat.ron", &graph);
-    program.swapped(since, "a", "splat.ron");
+    program.write(part, &graph);
+    program.swapped(since, "a", "depth_order.ron");
     program.view_is("all splats", first);
 
     let since = program.now();

@@ -24,7 +24,11 @@ const CONSTANTS: [(&str, &str, &str); 6] = [
     ("shaders/compose.comp", "blended.a * camera", "0.5 * blended.a * camera"),
     ("shaders/splat.frag", "min(alpha_cap,", "min(0.5 * alpha_cap,"),
     ("shaders/window/compose.frag", "shown = vec4(colour, 1.0)", "shown = vec4(0.5 * colour, 1.0)"),
-    ("pipelines/parts/depth_order.ron", "default: \"ceil_div(key_bits, ceil_div(key_bits, 9))\"", "default: 6"),
+    (
+        "pipelines/parts/depth_order.ron",
+        "default: \"ceil_div(key_bits, ceil_div(key_bits, 9))\"",
+        "default: 6",
+    ),
     ("pipelines/splat.ron", "Float(default: 3.33,", "Float(default: 2.5,"),
     ("pipelines/view/window.ron", "history: true", "history: false"),
 ];

@@ -143,10 +143,13 @@ impl State {
     }
 }
 
-/// Names the group of a parameter: the part of the graph that owns it, or the phase whose passes depend on it.
-fn group(plan: &Plan, control: &Control) -> String {
+/// Names the group of a parameter: the part of the graph that owns it, or in a graph without parts the phase whose passes depend on it.
+fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     if let Some(part) = &control.part {
         return part.replace('_', " ");
+    }
+    if has_parts {
+        return "this graph".to_owned();
     }
     match plan.affected_phases(&control.param.name).as_slice() {
         [phase] => (*phase).to_owned(),
@@ -172,10 +175,11 @@ impl Groups {
             *self = Groups { graph: plan.name.clone(), members: Vec::new() };
         }
         self.members.retain(|(name, _)| all.iter().any(|control| control.param.name == *name));
+        let has_parts = all.iter().any(|control| control.part.is_some());
         for control in all {
             let name = &control.param.name;
             if !self.members.iter().any(|(known, _)| known == name) {
-                self.members.push((name.clone(), group(plan, control)));
+                self.members.push((name.clone(), group(plan, control, has_parts)));
             }
         }
     }

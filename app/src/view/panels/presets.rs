@@ -54,7 +54,8 @@ impl Presets {
             [&entry.graph, &entry.summary].iter().any(|text| text.to_lowercase().contains(&wanted))
         };
         let height = (ui.ctx().content_rect().height() - 140.0).max(100.0);
-        egui::ScrollArea::vertical().max_height(height).show(ui, |ui| {
+        // A menu would else be 400 points high at most.
+        egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).show(ui, |ui| {
             for Entry { graph, summary } in self.entries.iter().filter(fits) {
                 let selected = graph == renderer.graph();
                 // A built-in one's name has no folders, and a file's are below the pointer.
