@@ -209,11 +209,10 @@ impl Collect<'_, '_> {
         let chosen = self.choices.choose(file, self.files, 0)?;
         let inner = self.graph(&chosen.opened)?;
         let at = place.field("expose");
-        if let Expose::Only(names) = expose {
-            for (i, wanted) in names.iter().enumerate().filter(|(_, wanted)| !inner.contains(wanted)) {
-                let span = at.index(0).index(i).span();
-                return Err(vec![unknown(wanted, span, inner.names())]);
-            }
+        if let Expose::Only(names) = expose
+            && let Some(i) = names.iter().position(|wanted| !inner.contains(wanted))
+        {
+            return Err(vec![unknown(&names[i], at.index(0).index(i).span(), inner.names())]);
         }
         for mut declared in inner.all {
             let wanted = match expose {
