@@ -46,10 +46,11 @@ void main() {
 
     vec4 sums[VECTORS];
     [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
-        sums[v] = imageLoad(picture, ivec2(tile * TILE + pixel_in_tile(block, v, lane)));
-        // What is beyond the picture or the block is done.
         uvec2 at = tile * TILE + pixel_in_tile(block, v, lane);
-        sums[v].a = lane < BLOCK_PIXELS && at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT) ? sums[v].a : -1.0;
+        uvec2 last = uvec2(VIEWPORT_WIDTH, VIEWPORT_HEIGHT) - 1u;
+        sums[v] = imageLoad(picture, ivec2(min(at, last)));
+        // What is beyond the picture or the block is done.
+        sums[v].a = lane < BLOCK_PIXELS && all(lessThanEqual(at, last)) ? sums[v].a : -1.0;
     }
     bool open = true;
     for (uint first = begin; first < end && open; first += uint(LOADERS)) {

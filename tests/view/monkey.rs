@@ -145,7 +145,8 @@ impl<D: Device> Monkey<D> {
     /// Does something, and checks that looking changes nothing.
     fn something(&mut self) {
         let looks = self.dice.below(2) == 0;
-        let checked = looks && !self.busy();
+        // A number that is being typed becomes a change where the next click takes its focus.
+        let checked = looks && !self.busy() && !self.shell.context().egui_wants_keyboard_input();
         if looks {
             // A list over the tools would take the click.
             Popup::close_all(self.shell.context());

@@ -409,7 +409,6 @@ impl Panels {
         for (word, what) in [("Undone", undone), ("Redone", redone)] {
             if let Some(what) = what {
                 self.toasts.done(format!("{word}: {what}"));
-                self.params.drop_edits();
             }
         }
         // A drag is one step, at its end.

@@ -30,8 +30,6 @@ pub struct State {
     groups: Groups,
     /// The effect of the last change of a constant: its name, and a sentence.
     effect: Option<(String, String)>,
-    /// Part of the identity of all controls, which forget what is being typed when it changes.
-    edits: u64,
 }
 
 /// The change of one parameter; `None` restores the default.
@@ -41,11 +39,6 @@ impl State {
     /// Says what the last change of a parameter did to the plan, above the rows, which stay where they are.
     pub fn tell(&mut self, parameter: &str, effect: String) {
         self.effect = Some((parameter.to_owned(), effect));
-    }
-
-    /// Drops what is being typed into a control: its value has changed under it, and would come back with the focus's end.
-    pub fn drop_edits(&mut self) {
-        self.edits += 1;
     }
 
     /// Draws the list and applies changes. `command` draws the same scene with the same graph.
@@ -75,8 +68,7 @@ impl State {
                 widgets::heading(ui, title);
                 for control in members {
                     let modified = renderer.set().contains_key(&control.param.name);
-                    let row = |ui: &mut Ui| row(ui, plan, control, modified, controls);
-                    changes.extend(ui.push_id(self.edits, row).inner);
+                    changes.extend(row(ui, plan, control, modified, controls));
                 }
             }
             if shown == 0 {
