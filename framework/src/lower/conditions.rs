@@ -179,7 +179,7 @@ impl Parts<'_> {
     /// `None` for repeats and swaps.
     fn of(pass: &PassDecl) -> Option<Parts<'_>> {
         Some(match pass {
-            PassDecl::Dispatch { name, shader, size, bind, push, define, .. } => {
+            PassDecl::Dispatch { name, shader, size, bind, push, .. } => {
                 let (argument, numbers) = match size {
                     Size::Indirect(buffer, offset) => (Some(buffer), vec![offset]),
                     Size::Threads(extent) | Size::Groups(extent) => (None, extent.0.iter().collect()),
@@ -187,11 +187,11 @@ impl Parts<'_> {
                 Parts {
                     name,
                     users: bind.values().chain(argument).collect(),
-                    numbers: numbers.into_iter().chain(push.values()).chain(define.values()).collect(),
+                    numbers: numbers.into_iter().chain(push.values()).collect(),
                     shaders: vec![shader],
                 }
             }
-            PassDecl::Draw { name, vertex, fragment, call, bind, push, define, targets, .. } => {
+            PassDecl::Draw { name, vertex, fragment, call, bind, push, targets, .. } => {
                 let (argument, numbers) = match call {
                     Call::Indirect(buffer, offset) => (Some(buffer), vec![offset]),
                     Call::Direct { vertices, instances } => (None, vec![vertices, instances]),
@@ -200,7 +200,7 @@ impl Parts<'_> {
                 Parts {
                     name,
                     users: bind.values().chain(targets).chain(argument).collect(),
-                    numbers: numbers.into_iter().chain(push.values()).chain(define.values()).collect(),
+                    numbers: numbers.into_iter().chain(push.values()).collect(),
                     shaders: vec![vertex, fragment],
                 }
             }

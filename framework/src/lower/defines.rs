@@ -51,7 +51,7 @@ pub(super) fn defines(names: &Names, params: &[Param]) -> Constants {
 }
 
 /// A value as a GLSL literal; `None` where it is none or does not fit 32 bits.
-pub(super) fn define_text(value: &Value) -> Option<String> {
+fn define_text(value: &Value) -> Option<String> {
     match value {
         Value::Bool(v) => Some(i32::from(*v).to_string()),
         Value::Int(v) if i32::try_from(*v).is_ok() => Some(v.to_string()),

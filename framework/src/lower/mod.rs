@@ -205,7 +205,7 @@ pub struct LoweredPass {
     pub bind: Vec<LoweredBind>,
     /// The entries of `push`.
     pub push: Vec<LoweredPush>,
-    /// Names and values of the defines: the constants of the scope and the pass's own.
+    /// Names and values of the defines: the constants of the scope.
     pub defines: Rc<Vec<(String, String)>>,
     /// Names, as defines would have them, and values of the constants of the scope that are numbers beyond 32 bits.
     pub unfit: Rc<Vec<(String, String)>>,

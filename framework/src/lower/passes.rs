@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
 use super::declared;
-use super::defines::{Constants, define_text, defines};
+use super::defines::{Constants, defines};
 use super::document::Opened;
 use super::include::Written;
 use super::params;
@@ -267,10 +267,8 @@ impl<'a> Lowering<'a> {
     pub(super) fn walk(&mut self, level: &mut Level, passes: &[PassDecl], at: &Place) {
         for (i, pass) in passes.iter().enumerate() {
             let entries = match pass {
-                PassDecl::Dispatch { bind, push, define, .. } => bind.len() + push.len() + define.len(),
-                PassDecl::Draw { bind, push, define, targets, .. } => {
-                    bind.len() + push.len() + define.len() + targets.len()
-                }
+                PassDecl::Dispatch { bind, push, .. } => bind.len() + push.len(),
+                PassDecl::Draw { bind, push, targets, .. } => bind.len() + push.len() + targets.len(),
                 PassDecl::Include { with, set, .. } => with.len() + set.len(),
                 PassDecl::Fill { .. } | PassDecl::Repeat { .. } | PassDecl::Swap(_) => 0,
             };
@@ -289,7 +287,7 @@ impl<'a> Lowering<'a> {
 
     fn pass(&mut self, level: &mut Level, pass: &PassDecl, place: &Place) -> Result<(), Diagnostic> {
         match pass {
-            PassDecl::Dispatch { name, phase, run, when, shader, size, bind, push, define } => {
+            PassDecl::Dispatch { name, phase, run, when, shader, size, bind, push } => {
                 let head = Head { name, phase, run: *run, place };
                 if !self.wanted(level, when, pass, place)? {
                     return Ok(());
@@ -307,21 +305,9 @@ impl<'a> Lowering<'a> {
                 };
                 let shader = self.shader(level, shader, &place.field("shader"))?;
                 let work = LoweredWork::Dispatch { shader, size, size_span: size_place.span() };
-                self.emit(level, &head, work, bind, push, define)
+                self.emit(level, &head, work, bind, push)
             }
-            PassDecl::Draw {
-                name,
-                phase,
-                when,
-                vertex,
-                fragment,
-                topology,
-                call,
-                bind,
-                push,
-                define,
-                targets,
-            } => {
+            PassDecl::Draw { name, phase, when, vertex, fragment, topology, call, bind, push, targets } => {
                 let head = Head { name, phase, run: Run::Frame, place };
                 if !self.wanted(level, when, pass, place)? {
                     return Ok(());
@@ -362,7 +348,7 @@ impl<'a> Lowering<'a> {
                     call_span: call_place.span(),
                     targets: resolved,
                 };
-                self.emit(level, &head, work, bind, push, define)
+                self.emit(level, &head, work, bind, push)
             }
             PassDecl::Fill { name, phase, when, buffer, value } => {
                 let head = Head { name, phase, run: Run::Frame, place };
@@ -384,8 +370,8 @@ impl<'a> Lowering<'a> {
                         "only the graph's own buffers can",
                     ));
                 }
-                let none = (IndexMap::new(), IndexMap::new(), IndexMap::new());
-                self.emit(level, &head, LoweredWork::Fill { buffer: id, value }, &none.0, &none.1, &none.2)
+                let none = (IndexMap::new(), IndexMap::new());
+                self.emit(level, &head, LoweredWork::Fill { buffer: id, value }, &none.0, &none.1)
             }
             PassDecl::Repeat { var, count, when, body } => {
                 if self.repeats(level, when, var, body, place)? {
@@ -491,7 +477,6 @@ impl<'a> Lowering<'a> {
         work: LoweredWork,
         bind: &IndexMap<String, Reference>,
         push: &IndexMap<String, Number>,
-        define: &IndexMap<String, Number>,
     ) -> Result<(), Diagnostic> {
         let name = format!("{}{}{}", level.prefix, head.name, level.suffix);
         let span = head.place.field("name").span();
@@ -533,30 +518,6 @@ impl<'a> Lowering<'a> {
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
-        let (mut defines, mut constants) = (level.defines.clone(), level.constants.clone());
-        for (key, number) in define {
-            let at = head.place.field("define").field(key);
-            let (value, read) = level.names.traced(|| level.names.evaluate(number, &at));
-            let value = value?;
-            if !read.is_empty() {
-                Rc::make_mut(&mut constants).insert(key.clone(), read);
-            }
-            match (params::is_identifier(key), define_text(&value)) {
-                (true, Some(_)) if defines.iter().any(|(name, _)| name == key) => {
-                    let message = format!("`{key}` is a constant of the graph");
-                    return Err(Diagnostic::new(message, at.key(), "defined again here"));
-                }
-                (true, Some(text)) => Rc::make_mut(&mut defines).push((key.clone(), text)),
-                (false, _) => {
-                    return Err(Diagnostic::new(
-                        format!("`{key}` cannot name a define"),
-                        at.key(),
-                        "not an identifier",
-                    ));
-                }
-                (_, None) => return Err(at.error("a define is a number or a bool of 32 bits", "this is not")),
-            }
-        }
         let Notes { read, mut decided } = level.names.take_notes();
         decided.extend(&level.around);
         self.passes.push(LoweredPass {
@@ -569,11 +530,11 @@ impl<'a> Lowering<'a> {
             work,
             bind: binds,
             push: pushes,
-            defines,
+            defines: level.defines.clone(),
             unfit: level.unfit.clone(),
             decided,
             read,
-            constants,
+            constants: level.constants.clone(),
         });
         if self.passes.len() > MAX_PASSES {
             return Err(Diagnostic::new(

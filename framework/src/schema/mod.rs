@@ -344,9 +344,6 @@ pub enum PassDecl {
         /// Value for each member of the push-constant block, by its name.
         #[serde(default)]
         push: IndexMap<String, Number>,
-        /// Preprocessor defines of the shader, by name.
-        #[serde(default)]
-        define: IndexMap<String, Number>,
     },
     /// Draws primitives to colour attachments.
     Draw {
@@ -372,9 +369,6 @@ pub enum PassDecl {
         /// Value for each member of the push-constant block, by its name.
         #[serde(default)]
         push: IndexMap<String, Number>,
-        /// Preprocessor defines of both shaders, by name.
-        #[serde(default)]
-        define: IndexMap<String, Number>,
         /// Colour attachments, in the order of output locations.
         targets: Vec<TargetDecl>,
     },

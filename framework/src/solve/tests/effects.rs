@@ -89,7 +89,6 @@ fn the_setting_of_a_preset_is_followed_and_the_end_of_the_range_that_a_value_gro
 
 #[test]
 fn a_define_counts_where_the_text_of_a_shader_depends_on_it() {
-    let own = make().replace("size:", r#"define: {"DEPTH": "2 * p"}, size:"#);
     let with = |pass: &String, lets: &str, shader: &str| {
         let text = graph(P, &[pass.clone(), show()].join("\n"))
             .replace("resources:", &format!("let: {{{lets}}}, resources:"))
@@ -100,7 +99,6 @@ fn a_define_counts_where_the_text_of_a_shader_depends_on_it() {
     assert_eq!(with(&make(), "", "Q"), NONE);
     let skipped = format!("{NONE}; the shader of `make` uses it where an `#if` does not hold");
     assert_eq!(with(&make(), "", "#if 0 P"), skipped);
-    assert_eq!(with(&own, "", "DEPTH"), "make");
     assert_eq!(with(&make(), r#""half_p": "p / 2""#, "HALF_P"), "make");
     // A text has no define, and with another value of `p` there would be one.
     assert_eq!(with(&make(), r#""kind": "p > 4 ? 'many' : 'few'""#, "KIND"), "make");
