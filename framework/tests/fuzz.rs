@@ -55,7 +55,6 @@ const RON: &[&str] = &[
     ":",
     "Repeat(var: \"r\", count: 20000, body: []),",
     "Swap(\"keys\"),",
-    "Swap(name: \"keys\", when: \"false\"),",
     "\"last(keys)\"",
     "\"back(keys)\"",
     "run: Once,",

@@ -213,8 +213,6 @@ const NOT_SHOWN: &[&str] = &[
     "shader/compile/log.rs: end of file",
     // The dump says why a pass is culled: that is no mistake.
     "lower/conditions.rs: its condition",
-    "lower/conditions.rs: the condition of its repeat",
-    "lower/conditions.rs: {} is false: {condition}",
     // Files on disk: source/tests/files.rs.
     "source/files.rs: the {} `{}` cannot be used",
     "source/files.rs: (looked for {})",

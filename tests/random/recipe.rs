@@ -85,9 +85,9 @@ pub enum Want {
 #[derive(Clone, Debug)]
 pub enum Item {
     Pass(PassWish),
-    Swap(u8, When),
+    Swap(u8),
     /// The body holds no repeats of its own.
-    Repeat(Count, When, Vec<Item>),
+    Repeat(Count, Vec<Item>),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -303,7 +303,7 @@ fn count() -> impl Strategy<Value = Count> {
 }
 
 fn swap() -> impl Strategy<Value = Item> {
-    (any::<u8>(), when()).prop_map(|(index, when)| Item::Swap(index, when))
+    any::<u8>().prop_map(Item::Swap)
 }
 
 fn item() -> impl Strategy<Value = Item> {
@@ -311,15 +311,15 @@ fn item() -> impl Strategy<Value = Item> {
     prop_oneof![
         12 => pass().prop_map(Item::Pass),
         1 => swap(),
-        1 => (count(), when(), vec(inner, 1..=3)).prop_map(|(count, when, body)| Item::Repeat(count, when, body)),
-        2 => (count(), [when(), when()], any::<u8>(), pass()).prop_map(|(count, whens, buffer, pass)| ping_pong(count, whens, buffer, pass)),
+        1 => (count(), vec(inner, 1..=3)).prop_map(|(count, body)| Item::Repeat(count, body)),
+        2 => (count(), any::<u8>(), pass()).prop_map(|(count, buffer, pass)| ping_pong(count, buffer, pass)),
     ]
 }
 
 /// The way that ping-pong buffers are meant to be used: each round reads the front, writes the back and swaps.
-fn ping_pong(count: Count, [repeats, swaps]: [When; 2], index: u8, mut pass: PassWish) -> Item {
+fn ping_pong(count: Count, index: u8, mut pass: PassWish) -> Item {
     pass.kind = Kind::Dispatch { once: false, local: 16 };
     pass.reads.insert(0, (Pick { index, want: Want::Front }, Stage::Both));
     pass.writes = vec![(Pick { index, want: Want::Back }, false, Stage::Both)];
-    Item::Repeat(count, repeats, vec![Item::Pass(pass), Item::Swap(index, swaps)])
+    Item::Repeat(count, vec![Item::Pass(pass), Item::Swap(index)])
 }

@@ -165,7 +165,7 @@ impl Writer<'_> {
                 self.sketch.passes[*at].uses().all(|(what, _)| matches!(what.of, Target::Buffer(_)))
             }
             Node::Swap(..) => true,
-            Node::Repeat(_, _, body) => body.iter().all(|node| self.fits_a_part(node)),
+            Node::Repeat(_, body) => body.iter().all(|node| self.fits_a_part(node)),
         }
     }
 
@@ -219,21 +219,17 @@ impl Writer<'_> {
                     self.idle_pass(*at);
                 }
             }
-            Node::Swap(at, when) => {
+            Node::Swap(at) => {
                 let name = self.style.resource(Target::Buffer(*at));
-                match condition(*when) {
-                    "" => self.line(&format!("Swap(\"{name}\"),")),
-                    when => self.line(&format!("Swap(name: \"{name}\",{when}),")),
-                }
+                self.line(&format!("Swap(\"{name}\"),"));
             }
-            Node::Repeat(count, when, body) => {
+            Node::Repeat(count, body) => {
                 let count = match count {
                     Count::Literal(n) => n.to_string(),
                     Count::Steps => "\"steps\"".into(),
                     Count::StepsLeft => "\"4 - steps\"".into(),
                 };
-                let when = condition(*when);
-                self.line(&format!("Repeat(var: \"i\", count: {count},{when} body: ["));
+                self.line(&format!("Repeat(var: \"i\", count: {count}, body: ["));
                 self.nodes(body, true);
                 self.line("]),");
             }
@@ -372,8 +368,8 @@ fn touched(nodes: &[Node], sketch: &Sketch, buffers: &mut BTreeMap<usize, bool>)
                     }
                 }
             }
-            Node::Swap(at, _) => *buffers.entry(*at).or_default() = true,
-            Node::Repeat(_, _, body) => touched(body, sketch, buffers),
+            Node::Swap(at) => *buffers.entry(*at).or_default() = true,
+            Node::Repeat(_, body) => touched(body, sketch, buffers),
         }
     }
 }

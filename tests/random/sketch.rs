@@ -28,8 +28,8 @@ pub struct Sketch {
 pub enum Node {
     Pass(usize),
     /// A ping-pong buffer.
-    Swap(usize, When),
-    Repeat(Count, When, Vec<Node>),
+    Swap(usize),
+    Repeat(Count, Vec<Node>),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -179,18 +179,18 @@ impl Sketch {
                 self.passes.push(pass);
                 Some(Node::Pass(self.passes.len() - 1))
             }
-            Item::Swap(index, when) => {
+            Item::Swap(index) => {
                 let pick = Pick { index: *index, want: Want::Front };
                 match self.resolve(pick) {
                     Ref { of: Target::Buffer(at), .. } if self.buffers[at].role == Role::PingPong => {
-                        Some(Node::Swap(at, *when))
+                        Some(Node::Swap(at))
                     }
                     _ => None,
                 }
             }
-            Item::Repeat(count, when, body) => {
+            Item::Repeat(count, body) => {
                 let body: Vec<Node> = body.iter().filter_map(|item| self.node(item, limits)).collect();
-                Some(Node::Repeat(*count, *when, body))
+                Some(Node::Repeat(*count, body))
             }
         }
     }
@@ -346,10 +346,8 @@ impl Sketch {
                     runs.passes.push((*at, runs.fronts.clone()));
                 }
                 Node::Pass(_) => {}
-                Node::Swap(at, when) if when.holds(settings) => runs.fronts[*at] = 1 - runs.fronts[*at],
-                Node::Swap(..) => {}
-                Node::Repeat(_, when, _) if !when.holds(settings) => {}
-                Node::Repeat(count, _, body) => {
+                Node::Swap(at) => runs.fronts[*at] = 1 - runs.fronts[*at],
+                Node::Repeat(count, body) => {
                     (0..count.of(settings)).for_each(|_| self.unroll(body, settings, runs))
                 }
             }
@@ -517,7 +515,7 @@ fn count_writers(nodes: &[Node], passes: &[Pass], times: usize, writers: &mut BT
                 }
             }
             Node::Swap(..) => {}
-            Node::Repeat(_, _, body) => count_writers(body, passes, 2, writers),
+            Node::Repeat(_, body) => count_writers(body, passes, 2, writers),
         }
     }
 }

@@ -1,19 +1,15 @@
-//! Conditions: leaves out passes, includes, repeats and swaps whose `when` is false, and notes what went with them.
+//! Conditions: leaves out passes and includes whose `when` is false, and notes what went with them.
 
 use super::passes::{Level, Lowering};
 use super::resources::Handle;
 use super::scope::Place;
 use super::{RemovedPass, RemovedUse};
-use crate::ir::{Culled, ParamSet, Reason, Value};
-use crate::schema::{
-    Call, Expression, Number, Part, PassDecl, Reference, ResourceName, Size, SwapDecl, is_choice,
-};
+use crate::ir::{Culled, ParamSet, Reason};
+use crate::schema::{Call, Expression, Number, Part, PassDecl, Reference, ResourceName, Size, is_choice};
 use crate::source::Diagnostic;
 
 /// A `when` that is false.
 struct False<'a> {
-    /// Begins the reason: `its condition` or `the condition of its repeat`.
-    whose: &'a str,
     condition: &'a Number,
     /// The `when` in the file.
     at: &'a Place,
@@ -33,28 +29,8 @@ impl Lowering<'_> {
     ) -> Result<bool, Diagnostic> {
         let Some(condition) = when else { return Ok(true) };
         let at = place.field("when");
-        match self.evaluate(level, condition, "its condition", &at)? {
+        match self.evaluate(level, condition, &at)? {
             Some(why) => self.leave_out(level, pass, place, &why),
-            None => return Ok(true),
-        }
-        Ok(false)
-    }
-
-    /// Evaluates the `when` of a repeat.
-    ///
-    /// A false one lists the passes of the body as culled, once each.
-    pub(super) fn repeats(
-        &mut self,
-        level: &mut Level,
-        when: &Option<Number>,
-        var: &str,
-        body: &[PassDecl],
-        place: &Place,
-    ) -> Result<bool, Diagnostic> {
-        let Some(condition) = when else { return Ok(true) };
-        let at = place.field("when");
-        match self.evaluate(level, condition, "the condition of its repeat", &at)? {
-            Some(why) => self.leave_out_body(level, var, body, &place.field("body"), &why),
             None => return Ok(true),
         }
         Ok(false)
@@ -65,7 +41,6 @@ impl Lowering<'_> {
         &mut self,
         level: &Level,
         condition: &'p Number,
-        whose: &'p str,
         at: &'p Place,
     ) -> Result<Option<False<'p>>, Diagnostic> {
         let (holds, decided) = level.names.traced(|| level.names.truth(condition, at));
@@ -75,33 +50,22 @@ impl Lowering<'_> {
             Number::Expression(expression) => level.names.traced(|| level.names.reason(expression)).0,
             Number::Literal(_) => None,
         };
-        Ok((!holds?).then(|| False { whose, condition, at, reason: reason(), decided }))
+        Ok((!holds?).then(|| False { condition, at, reason: reason(), decided }))
     }
 
-    /// Exchanges the halves of a ping-pong resource, unless the `when` of the swap is false.
-    pub(super) fn swap(&mut self, level: &Level, swap: &SwapDecl, place: &Place) -> Result<(), Diagnostic> {
-        let (name, at, when) = match swap {
-            SwapDecl::Always(name) => (name, place.index(0), &None),
-            SwapDecl::When { name, when } => (name, place.field("name"), when),
-        };
-        // A wrong name is an error whether the condition holds or not.
-        let pair = match level.handles.get(name) {
-            Some(Some(Handle::PingPong(index))) => Some(*index),
-            Some(None) => None,
+    /// Exchanges the halves of a ping-pong resource.
+    pub(super) fn swap(&mut self, level: &Level, name: &str, at: &Place) -> Result<(), Diagnostic> {
+        match level.handles.get(name) {
+            Some(Some(Handle::PingPong(index))) => {
+                let pair = &mut self.ping_pongs[*index];
+                pair.front = 1 - pair.front;
+            }
+            Some(None) => {}
             // A plain resource and an unknown one are told apart by the usual look-up.
             _ => {
-                let front = ResourceName { name: name.clone(), part: Part::Front, range: 0..name.len() };
-                self.look_up_name(level, Some(&front), &at, at.span())?;
-                None
+                let front = ResourceName { name: name.into(), part: Part::Front, range: 0..name.len() };
+                self.look_up_name(level, Some(&front), at, at.span())?;
             }
-        };
-        let swaps = match when {
-            Some(condition) => self.evaluate(level, condition, "", &place.field("when"))?.is_none(),
-            None => true,
-        };
-        if let Some(pair) = pair.filter(|_| swaps) {
-            let pair = &mut self.ping_pongs[pair];
-            pair.front = 1 - pair.front;
         }
         Ok(())
     }
@@ -141,29 +105,8 @@ impl Lowering<'_> {
             constants: level.constants.clone(),
         });
         let origin = self.files.origin(place.span());
-        let why = format!("{} is false: {condition}", why.whose);
+        let why = format!("its condition is false: {condition}");
         self.culled.push(Culled { pass: name, why, origin });
-    }
-
-    fn leave_out_body(&mut self, level: &mut Level, var: &str, body: &[PassDecl], at: &Place, why: &False) {
-        // Names in the body may depend on the counter, as in its first turn.
-        let hidden = level.names.values.insert(var.into(), Value::Int(0));
-        for (i, pass) in body.iter().enumerate() {
-            let place = at.index(i);
-            if !self.count(1, &place) {
-                break;
-            }
-            match pass {
-                PassDecl::Repeat { var, body, .. } => {
-                    self.leave_out_body(level, var, body, &place.field("body"), why);
-                }
-                _ => self.leave_out(level, pass, &place, why),
-            }
-        }
-        match hidden {
-            Some(value) => drop(level.names.values.insert(var.into(), value)),
-            None => drop(level.names.values.remove(var)),
-        }
     }
 }
 

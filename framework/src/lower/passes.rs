@@ -373,13 +373,8 @@ impl<'a> Lowering<'a> {
                 let none = (IndexMap::new(), IndexMap::new());
                 self.emit(level, &head, LoweredWork::Fill { buffer: id, value }, &none.0, &none.1)
             }
-            PassDecl::Repeat { var, count, when, body } => {
-                if self.repeats(level, when, var, body, place)? {
-                    self.repeat(level, var, count, body, place)?;
-                }
-                Ok(())
-            }
-            PassDecl::Swap(swap) => self.swap(level, swap, place),
+            PassDecl::Repeat { var, count, body } => self.repeat(level, var, count, body, place),
+            PassDecl::Swap(name) => self.swap(level, name, &place.index(0)),
             PassDecl::Include { graph, name, when, with, set, expose: _ } => {
                 if !self.wanted(level, when, pass, place)? {
                     level.absent.insert(name.clone(), Some(place.field("when").span()));

@@ -30,33 +30,6 @@ fn a_pass_is_there_where_its_condition_holds() {
 }
 
 #[test]
-fn a_repeat_and_a_swap_are_there_where_their_conditions_hold() {
-    let keys = r#"Dispatch(name: "copy", shader: "copy.comp", size: Threads(64), bind: {"In": "front(keys)", "Out": "back(keys)"}),"#;
-    let passes = [
-        dispatch("make", "make.comp", r#""Out": "keys""#),
-        format!(r#"Repeat(var: "i", count: "width - 9", when: "width > 9", body: [{keys} Swap("keys")]),"#),
-        keys.replace("copy\"", "last\"").replace("size:", r#"when: "width != 8", size:"#),
-        r#"Swap(name: "keys", when: "width != 8"),"#.to_string(),
-        dispatch("show", "show.comp", r#""In": "keys", "Image": "image""#),
-    ]
-    .join("\n");
-    let plan = |width| {
-        let plan = plan(&graph(WIDTH, &passes), &[("width", width)]).unwrap_or_else(|e| panic!("{e}"));
-        let names: Vec<String> = plan.passes.iter().map(|pass| pass.name.clone()).collect();
-        let shown =
-            plan.passes.iter().find(|pass| pass.name == "show").expect("the last pass").bindings[0].resource;
-        let culled: Vec<String> = plan.culled.iter().map(|c| format!("{}: {}", c.pass, c.why)).collect();
-        (names.join(" "), plan.resource(shown).name.clone(), culled.join("; "))
-    };
-    // At 8 the count would be negative: nobody asks for it.
-    let (repeat, pass) =
-        ("copy: the condition of its repeat is false: width > 9", "last: its condition is false: width != 8");
-    assert_eq!(plan("8"), ("make show export".into(), "keys#0".into(), format!("{repeat}; {pass}")));
-    assert_eq!(plan("9"), ("make last show export".into(), "keys#1".into(), repeat.into()));
-    assert_eq!(plan("10"), ("make copy[0] last show export".into(), "keys#0".into(), String::new()));
-}
-
-#[test]
 fn threads_and_groups_have_up_to_three_dimensions_and_threads_are_divided_in_each() {
     let square = "local 8 4 1\nimage w Image rgba16f";
     let groups = |size: &str| {

@@ -8,8 +8,7 @@ mod expression;
 use indexmap::IndexMap;
 use ron::extensions::Extensions;
 use serde::Deserialize;
-use serde::de::value::MapAccessDeserializer;
-use serde::de::{Deserializer, Error, MapAccess, SeqAccess, Visitor};
+use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 use std::fmt;
 
 pub use expression::{Expression, Part, Reference, ResourceName, folded, is_choice};
@@ -393,14 +392,11 @@ pub enum PassDecl {
         var: String,
         /// Number of iterations.
         count: Number,
-        /// Removes the passes where it is false; the count has no need of a value then.
-        #[serde(default)]
-        when: Option<Number>,
         /// Passes of one iteration.
         body: Vec<PassDecl>,
     },
     /// From here on the resource's front is its back, and the other way round.
-    Swap(SwapDecl),
+    Swap(String),
     /// The passes of another graph, with its ports bound to resources of this one.
     Include {
         /// Name of the included graph.
@@ -420,47 +416,6 @@ pub enum PassDecl {
         #[serde(default = "nothing")]
         expose: Expose,
     },
-}
-
-/// Names the resource of a `Swap`: `Swap("keys")`, or `Swap(name: "keys", when: "condition")`.
-#[derive(Clone, Debug, PartialEq)]
-pub enum SwapDecl {
-    /// The name alone.
-    Always(String),
-    /// The name as a field, beside a condition.
-    When {
-        /// Name of the resource.
-        name: String,
-        /// Leaves the halves as they are where it is false.
-        when: Option<Number>,
-    },
-}
-
-impl<'de> Deserialize<'de> for SwapDecl {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        #[derive(Deserialize)]
-        #[serde(deny_unknown_fields, rename = "Swap")]
-        struct Fields {
-            name: String,
-            #[serde(default)]
-            when: Option<Number>,
-        }
-        struct Either;
-        impl<'de> Visitor<'de> for Either {
-            type Value = SwapDecl;
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("the name of a resource in quotes, or the fields `name` and `when`")
-            }
-            fn visit_str<E: Error>(self, v: &str) -> Result<SwapDecl, E> {
-                Ok(SwapDecl::Always(v.to_string()))
-            }
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<SwapDecl, A::Error> {
-                let Fields { name, when } = Fields::deserialize(MapAccessDeserializer::new(map))?;
-                Ok(SwapDecl::When { name, when })
-            }
-        }
-        deserializer.deserialize_any(Either)
-    }
 }
 
 fn nothing() -> Expose {
