@@ -147,7 +147,8 @@ fn builds() -> Vec<Build> {
         set: vec![("show".into(), "lists".into())],
         lanes: facts::USUAL_SUBGROUP_SIZE,
     };
-    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([other, lists]).collect()
+    let filter = Build { graph: "filters/edges".into(), set: vec![], lanes: facts::USUAL_SUBGROUP_SIZE };
+    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([other, lists, filter]).collect()
 }
 
 /// Holds the outcome of a build: the plan, or the diagnostics, each with its rendering.

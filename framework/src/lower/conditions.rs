@@ -90,7 +90,7 @@ impl Lowering<'_> {
         let numbers = numbers.chain(chosen.into_iter().flatten());
         let choices = users.iter().flat_map(|user| level.names.named_by_choice(user));
         let exposed = match pass {
-            PassDecl::Include { name, .. } => level.exposed.get(name),
+            PassDecl::Include { .. } => level.exposed.get(&place.path),
             _ => None,
         };
         let exposed = exposed.into_iter().flatten().filter_map(|name| level.names.params.get(name)).flatten();

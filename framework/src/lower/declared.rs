@@ -5,7 +5,7 @@
 //! declaration share it.
 
 use indexmap::IndexMap;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::rc::Rc;
 
 use super::document::{MAX_DEPTH, Opened, Setting};
@@ -38,8 +38,7 @@ impl Declared {
 
     /// The names in its expressions, and in what is set in place of its default.
     pub fn names<'a>(&'a self, setting: Option<&'a Setting>) -> BTreeSet<&'a str> {
-        let setting = setting.or(self.default.as_ref());
-        let expressions = expressions(self.declaration(), setting).into_iter();
+        let expressions = expressions(self.declaration(), self.default.as_ref(), setting).into_iter();
         expressions
             .flat_map(|expression| expression.parsed.iter().flat_map(Expr::names))
             .map(|(name, _)| name)
@@ -52,12 +51,15 @@ impl Declared {
     }
 }
 
+/// Names of parameters by the places of the includes that expose them.
+pub(super) type Exposed = HashMap<Path, BTreeSet<String>>;
+
 /// The parameters of a graph, in order.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Parameters {
     pub all: Vec<Declared>,
-    /// The parameters that each include exposes, by the include's name in the file.
-    pub exposed: BTreeMap<String, BTreeSet<String>>,
+    /// The parameters that each include exposes, by the include's place in the file.
+    pub exposed: Exposed,
     /// Of a graph that was chosen: names that a preset of the choice may set, since other graphs of the choice have them.
     pub elsewhere: BTreeSet<String>,
 }
@@ -65,7 +67,7 @@ pub(super) struct Parameters {
 impl Parameters {
     /// Lists indices so that each parameter comes after those that its expressions name, and else in their order.
     ///
-    /// `settings` stand in for defaults. What names itself on the way comes last, and then has no value.
+    /// `settings` stand in for defaults. Parameters in a circle, and those that need them, come last.
     pub fn order(&self, settings: &IndexMap<String, Setting>) -> Vec<usize> {
         let known: BTreeMap<&str, usize> =
             self.names().enumerate().map(|(index, name)| (name, index)).collect();
@@ -101,28 +103,41 @@ impl Parameters {
     }
 }
 
-/// The expressions of a declaration, and that of what is set in place of the default.
-fn expressions<'a>(declaration: &'a ParamDecl, setting: Option<&'a Setting>) -> Vec<&'a Expression> {
+/// The expressions of a declaration, with what replaces the default, and that of what is set.
+fn expressions<'a>(
+    declaration: &'a ParamDecl,
+    replaced: Option<&'a Setting>,
+    setting: Option<&'a Setting>,
+) -> Vec<&'a Expression> {
     let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
-    let (default, choice, range, step, exact) = match kind {
-        ParamKind::Bool { default, exact, .. } => (Some(default), None, None, None, exact.as_ref()),
-        ParamKind::Int { default, range, exact, .. } => {
-            (Some(default), None, Some(range), None, exact.as_ref())
-        }
+    let (default, range, step, exact) = match kind {
+        ParamKind::Bool { default, exact, .. } => (Some(default), None, None, exact.as_ref()),
+        ParamKind::Int { default, range, exact, .. } => (Some(default), Some(range), None, exact.as_ref()),
         ParamKind::Float { default, range, step, exact, .. } => {
-            (Some(default), None, Some(range), step.as_ref(), exact.as_ref())
+            (Some(default), Some(range), step.as_ref(), exact.as_ref())
         }
-        ParamKind::Choice { default, .. } => (None, Some(default), None, None, None),
+        ParamKind::Choice { .. } => (None, None, None, None),
     };
-    let default = default.into_iter().chain(setting.map(|setting| &setting.number));
+    // Of a choice, a text that is one of its names stands for itself.
+    let (chosen, names): (Vec<&Expression>, &[String]) = match kind {
+        ParamKind::Choice { default, of, exact, .. } => {
+            (exact.iter().chain(replaced.is_none().then_some(default)).collect(), of)
+        }
+        _ => (Vec::new(), &[]),
+    };
+    let default = replaced.map(|setting| &setting.number).or(default);
     let ends = range.into_iter().flat_map(|(from, to)| [from, to]);
-    let numbers = default.chain(ends).chain(step).chain(exact);
+    let setting = setting.map(|setting| &setting.number);
+    let numbers = default.into_iter().chain(ends).chain(step).chain(exact).chain(setting);
     let expressions = numbers.filter_map(|number| match number {
         Number::Expression(expression) => Some(expression),
         Number::Literal(_) => None,
     });
-    expressions.chain(choice).collect()
+    expressions.chain(chosen).filter(|expression| !names.contains(&expression.text)).collect()
 }
+
+/// Parameters by the file of their graph, each listed once: parts may include parts several times over.
+pub(super) type Known = HashMap<FileId, Rc<Parameters>>;
 
 /// Lists the parameters of a graph.
 ///
@@ -132,14 +147,15 @@ pub(super) fn parameters(
     opened: &Opened,
     choices: &mut Choices,
     files: &mut SourceMap,
-) -> Result<Parameters, Vec<Diagnostic>> {
-    let mut collect = Collect { choices, files, around: Vec::new() };
+    known: &mut Known,
+) -> Result<Rc<Parameters>, Vec<Diagnostic>> {
+    let mut collect = Collect { choices, files, known, around: Vec::new() };
     let mut found = collect.graph(opened)?;
     if opened.set.keys().any(|name| !found.contains(name)) {
         for other in opened.others.iter() {
             // The mistakes of a graph that is not drawn are told where it is.
             if let Ok(other) = collect.graph(other) {
-                found.elsewhere.extend(other.names().map(str::to_owned));
+                Rc::make_mut(&mut found).elsewhere.extend(other.names().map(str::to_owned));
             }
         }
     }
@@ -149,12 +165,16 @@ pub(super) fn parameters(
 struct Collect<'a, 'r> {
     choices: &'a mut Choices<'r>,
     files: &'a mut SourceMap,
+    known: &'a mut Known,
     /// The files whose parameters are being listed, outermost first.
     around: Vec<FileId>,
 }
 
 impl Collect<'_, '_> {
-    fn graph(&mut self, opened: &Opened) -> Result<Parameters, Vec<Diagnostic>> {
+    fn graph(&mut self, opened: &Opened) -> Result<Rc<Parameters>, Vec<Diagnostic>> {
+        if let Some(known) = self.known.get(&opened.file) {
+            return Ok(known.clone());
+        }
         let params = Path::root().field("params");
         let own = opened.graph.params.keys().map(|name| Declared {
             name: name.clone(),
@@ -166,13 +186,16 @@ impl Collect<'_, '_> {
         let mut found = Parameters { all: own.collect(), ..Parameters::default() };
         // Includes that lead back are an error of the walk, which says more.
         if self.around.contains(&opened.file) || self.around.len() > MAX_DEPTH {
-            return Ok(found);
+            return Ok(Rc::new(found));
         }
         self.around.push(opened.file);
         let passes = Place::new(&opened.outline, Path::root().field("passes"));
         let result = self.passes(opened, &opened.graph.passes, &passes, &mut found);
         self.around.pop();
-        result.map(|()| found)
+        result?;
+        let found = Rc::new(found);
+        self.known.insert(opened.file, found.clone());
+        Ok(found)
     }
 
     fn passes(
@@ -212,9 +235,9 @@ impl Collect<'_, '_> {
         if let Expose::Only(names) = expose
             && let Some(i) = names.iter().position(|wanted| !inner.contains(wanted))
         {
-            return Err(vec![unknown(&names[i], at.index(0).index(i).span(), inner.names())]);
+            return Err(vec![unknown(&names[i], at.index(0).index(i).span(), "exposed here", inner.names())]);
         }
-        for mut declared in inner.all {
+        for declared in &inner.all {
             let wanted = match expose {
                 Expose::All => !set.contains_key(&declared.name),
                 Expose::Only(names) => names.contains(&declared.name),
@@ -223,30 +246,29 @@ impl Collect<'_, '_> {
                 continue;
             }
             let name_of = &declared.name;
+            let given = set.get(name_of).map(|number| {
+                let path = place.field("set").field(name_of).path;
+                Setting { number: number.clone(), outline: place.outline.clone(), path }
+            });
+            let default =
+                given.or_else(|| chosen.opened.set.get(name_of).cloned()).or(declared.default.clone());
             if let Some(first) = found.all.iter().find(|other| other.name == *name_of) {
-                let shared = first.place.key() == declared.place.key() && !set.contains_key(name_of);
-                if shared {
-                    found.exposed.entry(name.clone()).or_default().insert(name_of.clone());
+                let span = |setting: &Setting| setting.outline.value(&setting.path);
+                let same_default = first.default.as_ref().map(span) == default.as_ref().map(span);
+                if first.place.key() == declared.place.key() && same_default {
+                    found.exposed.entry(place.path.clone()).or_default().insert(name_of.clone());
                     continue;
                 }
                 let message = format!("this graph has the parameter `{name_of}` already");
                 let error = Diagnostic::new(message, at.span(), "exposed here")
                     .with_label(first.place.key(), "the first");
                 let help = format!(
-                    "give it the first one's value instead: `set: {{ \"{name_of}\": \"{name_of}\" }}`"
+                    "give it the first one's value, and do not expose it: `set: {{ \"{name_of}\": \"{name_of}\" }}`"
                 );
                 return Err(vec![error.with_help(help)]);
             }
-            if let Some(number) = set.get(name_of) {
-                let path = place.field("set").field(name_of).path;
-                declared.default =
-                    Some(Setting { number: number.clone(), outline: place.outline.clone(), path });
-            } else if let Some(setting) = chosen.opened.set.get(name_of) {
-                declared.default = Some(setting.clone());
-            }
-            declared.part = Some(name.clone());
-            found.exposed.entry(name.clone()).or_default().insert(name_of.clone());
-            found.all.push(declared);
+            found.exposed.entry(place.path.clone()).or_default().insert(name_of.clone());
+            found.all.push(Declared { default, part: Some(name.clone()), ..declared.clone() });
         }
         Ok(())
     }

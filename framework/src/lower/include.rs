@@ -1,6 +1,7 @@
 //! Includes: lowers another graph's passes with the includer's resources and parameters.
 
 use indexmap::IndexMap;
+use std::collections::BTreeMap;
 
 use super::LoweredInclude;
 use super::declared;
@@ -9,7 +10,7 @@ use super::params;
 use super::passes::{Level, Lowering, Scope};
 use super::resources::Handle;
 use super::scope::{Names, Place};
-use crate::ir::{Param, Value};
+use crate::ir::{Param, ParamSet, Value};
 use crate::schema::{Number, ParamDecl, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Path};
 
@@ -50,7 +51,7 @@ impl Lowering<'_> {
             self.errors.extend(chosen.errors.iter().map(here));
             return Ok(());
         }
-        let parameters = match declared::parameters(opened, &mut self.choices, self.files) {
+        let parameters = match declared::parameters(opened, &mut self.choices, self.files, &mut self.known) {
             Ok(parameters) => parameters,
             Err(errors) => {
                 self.errors.extend(errors);
@@ -73,7 +74,7 @@ impl Lowering<'_> {
         }
         let prefix = format!("{full}.");
         let before = self.errors.len();
-        let scope = Scope { names, params, exposed: parameters.exposed };
+        let scope = Scope { names, params, exposed: parameters.exposed.clone() };
         let mut inner = self.level(opened, scope, prefix);
         let mut include = LoweredInclude { name: full, span, parent: level.include, given: Vec::new() };
         for (port_name, port) in &opened.graph.ports {
@@ -88,9 +89,12 @@ impl Lowering<'_> {
             };
             let at = place.field("with").field(port_name);
             let handle = match level.handles.get(&given.text) {
-                Some(handle) => handle.clone(),
+                Some(handle) => {
+                    level.note_given(&given.text);
+                    handle.clone()
+                }
+                None if self.look_up(level, given, &at)?.is_none() => None,
                 None => {
-                    self.look_up(level, given, &at)?;
                     return Err(at.error("a port takes a whole resource", "not the front or the back of one"));
                 }
             };
@@ -113,7 +117,8 @@ impl Lowering<'_> {
             return Err(diagnostic.with_nearest(unknown, ports, ""));
         }
         inner.include = Some(self.included.len());
-        inner.around = level.around.iter().copied().chain(decided).collect();
+        let chosen = level.names.take_notes().decided;
+        inner.around = level.around.iter().copied().chain(decided).chain(chosen).collect();
         self.included.push(include);
         self.declare(&mut inner);
         if self.errors.len() > before {
@@ -135,30 +140,33 @@ impl Lowering<'_> {
 
     /// Gives the includer the names of an included graph's resources: `include.resource`.
     ///
-    /// They are what its own passes find under them at their end. A constant that is the name of a resource gives that one, and the
-    /// output is the `picture`.
+    /// A name means what it means to the last of its passes: of a ping-pong buffer, the front is the half left in front. A constant that
+    /// is the name of a resource gives that one, and the output is the `picture`.
     fn give(&mut self, level: &mut Level, include: &str, inner: &Level) {
         let ports = &inner.graph.ports;
         let own = inner.handles.iter().filter(|(name, _)| !ports.contains_key(*name));
         let mut given: IndexMap<String, Option<Handle>> =
             own.map(|(name, handle)| (name.clone(), handle.clone())).collect();
+        let mut decided: BTreeMap<String, ParamSet> = inner.given.clone();
         for (name, value) in &inner.names.values {
             let Value::Text(text) = value else { continue };
             let parsed = ResourceName::parse(text).filter(|_| !is_choice(text));
             if let (Some(of), false) = (parsed, given.contains_key(name))
                 && inner.handles.contains_key(&of.name)
             {
+                let mut params = inner.names.params.get(name).cloned().unwrap_or_default();
+                params.extend(inner.given.get(&of.name).into_iter().flatten());
+                decided.insert(name.clone(), params);
                 given.insert(name.clone(), self.handle(inner, &of));
             }
         }
-        if let Some(output) = &inner.graph.output {
-            let at = Place::new(&inner.outline, Path::root().field("output"));
-            match self.look_up(inner, output, &at) {
-                Ok(found) => drop(given.insert("picture".into(), found.map(Handle::Plain))),
-                Err(error) => self.errors.push(error),
-            }
+        if inner.graph.output.is_some() {
+            let (output, params) = inner.names.traced(|| self.output(inner));
+            decided.insert("picture".into(), params);
+            given.insert("picture".into(), output.map(|(id, _)| Handle::Plain(vec![id])));
         }
         level.handles.extend(given.into_iter().map(|(name, handle)| (format!("{include}.{name}"), handle)));
+        level.given.extend(decided.into_iter().map(|(name, params)| (format!("{include}.{name}"), params)));
     }
 
     /// The parameters of an included graph: those that the includer has as well, and else from `set`, in the includer's names, over
@@ -170,16 +178,26 @@ impl Lowering<'_> {
         parameters: &declared::Parameters,
         include: &Written,
     ) -> Result<(Names, Vec<Param>), Diagnostic> {
-        let Written { set, place, name: include, .. } = *include;
+        let Written { set, place, .. } = *include;
         if let Some((name, setting)) =
             opened.set.iter().find(|(k, _)| !parameters.contains(k) && !parameters.elsewhere.contains(*k))
         {
-            return Err(params::unknown(name, setting.outline.key(&setting.path), parameters.names()));
+            return Err(params::unknown(
+                name,
+                setting.outline.key(&setting.path),
+                "set here",
+                parameters.names(),
+            ));
         }
         if let Some(name) = set.keys().find(|k| !parameters.contains(k)) {
-            return Err(params::unknown(name, place.field("set").field(name).key(), parameters.names()));
+            return Err(params::unknown(
+                name,
+                place.field("set").field(name).key(),
+                "set here",
+                parameters.names(),
+            ));
         }
-        let exposed = level.exposed.get(include);
+        let exposed = level.exposed.get(&place.path);
         let mut names = Names::of(self.request.facts);
         let mut params = Vec::new();
         for index in parameters.order(&opened.set) {

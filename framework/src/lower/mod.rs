@@ -337,7 +337,7 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
 pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
     let mut choices = Choices::new(request);
     let chosen = choices.root(files)?;
-    let parameters = declared::parameters(&chosen.opened, &mut choices, files)?;
+    let parameters = declared::parameters(&chosen.opened, &mut choices, files, &mut Default::default())?;
     let mut errors = Vec::new();
     let resolved = params::resolve(&chosen.opened, &parameters, request, files, &mut errors);
     if !errors.is_empty() {

@@ -39,14 +39,14 @@ pub(super) fn resolve(
 ) -> Resolved {
     let unknown_here = |name: &str| !parameters.contains(name) && !parameters.elsewhere.contains(name);
     for (name, setting) in root.set.iter().filter(|(name, _)| unknown_here(name)) {
-        errors.push(unknown(name, setting.outline.key(&setting.path), parameters.names()));
+        errors.push(unknown(name, setting.outline.key(&setting.path), "set here", parameters.names()));
     }
     let mut texts = Vec::new();
     for (name, value) in request.set {
         let file = files.add("--set", format!("{name}={value}"));
         if !parameters.contains(name) {
             let span = Span { file, start: 0, end: name.len() };
-            errors.push(unknown(name, span, parameters.names()));
+            errors.push(unknown(name, span, "set here", parameters.names()));
         }
         let span = Span { file, start: name.len() + 1, end: name.len() + 1 + value.len() };
         texts.push((name.as_str(), Text { value, span }));
@@ -106,14 +106,19 @@ pub(super) fn resolve(
 }
 
 /// A setting of a parameter that the graph does not have; `known` are those that it has.
-pub(super) fn unknown<'a>(name: &str, span: Span, known: impl Iterator<Item = &'a str>) -> Diagnostic {
+pub(super) fn unknown<'a>(
+    name: &str,
+    span: Span,
+    label: &str,
+    known: impl Iterator<Item = &'a str>,
+) -> Diagnostic {
     let known: Vec<&str> = known.collect();
     let all: Vec<_> = known.iter().map(|k| format!("`{k}`")).collect();
     let otherwise = match all[..] {
         [] => "this graph has no parameters".to_string(),
         _ => format!("it has {}", all.join(", ")),
     };
-    Diagnostic::new(format!("the graph has no parameter `{name}`"), span, "set here").with_nearest(
+    Diagnostic::new(format!("the graph has no parameter `{name}`"), span, label).with_nearest(
         name,
         known.iter().copied(),
         otherwise,

@@ -1,10 +1,10 @@
 //! The walk over the passes: conditions, repeats, swaps and includes.
 
 use indexmap::IndexMap;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::declared;
+use super::declared::{self, Exposed};
 use super::defines::{Constants, defines};
 use super::document::Opened;
 use super::include::Written;
@@ -48,6 +48,7 @@ pub(super) struct Lowering<'a> {
     /// Counts towards [`MAX_STEPS`].
     steps: usize,
     pub choices: Choices<'a>,
+    pub known: declared::Known,
     /// Name and place of every pass, to refuse one used twice.
     pass_names: BTreeMap<String, Option<Span>>,
     /// Name and place of every include, likewise.
@@ -76,10 +77,11 @@ pub(super) struct Level {
     pub names: Names,
     /// The parameters, those that it exposes of others among them.
     pub params: Vec<Param>,
-    /// As [`Parameters::exposed`](super::declared::Parameters::exposed).
-    pub exposed: BTreeMap<String, BTreeSet<String>>,
+    pub exposed: Exposed,
     /// `None` for a declaration that was in error.
     pub handles: IndexMap<String, Option<Handle>>,
+    /// Parameters that decide which resource of an include a name means.
+    pub given: BTreeMap<String, ParamSet>,
     /// Includes whose resources are not there: left out by the condition at a place, or in error.
     pub absent: BTreeMap<String, Option<Span>>,
     /// In front of the names of passes and resources.
@@ -96,12 +98,21 @@ pub(super) struct Level {
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
+impl Level {
+    /// Notes the parameters that decide which resource of an include a name means.
+    pub fn note_given(&self, name: &str) {
+        if let Some(params) = self.given.get(name) {
+            self.names.note_decided(params);
+        }
+    }
+}
+
 /// What a level starts from.
 pub(super) struct Scope {
     /// Facts and parameters.
     pub names: Names,
     pub params: Vec<Param>,
-    pub exposed: BTreeMap<String, BTreeSet<String>>,
+    pub exposed: Exposed,
 }
 
 /// The fields that all kinds of passes share.
@@ -124,6 +135,7 @@ impl<'a> Lowering<'a> {
             passes: Vec::new(),
             steps: 0,
             choices: Choices::new(request),
+            known: Default::default(),
             // The frame's last passes, which the solver adds.
             pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
             include_names: BTreeMap::new(),
@@ -143,13 +155,13 @@ impl<'a> Lowering<'a> {
     pub fn run(mut self) -> Result<Lowered, Vec<Diagnostic>> {
         let chosen = self.choices.root(self.files)?;
         let (root, stand_ins) = (&chosen.opened, &chosen.stand_ins);
-        let parameters = declared::parameters(root, &mut self.choices, self.files)?;
+        let parameters = declared::parameters(root, &mut self.choices, self.files, &mut self.known)?;
         let resolved = params::resolve(root, &parameters, self.request, self.files, &mut self.errors);
         if !self.errors.is_empty() {
             return Err(require::explained(self.errors, stand_ins));
         }
         let (names, params) = (resolved.names, resolved.params.clone());
-        let scope = Scope { names, params, exposed: parameters.exposed };
+        let scope = Scope { names, params, exposed: parameters.exposed.clone() };
         let mut level = self.level(root, scope, String::new());
         if let Some(port) = root.graph.ports.keys().next() {
             let span = root.outline.key(&Path::root().field("ports").key(port));
@@ -242,6 +254,7 @@ impl<'a> Lowering<'a> {
             params,
             exposed,
             handles: IndexMap::new(),
+            given: BTreeMap::new(),
             absent: BTreeMap::new(),
             prefix,
             suffix: String::new(),
@@ -586,7 +599,7 @@ impl<'a> Lowering<'a> {
         Ok(())
     }
 
-    fn output(&mut self, level: &Level) -> Option<(ResourceHandle, Span)> {
+    pub(super) fn output(&mut self, level: &Level) -> Option<(ResourceHandle, Span)> {
         let root = Place::new(&level.outline, Path::root());
         let Some(name) = &level.graph.output else {
             self.errors.push(Diagnostic::new(

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use super::document::{self, MAX_DEPTH, Opened, Requirement};
 use super::scope::{Names, Place};
-use crate::ir::{FileId, Reason, Request, StandIn, Unmet};
+use crate::ir::{FileId, Reason, Request, StandIn, Unmet, Value};
 use crate::schema::{Number, PassDecl, folded};
 use crate::source::{Diagnostic, Kind, SourceMap};
 
@@ -21,11 +21,13 @@ pub(super) struct Chosen {
     pub errors: Vec<Diagnostic>,
 }
 
+type Found = Result<Rc<Chosen>, Vec<Diagnostic>>;
+
 /// Chooses graphs by the facts of a request, each file's once.
 pub(super) struct Choices<'a> {
     request: &'a Request<'a>,
     /// None while the file's own includes are being looked at.
-    known: HashMap<FileId, Option<Rc<Chosen>>>,
+    known: HashMap<FileId, Option<Found>>,
 }
 
 impl<'a> Choices<'a> {
@@ -59,14 +61,11 @@ impl<'a> Choices<'a> {
         depth: usize,
     ) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
         if let Some(Some(known)) = self.known.get(&file) {
-            return Ok(known.clone());
+            return known.clone();
         }
         self.known.insert(file, None);
         let chosen = self.first(file, files, depth).map(Rc::new);
-        match &chosen {
-            Ok(chosen) => drop(self.known.insert(file, Some(chosen.clone()))),
-            Err(_) => drop(self.known.remove(&file)),
-        }
+        self.known.insert(file, Some(chosen.clone()));
         chosen
     }
 
@@ -112,8 +111,13 @@ impl<'a> Choices<'a> {
                 }
                 let Ok(chosen) = self.choose(file, files, depth + 1) else { continue };
                 needs.preference &= chosen.unmet.is_empty();
-                needs.unmet.extend(chosen.unmet.iter().cloned());
-                needs.errors.extend(chosen.errors.iter().cloned());
+                // A part that is included several times needs what it needs once.
+                for (unmet, error) in chosen.unmet.iter().zip(&chosen.errors) {
+                    if !needs.unmet.contains(unmet) {
+                        needs.unmet.push(unmet.clone());
+                        needs.errors.push(error.clone());
+                    }
+                }
             }
         }
         Ok(needs)
@@ -130,11 +134,13 @@ struct Needs {
 }
 
 /// Lists the graphs that passes include whatever the parameters are.
-fn always_included(passes: &[PassDecl]) -> impl Iterator<Item = &str> {
-    passes.iter().filter_map(|pass| match pass {
-        PassDecl::Include { graph, when: None, .. } => Some(graph.as_str()),
-        _ => None,
-    })
+fn always_included(passes: &[PassDecl]) -> Vec<&str> {
+    let graphs = passes.iter().flat_map(|pass| match pass {
+        PassDecl::Include { graph, when: None, .. } => vec![graph.as_str()],
+        PassDecl::Repeat { count: Number::Literal(Value::Int(1..)), body, .. } => always_included(body),
+        _ => Vec::new(),
+    });
+    graphs.collect()
 }
 
 fn unmet(require: &[Requirement], names: &Names) -> Result<Needs, Vec<Diagnostic>> {

@@ -313,6 +313,7 @@ impl Lowering<'_> {
             let names = level.handles.keys().map(String::as_str);
             return Err(diagnostic.with_nearest(name, names, ""));
         };
+        level.note_given(name);
         match (handle, part) {
             (None, _) => Ok(None),
             (Some(handle), Part::PreviousFrame) => {

@@ -203,6 +203,41 @@ fn a_part_has_resources_statistics_and_parameters_that_its_includer_binds() {
 }
 
 #[test]
+fn includes_of_one_name_under_opposite_conditions_keep_their_parameters_apart() {
+    let include = r#"
+        Include(graph: "maker", name: "maker", when: "width > 8", expose: All),
+        Include(graph: "maker", name: "maker", when: "width <= 8", set: {"times": 3}, expose: Only(["share"])),"#;
+    let made = |width: &str| {
+        let plan = plan_of_parts(include, &[("width", width)]).unwrap_or_else(|e| panic!("{e}"));
+        plan.passes.iter().filter(|pass| pass.name.starts_with("maker.")).count()
+    };
+    assert_eq!((made("8"), made("9")), (2, 1), "`times` is 3 in the one, and 1 in the other");
+}
+
+#[test]
+fn a_parameter_that_two_includes_share_has_one_default() {
+    let parts = of_parts(
+        r#"Include(graph: "maker", name: "maker", expose: All),
+        Include(graph: "often", name: "other", expose: Only(["times"]), set: {"size": "size"}),"#,
+        "",
+    );
+    let often = r#"Preset(graph: "maker", summary: "", set: {"times": 9})"#;
+    let mut files = SHADERS.to_vec();
+    files.extend(parts.iter().map(|(name, text)| (*name, text.as_str())));
+    files.push(("often.ron", often));
+    let refused = plan_of(&files, &[]).unwrap_err();
+    assert!(refused.contains("this graph has the parameter `times` already"), "{refused}");
+}
+
+#[test]
+fn a_parameter_that_chooses_a_resource_of_a_part_decides_for_its_readers() {
+    let include = r#"Include(graph: "maker", name: "maker", set: {"size": 64}, expose: All),"#;
+    let plan = plan_of_parts(include, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let said = plan.effect_text("times").expect("an effect");
+    assert!(said.contains("show"), "{said}");
+}
+
+#[test]
 fn a_graph_builds_on_the_picture_of_another_whichever_a_choice_takes() {
     let scene = of_parts(r#"Include(graph: "maker", name: "maker", expose: All),"#, "");
     let never = r#"Preset(graph: "scene", summary: "", set: {}, require: [("false", "a miracle")])"#;

@@ -90,7 +90,7 @@ pub struct Graph {
     /// The needs of the graph: conditions over facts, each with words for a person.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
-    /// Parameters, in the order of panels. Each may use the others, but for circles.
+    /// Parameters, in the order of panels. Each may use the others, as long as none needs itself.
     #[serde(default)]
     pub params: IndexMap<String, ParamDecl>,
     /// Named expressions over parameters, facts and the entries before.
@@ -279,7 +279,7 @@ pub enum Port {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Expose {
-    /// All that `set` gives no value.
+    /// All but those that `set` gives a value.
     All,
     /// These. A value that `set` gives is their default.
     Only(Vec<String>),
