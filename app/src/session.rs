@@ -264,7 +264,7 @@ impl<D: Device> Session<D> {
         }
         if plan.stand_ins != self.told {
             self.told.clone_from(&plan.stand_ins);
-            plan.stand_ins.iter().filter(|stand_in| !stand_in.preference).for_each(say);
+            StandIn::lacking(&plan.stand_ins).for_each(say);
         }
         self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress)?;
         self.loaded = Some((Arc::new(plan), size));

@@ -8,7 +8,7 @@ use crate::output::{say, say_styled};
 use crate::planner::{GraphErrors, Planner, without_effect};
 use anyhow::Result;
 use splatgraph_framework::dump;
-use splatgraph_framework::ir::Catalog;
+use splatgraph_framework::ir::{Catalog, StandIn};
 use splatgraph_framework::lower::Standing;
 use splatgraph_framework::oracle::{self, Replay, mutate};
 use splatgraph_framework::plan::Plan;
@@ -148,8 +148,7 @@ fn check(
 ///
 /// None if it lacks nothing.
 fn lacking(Standing { stand_ins, unmet }: Standing) -> Option<String> {
-    let lacking = stand_ins.iter().filter(|stand_in| !stand_in.preference);
-    let mut parts: Vec<String> = lacking.map(ToString::to_string).collect();
+    let mut parts: Vec<String> = StandIn::lacking(&stand_ins).map(ToString::to_string).collect();
     if !unmet.is_empty() {
         let needs: Vec<String> = unmet.iter().map(ToString::to_string).collect();
         let whose = stand_ins.last().map_or("the graph".to_owned(), |last| format!("`{}`", last.taken));

@@ -212,7 +212,7 @@ fn preset_list() -> String {
             "\n\nParameters of {name} for --set, with their values for a million splats in brackets:"
         );
         for group in default.params.chunk_by(|a, b| a.part == b.part) {
-            let title = group[0].part.as_ref().map(|part| format!(" {}:\n", part.replace('_', " ")));
+            let title = group[0].part.as_ref().map(|part| format!(" {part}:\n"));
             let rows = options::two_columns(group.iter().map(row).collect());
             text += &format!("\n{}{rows}", title.unwrap_or_default());
         }

@@ -18,6 +18,7 @@ use crate::inspect::{self, Finding};
 use crate::stats;
 use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Inspect, Pixels, Recovery};
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::ir::StandIn;
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -151,8 +152,7 @@ impl<D: Device> Viewport<D> {
 
     /// Describes what is drawn in place of a graph that the device lacks something for.
     pub fn stand_in(&self) -> Option<String> {
-        let stand_ins = &self.renderer.plan()?.stand_ins;
-        let lacking = stand_ins.iter().filter(|stand_in| !stand_in.preference);
+        let lacking = StandIn::lacking(&self.renderer.plan()?.stand_ins);
         let all: Vec<String> = lacking.map(ToString::to_string).collect();
         (!all.is_empty()).then(|| all.join("; "))
     }

@@ -62,6 +62,13 @@ pub struct StandIn {
     pub preference: bool,
 }
 
+impl StandIn {
+    /// Iterates over graphs that the device cannot run; graphs that a choice merely ranks lower are left out.
+    pub fn lacking(all: &[StandIn]) -> impl Iterator<Item = &StandIn> {
+        all.iter().filter(|stand_in| !stand_in.preference)
+    }
+}
+
 impl fmt::Display for StandIn {
     /// Writes for instance: `splat` stands in for `tiled`, which needs workgroups of 256 invocations (device.max_invocations = 128)
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {

@@ -28,29 +28,19 @@ impl Lowering<'_> {
         place: &Place,
     ) -> Result<bool, Diagnostic> {
         let Some(condition) = when else { return Ok(true) };
-        let at = place.field("when");
-        match self.evaluate(level, condition, &at)? {
-            Some(why) => self.leave_out(level, pass, place, &why),
-            None => return Ok(true),
-        }
-        Ok(false)
-    }
-
-    /// Evaluates a condition, and notes what it depends on. `Some` if it is false.
-    fn evaluate<'p>(
-        &mut self,
-        level: &Level,
-        condition: &'p Number,
-        at: &'p Place,
-    ) -> Result<Option<False<'p>>, Diagnostic> {
+        let at = &place.field("when");
         let (holds, decided) = level.names.traced(|| level.names.truth(condition, at));
         self.shape.extend(&decided);
         level.names.note_decided(&decided);
-        let reason = || match condition {
+        if holds? {
+            return Ok(true);
+        }
+        let reason = match condition {
             Number::Expression(expression) => level.names.traced(|| level.names.reason(expression)).0,
             Number::Literal(_) => None,
         };
-        Ok((!holds?).then(|| False { condition, at, reason: reason(), decided }))
+        self.leave_out(level, pass, place, &False { condition, at, reason, decided });
+        Ok(false)
     }
 
     /// Exchanges the halves of a ping-pong resource.
@@ -85,7 +75,8 @@ impl Lowering<'_> {
         }
         let chooses = shaders.iter().filter(|shader| is_choice(&shader.text));
         let chosen: Vec<ParamSet> = chooses.map(|shader| level.names.named(shader)).collect();
-        let shaders = shaders.into_iter().filter_map(|shader| level.names.shader(shader)).collect();
+        let shader = |text: &Expression| self.shader(level, text, why.at).ok().map(|shader| shader.name);
+        let shaders = shaders.into_iter().filter_map(shader).collect();
         let numbers = numbers.into_iter().flat_map(|number| level.names.named_by(number));
         let numbers = numbers.chain(chosen.into_iter().flatten());
         let choices = users.iter().flat_map(|user| level.names.named_by_choice(user));

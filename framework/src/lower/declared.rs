@@ -1,4 +1,4 @@
-//! The parameters of a graph: its own, and those that it exposes of the graphs that it includes.
+//! The parameters of a graph: its own, and the exposed parameters of included graphs.
 //!
 //! An exposed parameter is the includer's as if its declaration stood after the includer's own: its default and its range are
 //! evaluated over the includer's parameters, and its value is the included graph's as well. Two includes that expose a parameter of one
@@ -9,12 +9,10 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::rc::Rc;
 
 use super::document::{MAX_DEPTH, Opened, Setting};
-use super::params::unknown;
 use super::require::Choices;
 use super::scope::Place;
-use crate::expr::Expr;
-use crate::ir::FileId;
-use crate::schema::{Expose, Expression, Graph, Number, ParamDecl, ParamKind, PassDecl};
+use crate::ir::{FileId, Span};
+use crate::schema::{Expose, Graph, Number, ParamDecl, ParamKind, PassDecl};
 use crate::source::{Diagnostic, Kind, Path, SourceMap};
 
 /// A parameter of a graph, with the file that declares it.
@@ -36,13 +34,33 @@ impl Declared {
         &self.graph.params[&self.name]
     }
 
-    /// The names in its expressions, and in what is set in place of its default.
-    pub fn names<'a>(&'a self, setting: Option<&'a Setting>) -> BTreeSet<&'a str> {
-        let expressions = expressions(self.declaration(), self.default.as_ref(), setting).into_iter();
-        expressions
-            .flat_map(|expression| expression.parsed.iter().flat_map(Expr::names))
-            .map(|(name, _)| name)
-            .collect()
+    /// Collects the names in its expressions and in `setting`, which replaces its default.
+    pub fn names(&self, setting: Option<&Setting>) -> BTreeSet<String> {
+        let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = self.declaration();
+        let default = self.default.as_ref().map_or_else(|| kind.default(), |setting| setting.number.clone());
+        let mut numbers = vec![default];
+        numbers.extend(kind.exact());
+        numbers.extend(setting.map(|setting| setting.number.clone()));
+        // Of a choice, a text that is one of its names stands for itself.
+        let mut texts: &[String] = &[];
+        match kind {
+            ParamKind::Bool { .. } => {}
+            ParamKind::Int { range, .. } => numbers.extend([range.0.clone(), range.1.clone()]),
+            ParamKind::Float { range, step, .. } => {
+                numbers.extend([range.0.clone(), range.1.clone()].into_iter().chain(step.clone()));
+            }
+            ParamKind::Choice { of, .. } => texts = of,
+        }
+        let mut names = BTreeSet::new();
+        for number in &numbers {
+            if let Number::Expression(expression) = number
+                && !texts.contains(&expression.text)
+                && let Ok(parsed) = &expression.parsed
+            {
+                names.extend(parsed.names().map(|(name, _)| name.to_owned()));
+            }
+        }
+        names
     }
 
     /// The graph whose statistics it can grow with.
@@ -60,14 +78,14 @@ pub(super) struct Parameters {
     pub all: Vec<Declared>,
     /// The parameters that each include exposes, by the include's place in the file.
     pub exposed: Exposed,
-    /// Of a graph that was chosen: names that a preset of the choice may set, since other graphs of the choice have them.
+    /// Names that a preset of a choice may set, since other graphs of the choice have them.
     pub elsewhere: BTreeSet<String>,
 }
 
 impl Parameters {
-    /// Lists indices so that each parameter comes after those that its expressions name, and else in their order.
+    /// Sorts parameters by dependency, and by declaration where there is none; returns their indices.
     ///
-    /// `settings` stand in for defaults. Parameters in a circle, and those that need them, come last.
+    /// `settings` replace defaults. Parameters on a cycle, and their dependants, come last.
     pub fn order(&self, settings: &IndexMap<String, Setting>) -> Vec<usize> {
         let known: BTreeMap<&str, usize> =
             self.names().enumerate().map(|(index, name)| (name, index)).collect();
@@ -75,7 +93,8 @@ impl Parameters {
         let mut needs = vec![0; self.all.len()];
         for (index, declared) in self.all.iter().enumerate() {
             let names = declared.names(settings.get(&declared.name));
-            let names: BTreeSet<usize> = names.iter().filter_map(|name| known.get(name).copied()).collect();
+            let names: BTreeSet<usize> =
+                names.iter().filter_map(|name| known.get(name.as_str()).copied()).collect();
             needs[index] = names.len();
             names.into_iter().for_each(|name| needed_by[name].push(index));
         }
@@ -94,6 +113,17 @@ impl Parameters {
         order
     }
 
+    /// Makes the error for a name that no parameter has.
+    pub fn unknown(&self, name: &str, span: Span, label: &str) -> Diagnostic {
+        let all: Vec<_> = self.names().map(|known| format!("`{known}`")).collect();
+        let otherwise = match all[..] {
+            [] => "this graph has no parameters".to_string(),
+            _ => format!("it has {}", all.join(", ")),
+        };
+        let diagnostic = Diagnostic::new(format!("the graph has no parameter `{name}`"), span, label);
+        diagnostic.with_nearest(name, self.names(), otherwise)
+    }
+
     pub fn contains(&self, name: &str) -> bool {
         self.all.iter().any(|declared| declared.name == name)
     }
@@ -101,39 +131,6 @@ impl Parameters {
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.all.iter().map(|declared| declared.name.as_str())
     }
-}
-
-/// The expressions of a declaration, with what replaces the default, and that of what is set.
-fn expressions<'a>(
-    declaration: &'a ParamDecl,
-    replaced: Option<&'a Setting>,
-    setting: Option<&'a Setting>,
-) -> Vec<&'a Expression> {
-    let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
-    let (default, range, step, exact) = match kind {
-        ParamKind::Bool { default, exact, .. } => (Some(default), None, None, exact.as_ref()),
-        ParamKind::Int { default, range, exact, .. } => (Some(default), Some(range), None, exact.as_ref()),
-        ParamKind::Float { default, range, step, exact, .. } => {
-            (Some(default), Some(range), step.as_ref(), exact.as_ref())
-        }
-        ParamKind::Choice { .. } => (None, None, None, None),
-    };
-    // Of a choice, a text that is one of its names stands for itself.
-    let (chosen, names): (Vec<&Expression>, &[String]) = match kind {
-        ParamKind::Choice { default, of, exact, .. } => {
-            (exact.iter().chain(replaced.is_none().then_some(default)).collect(), of)
-        }
-        _ => (Vec::new(), &[]),
-    };
-    let default = replaced.map(|setting| &setting.number).or(default);
-    let ends = range.into_iter().flat_map(|(from, to)| [from, to]);
-    let setting = setting.map(|setting| &setting.number);
-    let numbers = default.into_iter().chain(ends).chain(step).chain(exact).chain(setting);
-    let expressions = numbers.filter_map(|number| match number {
-        Number::Expression(expression) => Some(expression),
-        Number::Literal(_) => None,
-    });
-    expressions.chain(chosen).filter(|expression| !names.contains(&expression.text)).collect()
 }
 
 /// Parameters by the file of their graph, each listed once: parts may include parts several times over.
@@ -153,7 +150,7 @@ pub(super) fn parameters(
     let mut found = collect.graph(opened)?;
     if opened.set.keys().any(|name| !found.contains(name)) {
         for other in opened.others.iter() {
-            // The mistakes of a graph that is not drawn are told where it is.
+            // Errors of a candidate are reported when it is drawn.
             if let Ok(other) = collect.graph(other) {
                 Rc::make_mut(&mut found).elsewhere.extend(other.names().map(str::to_owned));
             }
@@ -235,7 +232,7 @@ impl Collect<'_, '_> {
         if let Expose::Only(names) = expose
             && let Some(i) = names.iter().position(|wanted| !inner.contains(wanted))
         {
-            return Err(vec![unknown(&names[i], at.index(0).index(i).span(), "exposed here", inner.names())]);
+            return Err(vec![inner.unknown(&names[i], at.index(0).index(i).span(), "exposed here")]);
         }
         for declared in &inner.all {
             let wanted = match expose {

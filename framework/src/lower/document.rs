@@ -152,7 +152,7 @@ impl Follow<'_> {
         }
     }
 
-    /// Goes on to the graph that a preset or a choice names at `at`. `circle` says what is wrong if that leads back.
+    /// Follows a preset's or a choice's reference at `at`. `circle` is the error message for a cycle.
     fn next(
         &mut self,
         file: FileId,

@@ -11,7 +11,7 @@ use super::passes::{Level, Lowering, Scope};
 use super::resources::Handle;
 use super::scope::{Names, Place};
 use crate::ir::{Param, ParamSet, Value};
-use crate::schema::{Number, ParamDecl, Reference, ResourceName, is_choice};
+use crate::schema::{Graph, Number, ParamDecl, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Path};
 
 /// An include as written, besides its condition.
@@ -58,11 +58,8 @@ impl Lowering<'_> {
                 return Ok(());
             }
         };
-        let declarations = parameters.all.len()
-            + [opened.graph.lets.len(), opened.graph.imports.len(), opened.graph.resources.len()]
-                .iter()
-                .sum::<usize>();
-        if !self.count(declarations, place) {
+        let Graph { lets, imports, resources, .. } = &*opened.graph;
+        if !self.count(parameters.all.len() + lets.len() + imports.len() + resources.len(), place) {
             return Ok(());
         }
         let (names, params) = self.include_params(level, opened, &parameters, include)?;
@@ -152,12 +149,12 @@ impl Lowering<'_> {
             let Value::Text(text) = value else { continue };
             let parsed = ResourceName::parse(text).filter(|_| !is_choice(text));
             if let (Some(of), false) = (parsed, given.contains_key(name))
-                && inner.handles.contains_key(&of.name)
+                && let Some(handle) = inner.handles.get(&of.name)
             {
                 let mut params = inner.names.params.get(name).cloned().unwrap_or_default();
                 params.extend(inner.given.get(&of.name).into_iter().flatten());
                 decided.insert(name.clone(), params);
-                given.insert(name.clone(), self.handle(inner, &of));
+                given.insert(name.clone(), handle.as_ref().and_then(|handle| self.part(handle, of.part)));
             }
         }
         if inner.graph.output.is_some() {
@@ -169,8 +166,7 @@ impl Lowering<'_> {
         level.given.extend(decided.into_iter().map(|(name, params)| (format!("{include}.{name}"), params)));
     }
 
-    /// The parameters of an included graph: those that the includer has as well, and else from `set`, in the includer's names, over
-    /// its own defaults.
+    /// Resolves an included graph's parameters: exposed ones take the includer's value, the others `set` or their own default.
     fn include_params(
         &self,
         level: &Level,
@@ -182,20 +178,10 @@ impl Lowering<'_> {
         if let Some((name, setting)) =
             opened.set.iter().find(|(k, _)| !parameters.contains(k) && !parameters.elsewhere.contains(*k))
         {
-            return Err(params::unknown(
-                name,
-                setting.outline.key(&setting.path),
-                "set here",
-                parameters.names(),
-            ));
+            return Err(parameters.unknown(name, setting.outline.key(&setting.path), "set here"));
         }
         if let Some(name) = set.keys().find(|k| !parameters.contains(k)) {
-            return Err(params::unknown(
-                name,
-                place.field("set").field(name).key(),
-                "set here",
-                parameters.names(),
-            ));
+            return Err(parameters.unknown(name, place.field("set").field(name).key(), "set here"));
         }
         let exposed = level.exposed.get(&place.path);
         let mut names = Names::of(self.request.facts);

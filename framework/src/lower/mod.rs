@@ -6,9 +6,9 @@
 //! does not look at shaders; whether the names under `bind` exist is checked by linking.
 //!
 //! Files: `document` loads files and follows presets and choices; `require` takes the first graph of a choice whose needs hold;
-//! `declared` lists a graph's parameters, `params` gives them values, and `defines` turns them into preprocessor defines; `scope` evaluates expressions;
-//! `resources` numbers buffers and images; `passes` walks the passes, `conditions` leaves some of them out; `include` lowers
-//! included graphs.
+//! `declared` lists a graph's parameters, `params` gives them values, and `defines` turns them into preprocessor defines; `scope`
+//! evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes, `conditions` leaves some of them out,
+//! and `include` lowers included graphs; `results` finds the output and the statistics.
 
 mod conditions;
 mod declared;
@@ -19,6 +19,7 @@ mod params;
 mod passes;
 mod require;
 mod resources;
+mod results;
 mod scope;
 
 use std::collections::BTreeMap;
@@ -324,7 +325,7 @@ pub struct Control {
     pub label: String,
     /// A sentence, or nothing.
     pub help: String,
-    /// The include that it is exposed of; none for the graph's own.
+    /// The title of the part that it is exposed of; none for the graph's own.
     pub part: Option<String>,
 }
 
@@ -346,7 +347,12 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
     let control = |(param, declared): (Param, &Declared)| {
         let (label, help) = params::texts(declared.declaration());
         let label = if label.is_empty() { param.name.replace('_', " ") } else { folded(label) };
-        Control { label, help: folded(help), part: declared.part.clone(), param }
+        Control {
+            label,
+            help: folded(help),
+            part: declared.part.as_ref().map(|part| part.replace('_', " ")),
+            param,
+        }
     };
     let controls = resolved.params.into_iter().zip(&parameters.all).map(control).collect();
     Ok((folded(&chosen.opened.summary), controls))

@@ -39,14 +39,14 @@ pub(super) fn resolve(
 ) -> Resolved {
     let unknown_here = |name: &str| !parameters.contains(name) && !parameters.elsewhere.contains(name);
     for (name, setting) in root.set.iter().filter(|(name, _)| unknown_here(name)) {
-        errors.push(unknown(name, setting.outline.key(&setting.path), "set here", parameters.names()));
+        errors.push(parameters.unknown(name, setting.outline.key(&setting.path), "set here"));
     }
     let mut texts = Vec::new();
     for (name, value) in request.set {
         let file = files.add("--set", format!("{name}={value}"));
         if !parameters.contains(name) {
             let span = Span { file, start: 0, end: name.len() };
-            errors.push(unknown(name, span, "set here", parameters.names()));
+            errors.push(parameters.unknown(name, span, "set here"));
         }
         let span = Span { file, start: name.len() + 1, end: name.len() + 1 + value.len() };
         texts.push((name.as_str(), Text { value, span }));
@@ -61,7 +61,7 @@ pub(super) fn resolve(
     for index in parameters.order(&root.set) {
         let declared = &parameters.all[index];
         let name = &declared.name;
-        if declared.names(root.set.get(name)).iter().any(|name| failed.contains(name)) {
+        if declared.names(root.set.get(name)).iter().any(|name| failed.contains(name.as_str())) {
             // Its own error would only follow from that one.
             failed.insert(name);
             continue;
@@ -105,26 +105,6 @@ pub(super) fn resolve(
     Resolved { params, names, live_bytes: live_bytes(parameters.all.len()), live, skipped }
 }
 
-/// A setting of a parameter that the graph does not have; `known` are those that it has.
-pub(super) fn unknown<'a>(
-    name: &str,
-    span: Span,
-    label: &str,
-    known: impl Iterator<Item = &'a str>,
-) -> Diagnostic {
-    let known: Vec<&str> = known.collect();
-    let all: Vec<_> = known.iter().map(|k| format!("`{k}`")).collect();
-    let otherwise = match all[..] {
-        [] => "this graph has no parameters".to_string(),
-        _ => format!("it has {}", all.join(", ")),
-    };
-    Diagnostic::new(format!("the graph has no parameter `{name}`"), span, label).with_nearest(
-        name,
-        known.iter().copied(),
-        otherwise,
-    )
-}
-
 /// A parameter with the parameters of the root graph that it depends on, besides itself.
 struct Made {
     param: Param,
@@ -161,7 +141,7 @@ fn one(
         Some(Setting { number, outline, path }) => {
             (number.clone(), Place { outline: outline.clone(), path: path.clone() })
         }
-        None => (written_default(kind), kind_place.field("default")),
+        None => (kind.default(), kind_place.field("default")),
     };
     let (found, range) = names.traced(|| domain(kind, &kind_place, &written, names));
     let (domain, default, exact) = found?;
@@ -246,9 +226,9 @@ fn domain(
         }
     };
     let empty = |at: Place| Err(at.error("this range is empty", "its end is below its start"));
-    let (domain, exact) = match kind {
-        ParamKind::Bool { exact, .. } => (Domain::Bool, exact.clone()),
-        ParamKind::Int { range, exact, .. } => {
+    let domain = match kind {
+        ParamKind::Bool { .. } => Domain::Bool,
+        ParamKind::Int { range, .. } => {
             let at = place.field("range");
             let bound = |number: &Number, index: usize| {
                 let v = names.integer(number, &at.index(index))?;
@@ -262,9 +242,9 @@ fn domain(
             if max < min {
                 return empty(at);
             }
-            (Domain::Int { min, max }, exact.clone())
+            Domain::Int { min, max }
         }
-        ParamKind::Float { range, step, exact, .. } => {
+        ParamKind::Float { range, step, .. } => {
             let (min, max) = (bound(&range.0, 0)?, bound(&range.1, 1)?);
             if max < min {
                 return empty(place.field("range"));
@@ -280,15 +260,13 @@ fn domain(
                     other => return Err(place.field("step").error("a step is a number", describe(&other))),
                 },
             };
-            (Domain::Float { min, max, step }, exact.clone())
+            Domain::Float { min, max, step }
         }
         // A name of the list, or an expression that comes to one.
-        ParamKind::Choice { of, exact, .. } => {
-            (Domain::Choice(of.clone()), exact.clone().map(Number::Expression))
-        }
+        ParamKind::Choice { of, .. } => Domain::Choice(of.clone()),
     };
     let default = given(default, &domain, names, default_at)?;
-    let exact = exact.as_ref().map(|e| value(e, "exact", &domain)).transpose()?;
+    let exact = kind.exact().map(|e| value(&e, "exact", &domain)).transpose()?;
     Ok((domain, default, exact))
 }
 
@@ -308,16 +286,6 @@ pub(super) fn given(
         _ => names.evaluate(number, at)?,
     };
     within(value, domain).map_err(|m| at.error("this value does not fit the parameter", m))
-}
-
-/// The default as it stands in the file.
-fn written_default(kind: &ParamKind) -> Number {
-    match kind {
-        ParamKind::Bool { default, .. }
-        | ParamKind::Int { default, .. }
-        | ParamKind::Float { default, .. } => default.clone(),
-        ParamKind::Choice { default, .. } => Number::Expression(default.clone()),
-    }
 }
 
 /// The reason for a value that [`given`] returns, the parameters that it depends on, and those that its expression names besides:

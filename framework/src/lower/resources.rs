@@ -314,29 +314,23 @@ impl Lowering<'_> {
             return Err(diagnostic.with_nearest(name, names, ""));
         };
         level.note_given(name);
-        match (handle, part) {
-            (None, _) => Ok(None),
-            (Some(handle), Part::PreviousFrame) => {
-                match self.histories.iter().find(|history| history.of == *handle) {
-                    Some(history) => Ok(Some(vec![history.previous_frame])),
-                    None => Err(Diagnostic::new(
-                        format!("`{name}` has no history"),
-                        span,
-                        "declared without `history: true`",
-                    )),
-                }
+        let Some(handle) = handle else { return Ok(None) };
+        match self.part(handle, *part) {
+            Some(Handle::Plain(ids)) => Ok(Some(ids)),
+            Some(Handle::PingPong(index)) => {
+                let pair = &self.ping_pongs[index];
+                Ok(Some(vec![pair.halves[pair.front]]))
             }
-            (Some(Handle::Plain(ids)), Part::Whole) => Ok(Some(ids.clone())),
-            (Some(Handle::Plain(_)), _) => Err(Diagnostic::new(
+            None if *part == Part::PreviousFrame => Err(Diagnostic::new(
+                format!("`{name}` has no history"),
+                span,
+                "declared without `history: true`",
+            )),
+            None => Err(Diagnostic::new(
                 format!("`{name}` has no front and back"),
                 span,
                 "declared without `ping_pong: true`",
             )),
-            (Some(Handle::PingPong(index)), part) => {
-                let pair = &self.ping_pongs[*index];
-                let side = if *part == Part::Back { 1 - pair.front } else { pair.front };
-                Ok(Some(vec![pair.halves[side]]))
-            }
         }
     }
 
@@ -429,18 +423,17 @@ impl Lowering<'_> {
         }
     }
 
-    /// The handle behind a name that is known; none if its declaration is in error.
-    pub(super) fn handle(&self, level: &Level, name: &ResourceName) -> Option<Handle> {
-        let handle = level.handles.get(&name.name)?.clone()?;
-        match (&handle, name.part) {
-            (_, Part::Whole) => Some(handle),
+    /// Selects a part of a resource; none if it has no such part. The whole of a ping-pong buffer stays a pair.
+    pub(super) fn part(&self, handle: &Handle, part: Part) -> Option<Handle> {
+        match (handle, part) {
+            (_, Part::Whole) => Some(handle.clone()),
             (Handle::PingPong(index), Part::Front | Part::Back) => {
                 let pair = &self.ping_pongs[*index];
-                let side = if name.part == Part::Back { 1 - pair.front } else { pair.front };
+                let side = if part == Part::Back { 1 - pair.front } else { pair.front };
                 Some(Handle::Plain(vec![pair.halves[side]]))
             }
             (_, Part::PreviousFrame) => {
-                let history = self.histories.iter().find(|history| history.of == handle)?;
+                let history = self.histories.iter().find(|history| history.of == *handle)?;
                 Some(Handle::Plain(vec![history.previous_frame]))
             }
             (Handle::Plain(_), _) => None,

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use super::{Extent, Values};
 use crate::expr::{ExprError, Scope};
 use crate::ir::{Facts, ParamSet, Reason, Span, Value};
-use crate::schema::{self, Expression, Number, Reference, is_choice};
+use crate::schema::{self, Expression, Number, Reference};
 use crate::source::{Diagnostic, Outline, Path};
 
 /// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables.
@@ -157,17 +157,6 @@ impl Names {
     pub fn named(&self, expression: &Expression) -> ParamSet {
         let names = expression.parsed.iter().flat_map(|expr| expr.names());
         names.filter_map(|(name, _)| self.params.get(name)).flatten().copied().collect()
-    }
-
-    /// The file name of a shader; none where its choice has no value.
-    pub fn shader(&self, text: &Expression) -> Option<String> {
-        if !is_choice(&text.text) {
-            return Some(text.text.clone());
-        }
-        match self.traced(|| text.parsed.as_ref().ok()?.eval(self).ok()).0 {
-            Some(Value::Text(name)) => Some(name),
-            _ => None,
-        }
     }
 
     /// The value of `number`, which stands at `place`.

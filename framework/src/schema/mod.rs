@@ -244,6 +244,28 @@ pub enum ParamKind {
     },
 }
 
+impl ParamKind {
+    /// Returns the default as it stands in the file.
+    pub fn default(&self) -> Number {
+        match self {
+            ParamKind::Bool { default, .. }
+            | ParamKind::Int { default, .. }
+            | ParamKind::Float { default, .. } => default.clone(),
+            ParamKind::Choice { default, .. } => Number::Expression(default.clone()),
+        }
+    }
+
+    /// Returns the value that costs no accuracy, as it stands in the file.
+    pub fn exact(&self) -> Option<Number> {
+        match self {
+            ParamKind::Bool { exact, .. } | ParamKind::Int { exact, .. } | ParamKind::Float { exact, .. } => {
+                exact.clone()
+            }
+            ParamKind::Choice { exact, .. } => exact.clone().map(Number::Expression),
+        }
+    }
+}
+
 /// Imports data of the scene or the host.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -279,7 +301,7 @@ pub enum Port {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Expose {
-    /// All but those that `set` gives a value.
+    /// Every parameter that `set` does not name.
     All,
     /// These. A value that `set` gives is their default.
     Only(Vec<String>),

@@ -138,7 +138,7 @@ impl State {
 /// Names the group of a parameter: the part of the graph that owns it, or in a graph without parts the phase whose passes depend on it.
 fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     if let Some(part) = &control.part {
-        return part.replace('_', " ");
+        return part.clone();
     }
     if has_parts {
         return "this graph".to_owned();
