@@ -31,6 +31,8 @@ use splatgraph_framework::ir::{Domain, Value};
 use std::collections::VecDeque;
 use std::fs;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 
 /// Nothing takes so long, on whatever machine.
@@ -403,14 +405,30 @@ impl<D: Device> Monkey<D> {
 fn random_actions_leave_the_tools_whole_on_every_preset() {
     let presets = builtin::names();
     let each = if common::long() { 10_000 } else { 2_000 / presets.len() + 1 };
-    for (index, preset) in presets.iter().enumerate() {
-        let (canvas, journal) = splatgraph_null::open(&Default::default());
-        let canvas = canvas.expect("the device opens");
-        let device = canvas.new_context().expect("a second executor");
-        let mut monkey = Monkey::new(canvas, device, preset, 77 + index as u64);
-        // The record of the calls is not looked at, and grows.
-        monkey.play(each, || _ = journal.take());
-    }
+    let turn = AtomicUsize::new(0);
+    let walkers = if common::long() { available_parallelism().map_or(1, usize::from) } else { 1 };
+    std::thread::scope(|scope| {
+        for _ in 0..walkers {
+            scope.spawn(|| {
+                while let Some(preset) = presets.get(turn.fetch_add(1, Ordering::Relaxed)) {
+                    walk_on_null(preset, each);
+                    if common::long() {
+                        eprintln!("{preset}: {each} actions");
+                    }
+                }
+            });
+        }
+    });
+}
+
+fn walk_on_null(preset: &str, actions: usize) {
+    let (canvas, journal) = splatgraph_null::open(&Default::default());
+    let canvas = canvas.expect("the device opens");
+    let device = canvas.new_context().expect("a second executor");
+    let seed = 77 + builtin::names().iter().position(|name| *name == preset).expect("it is shipped") as u64;
+    let mut monkey = Monkey::new(canvas, device, preset, seed);
+    // The record of the calls is not looked at, and grows.
+    monkey.play(actions, || _ = journal.take());
 }
 
 #[test]
