@@ -33,6 +33,24 @@ impl Format {
         }
     }
 
+    /// Finds the format that has this name in another API: `Rgba16Float`, `R16G16B16A16_SFLOAT`, `RGBA16F`.
+    pub fn meant_by(name: &str) -> Option<Format> {
+        let kept = |text: &str| -> String {
+            text.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
+        };
+        // The number type: Vulkan's and WebGPU's words for the letters of GLSL.
+        let glsl = kept(name)
+            .replace("sfloat", "f")
+            .replace("float", "f")
+            .replace("uint", "ui")
+            .replace("unorm", "");
+        let glsl = ["8", "16", "32"].into_iter().fold(glsl, |glsl, bits| {
+            let each = ["r", "g", "b", "a"].map(|channel| format!("{channel}{bits}")).concat();
+            glsl.replace(&each, &format!("rgba{bits}"))
+        });
+        Format::ALL.into_iter().find(|format| format.name() == glsl)
+    }
+
     /// Returns the size of a pixel in bytes.
     pub fn bytes_per_pixel(self) -> u32 {
         match self {
@@ -74,4 +92,27 @@ pub enum Blend {
     /// Front to back, `s` premultiplied, `d.a` holds the transmittance (cleared to 1):
     /// `d.rgb = d.a s.rgb + d.rgb`, `d.a = (1 - s.a) d.a`.
     TransmittanceUnder,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_other_apis_mean_the_same_format() {
+        for (name, meant) in [
+            ("Rgba16Float", Some(Format::Rgba16Float)),
+            ("RGBA16F", Some(Format::Rgba16Float)),
+            ("R16G16B16A16_SFLOAT", Some(Format::Rgba16Float)),
+            ("rgba32-float", Some(Format::Rgba32Float)),
+            ("rgba8unorm", Some(Format::Rgba8Unorm)),
+            ("R8G8B8A8_UNORM", Some(Format::Rgba8Unorm)),
+            ("r32uint", Some(Format::R32Uint)),
+            ("R32Float", Some(Format::R32Float)),
+            ("bgra8unorm", None),
+            ("", None),
+        ] {
+            assert_eq!(Format::meant_by(name), meant, "{name}");
+        }
+    }
 }

@@ -182,10 +182,21 @@ impl Linker<'_> {
                         format!("`{name}` of `{shader}` is a storage buffer"),
                     ));
                 } else if let Some(theirs) = stride.filter(|s| *s as u64 != ours) {
-                    wrong = wrong.or(error(
+                    let found = error(
                         format!("`{name}` of `{shader}` has elements of {theirs} bytes"),
                         format!("`{}` has elements of {ours} bytes", first.name),
-                    ));
+                    );
+                    // The stride of `vec3[]` in std430 and std140.
+                    wrong = wrong.or(if (theirs, ours) == (16, 12) {
+                        found.map(|error| {
+                            error.with_help(
+                                "in an array, a `vec3` takes 16 bytes; three floats in a struct take 12: \
+                                 `struct Vector { float x, y, z; };`",
+                            )
+                        })
+                    } else {
+                        found
+                    });
                 } else if *fixed_bytes as u64 > ours * count {
                     wrong = wrong.or(error(
                         format!("`{name}` of `{shader}` has {fixed_bytes} bytes"),

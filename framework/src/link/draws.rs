@@ -35,11 +35,7 @@ impl Linker<'_> {
         let shader = self.shaders[fragment.index()].clone();
         let outputs = shader.reflection.outputs.len();
         if outputs != targets.len() || targets.is_empty() {
-            self.errors.push(Diagnostic::new(
-                format!("`{}` has {outputs} outputs", shader.name),
-                pass,
-                format!("this pass has {} targets", targets.len()),
-            ));
+            self.errors.push(outputs_and_targets(&shader.name, outputs, targets.len(), pass));
             return;
         }
         let mut size = None;
@@ -81,5 +77,26 @@ impl Linker<'_> {
             };
             touch(uses, target.image, Stages::COLOR_OUTPUT, accesses, Some(Layout::ColorTarget), discards);
         }
+    }
+}
+
+/// Describes a draw whose fragment shader does not write one output for each target, or that has neither.
+fn outputs_and_targets(shader: &str, outputs: usize, targets: usize, pass: Span) -> Diagnostic {
+    let counted = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+    let expected = match targets {
+        0 => "at least one output and one target".to_owned(),
+        _ => format!("{} of `{shader}`, one for each target", counted(targets, "output")),
+    };
+    let (outputs_found, targets_found) = (counted(outputs, "output"), counted(targets, "target"));
+    let message = format!("expected {expected}, found {outputs_found}");
+    let error = Diagnostic::new(message, pass, format!("this pass has {targets_found}"));
+    // The side that has fewer is the one to mend.
+    if outputs < targets.max(1) {
+        error.with_help(format!(
+            "an output is a line of the shader: `layout(location = {outputs}) out vec4 colour;`"
+        ))
+    } else {
+        let target = "Target(image: \"name of an image\", load: Clear(0, 0, 0, 0), blend: Replace)";
+        error.with_help(format!("name an image for each output: `targets: [{target}]`"))
     }
 }

@@ -10,8 +10,8 @@ mod effects;
 mod races;
 
 use crate::ir::{
-    Accesses, DeviceFacts, DrawCall, FileId, Groups, Layout, Pass, Request, Run, Shader, ShaderStage, Shape,
-    Span, Stages, Use, Work,
+    Accesses, DeviceFacts, DrawCall, Features, FileId, Groups, Layout, Pass, Request, Run, Shader,
+    ShaderStage, Shape, Span, Stages, Use, Work,
 };
 use crate::lower::{
     Extent, Lowered, LoweredPass, LoweredResource, LoweredSize, LoweredWork, ResourceHandle, ShaderName,
@@ -293,13 +293,20 @@ impl Linker<'_> {
     fn features(&mut self, id: ShaderHandle, span: Span) {
         let shader = &self.shaders[id.index()];
         let missing = shader.reflection.features.difference(self.device.features);
-        if !missing.is_empty() {
-            self.errors.push(Diagnostic::new(
-                format!("`{}` needs {missing}", shader.name),
-                span,
-                "the device does not have this",
-            ));
+        if missing.is_empty() {
+            return;
         }
+        let message = format!("`{}` needs {missing}", shader.name);
+        let error = Diagnostic::new(message, span, "the device does not have this");
+        // No fact tells of stores in draws, so a graph cannot `require` them.
+        let error = match missing.intersects(Features::VERTEX_STORES | Features::FRAGMENT_STORES) {
+            true => error.with_help(
+                "for every device, let a `Dispatch` write this, or draw it to a target of its own: \
+                 `targets` takes several images",
+            ),
+            false => error,
+        };
+        self.errors.push(error);
     }
 
     /// Checks a compute shader's workgroup against the device.

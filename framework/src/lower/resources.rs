@@ -224,7 +224,10 @@ impl Lowering<'_> {
         // A single word that nothing is called is a misspelt format rather than an expression.
         let wrong = |name: &str| {
             let diagnostic = place.error(format!("there is no format `{name}`"), "cannot be used");
-            diagnostic.with_nearest(name, all, format!("there are {}", all.join(", ")))
+            match Format::meant_by(name) {
+                Some(meant) => diagnostic.with_help(format!("did you mean `{}`?", meant.name())),
+                None => diagnostic.with_nearest(name, all, format!("there are {}", all.join(", "))),
+            }
         };
         if is_identifier(text) && !level.names.values.contains_key(text) {
             return Err(wrong(text));

@@ -450,6 +450,16 @@ impl<'a> Parser<'a> {
         }
         let (before, next) = (&self.tokens[self.at - 1], &self.tokens[self.at]);
         let end = before.end;
+        // `Threads(scene.count)`: a name of two words.
+        if before.end == next.start
+            && before.kind == TokenKind::Identifier
+            && self.text[next.start..next.end].starts_with('.')
+        {
+            let place = before.start..next.end;
+            let name = &self.text[place.clone()];
+            let error = self.error(place, format!("`{name}` is not in quotes"), "an expression");
+            return Box::new(error.with_help(format!("write it as a text: `\"{name}\"`")));
+        }
         let error = self.error(end..end, "a comma is missing", &format!("expected `,` or `{closer}` here"));
         let is_text = |token: &Token| matches!(token.kind, TokenKind::Text(_));
         // `name: "a, shader: "b"`: the second quote was meant to open a text, and closed one.

@@ -242,6 +242,9 @@ fn missing_and_wrong_punctuation_is_pointed_at() {
     fails("", "the file is empty", "");
     fails(" // only a comment", "the file is empty", "");
     fails("[1, #![enable(x)] 2]", "expected a value, found an attribute", "#![enable(x)]");
+    let error = fails("(a: b(scene.count), c: 1)", "`scene.count` is not in quotes", "scene.count");
+    assert_eq!(error.help, ["write it as a text: `\"scene.count\"`"]);
+    fails("[a .5]", "a comma is missing", "");
     let error = fails("(a: \"x, b: \"y\")", "a comma is missing", "");
     assert_eq!(error.help, ["or a quote is missing or too many, here or before"]);
 }
