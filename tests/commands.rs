@@ -147,7 +147,10 @@ fn every_preset_passes_its_check_and_every_command_teaches() {
     let (verdicts, widths): (Vec<&str>, Vec<&str>) = text.lines().partition(|line| !line.starts_with(' '));
     assert_eq!(
         verdicts.len(),
-        splatgraph::builtin::names().len() + splatgraph::bench::GRAPHS.len() + 1,
+        splatgraph::builtin::names().len()
+            + splatgraph::builtin::filters().len()
+            + splatgraph::bench::GRAPHS.len()
+            + 1,
         "{text}"
     );
     assert!(verdicts.iter().all(|line| line.ends_with(": OK")), "{text}");
@@ -170,6 +173,9 @@ fn every_preset_passes_its_check_and_every_command_teaches() {
         "render",
         "dump",
         "check",
+        "new",
+        "source",
+        "params",
         "info",
         "compare",
         "synth",

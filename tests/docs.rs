@@ -92,3 +92,61 @@ fn every_relative_link_leads_to_a_file_and_every_anchor_to_a_heading() {
     assert!(checked > 50, "only {checked} links were found in the pages");
     assert!(broken.is_empty(), "these links lead nowhere:\n{}", broken.join("\n"));
 }
+
+/// The listings of a page: the link in the line before each, and the text. Only those below a link to a file count.
+fn listings(text: &str) -> Vec<(String, String)> {
+    let (mut found, mut link, mut open): (Vec<(String, String)>, Option<String>, bool) = Default::default();
+    for line in text.lines() {
+        if line.starts_with("```") {
+            open = !open && link.is_some();
+            if let Some(link) = link.take().filter(|_| open) {
+                found.push((link, String::new()));
+            }
+        } else if open && let Some((_, listing)) = found.last_mut() {
+            *listing += &format!("{line}\n");
+        } else if !line.trim().is_empty() {
+            let target = line.rsplit_once("](").and_then(|(_, rest)| rest.split_once(')'));
+            link = target.filter(|(_, behind)| *behind == ":").map(|(target, _)| target.to_owned());
+        }
+    }
+    found
+}
+
+#[test]
+fn the_listings_of_the_tutorial_are_its_files_and_every_file_is_listed() {
+    let folder = Path::new("examples/tutorial");
+    let text = read(Path::new("docs/tutorial.md"));
+    let mut listed = BTreeSet::new();
+    for (link, listing) in listings(&text) {
+        let name = link.rsplit('/').next().unwrap_or_default();
+        let file = read(&Path::new("docs").join(&link));
+        // A whole file, or whole lines of one.
+        let lines = format!("\n{file}").contains(&format!("\n{listing}"));
+        assert!(lines && !listing.trim().is_empty(), "{name} has no such lines:\n{listing}");
+        listed.insert(name.to_owned());
+    }
+    let files = fs::read_dir(root().join(folder)).expect("the tutorial's files");
+    for file in files {
+        let name = file.expect("an entry").file_name().to_string_lossy().into_owned();
+        assert!(listed.contains(&name), "{name} is not listed in docs/tutorial.md");
+    }
+    // What is said to be a listing is compared.
+    assert_eq!(
+        listings("[a.ron](x/a.ron):\n\n```ron\none\n```\n\nText\n\n```sh\nls\n```\n"),
+        [("x/a.ron".into(), "one\n".into())]
+    );
+}
+
+#[test]
+fn the_pictures_of_the_tutorial_are_small_and_all_shown() {
+    let text = read(Path::new("docs/tutorial.md"));
+    let pictures = fs::read_dir(root().join("docs/images/tutorial")).expect("the pictures");
+    let mut bytes = 0;
+    for picture in pictures {
+        let picture = picture.expect("an entry");
+        bytes += picture.metadata().expect("a file").len();
+        let name = picture.file_name().to_string_lossy().into_owned();
+        assert!(text.contains(&format!("](images/tutorial/{name})")), "{name} is not shown");
+    }
+    assert!(bytes > 0 && bytes < 300_000, "{bytes} bytes");
+}

@@ -52,6 +52,7 @@ mod sweep;
 mod tiles;
 #[cfg(target_os = "linux")]
 mod trade;
+mod tutorial;
 mod view;
 mod walk;
 mod window_graph;

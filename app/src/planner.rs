@@ -2,8 +2,9 @@
 
 use crate::builtin;
 use crate::growth::Grown;
+use serde::Serialize;
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, Facts, Request};
+use splatgraph_framework::ir::{Catalog, Facts, Request, Span};
 use splatgraph_framework::lower::{self, Control, Standing};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -85,6 +86,12 @@ impl Planner {
         render_warnings(&self.files, &found, colour)
     }
 
+    /// Lists the warnings of a plan as plain data; as [`Planner::warnings`].
+    pub fn plain_warnings(&self, plan: &Plan) -> Vec<PlainDiagnostic> {
+        let plain = |found| PlainDiagnostic::new(&self.files, found, Severity::Warning);
+        plan.warnings.iter().map(|warning| plain(&warning.diagnostic)).collect()
+    }
+
     /// Lists the parameters of `graph` with the values that `set` gives them, and those that grow with at least [`Planner::grown`].
     pub fn controls(
         &mut self,
@@ -144,8 +151,8 @@ fn files(settings: &Settings) -> SourceMap {
 /// The errors of a graph and its shaders, rendered with the source text.
 #[derive(Debug)]
 pub struct GraphErrors {
-    /// Number of errors, at least one.
-    pub count: usize,
+    /// The errors, at least one.
+    pub found: Vec<PlainDiagnostic>,
     plain: String,
     coloured: String,
 }
@@ -153,7 +160,7 @@ pub struct GraphErrors {
 impl GraphErrors {
     fn new(files: &SourceMap, found: &[Diagnostic]) -> GraphErrors {
         GraphErrors {
-            count: found.len(),
+            found: found.iter().map(|error| PlainDiagnostic::new(files, error, Severity::Error)).collect(),
             plain: render(files, found, false),
             coloured: render(files, found, true),
         }
@@ -172,6 +179,58 @@ impl fmt::Display for GraphErrors {
 }
 
 impl std::error::Error for GraphErrors {}
+
+/// Says whether a diagnostic keeps a graph from being drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Severity {
+    /// There is no plan.
+    Error,
+    /// There is one.
+    Warning,
+}
+
+/// Holds a diagnostic as plain data, for programs. Lines and columns count from 1, columns in characters.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct PlainDiagnostic {
+    /// The file's path, as it was named.
+    pub file: String,
+    /// The line of the first character.
+    pub line: u32,
+    /// The column of the first character.
+    pub column: u32,
+    /// The line of the end.
+    pub end_line: u32,
+    /// The column behind the last character.
+    pub end_column: u32,
+    /// Error or warning.
+    pub severity: Severity,
+    /// The mistake, as a sentence.
+    pub message: String,
+    /// What stands at the place; may be empty.
+    pub label: String,
+    /// Suggestions.
+    pub help: Vec<String>,
+}
+
+impl PlainDiagnostic {
+    fn new(files: &SourceMap, found: &Diagnostic, severity: Severity) -> PlainDiagnostic {
+        let span = found.primary.span;
+        let (line, column) = files.line_column(span);
+        let (end_line, end_column) = files.line_column(Span { start: span.end.max(span.start), ..span });
+        PlainDiagnostic {
+            file: files.path(span.file).to_owned(),
+            line,
+            column,
+            end_line,
+            end_column,
+            severity,
+            message: found.message.clone(),
+            label: found.primary.text.clone(),
+            help: found.help.clone(),
+        }
+    }
+}
 
 #[cfg(test)]
 mod tests {

@@ -5,8 +5,9 @@ use super::{colour, options};
 use crate::facts::{self, SceneFacts};
 use crate::fit::{self, Fit, Target, Wanted};
 use crate::output::{say, say_styled};
-use crate::planner::{GraphErrors, Planner, without_effect};
+use crate::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
 use anyhow::Result;
+use serde_json::{Value, json};
 use splatgraph_framework::dump;
 use splatgraph_framework::ir::{Catalog, StandIn};
 use splatgraph_framework::lower::Standing;
@@ -16,7 +17,8 @@ use splatgraph_framework::plan::Plan;
 pub const EXAMPLES: &str = "Examples:
   splatgraph check                        # every built-in graph
   splatgraph check splat my/graph.ron
-  splatgraph check splat --splats 5000000";
+  splatgraph check splat --splats 5000000
+  splatgraph check my/graph.ron --json    # for an editor, or a pipeline";
 
 /// Check graphs and their shaders, without a GPU
 ///
@@ -28,7 +30,7 @@ pub const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The graphs: names of built-in ones (see --help), or paths; without any, every built-in one
+    /// The graphs: names of built-in ones (see `splatgraph source`), or paths; without any, every built-in one
     #[arg(value_name = "NAME")]
     graphs: Vec<String>,
     /// Change a parameter of the graphs; can be given several times
@@ -37,6 +39,12 @@ pub struct Args {
     /// Number of splats of the nominal scene
     #[arg(long, value_name = "N", default_value_t = SceneFacts::NOMINAL.count as u32, value_parser = clap::value_parser!(u32).range(1..))]
     splats: u32,
+    /// Print JSON: for each graph its name, whether it is right, the verdict, and its diagnostics with file, line and column
+    ///
+    /// A diagnostic has `file`, `line`, `column`, `end_line`, `end_column`, `severity` (`error` or `warning`), `message`, `label`, the
+    /// words at the place, and `help`, a list. Lines and columns count from 1, columns in characters.
+    #[arg(long)]
+    json: bool,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -48,31 +56,64 @@ pub fn run(args: &Args) -> Result<Outcome> {
     // One for all: graphs share most of their shaders.
     let mut planner = Planner::default();
     let mut outcome = Outcome::Done;
+    let mut all = Vec::new();
     for graph in graphs {
-        match check(&mut planner, graph, &args.set, args.splats.into()) {
+        let mut warnings = Vec::new();
+        let result = check(&mut planner, graph, &args.set, args.splats.into(), &mut |warning| {
+            if args.json { warnings.extend(warning.plain) } else { say_styled(&warning.text) }
+        });
+        if !matches!(result, Ok(Ok(_))) {
+            outcome = Outcome::Failed;
+        }
+        if args.json {
+            all.push(as_json(graph, &result, warnings));
+            continue;
+        }
+        match result {
             Ok(Ok(lines)) => options::print(&format!("{graph}: {lines}"))?,
             // Not the graph's fault: the solver's.
             Ok(Err(violations)) => {
-                outcome = Outcome::Failed;
                 say(violations);
                 options::print(&format!(
                     "{graph}: its barriers do not hold; please report this with the graph"
                 ))?;
             }
             Err(errors) => {
-                outcome = Outcome::Failed;
                 say_styled(&format!("{}\n", errors.text(colour()).trim_end()));
                 if let Some(fit) = too_large(&mut planner, graph, &args.set, args.splats.into()) {
                     say(fit);
                 }
-                options::print(&format!(
-                    "{graph}: {}",
-                    if errors.count == 1 { "an error" } else { "errors" }
-                ))?;
+                let errors = if errors.found.len() == 1 { "an error" } else { "errors" };
+                options::print(&format!("{graph}: {errors}"))?;
             }
         }
     }
+    if args.json {
+        options::write_text(None, &format!("{:#}\n", Value::from(all)))?;
+    }
     Ok(outcome)
+}
+
+/// Writes the result of one graph as JSON.
+fn as_json(graph: &str, result: &CheckResult, mut found: Vec<PlainDiagnostic>) -> Value {
+    let verdict = match result {
+        Ok(Ok(verdict)) => verdict.clone(),
+        Ok(Err(violations)) => format!("its barriers do not hold: {violations}"),
+        Err(errors) => {
+            found.splice(0..0, errors.found.iter().cloned());
+            "errors".to_owned()
+        }
+    };
+    json!({ "graph": graph, "ok": matches!(result, Ok(Ok(_))), "verdict": verdict, "diagnostics": found })
+}
+
+/// The verdict on a graph, the violations that the oracle found, or the graph's errors.
+type CheckResult = Result<Result<String, String>, GraphErrors>;
+
+/// Holds a warning, rendered with the source text and as plain data. One of a setting has no place in a file.
+struct Warning {
+    text: String,
+    plain: Vec<PlainDiagnostic>,
 }
 
 /// A plan that was verified, with the widths of subgroups that it is for.
@@ -92,7 +133,8 @@ fn check(
     graph: &str,
     set: &[(String, String)],
     splats: u64,
-) -> Result<Result<String, String>, GraphErrors> {
+    warn: &mut dyn FnMut(Warning),
+) -> CheckResult {
     let (catalog, scene) = nominal(splats);
     let mut found: Vec<Verified> = Vec::new();
     let mut unsuited: Vec<(Vec<String>, String)> = Vec::new();
@@ -110,7 +152,8 @@ fn check(
         let plan = planner.plan(graph, set, &facts, &catalog)?;
         let warnings = planner.warnings(&plan, colour());
         if !warnings.is_empty() && !warned.contains(&warnings) {
-            say_styled(&format!("{}\n", warnings.trim_end()));
+            let text = format!("{}\n", warnings.trim_end());
+            warn(Warning { text, plain: planner.plain_warnings(&plan) });
             warned.push(warnings);
         }
         for (_, text) in without_effect(&plan, set) {
@@ -238,16 +281,17 @@ mod tests {
     #[test]
     fn a_scene_too_large_for_the_smallest_device_is_answered_with_one_that_fits() {
         let planner = &mut Planner::default();
-        let errors =
-            check(planner, "unsorted", &[], 5_000_000).expect_err("the splats exceed a storage buffer");
+        let errors = check(planner, "unsorted", &[], 5_000_000, &mut |_| {})
+            .expect_err("the splats exceed a storage buffer");
         assert!(
             errors.to_string().contains("`splats` has 153 MiB, and the device binds at most 128"),
             "{errors}"
         );
         let fit = too_large(planner, "unsorted", &[], 5_000_000).expect("it is only too large");
         assert!(
-            fit.most_splats
-                .is_some_and(|most| check(planner, "unsorted", &[], most).is_ok_and(|r| r.is_ok())),
+            fit.most_splats.is_some_and(
+                |most| check(planner, "unsorted", &[], most, &mut |_| {}).is_ok_and(|r| r.is_ok())
+            ),
             "{fit}"
         );
         assert_eq!(too_large(planner, "unsorted", &[], 1_000_000), None);
@@ -264,7 +308,9 @@ mod tests {
         };
         let wide = r#"require: [("device.max_invocations >= 1024", "workgroups of 1024 invocations")]"#;
         let checked = |graph: &str| {
-            check(&mut Planner::default(), graph, &[], 1000).expect("no error").expect("no violation")
+            check(&mut Planner::default(), graph, &[], 1000, &mut |_| {})
+                .expect("no error")
+                .expect("no violation")
         };
         assert_eq!(
             checked(&written("wide.ron", wide)),
@@ -284,6 +330,27 @@ mod tests {
             last.ends_with("narrow.ron`, which needs narrow subgroups (device.subgroup_size = 64)"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn json_has_the_place_of_a_mistake_and_what_helps() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("graph.ron");
+        let text = "Graph(version: 1, summary: \"\", output: \"image\",\n  \
+                    resources: { \"image\": Image(format: \"RGBA8Unorm\", size: (8, 8)) }, passes: [])";
+        std::fs::write(&path, text).expect("writable");
+        let graph = path.display().to_string();
+        let result = check(&mut Planner::default(), &graph, &[], 1000, &mut |_| {});
+        let json = as_json(&graph, &result, Vec::new());
+        assert_eq!(json["ok"], false);
+        let found = &json["diagnostics"][0];
+        assert_eq!((&found["line"], &found["column"]), (&json!(2), &json!(42)), "{json:#}");
+        assert_eq!((&found["end_line"], &found["end_column"]), (&json!(2), &json!(52)), "{json:#}");
+        assert_eq!(
+            (&found["severity"], &found["help"][0]),
+            (&json!("error"), &json!("did you mean `rgba8`?"))
+        );
+        assert!(found["file"].as_str().is_some_and(|file| file.ends_with("graph.ron")), "{json:#}");
     }
 
     #[test]

@@ -15,9 +15,12 @@ mod experiment;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
 mod info;
+mod new;
 mod options;
+mod params;
 mod popping;
 mod render;
+mod source;
 mod sweep;
 mod synth;
 mod threads;
@@ -30,7 +33,6 @@ use crate::planner::{self, GraphErrors};
 use crate::session::SessionError;
 use crate::{backend, builtin};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use splatgraph_framework::lower::Control;
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::Worker;
 use std::io::IsTerminal;
@@ -39,8 +41,8 @@ use std::process::ExitCode;
 
 /// Draw 3D Gaussian Splatting scenes with renderers that are data files, and measure the cost of every choice
 ///
-/// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. `splatgraph render --help` lists the
-/// built-in ones; copy any of them, change it, and pass its path.
+/// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. `splatgraph source` lists the
+/// built-in ones, and `splatgraph new` writes one to start from; pass its path as the pipeline.
 #[derive(Debug, Parser)]
 #[command(name = "splatgraph", version, max_term_width = 110)]
 #[command(after_help = "Examples:
@@ -55,6 +57,8 @@ use std::process::ExitCode;
   splatgraph sweep scene.ply                        # quality and time with fewer and fewer splats
   splatgraph experiment order                       # a page on the order of splats
   splatgraph popping                                # the error that changes from frame to frame
+  splatgraph new my.ron                             # a renderer of your own, to start from
+  splatgraph params                                 # what --set can change
   splatgraph dump splat --format dot | dot -Tsvg > splat.svg")]
 struct Cli {
     #[command(subcommand)]
@@ -73,6 +77,9 @@ enum Command {
     View(view::Args),
     Dump(dump::Args),
     Check(check::Args),
+    New(new::Args),
+    Source(source::Args),
+    Params(params::Args),
     Info(info::Args),
     Compare(compare::Args),
     Synth(synth::Args),
@@ -146,6 +153,9 @@ pub fn main() -> ExitCode {
         Command::View(args) => view::run(args),
         Command::Dump(args) => dump::run(args),
         Command::Check(args) => check::run(args),
+        Command::New(args) => new::run(args),
+        Command::Source(args) => source::run(args),
+        Command::Params(args) => params::run(args),
         Command::Info(args) => info::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Synth(args) => synth::run(args),
@@ -196,28 +206,18 @@ fn command() -> clap::Command {
         })
 }
 
-/// Lists the built-in graphs and the parameters of the default one, for help.
+/// Lists the built-in graphs, for help.
 fn preset_list() -> String {
-    let presets = builtin::presets();
-    let rows = presets.iter().map(|p| (p.name.to_owned(), p.summary.clone()));
-    let mut text = format!("Built-in graphs:\n{}", options::two_columns(rows.collect()));
-    if let Some(default) = presets.iter().find(|p| p.name == options::DEFAULT_PIPELINE) {
-        let row = |Control { param, label, help, .. }: &Control| {
-            let about = if help.is_empty() { label } else { help };
-            let domain = options::domain(&param.domain);
-            (param.name.clone(), format!("{domain} [{}]  {about}", param.value))
-        };
-        let name = default.name;
-        text += &format!(
-            "\n\nParameters of {name} for --set, with their values for a million splats in brackets:"
-        );
-        for group in default.params.chunk_by(|a, b| a.part == b.part) {
-            let title = group[0].part.as_ref().map(|part| format!(" {part}:\n"));
-            let rows = options::two_columns(group.iter().map(row).collect());
-            text += &format!("\n{}{rows}", title.unwrap_or_default());
-        }
-    }
-    text
+    let groups = builtin::groups();
+    let rows = |title: &str| {
+        let files = groups.iter().filter(|(other, _)| *other == title).flat_map(|(_, files)| files);
+        options::two_columns(files.map(|file| (file.name.to_owned(), file.summary.clone())).collect())
+    };
+    format!(
+        "Built-in graphs:\n{}\n{}\n\nTheir parameters, for --set: splatgraph params NAME\nTheir text: splatgraph source NAME",
+        rows("Graphs"),
+        rows("Filters"),
+    )
 }
 
 /// Returns true if messages may have colours.

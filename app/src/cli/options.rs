@@ -166,9 +166,10 @@ pub fn nominal_catalog() -> Catalog {
     catalog
 }
 
-/// Lists every built-in graph: those that draw a scene, those of `bench`, and that of the viewer's window.
+/// Lists every built-in graph: those that draw a scene, filters, those of `bench`, and that of the viewer's window.
 pub fn built_in_graphs() -> Vec<&'static str> {
     let mut graphs = builtin::names();
+    graphs.extend(builtin::filters());
     graphs.extend(bench::GRAPHS);
     #[cfg(feature = "window")]
     graphs.push(crate::view::paint::GRAPH);

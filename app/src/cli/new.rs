@@ -1,0 +1,172 @@
+//! Runs `splatgraph new`: writes a graph to start from.
+
+use super::{Outcome, Usage};
+use crate::output::{self, note, shell_word};
+use anyhow::Result;
+use clap::ValueEnum;
+use std::path::{Path, PathBuf};
+
+pub const EXAMPLES: &str = "Examples:
+  splatgraph new my.ron                     # a renderer for splats, with its three shaders
+  splatgraph new my.ron --from compute      # a picture from one compute shader
+  splatgraph new my.ron --from post         # a filter over the picture of `auto`, with a slider
+  splatgraph check my.ron
+  splatgraph render -p my.ron -o my.png
+  splatgraph view -p my.ron                 # shows every change of the files as it is saved";
+
+/// Write a graph to start from, with its shaders beside it
+///
+/// The graph can be checked and drawn at once. Its shaders have the graph's name. docs/tutorial.md explains each of the starts.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// The graph to write
+    #[arg(value_name = "FILE.ron")]
+    file: PathBuf,
+    /// The start
+    #[arg(long, value_enum, default_value_t = Start::Splat)]
+    from: Start,
+    /// Overwrite files that are there
+    #[arg(long)]
+    force: bool,
+}
+
+/// A graph to start from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Start {
+    /// A renderer for splats: own projection and draw, sorted by a part that is built in
+    Splat,
+    /// A picture from one compute shader
+    Compute,
+    /// A filter over the picture of `auto`
+    Post,
+}
+
+/// Embeds a file of the tutorial, which explains it and draws it in a test.
+macro_rules! tutorial {
+    ($name:literal) => {
+        ($name, include_str!(concat!("../../../examples/tutorial/", $name)))
+    };
+}
+
+impl Start {
+    /// Returns the graph and its shaders, each with its name in the tutorial.
+    fn files(self) -> &'static [(&'static str, &'static str)] {
+        match self {
+            Start::Splat => &[
+                tutorial!("renderer.ron"),
+                tutorial!("renderer.comp"),
+                tutorial!("renderer.vert"),
+                tutorial!("renderer.frag"),
+            ],
+            Start::Compute => &[tutorial!("paint.ron"), tutorial!("paint.comp")],
+            Start::Post => &[tutorial!("post.ron"), tutorial!("post.comp")],
+        }
+    }
+}
+
+/// Lists the files to write with their texts; an error if a name does not suit or a file is there.
+pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
+    let name = args.file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let stem = name.strip_suffix(".ron").filter(|stem| !stem.is_empty()).ok_or_else(|| {
+        Usage(format!("expected a file name with the extension .ron, found {}", args.file.display()))
+    })?;
+    // The name stands in the graph as a text, where quotes and spaces would begin an expression.
+    if !stem.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.')) {
+        return Err(Usage(format!("expected a name of letters, digits, `_` and `-`, found `{stem}`")));
+    }
+    let files: Vec<(PathBuf, String)> = files(args.from, stem)
+        .map(|(extension, text)| (args.file.with_file_name(format!("{stem}.{extension}")), text))
+        .collect();
+    let there: Vec<String> = files
+        .iter()
+        .filter(|(path, _)| path.symlink_metadata().is_ok())
+        .map(|(path, _)| path.display().to_string())
+        .collect();
+    if !args.force && !there.is_empty() {
+        return Err(Usage(format!(
+            "expected a name that is free, found {}: take another, or overwrite with --force",
+            there.join(", ")
+        )));
+    }
+    Ok(files)
+}
+
+/// Makes the files of a start: the extension of each, and its text with the shaders' new names.
+fn files(start: Start, stem: &str) -> impl Iterator<Item = (&'static str, String)> {
+    let all = start.files();
+    all.iter().map(move |(name, text)| {
+        let renamed = all.iter().fold((*text).to_owned(), |text, (other, _)| {
+            text.replace(&format!("\"{other}\""), &format!("\"{stem}.{}\"", extension(other)))
+        });
+        (extension(name), renamed)
+    })
+}
+
+fn extension(name: &'static str) -> &'static str {
+    Path::new(name).extension().and_then(|e| e.to_str()).unwrap_or_default()
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    let files = prepare(args)?;
+    for (path, text) in &files {
+        output::write_bytes(path, text.as_bytes())?;
+    }
+    let names: Vec<String> = files.iter().map(|(path, _)| path.display().to_string()).collect();
+    note(format!("written: {}", names.join(", ")));
+    let graph = shell_word(&args.file.display().to_string());
+    let picture = shell_word(&args.file.with_extension("png").display().to_string());
+    note(format!("draw it: splatgraph render -p {graph} -o {picture}"));
+    Ok(Outcome::Done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::facts::{self, SceneFacts};
+    use crate::planner::Planner;
+
+    fn args(file: PathBuf, from: Start) -> Args {
+        Args { file, from, force: false }
+    }
+
+    #[test]
+    fn every_start_is_a_graph_without_mistakes_under_any_name() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (from, shaders) in [(Start::Splat, 3), (Start::Compute, 1), (Start::Post, 1)] {
+            let path = folder.path().join(format!("My-{from:?}_2.ron"));
+            run(&args(path.clone(), from)).expect("written");
+            for lanes in facts::SUBGROUP_SIZES {
+                let device = facts::portable_device(lanes);
+                let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+                let catalog = facts::nominal_catalog();
+                let plan = Planner::default().plan(&path.display().to_string(), &[], &facts, &catalog);
+                let plan = plan.unwrap_or_else(|errors| panic!("{from:?}: {errors}"));
+                let own = plan.shaders.iter().filter(|s| s.name.contains("My-")).count();
+                assert_eq!(own, shaders, "{from:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_there_stays_unless_it_is_to_be_overwritten() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("my.ron");
+        // A shader of another graph is as safe as the graph.
+        let shader = folder.path().join("my.comp");
+        std::fs::write(&shader, "mine").expect("writable");
+        let error = run(&args(path.clone(), Start::Compute)).expect_err("the shader is there").to_string();
+        assert!(error.contains("my.comp") && error.contains("--force"), "{error}");
+        assert!(!path.exists());
+        assert_eq!(std::fs::read_to_string(&shader).expect("there"), "mine");
+        run(&Args { force: true, ..args(path.clone(), Start::Compute) }).expect("overwritten");
+        assert!(path.exists() && std::fs::read_to_string(&shader).expect("there").starts_with("#version"));
+    }
+
+    #[test]
+    fn names_that_a_graph_could_not_name_are_refused() {
+        for name in ["my.txt", ".ron", "my graph.ron", "it's.ron", "my", "a\"b.ron"] {
+            assert!(prepare(&args(name.into(), Start::Post)).is_err(), "{name}");
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! Runs `splatgraph source`: prints the graphs and shaders that are built in.
+
+use super::{Outcome, options};
+use crate::builtin;
+use anyhow::{Result, bail};
+
+pub const EXAMPLES: &str = "Examples:
+  splatgraph source                            # every name, with a line on each
+  splatgraph source splat                      # the graph of the preset `splat`
+  splatgraph source parts/sort                 # a part that graphs include
+  splatgraph source sort/scatter.comp          # a shader
+  splatgraph source filters/edges > my.ron     # a copy to change; `splatgraph new` writes commented starts";
+
+/// Print a built-in graph, part or shader
+///
+/// Without NAME, all names are listed. A graph names parts and shaders as they are listed here: `Include(graph: "parts/sort.ron", ...)`,
+/// `shader: "sort/scatter.comp"`, and in a shader `#include "camera.glsl"`. A file of the same name beside the graph comes first.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// The file, with or without the extension .ron
+    name: Option<String>,
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    let Some(name) = &args.name else {
+        options::print(&list())?;
+        return Ok(Outcome::Done);
+    };
+    match builtin::find(name) {
+        Ok(file) => options::write_text(None, file.text)?,
+        Err(near) => bail!(unknown(name, &near)),
+    }
+    Ok(Outcome::Done)
+}
+
+/// Lists all names in groups.
+fn list() -> String {
+    let group = |(title, files): (&str, Vec<builtin::File>)| {
+        let rows = files.into_iter().map(|file| (file.name.to_owned(), file.summary)).collect();
+        format!("{title}:\n{}", options::two_columns(rows))
+    };
+    builtin::groups().into_iter().map(group).collect::<Vec<_>>().join("\n\n")
+}
+
+/// Says that there is no such file, and which was probably meant.
+fn unknown(name: &str, near: &[&str]) -> String {
+    let near: Vec<String> = near.iter().map(|name| format!("`{name}`")).collect();
+    let help = match near.is_empty() {
+        true => "`splatgraph source` lists all names".to_owned(),
+        false => format!("did you mean {}?", near.join(" or ")),
+    };
+    format!("expected the name of a built-in file, found `{name}`: {help}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_list_has_every_name_under_its_group() {
+        let text = list();
+        let at = |needle: &str| text.find(needle).unwrap_or_else(|| panic!("no {needle} in\n{text}"));
+        assert!(at("Graphs:\n") < at("\n  splat ") && at("\n  splat ") < at("Filters:\n"));
+        assert!(at("Filters:\n") < at("filters/edges") && at("filters/edges") < at("Parts:\n"));
+        assert!(at("Parts:\n") < at("parts/sort") && at("parts/sort") < at("Shaders:\n"));
+        assert!(at("Shaders:\n") < at("sort/scatter.comp"));
+    }
+
+    #[test]
+    fn a_misspelt_name_is_answered_with_the_nearest() {
+        assert_eq!(
+            unknown("splt", &["splat"]),
+            "expected the name of a built-in file, found `splt`: did you mean `splat`?"
+        );
+        assert!(unknown("x", &[]).ends_with("`splatgraph source` lists all names"));
+    }
+}
