@@ -30,6 +30,7 @@
 //! - [`experiment`]: pages that show what an equation says, on a scene;
 //! - [`popping`]: the error that changes from frame to frame;
 //! - [`view`]: the interactive viewer;
+//! - [`lsp`]: the language server for editors;
 //! - [`demo`]: the demo scene;
 //! - [`progress`]: progress on standard error.
 
@@ -53,6 +54,7 @@ pub mod growth;
 pub mod image;
 pub mod inspect;
 pub mod keys;
+pub mod lsp;
 pub mod metrics;
 #[cfg(test)]
 #[path = "../../tests/numbers.rs"]

@@ -5,11 +5,12 @@ use crate::growth::Grown;
 use serde::Serialize;
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Facts, Request, Span};
-use splatgraph_framework::lower::{self, Control, Standing};
+use splatgraph_framework::lower::{self, Control, ExpressionNames, Standing};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::{Cancel, Glslang, Worker};
-use splatgraph_framework::source::{Diagnostic, Library, SourceMap, render, render_warnings};
+use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render, render_warnings};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::OnceLock;
@@ -45,6 +46,7 @@ pub struct Planner {
     files: SourceMap,
     compiler: Glslang,
     settings: Settings,
+    unsaved: BTreeMap<PathBuf, String>,
 }
 
 impl Default for Planner {
@@ -58,7 +60,9 @@ impl Planner {
     /// Makes a planner with an empty cache.
     pub fn new(settings: Settings) -> Planner {
         let compiler = settings.worker.clone().map_or_else(Glslang::new, Glslang::in_worker);
-        Planner { share_memory: true, grown: Grown::default(), files: files(&settings), compiler, settings }
+        let unsaved = BTreeMap::new();
+        let files = files(&settings, &unsaved);
+        Planner { share_memory: true, grown: Grown::default(), files, compiler, settings, unsaved }
     }
 
     /// Makes builds end early when `cancel` asks for it.
@@ -121,7 +125,39 @@ impl Planner {
 
     /// Drops the files in memory, so that the next plan reads them again. Unchanged shaders are not recompiled.
     pub fn forget_files(&mut self) {
-        self.files = files(&self.settings);
+        self.files = files(&self.settings, &self.unsaved);
+    }
+
+    /// Reads these texts in place of the files at their paths, which are on disk; see [`Library::unsaved`].
+    pub fn read_unsaved(&mut self, texts: BTreeMap<PathBuf, String>) {
+        self.unsaved = texts;
+        self.forget_files();
+    }
+
+    /// Lists the names of a graph's expressions with their values.
+    pub fn expression_names(
+        &mut self,
+        graph: &str,
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<ExpressionNames, GraphErrors> {
+        let share_memory = self.share_memory;
+        let request = Request { graph, set: &[], grown: &[], facts, catalog, share_memory };
+        lower::expression_names(&request, &mut self.files)
+            .map_err(|found| GraphErrors::new(&self.files, &found))
+    }
+
+    /// Returns the text of a graph.
+    pub fn graph_text(&mut self, graph: &str) -> Option<String> {
+        let file = self.files.find(None, graph, Kind::Graph).ok()?;
+        Some(self.files.text(file).to_owned())
+    }
+
+    /// Finds a shader that a graph names; returns its path, as [`PlainDiagnostic::file`], and its text.
+    pub fn shader(&mut self, graph: &str, name: &str) -> Option<(String, String)> {
+        let graph = self.files.find(None, graph, Kind::Graph).ok()?;
+        let file = self.files.find(Some(graph), name, Kind::Shader).ok()?;
+        Some((self.files.path(file).to_owned(), self.files.text(file).to_owned()))
     }
 
     /// Lists the files that the plans since [`Planner::forget_files`] depend on.
@@ -143,9 +179,9 @@ pub fn without_effect(plan: &Plan, set: &[(String, String)]) -> Vec<(String, Str
     found
 }
 
-fn files(settings: &Settings) -> SourceMap {
-    let include_roots = settings.include_roots.clone();
-    SourceMap::new(Library { builtin: builtin::FILES, include_roots, ..Library::default() })
+fn files(settings: &Settings, unsaved: &BTreeMap<PathBuf, String>) -> SourceMap {
+    let (include_roots, unsaved) = (settings.include_roots.clone(), unsaved.clone());
+    SourceMap::new(Library { builtin: builtin::FILES, include_roots, unsaved, ..Library::default() })
 }
 
 /// The errors of a graph and its shaders, rendered with the source text.

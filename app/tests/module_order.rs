@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 34] = [
+const CRATE: [&str; 35] = [
     "numbers",
     "output",
     "folders",
@@ -40,6 +40,7 @@ const CRATE: [&str; 34] = [
     "experiment",
     "popping",
     "view",
+    "lsp",
     "cli",
 ];
 

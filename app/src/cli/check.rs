@@ -344,8 +344,8 @@ mod tests {
         let json = as_json(&graph, &result, Vec::new());
         assert_eq!(json["ok"], false);
         let found = &json["diagnostics"][0];
-        assert_eq!((&found["line"], &found["column"]), (&json!(2), &json!(42)), "{json:#}");
-        assert_eq!((&found["end_line"], &found["end_column"]), (&json!(2), &json!(52)), "{json:#}");
+        assert_eq!((&found["line"], &found["column"]), (&json!(2), &json!(40)), "{json:#}");
+        assert_eq!((&found["end_line"], &found["end_column"]), (&json!(2), &json!(50)), "{json:#}");
         assert_eq!(
             (&found["severity"], &found["help"][0]),
             (&json!("error"), &json!("did you mean `rgba8`?"))

@@ -37,6 +37,7 @@ fn check(command: &Command) -> Result<()> {
         Command::Check(_)
         | Command::Source(_)
         | Command::Params(_)
+        | Command::Lsp(_)
         | Command::Info(_)
         | Command::Devices(_) => Ok(()),
     }

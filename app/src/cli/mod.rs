@@ -15,6 +15,7 @@ mod experiment;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
 mod info;
+mod lsp;
 mod new;
 mod options;
 mod params;
@@ -80,6 +81,7 @@ enum Command {
     New(new::Args),
     Source(source::Args),
     Params(params::Args),
+    Lsp(lsp::Args),
     Info(info::Args),
     Compare(compare::Args),
     Synth(synth::Args),
@@ -156,6 +158,7 @@ pub fn main() -> ExitCode {
         Command::New(args) => new::run(args),
         Command::Source(args) => source::run(args),
         Command::Params(args) => params::run(args),
+        Command::Lsp(args) => lsp::run(args),
         Command::Info(args) => info::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Synth(args) => synth::run(args),

@@ -29,13 +29,15 @@ pub use params::parse_value;
 
 use declared::Declared;
 use require::Choices;
+use scope::Place;
 
+use crate::expr::Expr;
 use crate::ir::{
     Culled, DrawCall, FileId, Param, ParamSet, Reason, Request, Run, Shape, Source, Span, StandIn, Stat,
     Target, Topology, Unmet, Value,
 };
 use crate::schema::folded;
-use crate::source::{Diagnostic, SourceMap};
+use crate::source::{Diagnostic, Path, SourceMap};
 
 /// Holds a graph without its constructs. Passes are in the order of the file.
 #[derive(Clone, Debug)]
@@ -356,6 +358,53 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
     };
     let controls = resolved.params.into_iter().zip(&parameters.all).map(control).collect();
     Ok((folded(&chosen.opened.summary), controls))
+}
+
+/// Holds the names that a graph's expressions can use, with their values: facts, constant parameters and `let`s.
+#[derive(Clone, Debug, Default)]
+pub struct ExpressionNames(Values);
+
+impl ExpressionNames {
+    /// Returns the value of a name.
+    pub fn get(&self, name: &str) -> Option<&Value> {
+        self.0.get(name)
+    }
+
+    /// Lists the names with their values, in alphabetical order.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Value)> {
+        self.0.iter().map(|(name, value)| (name.as_str(), value))
+    }
+
+    /// Evaluates an expression; `None` if it is none, or uses another name, such as the variable of a repeat.
+    pub fn evaluate(&self, expression: &str) -> Option<Value> {
+        Expr::parse(expression).ok()?.eval(&self.0).ok()
+    }
+}
+
+/// Evaluates a graph's parameters and `let`s, without lowering its passes: for editors. A `let` in error is left out.
+///
+/// # Errors
+/// Those of the graph's file, its parameters, and the files that it leads to.
+pub fn expression_names(
+    request: &Request,
+    files: &mut SourceMap,
+) -> Result<ExpressionNames, Vec<Diagnostic>> {
+    let mut choices = Choices::new(request);
+    let chosen = choices.root(files)?;
+    let opened = &chosen.opened;
+    let parameters = declared::parameters(opened, &mut choices, files, &mut Default::default())?;
+    let mut errors = Vec::new();
+    let mut names = params::resolve(opened, &parameters, request, files, &mut errors).names;
+    if !errors.is_empty() {
+        return Err(require::explained(errors, &chosen.stand_ins));
+    }
+    for (name, number) in &opened.graph.lets {
+        let place = Place::new(&opened.outline, Path::root().field("let").key(name));
+        if let Ok(value) = names.evaluate(number, &place) {
+            names.define(name, value, ParamSet::new());
+        }
+    }
+    Ok(ExpressionNames(names.values))
 }
 
 /// Says which graph a device is given for the one that a request names.

@@ -54,6 +54,8 @@ pub struct Library {
     pub memory: BTreeMap<String, String>,
     /// Folders on disk that files may lie in besides those of the graph that names them.
     pub include_roots: Vec<PathBuf>,
+    /// Texts of files on disk as an editor holds them, not saved yet, by their paths. What is not on disk is not found.
+    pub unsaved: BTreeMap<PathBuf, String>,
 }
 
 /// The folders, with links followed, that the files of a graph lie in.
@@ -170,6 +172,8 @@ impl SourceMap {
         library.memory = memory.into_iter().map(|(path, text)| (normalised(&path), text)).collect();
         let roots = library.include_roots.iter().map(|root| canonical(root));
         library.include_roots = roots.collect();
+        let unsaved = std::mem::take(&mut library.unsaved);
+        library.unsaved = unsaved.into_iter().map(|(path, text)| (canonical(&path), text)).collect();
         SourceMap { library, ..SourceMap::default() }
     }
 
@@ -383,7 +387,11 @@ impl SourceMap {
             Err(error) => return (Content::Unusable, Err(cannot_be_read(&error))),
         };
         let content = Content::of(&bytes);
-        let text = match as_text(bytes) {
+        let unsaved = match &identity {
+            Identity::Disk(path) => self.library.unsaved.get(path),
+            _ => None,
+        };
+        let text = match unsaved.map_or_else(|| as_text(bytes), |text| Ok(text.clone())) {
             Ok(text) => text,
             Err(why) => return (content, Err(why)),
         };

@@ -1,0 +1,333 @@
+//! Builds the graphs that are open, and answers questions about them.
+
+use super::cursor::{self, Meaning};
+use super::text;
+use crate::builtin;
+use crate::facts::{self, SceneFacts};
+use crate::planner::{PlainDiagnostic, Planner, Severity};
+use lsp_types::{
+    CompletionItem, CompletionItemKind, CompletionTextEdit, Diagnostic, DiagnosticSeverity, Hover,
+    HoverContents, MarkupContent, MarkupKind, Range, TextEdit,
+};
+use splatgraph_assets::grouped;
+use splatgraph_framework::ir::{Catalog, Facts, Format, ParamBinding, Shape};
+use splatgraph_framework::lower::{Control, ExpressionNames};
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::schema::Document;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops;
+use std::path::{Path, PathBuf};
+
+/// Subgroups of a GPU and of a CPU, for which graphs are built.
+const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
+
+/// Returns true for the files that are built; others are read by them.
+pub fn is_graph(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "ron")
+}
+
+/// A planner, and what is known of each graph since it was last right.
+#[derive(Default)]
+pub struct Workspace {
+    planner: Planner,
+    known: BTreeMap<PathBuf, Known>,
+}
+
+/// What a graph was when it had no mistake.
+#[derive(Default)]
+struct Known {
+    /// Resources with a description each.
+    resources: BTreeMap<String, String>,
+    names: ExpressionNames,
+    controls: Vec<Control>,
+}
+
+fn nominal(lanes: u32) -> (Facts, Catalog) {
+    let device = facts::portable_device(lanes);
+    (facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE), facts::nominal_catalog())
+}
+
+impl Workspace {
+    /// Builds the graphs among the open texts, and lists the diagnostics of each file, also of files that are not open.
+    ///
+    /// Every open graph is in the result.
+    pub fn diagnostics(&mut self, open: &BTreeMap<PathBuf, String>) -> BTreeMap<PathBuf, Vec<Diagnostic>> {
+        self.planner.read_unsaved(open.clone());
+        let mut found: BTreeMap<PathBuf, Vec<Diagnostic>> = BTreeMap::new();
+        for path in open.keys().filter(|path| is_graph(path)) {
+            found.entry(path.clone()).or_default();
+            for plain in self.check(path) {
+                let (file, diagnostic) = placed(path, plain, open);
+                let of_file = found.entry(file).or_default();
+                if !of_file.contains(&diagnostic) {
+                    of_file.push(diagnostic);
+                }
+            }
+        }
+        found
+    }
+
+    /// Builds a graph for a GPU and for a CPU; the errors of the first that has any, or the warnings.
+    fn check(&mut self, path: &Path) -> Vec<PlainDiagnostic> {
+        let graph = path.display().to_string();
+        let mut warnings = Vec::new();
+        for lanes in LANES {
+            let (facts, catalog) = nominal(lanes);
+            let result = self.planner.standing(&graph, &facts, &catalog).and_then(|standing| {
+                if !standing.unmet.is_empty() {
+                    return Ok(None);
+                }
+                let controls = self.planner.controls(&graph, &[], &facts, &catalog)?;
+                let names = self.planner.expression_names(&graph, &facts, &catalog)?;
+                let known = self.known.entry(path.to_owned()).or_default();
+                (known.controls, known.names) = (controls, names);
+                self.planner.plan(&graph, &[], &facts, &catalog).map(Some)
+            });
+            match result {
+                Ok(Some(plan)) => {
+                    self.known.entry(path.to_owned()).or_default().resources = resources(&plan);
+                    warnings.extend(self.planner.plain_warnings(&plan));
+                }
+                // The smallest device cannot draw it; that is no mistake.
+                Ok(None) => {}
+                Err(errors) if self.is_part(&graph) => {
+                    // A part is built where it is included: here, only what does not need the includer is said.
+                    let of_its_own =
+                        |error: &PlainDiagnostic| !ONLY_OF_PARTS.contains(&error.message.as_str());
+                    return errors.found.into_iter().filter(of_its_own).collect();
+                }
+                Err(errors) => return errors.found,
+            }
+        }
+        warnings
+    }
+
+    /// Returns true for a graph without an output or with ports, which others include.
+    fn is_part(&mut self, graph: &str) -> bool {
+        match self.planner.graph_text(graph).map(|text| Document::parse(&text)) {
+            Some(Ok(Document::Graph(graph))) => graph.output.is_none() || !graph.ports.is_empty(),
+            _ => false,
+        }
+    }
+
+    /// Lists what can stand at a byte of a graph's text.
+    pub fn completion(&mut self, path: &Path, text: &str, offset: usize) -> Vec<CompletionItem> {
+        let Some(cursor) = cursor::at(text, offset) else { return Vec::new() };
+        let none = Known::default();
+        let known = self.known.get(path).unwrap_or(&none);
+        let mut offered: BTreeMap<String, (CompletionItemKind, String)> = BTreeMap::new();
+        let mut offer = |name: &str, kind, about: String| {
+            offered.entry(name.to_owned()).or_insert((kind, about));
+        };
+        // Whole texts are replaced; of an expression, the name that is being typed.
+        let mut start = cursor.inside.start;
+        match &cursor.meaning {
+            Meaning::Free => {}
+            Meaning::Resource => {
+                for (name, about) in &known.resources {
+                    offer(name, CompletionItemKind::VARIABLE, about.clone());
+                }
+            }
+            Meaning::Expression => {
+                start = word(text, &cursor.inside, offset).start;
+                for (name, value) in known.names.iter() {
+                    offer(name, CompletionItemKind::CONSTANT, format!("= {value}"));
+                }
+            }
+            Meaning::Format => {
+                for format in Format::ALL {
+                    offer(
+                        format.name(),
+                        CompletionItemKind::ENUM_MEMBER,
+                        format!("{} bytes per pixel", format.bytes_per_pixel()),
+                    );
+                }
+            }
+            Meaning::Import => {
+                let catalog = facts::nominal_catalog();
+                for (name, attribute) in &catalog.attributes {
+                    let about =
+                        format!("{} planes of {} bytes per splat", attribute.planes, attribute.stride);
+                    offer(name, CompletionItemKind::VARIABLE, about);
+                }
+                for (name, bytes) in &catalog.uniforms {
+                    offer(name, CompletionItemKind::VARIABLE, format!("a uniform block of {bytes} bytes"));
+                }
+            }
+            Meaning::Shader | Meaning::Graph => {
+                let graphs = cursor.meaning == Meaning::Graph;
+                for file in builtin::groups().into_iter().flat_map(|(_, files)| files) {
+                    if file.name.contains('.') != graphs {
+                        let name = if graphs { format!("{}.ron", file.name) } else { file.name.to_owned() };
+                        offer(&name, CompletionItemKind::FILE, file.summary);
+                    }
+                }
+                for name in beside(path, graphs) {
+                    offer(&name, CompletionItemKind::FILE, "beside this graph".into());
+                }
+            }
+            Meaning::Block { shaders } => {
+                let graph = path.display().to_string();
+                for shader in shaders {
+                    let mut names = BTreeSet::new();
+                    blocks(&mut self.planner, &graph, shader, &mut names, 0);
+                    for name in names {
+                        offer(&name, CompletionItemKind::FIELD, format!("of {shader}"));
+                    }
+                }
+            }
+        }
+        let range = Range { start: text::position_of(text, start), end: text::position_of(text, offset) };
+        let item = |(label, (kind, about)): (String, (CompletionItemKind, String))| CompletionItem {
+            text_edit: Some(CompletionTextEdit::Edit(TextEdit { range, new_text: label.clone() })),
+            label,
+            kind: Some(kind),
+            detail: Some(about),
+            ..CompletionItem::default()
+        };
+        offered.into_iter().map(item).collect()
+    }
+
+    /// Says what the text at a byte is: a parameter, a value, a resource; and the value of the whole expression.
+    pub fn hover(&mut self, path: &Path, text: &str, offset: usize) -> Option<Hover> {
+        let cursor = cursor::at(text, offset)?;
+        let known = self.known.get(path)?;
+        let word = &text[word(text, &cursor.inside, offset)];
+        let mut lines = Vec::new();
+        if let Some(control) = known.controls.iter().find(|control| control.param.name == word) {
+            let kind = match control.param.binding {
+                ParamBinding::Const => "constant",
+                ParamBinding::Live { .. } => "live",
+            };
+            let about = if control.help.is_empty() { &control.label } else { &control.help };
+            lines.push(format!("`{word}`: a {kind} parameter, here {}. {about}", control.param.value));
+        } else if let Some(value) = known.names.get(word) {
+            lines.push(format!("`{word}` = {value}"));
+        }
+        if let Some(about) = known.resources.get(word) {
+            lines.push(format!("`{word}`: {about}"));
+        }
+        let whole = &text[cursor.inside.clone()];
+        let is_expression =
+            matches!(cursor.meaning, Meaning::Expression | Meaning::Resource | Meaning::Format);
+        if let Some(value) = known.names.evaluate(whole).filter(|_| is_expression && whole != word) {
+            lines.push(format!("`{}` = {value}", whole.split_whitespace().collect::<Vec<_>>().join(" ")));
+        }
+        if lines.is_empty() {
+            return None;
+        }
+        let splats = grouped(SceneFacts::NOMINAL.count);
+        lines.push(format!("*for {splats} splats, on the smallest supported device*"));
+        let value = lines.join("\n\n");
+        let contents = HoverContents::Markup(MarkupContent { kind: MarkupKind::Markdown, value });
+        let range = Range {
+            start: text::position_of(text, cursor.inside.start),
+            end: text::position_of(text, cursor.inside.end),
+        };
+        Some(Hover { contents, range: Some(range) })
+    }
+}
+
+/// The errors of a graph that others include and that cannot be built by itself.
+const ONLY_OF_PARTS: [&str; 2] = ["this graph is made to be included", "this graph has no output"];
+
+/// The resources of a plan with a description each.
+fn resources(plan: &Plan) -> BTreeMap<String, String> {
+    let about = |shape: &Shape| match shape {
+        Shape::Buffer { stride, count } => format!("a buffer of {} x {stride} bytes", grouped(*count)),
+        Shape::Image { format, width, height } => {
+            format!("an image of {width} x {height}, {}", format.name())
+        }
+    };
+    // The halves of a ping-pong buffer and planes are written without their numbers.
+    let name = |full: &str| full.split(['#', '[']).next().unwrap_or(full).to_owned();
+    let named = |full: &str| !full.contains('(') && !full.starts_with("live");
+    plan.resources.iter().filter(|r| named(&r.name)).map(|r| (name(&r.name), about(&r.shape))).collect()
+}
+
+/// The diagnostic in an editor's terms, with the file that it is shown in.
+///
+/// A mistake in a built-in file, which no editor can open, is shown at the start of the graph.
+fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>) -> (PathBuf, Diagnostic) {
+    let path = PathBuf::from(&plain.file);
+    let text = match open.get(&path) {
+        Some(text) => Some(text.clone()),
+        None if path.is_absolute() => std::fs::read_to_string(&path).ok(),
+        None => None,
+    };
+    let mut message = plain.message;
+    if !plain.label.is_empty() {
+        message += &format!(": {}", plain.label);
+    }
+    for help in &plain.help {
+        message += &format!("\nhelp: {help}");
+    }
+    let (file, range) = match text {
+        Some(text) => {
+            let start = text::position_of_column(&text, plain.line, plain.column);
+            let end = text::position_of_column(&text, plain.end_line, plain.end_column);
+            (path, Range { start, end })
+        }
+        None => {
+            message = format!("{}:{}:{}: {message}", plain.file, plain.line, plain.column);
+            (graph.to_owned(), Range::default())
+        }
+    };
+    let severity = match plain.severity {
+        Severity::Error => DiagnosticSeverity::ERROR,
+        Severity::Warning => DiagnosticSeverity::WARNING,
+    };
+    let source = Some("splatgraph".to_owned());
+    (file, Diagnostic { range, severity: Some(severity), source, message, ..Diagnostic::default() })
+}
+
+/// The name around a byte of a text: letters, digits, `_` and `.`.
+fn word(text: &str, inside: &ops::Range<usize>, offset: usize) -> ops::Range<usize> {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
+    let before = text[inside.start..offset].rfind(|c| !is_part(c));
+    let after = text[offset..inside.end].find(|c| !is_part(c));
+    // What ends the name before has one byte or more.
+    let width = |at: usize| text[inside.start + at..].chars().next().map_or(0, char::len_utf8);
+    before.map_or(inside.start, |at| inside.start + at + width(at))
+        ..after.map_or(inside.end, |at| offset + at)
+}
+
+/// The graphs or the shaders in the folder of a graph.
+fn beside(graph: &Path, graphs: bool) -> Vec<String> {
+    let Some(Ok(entries)) = graph.parent().map(std::fs::read_dir) else { return Vec::new() };
+    let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
+    let wanted = |name: &String| match Path::new(name).extension().and_then(|e| e.to_str()) {
+        Some("ron") => graphs,
+        Some("comp" | "vert" | "frag") => !graphs,
+        _ => false,
+    };
+    names.filter(wanted).collect()
+}
+
+/// Collects the blocks and images that a shader and what it includes declare, by their `layout` lines.
+///
+/// The shader may not compile while it is typed, and constants that switch parts of it may be unknown: so all are listed.
+fn blocks(planner: &mut Planner, graph: &str, shader: &str, names: &mut BTreeSet<String>, depth: u32) {
+    let Some((_, text)) = planner.shader(graph, shader).filter(|_| depth < 8) else { return };
+    for line in text.lines().map(str::trim_start) {
+        if let Some(included) = line.strip_prefix("#include \"").and_then(|rest| rest.split('"').next()) {
+            blocks(planner, graph, included, names, depth + 1);
+        }
+        let Some(declared) = line.strip_prefix("layout(").and_then(|rest| rest.split_once(')')) else {
+            continue;
+        };
+        if !declared.0.contains("binding") {
+            continue;
+        }
+        let words =
+            declared.1.split(|c: char| !c.is_ascii_alphanumeric() && c != '_').filter(|w| !w.is_empty());
+        let words: Vec<&str> = words.collect();
+        let after = |wanted: &dyn Fn(&str) -> bool| {
+            words.iter().position(|word| wanted(word)).and_then(|at| words.get(at + 1))
+        };
+        let name = after(&|w| w == "buffer")
+            .or_else(|| after(&|w| w.contains("image2D")))
+            .or_else(|| after(&|w| w == "uniform"));
+        names.extend(name.map(|name| (*name).to_owned()));
+    }
+}

@@ -1,0 +1,84 @@
+//! Converts positions and names of files between an editor's terms and the framework's.
+
+use lsp_types::{Position, Uri};
+use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, percent_decode_str, utf8_percent_encode};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// Encoded in the path of a URI: all but the unreserved characters of RFC 3986 and the slash.
+const RESERVED: &AsciiSet =
+    &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'/');
+
+/// Returns the path of a `file:` URI; `None` for another scheme.
+pub fn path_of(uri: &Uri) -> Option<PathBuf> {
+    let rest = uri.as_str().strip_prefix("file://")?;
+    // An authority, mostly none, ends at the first slash.
+    let path = &rest[rest.find('/')?..];
+    let path = percent_decode_str(path).decode_utf8().ok()?;
+    Some(PathBuf::from(path.into_owned()))
+}
+
+/// Returns the URI of an absolute path; `None` if the path is not UTF-8.
+pub fn uri_of(path: &Path) -> Option<Uri> {
+    Uri::from_str(&format!("file://{}", utf8_percent_encode(path.to_str()?, RESERVED))).ok()
+}
+
+/// Returns the byte of a position, whose character counts units of UTF-16; the end of the line if the line is shorter.
+pub fn offset_of(text: &str, position: Position) -> usize {
+    let start = match position.line {
+        0 => 0,
+        line => text.match_indices('\n').nth(line as usize - 1).map_or(text.len(), |(at, _)| at + 1),
+    };
+    let line = text[start..].split('\n').next().unwrap_or_default();
+    let mut units = 0;
+    for (at, c) in line.char_indices() {
+        if units >= position.character {
+            return start + at;
+        }
+        units += c.len_utf16() as u32;
+    }
+    start + line.len()
+}
+
+/// Returns the position of a byte.
+pub fn position_of(text: &str, offset: usize) -> Position {
+    let before = &text[..offset.min(text.len())];
+    let line = before.matches('\n').count() as u32;
+    let start = before.rfind('\n').map_or(0, |at| at + 1);
+    Position { line, character: before[start..].encode_utf16().count() as u32 }
+}
+
+/// Returns the position of a line and a column that count from 1, the column in characters.
+pub fn position_of_column(text: &str, line: u32, column: u32) -> Position {
+    let line = line.saturating_sub(1);
+    let characters = text.lines().nth(line as usize).unwrap_or_default().chars();
+    let before = characters.take(column.saturating_sub(1) as usize);
+    Position { line, character: before.map(|c| c.len_utf16() as u32).sum() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_with_spaces_and_umlauts_come_back_from_their_uri() {
+        for path in ["/a/b.ron", "/with space/ä#?%.ron"] {
+            let uri = uri_of(Path::new(path)).expect("a URI");
+            assert!(!uri.as_str().contains([' ', '#', '?']), "{}", uri.as_str());
+            assert_eq!(path_of(&uri), Some(path.into()));
+        }
+        assert_eq!(path_of(&Uri::from_str("untitled:1").expect("a URI")), None);
+    }
+
+    #[test]
+    fn positions_count_units_of_utf_16() {
+        let text = "a\n😀b\nc";
+        let b = text.find('b').expect("there");
+        assert_eq!(position_of(text, b), Position { line: 1, character: 2 });
+        assert_eq!(offset_of(text, Position { line: 1, character: 2 }), b);
+        assert_eq!(position_of_column(text, 2, 2), Position { line: 1, character: 2 });
+        // Beyond the line, and beyond the text.
+        assert_eq!(offset_of(text, Position { line: 0, character: 9 }), 1);
+        assert_eq!(offset_of(text, Position { line: 9, character: 0 }), text.len());
+    }
+}
