@@ -176,6 +176,7 @@ fn every_preset_passes_its_check_and_every_command_teaches() {
         "new",
         "source",
         "params",
+        "lsp",
         "info",
         "compare",
         "synth",

@@ -1,9 +1,11 @@
-//! The tutorial and the starts of `splatgraph new`: every graph is checked, drawn with validation, and shows what it teaches.
+//! The tutorial and the starts of `splatgraph new`: every graph is checked, drawn with validation, and shows what it teaches. And the
+//! commands that lead there.
 
 use splatgraph::image::Image;
 use splatgraph::metrics;
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use crate::common;
 
@@ -187,4 +189,61 @@ fn diagnostics_are_json_for_programs() {
     assert_eq!(found["severity"], "error");
     assert_eq!((&json[1]["graph"], &json[1]["ok"]), (&"splat".into(), &true.into()));
     assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn an_editor_is_told_the_mistakes_of_a_graph_on_standard_output() {
+    let folder = tempfile::tempdir().expect("a folder");
+    done(folder.path(), &["new", "my.ron", "--from", "compute"]);
+    let file = folder.path().join("my.ron").canonicalize().expect("there");
+    let text = std::fs::read_to_string(&file).expect("text").replace("\"rgba32f\"", "\"Rgba32Float\"");
+    let document = serde_json::json!({
+        "uri": format!("file://{}", file.display()), "languageId": "ron", "version": 1, "text": text,
+    });
+    let mut server = Command::new(env!("CARGO_BIN_EXE_splatgraph"))
+        .arg("lsp")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the program runs");
+    let mut input = server.stdin.take().expect("piped");
+    let mut send = |id: Option<u32>, method: &str, params: serde_json::Value| {
+        let mut message = serde_json::json!({ "jsonrpc": "2.0", "method": method, "params": params });
+        if let Some(id) = id {
+            message["id"] = id.into();
+        }
+        let message = message.to_string();
+        write!(input, "Content-Length: {}\r\n\r\n{message}", message.len()).expect("the server listens");
+    };
+    send(Some(1), "initialize", serde_json::json!({ "capabilities": {} }));
+    send(None, "initialized", serde_json::json!({}));
+    send(None, "textDocument/didOpen", serde_json::json!({ "textDocument": document }));
+    let mut output = BufReader::new(server.stdout.take().expect("piped"));
+    let mut received = || {
+        let mut length = 0;
+        loop {
+            let mut line = String::new();
+            assert!(output.read_line(&mut line).expect("a line") > 0, "the server ended");
+            match line.trim().strip_prefix("Content-Length: ") {
+                Some(bytes) => length = bytes.parse().expect("a number"),
+                None if line.trim().is_empty() => break,
+                None => {}
+            }
+        }
+        let mut bytes = vec![0; length];
+        output.read_exact(&mut bytes).expect("the message");
+        serde_json::from_slice::<serde_json::Value>(&bytes).expect("JSON")
+    };
+    assert_eq!(received()["id"], 1);
+    let published = received();
+    assert_eq!(published["method"], "textDocument/publishDiagnostics");
+    let message = published["params"]["diagnostics"][0]["message"].as_str().expect("a mistake");
+    assert!(
+        message.contains("no format `Rgba32Float`") && message.contains("did you mean `rgba32f`?"),
+        "{message}"
+    );
+    send(Some(2), "shutdown", serde_json::Value::Null);
+    assert_eq!(received()["id"], 2);
+    send(None, "exit", serde_json::Value::Null);
+    assert!(server.wait().expect("it ends").success());
 }

@@ -31,7 +31,7 @@ pub enum Meaning {
 pub struct Cursor {
     /// The meaning.
     pub meaning: Meaning,
-    /// The bytes between the quotes, up to the end of the line if the closing one is missing.
+    /// The bytes between the quotes; up to the end of the line if the closing one is missing.
     pub inside: Range<usize>,
 }
 
@@ -64,7 +64,7 @@ pub fn at(text: &str, offset: usize) -> Option<Cursor> {
             b'/' if rest.starts_with("//") => at += rest.find('\n').unwrap_or(rest.len()),
             b'/' if rest.starts_with("/*") => at += rest.find("*/").map_or(rest.len(), |end| end + 2),
             b'"' => {
-                let inside = at + 1..end_of_text(text, at + 1);
+                let inside = at + 1..end_of_text(text, at + 1, offset);
                 if (inside.start..=inside.end).contains(&offset) {
                     return Some(Cursor { meaning: meaning(&frames), inside });
                 }
@@ -107,24 +107,23 @@ pub fn at(text: &str, offset: usize) -> Option<Cursor> {
     None
 }
 
-/// Returns the byte of the quote that ends a text, or of the line's end.
-fn end_of_text(text: &str, start: usize) -> usize {
+/// Returns the byte of the quote that ends a text.
+///
+/// A text may run over lines. But one that begins in the line of byte `offset` may be unfinished, and would swallow the file: it ends
+/// with that line.
+fn end_of_text(text: &str, start: usize, offset: usize) -> usize {
+    let last = match text[start..offset].contains('\n') {
+        true => text.len(),
+        false => text[offset..].find('\n').map_or(text.len(), |end| offset + end),
+    };
     let mut escaped = false;
-    for (at, c) in text[start..].char_indices() {
-        match c {
-            '"' if !escaped => return start + at,
-            // An expression may run over lines; one that is being typed has no end, and would swallow the file.
-            '\n' if !text[start + at..]
-                .lines()
-                .nth(1)
-                .is_some_and(|next| next.matches('"').count() % 2 == 1) =>
-            {
-                return start + at;
-            }
-            _ => escaped = c == '\\' && !escaped,
+    for (at, c) in text[start..last].char_indices() {
+        if c == '"' && !escaped {
+            return start + at;
         }
+        escaped = c == '\\' && !escaped;
     }
-    text.len()
+    last
 }
 
 fn meaning(frames: &[Frame]) -> Meaning {
@@ -182,6 +181,8 @@ mod tests {
             ("resources: { \"p\": Image(format: \"|".into(), Some(Meaning::Format)),
             ("Include(graph: \"parts/|".into(), Some(Meaning::Graph)),
             ("Dispatch(shader: \"|".into(), Some(Meaning::Shader)),
+            ("help: \"one\n two\n three\", \n let: { \"n\": \"|".into(), Some(Meaning::Expression)),
+            ("Import(help: \"a \\\"quoted\\\" word\", from: \"|".into(), Some(Meaning::Import)),
             ("// a \"comment|\"".into(), None),
             ("Graph(version: 1|".into(), None),
         ] {
