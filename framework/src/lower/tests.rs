@@ -1,6 +1,7 @@
 //! The constructs that lowering resolves. Mistakes and their messages are in `tests/golden`.
 
-use crate::ir::{Shape, Source, Value, Work};
+use crate::ir::{Request, Shape, Source, Value, Work};
+use crate::source::{Library, SourceMap};
 use crate::testing::{SHADERS, dispatch, graph, plan, plan_grown, plan_of};
 
 fn shown(name: &str) -> String {
@@ -408,4 +409,31 @@ fn a_settings_text_is_read_as_the_parameters_domain() {
     assert!(
         parse_value("inf", &float).is_err() && parse_value("b", &Domain::Choice(vec!["a".into()])).is_err()
     );
+}
+
+#[test]
+fn the_names_of_a_graphs_expressions_have_values_without_its_passes() {
+    let graph = r#"Graph(version: 1, summary: "", output: "missing",
+        params: { "width": Const(Int(default: 8, range: (1, 11))), "cutoff": Live(Float(default: 1.0, range: (0.0, 2.0))) },
+        let: { "words": "scene.count / width", "wrong": "1 / 0", "next": "words + 1" }, passes: [])"#;
+    let memory = [("graph.ron".to_string(), graph.to_string())].into();
+    let mut files = SourceMap::new(Library { memory, ..Library::default() });
+    let (facts, catalog) = (crate::testing::facts(), crate::testing::catalog());
+    let set = [("width".to_string(), "10".to_string())];
+    let request = Request {
+        graph: "graph.ron",
+        set: &set,
+        grown: &[],
+        facts: &facts,
+        catalog: &catalog,
+        share_memory: true,
+    };
+    let names = super::expression_names(&request, &mut files).expect("names");
+    assert_eq!(names.get("next"), Some(&Value::Int(101)));
+    assert_eq!((names.get("wrong"), names.get("cutoff")), (None, None));
+    assert!(names.iter().any(|(name, value)| (name, value) == ("scene.count", &Value::Int(1000))));
+    assert_eq!(names.evaluate("ceil_div(scene.count, 256) << 1"), Some(Value::Int(8)));
+    for none in ["words +", "i + 1", "1 / 0"] {
+        assert_eq!(names.evaluate(none), None, "{none}");
+    }
 }

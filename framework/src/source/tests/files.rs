@@ -466,3 +466,14 @@ fn a_pipe_is_not_read_to_tell_what_it_holds() {
     assert_eq!(Content::at(std::path::Path::new("/dev/zero")), Content::Unusable);
     assert_eq!(Content::at(std::path::Path::new("/")), Content::Missing);
 }
+
+#[test]
+fn an_editors_text_is_read_in_place_of_the_file_on_disk_and_not_without_one() {
+    let folder = Folder::new(&[("my.ron", "saved"), ("step.comp", "saved step")]);
+    let texts = [("my.ron", "typed"), ("new.ron", "never saved")];
+    let unsaved = texts.map(|(name, text)| (folder.0.join(name), text.to_string())).into();
+    let mut files = SourceMap::new(Library { unsaved, ..Library::default() });
+    let graph = finds(&mut files, None, &folder.path("my.ron"), Kind::Graph, "typed");
+    finds(&mut files, Some(graph), "step.comp", Kind::Shader, "saved step");
+    assert!(files.find(None, &folder.path("new.ron"), Kind::Graph).is_err());
+}
