@@ -456,9 +456,8 @@ impl<'a> Parser<'a> {
             && self.text[next.start..next.end].starts_with('.')
         {
             let place = before.start..next.end;
-            let name = &self.text[place.clone()];
-            let error = self.error(place, format!("`{name}` is not in quotes"), "an expression");
-            return Box::new(error.with_help(format!("write it as a text: `\"{name}\"`")));
+            let span = Span { file: self.file, start: place.start, end: place.end };
+            return Box::new(unquoted(&self.text[place], span));
         }
         let error = self.error(end..end, "a comma is missing", &format!("expected `,` or `{closer}` here"));
         let is_text = |token: &Token| matches!(token.kind, TokenKind::Text(_));
@@ -522,6 +521,12 @@ impl<'a> Parser<'a> {
         }
         self.error(end..end, format!("expected {what}, found the end of the file"), "the file ends here")
     }
+}
+
+/// Describes an expression that is written without its quotes.
+pub(super) fn unquoted(name: &str, span: Span) -> Diagnostic {
+    Diagnostic::new(format!("`{name}` is not in quotes"), span, "an expression")
+        .with_help(format!("write it as a text: `\"{name}\"`"))
 }
 
 fn closing(bracket: char) -> char {

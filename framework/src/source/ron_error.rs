@@ -10,7 +10,7 @@ use std::ops::Range;
 
 use ron::error::{Error, Position, SpannedError};
 
-use super::outline::{Content, Node};
+use super::outline::{Content, Node, unquoted};
 use super::{Diagnostic, Outline, nearest};
 use crate::ir::{FileId, Span};
 
@@ -101,6 +101,13 @@ impl Translator<'_> {
                 let place = self.name_before_cursor(found).unwrap_or(self.start..self.end);
                 let label = format!("write `{expected}`, or nothing, before the `(`");
                 self.error(format!("expected `{expected}`, found `{found}`"), place, &label)
+            }
+            // The crate takes a bare name for a unit value.
+            Error::InvalidValueForType { expected, .. }
+                if expected.contains("in quotes") && is_name(&self.text[self.value_at_cursor()]) =>
+            {
+                let place = self.value_at_cursor();
+                unquoted(&self.text[place.clone()], self.span(place))
             }
             Error::InvalidValueForType { expected, found } => {
                 let (message, place) =
@@ -256,6 +263,10 @@ impl Translator<'_> {
         let before = self.text[..self.end].trim_end_matches(|c: char| c.is_whitespace() || c == ',');
         outline.innermost(before.len()).shallow()
     }
+}
+
+fn is_name(text: &str) -> bool {
+    text.starts_with(char::is_alphabetic) && text.chars().all(|c| c.is_alphanumeric() || c == '_')
 }
 
 const NAME: &str = "a name";
