@@ -156,6 +156,19 @@ fn meaning(frames: &[Frame]) -> Meaning {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn no_text_and_no_place_in_it_panics(text in "[\"\\\\(){}\\[\\],:a-dä/*\n ]{0,60}") {
+            for offset in (0..=text.len()).filter(|at| text.is_char_boundary(*at)) {
+                if let Some(cursor) = at(&text, offset) {
+                    prop_assert!((cursor.inside.start..=cursor.inside.end).contains(&offset));
+                    prop_assert!(text.get(cursor.inside).is_some());
+                }
+            }
+        }
+    }
 
     /// The meaning of the text in which the mark `|` stands.
     fn meaning_at(marked: &str) -> Option<Meaning> {

@@ -249,7 +249,7 @@ fn resources(plan: &Plan) -> BTreeMap<String, String> {
 ///
 /// A mistake in a built-in file, which no editor can open, is shown at the start of the graph.
 fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>) -> (PathBuf, Diagnostic) {
-    let path = PathBuf::from(&plain.file);
+    let path = as_opened(PathBuf::from(&plain.file), open);
     let text = match open.get(&path) {
         Some(text) => Some(text.clone()),
         None if path.is_absolute() => std::fs::read_to_string(&path).ok(),
@@ -279,6 +279,16 @@ fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>
     };
     let source = Some("splatgraph".to_owned());
     (file, Diagnostic { range, severity: Some(severity), source, message, ..Diagnostic::default() })
+}
+
+/// The path by which the editor knows a file: that of the open text, or the one without links and `..`.
+fn as_opened(path: PathBuf, open: &BTreeMap<PathBuf, String>) -> PathBuf {
+    if open.contains_key(&path) || !path.is_absolute() {
+        return path;
+    }
+    let Ok(canonical) = path.canonicalize() else { return path };
+    let same = |other: &&PathBuf| other.canonicalize().is_ok_and(|other| other == canonical);
+    open.keys().find(same).cloned().unwrap_or(canonical)
 }
 
 /// The name around a byte of a text: letters, digits, `_` and `.`.

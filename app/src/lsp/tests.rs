@@ -212,3 +212,22 @@ fn a_part_is_no_mistake_because_it_has_no_output() {
     assert_eq!(editor.published(), (uri.as_str().to_owned(), vec![]));
     editor.end();
 }
+
+#[test]
+fn a_mistake_in_a_shader_of_the_folder_beside_is_shown_under_its_plain_path() {
+    let editor = Editor::start();
+    for folder in ["pipelines", "shaders"] {
+        std::fs::create_dir(editor.path(folder)).expect("writable");
+    }
+    let broken = SHADER.replace("vec4(table[0])", "vec4(tabel[0])");
+    std::fs::write(editor.path("shaders/paint.comp"), broken).expect("writable");
+    let graph = GRAPH.replace("show.comp", "paint.comp");
+    std::fs::write(editor.path("pipelines/graph.ron"), &graph).expect("writable");
+    editor.open("pipelines/graph.ron", &graph);
+    let mut found = BTreeMap::from([editor.published(), editor.published()]);
+    assert_eq!(found.remove(&editor.uri("pipelines/graph.ron")), Some(vec![]));
+    let shader = editor.path("shaders/paint.comp").canonicalize().expect("there");
+    let uri = text::uri_of(&shader).expect("a URI").as_str().to_owned();
+    assert_eq!(found.remove(&uri).map(|found| found.len()), Some(1), "{found:?}");
+    editor.end();
+}
