@@ -83,9 +83,10 @@ pub struct Args {
     /// Number of frames per camera; times are medians over them, after a warm-up of a fifth of a second where there are several
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
     repeat: u32,
-    /// Number of pictures that are encoded and written at the same time, while the device draws [default: one per processor]
+    /// Number of pictures that may be drawn and not yet written [default: two per processor]
     ///
-    /// Fewer are where memory is short. Files, their bytes and the order of messages are the same for any number.
+    /// The device draws while processors encode. Where memory is short, fewer pictures wait. Any number gives the same files and the
+    /// same order of messages.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
     /// Read a resource back after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
@@ -271,7 +272,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let all = batch.finish(&progress)?;
     drop(progress);
     if let Some(path) = &args.json {
-        options::write_json(path, &serde_json::to_value(&all)?)?;
+        options::write_json(path, &serde_json::to_value(all)?)?;
     }
     Ok(super::validated(args.device.validate, &session.into_device().close()))
 }
@@ -300,7 +301,7 @@ fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Res
         all.push(truth.stats);
     }
     if let Some(path) = &args.json {
-        options::write_json(path, &serde_json::to_value(&all)?)?;
+        options::write_json(path, &serde_json::to_value(all)?)?;
     }
     Ok(Outcome::Done)
 }
@@ -337,7 +338,7 @@ impl Args {
     }
 
     fn jobs(&self) -> usize {
-        self.jobs.map_or_else(rayon::current_num_threads, usize::from)
+        self.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
     }
 
     /// The files beside the pictures, with their options; several cameras have one each.

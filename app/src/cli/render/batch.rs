@@ -57,7 +57,7 @@ struct Told {
 }
 
 impl Batch {
-    /// Encodes at most `jobs` pictures at a time.
+    /// Keeps at most `jobs` pictures unfinished.
     pub fn new(jobs: usize, destination: Option<Destination>, stdout: Stdout) -> Batch {
         Batch {
             destination,

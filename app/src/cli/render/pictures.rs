@@ -18,7 +18,7 @@ pub struct Pictures<T> {
 }
 
 impl<T: Send + 'static> Pictures<T> {
-    /// Works on at most `jobs` pictures at a time.
+    /// Keeps at most `jobs` pictures unfinished.
     pub fn new(jobs: usize) -> Pictures<T> {
         Pictures { jobs: jobs.max(1), unfinished: VecDeque::new() }
     }
