@@ -6,18 +6,22 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 13] = [
+const ORDER: [&str; 17] = [
     "bounds",
     "file",
     "memory",
     "error",
+    "activation",
     "harmonics",
     "size_breakdown",
     "scene",
     "attributes",
     "camera",
-    "recognise",
+    "input",
     "ply",
+    "splat",
+    "recognise",
+    "formats",
     "report",
     "synth",
 ];

@@ -7,11 +7,147 @@
 
 use crate::error::SceneError;
 use crate::file;
+use crate::memory::SceneMemoryError;
+use crate::scene::{Columns, FileNotes, Gathered, Rows, Scene};
+use crate::size_breakdown::SizeBreakdown;
 use std::fs::File;
 use std::io::{self, ErrorKind};
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
+
+/// Bytes of rows that a thread reads at a time, or one row if that is longer.
+const PIECE: usize = 1 << 20;
+
+/// A callback for the progress of a load: bytes of splats converted, and bytes in all.
+///
+/// Several threads call it, so the first number does not always ascend.
+pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
+
+/// The promises of a scene file's header.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneHeader {
+    /// Number of splats, of which some may not be drawable.
+    pub count: u64,
+    /// Degree of the spherical harmonics that a scene of the file stores, at most 3.
+    pub stored_degree: u32,
+}
+
+/// What every reader gets: the bytes, the memory that it may take, and whom to tell how far it is.
+#[derive(Clone, Copy)]
+pub(crate) struct Input<'a> {
+    pub source: &'a Source<'a>,
+    /// Bytes that the load may take, if that is known.
+    pub memory: Option<u64>,
+    pub progress: Progress<'a>,
+}
+
+impl Input<'_> {
+    /// Allocates the arrays of a scene, unless they, with `beside` bytes and a buffer of rows of `stride` bytes per thread, are
+    /// more than the memory that there is. `wide` positions have more digits than f32.
+    pub(crate) fn allocate(
+        &self,
+        count: u64,
+        degree: u32,
+        wide: bool,
+        (stride, beside): (usize, u64),
+    ) -> Result<Columns, SceneError> {
+        let buffers = rayon::current_num_threads() * PIECE.max(stride);
+        let low = if wide { count.saturating_mul(Columns::LOW_BYTES) } else { 0 };
+        let needed = Scene::host_bytes(count, degree)
+            .saturating_add(low)
+            .saturating_add(beside)
+            .saturating_add(buffers as u64);
+        SceneMemoryError::check_against(count, degree, needed, self.memory)?;
+        let mut columns = Columns::zeroed(count as usize, degree)?;
+        if wide {
+            columns.widen()?;
+        }
+        Ok(columns)
+    }
+}
+
+/// Makes the scene of the splats that a reader stored; it is an error if all of the file's `count` were dropped.
+pub(crate) fn finish(
+    (columns, gathered): (Columns, Gathered),
+    count: u64,
+    size_breakdown: SizeBreakdown,
+    notes: FileNotes,
+) -> Result<Scene, SceneError> {
+    let scene = Scene::new(columns, gathered, Some(size_breakdown)).with_notes(notes);
+    if scene.count() == 0 {
+        return Err(SceneError::AllDropped { count, reasons: scene.dropped().to_string() });
+    }
+    Ok(scene)
+}
+
+/// A table of rows of equal length in a file.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Table {
+    /// Offset of the first row.
+    pub start: u64,
+    /// Bytes of a row; 0 for a table that the file does not have.
+    pub stride: usize,
+}
+
+/// Fills `columns` in parallel from tables that have a row for each splat.
+///
+/// `convert` gets the row of every table and the splat's index, and pushes one splat.
+///
+/// # Errors
+/// The file cannot be read, or there is no memory for a buffer per thread.
+pub(crate) fn fill<const N: usize>(
+    source: &Source,
+    tables: [Table; N],
+    columns: &mut Columns,
+    done: &Done,
+    convert: impl Fn([&[u8]; N], usize, &mut Rows) + Sync,
+) -> Result<Gathered, SceneError> {
+    let stride: usize = tables.iter().map(|table| table.stride).sum();
+    let rows_at_once = (PIECE / stride).max(1);
+    let buffers = Buffers::default();
+    columns.fill(|out: &mut Rows| {
+        buffers.with(rows_at_once.min(out.len()) * stride, |buffer| {
+            for first in (0..out.len()).step_by(rows_at_once) {
+                let count = rows_at_once.min(out.len() - first);
+                let first = out.first() + first;
+                let mut left = &mut buffer[..count * stride];
+                let mut pieces: [&[u8]; N] = [&[]; N];
+                for (table, piece) in tables.iter().zip(&mut pieces) {
+                    let (rows, others) = left.split_at_mut(count * table.stride);
+                    source.read(table.start + (first * table.stride) as u64, rows)?;
+                    (*piece, left) = (rows, others);
+                }
+                for row in 0..count {
+                    let at =
+                        |table: usize| &pieces[table][row * tables[table].stride..][..tables[table].stride];
+                    convert(std::array::from_fn(at), first + row, out);
+                }
+                done.add((count * stride) as u64);
+            }
+            Ok(())
+        })
+    })
+}
+
+/// Sums the progress of parallel chunks.
+pub(crate) struct Done<'a> {
+    done: AtomicU64,
+    of: u64,
+    tell: Progress<'a>,
+}
+
+impl<'a> Done<'a> {
+    pub(crate) fn new(of: u64, tell: Progress<'a>) -> Self {
+        tell(0, of);
+        Self { done: AtomicU64::new(0), of, tell }
+    }
+
+    pub(crate) fn add(&self, bytes: u64) {
+        (self.tell)(self.done.fetch_add(bytes, Ordering::Relaxed) + bytes, self.of);
+    }
+}
 
 /// The bytes of a scene.
 pub(crate) enum Source<'a> {
