@@ -141,7 +141,12 @@ pub(crate) struct Done<'a> {
 impl<'a> Done<'a> {
     pub(crate) fn new(of: u64, tell: Progress<'a>) -> Self {
         tell(0, of);
-        Self { done: AtomicU64::new(0), of, tell }
+        Self::after(0, of, tell)
+    }
+
+    /// Goes on where `done` bytes were told.
+    pub(crate) fn after(done: u64, of: u64, tell: Progress<'a>) -> Self {
+        Self { done: AtomicU64::new(done), of, tell }
     }
 
     pub(crate) fn add(&self, bytes: u64) {
@@ -187,6 +192,29 @@ impl Source<'_> {
         let mut head = vec![0; usize::try_from(self.length()).unwrap_or(limit).min(limit)];
         self.read(0, &mut head)?;
         Ok(head)
+    }
+}
+
+/// Reads a source to its end.
+pub(crate) struct SourceReader<'a> {
+    source: &'a Source<'a>,
+    at: u64,
+}
+
+impl<'a> SourceReader<'a> {
+    /// Begins at offset `at`.
+    pub(crate) fn new(source: &'a Source<'a>, at: u64) -> Self {
+        Self { source, at }
+    }
+}
+
+impl io::Read for SourceReader<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let left = self.source.length() - self.at;
+        let count = usize::try_from(left).unwrap_or(usize::MAX).min(buffer.len());
+        self.source.read(self.at, &mut buffer[..count])?;
+        self.at += count as u64;
+        Ok(count)
     }
 }
 

@@ -36,6 +36,7 @@ mod report;
 mod scene;
 mod size_breakdown;
 mod splat;
+mod spz;
 pub mod synth;
 #[cfg(test)]
 mod testing;

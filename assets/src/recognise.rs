@@ -4,7 +4,7 @@
 //! file" helps more than "bad magic".
 
 use crate::error::SceneError;
-use crate::splat;
+use crate::{splat, spz};
 use std::path::Path;
 
 const CONVERT: &str = "convert it to a plain .ply, for instance with SuperSplat or with splat-transform";
@@ -44,20 +44,33 @@ pub enum SceneFormat {
     Ply,
     /// PLY in PlayCanvas's compressed layout.
     CompressedPly,
+    /// Niantic's SPZ: versions 1 to 4 are read, version 3 is written.
+    Spz,
     /// antimatter15's `.splat`.
     Splat,
 }
 
 impl SceneFormat {
     /// All formats.
-    pub const ALL: [Self; 3] = [Self::Ply, Self::CompressedPly, Self::Splat];
+    pub const ALL: [Self; 4] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat];
 
     /// Returns the extension of file names, without the first dot.
     pub fn extension(self) -> &'static str {
         match self {
             Self::Ply => "ply",
             Self::CompressedPly => "compressed.ply",
+            Self::Spz => "spz",
             Self::Splat => "splat",
+        }
+    }
+
+    /// Describes the format in a few words.
+    pub fn summary(self) -> &'static str {
+        match self {
+            Self::Ply => "the layout of the 3DGS reference implementation, exact",
+            Self::CompressedPly => "PlayCanvas's compressed PLY, 16 bytes per splat",
+            Self::Spz => "Niantic's SPZ, versions 1 to 4, written as version 3",
+            Self::Splat => "antimatter15's .splat, 32 bytes per splat, without harmonics above degree 0",
         }
     }
 
@@ -77,10 +90,17 @@ impl SceneFormat {
                 "rotations: 10 bits per component",
                 "colours and opacities: 8 bits",
             ],
+            Self::Spz => vec![
+                "positions: steps of 1/4096, or of more in a scene beyond 2048 units",
+                "scales: steps of 1/16 of the logarithm, from e^-10 to e^5.94",
+                "rotations: 9 bits and a sign per component",
+                "colours and opacities: 8 bits, colours of -0.44 to 1.44",
+            ],
             Self::Splat => vec!["rotations, colours and opacities: 8 bits, colours of 0 to 1 alone"],
         };
         match self {
             Self::CompressedPly if degree > 0 => losses.push("harmonics: 8 bits of -4 to 4"),
+            Self::Spz if degree > 0 => losses.push("harmonics of -1 to 1: 5 bits in band 1, 4 bits above"),
             Self::Splat if degree > 0 => losses.push("harmonics: cut to degree 0"),
             _ => {}
         }
@@ -105,11 +125,10 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
         .and_then(|p| p.extension())
         .map(|e| e.to_string_lossy().to_ascii_lowercase())
         .unwrap_or_default();
-    let gzip = head.starts_with(b"\x1F\x8B");
-    let unsupported = |format| Err(SceneError::Unsupported { format, advice: CONVERT });
-    if head.starts_with(b"NGSP") || (gzip && extension == "spz") {
-        return unsupported("a Niantic .spz scene");
+    if head.starts_with(spz::MAGIC) || spz::begins_as_spz(head) {
+        return Ok(SceneFormat::Spz);
     }
+    let unsupported = |format| Err(SceneError::Unsupported { format, advice: CONVERT });
     match extension.as_str() {
         "sog" if head.starts_with(b"PK\x03\x04") => return unsupported("a PlayCanvas .sog scene"),
         "ksplat" => return unsupported("a .ksplat scene"),

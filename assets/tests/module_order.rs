@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 17] = [
+const ORDER: [&str; 18] = [
     "bounds",
     "file",
     "memory",
@@ -20,6 +20,7 @@ const ORDER: [&str; 17] = [
     "input",
     "ply",
     "splat",
+    "spz",
     "recognise",
     "formats",
     "report",

@@ -9,6 +9,7 @@ mod advise;
 mod bench;
 mod check;
 mod compare;
+mod convert;
 mod devices;
 mod dump;
 mod experiment;
@@ -49,6 +50,7 @@ use std::process::ExitCode;
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --json stats.json
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
+  splatgraph convert scene.ply scene.spz            # another format, and what it loses
   splatgraph bench scene.ply --pipelines splat,key16   # GPU time per pass, drawn in turns
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
   splatgraph advise scene.ply --psnr 45             # the fastest setting that is accurate enough
@@ -75,6 +77,7 @@ enum Command {
     Check(check::Args),
     Info(info::Args),
     Compare(compare::Args),
+    Convert(convert::Args),
     Synth(synth::Args),
     Bench(bench::Args),
     Trade(trade::Args),
@@ -148,6 +151,7 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::run(args),
         Command::Info(args) => info::run(args),
         Command::Compare(args) => compare::run(args),
+        Command::Convert(args) => convert::run(args),
         Command::Synth(args) => synth::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Trade(args) => trade::run(args),
@@ -191,6 +195,9 @@ fn command() -> clap::Command {
         .mut_subcommand("dump", |c| with_presets(c, dump::EXAMPLES))
         .mut_subcommand("check", |c| with_presets(c, check::EXAMPLES))
         .mut_subcommand("info", |c| with_presets(c, info::EXAMPLES))
+        .mut_subcommand("convert", |c| {
+            c.after_long_help(format!("{}\n\n{}", convert::EXAMPLES, convert::format_list()))
+        })
         .mut_subcommand("synth", |c| {
             c.after_long_help(format!("{}\n\n{}", synth::EXAMPLES, synth::generator_list()))
         })

@@ -5,7 +5,7 @@ use crate::input::{Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory;
 use crate::recognise::{self, HEAD, SceneFormat};
 use crate::scene::Scene;
-use crate::{ply, splat};
+use crate::{ply, splat, spz};
 use std::io::Write;
 use std::path::Path;
 
@@ -20,6 +20,7 @@ fn recognise(source: &Source, path: Option<&Path>) -> Result<SceneFormat, SceneE
 fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
     match recognise(input.source, path)? {
         SceneFormat::Ply | SceneFormat::CompressedPly => ply::read::parse(input),
+        SceneFormat::Spz => spz::parse(input),
         SceneFormat::Splat => splat::parse(input),
     }
 }
@@ -36,6 +37,7 @@ impl SceneHeader {
             let source = Source::File(&file);
             match recognise(&source, Some(path))? {
                 SceneFormat::Ply | SceneFormat::CompressedPly => ply::read::scene_header(&source),
+                SceneFormat::Spz => spz::header(&source),
                 SceneFormat::Splat => splat::header(&source),
             }
         };
@@ -79,6 +81,7 @@ impl Scene {
         match format {
             SceneFormat::Ply => self.write_ply_to(out),
             SceneFormat::CompressedPly => ply::pack::write(self, out),
+            SceneFormat::Spz => spz::write(self, out),
             SceneFormat::Splat => splat::write(self, out),
         }
     }

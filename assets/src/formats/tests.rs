@@ -53,6 +53,14 @@ fn steps(format: SceneFormat) -> Steps {
             dc: 2.0 * byte,
             rest: Some(8.0 / 256.0),
         },
+        SceneFormat::Spz => Steps {
+            position: 0.5 / 4096.0,
+            scale: 0.5 / 16.0 + 1e-5,
+            rotation: 0.003,
+            opacity: byte,
+            dc: byte / 0.15 + 1e-5,
+            rest: Some(8.5 / 128.0),
+        },
         SceneFormat::Splat => Steps {
             position: 0.0,
             scale: 1e-5,
@@ -171,7 +179,9 @@ fn a_scene_larger_than_the_memory_is_refused() {
 
 #[test]
 fn the_compressed_capture_has_the_values_that_were_decoded_from_it() {
-    let (Some(packed), Some(plain)) = (capture("biker.compressed.ply"), capture("biker.ply")) else { return };
+    let (Some(packed), Some(plain)) = (capture("biker.compressed.ply"), capture("biker.ply")) else {
+        return;
+    };
     let [packed, plain] = [packed, plain].map(|path| Scene::load(path, &|_, _| {}).unwrap());
     assert_eq!(packed.count(), plain.count());
     for index in 0..packed.count() as usize {

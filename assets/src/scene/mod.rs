@@ -185,6 +185,19 @@ impl Scene {
         }
     }
 
+    /// Copies the scene without the harmonics above `degree`.
+    ///
+    /// # Errors
+    /// The copy does not fit in memory.
+    pub fn cut_to_degree(&self, degree: u32) -> Result<Self, SceneMemoryError> {
+        let (count, degree) = (self.count(), degree.min(self.stored_degree()));
+        let copy = match self.is_wide() {
+            true => Self::try_generate_wide(count, degree, |index| (self.splat(index), self.position(index))),
+            false => Self::try_generate(count, degree, |index| self.splat(index)),
+        };
+        Ok(copy?.with_offset(self.offset).with_notes(self.notes))
+    }
+
     /// Places the scene's origin in the world, without a change of the splats' positions, which are relative to it.
     pub fn with_offset(self, offset: [f64; 3]) -> Self {
         Self { offset, ..self }
@@ -371,6 +384,17 @@ mod tests {
             });
             assert_eq!(scene.effective_degree(), degree, "float {float}");
         }
+    }
+
+    #[test]
+    fn a_copy_of_a_lower_degree_lacks_the_harmonics_above() {
+        let scene = Scene::generate(50, 3, splat).with_offset([1024.0, 0.0, 0.0]);
+        let cut = scene.cut_to_degree(1).unwrap();
+        assert_eq!((cut.stored_degree(), cut.offset()), (1, scene.offset()));
+        let (a, b) = (cut.splat(7), scene.splat(7));
+        assert_eq!((a.position, a.opacity, &a.sh[..12]), (b.position, b.opacity, &b.sh[..12]));
+        assert_eq!(a.sh[12..], [0.0; 36]);
+        assert_eq!(scene.cut_to_degree(9).unwrap().stored_degree(), 3);
     }
 
     #[test]
