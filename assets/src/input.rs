@@ -210,11 +210,23 @@ impl<'a> SourceReader<'a> {
 
 impl io::Read for SourceReader<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let left = self.source.length() - self.at;
+        let left = self.source.length().saturating_sub(self.at);
         let count = usize::try_from(left).unwrap_or(usize::MAX).min(buffer.len());
         self.source.read(self.at, &mut buffer[..count])?;
         self.at += count as u64;
         Ok(count)
+    }
+}
+
+impl io::Seek for SourceReader<'_> {
+    fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+        let at = match to {
+            io::SeekFrom::Start(at) => Some(at),
+            io::SeekFrom::End(by) => self.source.length().checked_add_signed(by),
+            io::SeekFrom::Current(by) => self.at.checked_add_signed(by),
+        };
+        self.at = at.ok_or_else(|| io::Error::from(ErrorKind::InvalidInput))?;
+        Ok(self.at)
     }
 }
 

@@ -35,6 +35,7 @@ mod recognise;
 mod report;
 mod scene;
 mod size_breakdown;
+mod sog;
 mod splat;
 mod spz;
 pub mod synth;

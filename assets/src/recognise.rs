@@ -4,7 +4,7 @@
 //! file" helps more than "bad magic".
 
 use crate::error::SceneError;
-use crate::{splat, spz};
+use crate::{sog, splat, spz};
 use std::path::Path;
 
 const CONVERT: &str = "convert it to a plain .ply, for instance with SuperSplat or with splat-transform";
@@ -21,7 +21,6 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"BZh", "a bzip2 file (unpack it first)"),
     (b"\xFD7zXZ", "an xz file (unpack it first)"),
     (b"7z\xBC\xAF", "a 7-Zip archive (unpack it first)"),
-    (b"PK\x03\x04", "a ZIP archive (unpack it first)"),
     (b"glTF", "a binary glTF model"),
     (b"\x7FELF", "an ELF executable"),
     (b"%PDF", "a PDF document"),
@@ -48,11 +47,16 @@ pub enum SceneFormat {
     Spz,
     /// antimatter15's `.splat`.
     Splat,
+    /// PlayCanvas's SOG in one file, version 2. It is read alone.
+    Sog,
 }
 
 impl SceneFormat {
+    /// The formats that [`Scene::write`](crate::Scene::write) writes.
+    pub const WRITTEN: [Self; 4] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat];
+
     /// All formats.
-    pub const ALL: [Self; 4] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat];
+    pub const ALL: [Self; 5] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog];
 
     /// Returns the extension of file names, without the first dot.
     pub fn extension(self) -> &'static str {
@@ -61,6 +65,7 @@ impl SceneFormat {
             Self::CompressedPly => "compressed.ply",
             Self::Spz => "spz",
             Self::Splat => "splat",
+            Self::Sog => "sog",
         }
     }
 
@@ -71,6 +76,7 @@ impl SceneFormat {
             Self::CompressedPly => "PlayCanvas's compressed PLY, 16 bytes per splat",
             Self::Spz => "Niantic's SPZ, versions 1 to 4, written as version 3",
             Self::Splat => "antimatter15's .splat, 32 bytes per splat, without harmonics above degree 0",
+            Self::Sog => "PlayCanvas's SOG, version 2, is read alone",
         }
     }
 
@@ -84,7 +90,7 @@ impl SceneFormat {
     /// Describes what the format does not keep of a scene with harmonics of `degree`, a phrase per kind of value.
     pub fn losses(self, degree: u32) -> Vec<&'static str> {
         let mut losses = match self {
-            Self::Ply => vec![],
+            Self::Ply | Self::Sog => vec![],
             Self::CompressedPly => vec![
                 "positions and scales: 10 or 11 bits per axis, of the range in a chunk of 256 splats",
                 "rotations: 10 bits per component",
@@ -129,10 +135,12 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
         return Ok(SceneFormat::Spz);
     }
     let unsupported = |format| Err(SceneError::Unsupported { format, advice: CONVERT });
-    match extension.as_str() {
-        "sog" if head.starts_with(b"PK\x03\x04") => return unsupported("a PlayCanvas .sog scene"),
-        "ksplat" => return unsupported("a .ksplat scene"),
-        _ => {}
+    if extension == "ksplat" {
+        return unsupported("a .ksplat scene");
+    }
+    // Its reader says whether it is a scene.
+    if head.starts_with(sog::MAGIC) {
+        return Ok(SceneFormat::Sog);
     }
     let magic = MAGIC.iter().find(|(magic, _)| head.starts_with(magic));
     let known = |(_, what): &(&[u8], &str)| Err(SceneError::NotScene { found: (*what).to_owned() });

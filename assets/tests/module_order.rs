@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 18] = [
+const ORDER: [&str; 19] = [
     "bounds",
     "file",
     "memory",
@@ -21,6 +21,7 @@ const ORDER: [&str; 18] = [
     "ply",
     "splat",
     "spz",
+    "sog",
     "recognise",
     "formats",
     "report",

@@ -37,16 +37,16 @@ pub struct Args {
 
 /// Parses the name of a format, which is its extension.
 fn formats() -> impl TypedValueParser<Value = SceneFormat> {
-    PossibleValuesParser::new(SceneFormat::ALL.map(SceneFormat::extension)).map(|name| {
+    PossibleValuesParser::new(SceneFormat::WRITTEN.map(SceneFormat::extension)).map(|name| {
         let named = |format: &SceneFormat| format.extension() == name;
-        SceneFormat::ALL.into_iter().find(named).expect("the parser takes only these names")
+        SceneFormat::WRITTEN.into_iter().find(named).expect("the parser takes only these names")
     })
 }
 
 /// Lists the formats, for help.
 pub fn format_list() -> String {
     let row = |format: SceneFormat| (format!(".{}", format.extension()), format.summary().to_owned());
-    format!("Formats:\n{}", options::two_columns(SceneFormat::ALL.map(row).to_vec()))
+    format!("Formats:\n{}", options::two_columns(SceneFormat::WRITTEN.map(row).to_vec()))
 }
 
 /// Checks the files of the command line, and finds the format of the output.
@@ -57,8 +57,9 @@ fn check_files(args: &Args) -> Result<SceneFormat, Usage> {
     if is_standard_output(&args.output) {
         options::refuse_terminal("the scene")?;
     }
-    args.format.or_else(|| SceneFormat::of_name(&args.output)).ok_or_else(|| {
-        let endings = SceneFormat::ALL.map(|format| format!(".{}", format.extension())).join(", ");
+    let named = SceneFormat::of_name(&args.output).filter(|format| SceneFormat::WRITTEN.contains(format));
+    args.format.or(named).ok_or_else(|| {
+        let endings = SceneFormat::WRITTEN.map(|format| format!(".{}", format.extension())).join(", ");
         let found = args.output.display();
         Usage(format!("expected a file name that ends in {endings}, or --format, found {found}"))
     })

@@ -278,7 +278,8 @@ impl<D: Device> Viewer<D> {
             _ if SceneFormat::of_name(path).is_some() => self.open_scene_in(id, path),
             _ => self.events.push(Event::FileFailed {
                 path: path.to_owned(),
-                error: "expected a scene (.ply, .spz, .splat), a graph (.ron) or cameras (.json)".into(),
+                error: "expected a scene (.ply, .spz, .splat, .sog), a graph (.ron) or cameras (.json)"
+                    .into(),
             }),
         }
     }

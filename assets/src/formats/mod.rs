@@ -5,7 +5,7 @@ use crate::input::{Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory;
 use crate::recognise::{self, HEAD, SceneFormat};
 use crate::scene::Scene;
-use crate::{ply, splat, spz};
+use crate::{ply, sog, splat, spz};
 use std::io::Write;
 use std::path::Path;
 
@@ -22,6 +22,7 @@ fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
         SceneFormat::Ply | SceneFormat::CompressedPly => ply::read::parse(input),
         SceneFormat::Spz => spz::parse(input),
         SceneFormat::Splat => splat::parse(input),
+        SceneFormat::Sog => sog::parse(input),
     }
 }
 
@@ -39,6 +40,7 @@ impl SceneHeader {
                 SceneFormat::Ply | SceneFormat::CompressedPly => ply::read::scene_header(&source),
                 SceneFormat::Spz => spz::header(&source),
                 SceneFormat::Splat => splat::header(&source),
+                SceneFormat::Sog => sog::header(&source),
             }
         };
         inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
@@ -76,13 +78,17 @@ impl Scene {
     /// All formats but [`SceneFormat::Ply`] round the values: [`SceneFormat::losses`] says how.
     ///
     /// # Errors
-    /// The writer fails.
+    /// The writer fails, or the format is none of [`SceneFormat::WRITTEN`].
     pub fn write(&self, format: SceneFormat, out: &mut impl Write) -> std::io::Result<()> {
         match format {
             SceneFormat::Ply => self.write_ply_to(out),
             SceneFormat::CompressedPly => ply::pack::write(self, out),
             SceneFormat::Spz => spz::write(self, out),
             SceneFormat::Splat => splat::write(self, out),
+            SceneFormat::Sog => {
+                let text = "expected a format that can be written, found sog, which is read alone";
+                Err(std::io::Error::new(std::io::ErrorKind::Unsupported, text))
+            }
         }
     }
 }

@@ -36,7 +36,7 @@ impl Dialog {
             None => (
                 "Open a scene, a graph or cameras",
                 "Scenes, graphs and cameras",
-                &["ply", "spz", "splat", "ron", "json"],
+                &["ply", "spz", "splat", "sog", "ron", "json"],
             ),
             Some(_) => ("Open cameras", "Cameras", &["json"]),
         };
