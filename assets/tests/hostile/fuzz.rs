@@ -6,11 +6,15 @@ use crate::allocation::{alone, counted};
 use crate::long;
 use crate::numbers::Random;
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
+use image_webp::{ColorType, WebPEncoder};
+use serde_json::json;
 use splatgraph_assets::{Camera, Scene, SceneFormat, synth};
 use std::collections::BTreeMap;
-use std::io::{Read as _, Write as _};
+use std::io::{Cursor, Read as _, Write as _};
 use std::path::Path;
 use std::time::{Duration, Instant};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
 
 /// Damaged files per reader: in the long form, and in the one that everybody runs.
 const CASES: (u64, u64) = (100_000, 1_500);
@@ -306,6 +310,46 @@ fn damaged_spz_files_of_version_4_are_read_or_refused() {
     };
     let seeds = [(file(5, 0, 0), 112), (file(3, 3, 15), 128), (file(2, 4, 24), 128)];
     run("SPZ version 4", &seeds, 4 << 20, parse);
+}
+
+/// Makes a SOG file of two splats with harmonics.
+fn sog(method: CompressionMethod) -> Vec<u8> {
+    let webp = |width: u32, height: u32| {
+        let texels: Vec<u8> =
+            (0..width * height * 4).map(|i| if i % 4 == 3 { 253 } else { i as u8 % 3 }).collect();
+        let mut bytes = Vec::new();
+        let encoder = WebPEncoder::new(&mut bytes);
+        encoder.encode(&texels, width, height, ColorType::Rgba8).expect("memory takes it");
+        bytes
+    };
+    let codebook: Vec<f64> = (0..256).map(|u| f64::from(u - 128) / 16.0).collect();
+    let meta = json!({
+        "version": 2, "count": 2,
+        "means": { "mins": [-1, -1, -1], "maxs": [1, 1, 1], "files": ["l", "u"] },
+        "scales": { "codebook": codebook, "files": ["s"] },
+        "quats": { "files": ["q"] },
+        "sh0": { "codebook": codebook, "files": ["c"] },
+        "shN": { "count": 600, "bands": 1, "codebook": codebook, "files": ["n", "i"] },
+    });
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    let options = SimpleFileOptions::default().compression_method(method);
+    let mut add = |name: &str, bytes: &[u8]| {
+        zip.start_file(name, options).expect("memory takes it");
+        zip.write_all(bytes).expect("memory takes it");
+    };
+    for name in ["l", "u", "s", "q", "c", "i"] {
+        add(name, &webp(4, 4));
+    }
+    add("n", &webp(192, 10));
+    add("meta.json", meta.to_string().as_bytes());
+    zip.finish().expect("memory takes it").into_inner()
+}
+
+#[test]
+fn damaged_sog_files_are_read_or_refused() {
+    let seeds = [CompressionMethod::Stored, CompressionMethod::Deflated].map(|method| (sog(method), 200));
+    // A palette of 3 bands and 65,536 entries is 4 MB, however few bytes it packs to.
+    run("SOG", &seeds, 16 << 20, parse);
 }
 
 #[test]
