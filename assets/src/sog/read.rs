@@ -152,8 +152,8 @@ fn splat(
         opacity: (f64::from(color[3]) / 255.0) as f32,
         sh: [0.0; 48],
     };
-    for channel in 0..3 {
-        splat.sh[channel] = meta.sh0.codebook[usize::from(color[channel])];
+    for (value, code) in splat.sh.iter_mut().zip(&color[..3]) {
+        *value = meta.sh0.codebook[usize::from(*code)];
     }
     if let Some(entries) = entries {
         entries.apply(usize::from(u16::from_le_bytes([label[0], label[1]])), &mut splat.sh);
