@@ -51,6 +51,15 @@ pub enum SceneError {
         message: String,
     },
 
+    /// A file of an archive is missing or damaged, or a value in it is not allowed.
+    #[error("`{part}`: {message}")]
+    Part {
+        /// The file's name in the archive, perhaps with the value's name.
+        part: String,
+        /// The expectation and the finding.
+        message: String,
+    },
+
     /// A header line is malformed.
     #[error("line {line} of the header: {message}")]
     Header {

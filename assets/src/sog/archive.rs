@@ -29,7 +29,7 @@ pub(super) struct Texture {
 }
 
 fn damaged(name: &str, message: String) -> SceneError {
-    SceneError::Field { at: 0, field: name.into(), message }
+    SceneError::Part { part: name.into(), message }
 }
 
 impl<'a> Archive<'a> {

@@ -113,9 +113,8 @@ impl Meta {
 
 /// Makes the error for a value of `meta.json` that the format does not allow.
 pub(super) fn wrong(name: &str, expected: &str, found: impl std::fmt::Display) -> SceneError {
-    SceneError::Field {
-        at: 0,
-        field: format!("meta.json: {name}"),
+    SceneError::Part {
+        part: format!("meta.json: {name}"),
         message: format!("expected {expected}, found {found}"),
     }
 }
