@@ -4,7 +4,7 @@ use super::{Outcome, Usage, options};
 use crate::output::{self, Claims, is_standard_output, note, say};
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use splatgraph_assets::{Scene, SceneFormat, grouped};
+use splatgraph_assets::{Scene, SceneFormat, grouped, sh_floats};
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -99,6 +99,16 @@ fn losses(loaded: &Scene, written: &Scene, format: SceneFormat) -> Vec<String> {
     }
     if loaded.notes().antialiased && format != SceneFormat::Spz {
         losses.push("the mark that the splats were trained with anti-aliasing".into());
+    }
+    let largest = match format {
+        SceneFormat::Spz => 1.0,
+        SceneFormat::CompressedPly => 4.0,
+        _ => f32::INFINITY,
+    };
+    let above = written.sh().chunks_exact(sh_floats(to)).flat_map(|sh| &sh[3..]);
+    let clipped = above.filter(|value| value.abs() > largest).count() as u64;
+    if clipped > 0 {
+        losses.push(format!("harmonics: {} coefficients beyond {largest} are clipped", grouped(clipped)));
     }
     losses.extend(format.losses(to).into_iter().map(str::to_owned));
     losses
