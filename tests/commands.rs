@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 
 use crate::common;
 
-fn splatgraph(folder: &Path, args: &[&str]) -> Output {
+pub fn splatgraph(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_splatgraph"))
         .args(args)
         .current_dir(folder)
@@ -15,7 +15,7 @@ fn splatgraph(folder: &Path, args: &[&str]) -> Output {
 }
 
 /// Standard output of a command that succeeds.
-fn done(folder: &Path, args: &[&str]) -> String {
+pub fn done(folder: &Path, args: &[&str]) -> String {
     let output = splatgraph(folder, args);
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "splatgraph {}: {errors}", args.join(" "));
@@ -23,7 +23,7 @@ fn done(folder: &Path, args: &[&str]) -> String {
 }
 
 /// A folder with a generated scene and its cameras.
-fn scene() -> tempfile::TempDir {
+pub fn scene() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     done(
         folder.path(),
@@ -179,6 +179,7 @@ fn every_preset_passes_its_check_and_every_command_teaches() {
         "lsp",
         "info",
         "compare",
+        "convert",
         "synth",
         "trade",
         "experiment",

@@ -27,6 +27,7 @@ mod experiment;
 mod extremes;
 #[cfg(target_os = "linux")]
 mod files;
+mod formats;
 mod fuzz;
 #[cfg(target_os = "linux")]
 mod growth;

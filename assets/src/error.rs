@@ -21,12 +21,12 @@ pub enum SceneError {
     Io(#[from] std::io::Error),
 
     /// The file is empty.
-    #[error("expected a PLY file, found an empty file")]
+    #[error("expected a scene, found an empty file")]
     Empty,
 
-    /// The first line is not `ply`.
-    #[error("expected a PLY file, which begins with the line `ply`, found {found}")]
-    NotPly {
+    /// The bytes are those of no scene format.
+    #[error("expected a scene (.ply, .spz, .splat, .sog), found {found}")]
+    NotScene {
         /// The likely kind of the file.
         found: String,
     },
@@ -38,6 +38,26 @@ pub enum SceneError {
         format: &'static str,
         /// A way to get a supported file.
         advice: &'static str,
+    },
+
+    /// A field of a binary file is damaged, or has a value that the format or this reader does not allow.
+    #[error("byte {at}, `{field}`: {message}")]
+    Field {
+        /// Offset of the field, in the file or in what is unpacked from it.
+        at: u64,
+        /// The field's name in the format's description.
+        field: String,
+        /// The expectation and the finding.
+        message: String,
+    },
+
+    /// A file of an archive is missing or damaged, or a value in it is not allowed.
+    #[error("`{part}`: {message}")]
+    Part {
+        /// The file's name in the archive, perhaps with the value's name.
+        part: String,
+        /// The expectation and the finding.
+        message: String,
     },
 
     /// A header line is malformed.

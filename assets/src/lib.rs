@@ -1,6 +1,6 @@
 //! Loads, checks, measures and generates 3D Gaussian Splatting scenes.
 //!
-//! [`Scene::load`] reads a `.ply` file in the layout of the reference implementation and converts it in parallel;
+//! [`Scene::load`] reads a scene file of any [`SceneFormat`] and converts it in parallel; [`Scene::write`] writes one;
 //! [`Report`] counts its flaws, [`SizeBreakdown`] accounts for the file's bytes, and [`Scene::write_attribute`] writes the
 //! contents of GPU buffers. [`Camera`] reads and writes the reference's `cameras.json`. [`synth`] generates scenes: one for
 //! demonstration, and extreme ones for tests.
@@ -20,18 +20,24 @@
 
 #![deny(missing_docs)]
 
+mod activation;
 mod attributes;
 mod bounds;
 mod camera;
 mod error;
 pub mod file;
+mod formats;
 pub mod harmonics;
+mod input;
 pub mod memory;
 mod ply;
 mod recognise;
 mod report;
 mod scene;
 mod size_breakdown;
+mod sog;
+mod splat;
+mod spz;
 pub mod synth;
 #[cfg(test)]
 mod testing;
@@ -40,8 +46,9 @@ pub use attributes::{ATTRIBUTES, AttributeInfo};
 pub use bounds::Bounds;
 pub use camera::{Camera, CameraError, MAX_CAMERA_BYTES};
 pub use error::{LoadError, SceneError};
+pub use input::{Progress, SceneHeader};
 pub use memory::SceneMemoryError;
-pub use ply::read::{Progress, SceneHeader};
+pub use recognise::SceneFormat;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
-pub use scene::{ALPHA_FLOOR, ColorRange, Dropped, QuaternionNorms, Scene, Splat, sh_floats};
+pub use scene::{ALPHA_FLOOR, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene, Splat, sh_floats};
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};

@@ -1,9 +1,10 @@
-//! Identifies files that are not PLY files, for error messages.
+//! Recognises the format of a scene file by its first bytes, and names files that are not scenes.
 //!
-//! Users pass the wrong file, a compressed one, or a Git LFS pointer. The first bytes usually identify it, and "this is a gzip
+//! Users pass the wrong file, a packed one, or a Git LFS pointer. The first bytes usually identify it, and "this is a gzip
 //! file" helps more than "bad magic".
 
 use crate::error::SceneError;
+use crate::{sog, splat, spz};
 use std::path::Path;
 
 const CONVERT: &str = "convert it to a plain .ply, for instance with SuperSplat or with splat-transform";
@@ -20,7 +21,6 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"BZh", "a bzip2 file (unpack it first)"),
     (b"\xFD7zXZ", "an xz file (unpack it first)"),
     (b"7z\xBC\xAF", "a 7-Zip archive (unpack it first)"),
-    (b"PK\x03\x04", "a ZIP archive (unpack it first)"),
     (b"glTF", "a binary glTF model"),
     (b"\x7FELF", "an ELF executable"),
     (b"%PDF", "a PDF document"),
@@ -33,36 +33,129 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"\xEF\xBB\xBFply", "a PLY file behind a byte order mark (save it without one)"),
 ];
 
-/// Makes the error for a file whose first `bytes` do not begin as a PLY file. `path` is the file's path, if there is one, and
-/// `length` its length in bytes.
-pub(crate) fn not_ply(path: Option<&Path>, bytes: &[u8], length: u64) -> SceneError {
+/// Bytes of a file that show its format.
+pub(crate) const HEAD: usize = 4096;
+
+/// A format of scene files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SceneFormat {
+    /// PLY in the layout of the reference implementation.
+    Ply,
+    /// PLY in PlayCanvas's compressed layout.
+    CompressedPly,
+    /// Niantic's SPZ: versions 1 to 4 are read, version 3 is written.
+    Spz,
+    /// antimatter15's `.splat`.
+    Splat,
+    /// PlayCanvas's SOG in one file, version 2. It is read alone.
+    Sog,
+}
+
+impl SceneFormat {
+    /// The formats that [`Scene::write`](crate::Scene::write) writes.
+    pub const WRITTEN: [Self; 4] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat];
+
+    /// All formats.
+    pub const ALL: [Self; 5] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog];
+
+    /// Returns the extension of file names, without the first dot.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::CompressedPly => "compressed.ply",
+            Self::Spz => "spz",
+            Self::Splat => "splat",
+            Self::Sog => "sog",
+        }
+    }
+
+    /// Describes the format in a few words.
+    pub fn summary(self) -> &'static str {
+        match self {
+            Self::Ply => "the layout of the 3DGS reference implementation, exact",
+            Self::CompressedPly => "PlayCanvas's compressed PLY, 16 bytes per splat",
+            Self::Spz => "Niantic's SPZ, versions 1 to 4, written as version 3",
+            Self::Splat => "antimatter15's .splat, 32 bytes per splat, without harmonics above degree 0",
+            Self::Sog => "PlayCanvas's SOG, version 2, is read alone",
+        }
+    }
+
+    /// Finds the format of the longest extension that the name of `path` ends with, in capitals or not.
+    pub fn of_name(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
+        let ends = |format: &Self| name.ends_with(&format!(".{}", format.extension()));
+        Self::ALL.into_iter().filter(ends).max_by_key(|format| format.extension().len())
+    }
+
+    /// Describes what the format does not keep of a scene with harmonics of `degree`, a phrase per kind of value.
+    pub fn losses(self, degree: u32) -> Vec<&'static str> {
+        let mut losses = match self {
+            Self::Ply | Self::Sog => vec![],
+            Self::CompressedPly => vec![
+                "positions and scales: 10 or 11 bits per axis, of the range in a chunk of 256 splats",
+                "rotations: 10 bits per component",
+                "colours and opacities: 8 bits",
+            ],
+            Self::Spz => vec![
+                "positions: steps of 1/4096, or of more in a scene beyond 2048 units",
+                "scales: steps of 1/16 of the logarithm, from e^-10 to e^5.94",
+                "rotations: 9 bits and a sign per component",
+                "colours and opacities: 8 bits, colours of -0.44 to 1.44",
+            ],
+            Self::Splat => vec!["rotations, colours and opacities: 8 bits, colours of 0 to 1 alone"],
+        };
+        match self {
+            Self::CompressedPly if degree > 0 => losses.push("harmonics: 8 bits of -4 to 4"),
+            Self::Spz if degree > 0 => losses.push("harmonics of -1 to 1: 5 bits in band 1, 4 bits above"),
+            Self::Splat if degree > 0 => losses.push("harmonics: cut to degree 0"),
+            _ => {}
+        }
+        losses
+    }
+}
+
+/// Recognises the format of a file whose first bytes, [`HEAD`] or all, are `head`, and which has `length` bytes.
+///
+/// Both layouts of PLY are [`SceneFormat::Ply`] here: the header tells them apart.
+///
+/// # Errors
+/// The file is empty or not a scene; `path`, if there is one, helps to name it.
+pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<SceneFormat, SceneError> {
+    if head.is_empty() {
+        return Err(SceneError::Empty);
+    }
+    if head.starts_with(b"ply\n") || head.starts_with(b"ply\r\n") {
+        return Ok(SceneFormat::Ply);
+    }
     let extension = path
         .and_then(|p| p.extension())
         .map(|e| e.to_string_lossy().to_ascii_lowercase())
         .unwrap_or_default();
-    let gzip = bytes.starts_with(b"\x1F\x8B");
-    let unsupported = |format| SceneError::Unsupported { format, advice: CONVERT };
-    // SPZ is gzip around a header "NGSP"; without unpacking, the name is what tells it from any other gzip file.
-    if bytes.starts_with(b"NGSP") || (gzip && extension == "spz") {
-        return unsupported("a Niantic .spz scene");
+    if head.starts_with(spz::MAGIC) || spz::begins_as_spz(head) {
+        return Ok(SceneFormat::Spz);
     }
-    match extension.as_str() {
-        "sog" if bytes.starts_with(b"PK\x03\x04") => return unsupported("a PlayCanvas .sog scene"),
-        "ksplat" => return unsupported("a .ksplat scene"),
-        // 32 bytes per splat and no header: only the name and the size can say it.
-        "splat" if length.is_multiple_of(32) => return unsupported("an antimatter15 .splat scene"),
-        _ => {}
+    if extension == "ksplat" {
+        return Err(SceneError::Unsupported { format: "a .ksplat scene", advice: CONVERT });
     }
-    let found = match MAGIC.iter().find(|(magic, _)| bytes.starts_with(magic)) {
-        Some((_, what)) => (*what).to_owned(),
-        None => format!("the bytes {}", quoted(&bytes[..bytes.len().min(16)])),
-    };
-    SceneError::NotPly { found }
-}
-
-/// Makes the error for a PLY file with packed vertices.
-pub(crate) fn compressed_ply() -> SceneError {
-    SceneError::Unsupported { format: "a PlayCanvas compressed PLY scene", advice: CONVERT }
+    // Its reader says whether it is a scene.
+    if head.starts_with(sog::MAGIC) {
+        return Ok(SceneFormat::Sog);
+    }
+    let magic = MAGIC.iter().find(|(magic, _)| head.starts_with(magic));
+    let known = |(_, what): &(&[u8], &str)| Err(SceneError::NotScene { found: (*what).to_owned() });
+    // One or two bytes are too few to tell: a `.splat` begins with any.
+    if let Some(magic) = magic.filter(|(magic, _)| magic.len() > 2) {
+        return known(magic);
+    }
+    // No magic number: the values tell it, or the name does, and then its reader says what is wrong.
+    let whole = length.is_multiple_of(splat::STRIDE as u64);
+    if extension == "splat" || (whole && splat::is_plausible(head)) {
+        return Ok(SceneFormat::Splat);
+    }
+    if let Some(magic) = magic {
+        return known(magic);
+    }
+    Err(SceneError::NotScene { found: format!("the bytes {}", quoted(&head[..head.len().min(16)])) })
 }
 
 /// Quotes bytes and escapes those that are not printable.
@@ -75,7 +168,7 @@ mod tests {
     use super::*;
 
     fn said(name: &str, bytes: &[u8]) -> String {
-        not_ply(Some(Path::new(name)), bytes, bytes.len() as u64).to_string()
+        format(Some(Path::new(name)), bytes, bytes.len() as u64).unwrap_err().to_string()
     }
 
     #[test]
@@ -86,19 +179,18 @@ mod tests {
     }
 
     #[test]
-    fn splat_formats_are_refused_by_name_with_what_to_do() {
-        for (name, bytes, word) in [
-            ("a.spz", &b"\x1F\x8B\x08"[..], ".spz"),
-            ("a.bin", b"NGSP\x02\0\0\0", ".spz"),
-            ("a.splat", &[7u8; 64], ".splat"),
-            ("a.sog", b"PK\x03\x04", ".sog"),
-        ] {
-            let said = said(name, bytes);
-            assert!(
-                said.contains(word) && said.contains("unsupported format") && said.contains("convert"),
-                "{said}"
-            );
+    fn a_splat_format_that_is_not_read_is_refused_by_name_with_what_to_do() {
+        let said = said("a.ksplat", &[7; 64]);
+        assert!(said.starts_with("unsupported format: this is a .ksplat scene; convert it"), "{said}");
+    }
+
+    #[test]
+    fn a_file_name_names_the_format_of_its_longest_extension() {
+        for format in SceneFormat::ALL {
+            let name = format!("folder/A.{}", format.extension().to_uppercase());
+            assert_eq!(SceneFormat::of_name(Path::new(&name)), Some(format), "{name}");
         }
+        assert_eq!(SceneFormat::of_name(Path::new("ply")), None);
     }
 
     #[test]

@@ -6,7 +6,7 @@
 
 use crate::bounds::{Bounds, quantile};
 use crate::camera::Camera;
-use crate::scene::{ALPHA_FLOOR, CHUNK, ColorRange, Dropped, QuaternionNorms, Scene};
+use crate::scene::{ALPHA_FLOOR, CHUNK, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
 use crate::size_breakdown::grouped;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -21,6 +21,8 @@ const LARGEST_HALF: f64 = 65_504.0;
 /// The statistics of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
+    /// What the file says beside the splats' values.
+    pub file: FileNotes,
     /// Number of splats that can be drawn.
     pub splats: u32,
     /// Counts of the dropped splats.
@@ -134,6 +136,7 @@ impl Report {
             cameras
         };
         Self {
+            file: scene.notes(),
             splats: scene.count(),
             dropped: *scene.dropped(),
             stored_sh_degree: scene.stored_degree(),
@@ -216,7 +219,12 @@ impl fmt::Display for Report {
             () if effective < stored => ", the bands above are all zero",
             () => "",
         };
-        line(f, "harmonics", format!("degree {stored} stored, {shown} in use{above}"))?;
+        let cut = self.file.cut_degree.map(|degree| format!("degree {degree} in the file, cut to 3; "));
+        let cut = cut.unwrap_or_default();
+        line(f, "harmonics", format!("{cut}degree {stored} stored, {shown} in use{above}"))?;
+        if self.file.antialiased {
+            line(f, "filter", "trained with anti-aliasing (Mip-Splatting), says the file".into())?;
+        }
         let c = &self.color;
         let beyond = if c.brightest > LARGEST_HALF { ", beyond half floats" } else { "" };
         line(

@@ -6,18 +6,24 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 13] = [
+const ORDER: [&str; 19] = [
     "bounds",
     "file",
     "memory",
     "error",
+    "activation",
     "harmonics",
     "size_breakdown",
     "scene",
     "attributes",
     "camera",
-    "recognise",
+    "input",
     "ply",
+    "splat",
+    "spz",
+    "sog",
+    "recognise",
+    "formats",
     "report",
     "synth",
 ];

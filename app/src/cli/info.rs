@@ -28,7 +28,7 @@ pub const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A .ply file in the layout of the reference implementation
+    /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog
     scene: PathBuf,
     #[command(flatten)]
     drawing: Drawing,

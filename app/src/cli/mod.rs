@@ -9,6 +9,7 @@ mod advise;
 mod bench;
 mod check;
 mod compare;
+mod convert;
 mod devices;
 mod dump;
 mod experiment;
@@ -54,6 +55,7 @@ use std::sync::Arc;
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --json stats.json
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
+  splatgraph convert scene.ply scene.spz            # another format, and what it loses
   splatgraph bench scene.ply --pipelines splat,key16   # GPU time per pass, drawn in turns
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
   splatgraph advise scene.ply --psnr 45             # the fastest setting that is accurate enough
@@ -86,6 +88,7 @@ enum Command {
     Lsp(lsp::Args),
     Info(info::Args),
     Compare(compare::Args),
+    Convert(convert::Args),
     Synth(synth::Args),
     Bench(bench::Args),
     Trade(trade::Args),
@@ -164,6 +167,7 @@ pub fn main() -> ExitCode {
         Command::Lsp(args) => lsp::run(args),
         Command::Info(args) => info::run(args),
         Command::Compare(args) => compare::run(args),
+        Command::Convert(args) => convert::run(args),
         Command::Synth(args) => synth::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Trade(args) => trade::run(args),
@@ -207,6 +211,9 @@ fn command() -> clap::Command {
         .mut_subcommand("dump", |c| with_presets(c, dump::EXAMPLES))
         .mut_subcommand("check", |c| with_presets(c, check::EXAMPLES))
         .mut_subcommand("info", |c| with_presets(c, info::EXAMPLES))
+        .mut_subcommand("convert", |c| {
+            c.after_long_help(format!("{}\n\n{}", convert::EXAMPLES, convert::format_list()))
+        })
         .mut_subcommand("synth", |c| {
             c.after_long_help(format!("{}\n\n{}", synth::EXAMPLES, synth::generator_list()))
         })

@@ -215,10 +215,13 @@ fn load_cameras(path: &Path) -> Result<Vec<Camera>, String> {
 
 /// Finds the cameras of a scene, as the reference implementation places them.
 ///
-/// They are `NAME.cameras.json`, or `cameras.json` in its folder or, for `point_cloud/iteration_N/point_cloud.ply`, up to three
+/// They are `NAME.cameras.json`, also for `NAME.compressed.ply`, or `cameras.json` in its folder or, for `point_cloud/iteration_N/point_cloud.ply`, up to three
 /// folders above.
 pub fn cameras_of(scene: &Path) -> Option<PathBuf> {
-    let own = scene.with_extension("cameras.json");
+    let name = scene.file_name()?.to_string_lossy();
+    let plain =
+        name.strip_suffix(".compressed.ply").map(|name| scene.with_file_name(name.to_owned() + ".ply"));
+    let own = plain.as_deref().unwrap_or(scene).with_extension("cameras.json");
     if own.is_file() {
         return Some(own);
     }

@@ -17,7 +17,7 @@ use crate::camera_path::{self, CameraPath, Playback};
 use crate::pick::Picked;
 use indexmap::IndexMap;
 use splatgraph_api::{BackendError, Device, Running};
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Scene, SceneFormat};
 use splatgraph_framework::reload::WatchError;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -275,10 +275,11 @@ impl<D: Device> Viewer<D> {
                 }
             }
             "json" => self.open_cameras(path),
-            "ply" => self.open_scene_in(id, path),
+            _ if SceneFormat::of_name(path).is_some() => self.open_scene_in(id, path),
             _ => self.events.push(Event::FileFailed {
                 path: path.to_owned(),
-                error: "expected a scene (.ply), a graph (.ron) or cameras (.json)".into(),
+                error: "expected a scene (.ply, .spz, .splat, .sog), a graph (.ron) or cameras (.json)"
+                    .into(),
             }),
         }
     }

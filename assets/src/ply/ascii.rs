@@ -2,8 +2,8 @@
 
 use super::header::{Element, PropertyType};
 use super::layout::Layout;
-use super::source::{Source, grow};
 use crate::error::SceneError;
+use crate::input::{Source, grow};
 use std::ops::Range;
 
 /// Bytes that are read at a time.

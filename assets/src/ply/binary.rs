@@ -1,8 +1,8 @@
 //! Parses the rows of binary PLY files.
 
 use super::header::{Element, PropertyType, Scalar};
-use super::source::Source;
 use crate::error::SceneError;
+use crate::input::Source;
 
 /// Reads the scalar at the start of `bytes` as f32; doubles are rounded, integers converted.
 ///

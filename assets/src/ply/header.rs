@@ -1,6 +1,7 @@
 //! Parses the text header of a PLY file.
 
 use crate::error::SceneError;
+use crate::size_breakdown::{ElementSize, FieldSize};
 
 /// Largest number of bytes in a header. The reference layout needs about 1,600; comments may be long.
 pub(crate) const HEADER_LIMIT: usize = 64 * 1024;
@@ -118,6 +119,38 @@ impl Element {
             PropertyType::List { .. } => None,
         })
     }
+
+    /// Makes the error for a file that has only `there` rows of the element.
+    pub(crate) fn truncated(&self, there: u64) -> SceneError {
+        let (promised, line) = (self.count, self.line);
+        if self.name == "vertex" {
+            SceneError::Truncated { there, promised, line }
+        } else {
+            SceneError::TruncatedElement { element: self.name.clone(), there, promised, line }
+        }
+    }
+
+    /// Accounts for the element. `sizes` has the bytes of each property in all rows; `bytes` includes separators.
+    pub(crate) fn size(&self, sizes: &[u64], bytes: u64, used: impl Fn(usize) -> bool) -> ElementSize {
+        let columns = self.properties.iter().zip(sizes).enumerate();
+        let field = |(column, (property, bytes)): (usize, (&Property, &u64))| {
+            let per_row = bytes.checked_div(self.count);
+            FieldSize {
+                name: property.name.clone(),
+                kind: property.kind.name(),
+                bytes_per_row: per_row.filter(|size| size * self.count == *bytes),
+                bytes: *bytes,
+                used: used(column),
+            }
+        };
+        ElementSize {
+            name: self.name.clone(),
+            rows: self.count,
+            bytes,
+            fields: columns.map(field).collect(),
+            separator_bytes: bytes - sizes.iter().sum::<u64>(),
+        }
+    }
 }
 
 /// A parsed header.
@@ -139,7 +172,7 @@ impl Header {
         })
     }
 
-    /// Parses the header of bytes that begin with `ply` and a line end ([`begins_as_ply`]).
+    /// Parses the header of bytes that begin with `ply` and a line end.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, SceneError> {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
@@ -244,11 +277,6 @@ fn property(words: &[&str]) -> Result<Property, String> {
         [kind, name] => Ok(Property { name: (*name).into(), kind: PropertyType::Scalar(scalar(kind)?) }),
         _ => Err("expected `property TYPE NAME` or `property list TYPE TYPE NAME`".into()),
     }
-}
-
-/// Returns true if the first line is `ply`.
-pub(crate) fn begins_as_ply(bytes: &[u8]) -> bool {
-    bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n")
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Finds a splat's properties among those of `element vertex`.
 
 use super::header::{Element, PropertyType, Scalar};
+use crate::activation;
 use crate::error::{SceneError, nearest};
-use crate::recognise;
 use crate::scene::Splat;
 
 /// Index of the first slot of each attribute in [`Layout::slots`] and in a row of values.
@@ -51,9 +51,6 @@ impl Layout {
         let mut columns: Vec<(&str, Slot)> = Vec::with_capacity(vertex.properties.len());
         let mut stride = 0;
         for (column, property) in vertex.properties.iter().enumerate() {
-            if property.name == "packed_position" {
-                return Err(recognise::compressed_ply());
-            }
             let PropertyType::Scalar(scalar) = property.kind else {
                 return Err(SceneError::Header {
                     line,
@@ -104,29 +101,16 @@ impl Layout {
     }
 
     /// Converts the file's values to a splat, and returns the length of the file's quaternion with it.
-    ///
-    /// Exponential, sigmoid and norm are computed in f64 and rounded once, so that a file gives the same splats with every
-    /// platform's math library.
     #[inline]
     pub(crate) fn splat(&self, value: impl Fn(usize) -> f32) -> (Splat, f64) {
-        let exp = |slot: usize| f64::from(value(slot)).exp() as f32;
-        // 1 / (1 + e^-x) overflows only inside, to 1 / inf = 0, which is the limit; an infinite logit must stay visible
-        // as such, as what is not finite is dropped.
-        let logit = f64::from(value(OPACITY));
-        let opacity = if logit.is_finite() { (1.0 / (1.0 + (-logit).exp())) as f32 } else { f32::NAN };
-        let raw: [f64; 4] = std::array::from_fn(|i| f64::from(value(ROTATION + i)));
-        let norm = raw.iter().map(|c| c * c).sum::<f64>().sqrt();
-        let mut splat =
-            Splat {
-                position: [value(POSITION), value(POSITION + 1), value(POSITION + 2)],
-                // An infinite logarithm of either sign is an error of the file, though e^-inf would be 0.
-                scale: std::array::from_fn(|i| {
-                    if value(SCALE + i).is_finite() { exp(SCALE + i) } else { f32::NAN }
-                }),
-                rotation: raw.map(|c| if norm > 0.0 { (c / norm) as f32 } else { c as f32 }),
-                opacity,
-                sh: [0.0; 48],
-            };
+        let (rotation, norm) = activation::unit(std::array::from_fn(|i| f64::from(value(ROTATION + i))));
+        let mut splat = Splat {
+            position: [value(POSITION), value(POSITION + 1), value(POSITION + 2)],
+            scale: std::array::from_fn(|i| activation::exponential(value(SCALE + i))),
+            rotation,
+            opacity: activation::sigmoid(value(OPACITY)),
+            sh: [0.0; 48],
+        };
         for channel in 0..3 {
             splat.sh[channel] = value(DC + channel);
         }

@@ -13,17 +13,18 @@
 //! | `f_dc_0..2` | spherical harmonics, band 0, red green blue |
 //! | `f_rest_*` | bands 1 to the degree, channel-major: all of red's coefficients, then green's, then blue's |
 //!
-//! [`source`] reads pieces of the file, [`header`] reads the text, [`layout`] finds the splat's properties in it, [`binary`] and
-//! [`ascii`] read the rows, [`origin`] moves distant scenes near their origin, [`read`] joins all into a [`crate::Scene`],
-//! [`write`] is the way back.
+//! [`header`] reads the text, [`layout`] finds the splat's properties in it, [`binary`] and [`ascii`] read the rows, [`origin`]
+//! moves distant scenes near their origin, [`read`] joins all into a [`crate::Scene`], [`write`] is the way back. [`packed`] reads
+//! PlayCanvas's compressed layout, and [`pack`] writes it.
 
 pub(crate) mod ascii;
 pub(crate) mod binary;
 pub(crate) mod header;
 pub(crate) mod layout;
 mod origin;
+pub(crate) mod pack;
+mod packed;
 pub(crate) mod read;
-pub(crate) mod source;
 #[cfg(test)]
 mod tests;
 pub(crate) mod write;

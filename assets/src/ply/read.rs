@@ -7,92 +7,35 @@
 //! What the header promises is held against the file's length and against the memory that there is before anything is
 //! allocated. A file that was written to meanwhile is an error, never a scene that is half of one and half of another.
 
-use super::header::{Element, Encoding, HEADER_LIMIT, Header, Property, begins_as_ply};
+use super::header::{Element, Encoding, HEADER_LIMIT, Header};
 use super::layout::{Layout, MAX_SLOTS};
 use super::origin::Sample;
-use super::source::{Buffers, OpenFile, Source};
+use super::packed::Packed;
 use super::{ascii, binary};
-use crate::error::{LoadError, SceneError};
-use crate::memory::{self, SceneMemoryError};
-use crate::recognise;
-use crate::scene::{CHUNK, Columns, Gathered, Rows, Scene};
-use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
-use std::path::Path;
+use crate::error::SceneError;
+use crate::input::{self, Done, Input, SceneHeader, Source, Table};
+use crate::scene::{CHUNK, Columns, FileNotes, Gathered, Rows, Scene};
+use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bytes of binary rows that a thread reads at a time, or one row if that is longer.
-const PIECE: usize = 1 << 20;
-
-/// A callback for the progress of a load: bytes of splats converted, and bytes in all.
-///
-/// Several threads call it, so the first number does not always ascend.
-pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
-
-/// The promises of a scene file's header.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SceneHeader {
-    /// Number of splats, of which some may not be drawable.
-    pub count: u64,
-    /// Degree of the stored spherical harmonics.
-    pub stored_degree: u32,
-}
-
-impl SceneHeader {
-    /// Reads the header of a scene file, and nothing else.
-    ///
-    /// # Errors
-    /// Those of [`Scene::load`] that the header and the file's length show.
-    pub fn load(path: impl AsRef<Path>) -> Result<Self, LoadError> {
-        let path = path.as_ref();
-        let inner = || {
-            let file = OpenFile::open(path)?;
-            let (_, layout, count) = header(&Source::File(&file), Some(path))?;
-            Ok(Self { count, stored_degree: layout.degree })
-        };
-        inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
-    }
-}
-
-impl Scene {
-    /// Loads a scene file.
-    ///
-    /// # Errors
-    /// The file cannot be read, is not a PLY file in the reference layout, is damaged, does not fit in memory, or was written
-    /// to meanwhile. See [`SceneError`].
-    pub fn load(path: impl AsRef<Path>, progress: Progress) -> Result<Self, LoadError> {
-        let path = path.as_ref();
-        let inner = || {
-            let file = OpenFile::open(path)?;
-            let parsed = parse(&Source::File(&file), Some(path), memory::available(), progress);
-            // Whatever was found in a file that changed under the reader says nothing about the file.
-            file.check_unchanged().and(parsed)
-        };
-        inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
-    }
-
-    /// Parses a scene from the bytes of a file.
-    ///
-    /// # Errors
-    /// Those of [`Scene::load`].
-    pub fn parse(bytes: &[u8], progress: Progress) -> Result<Self, SceneError> {
-        parse(&Source::Bytes(bytes), None, memory::available(), progress)
-    }
+/// The way in which a file stores its splats.
+enum Stored {
+    /// A property per value: the reference layout.
+    Plain(Layout),
+    /// PlayCanvas's compressed layout.
+    Packed(Packed),
 }
 
 /// Reads the header, finds the splats' properties in it, and checks the number of rows; returns the number of splats as well.
-fn header(source: &Source, path: Option<&Path>) -> Result<(Header, Layout, u64), SceneError> {
-    if source.length() == 0 {
-        return Err(SceneError::Empty);
-    }
+fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
     // One byte more than a header has, to tell one that is too long from one that is cut off.
-    let head = source.head(HEADER_LIMIT + 1)?;
-    if !begins_as_ply(&head) {
-        return Err(recognise::not_ply(path, &head, source.length()));
-    }
-    let header = Header::parse(&head)?;
+    let header = Header::parse(&source.head(HEADER_LIMIT + 1)?)?;
     let vertex = header.vertex()?;
-    let layout = Layout::find(vertex)?;
+    let packed = vertex.properties.iter().any(|property| property.name == "packed_position");
+    let stored = match packed {
+        true => Stored::Packed(Packed::find(&header)?),
+        false => Stored::Plain(Layout::find(vertex)?),
+    };
     let count = vertex.count;
     if count == 0 {
         return Err(SceneError::NoSplats { line: vertex.line });
@@ -110,45 +53,50 @@ fn header(source: &Source, path: Option<&Path>) -> Result<(Header, Layout, u64),
     if u32::try_from(count).is_err() {
         return Err(SceneError::TooMany { count });
     }
-    Ok((header, layout, count))
+    Ok((header, stored, count))
 }
 
-/// Parses a scene; `path` helps to identify a file of another format. No more than `memory` bytes can be taken, if that is known.
-pub(super) fn parse(
-    source: &Source,
-    path: Option<&Path>,
-    memory: Option<u64>,
-    progress: Progress,
-) -> Result<Scene, SceneError> {
-    let (header, layout, count) = header(source, path)?;
-    let file = File { source, header: &header, layout: &layout, memory, progress };
+/// Reads the header alone, of a file that begins as PLY.
+pub(crate) fn scene_header(source: &Source) -> Result<SceneHeader, SceneError> {
+    let (_, stored, count) = header(source)?;
+    let stored_degree = match stored {
+        Stored::Plain(layout) => layout.degree,
+        Stored::Packed(packed) => packed.degree,
+    };
+    Ok(SceneHeader { count, stored_degree })
+}
+
+/// Parses a scene of a file that begins as PLY.
+pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
+    let (header, stored, count) = header(input.source)?;
+    let layout = match stored {
+        Stored::Plain(layout) => layout,
+        Stored::Packed(packed) => return packed.parse(input, &header),
+    };
+    let file = File { input, source: input.source, header: &header, layout: &layout };
     let (Splats { columns, gathered, origin }, elements, end) = match header.encoding {
         Encoding::Ascii => file.ascii()?,
         Encoding::LittleEndian => file.binary::<false>()?,
         Encoding::BigEndian => file.binary::<true>()?,
     };
+    let length = input.source.length();
     let size_breakdown = SizeBreakdown {
         format: format!("ply, {}", header.encoding.name()),
-        file_bytes: source.length(),
+        file_bytes: length,
         header_bytes: header.bytes as u64,
         elements,
-        trailing_bytes: source.length() - end,
+        trailing_bytes: length - end,
     };
-    let scene = Scene::new(columns, gathered, Some(size_breakdown)).with_offset(origin);
-    if scene.count() == 0 {
-        let reasons = scene.dropped().to_string();
-        return Err(SceneError::AllDropped { count, reasons });
-    }
-    Ok(scene)
+    let scene = input::finish((columns, gathered), count, size_breakdown, FileNotes::default())?;
+    Ok(scene.with_offset(origin))
 }
 
 /// A file with a parsed header.
 struct File<'a> {
+    input: &'a Input<'a>,
     source: &'a Source<'a>,
     header: &'a Header,
     layout: &'a Layout,
-    memory: Option<u64>,
-    progress: Progress<'a>,
 }
 
 /// The splats, their statistics, and the place in the file's coordinates that theirs are relative to.
@@ -162,19 +110,14 @@ struct Splats {
 type Body = (Splats, Vec<ElementSize>, u64);
 
 impl File<'_> {
-    /// Allocates the arrays, unless they, with a buffer per thread, are more than the memory that there is.
     fn allocate(&self, count: u64) -> Result<Columns, SceneError> {
-        let degree = self.layout.degree;
-        let buffers = rayon::current_num_threads() * PIECE.max(self.layout.stride);
-        let wide = self.layout.wide().contains(&true);
-        let low = if wide { count.saturating_mul(Columns::LOW_BYTES) } else { 0 };
-        let needed = Scene::host_bytes(count, degree).saturating_add(low).saturating_add(buffers as u64);
-        SceneMemoryError::check_against(count, degree, needed, self.memory)?;
-        let mut columns = Columns::zeroed(count as usize, degree)?;
-        if wide {
-            columns.widen()?;
-        }
-        Ok(columns)
+        let layout = self.layout;
+        self.input.allocate(count, layout.degree, layout.wide().contains(&true), (layout.stride, 0))
+    }
+
+    /// Returns true if a column becomes part of a splat.
+    fn uses(&self, element: &Element, column: usize) -> bool {
+        element.name == "vertex" && self.layout.slot_of[column].is_some()
     }
 
     fn binary<const BIG: bool>(&self) -> Result<Body, SceneError> {
@@ -183,12 +126,12 @@ impl File<'_> {
         let mut at = self.header.bytes as u64;
         for element in &self.header.elements {
             let sizes = binary::measure(self.source, at, element, BIG)?;
-            let sizes = sizes.map_err(|there| truncated(element, there))?;
+            let sizes = sizes.map_err(|there| element.truncated(there))?;
             let total = sizes.iter().sum::<u64>();
             if element.name == "vertex" {
                 body = Some(self.binary_splats::<BIG>(at, element.count)?);
             }
-            elements.push(self.element_size(element, &sizes, total));
+            elements.push(element.size(&sizes, total, |column| self.uses(element, column)));
             at += total;
         }
         let splats = body.expect("the caller found `vertex` among the elements");
@@ -199,39 +142,27 @@ impl File<'_> {
         let layout = self.layout;
         let stride = layout.stride;
         let origin = self.binary_origin::<BIG>(start, count)?;
+        let wide = layout.wide();
         let mut columns = self.allocate(count)?;
-        let wide = self.layout.wide();
-        let done = Done::new(count * stride as u64, self.progress);
-        let buffers = Buffers::default();
-        let rows_at_once = (PIECE / stride).max(1);
-        let gathered = columns.fill(|out: &mut Rows| {
-            buffers.with(rows_at_once.min(out.len()) * stride, |buffer| {
-                for first in (0..out.len()).step_by(rows_at_once) {
-                    let count = rows_at_once.min(out.len() - first);
-                    let rows = &mut buffer[..count * stride];
-                    self.source.read(start + ((out.first() + first) * stride) as u64, rows)?;
-                    for row in rows.chunks_exact(stride) {
-                        let position = |axis: usize| {
-                            let place = layout.slots[axis];
-                            binary::wide::<BIG>(&row[place.offset..], place.scalar) - origin[axis]
-                        };
-                        let (splat, norm) = layout.splat(|slot| match wide.get(slot) {
-                            Some(true) => position(slot) as f32,
-                            _ => {
-                                let place = layout.slots[slot];
-                                binary::value::<BIG>(&row[place.offset..], place.scalar)
-                            }
-                        });
-                        if wide.contains(&true) {
-                            out.push_wide(&splat, std::array::from_fn(position), norm);
-                        } else {
-                            out.push(&splat, norm);
-                        }
-                    }
-                    done.add(rows.len() as u64);
+        let done = Done::new(count * stride as u64, self.input.progress);
+        let table = [Table { start, stride }];
+        let gathered = input::fill(self.source, table, &mut columns, &done, |[row], _, out| {
+            let position = |axis: usize| {
+                let place = layout.slots[axis];
+                binary::wide::<BIG>(&row[place.offset..], place.scalar) - origin[axis]
+            };
+            let (splat, norm) = layout.splat(|slot| match wide.get(slot) {
+                Some(true) => position(slot) as f32,
+                _ => {
+                    let place = layout.slots[slot];
+                    binary::value::<BIG>(&row[place.offset..], place.scalar)
                 }
-                Ok(())
-            })
+            });
+            if wide.contains(&true) {
+                out.push_wide(&splat, std::array::from_fn(position), norm);
+            } else {
+                out.push(&splat, norm);
+            }
         })?;
         Ok(Splats { columns, gathered, origin })
     }
@@ -264,7 +195,8 @@ impl File<'_> {
             } else {
                 ascii::skip(&mut lines, element)?
             };
-            elements.push(self.element_size(element, &sizes, lines.place().at - start));
+            let bytes = lines.place().at - start;
+            elements.push(element.size(&sizes, bytes, |column| self.uses(element, column)));
         }
         let splats = body.expect("the caller found `vertex` among the elements");
         Ok((splats, elements, lines.place().at))
@@ -286,7 +218,7 @@ impl File<'_> {
             if row % CHUNK as u64 == 0 {
                 chunks.push(lines.place());
             }
-            let line = lines.next_row()?.ok_or_else(|| truncated(vertex, row))?;
+            let line = lines.next_row()?.ok_or_else(|| vertex.truncated(row))?;
             if line.text.len() < least {
                 return Err(short_row(&line, vertex, row));
             }
@@ -299,7 +231,7 @@ impl File<'_> {
         }
         let origin = sample.map_or([0.0; 3], Sample::origin);
         let mut columns = self.allocate(vertex.count)?;
-        let done = Done::new(lines.place().at - start, self.progress);
+        let done = Done::new(lines.place().at - start, self.input.progress);
         let sizes = Mutex::new(vec![0; vertex.properties.len()]);
         let gathered = columns.fill(|out: &mut Rows| {
             let place = chunks[out.first() / CHUNK];
@@ -309,7 +241,7 @@ impl File<'_> {
             let mut chunk_sizes = vec![0; vertex.properties.len()];
             for index in 0..out.len() {
                 let row = (out.first() + index) as u64;
-                let line = lines.next_row()?.ok_or_else(|| truncated(vertex, row))?;
+                let line = lines.next_row()?.ok_or_else(|| vertex.truncated(row))?;
                 let mut position = [0.0; 3];
                 let values = (&mut slots[..], &mut position);
                 let found = ascii::row(&line, self.layout, vertex, origin, values, &mut chunk_sizes)?;
@@ -332,64 +264,13 @@ impl File<'_> {
         let sizes = sizes.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         Ok((Splats { columns, gathered, origin }, sizes))
     }
-
-    /// Accounts for an element. `sizes` has the bytes of each property in all rows; `bytes` includes separators.
-    fn element_size(&self, element: &Element, sizes: &[u64], bytes: u64) -> ElementSize {
-        let is_vertex = element.name == "vertex";
-        let columns = element.properties.iter().zip(sizes).enumerate();
-        let field = |(column, (property, bytes)): (usize, (&Property, &u64))| {
-            let per_row = bytes.checked_div(element.count);
-            FieldSize {
-                name: property.name.clone(),
-                kind: property.kind.name(),
-                bytes_per_row: per_row.filter(|size| size * element.count == *bytes),
-                bytes: *bytes,
-                used: is_vertex && self.layout.slot_of[column].is_some(),
-            }
-        };
-        ElementSize {
-            name: element.name.clone(),
-            rows: element.count,
-            bytes,
-            fields: columns.map(field).collect(),
-            separator_bytes: bytes - sizes.iter().sum::<u64>(),
-        }
-    }
 }
 
 /// Makes the error for a row that has too few values.
 fn short_row(line: &ascii::Line, vertex: &Element, row: u64) -> SceneError {
     if line.cut {
-        return truncated(vertex, row);
+        return vertex.truncated(row);
     }
     let (expected, found) = (vertex.properties.len(), ascii::words(line.text).count());
     SceneError::Row { line: line.number, message: format!("expected {expected} values, found {found}") }
-}
-
-/// Makes the error for an element of which only `there` rows are in the file.
-fn truncated(element: &Element, there: u64) -> SceneError {
-    let (promised, line) = (element.count, element.line);
-    if element.name == "vertex" {
-        SceneError::Truncated { there, promised, line }
-    } else {
-        SceneError::TruncatedElement { element: element.name.clone(), there, promised, line }
-    }
-}
-
-/// Sums the progress of parallel chunks.
-struct Done<'a> {
-    done: AtomicU64,
-    of: u64,
-    tell: Progress<'a>,
-}
-
-impl<'a> Done<'a> {
-    fn new(of: u64, tell: Progress<'a>) -> Self {
-        tell(0, of);
-        Self { done: AtomicU64::new(0), of, tell }
-    }
-
-    fn add(&self, bytes: u64) {
-        (self.tell)(self.done.fetch_add(bytes, Ordering::Relaxed) + bytes, self.of);
-    }
 }

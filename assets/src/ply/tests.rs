@@ -1,8 +1,9 @@
 //! Reads whole files, good and bad.
 
 use super::write::property_names;
+use crate::input::{Input, OpenFile, Source};
 use crate::testing::{capture, parse, splat};
-use crate::{Scene, SceneError, sh_floats};
+use crate::{Scene, sh_floats};
 use proptest::prelude::*;
 
 /// The form of a file to write.
@@ -283,8 +284,9 @@ fn quaternions_of_any_length_but_zero_are_rotations() {
 #[test]
 fn a_scene_that_exceeds_the_memory_is_refused_from_its_header() {
     let bytes = Made { degree: 3, count: 1000, ..PLAIN }.bytes();
+    let source = Source::Bytes(&bytes);
     let with =
-        |memory| super::read::parse(&super::source::Source::Bytes(&bytes), None, Some(memory), &|_, _| {});
+        |memory| super::read::parse(&Input { source: &source, memory: Some(memory), progress: &|_, _| {} });
     let said = with(200_000).unwrap_err().to_string();
     assert!(
         said.contains("found 1000 splats of degree 3, which need") && said.contains("of 195.3 KiB available"),
@@ -319,8 +321,9 @@ fn more_rows_of_bytes_than_any_memory_or_index_holds_are_refused_at_once() {
         "{said}"
     );
     let path = sparse(folder.path(), (1 << 32) - 1);
-    let file = super::source::OpenFile::open(&path).unwrap();
-    let said = super::read::parse(&super::source::Source::File(&file), None, Some(64 << 30), &|_, _| {});
+    let file = OpenFile::open(&path).unwrap();
+    let source = Source::File(&file);
+    let said = super::read::parse(&Input { source: &source, memory: Some(64 << 30), progress: &|_, _| {} });
     let said = said.unwrap_err().to_string();
     assert!(
         said.contains("4294967295 splats of degree 3, which need 992.0 GiB, of 64.0 GiB available"),
@@ -529,17 +532,6 @@ fn the_captures_load_whole_and_their_size_breakdowns_sum_to_their_sizes() {
         assert_eq!((scene.count(), scene.dropped().total()), (count, 0), "{name}");
         assert_eq!((scene.stored_degree(), scene.effective_degree()), (stored, effective), "{name}");
         assert_eq!(scene.size_breakdown().sum(), std::fs::metadata(&path).unwrap().len());
-    }
-}
-
-#[test]
-fn compressed_captures_are_refused_by_name() {
-    for (name, word) in [("biker.compressed.ply", "PlayCanvas compressed PLY"), ("biker.spz", "Niantic .spz")]
-    {
-        let Some(path) = capture(name) else { continue };
-        let said = Scene::load(&path, &|_, _| {}).unwrap_err();
-        assert!(matches!(said.problem, SceneError::Unsupported { .. }));
-        assert!(said.to_string().contains(word), "{said}");
     }
 }
 

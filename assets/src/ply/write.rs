@@ -1,6 +1,7 @@
 //! Writes scenes in the reference layout: binary, little endian, all properties `float`; those of the position are `double` in a
 //! scene with an offset, which `float` would not hold.
 
+use crate::activation::{logarithm, logit};
 use crate::scene::{CHUNK, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use rayon::prelude::*;
@@ -100,9 +101,8 @@ impl Scene {
                     for index in first..end.min(first + CHUNK) {
                         let splat = self.splat(index);
                         if self.is_offset() {
-                            let position = self.position(index);
-                            let world = |axis: usize| position[axis] + self.offset()[axis];
-                            (0..3).for_each(|axis| bytes.extend_from_slice(&world(axis).to_le_bytes()));
+                            let world = self.world_position(index);
+                            world.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
                         } else {
                             splat.position.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
                         }
@@ -133,19 +133,6 @@ fn encode(splat: &Splat, degree: u32, out: &mut Vec<u8>) {
     put(logit(splat.opacity));
     splat.scale.map(logarithm).into_iter().for_each(&mut put);
     splat.rotation.into_iter().for_each(&mut put);
-}
-
-/// Computes the inverse of the sigmoid.
-///
-/// It is clamped to -104 and 18, where the sigmoid rounds to 0 and 1 in f32.
-fn logit(opacity: f32) -> f32 {
-    let p = f64::from(opacity);
-    (p / (1.0 - p)).ln().clamp(-104.0, 18.0) as f32
-}
-
-/// Computes the natural logarithm, at least -104, where its exponential rounds to 0 in f32.
-fn logarithm(scale: f32) -> f32 {
-    f64::from(scale).ln().max(-104.0) as f32
 }
 
 #[cfg(test)]

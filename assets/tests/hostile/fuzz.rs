@@ -5,10 +5,16 @@
 use crate::allocation::{alone, counted};
 use crate::long;
 use crate::numbers::Random;
-use splatgraph_assets::{Camera, Scene, synth};
+use flate2::{Compression, read::GzDecoder, write::GzEncoder};
+use image_webp::{ColorType, WebPEncoder};
+use serde_json::json;
+use splatgraph_assets::{Camera, Scene, SceneFormat, synth};
 use std::collections::BTreeMap;
+use std::io::{Cursor, Read as _, Write as _};
 use std::path::Path;
 use std::time::{Duration, Instant};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
 
 /// Damaged files per reader: in the long form, and in the one that everybody runs.
 const CASES: (u64, u64) = (100_000, 1_500);
@@ -224,14 +230,126 @@ fn scenes() -> Vec<(Vec<u8>, usize)> {
 fn damaged_scenes_are_read_or_refused() {
     // A piece for each thread, and the lists of a parallel loop.
     let memory = 4 << 20;
-    run("scenes", &scenes(), memory, |bytes| match Scene::parse(bytes, &|_, _| {}) {
+    run("scenes", &scenes(), memory, parse);
+}
+
+/// Makes small scenes in the formats other than plain PLY, with the length of their headers.
+fn packed_scenes(format: SceneFormat, head: usize) -> Vec<(Vec<u8>, usize)> {
+    let scenes = [("uniform", 6), ("needles", 300), ("demo", 3)];
+    let seeds = scenes.map(|(generator, count)| {
+        let scene = synth::generate(generator, count, 0).expect("it is generated");
+        let mut bytes = Vec::new();
+        scene.write(format, &mut bytes).expect("memory takes it");
+        bytes
+    });
+    seeds.into_iter().map(|bytes| (bytes, head)).collect()
+}
+
+fn parse(bytes: &[u8]) -> Result<(), String> {
+    match Scene::parse(bytes, &|_, _| {}) {
         Ok(scene) => {
             assert_eq!(scene.size_breakdown().sum(), bytes.len() as u64);
             assert!(scene.count() > 0 && scene.positions().as_flattened().iter().all(|v| v.is_finite()));
             Ok(())
         }
         Err(error) => Err(kind(&error.to_string())),
+    }
+}
+
+#[test]
+fn damaged_scenes_of_every_format_are_read_or_refused() {
+    let memory = 4 << 20;
+    for (format, head) in
+        [(SceneFormat::CompressedPly, 900), (SceneFormat::Splat, 64), (SceneFormat::Spz, 20)]
+    {
+        run(&format!("{format:?}"), &packed_scenes(format, head), memory, parse);
+    }
+}
+
+#[test]
+fn damage_inside_an_spz_file_is_read_or_refused() {
+    let inside = |bytes: &[u8]| {
+        let mut unpacked = Vec::new();
+        GzDecoder::new(bytes).read_to_end(&mut unpacked).expect("it is whole");
+        unpacked
+    };
+    let mut seeds: Vec<_> =
+        packed_scenes(SceneFormat::Spz, 16).iter().map(|(bytes, head)| (inside(bytes), *head)).collect();
+    // Records after the arrays: the axes, and one that is not known.
+    seeds[0].0[14] = 2;
+    seeds[0].0.extend([3, 0, 0xBE, 0xAD, 4, 0, 0, 0, 6, 0, 0, 0, 9, 9, 9, 9, 1, 0, 0, 0, 7]);
+    run("SPZ, unpacked", &seeds, 4 << 20, |bytes| {
+        let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
+        packed.write_all(bytes).expect("memory takes it");
+        parse(&packed.finish().expect("memory takes it"))
     });
+}
+
+#[test]
+fn damaged_spz_files_of_version_4_are_read_or_refused() {
+    // Each stream is a Zstandard frame of one block that is not compressed.
+    let frame = |bytes: &[u8]| {
+        let block = (bytes.len() as u32) << 3 | 1;
+        let head = [0x28, 0xB5, 0x2F, 0xFD, 0x20, bytes.len() as u8];
+        [&head[..], &block.to_le_bytes()[..3], bytes].concat()
+    };
+    let file = |count: usize, degree: u8, coefficients: usize| {
+        let lengths = [9, 1, 3, 3, 4, 3 * coefficients].map(|length| length * count);
+        let streams = lengths.into_iter().filter(|length| *length > 0);
+        let mut bytes = b"NGSP\x04\0\0\0".to_vec();
+        bytes.extend((count as u32).to_le_bytes());
+        bytes.extend([degree, 12, 0, streams.clone().count() as u8, 32, 0, 0, 0]);
+        bytes.extend([0; 12]);
+        let packed: Vec<Vec<u8>> = streams.clone().map(|length| frame(&vec![0x55; length])).collect();
+        for (packed, length) in packed.iter().zip(streams) {
+            bytes.extend((packed.len() as u64).to_le_bytes());
+            bytes.extend((length as u64).to_le_bytes());
+        }
+        bytes.extend(packed.concat());
+        bytes
+    };
+    let seeds = [(file(5, 0, 0), 112), (file(3, 3, 15), 128), (file(2, 4, 24), 128)];
+    run("SPZ version 4", &seeds, 4 << 20, parse);
+}
+
+/// Makes a SOG file of two splats with harmonics.
+fn sog(method: CompressionMethod) -> Vec<u8> {
+    let webp = |width: u32, height: u32| {
+        let texels: Vec<u8> =
+            (0..width * height * 4).map(|i| if i % 4 == 3 { 253 } else { i as u8 % 3 }).collect();
+        let mut bytes = Vec::new();
+        let encoder = WebPEncoder::new(&mut bytes);
+        encoder.encode(&texels, width, height, ColorType::Rgba8).expect("memory takes it");
+        bytes
+    };
+    let codebook: Vec<f64> = (0..256).map(|u| f64::from(u - 128) / 16.0).collect();
+    let meta = json!({
+        "version": 2, "count": 2,
+        "means": { "mins": [-1, -1, -1], "maxs": [1, 1, 1], "files": ["l", "u"] },
+        "scales": { "codebook": codebook, "files": ["s"] },
+        "quats": { "files": ["q"] },
+        "sh0": { "codebook": codebook, "files": ["c"] },
+        "shN": { "count": 600, "bands": 1, "codebook": codebook, "files": ["n", "i"] },
+    });
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    let options = SimpleFileOptions::default().compression_method(method);
+    let mut add = |name: &str, bytes: &[u8]| {
+        zip.start_file(name, options).expect("memory takes it");
+        zip.write_all(bytes).expect("memory takes it");
+    };
+    for name in ["l", "u", "s", "q", "c", "i"] {
+        add(name, &webp(4, 4));
+    }
+    add("n", &webp(192, 10));
+    add("meta.json", meta.to_string().as_bytes());
+    zip.finish().expect("memory takes it").into_inner()
+}
+
+#[test]
+fn damaged_sog_files_are_read_or_refused() {
+    let seeds = [CompressionMethod::Stored, CompressionMethod::Deflated].map(|method| (sog(method), 200));
+    // A palette of 3 bands and 65,536 entries is 4 MB, however few bytes it packs to.
+    run("SOG", &seeds, 16 << 20, parse);
 }
 
 #[test]

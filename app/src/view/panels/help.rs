@@ -46,7 +46,7 @@ const KEYS: [(&str, &[(&str, &str)]); 4] = [
         "Files",
         &[
             ("Ctrl + O", "open a scene, a graph or cameras"),
-            ("drop .ply, .ron, .json", "open a scene, a graph, cameras"),
+            ("drop a file", "open a scene (.ply, .spz, .splat, .sog), a graph (.ron), cameras (.json)"),
         ],
     ),
 ];

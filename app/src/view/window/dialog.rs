@@ -33,9 +33,11 @@ impl Dialog {
             return;
         }
         let (title, filter, endings): (_, _, &[&str]) = match cameras {
-            None => {
-                ("Open a scene, a graph or cameras", "Scenes, graphs and cameras", &["ply", "ron", "json"])
-            }
+            None => (
+                "Open a scene, a graph or cameras",
+                "Scenes, graphs and cameras",
+                &["ply", "spz", "splat", "sog", "ron", "json"],
+            ),
             Some(_) => ("Open cameras", "Cameras", &["json"]),
         };
         let mut dialog = AsyncFileDialog::new()

@@ -5,9 +5,17 @@
 //! *activated*: scales are standard deviations and not logarithms, opacities are 0 to 1 and not logits, quaternions are
 //! unit. A scene is immutable, so derived values are computed once.
 
+mod columns;
+mod gathered;
+
+pub(crate) use columns::{Columns, Rows};
+pub(crate) use gathered::Gathered;
+pub use gathered::{Dropped, QuaternionNorms};
+
+use crate::activation;
 use crate::bounds::Bounds;
 use crate::harmonics;
-use crate::memory::{self, SceneMemoryError};
+use crate::memory::SceneMemoryError;
 use crate::size_breakdown::SizeBreakdown;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -41,362 +49,8 @@ pub struct Splat {
     pub sh: [f32; 48],
 }
 
-/// A reason to drop a splat.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Reason {
-    Position,
-    Scale,
-    Rotation,
-    ZeroRotation,
-    Opacity,
-    Color,
-}
-
-/// Counts of the splats dropped on load, by the first reason that applied to each.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Dropped {
-    /// Splats with a coordinate that is NaN, infinite, or beyond f32.
-    pub position: u64,
-    /// Splats with a scale that is NaN or infinite, as a logarithm or after the exponential.
-    pub scale: u64,
-    /// Splats with a component of the quaternion that is NaN or infinite.
-    pub rotation: u64,
-    /// Splats with a zero quaternion, which has no direction.
-    pub zero_rotation: u64,
-    /// Splats with a logit that is NaN or infinite.
-    pub opacity: u64,
-    /// Splats with a spherical-harmonics coefficient that is NaN or infinite.
-    pub color: u64,
-}
-
-impl Dropped {
-    /// Sums the counts over all reasons.
-    pub fn total(&self) -> u64 {
-        self.by_reason().iter().map(|(_, count)| count).sum()
-    }
-
-    /// Lists every reason in words with its count, which may be zero.
-    pub fn by_reason(&self) -> [(&'static str, u64); 6] {
-        [
-            ("position not finite in f32", self.position),
-            ("scale not finite in f32", self.scale),
-            ("quaternion not finite in f32", self.rotation),
-            ("zero quaternion", self.zero_rotation),
-            ("opacity not finite in f32", self.opacity),
-            ("colour not finite in f32", self.color),
-        ]
-    }
-
-    fn join(&mut self, other: &Self) {
-        self.position += other.position;
-        self.scale += other.scale;
-        self.rotation += other.rotation;
-        self.zero_rotation += other.zero_rotation;
-        self.opacity += other.opacity;
-        self.color += other.color;
-    }
-
-    fn count(&mut self, reason: Reason) {
-        *match reason {
-            Reason::Position => &mut self.position,
-            Reason::Scale => &mut self.scale,
-            Reason::Rotation => &mut self.rotation,
-            Reason::ZeroRotation => &mut self.zero_rotation,
-            Reason::Opacity => &mut self.opacity,
-            Reason::Color => &mut self.color,
-        } += 1;
-    }
-}
-
-impl std::fmt::Display for Dropped {
-    /// Lists the reasons that apply, as `3 zero quaternion, 1 scale not finite in f32`, or `none`.
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let counts: Vec<String> = self
-            .by_reason()
-            .iter()
-            .filter(|(_, n)| *n > 0)
-            .map(|(reason, n)| format!("{n} {reason}"))
-            .collect();
-        f.write_str(if counts.is_empty() { "none".into() } else { counts.join(", ") }.as_str())
-    }
-}
-
-/// Lengths of the file's quaternions before normalisation.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct QuaternionNorms {
-    /// Length of the shortest.
-    pub min: f64,
-    /// Length of the longest.
-    pub max: f64,
-    /// Number of lengths that differ from 1 by more than [`QuaternionNorms::FAR`].
-    pub far_from_unit: u64,
-}
-
-impl QuaternionNorms {
-    /// The difference from 1 that counts as far.
-    pub const FAR: f64 = 0.1;
-
-    const NONE: Self = Self { min: f64::INFINITY, max: 0.0, far_from_unit: 0 };
-
-    fn add(&mut self, norm: f64) {
-        self.join(&Self { min: norm, max: norm, far_from_unit: u64::from((norm - 1.0).abs() > Self::FAR) });
-    }
-
-    fn join(&mut self, other: &Self) {
-        self.min = self.min.min(other.min);
-        self.max = self.max.max(other.max);
-        self.far_from_unit += other.far_from_unit;
-    }
-}
-
-/// Statistics gathered while the splats are stored.
-#[derive(Debug)]
-pub(crate) struct Gathered {
-    dropped: Dropped,
-    norms: QuaternionNorms,
-    effective_degree: u32,
-    bounds: Bounds,
-    /// The largest rounding of a position, in standard deviations of its splat.
-    rounding: f32,
-}
-
-impl Gathered {
-    fn new() -> Self {
-        Self {
-            dropped: Dropped::default(),
-            norms: QuaternionNorms::NONE,
-            effective_degree: 0,
-            bounds: Bounds::EMPTY,
-            rounding: 0.0,
-        }
-    }
-
-    fn add_low(&mut self, low: [f32; 3], scale: [f32; 3]) {
-        let largest = |v: [f32; 3]| v.into_iter().fold(0.0, |most: f32, v| most.max(v.abs()));
-        // A splat without any extent is as wide as a pixel at least, wherever it is seen from.
-        self.rounding = self.rounding.max(largest(low) / largest(scale).max(f32::MIN_POSITIVE));
-    }
-
-    fn join(&mut self, other: &Self) {
-        self.dropped.join(&other.dropped);
-        self.norms.join(&other.norms);
-        self.effective_degree = self.effective_degree.max(other.effective_degree);
-        self.bounds.join(&other.bounds);
-        self.rounding = self.rounding.max(other.rounding);
-    }
-}
-
 /// The largest rounding of positions that is left out, in standard deviations: it is invisible beside that of the picture, 100 dB.
 const INVISIBLE: f32 = 1.0 / 16_384.0;
-
-/// The arrays, one entry per splat.
-#[derive(Clone, Debug)]
-pub(crate) struct Columns {
-    pub degree: u32,
-    pub position: Vec<[f32; 3]>,
-    /// What is missing in `position`; empty where nothing is that shows.
-    pub low: Vec<[f32; 3]>,
-    pub scale: Vec<[f32; 3]>,
-    pub rotation: Vec<[f32; 4]>,
-    pub opacity: Vec<f32>,
-    /// [`sh_floats`] per splat.
-    pub sh: Vec<f32>,
-}
-
-/// A chunk of [`Columns`] that is being filled.
-pub(crate) struct Rows<'a> {
-    /// Index of the first splat.
-    first: usize,
-    /// Number of splats stored so far; those that were dropped leave no gap.
-    kept: usize,
-    degree: u32,
-    position: &'a mut [[f32; 3]],
-    /// Empty where positions are floats.
-    low: &'a mut [[f32; 3]],
-    scale: &'a mut [[f32; 3]],
-    rotation: &'a mut [[f32; 4]],
-    opacity: &'a mut [f32],
-    sh: &'a mut [f32],
-    gathered: Gathered,
-}
-
-impl Rows<'_> {
-    pub(crate) fn first(&self) -> usize {
-        self.first
-    }
-
-    /// Counts the splats of the chunk, of which each is pushed once.
-    pub(crate) fn len(&self) -> usize {
-        self.opacity.len()
-    }
-
-    /// Stores the next splat, or counts the reason to drop it. `norm` is the length of the file's quaternion.
-    #[inline]
-    pub(crate) fn push(&mut self, splat: &Splat, norm: f64) {
-        self.push_wide(splat, splat.position.map(f64::from), norm);
-    }
-
-    /// Stores a splat whose position has more digits than f32, which [`Splat::position`] rounds.
-    #[inline]
-    pub(crate) fn push_wide(&mut self, splat: &Splat, position: [f64; 3], norm: f64) {
-        let floats = sh_floats(self.degree);
-        if let Some(reason) = fault(splat, norm, floats) {
-            self.gathered.dropped.count(reason);
-            return;
-        }
-        self.gathered.norms.add(norm);
-        self.gathered.bounds.add(splat.position);
-        while self.gathered.effective_degree < self.degree
-            && splat.sh[sh_floats(self.gathered.effective_degree)..floats].iter().any(|c| *c != 0.0)
-        {
-            self.gathered.effective_degree += 1;
-        }
-        let index = self.kept;
-        self.position[index] = splat.position;
-        if !self.low.is_empty() {
-            let low = std::array::from_fn(|axis| (position[axis] - f64::from(splat.position[axis])) as f32);
-            self.low[index] = low;
-            self.gathered.add_low(low, splat.scale);
-        }
-        self.scale[index] = splat.scale;
-        self.rotation[index] = splat.rotation;
-        self.opacity[index] = splat.opacity;
-        self.sh[index * floats..][..floats].copy_from_slice(&splat.sh[..floats]);
-        self.kept += 1;
-    }
-}
-
-/// Finds the first reason, in the order of [`Reason`], to drop a splat.
-fn fault(splat: &Splat, norm: f64, sh_floats: usize) -> Option<Reason> {
-    let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
-    if !finite(&splat.position) {
-        Some(Reason::Position)
-    } else if !finite(&splat.scale) {
-        Some(Reason::Scale)
-    } else if !norm.is_finite() {
-        Some(Reason::Rotation)
-    } else if norm == 0.0 {
-        Some(Reason::ZeroRotation)
-    } else if !splat.opacity.is_finite() {
-        Some(Reason::Opacity)
-    } else if !finite(&splat.sh[..sh_floats]) {
-        Some(Reason::Color)
-    } else {
-        None
-    }
-}
-
-impl Columns {
-    /// Bytes that the further digits of a position take.
-    pub(crate) const LOW_BYTES: u64 = size_of::<[f32; 3]>() as u64;
-
-    /// Computes the bytes that a splat takes in all arrays together.
-    pub(crate) const fn bytes_per_splat(degree: u32) -> u64 {
-        (size_of::<[f32; 3]>() * 2 + size_of::<[f32; 4]>() + size_of::<f32>() * (1 + sh_floats(degree)))
-            as u64
-    }
-
-    /// Allocates the arrays.
-    ///
-    /// # Errors
-    /// They do not fit in memory.
-    pub(crate) fn zeroed(count: usize, degree: u32) -> Result<Self, SceneMemoryError> {
-        let columns = || {
-            Some(Self {
-                degree,
-                position: memory::zeroed(count)?,
-                low: Vec::new(),
-                scale: memory::zeroed(count)?,
-                rotation: memory::zeroed(count)?,
-                opacity: memory::zeroed(count)?,
-                sh: memory::zeroed(count.checked_mul(sh_floats(degree))?)?,
-            })
-        };
-        columns().ok_or_else(|| {
-            let needed = (count as u64).saturating_mul(Self::bytes_per_splat(degree));
-            SceneMemoryError { count: count as u64, degree, needed, available: memory::available() }
-        })
-    }
-
-    /// Makes room for positions with more digits than f32 has.
-    ///
-    /// # Errors
-    /// It does not fit in memory.
-    pub(crate) fn widen(&mut self) -> Result<(), SceneMemoryError> {
-        let count = self.position.len();
-        self.low = memory::zeroed(count).ok_or_else(|| SceneMemoryError {
-            count: count as u64,
-            degree: self.degree,
-            needed: count as u64 * Self::LOW_BYTES,
-            available: memory::available(),
-        })?;
-        Ok(())
-    }
-
-    /// Fills all rows in parallel, one chunk per task, and closes the gaps that dropped splats leave. Of several errors,
-    /// returns that of the first chunk.
-    pub(crate) fn fill<E: Send>(
-        &mut self,
-        convert: impl Fn(&mut Rows) -> Result<(), E> + Sync,
-    ) -> Result<Gathered, E> {
-        let degree = self.degree;
-        let mut low = self.low.chunks_mut(CHUNK);
-        let low: Vec<&mut [[f32; 3]]> =
-            (0..self.position.len().div_ceil(CHUNK)).map(|_| low.next().unwrap_or_default()).collect();
-        let chunks: Vec<Result<(usize, Gathered), E>> = self
-            .position
-            .par_chunks_mut(CHUNK)
-            .zip(low)
-            .zip(self.scale.par_chunks_mut(CHUNK))
-            .zip(self.rotation.par_chunks_mut(CHUNK))
-            .zip(self.opacity.par_chunks_mut(CHUNK))
-            .zip(self.sh.par_chunks_mut(CHUNK * sh_floats(degree)))
-            .enumerate()
-            .map(|(chunk, (((((position, low), scale), rotation), opacity), sh))| {
-                let (first, gathered) = (chunk * CHUNK, Gathered::new());
-                let mut rows =
-                    Rows { first, kept: 0, degree, position, low, scale, rotation, opacity, sh, gathered };
-                convert(&mut rows)?;
-                Ok((rows.kept, rows.gathered))
-            })
-            .collect();
-        let mut all = Gathered::new();
-        let mut kept = 0;
-        for (chunk, result) in chunks.into_iter().enumerate() {
-            let (count, gathered) = result?;
-            all.join(&gathered);
-            self.shift(chunk * CHUNK, count, kept);
-            kept += count;
-        }
-        self.truncate(kept);
-        Ok(all)
-    }
-
-    /// Moves `count` splats from index `from` to index `to`, which is not above it.
-    fn shift(&mut self, from: usize, count: usize, to: usize) {
-        if from == to {
-            return;
-        }
-        let floats = sh_floats(self.degree);
-        self.position.copy_within(from..from + count, to);
-        if !self.low.is_empty() {
-            self.low.copy_within(from..from + count, to);
-        }
-        self.scale.copy_within(from..from + count, to);
-        self.rotation.copy_within(from..from + count, to);
-        self.opacity.copy_within(from..from + count, to);
-        self.sh.copy_within(from * floats..(from + count) * floats, to * floats);
-    }
-
-    fn truncate(&mut self, count: usize) {
-        self.position.truncate(count);
-        self.low.truncate(count);
-        self.scale.truncate(count);
-        self.rotation.truncate(count);
-        self.opacity.truncate(count);
-        self.sh.truncate(count * sh_floats(self.degree));
-    }
-}
 
 /// The range of a scene's colours: what must fit in the format that they are stored in.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -405,6 +59,15 @@ pub struct ColorRange {
     pub largest_sh: f32,
     /// Display-encoded brightness that no channel of a splat exceeds, from any direction ([`harmonics::brightest`]).
     pub brightest: f64,
+}
+
+/// What a file says of its splats beside their values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct FileNotes {
+    /// The splats were trained with an anti-aliasing filter (Mip-Splatting), which not every graph applies.
+    pub antialiased: bool,
+    /// Degree of the file's spherical harmonics, if it is above 3: the bands above 3 were cut off.
+    pub cut_degree: Option<u32>,
 }
 
 /// A loaded or generated scene.
@@ -416,6 +79,7 @@ pub struct Scene {
     dropped: Dropped,
     norms: QuaternionNorms,
     bounds: Bounds,
+    notes: FileNotes,
     /// Sizes of the file's parts; empty for a generated scene until they are asked for.
     pub(crate) size_breakdown: OnceLock<SizeBreakdown>,
     robust: OnceLock<Bounds>,
@@ -440,6 +104,7 @@ impl Scene {
             dropped: gathered.dropped,
             norms: gathered.norms,
             bounds: if empty { Bounds::ORIGIN } else { gathered.bounds },
+            notes: FileNotes::default(),
             size_breakdown: size_breakdown.map_or_else(OnceLock::new, OnceLock::from),
             robust: OnceLock::new(),
             colors: OnceLock::new(),
@@ -481,10 +146,8 @@ impl Scene {
         let filled = columns.fill(|rows| {
             for index in 0..rows.len() {
                 let mut splat = splat(rows.first() + index);
-                let norm = splat.rotation.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
-                if norm > 0.0 {
-                    splat.rotation = splat.rotation.map(|c| (f64::from(c) / norm) as f32);
-                }
+                let (rotation, norm) = activation::unit(splat.rotation.map(f64::from));
+                splat.rotation = rotation;
                 rows.push(&splat, norm);
             }
             Ok::<_, std::convert::Infallible>(())
@@ -522,9 +185,32 @@ impl Scene {
         }
     }
 
+    /// Copies the scene without the harmonics above `degree`.
+    ///
+    /// # Errors
+    /// The copy does not fit in memory.
+    pub fn cut_to_degree(&self, degree: u32) -> Result<Self, SceneMemoryError> {
+        let (count, degree) = (self.count(), degree.min(self.stored_degree()));
+        let copy = match self.is_wide() {
+            true => Self::try_generate_wide(count, degree, |index| (self.splat(index), self.position(index))),
+            false => Self::try_generate(count, degree, |index| self.splat(index)),
+        };
+        Ok(copy?.with_offset(self.offset).with_notes(self.notes))
+    }
+
     /// Places the scene's origin in the world, without a change of the splats' positions, which are relative to it.
     pub fn with_offset(self, offset: [f64; 3]) -> Self {
         Self { offset, ..self }
+    }
+
+    /// Attaches what the scene's file says beside the values of its splats.
+    pub(crate) fn with_notes(self, notes: FileNotes) -> Self {
+        Self { notes, ..self }
+    }
+
+    /// Returns what the scene's file says of its splats beside their values.
+    pub fn notes(&self) -> FileNotes {
+        self.notes
     }
 
     /// Returns the world's coordinates of the scene's origin.
@@ -560,6 +246,15 @@ impl Scene {
             Some(low) => std::array::from_fn(|axis| high[axis] + f64::from(low[axis])),
             None => high,
         }
+    }
+
+    /// Returns the centre of splat `index` in the world's coordinates.
+    ///
+    /// # Panics
+    /// Panics if `index` is not below [`Scene::count`].
+    pub fn world_position(&self, index: usize) -> [f64; 3] {
+        let position = self.position(index);
+        std::array::from_fn(|axis| position[axis] + self.offset[axis])
     }
 
     /// Returns the standard deviations along each splat's axes, in world units.
@@ -689,6 +384,17 @@ mod tests {
             });
             assert_eq!(scene.effective_degree(), degree, "float {float}");
         }
+    }
+
+    #[test]
+    fn a_copy_of_a_lower_degree_lacks_the_harmonics_above() {
+        let scene = Scene::generate(50, 3, splat).with_offset([1024.0, 0.0, 0.0]);
+        let cut = scene.cut_to_degree(1).unwrap();
+        assert_eq!((cut.stored_degree(), cut.offset()), (1, scene.offset()));
+        let (a, b) = (cut.splat(7), scene.splat(7));
+        assert_eq!((a.position, a.opacity, &a.sh[..12]), (b.position, b.opacity, &b.sh[..12]));
+        assert_eq!(a.sh[12..], [0.0; 36]);
+        assert_eq!(scene.cut_to_degree(9).unwrap().stored_degree(), 3);
     }
 
     #[test]

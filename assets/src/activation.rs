@@ -1,0 +1,92 @@
+//! Converts stored values of splats to the values that are drawn, and back.
+//!
+//! Files store a scale as its logarithm and an opacity as its logit, and quaternions of any length. Everything is computed in f64
+//! and rounded once, so that a file gives the same splats with every platform's math library.
+
+use std::cmp::Ordering;
+
+/// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
+pub(crate) const SH_C0: f64 = 0.282_094_791_773_878_14;
+
+/// Computes the exponential of a finite logarithm.
+///
+/// An infinite logarithm of either sign is an error of the file, though `e^-inf` would be 0: it gives NaN.
+#[inline]
+pub(crate) fn exponential(logarithm: f32) -> f32 {
+    if logarithm.is_finite() { f64::from(logarithm).exp() as f32 } else { f32::NAN }
+}
+
+/// Computes the natural logarithm, at least -104, where its exponential rounds to 0 in f32.
+pub(crate) fn logarithm(scale: f32) -> f32 {
+    f64::from(scale).ln().max(-104.0) as f32
+}
+
+/// Computes the sigmoid of a finite logit; any other logit gives NaN.
+#[inline]
+pub(crate) fn sigmoid(logit: f32) -> f32 {
+    // 1 / (1 + e^-x) overflows only inside, to 1 / inf = 0, which is the limit.
+    if logit.is_finite() { (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32 } else { f32::NAN }
+}
+
+/// Computes the inverse of the sigmoid.
+///
+/// It is clamped to -104 and 18, where the sigmoid rounds to 0 and 1 in f32.
+pub(crate) fn logit(opacity: f32) -> f32 {
+    let p = f64::from(opacity);
+    (p / (1.0 - p)).ln().clamp(-104.0, 18.0) as f32
+}
+
+/// Normalises a quaternion, and returns its length before. One of length 0 stays as it is.
+#[inline]
+pub(crate) fn unit(raw: [f64; 4]) -> ([f32; 4], f64) {
+    let norm = raw.iter().map(|c| c * c).sum::<f64>().sqrt();
+    (raw.map(|c| if norm > 0.0 { (c / norm) as f32 } else { c as f32 }), norm)
+}
+
+/// Completes a unit quaternion by its largest component, at index `omitted`; the `others` are in ascending order of index.
+#[inline]
+pub(crate) fn with_omitted(omitted: usize, others: [f64; 3]) -> [f64; 4] {
+    let largest = (1.0 - others.iter().map(|c| c * c).sum::<f64>()).max(0.0).sqrt();
+    std::array::from_fn(|at| match at.cmp(&omitted) {
+        Ordering::Less => others[at],
+        Ordering::Equal => largest,
+        Ordering::Greater => others[at - 1],
+    })
+}
+
+/// Finds the component of the largest absolute value, and returns its index with the quaternion that has it positive.
+pub(crate) fn largest_positive(quaternion: [f32; 4]) -> (usize, [f64; 4]) {
+    let larger = |best: usize, at: usize| {
+        if quaternion[at].abs() > quaternion[best].abs() { at } else { best }
+    };
+    let largest = (1..4).fold(0, larger);
+    let sign = if quaternion[largest] < 0.0 { -1.0 } else { 1.0 };
+    (largest, quaternion.map(|c| f64::from(c) * sign))
+}
+
+/// Quantises a number of 0 to 1 to `0..=most`, to the nearest.
+#[inline]
+pub(crate) fn quantised(value: f64, most: u32) -> u32 {
+    (value.clamp(0.0, 1.0) * f64::from(most)).round() as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_that_are_not_finite_stay_visible_as_such() {
+        for bad in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
+            assert!(exponential(bad).is_nan() && sigmoid(bad).is_nan());
+        }
+        assert_eq!((sigmoid(1e30), sigmoid(-1e30)), (1.0, 0.0));
+        assert_eq!(unit([0.0; 4]), ([0.0; 4], 0.0));
+    }
+
+    #[test]
+    fn the_largest_component_is_found_and_made_positive() {
+        assert_eq!(largest_positive([0.1, -0.9, 0.2, 0.3]).0, 1);
+        let (_, turned) = largest_positive([0.5, -0.75, 0.0, 0.25]);
+        assert_eq!(turned, [-0.5, 0.75, 0.0, -0.25]);
+    }
+}

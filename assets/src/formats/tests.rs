@@ -1,0 +1,200 @@
+//! Holds every format to the same promises: values within its steps, damage refused, memory bounded.
+
+use super::*;
+use crate::scene::Splat;
+use crate::testing::{capture, parse as read};
+use std::sync::Mutex;
+
+/// Makes a scene of splats that differ in everything.
+fn varied(count: u32, degree: u32) -> Scene {
+    Scene::generate(count, degree, |index| {
+        let wave = |k: usize| ((index * 7 + k * 13) as f32 * 0.37).sin();
+        Splat {
+            position: [10.0 * wave(1), 4.0 * wave(2), 3.0 + wave(3)],
+            scale: [1, 2, 3].map(|k| (-3.0 + 2.0 * wave(3 + k)).exp()),
+            rotation: [wave(7), wave(8), wave(9), wave(10)],
+            opacity: 0.5 + 0.49 * wave(11),
+            sh: std::array::from_fn(|k| if k < 3 { wave(12 + k) } else { 0.5 * wave(12 + k) }),
+        }
+    })
+}
+
+fn written(scene: &Scene, format: SceneFormat) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    scene.write(format, &mut bytes).unwrap();
+    bytes
+}
+
+/// The largest error of each kind of value that a format may make.
+struct Steps {
+    position: f32,
+    /// Of the logarithm.
+    scale: f32,
+    /// Of a component of the quaternion.
+    rotation: f32,
+    opacity: f32,
+    dc: f32,
+    /// Of a coefficient above band 0; `None` where there are none.
+    rest: Option<f32>,
+}
+
+fn steps(format: SceneFormat) -> Steps {
+    let byte = 0.5 / 255.0 + 1e-6;
+    match format {
+        SceneFormat::Ply => {
+            Steps { position: 0.0, scale: 1e-5, rotation: 1e-6, opacity: 1e-6, dc: 0.0, rest: Some(0.0) }
+        }
+        // Positions and scales of half a step of 10 bits, of 20 units and of a range of 4.
+        SceneFormat::CompressedPly => Steps {
+            position: 0.5 * 20.0 / 1023.0,
+            scale: 0.5 * 4.0 / 1023.0 + 1e-5,
+            rotation: 0.003,
+            opacity: byte,
+            dc: 2.0 * byte,
+            rest: Some(8.0 / 256.0),
+        },
+        SceneFormat::Spz => Steps {
+            position: 0.5 / 4096.0,
+            scale: 0.5 / 16.0 + 1e-5,
+            rotation: 0.003,
+            opacity: byte,
+            dc: byte / 0.15 + 1e-5,
+            rest: Some(8.5 / 128.0),
+        },
+        SceneFormat::Splat => Steps {
+            position: 0.0,
+            scale: 1e-5,
+            rotation: 0.015,
+            opacity: byte,
+            dc: byte / 0.282 + 1e-5,
+            rest: None,
+        },
+        SceneFormat::Sog => unreachable!("it is read alone"),
+    }
+}
+
+/// Finds the splat of `scene` that is nearest to a place: formats may change the order.
+fn nearest(scene: &Scene, to: [f32; 3]) -> Splat {
+    let distance = |p: &[f32; 3]| (0..3).map(|axis| (p[axis] - to[axis]).powi(2)).sum::<f32>();
+    let (index, _) = scene
+        .positions()
+        .iter()
+        .enumerate()
+        .min_by(|(_, a), (_, b)| distance(a).total_cmp(&distance(b)))
+        .unwrap();
+    scene.splat(index)
+}
+
+#[test]
+fn every_format_reads_what_it_wrote_within_its_steps() {
+    for (format, degree) in SceneFormat::WRITTEN.into_iter().flat_map(|f| (0..=3).map(move |d| (f, d))) {
+        let scene = varied(600, degree);
+        let bytes = written(&scene, format);
+        let back = read(&bytes).unwrap_or_else(|error| panic!("{format:?}: {error}"));
+        let steps = steps(format);
+        assert_eq!((back.count(), back.dropped().total()), (600, 0), "{format:?}");
+        assert_eq!(back.stored_degree(), if steps.rest.is_some() { degree } else { 0 }, "{format:?}");
+        assert_eq!(back.size_breakdown().sum(), bytes.len() as u64, "{format:?}");
+        for index in 0..600 {
+            let expected = scene.splat(index);
+            let found = nearest(&back, expected.position);
+            let near = |what: &str, a: &[f32], b: &[f32], step: f32| {
+                for (a, b) in a.iter().zip(b) {
+                    assert!(
+                        (a - b).abs() <= step,
+                        "{format:?} of degree {degree}, {what} {index}: {a} and {b}"
+                    );
+                }
+            };
+            near("position", &expected.position, &found.position, steps.position);
+            near("scale", &expected.scale.map(f32::ln), &found.scale.map(f32::ln), steps.scale);
+            // A quaternion and its negative are one rotation.
+            let same: f32 = expected.rotation.iter().zip(found.rotation).map(|(a, b)| a * b).sum();
+            near("rotation", &expected.rotation.map(|c| c * same.signum()), &found.rotation, steps.rotation);
+            near("opacity", &[expected.opacity], &[found.opacity], steps.opacity);
+            let dc = |sh: &[f32]| [sh[0], sh[1], sh[2]].map(|c| c.clamp(-1.77, 1.77));
+            near("colour", &dc(&expected.sh), &dc(&found.sh), steps.dc);
+            match steps.rest {
+                Some(step) => near("harmonics", &expected.sh[3..], &found.sh[3..], step),
+                None => assert!(found.sh[3..].iter().all(|c| *c == 0.0)),
+            }
+        }
+    }
+}
+
+#[test]
+fn a_written_file_is_recognised_without_its_name_and_its_header_says_how_many_splats_it_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = varied(300, 2);
+    for format in SceneFormat::WRITTEN {
+        let path = folder.path().join("scene");
+        std::fs::write(&path, written(&scene, format)).unwrap();
+        let header = SceneHeader::load(&path).unwrap();
+        let loaded = Scene::load(&path, &|_, _| {}).unwrap();
+        assert_eq!((header.count, header.stored_degree), (300, loaded.stored_degree()), "{format:?}");
+    }
+}
+
+#[test]
+fn every_cut_of_a_file_is_an_error_or_a_shorter_scene() {
+    let scene = varied(40, 1);
+    for format in SceneFormat::WRITTEN {
+        let bytes = written(&scene, format);
+        for end in 0..bytes.len() {
+            match read(&bytes[..end]) {
+                // Without a header, a file of fewer splats is whole.
+                Ok(shorter) => assert_eq!((format, shorter.count() as usize * 32), (SceneFormat::Splat, end)),
+                Err(error) => assert!(!error.to_string().is_empty()),
+            }
+        }
+    }
+}
+
+#[test]
+fn progress_ends_at_all_bytes() {
+    let scene = varied(20_000, 1);
+    for format in SceneFormat::WRITTEN {
+        let most = Mutex::new((0, 0));
+        let tell = |done, of| {
+            let mut most = most.lock().unwrap();
+            *most = (most.0.max(done), of);
+        };
+        Scene::parse(&written(&scene, format), &tell).unwrap();
+        let (done, of) = *most.lock().unwrap();
+        assert!(done == of && of > 0, "{format:?}: {done} of {of}");
+    }
+}
+
+#[test]
+fn a_scene_larger_than_the_memory_is_refused() {
+    let scene = varied(5000, 3);
+    for format in SceneFormat::WRITTEN {
+        let bytes = written(&scene, format);
+        let source = Source::Bytes(&bytes);
+        let with =
+            |memory| parse(&Input { source: &source, memory: Some(memory), progress: &|_, _| {} }, None);
+        assert!(matches!(with(200_000), Err(SceneError::Memory(_))), "{format:?}");
+        assert_eq!(with(64 << 20).unwrap().count(), 5000, "{format:?}");
+    }
+}
+
+#[test]
+fn the_compressed_capture_has_the_values_that_were_decoded_from_it() {
+    let (Some(packed), Some(plain)) = (capture("biker.compressed.ply"), capture("biker.ply")) else {
+        return;
+    };
+    let [packed, plain] = [packed, plain].map(|path| Scene::load(path, &|_, _| {}).unwrap());
+    assert_eq!(packed.count(), plain.count());
+    for index in 0..packed.count() as usize {
+        let (a, b) = (packed.splat(index), plain.splat(index));
+        let near = |a: &[f32], b: &[f32], part: f32| {
+            a.iter().zip(b).all(|(a, b)| (a - b).abs() <= part * a.abs().max(1.0))
+        };
+        let same = near(&a.position, &b.position, 1e-6)
+            && a.scale.iter().zip(b.scale).all(|(a, b)| (a / b - 1.0).abs() < 1e-5)
+            && near(&a.rotation, &b.rotation, 1e-5)
+            && near(&[a.opacity], &[b.opacity], 1e-5)
+            && near(&a.sh, &b.sh, 1e-5);
+        assert!(same, "splat {index}: {a:?} and {b:?}");
+    }
+}

@@ -1,0 +1,335 @@
+//! Reads pieces of a scene file at given offsets, from several threads at once.
+//!
+//! The file is not mapped into memory: a process that truncates a mapped file ends its readers with a signal. Every byte is
+//! read into a buffer instead, so that a file that becomes shorter is an error of the read. Buffers are a few mebibytes and
+//! used again. [`OpenFile`] remembers the file's length and time of change from before the first read, and tells at the end
+//! whether it is still the same.
+
+use crate::error::SceneError;
+use crate::file;
+use crate::memory::SceneMemoryError;
+use crate::scene::{Columns, FileNotes, Gathered, Rows, Scene};
+use crate::size_breakdown::SizeBreakdown;
+use std::fs::File;
+use std::io::{self, ErrorKind};
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
+
+/// Bytes of rows that a thread reads at a time, or one row if that is longer.
+const PIECE: usize = 1 << 20;
+
+/// A callback for the progress of a load: bytes of splats converted, and bytes in all.
+///
+/// Several threads call it, so the first number does not always ascend.
+pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
+
+/// The promises of a scene file's header.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneHeader {
+    /// Number of splats, of which some may not be drawable.
+    pub count: u64,
+    /// Degree of the spherical harmonics that a scene of the file stores, at most 3.
+    pub stored_degree: u32,
+}
+
+/// What every reader gets: the bytes, the memory that it may take, and whom to tell how far it is.
+#[derive(Clone, Copy)]
+pub(crate) struct Input<'a> {
+    pub source: &'a Source<'a>,
+    /// Bytes that the load may take, if that is known.
+    pub memory: Option<u64>,
+    pub progress: Progress<'a>,
+}
+
+impl Input<'_> {
+    /// Allocates the arrays of a scene, unless they, with `beside` bytes and a buffer of rows of `stride` bytes per thread, are
+    /// more than the memory that there is. `wide` positions have more digits than f32.
+    pub(crate) fn allocate(
+        &self,
+        count: u64,
+        degree: u32,
+        wide: bool,
+        (stride, beside): (usize, u64),
+    ) -> Result<Columns, SceneError> {
+        let buffers = rayon::current_num_threads() * PIECE.max(stride);
+        let low = if wide { count.saturating_mul(Columns::LOW_BYTES) } else { 0 };
+        let needed = Scene::host_bytes(count, degree)
+            .saturating_add(low)
+            .saturating_add(beside)
+            .saturating_add(buffers as u64);
+        SceneMemoryError::check_against(count, degree, needed, self.memory)?;
+        let mut columns = Columns::zeroed(count as usize, degree)?;
+        if wide {
+            columns.widen()?;
+        }
+        Ok(columns)
+    }
+}
+
+/// Makes the scene of the splats that a reader stored; it is an error if all of the file's `count` were dropped.
+pub(crate) fn finish(
+    (columns, gathered): (Columns, Gathered),
+    count: u64,
+    size_breakdown: SizeBreakdown,
+    notes: FileNotes,
+) -> Result<Scene, SceneError> {
+    let scene = Scene::new(columns, gathered, Some(size_breakdown)).with_notes(notes);
+    if scene.count() == 0 {
+        return Err(SceneError::AllDropped { count, reasons: scene.dropped().to_string() });
+    }
+    Ok(scene)
+}
+
+/// A table of rows of equal length in a file.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Table {
+    /// Offset of the first row.
+    pub start: u64,
+    /// Bytes of a row; 0 for a table that the file does not have.
+    pub stride: usize,
+}
+
+/// Fills `columns` in parallel from tables that have a row for each splat.
+///
+/// `convert` gets the row of every table and the splat's index, and pushes one splat.
+///
+/// # Errors
+/// The file cannot be read, or there is no memory for a buffer per thread.
+pub(crate) fn fill<const N: usize>(
+    source: &Source,
+    tables: [Table; N],
+    columns: &mut Columns,
+    done: &Done,
+    convert: impl Fn([&[u8]; N], usize, &mut Rows) + Sync,
+) -> Result<Gathered, SceneError> {
+    let stride: usize = tables.iter().map(|table| table.stride).sum();
+    let rows_at_once = (PIECE / stride).max(1);
+    let buffers = Buffers::default();
+    columns.fill(|out: &mut Rows| {
+        buffers.with(rows_at_once.min(out.len()) * stride, |buffer| {
+            for first in (0..out.len()).step_by(rows_at_once) {
+                let count = rows_at_once.min(out.len() - first);
+                let first = out.first() + first;
+                let mut left = &mut buffer[..count * stride];
+                let mut pieces: [&[u8]; N] = [&[]; N];
+                for (table, piece) in tables.iter().zip(&mut pieces) {
+                    let (rows, others) = left.split_at_mut(count * table.stride);
+                    source.read(table.start + (first * table.stride) as u64, rows)?;
+                    (*piece, left) = (rows, others);
+                }
+                for row in 0..count {
+                    let at =
+                        |table: usize| &pieces[table][row * tables[table].stride..][..tables[table].stride];
+                    convert(std::array::from_fn(at), first + row, out);
+                }
+                done.add((count * stride) as u64);
+            }
+            Ok(())
+        })
+    })
+}
+
+/// Sums the progress of parallel chunks.
+pub(crate) struct Done<'a> {
+    done: AtomicU64,
+    of: u64,
+    tell: Progress<'a>,
+}
+
+impl<'a> Done<'a> {
+    pub(crate) fn new(of: u64, tell: Progress<'a>) -> Self {
+        tell(0, of);
+        Self::after(0, of, tell)
+    }
+
+    /// Goes on where `done` bytes were told.
+    pub(crate) fn after(done: u64, of: u64, tell: Progress<'a>) -> Self {
+        Self { done: AtomicU64::new(done), of, tell }
+    }
+
+    pub(crate) fn add(&self, bytes: u64) {
+        (self.tell)(self.done.fetch_add(bytes, Ordering::Relaxed) + bytes, self.of);
+    }
+}
+
+/// The bytes of a scene.
+pub(crate) enum Source<'a> {
+    /// In memory.
+    Bytes(&'a [u8]),
+    /// In a file.
+    File(&'a OpenFile),
+}
+
+impl Source<'_> {
+    /// Returns the length in bytes; of a file, when it was opened.
+    pub(crate) fn length(&self) -> u64 {
+        match self {
+            Self::Bytes(bytes) => bytes.len() as u64,
+            Self::File(file) => file.length,
+        }
+    }
+
+    /// Fills `buffer` with the bytes from offset `at` on.
+    ///
+    /// # Errors
+    /// The bytes end before the buffer is full, or the system fails.
+    pub(crate) fn read(&self, at: u64, buffer: &mut [u8]) -> io::Result<()> {
+        match self {
+            Self::Bytes(bytes) => {
+                let start = usize::try_from(at).ok();
+                let from = start.and_then(|start| bytes.get(start..)?.get(..buffer.len()));
+                buffer.copy_from_slice(from.ok_or_else(ended)?);
+                Ok(())
+            }
+            Self::File(file) => file.read(at, buffer),
+        }
+    }
+
+    /// Reads the first bytes, `limit` at most.
+    pub(crate) fn head(&self, limit: usize) -> io::Result<Vec<u8>> {
+        let mut head = vec![0; usize::try_from(self.length()).unwrap_or(limit).min(limit)];
+        self.read(0, &mut head)?;
+        Ok(head)
+    }
+}
+
+/// Reads a source to its end.
+pub(crate) struct SourceReader<'a> {
+    source: &'a Source<'a>,
+    at: u64,
+}
+
+impl<'a> SourceReader<'a> {
+    /// Begins at offset `at`.
+    pub(crate) fn new(source: &'a Source<'a>, at: u64) -> Self {
+        Self { source, at }
+    }
+}
+
+impl io::Read for SourceReader<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let left = self.source.length().saturating_sub(self.at);
+        let count = usize::try_from(left).unwrap_or(usize::MAX).min(buffer.len());
+        self.source.read(self.at, &mut buffer[..count])?;
+        self.at += count as u64;
+        Ok(count)
+    }
+}
+
+impl io::Seek for SourceReader<'_> {
+    fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+        let at = match to {
+            io::SeekFrom::Start(at) => Some(at),
+            io::SeekFrom::End(by) => self.source.length().checked_add_signed(by),
+            io::SeekFrom::Current(by) => self.at.checked_add_signed(by),
+        };
+        self.at = at.ok_or_else(|| io::Error::from(ErrorKind::InvalidInput))?;
+        Ok(self.at)
+    }
+}
+
+fn ended() -> io::Error {
+    io::Error::new(ErrorKind::UnexpectedEof, "it ends before its last byte")
+}
+
+/// An opened scene file.
+pub(crate) struct OpenFile {
+    file: File,
+    length: u64,
+    modified: Option<SystemTime>,
+}
+
+/// The age at which a time of change is certain to differ from that of a change made now: clocks of file systems tick every
+/// 10 ms at most.
+const SETTLED: Duration = Duration::from_millis(20);
+
+impl OpenFile {
+    /// Opens a regular file.
+    pub(crate) fn open(path: &Path) -> io::Result<Self> {
+        let file = file::open(path)?;
+        let metadata = file.metadata()?;
+        let modified = metadata.modified().ok();
+        // A change that falls into the same tick as the one before it would not be seen.
+        if let Some(age) = modified.and_then(|modified| modified.elapsed().ok()).filter(|age| *age < SETTLED)
+        {
+            std::thread::sleep(SETTLED - age);
+        }
+        Ok(Self { file, length: metadata.len(), modified })
+    }
+
+    fn read(&self, mut at: u64, mut buffer: &mut [u8]) -> io::Result<()> {
+        while !buffer.is_empty() {
+            match read_at(&self.file, buffer, at) {
+                Ok(0) => return Err(ended()),
+                Ok(count) => {
+                    buffer = &mut buffer[count..];
+                    at += count as u64;
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses a file that was changed since it was opened.
+    pub(crate) fn check_unchanged(&self) -> Result<(), SceneError> {
+        let metadata = self.file.metadata()?;
+        let (expected, found) = (self.length, metadata.len());
+        if found < expected {
+            return Err(SceneError::BecameShorter { expected, found });
+        }
+        if found > expected || metadata.modified().ok() != self.modified {
+            return Err(SceneError::Changed);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(unix)]
+fn read_at(file: &File, buffer: &mut [u8], at: u64) -> io::Result<usize> {
+    std::os::unix::fs::FileExt::read_at(file, buffer, at)
+}
+
+#[cfg(windows)]
+fn read_at(file: &File, buffer: &mut [u8], at: u64) -> io::Result<usize> {
+    // It moves the file's cursor, which nothing here uses.
+    std::os::windows::fs::FileExt::seek_read(file, buffer, at)
+}
+
+/// Buffers that the threads of a load use again: no more than one per thread is ever made.
+#[derive(Default)]
+pub(crate) struct Buffers {
+    free: Mutex<Vec<Vec<u8>>>,
+}
+
+impl Buffers {
+    /// Calls `work` with a buffer of at least `bytes` bytes, of any contents.
+    ///
+    /// # Errors
+    /// There is no memory for it, or `work` fails.
+    pub(crate) fn with<T>(
+        &self,
+        bytes: usize,
+        work: impl FnOnce(&mut [u8]) -> Result<T, SceneError>,
+    ) -> Result<T, SceneError> {
+        let free = || self.free.lock().unwrap_or_else(PoisonError::into_inner);
+        let taken = free().pop();
+        let mut buffer = taken.unwrap_or_default();
+        grow(&mut buffer, bytes)?;
+        let done = work(&mut buffer);
+        free().push(buffer);
+        done
+    }
+}
+
+/// Makes a buffer at least `bytes` long.
+pub(crate) fn grow(buffer: &mut Vec<u8>, bytes: usize) -> io::Result<()> {
+    if buffer.len() < bytes {
+        buffer.try_reserve_exact(bytes - buffer.len())?;
+        buffer.resize(bytes, 0);
+    }
+    Ok(())
+}

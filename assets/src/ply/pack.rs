@@ -1,0 +1,130 @@
+//! Writes PlayCanvas's compressed PLY layout; [`super::packed`] describes it.
+//!
+//! Splats are written in Morton order, so that the 256 of a chunk are neighbours and their bounds are small.
+
+use super::packed::{CHUNK, CHUNK_SPLATS, VERTEX};
+use crate::activation::{SH_C0, largest_positive, logarithm, quantised};
+use crate::scene::{Scene, sh_floats};
+use rayon::prelude::*;
+use std::f64::consts::SQRT_2;
+use std::io::{Result, Write};
+
+/// Largest logarithm of a scale, of either sign, as in the writer of the format's authors.
+const SCALE_LIMIT: f64 = 20.0;
+
+/// The values of a splat that are stored relative to bounds: position, logarithms of the scale, and colour.
+type Ranged = [f64; 9];
+
+/// Formats the header.
+fn header(count: usize, degree: u32) -> String {
+    let lines = |kind: &str, names: &mut dyn Iterator<Item = String>| -> String {
+        names.map(|name| format!("property {kind} {name}\n")).collect()
+    };
+    let chunks = count.div_ceil(CHUNK_SPLATS);
+    let chunk = lines("float", &mut CHUNK.iter().map(|name| (*name).to_owned()));
+    let vertex = lines("uint", &mut VERTEX.iter().map(|name| (*name).to_owned()));
+    let rest = lines("uchar", &mut (0..sh_floats(degree) - 3).map(|index| format!("f_rest_{index}")));
+    let sh = if degree > 0 { format!("element sh {count}\n{rest}") } else { String::new() };
+    format!(
+        "ply\nformat binary_little_endian 1.0\nelement chunk {chunks}\n{chunk}element vertex {count}\n{vertex}{sh}end_header\n"
+    )
+}
+
+/// Returns the values of a splat that are stored relative to bounds.
+fn ranged(scene: &Scene, index: usize) -> Ranged {
+    let splat = scene.splat(index);
+    let scale = splat.scale.map(|s| f64::from(logarithm(s)).clamp(-SCALE_LIMIT, SCALE_LIMIT));
+    let color: [f64; 3] = std::array::from_fn(|c| f64::from(splat.sh[c]) * SH_C0 + 0.5);
+    let position = scene.world_position(index);
+    std::array::from_fn(|k| [position, scale, color][k / 3][k % 3])
+}
+
+/// Packs 0 to 1 in 11, 10 and 11 bits.
+fn pack(t: &[f64]) -> u32 {
+    quantised(t[0], 2047) << 21 | quantised(t[1], 1023) << 11 | quantised(t[2], 2047)
+}
+
+/// Packs a unit quaternion w, x, y, z.
+fn rotation(quaternion: [f32; 4]) -> u32 {
+    let (largest, quaternion) = largest_positive(quaternion);
+    let others = (0..4).filter(|at| *at != largest);
+    others.fold(largest as u32, |word, at| word << 10 | quantised(quaternion[at] / SQRT_2 + 0.5, 1023))
+}
+
+/// Quantises a coefficient of a band above 0.
+fn harmonic(value: f32) -> u8 {
+    ((f64::from(value) / 8.0 + 0.5) * 256.0).trunc().clamp(0.0, 255.0) as u8
+}
+
+/// Sorts the splats along a Morton curve, 21 bits per axis of the scene's box.
+fn morton_order(scene: &Scene) -> Vec<u32> {
+    let bounds = scene.bounds();
+    let spread = |value: u64| (0..21).fold(0u64, |code, bit| code | (value >> bit & 1) << (3 * bit));
+    let code = |position: &[f32; 3]| {
+        (0..3).fold(0, |code, axis| {
+            let (min, max) = (f64::from(bounds.min[axis]), f64::from(bounds.max[axis]));
+            let part = if max > min { (f64::from(position[axis]) - min) / (max - min) } else { 0.0 };
+            code | spread(u64::from(quantised(part, (1 << 21) - 1))) << axis
+        })
+    };
+    let mut order: Vec<(u64, u32)> =
+        scene.positions().par_iter().enumerate().map(|(index, p)| (code(p), index as u32)).collect();
+    order.par_sort_unstable();
+    order.into_iter().map(|(_, index)| index).collect()
+}
+
+/// Writes a scene.
+///
+/// # Errors
+/// The writer fails.
+pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
+    let degree = scene.stored_degree();
+    out.write_all(header(scene.count() as usize, degree).as_bytes())?;
+    let order = morton_order(scene);
+    // The bounds of all chunks come before the first splat.
+    let mut vertices = Vec::new();
+    vertices.try_reserve_exact(order.len() * 16)?;
+    for chunk in order.chunks(CHUNK_SPLATS) {
+        let values: Vec<Ranged> = chunk.iter().map(|index| ranged(scene, *index as usize)).collect();
+        // The reader has the bounds as f32, so values are quantised between the rounded ones.
+        let bound = |k: usize, pick: fn(f64, f64) -> f64| {
+            let values = values.iter().map(|v| v[k]);
+            values.reduce(pick).unwrap_or(0.0) as f32
+        };
+        let min: [f32; 9] = std::array::from_fn(|k| bound(k, f64::min));
+        let max: [f32; 9] = std::array::from_fn(|k| bound(k, f64::max));
+        for kind in 0..3 {
+            for bounds in [&min, &max] {
+                for bound in &bounds[3 * kind..3 * kind + 3] {
+                    out.write_all(&bound.to_le_bytes())?;
+                }
+            }
+        }
+        for (value, index) in values.iter().zip(chunk) {
+            let t: [f64; 9] = std::array::from_fn(|k| {
+                let (min, max) = (f64::from(min[k]), f64::from(max[k]));
+                if max > min { (value[k] - min) / (max - min) } else { 0.0 }
+            });
+            let index = *index as usize;
+            let opacity = quantised(scene.opacities()[index].into(), 255);
+            let color = t[6..].iter().fold(0, |word, t| word << 8 | quantised(*t, 255)) << 8 | opacity;
+            for word in [pack(&t[..3]), rotation(scene.rotations()[index]), pack(&t[3..6]), color] {
+                vertices.extend_from_slice(&word.to_le_bytes());
+            }
+        }
+    }
+    out.write_all(&vertices)?;
+    if degree > 0 {
+        let floats = sh_floats(degree);
+        let bands = floats / 3 - 1;
+        let mut row = vec![0; 3 * bands];
+        for index in order {
+            let sh = &scene.sh()[index as usize * floats..][..floats];
+            for (at, byte) in row.iter_mut().enumerate() {
+                *byte = harmonic(sh[3 * (at % bands + 1) + at / bands]);
+            }
+            out.write_all(&row)?;
+        }
+    }
+    Ok(())
+}

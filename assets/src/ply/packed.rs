@@ -1,0 +1,270 @@
+//! Reads PlayCanvas's compressed PLY layout: 16 bytes per splat, relative to the bounds of its chunk of 256.
+//!
+//! | element | rows | properties |
+//! |---|---|---|
+//! | `chunk` | one per 256 splats | bounds, `float`: of positions, of the scales' logarithms, and (not in older files) of colours |
+//! | `vertex` | splats | `packed_position`, `packed_rotation`, `packed_scale`, `packed_color`, `uint` |
+//! | `sh` | splats, or absent | `f_rest_*`, `uchar`, channel-major |
+//!
+//! Positions and scales have 11, 10 and 11 bits of the range of their chunk, from the highest bit down. A rotation has the index of
+//! the largest of w, x, y, z in its two highest bits, and the other three in 10 bits each. A colour has 8 bits per channel and 8 of
+//! opacity. Format and names are those of <https://github.com/playcanvas/splat-transform>.
+
+use super::binary;
+use super::header::{Element, Encoding, Header, Property, PropertyType, Scalar};
+use crate::activation::{self, SH_C0};
+use crate::error::SceneError;
+use crate::input::{self, Done, Input, Table};
+use crate::memory;
+use crate::scene::{FileNotes, Scene, Splat};
+use crate::size_breakdown::SizeBreakdown;
+use std::f64::consts::SQRT_2;
+
+/// Splats that share bounds.
+pub(super) const CHUNK_SPLATS: usize = 256;
+
+/// Properties of `vertex`.
+pub(super) const VERTEX: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
+
+/// Properties of `chunk`: minima and maxima of positions, scales and colours.
+pub(super) const CHUNK: [&str; 18] = [
+    "min_x",
+    "min_y",
+    "min_z",
+    "max_x",
+    "max_y",
+    "max_z",
+    "min_scale_x",
+    "min_scale_y",
+    "min_scale_z",
+    "max_scale_x",
+    "max_scale_y",
+    "max_scale_z",
+    "min_r",
+    "min_g",
+    "min_b",
+    "max_r",
+    "max_g",
+    "max_b",
+];
+
+/// The places of the values in a file of the compressed layout.
+pub(super) struct Packed {
+    /// Degree of the spherical harmonics.
+    pub degree: u32,
+    /// Offset of each of [`VERTEX`] in a row.
+    vertex: [usize; 4],
+    /// Offset of each of [`CHUNK`] in a row; 12 without bounds of colours.
+    chunk: Vec<usize>,
+    /// Offset of each `f_rest_*` in a row.
+    rest: Vec<usize>,
+}
+
+/// The bounds of a chunk, in the order of [`CHUNK`].
+type Bounds = [f32; 18];
+
+impl Packed {
+    /// Finds the properties in the header of a file.
+    pub(super) fn find(header: &Header) -> Result<Self, SceneError> {
+        let vertex = header.vertex()?;
+        let fail = |element: &Element, message: String| SceneError::Header { line: element.line, message };
+        if header.encoding != Encoding::LittleEndian {
+            let found = header.encoding.name();
+            return Err(fail(
+                vertex,
+                format!("expected binary_little_endian for packed properties, found {found}"),
+            ));
+        }
+        let chunk = header.elements.iter().find(|element| element.name == "chunk");
+        let chunk = chunk.ok_or_else(|| {
+            fail(vertex, "expected an `element chunk`, the bounds of packed properties, found none".into())
+        })?;
+        let expected = vertex.count.div_ceil(CHUNK_SPLATS as u64);
+        if chunk.count < expected {
+            let (count, found) = (vertex.count, chunk.count);
+            let text =
+                format!("expected {expected} rows of `element chunk` for {count} splats, found {found}");
+            return Err(fail(chunk, text));
+        }
+        let colors = chunk.properties.iter().any(|p| CHUNK[12..].contains(&p.name.as_str()));
+        let bounds = &CHUNK[..if colors { 18 } else { 12 }];
+        let sh = header.elements.iter().find(|element| element.name == "sh");
+        let mut rest = Vec::new();
+        if let Some(sh) = sh {
+            if sh.count != vertex.count {
+                let text = format!(
+                    "expected {} rows of `element sh`, one per splat, found {}",
+                    vertex.count, sh.count
+                );
+                return Err(fail(sh, text));
+            }
+            let found = sh.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
+            if ![0, 9, 24, 45].contains(&found) {
+                return Err(SceneError::RestCount { found, line: sh.line });
+            }
+            for index in 0..found {
+                rest.push(offset(sh, &format!("f_rest_{index}"), Scalar::U8)?);
+            }
+        }
+        let mut offsets = [0; 4];
+        for (offset_of, name) in offsets.iter_mut().zip(VERTEX) {
+            *offset_of = offset(vertex, name, Scalar::U32)?;
+        }
+        Ok(Self {
+            degree: [0, 9, 24, 45].iter().position(|n| *n == rest.len()).unwrap_or(0) as u32,
+            vertex: offsets,
+            chunk: bounds.iter().map(|name| offset(chunk, name, Scalar::F32)).collect::<Result<_, _>>()?,
+            rest,
+        })
+    }
+
+    /// Parses the rows.
+    pub(super) fn parse(&self, input: &Input, header: &Header) -> Result<Scene, SceneError> {
+        let mut elements = Vec::new();
+        let (mut chunks, mut vertex, mut sh) = (None, None, Table { start: 0, stride: 0 });
+        let mut at = header.bytes as u64;
+        for element in &header.elements {
+            let sizes = binary::measure(input.source, at, element, false)?;
+            let sizes = sizes.map_err(|there| element.truncated(there))?;
+            let table = element.stride().map(|stride| Table { start: at, stride });
+            match element.name.as_str() {
+                "chunk" => chunks = table.map(|table| (table, element.count)),
+                "vertex" => vertex = table.map(|table| (table, element.count)),
+                "sh" if self.degree > 0 => sh = table.unwrap_or(sh),
+                _ => {}
+            }
+            let bytes = sizes.iter().sum::<u64>();
+            elements
+                .push(element.size(&sizes, bytes, |column| used(&element.name, &element.properties[column])));
+            at += bytes;
+        }
+        let (Some(chunks), Some((vertex, count))) = (chunks, vertex) else {
+            let line = header.vertex()?.line;
+            return Err(SceneError::Header {
+                line,
+                message: "expected no lists beside packed properties".into(),
+            });
+        };
+        let bounds_bytes = count.div_ceil(CHUNK_SPLATS as u64) * (size_of::<Bounds>() as u64);
+        let mut columns =
+            input.allocate(count, self.degree, false, (vertex.stride + sh.stride, bounds_bytes))?;
+        let bounds = self.bounds(input, chunks.0, count)?;
+        let done = Done::new(count * (vertex.stride + sh.stride) as u64, input.progress);
+        let gathered =
+            input::fill(input.source, [vertex, sh], &mut columns, &done, |[row, rest], index, out| {
+                let (splat, norm) = self.splat(row, rest, &bounds[index / CHUNK_SPLATS]);
+                out.push(&splat, norm);
+            })?;
+        let length = input.source.length();
+        let size_breakdown = SizeBreakdown {
+            format: "PlayCanvas compressed ply".into(),
+            file_bytes: length,
+            header_bytes: header.bytes as u64,
+            elements,
+            trailing_bytes: length - at,
+        };
+        input::finish((columns, gathered), count, size_breakdown, FileNotes::default())
+    }
+
+    /// Reads the bounds of the chunks that splats need.
+    fn bounds(&self, input: &Input, table: Table, count: u64) -> Result<Vec<Bounds>, SceneError> {
+        let needed = count.div_ceil(CHUNK_SPLATS as u64) as usize;
+        let mut bounds: Vec<Bounds> =
+            memory::zeroed(needed).ok_or_else(|| std::io::Error::from(std::io::ErrorKind::OutOfMemory))?;
+        let mut row = vec![0; table.stride];
+        for (index, bounds) in bounds.iter_mut().enumerate() {
+            input.source.read(table.start + (index * table.stride) as u64, &mut row)?;
+            // A colour without bounds has those of 0 and 1.
+            bounds[15..].fill(1.0);
+            for (bound, offset) in bounds.iter_mut().zip(&self.chunk) {
+                *bound = binary::value::<false>(&row[*offset..], Scalar::F32);
+            }
+        }
+        Ok(bounds)
+    }
+
+    /// Unpacks a splat, and returns the length of its quaternion with it.
+    fn splat(&self, row: &[u8], rest: &[u8], bounds: &Bounds) -> (Splat, f64) {
+        let [position, rotation, scale, color] = self.vertex.map(|offset| {
+            let bytes = row[offset..offset + 4].try_into().expect("the slice has 4 bytes");
+            u32::from_le_bytes(bytes)
+        });
+        let lerp = |from: usize, axis: usize, t: f64| {
+            let (min, max) = (f64::from(bounds[from + axis]), f64::from(bounds[from + 3 + axis]));
+            min * (1.0 - t) + max * t
+        };
+        let ranged = |from: usize, word: u32| {
+            let t = unpack(word);
+            std::array::from_fn::<f32, 3, _>(|axis| lerp(from, axis, t[axis]) as f32)
+        };
+        let (rotation, norm) = activation::unit(quaternion(rotation));
+        let channel = |shift: u32| f64::from(color >> shift & 255) / 255.0;
+        let mut splat = Splat {
+            position: ranged(0, position),
+            scale: ranged(6, scale).map(activation::exponential),
+            rotation,
+            opacity: channel(0) as f32,
+            sh: [0.0; 48],
+        };
+        for (axis, shift) in [24, 16, 8].into_iter().enumerate() {
+            splat.sh[axis] = ((lerp(12, axis, channel(shift)) - 0.5) / SH_C0) as f32;
+        }
+        let bands = self.rest.len() / 3;
+        for (index, offset) in self.rest.iter().enumerate() {
+            splat.sh[3 * (index % bands + 1) + index / bands] = harmonic(rest[*offset]);
+        }
+        (splat, norm)
+    }
+}
+
+/// Returns true if a property becomes part of a splat.
+fn used(element: &str, property: &Property) -> bool {
+    let name = property.name.as_str();
+    match element {
+        "vertex" => VERTEX.contains(&name),
+        "chunk" => CHUNK.contains(&name),
+        _ => element == "sh" && name.starts_with("f_rest_"),
+    }
+}
+
+/// Finds the offset of a property of a type in a binary row.
+fn offset(element: &Element, name: &str, scalar: Scalar) -> Result<usize, SceneError> {
+    let mut offset = 0;
+    for property in &element.properties {
+        match property.kind {
+            PropertyType::Scalar(found) if property.name != name => offset += found.size(),
+            PropertyType::Scalar(found) if found == scalar => return Ok(offset),
+            kind => {
+                let (expected, found) = (scalar.name(), kind.name());
+                let message = format!("expected the type {expected} of `{}`, found {found}", property.name);
+                return Err(SceneError::Header { line: element.line, message });
+            }
+        }
+    }
+    let (element, line) = (&element.name, element.line);
+    let message =
+        format!("expected a property `{name}` in `element {element}` of a compressed PLY, found none");
+    Err(SceneError::Header { line, message })
+}
+
+/// Unpacks 11, 10 and 11 bits to 0 to 1.
+fn unpack(word: u32) -> [f64; 3] {
+    [f64::from(word >> 21) / 2047.0, f64::from(word >> 11 & 1023) / 1023.0, f64::from(word & 2047) / 2047.0]
+}
+
+/// Unpacks w, x, y, z.
+fn quaternion(word: u32) -> [f64; 4] {
+    let component = |shift: u32| (f64::from(word >> shift & 1023) / 1023.0 - 0.5) * SQRT_2;
+    let others = [20, 10, 0].map(component);
+    activation::with_omitted((word >> 30) as usize, others)
+}
+
+/// Converts the byte of a coefficient of a band above 0; the least and the largest byte are the ends of the range, -4 to 4.
+fn harmonic(byte: u8) -> f32 {
+    let part = match byte {
+        0 => 0.0,
+        255 => 1.0,
+        _ => (f32::from(byte) + 0.5) / 256.0,
+    };
+    (part - 0.5) * 8.0
+}

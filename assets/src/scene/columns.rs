@@ -1,0 +1,195 @@
+//! Stores splats as arrays, which readers fill in parallel.
+
+use super::gathered::{Gathered, fault};
+use super::{CHUNK, Splat, sh_floats};
+use crate::memory::{self, SceneMemoryError};
+use rayon::prelude::*;
+
+/// The arrays, one entry per splat.
+#[derive(Clone, Debug)]
+pub(crate) struct Columns {
+    pub degree: u32,
+    pub position: Vec<[f32; 3]>,
+    /// What is missing in `position`; empty where nothing is that shows.
+    pub low: Vec<[f32; 3]>,
+    pub scale: Vec<[f32; 3]>,
+    pub rotation: Vec<[f32; 4]>,
+    pub opacity: Vec<f32>,
+    /// [`sh_floats`] per splat.
+    pub sh: Vec<f32>,
+}
+
+/// A chunk of [`Columns`] that is being filled.
+pub(crate) struct Rows<'a> {
+    /// Index of the first splat.
+    first: usize,
+    /// Number of splats stored so far; those that were dropped leave no gap.
+    kept: usize,
+    degree: u32,
+    position: &'a mut [[f32; 3]],
+    /// Empty where positions are floats.
+    low: &'a mut [[f32; 3]],
+    scale: &'a mut [[f32; 3]],
+    rotation: &'a mut [[f32; 4]],
+    opacity: &'a mut [f32],
+    sh: &'a mut [f32],
+    gathered: Gathered,
+}
+
+impl Rows<'_> {
+    pub(crate) fn first(&self) -> usize {
+        self.first
+    }
+
+    /// Counts the splats of the chunk, of which each is pushed once.
+    pub(crate) fn len(&self) -> usize {
+        self.opacity.len()
+    }
+
+    /// Stores the next splat, or counts the reason to drop it. `norm` is the length of the file's quaternion.
+    #[inline]
+    pub(crate) fn push(&mut self, splat: &Splat, norm: f64) {
+        self.push_wide(splat, splat.position.map(f64::from), norm);
+    }
+
+    /// Stores a splat whose position has more digits than f32, which [`Splat::position`] rounds.
+    #[inline]
+    pub(crate) fn push_wide(&mut self, splat: &Splat, position: [f64; 3], norm: f64) {
+        let floats = sh_floats(self.degree);
+        if let Some(reason) = fault(splat, norm, floats) {
+            self.gathered.dropped.count(reason);
+            return;
+        }
+        self.gathered.norms.add(norm);
+        self.gathered.bounds.add(splat.position);
+        while self.gathered.effective_degree < self.degree
+            && splat.sh[sh_floats(self.gathered.effective_degree)..floats].iter().any(|c| *c != 0.0)
+        {
+            self.gathered.effective_degree += 1;
+        }
+        let index = self.kept;
+        self.position[index] = splat.position;
+        if !self.low.is_empty() {
+            let low = std::array::from_fn(|axis| (position[axis] - f64::from(splat.position[axis])) as f32);
+            self.low[index] = low;
+            self.gathered.add_low(low, splat.scale);
+        }
+        self.scale[index] = splat.scale;
+        self.rotation[index] = splat.rotation;
+        self.opacity[index] = splat.opacity;
+        self.sh[index * floats..][..floats].copy_from_slice(&splat.sh[..floats]);
+        self.kept += 1;
+    }
+}
+
+impl Columns {
+    /// Bytes that the further digits of a position take.
+    pub(crate) const LOW_BYTES: u64 = size_of::<[f32; 3]>() as u64;
+
+    /// Computes the bytes that a splat takes in all arrays together.
+    pub(crate) const fn bytes_per_splat(degree: u32) -> u64 {
+        (size_of::<[f32; 3]>() * 2 + size_of::<[f32; 4]>() + size_of::<f32>() * (1 + sh_floats(degree)))
+            as u64
+    }
+
+    /// Allocates the arrays.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(crate) fn zeroed(count: usize, degree: u32) -> Result<Self, SceneMemoryError> {
+        let columns = || {
+            Some(Self {
+                degree,
+                position: memory::zeroed(count)?,
+                low: Vec::new(),
+                scale: memory::zeroed(count)?,
+                rotation: memory::zeroed(count)?,
+                opacity: memory::zeroed(count)?,
+                sh: memory::zeroed(count.checked_mul(sh_floats(degree))?)?,
+            })
+        };
+        columns().ok_or_else(|| {
+            let needed = (count as u64).saturating_mul(Self::bytes_per_splat(degree));
+            SceneMemoryError { count: count as u64, degree, needed, available: memory::available() }
+        })
+    }
+
+    /// Makes room for positions with more digits than f32 has.
+    ///
+    /// # Errors
+    /// It does not fit in memory.
+    pub(crate) fn widen(&mut self) -> Result<(), SceneMemoryError> {
+        let count = self.position.len();
+        self.low = memory::zeroed(count).ok_or_else(|| SceneMemoryError {
+            count: count as u64,
+            degree: self.degree,
+            needed: count as u64 * Self::LOW_BYTES,
+            available: memory::available(),
+        })?;
+        Ok(())
+    }
+
+    /// Fills all rows in parallel, one chunk per task, and closes the gaps that dropped splats leave. Of several errors,
+    /// returns that of the first chunk.
+    pub(crate) fn fill<E: Send>(
+        &mut self,
+        convert: impl Fn(&mut Rows) -> Result<(), E> + Sync,
+    ) -> Result<Gathered, E> {
+        let degree = self.degree;
+        let mut low = self.low.chunks_mut(CHUNK);
+        let low: Vec<&mut [[f32; 3]]> =
+            (0..self.position.len().div_ceil(CHUNK)).map(|_| low.next().unwrap_or_default()).collect();
+        let chunks: Vec<Result<(usize, Gathered), E>> = self
+            .position
+            .par_chunks_mut(CHUNK)
+            .zip(low)
+            .zip(self.scale.par_chunks_mut(CHUNK))
+            .zip(self.rotation.par_chunks_mut(CHUNK))
+            .zip(self.opacity.par_chunks_mut(CHUNK))
+            .zip(self.sh.par_chunks_mut(CHUNK * sh_floats(degree)))
+            .enumerate()
+            .map(|(chunk, (((((position, low), scale), rotation), opacity), sh))| {
+                let (first, gathered) = (chunk * CHUNK, Gathered::new());
+                let mut rows =
+                    Rows { first, kept: 0, degree, position, low, scale, rotation, opacity, sh, gathered };
+                convert(&mut rows)?;
+                Ok((rows.kept, rows.gathered))
+            })
+            .collect();
+        let mut all = Gathered::new();
+        let mut kept = 0;
+        for (chunk, result) in chunks.into_iter().enumerate() {
+            let (count, gathered) = result?;
+            all.join(&gathered);
+            self.shift(chunk * CHUNK, count, kept);
+            kept += count;
+        }
+        self.truncate(kept);
+        Ok(all)
+    }
+
+    /// Moves `count` splats from index `from` to index `to`, which is not above it.
+    fn shift(&mut self, from: usize, count: usize, to: usize) {
+        if from == to {
+            return;
+        }
+        let floats = sh_floats(self.degree);
+        self.position.copy_within(from..from + count, to);
+        if !self.low.is_empty() {
+            self.low.copy_within(from..from + count, to);
+        }
+        self.scale.copy_within(from..from + count, to);
+        self.rotation.copy_within(from..from + count, to);
+        self.opacity.copy_within(from..from + count, to);
+        self.sh.copy_within(from * floats..(from + count) * floats, to * floats);
+    }
+
+    fn truncate(&mut self, count: usize) {
+        self.position.truncate(count);
+        self.low.truncate(count);
+        self.scale.truncate(count);
+        self.rotation.truncate(count);
+        self.opacity.truncate(count);
+        self.sh.truncate(count * sh_floats(self.degree));
+    }
+}

@@ -1,0 +1,170 @@
+//! Gathers the statistics of splats while they are stored: which were dropped, and why.
+
+use super::Splat;
+use crate::bounds::Bounds;
+use serde::Serialize;
+
+/// A reason to drop a splat.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reason {
+    Position,
+    Scale,
+    Rotation,
+    ZeroRotation,
+    Opacity,
+    Color,
+}
+
+/// Counts of the splats dropped on load, by the first reason that applied to each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Dropped {
+    /// Splats with a coordinate that is NaN, infinite, or beyond f32.
+    pub position: u64,
+    /// Splats with a scale that is NaN or infinite, as a logarithm or after the exponential.
+    pub scale: u64,
+    /// Splats with a component of the quaternion that is NaN or infinite.
+    pub rotation: u64,
+    /// Splats with a zero quaternion, which has no direction.
+    pub zero_rotation: u64,
+    /// Splats with a logit that is NaN or infinite.
+    pub opacity: u64,
+    /// Splats with a spherical-harmonics coefficient that is NaN or infinite.
+    pub color: u64,
+}
+
+impl Dropped {
+    /// Sums the counts over all reasons.
+    pub fn total(&self) -> u64 {
+        self.by_reason().iter().map(|(_, count)| count).sum()
+    }
+
+    /// Lists every reason in words with its count, which may be zero.
+    pub fn by_reason(&self) -> [(&'static str, u64); 6] {
+        [
+            ("position not finite in f32", self.position),
+            ("scale not finite in f32", self.scale),
+            ("quaternion not finite in f32", self.rotation),
+            ("zero quaternion", self.zero_rotation),
+            ("opacity not finite in f32", self.opacity),
+            ("colour not finite in f32", self.color),
+        ]
+    }
+
+    pub(super) fn join(&mut self, other: &Self) {
+        self.position += other.position;
+        self.scale += other.scale;
+        self.rotation += other.rotation;
+        self.zero_rotation += other.zero_rotation;
+        self.opacity += other.opacity;
+        self.color += other.color;
+    }
+
+    pub(super) fn count(&mut self, reason: Reason) {
+        *match reason {
+            Reason::Position => &mut self.position,
+            Reason::Scale => &mut self.scale,
+            Reason::Rotation => &mut self.rotation,
+            Reason::ZeroRotation => &mut self.zero_rotation,
+            Reason::Opacity => &mut self.opacity,
+            Reason::Color => &mut self.color,
+        } += 1;
+    }
+}
+
+impl std::fmt::Display for Dropped {
+    /// Lists the reasons that apply, as `3 zero quaternion, 1 scale not finite in f32`, or `none`.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let counts: Vec<String> = self
+            .by_reason()
+            .iter()
+            .filter(|(_, n)| *n > 0)
+            .map(|(reason, n)| format!("{n} {reason}"))
+            .collect();
+        f.write_str(if counts.is_empty() { "none".into() } else { counts.join(", ") }.as_str())
+    }
+}
+
+/// Lengths of the file's quaternions before normalisation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct QuaternionNorms {
+    /// Length of the shortest.
+    pub min: f64,
+    /// Length of the longest.
+    pub max: f64,
+    /// Number of lengths that differ from 1 by more than [`QuaternionNorms::FAR`].
+    pub far_from_unit: u64,
+}
+
+impl QuaternionNorms {
+    /// The difference from 1 that counts as far.
+    pub const FAR: f64 = 0.1;
+
+    const NONE: Self = Self { min: f64::INFINITY, max: 0.0, far_from_unit: 0 };
+
+    pub(super) fn add(&mut self, norm: f64) {
+        self.join(&Self { min: norm, max: norm, far_from_unit: u64::from((norm - 1.0).abs() > Self::FAR) });
+    }
+
+    pub(super) fn join(&mut self, other: &Self) {
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
+        self.far_from_unit += other.far_from_unit;
+    }
+}
+
+/// Statistics gathered while the splats are stored.
+#[derive(Debug)]
+pub(crate) struct Gathered {
+    pub(super) dropped: Dropped,
+    pub(super) norms: QuaternionNorms,
+    pub(super) effective_degree: u32,
+    pub(super) bounds: Bounds,
+    /// The largest rounding of a position, in standard deviations of its splat.
+    pub(super) rounding: f32,
+}
+
+impl Gathered {
+    pub(super) fn new() -> Self {
+        Self {
+            dropped: Dropped::default(),
+            norms: QuaternionNorms::NONE,
+            effective_degree: 0,
+            bounds: Bounds::EMPTY,
+            rounding: 0.0,
+        }
+    }
+
+    pub(super) fn add_low(&mut self, low: [f32; 3], scale: [f32; 3]) {
+        let largest = |v: [f32; 3]| v.into_iter().fold(0.0, |most: f32, v| most.max(v.abs()));
+        // A splat without any extent is as wide as a pixel at least, wherever it is seen from.
+        self.rounding = self.rounding.max(largest(low) / largest(scale).max(f32::MIN_POSITIVE));
+    }
+
+    pub(super) fn join(&mut self, other: &Self) {
+        self.dropped.join(&other.dropped);
+        self.norms.join(&other.norms);
+        self.effective_degree = self.effective_degree.max(other.effective_degree);
+        self.bounds.join(&other.bounds);
+        self.rounding = self.rounding.max(other.rounding);
+    }
+}
+
+/// Finds the first reason, in the order of [`Reason`], to drop a splat.
+pub(super) fn fault(splat: &Splat, norm: f64, sh_floats: usize) -> Option<Reason> {
+    let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
+    if !finite(&splat.position) {
+        Some(Reason::Position)
+    } else if !finite(&splat.scale) {
+        Some(Reason::Scale)
+    } else if !norm.is_finite() {
+        Some(Reason::Rotation)
+    } else if norm == 0.0 {
+        Some(Reason::ZeroRotation)
+    } else if !splat.opacity.is_finite() {
+        Some(Reason::Opacity)
+    } else if !finite(&splat.sh[..sh_floats]) {
+        Some(Reason::Color)
+    } else {
+        None
+    }
+}

@@ -1,0 +1,120 @@
+//! Parses `meta.json`.
+
+use crate::error::SceneError;
+use serde::Deserialize;
+
+/// Entries of a codebook.
+pub(super) const CODES: usize = 256;
+
+/// Most entries of a palette, which a label of 16 bits can name.
+pub(super) const MOST_ENTRIES: u32 = 1 << 16;
+
+/// The fields that a reader needs; others are ignored.
+#[derive(Debug, Deserialize)]
+pub(super) struct Meta {
+    pub count: u32,
+    #[serde(default)]
+    antialias: bool,
+    model: Option<String>,
+    pub means: Means,
+    pub scales: Coded,
+    pub quats: Plain,
+    pub sh0: Coded,
+    #[serde(rename = "shN")]
+    pub sh_n: Option<Palette>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Means {
+    pub mins: [f64; 3],
+    pub maxs: [f64; 3],
+    pub files: [String; 2],
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Coded {
+    pub codebook: Vec<f32>,
+    pub files: [String; 1],
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Plain {
+    pub files: [String; 1],
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Palette {
+    pub count: u32,
+    pub bands: u32,
+    pub codebook: Vec<f32>,
+    /// The palette, and the labels.
+    pub files: [String; 2],
+}
+
+/// The field that says which others there are.
+#[derive(Deserialize)]
+struct Version {
+    version: Option<u32>,
+}
+
+impl Meta {
+    /// Parses the text.
+    pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
+        let malformed = |error: serde_json::Error| SceneError::Row {
+            line: error.line() as u64,
+            message: format!("meta.json: {error}"),
+        };
+        let Version { version } = serde_json::from_slice(text).map_err(malformed)?;
+        match version {
+            Some(2) => {}
+            None | Some(1) => {
+                let (format, advice) =
+                    ("a PlayCanvas SOG scene of version 1", "convert it to version 2 with splat-transform");
+                return Err(SceneError::Unsupported { format, advice });
+            }
+            Some(found) => return Err(wrong("version", "2", found)),
+        }
+        let meta: Self = serde_json::from_slice(text).map_err(malformed)?;
+        if meta.count == 0 {
+            return Err(wrong("count", "at least one splat", 0));
+        }
+        let palette = meta.sh_n.as_ref();
+        let codebooks = [
+            ("scales.codebook", Some(&meta.scales.codebook)),
+            ("sh0.codebook", Some(&meta.sh0.codebook)),
+            ("shN.codebook", palette.map(|palette| &palette.codebook)),
+        ];
+        for (name, codebook) in codebooks {
+            if let Some(found) = codebook.map(Vec::len).filter(|length| *length != CODES) {
+                return Err(wrong(name, "256 numbers", found));
+            }
+        }
+        if let Some(palette) = palette {
+            if !(1..=3).contains(&palette.bands) {
+                return Err(wrong("shN.bands", "1 to 3", palette.bands));
+            }
+            if !(1..=MOST_ENTRIES).contains(&palette.count) {
+                return Err(wrong("shN.count", "1 to 65536", palette.count));
+            }
+        }
+        Ok(meta)
+    }
+
+    /// Returns the degree of the spherical harmonics.
+    pub(super) fn degree(&self) -> u32 {
+        self.sh_n.as_ref().map_or(0, |palette| palette.bands)
+    }
+
+    /// Returns true if the splats were trained with an anti-aliasing filter, in the new way to say it or in the old.
+    pub(super) fn is_antialiased(&self) -> bool {
+        self.antialias || self.model.as_deref() == Some("antialiased")
+    }
+}
+
+/// Makes the error for a value of `meta.json` that the format does not allow.
+pub(super) fn wrong(name: &str, expected: &str, found: impl std::fmt::Display) -> SceneError {
+    SceneError::Part {
+        part: format!("meta.json: {name}"),
+        message: format!("expected {expected}, found {found}"),
+    }
+}

@@ -1,0 +1,141 @@
+//! Reads and writes the `.splat` files of antimatter15's viewer: 32 bytes per splat and no header.
+//!
+//! | bytes | value |
+//! |---|---|
+//! | 0 to 11 | centre, three `f32` |
+//! | 12 to 23 | standard deviation along each axis, three `f32` |
+//! | 24 to 27 | red, green and blue of band 0, and opacity, 0 to 255 for 0 to 1 |
+//! | 28 to 31 | quaternion w, x, y, z, a byte `u` for `(u - 128) / 128` |
+//!
+//! There are no spherical harmonics above band 0. Format: <https://github.com/antimatter15/splat>.
+
+use crate::activation::{self, SH_C0, quantised};
+use crate::error::SceneError;
+use crate::input::{self, Done, Input, SceneHeader, Source, Table};
+use crate::scene::{FileNotes, Scene, Splat};
+use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
+use std::io::{Result as IoResult, Write};
+
+/// Bytes of a splat.
+pub(crate) const STRIDE: usize = 32;
+
+/// Reads the little-endian `f32` at offset `at`.
+fn float(row: &[u8], at: usize) -> f32 {
+    f32::from_le_bytes(row[at..at + 4].try_into().expect("the slice has 4 bytes"))
+}
+
+/// Returns true if all whole rows of `head` can be splats, and most of them have quaternions of about unit length.
+///
+/// The format has no magic number: only its values can tell it from other data.
+pub(crate) fn is_plausible(head: &[u8]) -> bool {
+    let rows = head.chunks_exact(STRIDE);
+    let count = rows.len();
+    let mut unit = 0;
+    for row in rows {
+        let finite = (0..3).all(|axis| float(row, 4 * axis).is_finite());
+        let scaled = (3..6).all(|axis| float(row, 4 * axis).is_finite() && float(row, 4 * axis) >= 0.0);
+        if !finite || !scaled {
+            return false;
+        }
+        unit += usize::from((0.9..1.1).contains(&activation::unit(quaternion(row)).1));
+    }
+    count > 0 && 2 * unit > count
+}
+
+/// Returns w, x, y, z.
+fn quaternion(row: &[u8]) -> [f64; 4] {
+    std::array::from_fn(|at| (f64::from(row[28 + at]) - 128.0) / 128.0)
+}
+
+/// Counts the splats of a file.
+pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
+    let length = source.length();
+    let count = length / STRIDE as u64;
+    let left = length % STRIDE as u64;
+    if left != 0 {
+        let message =
+            format!("expected a multiple of 32 bytes, found {length}: {count} splats and {left} bytes");
+        return Err(SceneError::Field { at: length - left, field: "splat".into(), message });
+    }
+    if u32::try_from(count).is_err() {
+        return Err(SceneError::TooMany { count });
+    }
+    Ok(SceneHeader { count, stored_degree: 0 })
+}
+
+/// Parses a scene.
+pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
+    let SceneHeader { count, .. } = header(input.source)?;
+    let mut columns = input.allocate(count, 0, false, (STRIDE, 0))?;
+    let done = Done::new(input.source.length(), input.progress);
+    let table = [Table { start: 0, stride: STRIDE }];
+    let gathered = input::fill(input.source, table, &mut columns, &done, |[row], _, out| {
+        let (splat, norm) = splat(row);
+        out.push(&splat, norm);
+    })?;
+    let fields =
+        [("position", "float", 12), ("scale", "float", 12), ("color", "uchar", 4), ("rotation", "uchar", 4)];
+    let field = |(name, kind, bytes): (&str, &str, u64)| FieldSize {
+        name: name.into(),
+        kind: kind.into(),
+        bytes_per_row: Some(bytes),
+        bytes: bytes * count,
+        used: true,
+    };
+    let bytes = input.source.length();
+    let size_breakdown = SizeBreakdown {
+        format: ".splat".into(),
+        file_bytes: bytes,
+        header_bytes: 0,
+        elements: vec![ElementSize {
+            name: "splat".into(),
+            rows: count,
+            bytes,
+            fields: fields.into_iter().map(field).collect(),
+            separator_bytes: 0,
+        }],
+        trailing_bytes: 0,
+    };
+    input::finish((columns, gathered), count, size_breakdown, FileNotes::default())
+}
+
+/// Converts a row, and returns the length of its quaternion with it.
+fn splat(row: &[u8]) -> (Splat, f64) {
+    let (rotation, norm) = activation::unit(quaternion(row));
+    let part = |at: usize| f64::from(row[24 + at]) / 255.0;
+    let mut splat = Splat {
+        position: std::array::from_fn(|axis| float(row, 4 * axis)),
+        scale: std::array::from_fn(|axis| float(row, 12 + 4 * axis)),
+        rotation,
+        opacity: part(3) as f32,
+        sh: [0.0; 48],
+    };
+    for channel in 0..3 {
+        splat.sh[channel] = ((part(channel) - 0.5) / SH_C0) as f32;
+    }
+    (splat, norm)
+}
+
+/// Writes a scene, without the harmonics above band 0.
+///
+/// # Errors
+/// The writer fails.
+pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> IoResult<()> {
+    for index in 0..scene.count() as usize {
+        let splat = scene.splat(index);
+        let mut row = [0; STRIDE];
+        let position = scene.world_position(index).map(|v| v as f32);
+        for (bytes, value) in row.chunks_exact_mut(4).zip(position.into_iter().chain(splat.scale)) {
+            bytes.copy_from_slice(&value.to_le_bytes());
+        }
+        for channel in 0..3 {
+            row[24 + channel] = quantised(f64::from(splat.sh[channel]) * SH_C0 + 0.5, 255) as u8;
+        }
+        row[27] = quantised(splat.opacity.into(), 255) as u8;
+        for (byte, component) in row[28..].iter_mut().zip(splat.rotation) {
+            *byte = (f64::from(component) * 128.0 + 128.0).round().clamp(0.0, 255.0) as u8;
+        }
+        out.write_all(&row)?;
+    }
+    Ok(())
+}

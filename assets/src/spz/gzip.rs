@@ -1,0 +1,98 @@
+//! Unpacks versions 1 to 3: one gzip stream of the header, the arrays and the extension records.
+
+use super::header::{Header, Unpacked, append, check_memory, field, unpacked};
+use super::{HEADER, MAGIC};
+use crate::error::SceneError;
+use crate::input::{Done, Input, Source, SourceReader, Table};
+use crate::size_breakdown::FieldSize;
+use flate2::bufread::GzDecoder;
+use std::io::{self, BufRead, BufReader, Read};
+
+/// Most bytes of extension records.
+const MOST_EXTENSIONS: u64 = 64 << 10;
+
+/// Bytes that are read from the file at a time.
+const PIECE: usize = 64 << 10;
+
+/// A reader that counts the bytes that were taken from it.
+struct Counted<R> {
+    inner: R,
+    taken: u64,
+}
+
+impl<R: BufRead> Read for Counted<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.inner.read(buffer)?;
+        self.taken += read as u64;
+        Ok(read)
+    }
+}
+
+impl<R: BufRead> BufRead for Counted<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        self.inner.fill_buf()
+    }
+
+    fn consume(&mut self, bytes: usize) {
+        self.taken += bytes as u64;
+        self.inner.consume(bytes);
+    }
+}
+
+type Unpacker<'a> = GzDecoder<Counted<BufReader<SourceReader<'a>>>>;
+
+fn unpacker<'a>(source: &'a Source<'a>) -> Unpacker<'a> {
+    let inner = BufReader::with_capacity(PIECE, SourceReader::new(source, 0));
+    GzDecoder::new(Counted { inner, taken: 0 })
+}
+
+/// Returns true if the bytes begin a gzip stream that begins as SPZ.
+pub(crate) fn begins_as_spz(head: &[u8]) -> bool {
+    let mut magic = [0; 4];
+    GzDecoder::new(head).read_exact(&mut magic).is_ok() && magic == *MAGIC
+}
+
+/// Reads the header of a file.
+pub(super) fn header(source: &Source) -> Result<Header, SceneError> {
+    read_header(&mut unpacker(source), source.length())
+}
+
+fn read_header(unpacker: &mut Unpacker, length: u64) -> Result<Header, SceneError> {
+    let mut bytes = [0; HEADER];
+    unpacker.read_exact(&mut bytes).map_err(|error| unpacked(error, 0, "header", HEADER as u64))?;
+    Header::parse(&bytes, length, 1..=3)
+}
+
+/// Unpacks a file.
+pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
+    let mut unpacker = unpacker(input.source);
+    let header = read_header(&mut unpacker, input.source.length())?;
+    check_memory(&header, input)?;
+    let count = u64::from(header.count);
+    let bytes = count * header.stride();
+    let done = Done::new(2 * bytes, input.progress);
+    let header_bytes = unpacker.get_ref().taken;
+    let (mut data, mut fields) = (Vec::new(), Vec::new());
+    let mut tables = [Table { start: 0, stride: 0 }; 6];
+    for (table, (name, kind, stride)) in tables.iter_mut().zip(header.arrays()) {
+        *table = Table { start: data.len() as u64, stride };
+        let before = unpacker.get_ref().taken;
+        let bytes = count * stride as u64;
+        append(&mut unpacker, bytes, &mut data, &done)
+            .map_err(|error| unpacked(error, HEADER as u64 + table.start, name, bytes))?;
+        if stride > 0 {
+            let bytes = unpacker.get_ref().taken - before;
+            let (name, kind) = (name.into(), kind.into());
+            fields.push(FieldSize { name, kind, bytes_per_row: None, bytes, used: true });
+        }
+    }
+    let end = HEADER as u64 + bytes;
+    let mut records = Vec::new();
+    let rest = (&mut unpacker).take(MOST_EXTENSIONS + 1).read_to_end(&mut records);
+    rest.map_err(|error| unpacked(error, end, "extensions", 0))?;
+    if records.len() as u64 > MOST_EXTENSIONS {
+        let text = format!("expected at most {MOST_EXTENSIONS} bytes after the arrays, found more");
+        return Err(field(end, "extensions", text));
+    }
+    Ok(Unpacked { header, data, tables, fields, header_bytes, packing: "gzip", records: (records, end) })
+}

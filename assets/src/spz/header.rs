@@ -1,0 +1,150 @@
+//! Parses the header of SPZ, and keeps what is unpacked within its promises.
+//!
+//! An unpacked array is not longer than the header's number of splats says, and grows only as its bytes come.
+
+use super::HEADER;
+use crate::error::SceneError;
+use crate::input::{Done, Input, Table};
+use crate::memory::SceneMemoryError;
+use crate::scene::Scene;
+use crate::size_breakdown::FieldSize;
+use std::io::{self, ErrorKind, Read};
+use std::ops::RangeInclusive;
+
+/// Most bytes that a byte of a file unpacks to: 258 bytes in 2 bits of a gzip stream (RFC 1951).
+const MOST_UNPACKED: u64 = 1032;
+
+/// Bytes that an array grows by at first.
+const PIECE: usize = 64 << 10;
+
+/// The header.
+pub(super) struct Header {
+    pub version: u32,
+    pub count: u32,
+    pub degree: u32,
+    pub fractional_bits: u8,
+    pub flags: u8,
+}
+
+pub(super) fn field(at: u64, field: &str, message: String) -> SceneError {
+    SceneError::Field { at, field: field.into(), message }
+}
+
+impl Header {
+    /// Parses the header of a file of `length` bytes, of any of `versions`.
+    pub(super) fn parse(
+        bytes: &[u8; HEADER],
+        length: u64,
+        versions: RangeInclusive<u32>,
+    ) -> Result<Self, SceneError> {
+        let word =
+            |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("the slice has 4 bytes"));
+        let expected = |at: usize, name: &str, expected: &str, found: u32| {
+            field(at as u64, name, format!("expected {expected}, found {found}"))
+        };
+        let header = Self {
+            version: word(4),
+            count: word(8),
+            degree: bytes[12].into(),
+            fractional_bits: bytes[13],
+            flags: bytes[14],
+        };
+        if !versions.contains(&header.version) {
+            let expected_versions = match (versions.start(), versions.end()) {
+                (first, last) if first == last => first.to_string(),
+                (first, last) => format!("{first} to {last}"),
+            };
+            return Err(expected(4, "version", &expected_versions, header.version));
+        }
+        if header.degree > 4 {
+            return Err(expected(12, "shDegree", "0 to 4", header.degree));
+        }
+        if header.fractional_bits > 24 {
+            return Err(expected(13, "fractionalBits", "at most 24", header.fractional_bits.into()));
+        }
+        if header.count == 0 {
+            return Err(expected(8, "numPoints", "at least one splat", 0));
+        }
+        let most = length.saturating_mul(MOST_UNPACKED) / header.stride();
+        if u64::from(header.count) > most {
+            let text = format!("at most {most} splats, which {length} bytes can hold");
+            return Err(expected(8, "numPoints", &text, header.count));
+        }
+        Ok(header)
+    }
+
+    /// Names the arrays, with the type of their values and the bytes per splat.
+    pub(super) fn arrays(&self) -> [(&'static str, &'static str, usize); 6] {
+        let coefficients = ((self.degree + 1) * (self.degree + 1) - 1) as usize;
+        [
+            if self.version == 1 { ("positions", "half", 6) } else { ("positions", "int24", 9) },
+            ("alphas", "uchar", 1),
+            ("colors", "uchar", 3),
+            ("scales", "uchar", 3),
+            if self.version < 3 { ("rotations", "uchar", 3) } else { ("rotations", "uint", 4) },
+            ("sh", "uchar", 3 * coefficients),
+        ]
+    }
+
+    /// Returns the unpacked bytes of a splat.
+    pub(super) fn stride(&self) -> u64 {
+        self.arrays().iter().map(|(_, _, bytes)| *bytes as u64).sum()
+    }
+}
+
+/// Names what went wrong while `expected` bytes of a field were unpacked.
+pub(super) fn unpacked(error: io::Error, at: u64, name: &str, expected: u64) -> SceneError {
+    match error.kind() {
+        ErrorKind::UnexpectedEof => {
+            field(at, name, format!("expected {expected} bytes, found the end of the compressed stream"))
+        }
+        // Those of the decoder; others are those of the system.
+        ErrorKind::InvalidInput | ErrorKind::InvalidData | ErrorKind::Other => {
+            field(at, name, format!("expected a whole compressed stream, found damage: {error}"))
+        }
+        _ => SceneError::Io(error),
+    }
+}
+
+/// The unpacked arrays of a file.
+pub(super) struct Unpacked {
+    pub header: Header,
+    /// The arrays, one after the other.
+    pub data: Vec<u8>,
+    pub tables: [Table; 6],
+    /// The packed bytes of the arrays.
+    pub fields: Vec<FieldSize>,
+    /// Packed bytes before the arrays.
+    pub header_bytes: u64,
+    /// The compression's name.
+    pub packing: &'static str,
+    /// Extension records, and their offset.
+    pub records: (Vec<u8>, u64),
+}
+
+/// Refuses a file whose arrays and scene together are more than the memory that there is.
+pub(super) fn check_memory(header: &Header, input: &Input) -> Result<(), SceneError> {
+    let (count, degree) = (u64::from(header.count), header.degree.min(3));
+    let needed = Scene::host_bytes(count, degree).saturating_add(count * header.stride());
+    Ok(SceneMemoryError::check_against(count, degree, needed, input.memory)?)
+}
+
+/// Appends unpacked bytes to `data`, which grows no faster than they come.
+pub(super) fn append(
+    unpacker: &mut impl Read,
+    bytes: u64,
+    data: &mut Vec<u8>,
+    done: &Done,
+) -> io::Result<()> {
+    let mut left = bytes;
+    while left > 0 {
+        let piece = left.min(data.len().clamp(PIECE, 1 << 24) as u64);
+        let start = data.len();
+        data.try_reserve(piece as usize)?;
+        data.resize(start + piece as usize, 0);
+        unpacker.read_exact(&mut data[start..])?;
+        done.add(piece);
+        left -= piece;
+    }
+    Ok(())
+}

@@ -1,0 +1,56 @@
+//! Reads Niantic's SPZ files, versions 1 to 4, and writes version 3.
+//!
+//! To version 3, a file is a gzip stream ([`gzip`]) of a header, one array after the other, and extension records. In version 4, the
+//! header is plain and longer, and each array is a stream of its own ([`streams`]).
+//!
+//! | bytes of the header | value |
+//! |---|---|
+//! | 0, 4 | `magic` "NGSP"; `version` |
+//! | 8 | `numPoints`, splats |
+//! | 12 | `shDegree`, 0 to 4: of degree 4, the bands to 3 are read |
+//! | 13 | `fractionalBits` of positions |
+//! | 14 | `flags`: 1 antialiased, 2 extensions |
+//! | 15 | reserved (version 4: number of streams) |
+//!
+//! | array | bytes per splat | value |
+//! |---|---|---|
+//! | `positions` | 9 (version 1: 6) | 24-bit integers, `i / 2^fractionalBits` (version 1: half floats) |
+//! | `alphas` | 1 | opacity `u / 255` |
+//! | `colors` | 3 | band 0, `(u / 255 - 0.5) / 0.15` |
+//! | `scales` | 3 | logarithm `u / 16 - 10` |
+//! | `rotations` | 4 (before version 3: 3) | index of the largest component and the three others, 9 bits and a sign (x, y, z, a byte each) |
+//! | `sh` | 3 per coefficient | `(u - 128) / 128`, coefficient by coefficient, red, green and blue of each |
+//!
+//! Axes point right, up and back unless the extension [`COORDINATE_SYSTEM`] says otherwise; a scene's point right, down and to the
+//! front, so y and z change their signs, and with them the odd harmonics. Format: <https://github.com/nianticlabs/spz>.
+
+mod frame;
+mod gzip;
+mod header;
+mod read;
+mod streams;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub(crate) use gzip::begins_as_spz;
+pub(crate) use read::{header, parse};
+pub(crate) use write::write;
+
+/// First bytes of the header.
+pub(crate) const MAGIC: &[u8; 4] = b"NGSP";
+
+/// Bytes of the header.
+const HEADER: usize = 16;
+
+/// Bit of `flags`: the splats were trained with an anti-aliasing filter.
+const ANTIALIASED: u8 = 1;
+
+/// Bit of `flags`: records follow the arrays.
+const EXTENSIONS: u8 = 2;
+
+/// Type of the extension record that names the axes (Adobe).
+const COORDINATE_SYSTEM: u32 = 0xADBE_0003;
+
+/// `colors` has this many steps of 1 / 255 per unit of band 0, so that bytes reach beyond the colours 0 and 1.
+const COLOR_SCALE: f64 = 0.15;

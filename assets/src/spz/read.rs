@@ -1,0 +1,145 @@
+//! Reads SPZ: unpacks the arrays one after the other, then converts them in parallel.
+
+use super::frame::Frame;
+use super::header::{Header, Unpacked, field};
+use super::{ANTIALIASED, COLOR_SCALE, COORDINATE_SYSTEM, EXTENSIONS, MAGIC, gzip, streams};
+use crate::activation;
+use crate::error::SceneError;
+use crate::input::{self, Done, Input, SceneHeader, Source};
+use crate::scene::{FileNotes, Scene, Splat};
+use crate::size_breakdown::{ElementSize, SizeBreakdown};
+use half::f16;
+use std::f64::consts::FRAC_1_SQRT_2;
+
+impl Header {
+    /// Converts a splat, and returns the length of its quaternion with it.
+    fn splat(&self, rows: [&[u8]; 6], frame: &Frame) -> (Splat, f64) {
+        let [position, alpha, color, scale, rotation, sh] = rows;
+        let (rotation, norm) = activation::unit(match rotation {
+            [x, y, z] => bytes_quaternion([*x, *y, *z]),
+            _ => packed_quaternion(u32::from_le_bytes(rotation.try_into().expect("a row has 4 bytes"))),
+        });
+        let mut splat = Splat {
+            position: std::array::from_fn(|axis| match self.version {
+                1 => f16::from_le_bytes([position[2 * axis], position[2 * axis + 1]]).to_f32(),
+                _ => {
+                    let [low, middle, high] = [0, 1, 2].map(|byte| position[3 * axis + byte]);
+                    // In the upper bytes, so that the shift back extends the sign.
+                    let fixed = i32::from_le_bytes([0, low, middle, high]) >> 8;
+                    (f64::from(fixed) / f64::from(1u32 << self.fractional_bits)) as f32
+                }
+            }),
+            scale: std::array::from_fn(|axis| (f64::from(scale[axis]) / 16.0 - 10.0).exp() as f32),
+            rotation,
+            opacity: (f64::from(alpha[0]) / 255.0) as f32,
+            sh: [0.0; 48],
+        };
+        for (value, byte) in splat.sh.iter_mut().zip(color) {
+            *value = ((f64::from(*byte) / 255.0 - 0.5) / COLOR_SCALE) as f32;
+        }
+        // A fifth band has no place in a scene: the zip ends before it.
+        for (value, byte) in splat.sh[3..].iter_mut().zip(sh) {
+            *value = (f32::from(*byte) - 128.0) / 128.0;
+        }
+        frame.apply(&mut splat);
+        (splat, norm)
+    }
+}
+
+/// Converts the bytes of x, y and z of versions 1 and 2 to w, x, y, z.
+fn bytes_quaternion(bytes: [u8; 3]) -> [f64; 4] {
+    let [x, y, z] = bytes.map(|byte| f64::from(byte) / 127.5 - 1.0);
+    activation::with_omitted(0, [x, y, z])
+}
+
+/// Unpacks the word of version 3 to w, x, y, z. The word counts its components in the order x, y, z, w.
+fn packed_quaternion(word: u32) -> [f64; 4] {
+    let others = [20, 10, 0].map(|shift| {
+        let bits = word >> shift & 1023;
+        let size = f64::from(bits & 511) / 511.0 * FRAC_1_SQRT_2;
+        if bits & 512 == 0 { size } else { -size }
+    });
+    let [x, y, z, w] = activation::with_omitted((word >> 30) as usize, others);
+    [w, x, y, z]
+}
+
+/// Unpacks a file, in which plain bytes are [`MAGIC`] from version 4 on.
+fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
+    match is_plain(input.source)? {
+        true => streams::unpack(input),
+        false => gzip::unpack(input),
+    }
+}
+
+fn is_plain(source: &Source) -> Result<bool, SceneError> {
+    Ok(source.head(MAGIC.len())? == MAGIC)
+}
+
+/// Reads the header of a file.
+pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
+    let header = match is_plain(source)? {
+        true => streams::header(source)?.0,
+        false => gzip::header(source)?,
+    };
+    Ok(SceneHeader { count: header.count.into(), stored_degree: header.degree.min(3) })
+}
+
+/// Parses a scene.
+pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
+    let Unpacked { header, data, tables, fields, header_bytes, packing, records: (records, at) } =
+        unpack(input)?;
+    let (count, degree) = (u64::from(header.count), header.degree.min(3));
+    let frame = if header.flags & EXTENSIONS == 0 { Frame::RUB } else { coordinate_system(&records, at)? };
+    let frame = Frame::new(frame).ok_or_else(|| {
+        let text = format!("expected the coordinate system 1 to 8 (z along the view), found {frame}");
+        field(at, "extensions", text)
+    })?;
+    let stride = header.stride() as usize;
+    let done = Done::after(data.len() as u64, 2 * data.len() as u64, input.progress);
+    let mut columns = input.allocate(count, degree, false, (stride, 0))?;
+    let gathered = input::fill(&Source::Bytes(&data), tables, &mut columns, &done, |rows, _, out| {
+        let (splat, norm) = header.splat(rows, &frame);
+        out.push(&splat, norm);
+    })?;
+    let file_bytes = input.source.length();
+    let bytes = fields.iter().map(|field| field.bytes).sum();
+    let arrays = ElementSize { name: "splats".into(), rows: count, bytes, fields, separator_bytes: 0 };
+    let size_breakdown = SizeBreakdown {
+        format: format!("spz, version {}, {packing}", header.version),
+        file_bytes,
+        header_bytes,
+        elements: vec![arrays],
+        trailing_bytes: file_bytes - header_bytes - bytes,
+    };
+    let notes = FileNotes {
+        antialiased: header.flags & ANTIALIASED != 0,
+        cut_degree: (header.degree > 3).then_some(header.degree),
+    };
+    input::finish((columns, gathered), count, size_breakdown, notes)
+}
+
+/// Finds the coordinate system among extension records, which begin at offset `start` of the unpacked bytes.
+///
+/// A record is its type, the length of its payload, and the payload. Types that are not known are skipped.
+fn coordinate_system(mut records: &[u8], start: u64) -> Result<u32, SceneError> {
+    let length = records.len() as u64;
+    let mut system = Frame::RUB;
+    while !records.is_empty() {
+        let at = start + length - records.len() as u64;
+        let cut =
+            || field(at, "extensions", format!("expected a whole record, found {} bytes", records.len()));
+        let (head, rest) = records.split_at_checked(8).ok_or_else(cut)?;
+        let word =
+            |at: usize| u32::from_le_bytes(head[at..at + 4].try_into().expect("the slice has 4 bytes"));
+        let (payload, rest) = rest.split_at_checked(word(4) as usize).ok_or_else(cut)?;
+        if word(0) == COORDINATE_SYSTEM {
+            let value = payload.try_into().map_err(|_| {
+                let text = format!("expected 4 bytes of coordinate system, found {}", payload.len());
+                field(at, "extensions", text)
+            })?;
+            system = u32::from_le_bytes(value);
+        }
+        records = rest;
+    }
+    Ok(system)
+}

@@ -1,0 +1,116 @@
+//! Unpacks version 4: a plain header, extension records, a table of contents, and a Zstandard stream per array.
+//!
+//! After the 16 bytes of the older header come, with the number of streams in its last byte, the offset of the table of contents and
+//! 12 reserved bytes. An entry of the table is the stream's packed and unpacked length, 8 bytes each. Arrays without bytes have no
+//! stream. The last stream ends with the file.
+
+use super::HEADER;
+use super::header::{Header, Unpacked, append, check_memory, field, unpacked};
+use crate::error::SceneError;
+use crate::input::{Done, Input, Source, SourceReader, Table};
+use crate::size_breakdown::FieldSize;
+use ruzstd::decoding::StreamingDecoder;
+use std::io::Read;
+
+/// Bytes of the header.
+const LONG_HEADER: usize = 32;
+
+/// Bytes of an entry of the table of contents.
+const ENTRY: usize = 16;
+
+/// Reads the header of a file, and returns the offset of the table of contents with it.
+pub(super) fn header(source: &Source) -> Result<(Header, u64), SceneError> {
+    let bytes = source.head(LONG_HEADER)?;
+    let length = source.length();
+    let Some(bytes) = bytes.first_chunk::<LONG_HEADER>() else {
+        return Err(field(0, "header", format!("expected {LONG_HEADER} bytes, found {length}")));
+    };
+    let first = bytes.first_chunk::<HEADER>().expect("the header is longer");
+    let header = Header::parse(first, length, 4..=4)?;
+    let expected = header.arrays().iter().filter(|(_, _, stride)| *stride > 0).count();
+    if usize::from(bytes[15]) != expected {
+        let (degree, found) = (header.degree, bytes[15]);
+        return Err(field(
+            15,
+            "numStreams",
+            format!("expected {expected} for shDegree {degree}, found {found}"),
+        ));
+    }
+    let table = u64::from(u32::from_le_bytes(bytes[16..20].try_into().expect("the slice has 4 bytes")));
+    let end = table + (expected * ENTRY) as u64;
+    if table < LONG_HEADER as u64 || end > length {
+        let most = length.saturating_sub((expected * ENTRY) as u64);
+        let text =
+            format!("expected {LONG_HEADER} to {most}, which leaves room for the table, found {table}");
+        return Err(field(16, "tocByteOffset", text));
+    }
+    Ok((header, table))
+}
+
+/// Unpacks a file.
+pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
+    let source = input.source;
+    let (header, table_at) = header(source)?;
+    check_memory(&header, input)?;
+    let count = u64::from(header.count);
+    let done = Done::new(2 * count * header.stride(), input.progress);
+    // No longer than the file.
+    let mut records = vec![0; (table_at - LONG_HEADER as u64) as usize];
+    source.read(LONG_HEADER as u64, &mut records)?;
+
+    let arrays = header.arrays();
+    let streams = arrays.iter().filter(|(_, _, stride)| *stride > 0).count();
+    let header_bytes = table_at + (streams * ENTRY) as u64;
+    let (mut data, mut fields) = (Vec::new(), Vec::new());
+    let mut tables = [Table { start: 0, stride: 0 }; 6];
+    let (mut entry_at, mut at) = (table_at, header_bytes);
+    for (table, (name, kind, stride)) in tables.iter_mut().zip(arrays) {
+        *table = Table { start: data.len() as u64, stride };
+        if stride == 0 {
+            continue;
+        }
+        let mut entry = [0; ENTRY];
+        source.read(entry_at, &mut entry)?;
+        let word =
+            |at: usize| u64::from_le_bytes(entry[at..at + 8].try_into().expect("the slice has 8 bytes"));
+        let (packed, found, bytes) = (word(0), word(8), count * stride as u64);
+        if found != bytes {
+            let text = format!("expected {bytes} unpacked bytes for {count} splats, found {found}");
+            return Err(field(entry_at + 8, name, text));
+        }
+        let left = source.length() - at;
+        if packed > left {
+            return Err(field(
+                entry_at,
+                name,
+                format!("expected at most {left} packed bytes, found {packed}"),
+            ));
+        }
+        let failed = |error| unpacked(error, at, name, bytes);
+        let packed_bytes = SourceReader::new(source, at).take(packed);
+        let mut stream =
+            StreamingDecoder::new(packed_bytes).map_err(|error| failed(std::io::Error::other(error)))?;
+        append(&mut stream, bytes, &mut data, &done).map_err(failed)?;
+        if stream.read(&mut [0]).map_err(failed)? > 0 {
+            return Err(field(at, name, format!("expected {bytes} unpacked bytes, found more")));
+        }
+        fields.push(FieldSize {
+            name: name.into(),
+            kind: kind.into(),
+            bytes_per_row: None,
+            bytes: packed,
+            used: true,
+        });
+        entry_at += ENTRY as u64;
+        at += packed;
+    }
+    if at != source.length() {
+        let text = format!(
+            "expected the end of the file after the last stream, found {} bytes",
+            source.length() - at
+        );
+        return Err(field(at, "streams", text));
+    }
+    let records = (records, LONG_HEADER as u64);
+    Ok(Unpacked { header, data, tables, fields, header_bytes, packing: "zstd", records })
+}

@@ -1,0 +1,248 @@
+//! Reads SPZ files that are made byte by byte.
+
+use super::*;
+use crate::error::SceneError;
+use crate::scene::{FileNotes, Scene};
+use crate::testing::{capture, parse};
+use flate2::{Compression, write::GzEncoder};
+use std::io::Write as _;
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut out = GzEncoder::new(Vec::new(), Compression::fast());
+    out.write_all(bytes).unwrap();
+    out.finish().unwrap()
+}
+
+fn header(version: u32, count: u32, degree: u8, flags: u8) -> Vec<u8> {
+    let mut bytes = b"NGSP".to_vec();
+    bytes.extend(version.to_le_bytes());
+    bytes.extend(count.to_le_bytes());
+    bytes.extend([degree, 12, flags, 0]);
+    bytes
+}
+
+/// Makes the arrays of one splat at (1, -2, 3) in the file's axes.
+fn splat(version: u32, degree: u8) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for value in [1.0f32, -2.0, 3.0] {
+        match version {
+            1 => bytes.extend(half::f16::from_f32(value).to_le_bytes()),
+            _ => bytes.extend(&((value * 4096.0) as i32).to_le_bytes()[..3]),
+        }
+    }
+    bytes.push(51);
+    bytes.extend([255, 0, 51]);
+    bytes.extend([160, 144, 176]);
+    match version {
+        // w is the largest; x 0, y positive, z negative.
+        3 => bytes.extend((3u32 << 30 | 511 << 10 | 512 | 255).to_le_bytes()),
+        _ => bytes.extend([255, 0, 51].map(|c: u8| c.saturating_sub(127))),
+    }
+    bytes.extend((1..=3 * ((degree + 1) * (degree + 1) - 1)).map(|k| 128 + k));
+    bytes
+}
+
+fn file(version: u32, degree: u8, flags: u8, more: &[u8]) -> Vec<u8> {
+    gzip(&[header(version, 1, degree, flags), splat(version, degree), more.to_vec()].concat())
+}
+
+fn said(bytes: &[u8]) -> String {
+    parse(bytes).unwrap_err().to_string()
+}
+
+fn near(a: &[f32], b: &[f32]) {
+    assert!(a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6), "{a:?} and {b:?}");
+}
+
+#[test]
+fn versions_1_to_3_have_the_values_that_the_format_defines() {
+    for version in 1..=3 {
+        let scene = parse(&file(version, 1, 0, &[])).unwrap();
+        let found = scene.splat(0);
+        // y and z of the file point the other way.
+        assert_eq!(found.position, [1.0, 2.0, -3.0], "version {version}");
+        near(&found.scale, &[1.0, (-1.0f32).exp(), std::f32::consts::E]);
+        near(&[found.opacity], &[0.2]);
+        near(&found.sh[..3], &[0.5 / 0.15, -0.5 / 0.15, -0.3 / 0.15]);
+        // Band 1 is y, z, x.
+        near(&found.sh[3..12], &[-1, -2, -3, -4, -5, -6, 7, 8, 9].map(|k| k as f32 / 128.0));
+        assert_eq!(scene.notes(), FileNotes::default());
+    }
+    let found = parse(&file(3, 0, 0, &[])).unwrap().splat(0).rotation;
+    let (y, z) = (0.5f32.sqrt(), 255.0 / 511.0 * 0.5f32.sqrt());
+    let w = (1.0 - y * y - z * z).sqrt();
+    near(&found, &[w, 0.0, -y, z]);
+    let found = parse(&file(2, 0, 0, &[])).unwrap().splat(0).rotation;
+    let expected = [128.0f32, 0.0, 0.0].map(|u| u / 127.5 - 1.0);
+    // x, y and z alone are longer than 1, so w is 0.
+    let norm = expected.iter().map(|c| c * c).sum::<f32>().sqrt();
+    near(&found, &[0.0, expected[0] / norm, -expected[1] / norm, -expected[2] / norm]);
+}
+
+#[test]
+fn a_fifth_band_is_cut_off_and_the_flag_of_the_filter_is_kept() {
+    let scene = parse(&file(3, 4, ANTIALIASED, &[])).unwrap();
+    assert_eq!(scene.stored_degree(), 3);
+    assert_eq!(scene.notes(), FileNotes { antialiased: true, cut_degree: Some(4) });
+    near(&scene.splat(0).sh[45..48], &[46, 47, 48].map(|k| (k - 3) as f32 / 128.0));
+    let report = crate::report::Report::new(&scene, &[]).to_string();
+    assert!(report.contains("degree 4 in the file, cut to 3"), "{report}");
+    assert!(report.contains("anti-aliasing"), "{report}");
+}
+
+#[test]
+fn an_extension_names_the_axes_and_others_are_skipped() {
+    let record = |kind: u32, payload: &[u8]| {
+        [&kind.to_le_bytes()[..], &(payload.len() as u32).to_le_bytes(), payload].concat()
+    };
+    let camera = record(0xADBE_0002, &[0; 12]);
+    let system = |n: u32| record(COORDINATE_SYSTEM, &n.to_le_bytes());
+    let position = |records: &[u8]| parse(&file(3, 0, EXTENSIONS, records)).map(|s| s.splat(0).position);
+    assert_eq!(position(&camera).unwrap(), [1.0, 2.0, -3.0]);
+    assert_eq!(position(&[camera, system(6)].concat()).unwrap(), [1.0, -2.0, 3.0]);
+    let said = position(&system(16)).unwrap_err().to_string();
+    assert!(said.contains("byte 36, `extensions`: expected the coordinate system 1 to 8"), "{said}");
+    let said = position(&system(6)[..9]).unwrap_err().to_string();
+    assert!(said.contains("expected a whole record, found 9 bytes"), "{said}");
+}
+
+#[test]
+fn damage_names_the_byte_and_the_field() {
+    let with = |at: usize, byte: u8| {
+        let mut bytes = [header(3, 1, 0, 0), splat(3, 0)].concat();
+        bytes[at] = byte;
+        said(&gzip(&bytes))
+    };
+    assert_eq!(with(4, 9), "byte 4, `version`: expected 1 to 3, found 9");
+    assert_eq!(with(12, 5), "byte 12, `shDegree`: expected 0 to 4, found 5");
+    assert_eq!(with(13, 25), "byte 13, `fractionalBits`: expected at most 24, found 25");
+    assert_eq!(with(8, 0), "byte 8, `numPoints`: expected at least one splat, found 0");
+    assert_eq!(with(8, 2), "byte 36, `colors`: expected 6 bytes, found the end of the compressed stream");
+    let whole = file(3, 3, 0, &[]);
+    let mut damaged = whole.clone();
+    let at = whole.len() - 6;
+    damaged[at] ^= 1;
+    assert!(
+        said(&damaged).contains("expected a whole compressed stream, found damage"),
+        "{}",
+        said(&damaged)
+    );
+}
+
+#[test]
+fn a_header_that_promises_too_much_and_a_bomb_are_refused_without_their_memory() {
+    let promise = gzip(&header(3, 1 << 31, 3, 0));
+    let said = said(&promise);
+    assert!(said.starts_with("byte 8, `numPoints`: expected at most"), "{said}");
+    assert!(said.ends_with("bytes can hold, found 2147483648"), "{said}");
+    let bomb = file(3, 0, EXTENSIONS, &vec![0; 8 << 20]);
+    assert!(bomb.len() < 200_000);
+    let said = parse(&bomb).unwrap_err();
+    assert!(matches!(said, SceneError::Field { at: 36, .. }), "{said}");
+}
+
+#[test]
+fn a_scene_beyond_2048_units_is_written_with_coarser_steps() {
+    let scene = Scene::generate(2, 0, |i| crate::scene::Splat {
+        position: [5000.0 * i as f32, -1.25, 0.5],
+        ..crate::testing::splat(i)
+    });
+    let mut bytes = Vec::new();
+    write(&scene, &mut bytes).unwrap();
+    let back = parse(&bytes).unwrap();
+    assert_eq!((back.splat(1).position, back.splat(0).position), ([5000.0, -1.25, 0.5], [0.0, -1.25, 0.5]));
+    let far = scene.with_offset([1e8, 0.0, 0.0]);
+    let said = write(&far, &mut Vec::new()).unwrap_err().to_string();
+    assert!(said.contains("expected coordinates up to 8388607"), "{said}");
+}
+
+/// Makes a Zstandard frame (RFC 8878) of one block that is not compressed, of fewer than 256 bytes.
+fn frame(bytes: &[u8]) -> Vec<u8> {
+    // One segment, whose length takes a byte; the last block, raw, with its length from bit 3 on.
+    let block = (bytes.len() as u32) << 3 | 1;
+    let head = [0x28, 0xB5, 0x2F, 0xFD, 0x20, bytes.len() as u8];
+    [&head[..], &block.to_le_bytes()[..3], bytes].concat()
+}
+
+/// Makes a file of version 4 of one splat.
+fn streams(degree: u8, records: &[u8]) -> Vec<u8> {
+    let arrays = splat(3, degree);
+    let lengths = [9, 1, 3, 3, 4, arrays.len() - 20].into_iter().filter(|length| *length > 0);
+    let mut bytes = header(4, 1, degree, if records.is_empty() { 0 } else { EXTENSIONS });
+    bytes[15] = lengths.clone().count() as u8;
+    bytes.extend((32 + records.len() as u32).to_le_bytes());
+    bytes.extend([0; 12]);
+    bytes.extend(records);
+    let (mut table, mut body, mut at) = (Vec::new(), Vec::new(), 0);
+    for length in lengths {
+        let packed = frame(&arrays[at..at + length]);
+        table.extend((packed.len() as u64).to_le_bytes());
+        table.extend((length as u64).to_le_bytes());
+        body.extend(packed);
+        at += length;
+    }
+    [bytes, table, body].concat()
+}
+
+#[test]
+fn version_4_has_the_splats_of_version_3() {
+    for degree in 0..=4 {
+        let (new, old) = (streams(degree, &[]), file(3, degree, 0, &[]));
+        let [found, expected] = [&new, &old].map(|bytes| parse(bytes).unwrap());
+        assert_eq!(found.splat(0), expected.splat(0));
+        assert_eq!(found.size_breakdown().sum(), new.len() as u64);
+        assert_eq!(found.size_breakdown().format, "spz, version 4, zstd");
+    }
+    let system = [&COORDINATE_SYSTEM.to_le_bytes()[..], &4u32.to_le_bytes(), &6u32.to_le_bytes()].concat();
+    assert_eq!(parse(&streams(1, &system)).unwrap().splat(0).position, [1.0, -2.0, 3.0]);
+}
+
+#[test]
+fn damage_of_version_4_names_the_byte_and_the_field() {
+    let with = |at: usize, byte: u8| {
+        let mut bytes = streams(0, &[]);
+        bytes[at] = byte;
+        said(&bytes)
+    };
+    assert_eq!(with(4, 3), "byte 4, `version`: expected 4, found 3");
+    assert_eq!(with(15, 6), "byte 15, `numStreams`: expected 5 for shDegree 0, found 6");
+    assert!(with(16, 31).starts_with("byte 16, `tocByteOffset`: expected 32 to "));
+    assert_eq!(with(40, 8), "byte 40, `positions`: expected 9 unpacked bytes for 1 splats, found 8");
+    assert!(with(33, 1).starts_with("byte 32, `positions`: expected at most "));
+    assert!(
+        with(32 + 5 * 16, 0)
+            .contains("byte 112, `positions`: expected a whole compressed stream, found damage")
+    );
+    assert!(said(&[streams(0, &[]), vec![0]].concat()).contains("found 1 bytes"));
+    let mut promise = streams(0, &[]);
+    promise[8..12].fill(0x7F);
+    assert!(said(&promise).starts_with("byte 8, `numPoints`: expected at most "));
+    for end in 1..promise.len() {
+        assert!(parse(&streams(0, &[])[..end]).is_err(), "{end}");
+    }
+}
+
+#[test]
+fn the_capture_has_the_splats_of_the_plain_capture_within_its_steps() {
+    let (Some(packed), Some(plain)) = (capture("biker.spz"), capture("biker.ply")) else { return };
+    let [packed, plain] = [packed, plain].map(|path| Scene::load(path, &|_, _| {}).unwrap());
+    assert_eq!(packed.count(), plain.count());
+    for index in 0..packed.count() as usize {
+        let (a, b) = (packed.splat(index), plain.splat(index));
+        let near = |a: &[f32], b: &[f32], step: f32| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= step);
+        let logarithm = |scale: f32| scale.ln().clamp(-10.0, 5.9375);
+        let turn: f32 = a.rotation.iter().zip(b.rotation).map(|(a, b)| a * b).sum();
+        assert!(
+            near(&a.position, &b.position, 0.5 / 4096.0 + 1e-5)
+                && near(&a.scale.map(logarithm), &b.scale.map(logarithm), 0.5 / 16.0 + 1e-4)
+                && turn.abs() > 0.99998
+                && near(&[a.opacity], &[b.opacity], 0.5 / 255.0 + 1e-5)
+                && near(
+                    &a.sh[..3],
+                    &b.sh[..3].iter().map(|c| c.clamp(-3.34, 3.34)).collect::<Vec<_>>(),
+                    0.5 / 255.0 / 0.15 + 1e-4
+                ),
+            "splat {index}: {a:?} and {b:?}"
+        );
+    }
+}

@@ -1,0 +1,103 @@
+//! Writes SPZ version 3, with the steps of the reference writer.
+
+use super::frame::Frame;
+use super::{ANTIALIASED, COLOR_SCALE, HEADER, MAGIC};
+use crate::activation::{largest_positive, logarithm, quantised};
+use crate::scene::{Scene, Splat, sh_floats};
+use flate2::{Compression, write::GzEncoder};
+use std::f64::consts::SQRT_2;
+use std::io::{Error, ErrorKind, Result, Write};
+
+/// Bits behind the point of positions, unless the scene is too large.
+const FRACTIONAL_BITS: u32 = 12;
+
+/// Largest 24-bit integer.
+const MOST_FIXED: f64 = 8_388_607.0;
+
+/// Writes a scene.
+///
+/// # Errors
+/// The writer fails, or a coordinate is beyond 8,388,607, the largest that the format holds.
+pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
+    let degree = scene.stored_degree();
+    let bits = fractional_bits(scene)?;
+    let flags = if scene.notes().antialiased { ANTIALIASED } else { 0 };
+    let mut header = [0; HEADER];
+    header[..4].copy_from_slice(MAGIC);
+    header[4..8].copy_from_slice(&3u32.to_le_bytes());
+    header[8..12].copy_from_slice(&scene.count().to_le_bytes());
+    header[12..15].copy_from_slice(&[degree as u8, bits as u8, flags]);
+    let mut out = GzEncoder::new(out, Compression::default());
+    out.write_all(&header)?;
+
+    let frame = Frame::new(Frame::RUB).expect("it is a number of a coordinate system");
+    let turned = |index: usize| {
+        let mut splat = scene.splat(index);
+        frame.apply(&mut splat);
+        splat
+    };
+    let steps = f64::from(1u32 << bits);
+    let mut array = |row: &dyn Fn(usize, &mut Vec<u8>)| -> Result<()> {
+        let mut bytes = Vec::new();
+        for index in 0..scene.count() as usize {
+            row(index, &mut bytes);
+            out.write_all(&bytes)?;
+            bytes.clear();
+        }
+        Ok(())
+    };
+    array(&|index, bytes| {
+        let [x, y, z] = scene.world_position(index);
+        for value in [x, -y, -z] {
+            let fixed = (value * steps).round() as i32;
+            bytes.extend_from_slice(&fixed.to_le_bytes()[..3]);
+        }
+    })?;
+    array(&|index, bytes| bytes.push(quantised(scene.opacities()[index].into(), 255) as u8))?;
+    array(&|index, bytes| bytes.extend(color(&scene.splat(index))))?;
+    array(&|index, bytes| bytes.extend(scene.scales()[index].map(scale)))?;
+    array(&|index, bytes| bytes.extend(rotation(turned(index).rotation).to_le_bytes()))?;
+    array(&|index, bytes| {
+        let splat = turned(index);
+        bytes.extend(
+            splat.sh[..sh_floats(degree)].iter().enumerate().skip(3).map(|(at, value)| harmonic(at, *value)),
+        );
+    })?;
+    out.finish()?;
+    Ok(())
+}
+
+/// Finds how many bits behind the point leave room for the largest coordinate.
+fn fractional_bits(scene: &Scene) -> Result<u32> {
+    let coordinates = (0..scene.count() as usize).flat_map(|index| scene.world_position(index));
+    let largest = coordinates.fold(0.0, |most: f64, value| most.max(value.abs()));
+    let fits = |bits: &u32| (largest * f64::from(1u32 << bits)).round() <= MOST_FIXED;
+    (0..=FRACTIONAL_BITS).rev().find(fits).ok_or_else(|| {
+        let text = format!("expected coordinates up to {MOST_FIXED}, the largest of SPZ, found {largest}");
+        Error::new(ErrorKind::InvalidInput, text)
+    })
+}
+
+fn color(splat: &Splat) -> [u8; 3] {
+    std::array::from_fn(|channel| quantised(f64::from(splat.sh[channel]) * COLOR_SCALE + 0.5, 255) as u8)
+}
+
+fn scale(scale: f32) -> u8 {
+    ((f64::from(logarithm(scale)) + 10.0) * 16.0).round().clamp(0.0, 255.0) as u8
+}
+
+/// Packs a unit quaternion w, x, y, z.
+fn rotation([w, x, y, z]: [f32; 4]) -> u32 {
+    let (largest, quaternion) = largest_positive([x, y, z, w]);
+    (0..4).filter(|at| *at != largest).fold(largest as u32, |word, at| {
+        let size = quantised(quaternion[at].abs() * SQRT_2, 511);
+        word << 10 | u32::from(quaternion[at] < 0.0) << 9 | size
+    })
+}
+
+/// Quantises the float at index `at` of a splat's harmonics: steps of 1/16 in band 1, and of 1/8 above, which pack better.
+fn harmonic(at: usize, value: f32) -> u8 {
+    let step = if at < sh_floats(1) { 8.0 } else { 16.0 };
+    let byte = (f64::from(value) * 128.0).round() + 128.0;
+    (((byte + step / 2.0) / step).floor() * step).clamp(0.0, 255.0) as u8
+}
