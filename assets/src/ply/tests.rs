@@ -1,9 +1,10 @@
 //! Reads whole files, good and bad.
 
 use super::write::property_names;
-use crate::testing::{capture, parse, splat};
+use crate::testing::{captures, golden, parse, splat};
 use crate::{Scene, SceneError, sh_floats};
 use proptest::prelude::*;
+use std::path::PathBuf;
 
 /// The form of a file to write.
 struct Made {
@@ -521,23 +522,25 @@ fn a_file_that_is_not_there_is_named() {
 
 #[test]
 fn the_captures_load_whole_and_their_size_breakdowns_sum_to_their_sizes() {
-    for (name, count, stored, effective) in
-        [("biker", 152_746, 0, 0), ("playbot-31k", 31_000, 3, 2), ("rules", 1_067, 3, 3)]
-    {
-        let Some(path) = capture(&format!("{name}.ply")) else { continue };
+    let check = |path: PathBuf, count, degrees| {
         let scene = Scene::load(&path, &|_, _| {}).unwrap();
-        assert_eq!((scene.count(), scene.dropped().total()), (count, 0), "{name}");
-        assert_eq!((scene.stored_degree(), scene.effective_degree()), (stored, effective), "{name}");
+        assert_eq!((scene.count(), scene.dropped().total()), (count, 0), "{}", path.display());
+        assert_eq!((scene.stored_degree(), scene.effective_degree()), degrees, "{}", path.display());
         assert_eq!(scene.size_breakdown().sum(), std::fs::metadata(&path).unwrap().len());
-    }
+    };
+    check(golden().join("rules.ply"), 1_067, (3, 3));
+    let test = "the_captures_load_whole_and_their_size_breakdowns_sum_to_their_sizes";
+    let Some(captures) = captures(test) else { return };
+    check(captures.join("biker.ply"), 152_746, (0, 0));
+    check(captures.join("playbot-31k.ply"), 31_000, (3, 2));
 }
 
 #[test]
 fn compressed_captures_are_refused_by_name() {
+    let Some(captures) = captures("compressed_captures_are_refused_by_name") else { return };
     for (name, word) in [("biker.compressed.ply", "PlayCanvas compressed PLY"), ("biker.spz", "Niantic .spz")]
     {
-        let Some(path) = capture(name) else { continue };
-        let said = Scene::load(&path, &|_, _| {}).unwrap_err();
+        let said = Scene::load(captures.join(name), &|_, _| {}).unwrap_err();
         assert!(matches!(said.problem, SceneError::Unsupported { .. }));
         assert!(said.to_string().contains(word), "{said}");
     }
