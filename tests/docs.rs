@@ -1,17 +1,19 @@
-//! The documentation against the repository: every path and every link in it leads somewhere.
+//! The documentation against the repository: every path and every link in it leads somewhere, and quoted output is what the commands
+//! print.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// The pages, by their path from the root, and their text without code blocks.
-fn pages() -> Vec<(PathBuf, String)> {
+/// The pages, by their path from the root.
+fn page_names() -> Vec<PathBuf> {
     let docs = fs::read_dir(root().join("docs")).expect("docs/ is there").map(|entry| {
         let entry = entry.expect("an entry");
         Path::new("docs").join(entry.file_name())
@@ -20,7 +22,12 @@ fn pages() -> Vec<(PathBuf, String)> {
     pages.extend(["README.md", "CONTRIBUTING.md"].map(PathBuf::from));
     pages.sort();
     assert!(pages.len() > 10, "only {pages:?}");
-    pages.into_iter().map(|page| (page.clone(), without_code_blocks(&read(&page)))).collect()
+    pages
+}
+
+/// The pages, and their text without code blocks.
+fn pages() -> Vec<(PathBuf, String)> {
+    page_names().into_iter().map(|page| (page.clone(), without_code_blocks(&read(&page)))).collect()
 }
 
 fn read(page: &Path) -> String {
@@ -91,4 +98,112 @@ fn every_relative_link_leads_to_a_file_and_every_anchor_to_a_heading() {
     }
     assert!(checked > 50, "only {checked} links were found in the pages");
     assert!(broken.is_empty(), "these links lead nowhere:\n{}", broken.join("\n"));
+}
+
+/// The commands quoted in the pages, as indented blocks that begin with `$ splatgraph`: page, arguments, and the output quoted.
+///
+/// An argument `scenes/...` names a captured scene in the folder `SPLATGRAPH_DATA`.
+fn quoted_commands() -> Vec<(PathBuf, Vec<String>, Vec<String>)> {
+    let mut found = Vec::new();
+    for page in page_names() {
+        let text = read(&page);
+        let mut lines = text.lines();
+        while let Some(line) = lines.next() {
+            let Some(command) = line.strip_prefix("    $ splatgraph ") else { continue };
+            let output = lines.by_ref().take_while(|line| line.starts_with("    "));
+            let output = output.map(|line| line.strip_prefix("    ").unwrap_or(line).to_owned()).collect();
+            found.push((page.clone(), command.split_whitespace().map(str::to_owned).collect(), output));
+        }
+    }
+    found
+}
+
+fn splatgraph(arguments: &[&str]) -> Output {
+    let program = env!("CARGO_BIN_EXE_splatgraph");
+    Command::new(program).args(arguments).current_dir(root()).output().expect("the program starts")
+}
+
+/// Replaces `scenes/...` by the path of the captured scene. Returns `None` if there are none.
+fn with_scenes(arguments: &[String]) -> Option<Vec<String>> {
+    let resolve = |argument: &String| match argument.starts_with("scenes/") {
+        true => Path::new(&std::env::var_os("SPLATGRAPH_DATA")?)
+            .join(argument)
+            .into_os_string()
+            .into_string()
+            .ok(),
+        false => Some(argument.clone()),
+    };
+    arguments.iter().map(resolve).collect()
+}
+
+/// Compares quoted lines with consecutive lines of the output. A line `...` stands for any number of lines.
+fn is_quoted_from(output: &str, quoted: &[String]) -> bool {
+    let output: Vec<&str> = output.lines().map(str::trim_end).collect();
+    let mut rest = output.as_slice();
+    for run in quoted.split(|line| line.trim() == "...").filter(|run| !run.is_empty()) {
+        let Some(at) = rest.windows(run.len()).position(|window| window == run) else { return false };
+        rest = &rest[at + run.len()..];
+    }
+    true
+}
+
+#[test]
+fn quoted_output_is_what_the_commands_print() {
+    let commands = quoted_commands();
+    assert!(!commands.is_empty(), "no page quotes a command's output");
+    let mut wrong = Vec::new();
+    for (page, arguments, quoted) in commands {
+        let Some(arguments) = with_scenes(&arguments) else {
+            println!("NOT RUN without captured scenes: {} of {}", arguments.join(" "), page.display());
+            continue;
+        };
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let output = splatgraph(&arguments);
+        assert!(!quoted.is_empty(), "{}: nothing is quoted of {arguments:?}", page.display());
+        if !is_quoted_from(&String::from_utf8_lossy(&output.stdout), &quoted) {
+            wrong.push(format!("{}: {}", page.display(), arguments.join(" ")));
+        }
+    }
+    assert!(wrong.is_empty(), "these commands print something else:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn a_quoted_line_that_the_output_lacks_is_found() {
+    let output = "one\n  two\nthree\nfour\n";
+    let quoted = |lines: &[&str]| lines.iter().map(|line| line.to_string()).collect::<Vec<_>>();
+    assert!(is_quoted_from(output, &quoted(&["one", "...", "three", "four"])));
+    assert!(!is_quoted_from(output, &quoted(&["one", "three"])), "a line between was left out");
+    assert!(!is_quoted_from(output, &quoted(&["four", "...", "one"])), "another order");
+}
+
+#[test]
+fn the_table_of_barriers_has_the_counts_of_every_built_in_graph() {
+    let page = read(Path::new("docs/barriers.md"));
+    let (_, table) = page.split_once("| preset | passes | memory barriers |").expect("the table is there");
+    let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
+    let mut counts = BTreeMap::new();
+    for row in rows {
+        let cells: Vec<&str> = row.trim_matches('|').split('|').map(str::trim).collect();
+        for name in cells[0].split('`').skip(1).step_by(2) {
+            counts
+                .insert(name.to_owned(), cells[1..5].iter().map(|cell| cell.to_string()).collect::<Vec<_>>());
+        }
+    }
+    let names: Vec<&str> = splatgraph::builtin::names();
+    assert_eq!(counts.keys().map(String::as_str).collect::<Vec<_>>(), names, "the graphs in the table");
+    for name in names {
+        let dump: serde_json::Value =
+            serde_json::from_slice(&splatgraph(&["dump", name, "--format", "json"]).stdout).expect("JSON");
+        let totals = &dump["totals"];
+        let frame = &totals["frame"];
+        let found =
+            [&totals["frame_passes"], &frame["memory_barriers"], &frame["image_barriers"], &frame["calls"]];
+        assert_eq!(counts[name], found.map(|count| count.to_string()), "{name}");
+    }
+}
+
+#[test]
+fn an_unknown_graph_is_a_failure_and_an_unknown_option_an_invalid_command_line() {
+    assert_eq!(splatgraph(&["dump", "no-such-graph"]).status.code(), Some(1));
+    assert_eq!(splatgraph(&["dump", "--no-such-option"]).status.code(), Some(2));
 }

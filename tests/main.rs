@@ -10,6 +10,7 @@
 #[cfg(target_os = "linux")]
 mod advise;
 #[cfg(target_os = "linux")]
+mod batch;
 mod bench;
 #[cfg(target_os = "linux")]
 mod builtin;

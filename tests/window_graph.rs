@@ -121,7 +121,8 @@ fn a_picture_in_parts_is_shown_like_one_in_one() {
     let frame = scene.submit(&inputs).expect("submitted");
     let pixels = scene.wait(frame).expect("drawn").output.expect("asked for");
     let on_device = Shown::from(scene.picture().expect("shown"));
-    let on_host = Shown { pixels: BufferContents::Bytes(Arc::new(pixels.bytes)), ..on_device.clone() };
+    let on_host =
+        Shown { pixels: BufferContents::Bytes(Arc::new(pixels.bytes.to_vec())), ..on_device.clone() };
     let composed = |shown| composition([300, 300], [10, 20, 270, 270], Mode::A, Some(shown), None);
     let (one, parts) = (window.compose(&composed(on_host)), window.compose(&composed(on_device.clone())));
     assert!(one.pixels == parts.pixels);

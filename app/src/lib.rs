@@ -66,6 +66,7 @@ pub mod progress;
 pub mod render_command;
 pub mod report;
 pub mod session;
+mod shader_cache;
 pub mod shot;
 pub mod stats;
 pub mod sweep;

@@ -7,17 +7,19 @@ use splatgraph_framework::ir::{Catalog, Facts, Request};
 use splatgraph_framework::lower::{self, Control, Standing};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
-use splatgraph_framework::shader::{Cancel, Glslang, Worker};
+use splatgraph_framework::shader::{Cancel, Glslang, SpirvStore, Worker};
 use splatgraph_framework::source::{Diagnostic, Library, SourceMap, render, render_warnings};
 use std::fmt;
 use std::path::PathBuf;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// Says how planners compile shaders, and which files graphs may name.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
     /// The program that compiles shaders. Without one they are compiled in this process, which a broken shader can end.
     pub worker: Option<Worker>,
+    /// Keeps compiled shaders between runs; `None` compiles them in each.
+    pub store: Option<Arc<dyn SpirvStore>>,
     /// Folders that the files of a graph may lie in besides its own.
     pub include_roots: Vec<PathBuf>,
 }
@@ -57,7 +59,16 @@ impl Planner {
     /// Makes a planner with an empty cache.
     pub fn new(settings: Settings) -> Planner {
         let compiler = settings.worker.clone().map_or_else(Glslang::new, Glslang::in_worker);
+        let compiler = match &settings.store {
+            Some(store) => compiler.with_store(store.clone()),
+            None => compiler,
+        };
         Planner { share_memory: true, grown: Grown::default(), files: files(&settings), compiler, settings }
+    }
+
+    /// Counts the shaders that were compiled, and not found in a cache.
+    pub fn compiled(&self) -> usize {
+        self.compiler.compiled_count()
     }
 
     /// Makes builds end early when `cancel` asks for it.

@@ -243,6 +243,11 @@ impl<D: Device> Session<D> {
         self.growths
     }
 
+    /// Returns true if [`Session::prepare`] has nothing to do for pictures of this size.
+    pub fn is_prepared(&self, size: (u32, u32)) -> bool {
+        self.loaded.as_ref().is_some_and(|(_, loaded)| *loaded == size)
+    }
+
     /// Builds and loads the plan for pictures of this size, unless it is loaded already.
     ///
     /// Returns true if it did; the next frame then runs the plan's prologue. Warnings about the graph go to standard error, once, and
@@ -252,7 +257,7 @@ impl<D: Device> Session<D> {
         size: (u32, u32),
         progress: &mut dyn FnMut(Progress),
     ) -> Result<bool, SessionError> {
-        if self.loaded.as_ref().is_some_and(|(_, loaded)| *loaded == size) {
+        if self.is_prepared(size) {
             return Ok(false);
         }
         let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
@@ -417,11 +422,13 @@ mod growth_tests;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use splatgraph_api::PixelBytes;
 
     #[test]
     fn pictures_of_every_colour_format_are_read() {
         let image = |format, bytes: &[u8]| {
-            image_of(&Pixels { format, width: 1, height: 1, bytes: bytes.to_vec() }).map(|i| i.rgb[0])
+            image_of(&Pixels { format, width: 1, height: 1, bytes: PixelBytes::new(bytes.to_vec()) })
+                .map(|i| i.rgb[0])
         };
         assert_eq!(image(Format::Rgba8Unorm, &[0, 51, 255, 7]), Some([0.0, 0.2, 1.0]));
         let halves: Vec<u8> =

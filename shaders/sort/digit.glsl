@@ -14,7 +14,7 @@ layout(push_constant) uniform Digit {
 };
 
 // The total of every bin has TOTAL_PARTS parts, and block b adds to part b mod TOTAL_PARTS, because atomic additions of
-// thousands of blocks to one word would be serialised.
+// thousands of blocks to one word would be serialised. Serial passes have few blocks, and one part.
 
 uint total_index(uint bin, uint part) {
     return first_total + part * BINS + bin;

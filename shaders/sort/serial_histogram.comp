@@ -29,7 +29,7 @@ void main() {
     for (uint bin = 0u; bin <= mask; bin++) {
         uint in_block = table[row + bin];
         if (in_block != 0u) {
-            atomicAdd(totals[total_index(bin, block % uint(TOTAL_PARTS))], in_block);
+            atomicAdd(totals[total_index(bin, 0u)], in_block);
         }
     }
 }

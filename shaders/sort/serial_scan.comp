@@ -17,9 +17,7 @@ void main() {
     }
     uint place = 0u;
     for (uint lower = 0u; lower < bin; lower++) {
-        for (uint part = 0u; part < uint(TOTAL_PARTS); part++) {
-            place += totals[total_index(lower, part)];
-        }
+        place += totals[total_index(lower, 0u)];
     }
     uint blocks = blocks_of(args[ARGS_VISIBLE]);
     for (uint block = 0u; block < blocks; block++) {

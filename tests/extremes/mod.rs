@@ -3,7 +3,7 @@
 //! [`cases`] is the table: a scene, a camera, and bounds on the error. Each case is drawn once by the exact renderer and then by
 //! every preset, and no picture may hold a value that is not finite. The exact renderer follows the rules of quads here
 //! (`extent=unbounded`, `stop=none`: neither tiles nor an early stop), so that the errors are those of arithmetic, of order
-//! and of the target's format. The errors are printed as rows of the table in docs/accuracy.md.
+//! and of the target's format. The errors are printed as rows of the table in docs/accuracy-tables.md.
 
 mod cases;
 mod surveyed;

@@ -75,7 +75,7 @@ impl Bench {
         let mut outcomes = Vec::new();
         let mut wait = |device: &mut Backend, (frame, names): (_, Vec<String>)| -> Result<(), String> {
             let result = device.wait(frame).map_err(|e| e.to_string())?;
-            let output = result.output.ok_or("no output")?.bytes;
+            let output = result.output.ok_or("no output")?.bytes.to_vec();
             let contents = names.into_iter().zip(result.inspected).collect();
             outcomes.push(Outcome { output, stats: result.stats, contents });
             Ok(())

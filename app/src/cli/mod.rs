@@ -28,6 +28,7 @@ mod view;
 use crate::output::{self, Claims, say, say_styled, terminal};
 use crate::planner::{self, GraphErrors};
 use crate::session::SessionError;
+use crate::shader_cache::ShaderCache;
 use crate::{backend, builtin};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatgraph_framework::lower::Control;
@@ -36,6 +37,7 @@ use splatgraph_framework::shader::Worker;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// Draw 3D Gaussian Splatting scenes with renderers that are data files, and measure the cost of every choice
 ///
@@ -139,7 +141,8 @@ pub fn main() -> ExitCode {
     threads::build_pool();
     // A program that does not know its own file compiles in its own process.
     let worker = Worker::this_program().ok();
-    planner::configure(planner::Settings { worker, include_roots: cli.include_root });
+    let store = ShaderCache::of_user().map(|cache| Arc::new(cache) as Arc<_>);
+    planner::configure(planner::Settings { worker, store, include_roots: cli.include_root });
     let result = match &cli.command {
         Command::Render(args) => render::run(args),
         #[cfg(feature = "window")]

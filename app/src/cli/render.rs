@@ -4,30 +4,30 @@ use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::backend::{Api, Backend};
 use crate::fit;
-use crate::image::{Format, Image};
-use crate::inspect::{self, Finding};
+use crate::image::Format;
 use crate::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
-use crate::output::{Claims, is_standard_output, note, one_line, say};
+use crate::output::{Claims, is_standard_output, one_line};
 use crate::progress::Progress;
-use crate::session::{FrameOptions, Session, image_of};
-use crate::stats::CameraStats;
+use crate::session::Session;
 use crate::truth::{self, Map, Truth};
-use crate::turns;
-use anyhow::{Context, Result, bail};
-use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect};
+use anyhow::{Result, bail};
+use splatgraph_api::Device;
 use splatgraph_assets::Camera;
-use splatgraph_framework::plan::Plan;
-use std::collections::VecDeque;
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
+mod batch;
 mod destination;
 mod exact;
+mod frames;
 mod kept;
+mod pictures;
+mod stdout;
 
+use batch::{Batch, Shown};
 use destination::{Destination, per_camera, stem};
-use kept::Kept;
+use frames::{Drawn, InspectRequest, Wanted, inspect_request};
+use stdout::Stdout;
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph render -o demo.png                                          # the demo scene
@@ -83,6 +83,12 @@ pub struct Args {
     /// Number of frames per camera; times are medians over them, after a warm-up of a fifth of a second where there are several
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
     repeat: u32,
+    /// Number of pictures that may be drawn and not yet written [default: two per processor]
+    ///
+    /// The device draws while processors encode. Where memory is short, fewer pictures wait. Any number gives the same files and the
+    /// same order of messages.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: Option<u16>,
     /// Read a resource back after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
     ///
     /// `keys` stands for the half of the pair that the pass writes, `scatter` for the last of `sort.scatter[0]`,
@@ -118,26 +124,6 @@ fn renderer(text: &str) -> Result<Renderer, String> {
         REFERENCE => Ok(Renderer::Reference),
         _ => Api::find(text).map(Renderer::Device).ok_or_else(|| Api::refusal(text, &[REFERENCE])),
     }
-}
-
-/// A parsed `RESOURCE@PASS[=FILE.npy]`.
-#[derive(Clone, Debug)]
-struct InspectRequest {
-    resource: String,
-    pass: String,
-    file: Option<PathBuf>,
-}
-
-fn inspect_request(text: &str) -> Result<InspectRequest, String> {
-    let (target, file) = match text.split_once('=') {
-        Some((target, file)) if Format::of(Path::new(file)) == Some(Format::Npy) => {
-            (target, Some(file.into()))
-        }
-        Some(_) => return Err("expected a file name with the extension .npy".into()),
-        None => (text, None),
-    };
-    let (resource, pass) = options::inspect_target(target)?;
-    Ok(InspectRequest { resource, pass, file })
 }
 
 /// Parses the number of frames. The times of all of them are kept for the medians.
@@ -247,38 +233,46 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if !args.inspect.is_empty() {
         session.keep_contents();
     }
-    let mut all = Vec::with_capacity(cameras.len());
-    let stdout = Stdout::of(args);
+    let stdout = args.stdout();
     let mut progress = Progress::new("drawing");
+    let wanted = Wanted {
+        repeat: args.repeat,
+        background: args.background,
+        read_output: destination.is_some(),
+        inspect: &args.inspect,
+    };
+    let mut batch = Batch::new(args.jobs(), destination, stdout);
     for (index, (camera, stem)) in cameras.iter().zip(&stems).enumerate() {
         progress.set(index as u64, cameras.len() as u64, &camera.img_name);
-        let loaded = prepare_plan(&mut session, camera)?;
+        if !session.is_prepared((camera.width, camera.height)) {
+            batch.land_all(&mut session, &progress)?;
+        }
+        let loaded = frames::prepare_plan(&mut session, camera)?;
         if loaded {
             progress.suspend(|| session.tell_settings_without_effect());
             claim_graph_files(&mut claims, &session.files())?;
         }
-        let Drawn { stats, image, requests } =
-            draw(args, &mut session, camera, destination.is_some(), loaded)?;
-        let tell = |line: String| progress.suspend(|| stdout.line(&line));
-        match (&destination, image) {
-            (Some(destination), Some(image)) => {
-                let path = destination.path(stem);
-                image.save_as(destination.format(), &path)?;
-                tell(format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line()))?;
-            }
-            _ => tell(format!("{}: {}", one_line(&camera.img_name), stats.line()))?,
+        if args.repeat == 1 && args.inspect.is_empty() {
+            batch.submit(&mut session, args.background, (camera, stem), &progress)?;
+            continue;
         }
-        for (finding, inspect_request) in stats.inspected.iter().zip(requests) {
-            tell(finding.text())?;
+        let Drawn { stats, output, requests } = frames::draw(&wanted, &mut session, camera, loaded)?;
+        let inspected: Vec<_> = stats.inspected.iter().cloned().zip(requests).collect();
+        let no_colours = frames::no_colours(&session);
+        batch.save(Shown { stats, output, no_colours, stem: stem.clone() }, &progress)?;
+        batch.finish(&progress)?;
+        for (finding, inspect_request) in inspected {
+            progress.suspend(|| stdout.line(&finding.text()))?;
             if let Some(file) = &args.inspect[inspect_request].file {
                 finding.save(&per_camera(file, stem, cameras.len()))?;
             }
         }
-        all.push(stats);
     }
+    batch.land_all(&mut session, &progress)?;
+    let all = batch.finish(&progress)?;
     drop(progress);
     if let Some(path) = &args.json {
-        options::write_json(path, &serde_json::to_value(&all)?)?;
+        options::write_json(path, &serde_json::to_value(all)?)?;
     }
     Ok(super::validated(args.device.validate, &session.into_device().close()))
 }
@@ -288,7 +282,7 @@ fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Res
     let rules = truth::rules(&args.rule).map_err(|error| Usage(error.to_string()))?;
     let (scene, cameras) =
         options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
-    let stdout = Stdout::of(args);
+    let stdout = args.stdout();
     let mut all = Vec::with_capacity(cameras.len());
     for (camera, stem) in cameras.iter().zip(&stems) {
         let truth = Truth::draw(&scene, camera, args.background, &rules);
@@ -307,7 +301,7 @@ fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Res
         all.push(truth.stats);
     }
     if let Some(path) = &args.json {
-        options::write_json(path, &serde_json::to_value(&all)?)?;
+        options::write_json(path, &serde_json::to_value(all)?)?;
     }
     Ok(Outcome::Done)
 }
@@ -321,6 +315,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
             ("--pipeline", args.drawing.pipeline != options::DEFAULT_PIPELINE),
             ("--set", !args.drawing.set.is_empty()),
             ("--repeat", args.repeat != 1),
+            ("--jobs", args.jobs.is_some()),
             ("--inspect", !args.inspect.is_empty()),
             ("--device", device.device.is_some()),
             ("--validate", device.validate),
@@ -337,163 +332,21 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
 }
 
 impl Args {
+    fn stdout(&self) -> Stdout {
+        let others = self.files().map(|(_, file)| file);
+        Stdout::of(self.output.iter().chain(&self.json).map(PathBuf::as_path).chain(others))
+    }
+
+    fn jobs(&self) -> usize {
+        self.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
+    }
+
     /// The files beside the pictures, with their options; several cameras have one each.
     fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
         let maps = self.map.iter().map(|(_, file)| ("--map", file.as_path()));
         inspected.map(|file| ("--inspect", file)).chain(maps)
     }
-}
-
-/// The use of standard output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stdout {
-    /// A file is written there, which must be alone; lines go to standard error.
-    File,
-    /// Its lines are all that the command gives.
-    Product,
-    /// Its lines tell of the files that the command is for.
-    Notes,
-}
-
-impl Stdout {
-    fn of(args: &Args) -> Stdout {
-        let others = args.files().map(|(_, file)| file);
-        let files: Vec<&Path> =
-            args.output.iter().chain(&args.json).map(PathBuf::as_path).chain(others).collect();
-        match files.iter().any(|file| is_standard_output(file)) {
-            true => Stdout::File,
-            false if files.is_empty() => Stdout::Product,
-            false => Stdout::Notes,
-        }
-    }
-
-    fn line(self, line: &str) -> Result<()> {
-        match self {
-            Stdout::File => say(line),
-            Stdout::Product => return options::print(line),
-            Stdout::Notes => note(line),
-        }
-        Ok(())
-    }
-}
-
-/// The results of one camera.
-struct Drawn {
-    stats: CameraStats,
-    image: Option<Image>,
-    /// Index of the `--inspect` option of each finding in `stats`. Contents after the prologue are read once per load.
-    requests: Vec<usize>,
-}
-
-/// Draws the frames of one camera with the prepared plan, which is `loaded` anew or not.
-fn draw(
-    args: &Args,
-    session: &mut Session<Backend>,
-    camera: &Camera,
-    wanted: bool,
-    loaded: bool,
-) -> Result<Drawn> {
-    let plan = session.plan().context("no plan after `prepare`")?.clone();
-    let resolve = |plan: &Plan, inspect_request: &InspectRequest| {
-        inspect::resolve(plan, &inspect_request.resource, &inspect_request.pass)
-    };
-    let targets: Vec<Inspect> = args
-        .inspect
-        .iter()
-        .map(|inspect_request| resolve(&plan, inspect_request))
-        .collect::<Result<_, _>>()?;
-
-    let mut kept = Kept::default();
-    let mut findings: Vec<Option<Finding>> = vec![None; targets.len()];
-    let mut flying: VecDeque<(_, Vec<usize>, bool)> = VecDeque::new();
-    let mut growths = session.growths();
-    let mut land = |session: &mut Session<Backend>, (id, asked, counts): (_, Vec<usize>, _)| -> Result<()> {
-        let result = session.wait(id)?;
-        let plan = session.plan().context("no plan after a frame")?;
-        // The passes of a plan with less room may be others, and their times mean another plan.
-        if std::mem::replace(&mut growths, session.growths()) != session.growths() {
-            kept = Kept::default();
-        }
-        for (bytes, &index) in result.inspected.iter().zip(&asked) {
-            let target = resolve(plan, &args.inspect[index])?;
-            findings[index] = Some(Finding::new(plan, &target, bytes, visible(&result)));
-        }
-        kept.add(result, plan, counts);
-        Ok(())
-    };
-    // A device that has rested draws at a lower clock: of several frames, those of a warm-up do not count.
-    let begun = Instant::now();
-    let mut warm = args.repeat == 1;
-    let (mut counted, mut first) = (0, true);
-    while counted < args.repeat {
-        counted += u32::from(warm);
-        let last = counted == args.repeat;
-        // The results of the prologue can only be read in the frame that runs it.
-        let due = |target: &Inspect| if inspect::in_prologue(&plan, target) { first && loaded } else { last };
-        let asked: Vec<usize> = (0..targets.len()).filter(|&i| due(&targets[i])).collect();
-        let request = FrameOptions {
-            background: args.background,
-            read_output: wanted && last,
-            inspect: asked.iter().map(|&i| targets[i]).collect(),
-            untimed_passes: false,
-        };
-        first = false;
-        if flying.len() == FRAMES_IN_FLIGHT
-            && let Some(oldest) = flying.pop_front()
-        {
-            land(session, oldest)?;
-        }
-        flying.push_back((session.submit(camera, &request)?, asked, warm));
-        warm |= begun.elapsed() >= turns::WARM_UP;
-    }
-    for frame in flying {
-        land(session, frame)?;
-    }
-
-    let plan = session.plan().context("no plan after the frames")?.clone();
-    let image = match kept.output() {
-        Some(pixels) => Some(image_of(&pixels).with_context(|| not_colours(&plan))?),
-        None if wanted => bail!("the device returned no picture"),
-        None => None,
-    };
-    let scene_count = session.scene().count().into();
-    let memory = session.device().memory();
-    let info = session.device().info();
-    let size = (camera.width, camera.height);
-    let mut stats = kept.stats((&camera.img_name, size), &plan, info, scene_count, memory);
-    let found = findings
-        .into_iter()
-        .enumerate()
-        .filter_map(|(inspect_request, finding)| Some((inspect_request, finding?)));
-    let requests;
-    (requests, stats.inspected) = found.unzip();
-    Ok(Drawn { stats, image, requests })
-}
-
-/// Builds and loads the plan, with progress.
-fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<bool> {
-    let mut compiling = Progress::new("making pipelines");
-    let mut uploading = None;
-    let loaded = session.prepare((camera.width, camera.height), &mut |step| match step {
-        splatgraph_api::Progress::Pipeline { done, of, shader } => {
-            compiling.set(done as u64, of as u64, shader)
-        }
-        splatgraph_api::Progress::Upload { done_bytes, of_bytes } => {
-            uploading
-                .get_or_insert_with(|| Progress::new("uploading the scene"))
-                .set(done_bytes, of_bytes, "");
-        }
-    })?;
-    Ok(loaded)
-}
-
-fn visible(result: &FrameResult) -> Option<u64> {
-    result.stats.iter().find(|(name, _)| name == "visible").map(|(_, count)| (*count).into())
-}
-
-fn not_colours(plan: &Plan) -> String {
-    format!("the graph's output `{}` has no colours", plan.resource(plan.output).name)
 }
 
 #[cfg(test)]
@@ -517,13 +370,5 @@ mod tests {
                 "{frames}"
             );
         }
-    }
-
-    #[test]
-    fn what_to_inspect_is_a_resource_a_pass_and_perhaps_a_file() {
-        let found = inspect_request("keys#1@sort.scatter[2]=a/b.npy").unwrap();
-        assert_eq!((found.resource.as_str(), found.pass.as_str()), ("keys#1", "sort.scatter[2]"));
-        assert_eq!(found.file, Some("a/b.npy".into()));
-        assert!(inspect_request("keys@scatter=keys.txt").is_err());
     }
 }

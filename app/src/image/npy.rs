@@ -7,7 +7,7 @@ use super::{Depth, Image, ImageError, check_size, has_extension, open, room};
 use crate::output::{self, file::Cause};
 use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;
-use std::io::{self, BufReader, Read, Write};
+use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 use zip::ZipArchive;
 
@@ -33,9 +33,13 @@ fn write_array<T: npyz::AutoSerialize>(
     shape: &[u64],
     values: impl Iterator<Item = T>,
 ) -> Result<(), Cause> {
-    let mut npy: NpyWriter<T, _> = WriteOptions::new().default_dtype().shape(shape).writer(out).begin_nd()?;
+    // Every value is a call of its writer: a buffer of a known type makes most of them a copy of four bytes.
+    let mut out = BufWriter::new(out);
+    let mut npy: NpyWriter<T, _> =
+        WriteOptions::new().default_dtype().shape(shape).writer(&mut out).begin_nd()?;
     npy.extend(values)?;
-    Ok(npy.finish()?)
+    npy.finish()?;
+    Ok(out.flush()?)
 }
 
 /// Bytes of a header at most; NumPy pads that of a picture to 128.

@@ -17,6 +17,8 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    // `Balanced` takes 12 to 35 times as long for files that are 5 to 6 % smaller (two captured scenes, 1920 x 1080).
+    encoder.set_compression(png::Compression::Fast);
     let bytes: Vec<u8> = image.rgb.as_flattened().iter().map(|&v| level(v)).collect();
     let mut writer = encoder.write_header()?;
     writer.write_image_data(&bytes)?;

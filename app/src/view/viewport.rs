@@ -454,7 +454,7 @@ impl<D: Device> Viewport<D> {
         let is_current = self.renderer.plan().is_some_and(|plan| Arc::ptr_eq(plan, &done.plan));
         if to_host && (is_current || !self.is_held_back()) && self.can_show() {
             let Pixels { format, width, height, bytes } = picture;
-            let pixels = BufferContents::Bytes(Arc::new(bytes));
+            let pixels = BufferContents::Bytes(Arc::new(bytes.to_vec()));
             self.exhibit(Shown { format, width, height, pixels }, done.plan.clone());
         }
     }

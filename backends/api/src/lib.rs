@@ -17,6 +17,7 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
 use std::collections::BTreeMap;
 use std::fmt;
+use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -270,7 +271,41 @@ pub struct Pixels {
     /// Pixels down.
     pub height: u32,
     /// `width * height` pixels in the format's layout.
-    pub bytes: Vec<u8>,
+    pub bytes: PixelBytes,
+}
+
+/// Holds the bytes of a picture that was read back, where the device wrote them; clones share them.
+///
+/// Their memory is not written again before the last clone is gone. Frames that are read back meanwhile get memory of their own, so
+/// whoever keeps many pictures keeps as much memory.
+#[derive(Clone)]
+pub struct PixelBytes(Arc<dyn AsRef<[u8]> + Send + Sync>);
+
+impl PixelBytes {
+    /// Wraps whatever holds the bytes.
+    pub fn new(holder: impl AsRef<[u8]> + Send + Sync + 'static) -> PixelBytes {
+        PixelBytes(Arc::new(holder))
+    }
+}
+
+impl Deref for PixelBytes {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        (*self.0).as_ref()
+    }
+}
+
+impl PartialEq for PixelBytes {
+    fn eq(&self, other: &PixelBytes) -> bool {
+        **self == **other
+    }
+}
+
+impl fmt::Debug for PixelBytes {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{} bytes", self.len())
+    }
 }
 
 /// The progress of a load.

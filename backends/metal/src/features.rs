@@ -67,7 +67,7 @@ pub fn limits(told: &Told) -> Limits {
             selectable: false,
             max_per_group: told.max_threads[0] / LANES,
         },
-        // Not documented; docs/metal.md says how to find out. Plans for devices that do not round are right on all.
+        // Not documented; docs/metal-mac.md says how to find out. Plans for devices that do not round are right on all.
         rounds_half: false,
         fused_fma: true,
         features: features(),

@@ -16,7 +16,7 @@
 //! `swapchain`; and `backend`, which is all of these as the runtime's [`Gpu`](splatgraph_runtime::Gpu). Besides there are `objc`, the
 //! calls that the crate `metal` lacks, and `capture`, a frame for Xcode.
 //!
-//! Nobody has run that half: it is compiled and linted for Apple silicon on other systems. `docs/metal.md` lists what is to be looked
+//! Nobody has run that half: it is compiled and linted for Apple silicon on other systems. `docs/metal-mac.md` lists what is to be looked
 //! at first on a Mac.
 
 #![deny(missing_docs)]

@@ -41,6 +41,8 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     recipes: Recipes,
     /// Passes of the prologue whose results were taken over from another plan.
     left_out: Vec<PassId>,
+    /// Memory for the output's pixels, each piece for one frame at a time.
+    readbacks: Vec<Arc<Buffer<G>>>,
     /// The next frame is the first: it runs the prologue.
     pub prologue_due: bool,
     /// The host's step of the frame makes all copies before it visible to the host, not those of the statistics alone.
@@ -51,8 +53,6 @@ pub(crate) struct CompiledPlan<G: Gpu> {
 pub(crate) struct PlanSlot<G: Gpu> {
     /// See [`queries`]; none where the queue has no timer.
     pub timestamps: Option<Arc<G::Timestamps>>,
-    /// The output's pixels; made when first asked for.
-    pub output: Option<Buffer<G>>,
 }
 
 impl<G: Gpu> CompiledPlan<G> {
@@ -96,6 +96,7 @@ impl<G: Gpu> CompiledPlan<G> {
             carried: Vec::new(),
             recipes,
             left_out,
+            readbacks: Vec::new(),
             prologue_due: true,
             host_sees_copies: host_sees_copies(&plan),
             name: plan.name.as_str().into(),
@@ -177,17 +178,26 @@ impl<G: Gpu> CompiledPlan<G> {
         Some(self.resources.buffer(ResourceId(index as u32), slot))
     }
 
+    /// Returns memory for the pixels of the output that no frame writes and nobody reads, made where there is none.
+    pub fn free_readback(&mut self, gpu: &Arc<G>) -> Result<Arc<Buffer<G>>, BackendError> {
+        if let Some(free) = self.readbacks.iter().find(|buffer| Arc::strong_count(buffer) == 1) {
+            return Ok(free.clone());
+        }
+        let bytes = self.resources.image(self.plan.output).map_or(0, |image| image.bytes());
+        let buffer = Arc::new(Buffer::to_host(gpu, "output readback", bytes)?);
+        self.readbacks.push(buffer.clone());
+        Ok(buffer)
+    }
+
     /// Iterates over every piece of memory, some more than once: plans may share some.
     pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
-        let outputs = self.slots.iter().flat_map(|slot| &slot.output);
-        self.resources.pieces().chain(outputs.map(|buffer| &buffer.memory))
+        self.resources.pieces().chain(self.readbacks.iter().map(|buffer| &buffer.memory))
     }
 
     /// Lists names and bytes of the memory; see [`splatgraph_api::Device::memory`].
     pub fn memory(&self) -> Vec<(String, u64)> {
         let mut memory = self.resources.memory(&self.plan);
-        let outputs = self.slots.iter().flat_map(|slot| &slot.output);
-        let readback: u64 = outputs.map(|buffer| buffer.memory.bytes()).sum();
+        let readback: u64 = self.readbacks.iter().map(|buffer| buffer.memory.bytes()).sum();
         if readback > 0 {
             memory.push(("output readback".to_string(), readback));
         }
@@ -198,7 +208,7 @@ impl<G: Gpu> CompiledPlan<G> {
 impl<G: Gpu> PlanSlot<G> {
     fn new(gpu: &Arc<G>, plan: &Plan) -> Result<Self, BackendError> {
         let timestamps = gpu.create_timestamps(queries(plan.prologue.len() + plan.frame.len()))?;
-        Ok(PlanSlot { timestamps: timestamps.map(Arc::new), output: None })
+        Ok(PlanSlot { timestamps: timestamps.map(Arc::new) })
     }
 }
 

@@ -12,7 +12,7 @@ use crate::timing::Times;
 use crate::watch::{self, Submission, Ticket};
 use crate::window::{Swapchain, waiting_for_copies};
 use crate::{inputs, inspect};
-use splatgraph_api::{BackendError, FrameId, FrameInputs, FrameResult, Pixels};
+use splatgraph_api::{BackendError, FrameId, FrameInputs, FrameResult, PixelBytes, Pixels};
 use splatgraph_framework::ir::{PassId, Shape};
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
@@ -35,7 +35,8 @@ pub(crate) struct Pending<G: Gpu> {
     pub inspected: Vec<Buffer<G>>,
     /// The shared outputs that it reads, and the one that it writes.
     pub outputs: Vec<Arc<SharedOutput<G>>>,
-    read_output: bool,
+    /// The target of a copy of its output.
+    readback: Option<Arc<Buffer<G>>>,
     untimed_passes: bool,
     record_ms: f64,
 }
@@ -69,10 +70,7 @@ impl<G: Gpu> Slot<G> {
         let start = Instant::now();
         inputs::write_uniforms(compiled, slot, inputs)?;
         inputs::take_host_buffers(shared, compiled, slot, inputs)?;
-        if inputs.read_output && compiled.slots[slot].output.is_none() {
-            let bytes = compiled.resources.image(compiled.plan.output).map_or(0, |image| image.bytes());
-            compiled.slots[slot].output = Some(Buffer::to_host(gpu, "output readback", bytes)?);
-        }
+        let readback = inputs.read_output.then(|| compiled.free_readback(gpu)).transpose()?;
         let inspected = inspect::buffers(gpu, compiled, slot, &inputs.inspect)?;
         let recorder = Recorder {
             encoder: &mut self.encoder,
@@ -81,6 +79,7 @@ impl<G: Gpu> Slot<G> {
             frame: id,
             slot,
             inspected: &inspected,
+            readback: readback.as_deref(),
             shared: output.map(Arc::as_ref),
         };
         let recorded = recorder.record()?;
@@ -114,7 +113,7 @@ impl<G: Gpu> Slot<G> {
             ticket: shared.watch.enter(Submission { frame: Some(submission) }),
             inspected,
             outputs: output.cloned().into_iter().chain(compiled.resources.take_outputs(slot)).collect(),
-            read_output: inputs.read_output,
+            readback,
             untimed_passes: inputs.untimed_passes,
             record_ms: (start.elapsed() - waited).as_secs_f64() * 1e3,
         });
@@ -149,7 +148,7 @@ impl<G: Gpu> Slot<G> {
             total_ms: times.total(),
             record_ms: pending.record_ms,
             stats: plan.stats.iter().map(|stat| stat.name.clone()).zip(words).collect(),
-            output: pending.read_output.then(|| pixels(plan, own)).flatten(),
+            output: pending.readback.and_then(|buffer| pixels(plan, buffer)),
             inspected: pending.inspected.iter().map(|buffer| buffer.mapped().to_vec()).collect(),
         };
         Ok(Some((pending.frame, result)))
@@ -163,7 +162,16 @@ impl<G: Gpu> Slot<G> {
     }
 }
 
-fn pixels<G: Gpu>(plan: &Plan, own: &PlanSlot<G>) -> Option<Pixels> {
+fn pixels<G: Gpu>(plan: &Plan, buffer: Arc<Buffer<G>>) -> Option<Pixels> {
     let Shape::Image { format, width, height } = plan.resource(plan.output).shape else { return None };
-    Some(Pixels { format, width, height, bytes: own.output.as_ref()?.mapped().to_vec() })
+    Some(Pixels { format, width, height, bytes: PixelBytes::new(Lent(buffer)) })
+}
+
+/// A buffer that the host reads. [`CompiledPlan::free_readback`] gives it to no frame meanwhile.
+struct Lent<G: Gpu>(Arc<Buffer<G>>);
+
+impl<G: Gpu> AsRef<[u8]> for Lent<G> {
+    fn as_ref(&self) -> &[u8] {
+        self.0.mapped()
+    }
 }

@@ -28,7 +28,9 @@ pub(crate) struct Recorder<'a, G: Gpu> {
     pub slot: usize,
     /// A buffer for each resource to inspect, in the order asked.
     pub inspected: &'a [Buffer<G>],
-    /// The target of a copy of the output.
+    /// The target of a copy of the output that the host reads.
+    pub readback: Option<&'a Buffer<G>>,
+    /// The target of a copy of the output that other frames read.
     pub shared: Option<&'a SharedOutput<G>>,
 }
 
@@ -176,7 +178,7 @@ impl<G: Gpu> Recorder<'_, G> {
                 self.encoder.copy_buffer((source, stat.offset), (target, 4 * index as u64), 4);
             }
         }
-        if let (true, Some(target)) = (self.inputs.read_output, &compiled.slots[slot].output) {
+        if let Some(target) = self.readback {
             self.copy_output(target);
         }
     }
@@ -202,7 +204,7 @@ impl<G: Gpu> Recorder<'_, G> {
     /// alone does not.)
     fn host_reads_unseen_copies(&self) -> bool {
         let inspect = &self.inputs.inspect;
-        let copies = self.inputs.read_output || !inspect.is_empty();
+        let copies = self.readback.is_some() || !inspect.is_empty();
         let late = inspect.iter().any(|i| self.compiled.plan.pass(i.after).work == Work::Host);
         copies && (late || !self.compiled.host_sees_copies)
     }

@@ -6,6 +6,7 @@
 //!    tells which of the graph's defines they mention at all; a parameter that a shader does not mention does not make
 //!    it compile again;
 //! 2. *look up*: texts, defines and stage together are the key of a cache;
+//!    a [`SpirvStore`] holds the SPIR-V of earlier runs under the same key;
 //! 3. *compile* ([`generate`]): glslang preprocesses (asking for the included texts again, this time only for those that its
 //!    `#if`s let through), parses, links and generates;
 //! 4. *reflect*: see [`reflect`].
@@ -33,7 +34,7 @@ use reached::Reached;
 pub use serve::serve_if_asked;
 pub use worker::{Limits, Worker};
 
-use super::{CANCELLED, Cancel, Compiled, ShaderCompiler, ShaderRequest, reflect};
+use super::{CANCELLED, Cancel, Compiled, ShaderCompiler, ShaderRequest, SpirvStore, reflect};
 use crate::ir::{FileId, Span};
 use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
 
@@ -62,6 +63,7 @@ const MOST_DIAGNOSTICS: usize = 10;
 #[derive(Debug, Default)]
 pub struct Glslang {
     cache: HashMap<Arc<Key>, Compiled>,
+    store: Option<Arc<dyn SpirvStore>>,
     compiled: usize,
     worker: Option<worker::Parent>,
     cancel: Cancel,
@@ -84,7 +86,12 @@ impl Glslang {
         self.cancel = cancel;
     }
 
-    /// Returns the number of compilations that were run: those that the cache did not hold.
+    /// Looks in `store` before it compiles, and keeps there what it compiled.
+    pub fn with_store(self, store: Arc<dyn SpirvStore>) -> Self {
+        Glslang { store: Some(store), ..self }
+    }
+
+    /// Returns the number of compilations that were run: those that neither cache nor store held.
     pub fn compiled_count(&self) -> usize {
         self.compiled
     }
@@ -124,8 +131,7 @@ impl ShaderCompiler for Glslang {
         if let Some((unit, place)) = followed.as_ref().and_then(|followed| followed.undefined.clone()) {
             return Err(vec![sources.undefined(files, request, unit, place)]);
         }
-        self.compiled += 1;
-        let spirv = self.generate(&key).map_err(|failure| match failure {
+        let spirv = self.stored_or_generated(&key).map_err(|failure| match failure {
             Failure::Cancelled => {
                 let span = Span { file: request.file, start: 0, end: 0 };
                 vec![Diagnostic::new(CANCELLED, span, "")]
@@ -160,6 +166,20 @@ impl ShaderCompiler for Glslang {
 }
 
 impl Glslang {
+    fn stored_or_generated(&mut self, key: &Key) -> Result<Vec<u32>, Failure> {
+        // Without its bytes, a key has no place in a store.
+        let stored = self.store.clone().and_then(|store| Some((store, serde_json::to_vec(key).ok()?)));
+        if let Some(spirv) = stored.as_ref().and_then(|(store, bytes)| store.load(bytes)) {
+            return Ok(spirv);
+        }
+        self.compiled += 1;
+        let spirv = self.generate(key)?;
+        if let Some((store, bytes)) = stored {
+            store.store(&bytes, &spirv);
+        }
+        Ok(spirv)
+    }
+
     fn generate(&mut self, key: &Key) -> Result<Vec<u32>, Failure> {
         match &mut self.worker {
             Some(worker) => worker.generate(key, &self.cancel),

@@ -78,6 +78,17 @@ pub trait ShaderCompiler {
     }
 }
 
+/// Keeps SPIR-V from one run of a program to the next.
+///
+/// What it returns is trusted: a store answers only with what it was given under the same key, by the same build of the program.
+pub trait SpirvStore: Send + Sync + std::fmt::Debug {
+    /// Returns the words that were stored under a key, if they are still there and whole.
+    fn load(&self, key: &[u8]) -> Option<Vec<u32>>;
+
+    /// Stores the words of a key. A store that cannot does nothing.
+    fn store(&self, key: &[u8], spirv: &[u32]);
+}
+
 /// The message of a build that ended early because nobody waited for it.
 pub const CANCELLED: &str = "the build was cancelled";
 

@@ -1,0 +1,165 @@
+//! Draws one picture per camera without ever waiting for a file.
+//!
+//! Frames of the next cameras are in flight while pictures are read back, and [`Pictures`] encodes and writes them on other threads.
+
+use super::destination::Destination;
+use super::frames;
+use super::kept::Kept;
+use super::pictures::Pictures;
+use super::stdout::Stdout;
+use crate::backend::Backend;
+use crate::output::one_line;
+use crate::progress::Progress;
+use crate::session::{FrameOptions, Session, image_of};
+use crate::stats::CameraStats;
+use anyhow::{Context, Result};
+use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
+use splatgraph_assets::Camera;
+use std::collections::VecDeque;
+
+/// Bytes of memory per pixel that encoding takes beside the pixels: RGB in f32, 8 bits, and the encoded file.
+const ENCODING_BYTES: u64 = 12 + 3 + 3;
+
+/// The cameras between their submission and the line that tells of them.
+pub struct Batch {
+    /// Where pictures go; `None` without any.
+    pub destination: Option<Destination>,
+    stdout: Stdout,
+    flying: VecDeque<Flying>,
+    pictures: Pictures<Told>,
+    done: Vec<CameraStats>,
+}
+
+/// A frame in flight.
+struct Flying {
+    frame: FrameId,
+    name: String,
+    stem: String,
+    size: (u32, u32),
+}
+
+/// A camera whose frames are done.
+pub struct Shown {
+    /// The cost of its frames.
+    pub stats: CameraStats,
+    /// The picture, if one is written.
+    pub output: Option<Pixels>,
+    /// The error where that has no colours.
+    pub no_colours: String,
+    /// Name of its file, without extension.
+    pub stem: String,
+}
+
+/// A camera whose file is written, and its line.
+struct Told {
+    stats: CameraStats,
+    line: String,
+}
+
+impl Batch {
+    /// Keeps at most `jobs` pictures unfinished.
+    pub fn new(jobs: usize, destination: Option<Destination>, stdout: Stdout) -> Batch {
+        Batch {
+            destination,
+            stdout,
+            flying: VecDeque::new(),
+            pictures: Pictures::new(jobs),
+            done: Vec::new(),
+        }
+    }
+
+    /// Submits a camera's only frame. The session must be prepared for its size.
+    ///
+    /// # Errors
+    /// The device fails, or a former picture cannot be written.
+    pub fn submit(
+        &mut self,
+        session: &mut Session<Backend>,
+        background: [f32; 3],
+        (camera, stem): (&Camera, &str),
+        progress: &Progress,
+    ) -> Result<()> {
+        if self.flying.len() == FRAMES_IN_FLIGHT {
+            self.land(session, progress)?;
+        }
+        let read_output = self.destination.is_some();
+        let frame =
+            session.submit(camera, &FrameOptions { background, read_output, ..FrameOptions::default() })?;
+        let size = (camera.width, camera.height);
+        self.flying.push_back(Flying { frame, name: camera.img_name.clone(), stem: stem.to_owned(), size });
+        Ok(())
+    }
+
+    /// Waits for all frames in flight, as must be before another plan is prepared.
+    ///
+    /// # Errors
+    /// Those of [`Batch::submit`].
+    pub fn land_all(&mut self, session: &mut Session<Backend>, progress: &Progress) -> Result<()> {
+        while !self.flying.is_empty() {
+            self.land(session, progress)?;
+        }
+        Ok(())
+    }
+
+    /// Waits for the oldest frame, and starts to write its picture.
+    fn land(&mut self, session: &mut Session<Backend>, progress: &Progress) -> Result<()> {
+        let Some(Flying { frame, name, stem, size }) = self.flying.pop_front() else { return Ok(()) };
+        let result = session.wait(frame)?;
+        let memory = session.device().memory();
+        let (info, count) = (session.device().info().clone(), session.scene().count().into());
+        let plan = session.plan().context("no plan after a frame")?;
+        let mut kept = Kept::default();
+        kept.add(result, plan, true);
+        let output = kept.output();
+        let stats = kept.stats((&name, size), plan, &info, count, memory);
+        let no_colours = frames::no_colours(session);
+        self.save(Shown { stats, output, no_colours, stem }, progress)
+    }
+
+    /// Starts to write a camera's picture, and tells of those that are written.
+    ///
+    /// # Errors
+    /// A former picture cannot be written.
+    pub fn save(&mut self, shown: Shown, progress: &Progress) -> Result<()> {
+        let Shown { stats, output, no_colours, stem } = shown;
+        let bytes = output.as_ref().map_or(0, |pixels| {
+            pixels.bytes.len() as u64 + ENCODING_BYTES * u64::from(pixels.width) * u64::from(pixels.height)
+        });
+        let destination = self.destination.clone();
+        let work = move || {
+            let line = match (destination, output) {
+                (Some(destination), Some(pixels)) => {
+                    let image = image_of(&pixels).context(no_colours)?;
+                    // The device can use its memory again.
+                    drop(pixels);
+                    let path = destination.path(&stem);
+                    image.save_as(destination.format(), &path)?;
+                    format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line())
+                }
+                _ => format!("{}: {}", one_line(&stats.camera), stats.line()),
+            };
+            Ok(Told { stats, line })
+        };
+        for told in self.pictures.start(bytes, work)? {
+            self.tell(told, progress)?;
+        }
+        Ok(())
+    }
+
+    /// Waits for all pictures; returns the statistics of all cameras so far, in order.
+    ///
+    /// # Errors
+    /// A picture cannot be written.
+    pub fn finish(&mut self, progress: &Progress) -> Result<&[CameraStats]> {
+        while let Some(told) = self.pictures.next()? {
+            self.tell(told, progress)?;
+        }
+        Ok(&self.done)
+    }
+
+    fn tell(&mut self, Told { stats, line }: Told, progress: &Progress) -> Result<()> {
+        progress.suspend(|| self.stdout.line(&line))?;
+        self.done.push(stats);
+        Ok(())
+    }
+}

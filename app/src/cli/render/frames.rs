@@ -1,0 +1,181 @@
+//! Draws the frames of one camera, several for medians, and reads resources back.
+
+use super::kept::Kept;
+use crate::backend::Backend;
+use crate::cli::options;
+use crate::image::Format;
+use crate::inspect::{self, Finding};
+use crate::progress::Progress;
+use crate::session::{FrameOptions, Session};
+use crate::stats::CameraStats;
+use crate::turns;
+use anyhow::{Context, Result, bail};
+use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect, Pixels};
+use splatgraph_assets::Camera;
+use splatgraph_framework::plan::Plan;
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// A parsed `RESOURCE@PASS[=FILE.npy]`.
+#[derive(Clone, Debug)]
+pub struct InspectRequest {
+    /// Name of the resource.
+    pub resource: String,
+    /// Name of the pass after which it is read.
+    pub pass: String,
+    /// File for its contents.
+    pub file: Option<PathBuf>,
+}
+
+/// Parses a value of `--inspect`.
+pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
+    let (target, file) = match text.split_once('=') {
+        Some((target, file)) if Format::of(Path::new(file)) == Some(Format::Npy) => {
+            (target, Some(file.into()))
+        }
+        Some(_) => return Err("expected a file name with the extension .npy".into()),
+        None => (text, None),
+    };
+    let (resource, pass) = options::inspect_target(target)?;
+    Ok(InspectRequest { resource, pass, file })
+}
+
+/// What is drawn and read for every camera.
+pub struct Wanted<'a> {
+    /// Frames that count.
+    pub repeat: u32,
+    /// Background colour, display-encoded.
+    pub background: [f32; 3],
+    /// True to read the last frame's picture back.
+    pub read_output: bool,
+    /// Resources to read back.
+    pub inspect: &'a [InspectRequest],
+}
+
+/// The results of one camera.
+pub struct Drawn {
+    pub stats: CameraStats,
+    /// The picture of the last frame.
+    pub output: Option<Pixels>,
+    /// Index of the `--inspect` option of each finding in `stats`. Contents after the prologue are read once per load.
+    pub requests: Vec<usize>,
+}
+
+/// Draws the frames of one camera with the prepared plan, which is `loaded` anew or not.
+pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, loaded: bool) -> Result<Drawn> {
+    let plan = session.plan().context("no plan after `prepare`")?.clone();
+    let resolve = |plan: &Plan, inspect_request: &InspectRequest| {
+        inspect::resolve(plan, &inspect_request.resource, &inspect_request.pass)
+    };
+    let targets: Vec<Inspect> = wanted
+        .inspect
+        .iter()
+        .map(|inspect_request| resolve(&plan, inspect_request))
+        .collect::<Result<_, _>>()?;
+
+    let mut kept = Kept::default();
+    let mut findings: Vec<Option<Finding>> = vec![None; targets.len()];
+    let mut flying: VecDeque<(_, Vec<usize>, bool)> = VecDeque::new();
+    let mut growths = session.growths();
+    let mut land = |session: &mut Session<Backend>, (id, asked, counts): (_, Vec<usize>, _)| -> Result<()> {
+        let result = session.wait(id)?;
+        let plan = session.plan().context("no plan after a frame")?;
+        // The passes of a plan with less room may be others, and their times mean another plan.
+        if std::mem::replace(&mut growths, session.growths()) != session.growths() {
+            kept = Kept::default();
+        }
+        for (bytes, &index) in result.inspected.iter().zip(&asked) {
+            let target = resolve(plan, &wanted.inspect[index])?;
+            findings[index] = Some(Finding::new(plan, &target, bytes, visible(&result)));
+        }
+        kept.add(result, plan, counts);
+        Ok(())
+    };
+    // A device that has rested draws at a lower clock: of several frames, those of a warm-up do not count.
+    let begun = Instant::now();
+    let mut warm = wanted.repeat == 1;
+    let (mut counted, mut first) = (0, true);
+    while counted < wanted.repeat {
+        counted += u32::from(warm);
+        let last = counted == wanted.repeat;
+        // The results of the prologue can only be read in the frame that runs it.
+        let due = |target: &Inspect| if inspect::in_prologue(&plan, target) { first && loaded } else { last };
+        let asked: Vec<usize> = (0..targets.len()).filter(|&i| due(&targets[i])).collect();
+        let request = FrameOptions {
+            background: wanted.background,
+            read_output: wanted.read_output && last,
+            inspect: asked.iter().map(|&i| targets[i]).collect(),
+            untimed_passes: false,
+        };
+        first = false;
+        if flying.len() == FRAMES_IN_FLIGHT
+            && let Some(oldest) = flying.pop_front()
+        {
+            land(session, oldest)?;
+        }
+        flying.push_back((session.submit(camera, &request)?, asked, warm));
+        warm |= begun.elapsed() >= turns::WARM_UP;
+    }
+    for frame in flying {
+        land(session, frame)?;
+    }
+
+    let plan = session.plan().context("no plan after the frames")?.clone();
+    let output = kept.output();
+    if wanted.read_output && output.is_none() {
+        bail!("the device returned no picture");
+    }
+    let scene_count = session.scene().count().into();
+    let memory = session.device().memory();
+    let info = session.device().info();
+    let size = (camera.width, camera.height);
+    let mut stats = kept.stats((&camera.img_name, size), &plan, info, scene_count, memory);
+    let found = findings
+        .into_iter()
+        .enumerate()
+        .filter_map(|(inspect_request, finding)| Some((inspect_request, finding?)));
+    let requests;
+    (requests, stats.inspected) = found.unzip();
+    Ok(Drawn { stats, output, requests })
+}
+
+/// Builds and loads the plan, with progress.
+pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<bool> {
+    let mut compiling = Progress::new("making pipelines");
+    let mut uploading = None;
+    let loaded = session.prepare((camera.width, camera.height), &mut |step| match step {
+        splatgraph_api::Progress::Pipeline { done, of, shader } => {
+            compiling.set(done as u64, of as u64, shader)
+        }
+        splatgraph_api::Progress::Upload { done_bytes, of_bytes } => {
+            uploading
+                .get_or_insert_with(|| Progress::new("uploading the scene"))
+                .set(done_bytes, of_bytes, "");
+        }
+    })?;
+    Ok(loaded)
+}
+
+fn visible(result: &FrameResult) -> Option<u64> {
+    result.stats.iter().find(|(name, _)| name == "visible").map(|(_, count)| (*count).into())
+}
+
+/// Says that the output of the present plan has no colours.
+pub fn no_colours(session: &Session<Backend>) -> String {
+    let name = session.plan().map_or("", |plan| &plan.resource(plan.output).name);
+    format!("the graph's output `{name}` has no colours")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_to_inspect_is_a_resource_a_pass_and_perhaps_a_file() {
+        let found = inspect_request("keys#1@sort.scatter[2]=a/b.npy").unwrap();
+        assert_eq!((found.resource.as_str(), found.pass.as_str()), ("keys#1", "sort.scatter[2]"));
+        assert_eq!(found.file, Some("a/b.npy".into()));
+        assert!(inspect_request("keys@scatter=keys.txt").is_err());
+    }
+}

@@ -1,0 +1,137 @@
+//! Encodes and writes pictures on worker threads while the device draws the next ones.
+//!
+//! Encoding a picture takes up to a hundred times as long as drawing it. [`Pictures`] hands each to the pool of threads and gives the
+//! outcomes back in the order of the cameras, so that messages, and the first error, are those of one picture after the other.
+
+use anyhow::{Result, anyhow};
+use splatgraph_assets::memory;
+use std::collections::VecDeque;
+use std::sync::mpsc::{Receiver, channel};
+
+/// Share of the available memory that unfinished pictures may take.
+const MEMORY_SHARE: u64 = 4;
+
+/// The pictures that are drawn and not yet written, oldest first.
+pub struct Pictures<T> {
+    jobs: usize,
+    unfinished: VecDeque<Receiver<Result<T>>>,
+}
+
+impl<T: Send + 'static> Pictures<T> {
+    /// Keeps at most `jobs` pictures unfinished.
+    pub fn new(jobs: usize) -> Pictures<T> {
+        Pictures { jobs: jobs.max(1), unfinished: VecDeque::new() }
+    }
+
+    /// Starts `work`, which needs so many bytes, and returns the outcomes of the pictures that had to be finished first.
+    ///
+    /// # Errors
+    /// The error of the first of these that failed.
+    pub fn start(&mut self, bytes: u64, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<Vec<T>> {
+        let room = memory::available().map_or(u64::MAX, |available| available / MEMORY_SHARE / bytes.max(1));
+        let most = self.jobs.min(usize::try_from(room).unwrap_or(usize::MAX)).max(1);
+        let mut finished = Vec::new();
+        while self.unfinished.len() >= most {
+            finished.extend(self.next()?);
+        }
+        let (sender, receiver) = channel();
+        // Nobody waits for a picture after an error.
+        let work = move || _ = sender.send(work());
+        // A pool of this thread alone runs nothing while the thread draws.
+        if rayon::current_thread_index().is_some() {
+            work();
+        } else {
+            rayon::spawn_fifo(work);
+        }
+        self.unfinished.push_back(receiver);
+        Ok(finished)
+    }
+
+    /// Waits for the oldest unfinished picture, and returns its outcome; `None` if there is none.
+    ///
+    /// # Errors
+    /// That of its work.
+    pub fn next(&mut self) -> Result<Option<T>> {
+        let Some(oldest) = self.unfinished.pop_front() else { return Ok(None) };
+        oldest
+            .recv()
+            .map_err(|_| anyhow!("a thread that writes a picture ended by a mistake of its own"))?
+            .map(Some)
+    }
+}
+
+/// After an error, pictures that were begun are still finished: the process does not end in the middle of a file.
+impl<T> Drop for Pictures<T> {
+    fn drop(&mut self) {
+        self.unfinished.drain(..).for_each(|picture| _ = picture.recv());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::bail;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::sync::{Arc, Barrier};
+
+    #[test]
+    fn outcomes_come_in_the_order_of_the_pictures_and_no_more_than_the_jobs_are_unfinished() {
+        let (mut pictures, most) = (Pictures::new(3), Arc::new(AtomicUsize::new(0)));
+        let running = Arc::new(AtomicUsize::new(0));
+        let mut order = Vec::new();
+        for index in 0..20 {
+            let (running, most) = (running.clone(), most.clone());
+            let work = move || {
+                most.fetch_max(running.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+                // Later ones are done sooner.
+                std::thread::sleep(std::time::Duration::from_millis(3 - index % 3));
+                running.fetch_sub(1, Ordering::SeqCst);
+                Ok(index)
+            };
+            order.extend(pictures.start(1, work).unwrap());
+        }
+        while let Some(index) = pictures.next().unwrap() {
+            order.push(index);
+        }
+        assert_eq!(order, (0..20).collect::<Vec<_>>());
+        assert!(most.load(Ordering::SeqCst) <= 3);
+    }
+
+    #[test]
+    fn a_picture_is_worked_on_while_the_caller_goes_on() {
+        let (mut pictures, met) = (Pictures::new(2), Arc::new(Barrier::new(2)));
+        let other = met.clone();
+        pictures.start(1, move || Ok(other.wait().is_leader())).unwrap();
+        // Would wait for ever if `start` did the work.
+        met.wait();
+        assert!(pictures.next().unwrap().is_some());
+    }
+
+    #[test]
+    fn without_room_in_memory_each_picture_is_finished_before_the_next_is_begun() {
+        let mut pictures = Pictures::new(8);
+        assert!(pictures.start(u64::MAX, || Ok(1)).unwrap().is_empty());
+        assert_eq!(pictures.start(u64::MAX, || Ok(2)).unwrap(), [1]);
+    }
+
+    #[test]
+    fn the_first_error_in_the_order_of_the_pictures_is_told_and_those_begun_are_finished() {
+        let written = Arc::new(AtomicUsize::new(0));
+        let mut pictures = Pictures::new(8);
+        for index in 0..6 {
+            let written = written.clone();
+            let work = move || {
+                if index % 2 == 1 {
+                    bail!("the disk is full at {index}");
+                }
+                written.fetch_add(1, Ordering::SeqCst);
+                Ok(index)
+            };
+            assert!(pictures.start(1, work).unwrap().is_empty());
+        }
+        assert_eq!(pictures.next().unwrap(), Some(0));
+        assert_eq!(pictures.next().unwrap_err().to_string(), "the disk is full at 1");
+        drop(pictures);
+        assert_eq!(written.load(Ordering::SeqCst), 3);
+    }
+}
