@@ -74,10 +74,13 @@ pub fn data(test: &str) -> Option<PathBuf> {
     }
 }
 
+/// Begins the lines that `./x test` counts.
+const NOT_RUN: &str = "NOT RUN: ";
+
 /// Reports that a test lacks what it needs. `./x test` counts these lines.
 pub fn not_run(test: &str, needs: &str) {
     // Not by `eprintln!`, which is kept back in tests that pass.
-    let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs {needs}");
+    let _ = writeln!(std::io::stderr(), "{NOT_RUN}{test} needs {needs}");
 }
 
 /// Names the program that compiles shaders which may crash the compiler.
@@ -129,8 +132,12 @@ pub fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
         .envs(set.iter().map(|(name, value)| (name, value)))
         .output()
         .expect("the tests can run themselves");
-    let text =
-        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    // What the test could not do in its own process counts, too.
+    for line in errors.lines().filter(|line| line.starts_with(NOT_RUN)) {
+        let _ = writeln!(std::io::stderr(), "{line}");
+    }
+    let text = format!("{}{errors}", String::from_utf8_lossy(&output.stdout));
     (output.status.success(), text)
 }
 

@@ -6,6 +6,7 @@
 use splatgraph_assets::{Camera, Scene};
 
 use crate::common;
+use crate::golden::Golden;
 use crate::images::inspected;
 
 /// Rows of R S, in f64, from what the loader gives to the GPU.
@@ -62,13 +63,11 @@ fn covariances_are_within_a_few_units_in_the_last_place_of_f64() {
         return;
     };
     for name in ["biker", "playbot-31k"] {
-        let camera =
-            &Camera::load(data.join(format!("scenes/{name}.cameras.json"))).expect("the cameras load")[0];
+        let golden = Golden::whole(&data, name);
+        let camera = &golden.cameras()[0];
         // Half floats have 11 bits, and an element is a sum of products of two.
         for (form, bound) in [("six", 1e-6), ("factored", 1e-6), ("half", 2e-3)] {
-            let scene =
-                Scene::load(data.join(format!("scenes/{name}.ply")), &|_, _| {}).expect("the scene loads");
-            let worst = worst_error(scene, camera, form);
+            let worst = worst_error(golden.scene(), camera, form);
             println!("{name}, {form}: {worst:.2e} of the largest element");
             assert!(worst < bound, "{name}, {form}: {worst:.2e}");
         }

@@ -1,4 +1,4 @@
-//! The presets on captured scenes: against the images of the published CUDA rasteriser, and against each other.
+//! The presets on `rules` and on captured scenes: against the images of the published CUDA rasteriser, and against each other.
 
 use splatgraph::backend::Backend;
 use splatgraph::image::Image;
@@ -6,19 +6,14 @@ use splatgraph::inspect;
 use splatgraph::metrics;
 use splatgraph::session::{FrameOptions, Session, image_of};
 use splatgraph_assets::{Camera, Scene};
-use std::path::Path;
 use std::sync::Arc;
 
 use crate::common;
-
-const SCENES: [&str; 3] = ["biker", "playbot-31k", "rules"];
+use crate::golden::Golden;
 
 /// Draws a scene with a preset from each camera; the validation layers must have nothing to say.
-fn draw(data: &Path, scene: &str, preset: &str, background: [f32; 3]) -> Vec<Image> {
-    let scenes = data.join("scenes");
-    let loaded = Scene::load(scenes.join(format!("{scene}.ply")), &|_, _| {}).expect("the scene loads");
-    let cameras = Camera::load(scenes.join(format!("{scene}.cameras.json"))).expect("the cameras load");
-    draw_scene(loaded, &cameras, preset, background, &[])
+fn draw(golden: &Golden, preset: &str, background: [f32; 3]) -> Vec<Image> {
+    draw_scene(golden.scene(), &golden.cameras(), preset, background, &[])
 }
 
 /// As `draw`, with a scene and parameters.
@@ -68,11 +63,6 @@ pub fn inspected(
     result.inspected.swap_remove(0)
 }
 
-pub fn golden(data: &Path, scene: &str, name: &str) -> Image {
-    Image::load(Path::new(&format!("{}#{name}", data.join("golden").join(format!("{scene}.npz")).display())))
-        .expect("the golden image loads")
-}
-
 pub fn psnr(a: &Image, b: &Image) -> f64 {
     metrics::compare(a, b).expect("of one size").psnr()
 }
@@ -83,10 +73,10 @@ pub fn bytes(image: &Image) -> Vec<u32> {
 
 #[test]
 fn splat_agrees_with_the_published_rasteriser() {
-    let Some(data) = common::data("splat_agrees_with_the_published_rasteriser") else { return };
-    for (scene, bound) in [("biker", 70.0), ("playbot-31k", 70.0), ("rules", 55.0)] {
-        for (i, image) in draw(&data, scene, "splat", [0.0; 3]).iter().enumerate() {
-            let db = psnr(image, &golden(&data, scene, &format!("camera{i}")));
+    for golden in Golden::all("splat_agrees_with_the_published_rasteriser") {
+        let (scene, bound) = (golden.name, if golden.name == "rules" { 55.0 } else { 70.0 });
+        for (i, image) in draw(&golden, "splat", [0.0; 3]).iter().enumerate() {
+            let db = golden.compare(image, &format!("camera{i}")).psnr();
             println!("{scene} camera {i}: {db:.2} dB");
             assert!(db >= bound, "{scene}, camera {i}: {db:.2} dB, and {bound} are needed");
         }
@@ -96,19 +86,17 @@ fn splat_agrees_with_the_published_rasteriser() {
 #[test]
 fn a_background_shows_where_nothing_covers_it() {
     let Some(data) = common::data("a_background_shows_where_nothing_covers_it") else { return };
-    let images = draw(&data, "playbot-31k", "splat", [1.0, 0.5, 0.25]);
-    let db = psnr(&images[0], &golden(&data, "playbot-31k", "camera0-background"));
+    let golden = Golden::whole(&data, "playbot-31k");
+    let images = draw(&golden, "splat", [1.0, 0.5, 0.25]);
+    let db = golden.compare(&images[0], "camera0-background").psnr();
     assert!(db >= 70.0, "{db:.2} dB");
 }
 
 #[test]
 fn digits_of_4_8_and_11_bits_give_the_same_bytes_and_so_do_two_runs() {
-    let Some(data) = common::data("digits_of_4_8_and_11_bits_give_the_same_bytes_and_so_do_two_runs") else {
-        return;
-    };
-    for scene in SCENES {
-        let all =
-            |preset| -> Vec<Vec<u32>> { draw(&data, scene, preset, [0.0; 3]).iter().map(bytes).collect() };
+    for golden in Golden::all("digits_of_4_8_and_11_bits_give_the_same_bytes_and_so_do_two_runs") {
+        let scene = golden.name;
+        let all = |preset| -> Vec<Vec<u32>> { draw(&golden, preset, [0.0; 3]).iter().map(bytes).collect() };
         let first = all("digit8");
         for preset in ["digit8", "digit4", "digit11"] {
             assert!(all(preset) == first, "{scene}: {preset} differs from digit8");
@@ -118,13 +106,11 @@ fn digits_of_4_8_and_11_bits_give_the_same_bytes_and_so_do_two_runs() {
 
 #[test]
 fn both_correct_blending_orders_agree_and_the_naive_one_does_not() {
-    let Some(data) = common::data("both_correct_blending_orders_agree_and_the_naive_one_does_not") else {
-        return;
-    };
-    for scene in SCENES {
-        let back = draw(&data, scene, "splat", [0.0; 3]);
-        let front = draw(&data, scene, "front_to_back", [0.0; 3]);
-        let naive = draw(&data, scene, "front_to_back_naive", [0.0; 3]);
+    for golden in Golden::all("both_correct_blending_orders_agree_and_the_naive_one_does_not") {
+        let scene = golden.name;
+        let back = draw(&golden, "splat", [0.0; 3]);
+        let front = draw(&golden, "front_to_back", [0.0; 3]);
+        let naive = draw(&golden, "front_to_back_naive", [0.0; 3]);
         for i in 0..back.len() {
             let (right, wrong) = (psnr(&back[i], &front[i]), psnr(&back[i], &naive[i]));
             println!("{scene} camera {i}: front to back {right:.1} dB, naive {wrong:.1} dB");
@@ -136,11 +122,11 @@ fn both_correct_blending_orders_agree_and_the_naive_one_does_not() {
 
 #[test]
 fn narrow_keys_and_no_sort_cost_accuracy() {
-    let Some(data) = common::data("narrow_keys_and_no_sort_cost_accuracy") else { return };
-    for scene in SCENES {
-        let right = draw(&data, scene, "splat", [0.0; 3]);
+    for golden in Golden::all("narrow_keys_and_no_sort_cost_accuracy") {
+        let scene = golden.name;
+        let right = draw(&golden, "splat", [0.0; 3]);
         for preset in ["key16", "unsorted"] {
-            let images = draw(&data, scene, preset, [0.0; 3]);
+            let images = draw(&golden, preset, [0.0; 3]);
             let differences: Vec<f64> = images.iter().zip(&right).map(|(a, b)| psnr(a, b)).collect();
             println!("{scene}: {preset} {differences:.1?} dB");
             // Measured: key16 65.9 dB and more, and not changed at all from one camera of `rules`; unsorted 19.1 to 36.8 dB.
@@ -159,8 +145,8 @@ fn every_form_of_the_sort_and_of_the_covariance_draws_the_same_scene() {
     let Some(data) = common::data("every_form_of_the_sort_and_of_the_covariance_draws_the_same_scene") else {
         return;
     };
-    let cameras = Camera::load(data.join("scenes/playbot-31k.cameras.json")).expect("the cameras load");
-    let scene = || Scene::load(data.join("scenes/playbot-31k.ply"), &|_, _| {}).expect("the scene loads");
+    let golden = Golden::whole(&data, "playbot-31k");
+    let (scene, cameras) = (|| golden.scene(), golden.cameras());
     let first = draw_scene(scene(), &cameras[..1], "splat", [0.0; 3], &[("sorter", "serial")]);
     let second = draw_scene(scene(), &cameras[..1], "splat", [0.0; 3], &[("sorter", "subgroup")]);
     assert!(bytes(&first[0]) == bytes(&second[0]), "the two sorters differ");

@@ -1,7 +1,7 @@
 //! Tests that cross crates: the shipped graphs and shaders on a real driver, with its validation on.
 //!
 //! They run by whichever backend the machine has. On Linux that is Vulkan on lavapipe, Mesa's driver for the CPU, which `./x test`
-//! installs and selects; on macOS it is Metal. A missing driver or layer is a failure. Captured scenes and golden images are found
+//! installs and selects; on macOS it is Metal. A missing driver or layer is a failure. Captured scenes and their golden images are found
 //! through `SPLATGRAPH_DATA`; without it, the tests that need them say that they did not run, and so do the modules that only Linux has.
 
 // Tests write files and lines as they like; the program does so through its module `output` alone.
@@ -29,6 +29,7 @@ mod extremes;
 mod files;
 mod formats;
 mod fuzz;
+mod golden;
 #[cfg(target_os = "linux")]
 mod growth;
 mod images;
@@ -59,20 +60,32 @@ mod view;
 mod walk;
 mod window_graph;
 
-/// Lists the modules of a file that only Linux has.
-fn left_out_elsewhere(text: &str) -> Vec<&str> {
-    let behind = text.split("#[cfg(target_os = \"linux\")]\nmod ").skip(1);
-    behind.filter_map(|rest| Some(rest.split_once(';')?.0)).collect()
+/// Lists what follows `start` in a file behind the attribute of what only Linux has.
+fn left_out_elsewhere<'a>(text: &'a str, start: &str, end: char) -> Vec<&'a str> {
+    let start = format!("#[cfg(target_os = \"linux\")]\n{start}");
+    let behind = text.split(start.as_str()).skip(1);
+    behind.filter_map(|rest| Some(rest.split_once(end)?.0)).collect()
 }
 
 #[test]
-fn modules_of_tests_that_only_linux_can_run_are_named_elsewhere() {
-    let (here, view) =
-        (left_out_elsewhere(include_str!("main.rs")), left_out_elsewhere(include_str!("view/mod.rs")));
+fn tests_that_only_linux_can_run_are_named_elsewhere() {
+    let modules = |text| left_out_elsewhere(text, "mod ", ';');
+    let (here, view) = (modules(include_str!("main.rs")), modules(include_str!("view/mod.rs")));
     assert!(here.contains(&"metal") && view.contains(&"soak"), "{here:?}, {view:?}");
+    let tests: Vec<&str> = [include_str!("commands.rs"), include_str!("effects.rs")]
+        .iter()
+        .flat_map(|text| left_out_elsewhere(text, "#[test]\nfn ", '('))
+        .collect();
+    for known in [
+        "bench_says_once_that_a_setting_has_no_effect",
+        "without_a_vulkan_driver_the_other_devices_are_listed_and_the_exit_code_says_so",
+    ] {
+        assert!(tests.contains(&known), "{tests:?}");
+    }
     if !cfg!(target_os = "linux") {
         here.iter().for_each(|module| common::not_run(module, "Linux"));
         view.iter().for_each(|module| common::not_run(&format!("view::{module}"), "Linux"));
+        tests.iter().for_each(|test| common::not_run(test, "Linux"));
         // It says the same of itself, where nobody sees it.
         common::not_run("backends/vulkan/tests/gpu", "lavapipe");
     }

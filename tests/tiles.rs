@@ -2,7 +2,8 @@
 //! room.
 
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
-use crate::images::{bytes, draw_scene, golden, inspected, psnr};
+use crate::golden::Golden;
+use crate::images::{bytes, draw_scene, inspected, psnr};
 use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::session::{FrameOptions, Session};
@@ -15,28 +16,24 @@ const GPU: Graph = EXACT_TILES[0];
 const CPU: Graph = EXACT_TILES[1];
 
 /// Returns the least PSNR of graphs against the golden images of a scene.
-fn least_psnr(graphs: [Graph; 2], scene: &str) -> Option<f64> {
-    let data = common::data("tiles against golden images")?;
-    let scenes = data.join("scenes");
-    let loaded = Scene::load(scenes.join(format!("{scene}.ply")), &|_, _| {}).expect("the scene loads");
-    let loaded = Arc::new(loaded);
-    let cameras = Camera::load(scenes.join(format!("{scene}.cameras.json"))).expect("the cameras load");
+fn least_psnr(graphs: [Graph; 2], golden: &Golden) -> f64 {
+    let (scene, loaded, cameras) = (golden.name, Arc::new(golden.scene()), golden.cameras());
     let mut least = f64::INFINITY;
     for graph in graphs {
         let images = draw_scene(loaded.clone(), &cameras, graph.0, [0.0; 3], graph.1);
         for (i, image) in images.iter().enumerate() {
-            let db = psnr(image, &golden(&data, scene, &format!("camera{i}")));
+            let db = golden.compare(image, &format!("camera{i}")).psnr();
             println!("{graph:?}, {scene}, camera {i}: {db:.2} dB");
             least = least.min(db);
         }
     }
-    Some(least)
+    least
 }
 
 #[test]
 fn exact_tiles_agree_with_the_published_rasteriser_to_98_decibels() {
-    for scene in ["biker", "playbot-31k", "rules"] {
-        let Some(db) = least_psnr(EXACT_TILES, scene) else { return };
+    for golden in Golden::all("exact_tiles_agree_with_the_published_rasteriser_to_98_decibels") {
+        let (scene, db) = (golden.name, least_psnr(EXACT_TILES, &golden));
         // Its own rounding decides whether a pixel at the floor of alpha keeps a splat.
         assert!(db >= 98.0, "{scene}: {db:.2} dB, expected 98 or more");
     }
@@ -44,8 +41,9 @@ fn exact_tiles_agree_with_the_published_rasteriser_to_98_decibels() {
 
 #[test]
 fn fast_tiles_agree_with_the_published_rasteriser_to_75_decibels_on_captures() {
-    for (scene, bound) in [("biker", 75.0), ("playbot-31k", 75.0), ("rules", 57.0)] {
-        let Some(db) = least_psnr(FAST_TILES, scene) else { return };
+    for golden in Golden::all("fast_tiles_agree_with_the_published_rasteriser_to_75_decibels_on_captures") {
+        let (scene, db) = (golden.name, least_psnr(FAST_TILES, &golden));
+        let bound = if scene == "rules" { 57.0 } else { 75.0 };
         assert!(db >= bound, "{scene}: {db:.2} dB, expected {bound} or more");
     }
 }

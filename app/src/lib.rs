@@ -24,7 +24,7 @@
 //! - [`image`] and [`metrics`]: picture files, and differences between pictures;
 //! - [`report`]: plots, and pages in one file;
 //! - [`trade`]: the cost of each setting, in time and in accuracy;
-//! - [`bench`]: time, memory and bytes of graphs, drawn in turns;
+//! - [`mod@bench`]: time, memory and bytes of graphs, drawn in turns;
 //! - [`advise`]: what a scene needs, and the cheapest setting within a budget;
 //! - [`sweep`]: the cost of a budget of splats;
 //! - [`experiment`]: pages that show what an equation says, on a scene;

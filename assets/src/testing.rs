@@ -21,17 +21,17 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Scene, crate::error::SceneError> {
     Scene::parse(bytes, &|_, _| {})
 }
 
-/// Returns the path of a captured scene in the folder `SPLATGRAPH_DATA`; reports the test as not run without it.
-pub(crate) fn capture(name: &str) -> Option<PathBuf> {
-    match std::env::var_os("SPLATGRAPH_DATA") {
-        Some(folder) => Some(PathBuf::from(folder).join("scenes").join(name)),
-        None => {
-            // Not by `println!`, which is kept back in tests that pass.
-            let _ = writeln!(
-                std::io::stderr(),
-                "NOT RUN: {name} needs SPLATGRAPH_DATA, the folder of captured scenes"
-            );
-            None
-        }
+/// Returns the folder of captured scenes in `SPLATGRAPH_DATA`; reports the test as not run without it.
+pub(crate) fn captures(test: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("SPLATGRAPH_DATA").map(|folder| PathBuf::from(folder).join("scenes"));
+    if folder.is_none() {
+        // Not by `println!`, which is kept back in tests that pass.
+        let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs captured scenes; set SPLATGRAPH_DATA");
     }
+    folder
+}
+
+/// Returns the folder with the files of the scene `rules`.
+pub(crate) fn golden() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("golden")
 }

@@ -3,64 +3,20 @@
 //!
 //! `cargo bench -p splatgraph-framework`
 
+#[path = "../tests/nominal/mod.rs"]
+mod nominal;
+
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Request, Value};
+use splatgraph_framework::ir::{Catalog, Facts, Request};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Library, SourceMap, render};
 use std::fmt::Write;
 use std::time::Duration;
 
-/// A device and a scene of a million splats.
-fn facts() -> Facts {
-    let ints = [
-        ("scene.count", 1_000_000),
-        ("scene.sh_degree", 3),
-        ("scene.stored_sh_degree", 3),
-        ("scene.key_bits", 24),
-        ("scene.largest_sh", 4),
-        ("scene.brightest", 8),
-        ("viewport.width", 1920),
-        ("viewport.height", 1080),
-    ];
-    let device = DeviceFacts {
-        subgroup_size: 32,
-        max_storage_bytes: 1 << 27,
-        max_groups_x: 65_535,
-        max_groups_y: 65_535,
-        max_groups_z: 65_535,
-        shared_bytes: 32 << 10,
-        max_invocations: 1024,
-        rounds_half: true,
-        fused_fma: true,
-        features: Features::all(),
-    };
-    let ints = ints.map(|(name, value)| (name.to_string(), Value::Int(value)));
-    let host = ints.into_iter().chain([("scene.wide".to_string(), Value::Bool(false))]).collect();
-    Facts { device, host }
-}
-
-fn catalog() -> Catalog {
-    let attributes = [
-        ("position", 12, 1),
-        ("position_wide", 24, 1),
-        ("scale", 12, 1),
-        ("rotation", 16, 1),
-        ("opacity", 4, 1),
-        ("sh", 16, 12),
-    ];
-    Catalog {
-        attributes: attributes
-            .into_iter()
-            .map(|(name, stride, planes)| {
-                (format!("scene.{name}"), Attribute { stride, count: 1_000_000, planes })
-            })
-            .collect(),
-        uniforms: [("frame.camera".to_string(), 320)].into(),
-        ..Catalog::default()
-    }
-}
+/// Splats of the scene.
+const COUNT: u32 = 1_000_000;
 
 /// Everything that a build needs; the files are read and the shaders compiled by the first.
 struct Bench {
@@ -72,7 +28,12 @@ struct Bench {
 
 impl Bench {
     fn new(library: Library) -> Bench {
-        Bench { files: SourceMap::new(library), compiler: Glslang::new(), facts: facts(), catalog: catalog() }
+        Bench {
+            files: SourceMap::new(library),
+            compiler: Glslang::new(),
+            facts: nominal::facts(COUNT, (1920, 1080)),
+            catalog: nominal::catalog(COUNT),
+        }
     }
 
     fn plan(&mut self, graph: &str) -> Plan {

@@ -53,11 +53,11 @@ pub struct Plan {
     pub culled: Vec<Culled>,
     /// What is allowed in the graph, and probably not meant.
     pub warnings: Vec<Warning>,
-    /// The image that is shown or saved. A [`Work::Export`] pass at the end of the frame leaves it in
+    /// The image that is shown or saved. A [`Work::Export`](crate::ir::Work::Export) pass at the end of the frame leaves it in
     /// [`Layout::TransferSource`], readable by [`Stages::COPY`].
     pub output: ResourceId,
     /// Numbers that the GPU computes and people want to see: 32-bit words of buffers. The export copies them to the resource
-    /// with [`Source::Readback`], one after another, and the frame's last step, [`Work::Host`], is the host reading them there.
+    /// with [`Source::Readback`], one after another, and the frame's last step, [`Work::Host`](crate::ir::Work::Host), is the host reading them there.
     /// A plan without any has neither.
     pub stats: Vec<Stat>,
 }

@@ -5,6 +5,7 @@
 //!
 //! `SPLATGRAPH_LONG=1` (`./x test --long`) runs 100,000 cases of each.
 
+mod nominal;
 #[path = "../../tests/numbers.rs"]
 mod numbers;
 
@@ -17,9 +18,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{
-    Attribute, Catalog, DeviceFacts, Facts, Features, Request, ShaderStage, Value,
-};
+use splatgraph_framework::ir::{Request, ShaderStage};
 use splatgraph_framework::shader::{
     Compiled, Glslang, Limits, ShaderCompiler, ShaderRequest, Worker, serve_if_asked,
 };
@@ -172,53 +171,10 @@ fn texts(folder: &str) -> BTreeMap<String, String> {
     found
 }
 
-fn facts() -> Facts {
-    let host = [
-        ("scene.count", 1000),
-        ("scene.sh_degree", 3),
-        ("scene.stored_sh_degree", 3),
-        ("scene.key_bits", 24),
-        ("scene.largest_sh", 4),
-        ("scene.brightest", 8),
-        ("viewport.width", 64),
-        ("viewport.height", 32),
-    ];
-    let device = DeviceFacts {
-        subgroup_size: 32,
-        max_storage_bytes: 1 << 27,
-        max_groups_x: 65_535,
-        max_groups_y: 65_535,
-        max_groups_z: 65_535,
-        shared_bytes: 32 << 10,
-        max_invocations: 1024,
-        rounds_half: true,
-        fused_fma: true,
-        features: Features::all(),
-    };
-    let ints = host.map(|(name, value)| (name.to_string(), Value::Int(value)));
-    let host = ints.into_iter().chain([("scene.wide".to_string(), Value::Bool(false))]).collect();
-    Facts { device, host }
-}
-
-fn catalog() -> Catalog {
-    let attributes = [
-        ("position", 12, 1),
-        ("position_wide", 24, 1),
-        ("scale", 12, 1),
-        ("rotation", 16, 1),
-        ("opacity", 4, 1),
-        ("sh", 16, 12),
-    ];
-    Catalog {
-        attributes: attributes
-            .map(|(name, stride, planes)| {
-                (format!("scene.{name}"), Attribute { stride, count: 1000, planes })
-            })
-            .into(),
-        uniforms: [("frame.camera".into(), 256)].into(),
-        ..Catalog::default()
-    }
-}
+/// Splats of the scene.
+const COUNT: u32 = 1000;
+/// Width and height of the picture, in pixels.
+const SIZE: (u32, u32) = (64, 32);
 
 /// The compiler in a process that is this program, asked for the test that serves.
 fn compiler() -> Glslang {
@@ -354,7 +310,7 @@ fn draws(text: &str) -> bool {
 fn damaged_graphs_are_plans_or_errors_with_a_place() {
     let mut files = texts("pipelines");
     files.extend(texts("shaders"));
-    let (facts, catalog) = (&facts(), &catalog());
+    let (facts, catalog) = (&nominal::facts(COUNT, SIZE), &nominal::catalog(COUNT));
     let names: Vec<&str> = files.keys().map(String::as_str).filter(|name| name.ends_with(".ron")).collect();
     fuzz("graphs", &files, RON, |random| {
         let name = names[random.below(names.len())];
@@ -405,7 +361,7 @@ impl ShaderCompiler for Recorder {
 
 /// Every compilation that the shipped graphs ask for.
 fn compilations() -> Vec<Compilation> {
-    let (facts, catalog) = (facts(), catalog());
+    let (facts, catalog) = (nominal::facts(COUNT, SIZE), nominal::catalog(COUNT));
     let mut memory = texts("pipelines");
     memory.extend(texts("shaders"));
     let mut recorder = Recorder { compiler: compiler(), seen: Vec::new() };

@@ -1,4 +1,4 @@
-//! The program is killed at a random moment while it draws twelve cameras: every file that is there is whole.
+//! The program is killed after a random number of files while it draws twelve cameras: every file that is there is whole.
 
 use super::{DRAW, Place, SIZE};
 use crate::common::long;
@@ -7,9 +7,10 @@ use serde_json::Value;
 use splatgraph::image::Image;
 use std::fs;
 use std::io::Write;
+use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::process::{Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant, SystemTime};
 
 /// Kills in the long run, and in the one that everybody does.
 const KILLS: (u32, u32) = (1_000, 16);
@@ -80,40 +81,33 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
             let _ = fs::remove_file(place.at(&format!("seen-{name}.npy")));
         }
     };
-    let begun = Instant::now();
     let (code, errors) = place.code(&args);
     assert_eq!((code, assert_whole(&place, false, "the whole run")), (Some(0), 2 * CAMERAS), "{errors}");
-    let whole_run = begun.elapsed();
 
     let mut random = super::words::Random(1);
     let (mut ended, mut midway) = (0, 0);
     for kill in 0..kills {
         let signal = [Signal::KILL, Signal::TERM, Signal::INT][random.below(3)];
-        // Half of the runs draw over the pictures of the one before.
+        // Half of the runs draw over the files of the one before.
         let over = random.below(2) == 0;
         if !over {
             clean();
         }
+        let before = stamps(&place, &names);
         let mut child =
             place.program(&args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts");
         let pid = Pid::from_child(&child);
-        // Half at any moment of the run, half among the pictures, which take a small part of it.
-        let begun = Instant::now();
-        if !over && random.below(2) == 0 {
-            let first = place.at(&format!("out/{}.png", names[random.below(CAMERAS)]));
-            while !first.exists() && child.try_wait().expect("asked").is_none() {
-                assert!(begun.elapsed() < Duration::from_secs(300), "the program hangs");
-                std::thread::sleep(Duration::from_millis(1));
-            }
-            std::thread::sleep(Duration::from_micros(random.below(20_000) as u64));
-        } else {
-            std::thread::sleep(whole_run.mul_f64(random.below(1000) as f64 / 1000.0));
-        }
+        // Some runs end before the first file, while the program starts.
+        let wanted = random.below(2 * CAMERAS);
+        wait_until(&mut child, || written(&place, &names, &before) >= wanted);
+        // Any moment within the writing of a file.
+        std::thread::sleep(Duration::from_micros(random.below(2_000) as u64));
         // It may have ended by itself.
-        let _ = kill_process(pid, signal);
+        if child.try_wait().expect("asked").is_none() {
+            kill_process(pid, signal).expect("it is there until it was waited for");
+        }
         let status = child.wait().expect("it ends");
-        let what =
-            format!("kill {kill} by {signal:?} after {:?}, over the last pictures: {over}", begun.elapsed());
+        let what = format!("kill {kill} by {signal:?} after {wanted} files, over the last pictures: {over}");
         let drawn = assert_whole(&place, signal == Signal::KILL, &what);
         let number = number(status);
         assert!(number == 0 || number == 128 + signal.as_raw(), "{what}: it ended with {status}");
@@ -126,9 +120,49 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
     // Not by `eprintln!`, which is kept back in tests that pass.
     let _ = writeln!(
         std::io::stderr(),
-        "kills: {kills}, {ended} of them before the end, {midway} between two pictures"
+        "kills: {kills}, {ended} of them before the end, {midway} between two files"
     );
-    assert!(ended > 0 && midway > 0, "{ended} of {kills} came before the end, {midway} between two pictures");
+    assert!(ended > 0 && midway > 0, "{ended} of {kills} came before the end, {midway} between two files");
+}
+
+/// Inode and time of change of the picture and the array of each camera, where they exist. A file that is replaced has new ones.
+fn stamps(place: &Place, names: &[String]) -> Vec<Option<(u64, SystemTime)>> {
+    let both = names.iter().flat_map(|name| [format!("out/{name}.png"), format!("seen-{name}.npy")]);
+    both.map(|file| {
+        fs::metadata(place.at(&file)).ok().map(|m| (m.ino(), m.modified().expect("Linux has it")))
+    })
+    .collect()
+}
+
+/// Counts the pictures and arrays that were written since `before`.
+fn written(place: &Place, names: &[String], before: &[Option<(u64, SystemTime)>]) -> usize {
+    let now = stamps(place, names);
+    now.iter().zip(before).filter(|(now, before)| now.is_some() && now != before).count()
+}
+
+/// Waits until something is so, or the program has ended.
+fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_so() && child.try_wait().expect("asked").is_none() {
+        assert!(begun.elapsed() < Duration::from_secs(300), "the program hangs");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// Returns true if the process has lavapipe's threads, so that its device is open.
+fn has_device(pid: Pid) -> bool {
+    let tasks = fs::read_dir(format!("/proc/{}/task", pid.as_raw_nonzero())).into_iter().flatten().flatten();
+    tasks
+        .filter_map(|task| fs::read_to_string(task.path().join("comm")).ok())
+        .any(|name| name.starts_with("llvmpipe"))
+}
+
+/// Processor time of a process so far, in the clock ticks of `/proc`; 0 for one that has ended.
+fn ticks(pid: Pid) -> u64 {
+    let stat = fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).unwrap_or_default();
+    // The program's name comes second, in parentheses; user time and system time are words 14 and 15.
+    let words = stat.rsplit_once(')').map_or("", |(_, rest)| rest).split_whitespace();
+    words.skip(11).take(2).filter_map(|word| word.parse::<u64>().ok()).sum()
 }
 
 /// Lets a signal end the program, also where the tests themselves were started with it ignored, as shells do in the background.
@@ -165,10 +199,12 @@ fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() 
         }
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts");
         let pid = Pid::from_child(&child);
-        std::thread::sleep(Duration::from_millis(700));
+        wait_until(&mut child, || has_device(pid));
         kill_process(pid, signal).expect("it runs");
         if ignored {
-            std::thread::sleep(Duration::from_millis(300));
+            // It goes on drawing.
+            let before = ticks(pid);
+            wait_until(&mut child, || ticks(pid) > before + 20);
             assert!(child.try_wait().expect("asked").is_none(), "it ends on a signal that is ignored");
             kill_process(pid, Signal::TERM).expect("it runs");
         }

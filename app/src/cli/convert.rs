@@ -50,7 +50,7 @@ pub fn format_list() -> String {
 }
 
 /// Checks the files of the command line, and finds the format of the output.
-fn check_files(args: &Args) -> Result<SceneFormat, Usage> {
+pub(super) fn check_files(args: &Args) -> Result<SceneFormat, Usage> {
     let mut claims = Claims::default();
     claims.input("the scene", &args.input)?;
     claims.output("the output", &args.output)?;

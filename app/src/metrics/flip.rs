@@ -75,7 +75,7 @@ impl Seen {
         Seen { colour: colour.collect(), features: features(&lightness) }
     }
 
-    /// The difference of the features at a pixel, 0 to 1 [16].
+    /// Computes the difference of the features at a pixel, 0 to 1 [16].
     fn feature(&self, other: &Seen, at: usize) -> f64 {
         let [edge, point] = [0, 1].map(|kind| (self.features[at][kind] - other.features[at][kind]).abs());
         (edge.max(point) / 2f64.sqrt()).sqrt().min(1.0)
@@ -87,7 +87,7 @@ fn linear(value: f64) -> f64 {
     if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Linear RGB to XYZ (IEC 61966-2-1; each row sums to the white of D65).
+/// Matrix from linear RGB to XYZ (IEC 61966-2-1; each row sums to the white of D65).
 const TO_XYZ: [[f64; 3]; 3] = [
     [0.412_390_8, 0.357_584_3, 0.180_480_8],
     [0.212_639_0, 0.715_168_7, 0.072_192_3],
@@ -98,7 +98,7 @@ fn product(matrix: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|row| (0..3).map(|column| matrix[row][column] * v[column]).sum())
 }
 
-/// Computes XYZ by that of white.
+/// Computes XYZ as a share of white's.
 fn relative(rgb: [f64; 3]) -> [f64; 3] {
     let (xyz, white) = (product(&TO_XYZ, rgb), product(&TO_XYZ, [1.0; 3]));
     std::array::from_fn(|c| xyz[c] / white[c])
@@ -126,17 +126,19 @@ fn to_lab(rgb: [f64; 3]) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Lets colours count less where it is dark: the Hunt effect [6].
+/// Scales chroma by lightness: the Hunt effect [6].
 fn hunt([lightness, a, b]: [f64; 3]) -> [f64; 3] {
     [lightness, 0.01 * lightness * a, 0.01 * lightness * b]
 }
 
-/// The distance of two colours, for large and small differences alike (HyAB) [7], to the power of 0.7.
+/// Computes the distance of two colours, for large and small differences alike (HyAB) [7], to the power of 0.7.
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
 }
 
-/// The difference of two colours from 0 to 1: distances below 0.4 of the largest, `most`, are spread over 0 to 0.95 [8].
+/// Computes the difference of two colours, 0 to 1 [8].
+///
+/// Distances below 0.4 of the largest, `most`, are spread over 0 to 0.95.
 fn difference(a: [f64; 3], b: [f64; 3], most: f64) -> f64 {
     const PART: f64 = 0.4;
     const OF: f64 = 0.95;
@@ -152,7 +154,7 @@ struct Plane {
 }
 
 impl Plane {
-    /// Filters rows by `across` and columns by `down`, of odd lengths. Beyond its edges the picture goes on with their pixels.
+    /// Filters rows by `across` and columns by `down`, of odd lengths. Pixels beyond an edge equal those at the edge.
     fn filtered(&self, across: &[f64], down: &[f64]) -> Plane {
         let (width, height) = (self.width, self.height);
         let mut rows = vec![0.0; self.values.len()];
@@ -183,7 +185,7 @@ const SENSITIVITY: [&[(f64, f64)]; 3] = [&[(1.0, 0.0047)], &[(1.0, 0.0053)], &[(
 /// The widest Gaussian of [`SENSITIVITY`], which decides the size of all filters.
 const WIDEST: f64 = 0.04;
 
-/// The values of a function at the whole numbers from `-radius` to `radius`.
+/// Lists the values of a function at the whole numbers from `-radius` to `radius`.
 fn taps(radius: usize, of: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..=2 * radius).map(|at| of(at as f64 - radius as f64)).collect()
 }

@@ -52,10 +52,10 @@ pub fn write(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>
     write_to(path, body).map_err(|cause| OutputError { path: path.to_owned(), cause })
 }
 
-/// Writes these bytes as [`write`] does.
+/// Writes these bytes as [`write()`] does.
 ///
 /// # Errors
-/// Those of [`write`].
+/// Those of [`write()`].
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     write(path, |out| Ok(out.write_all(bytes)?))
 }

@@ -1,7 +1,7 @@
 //! Writes everything that leaves the program: files, lines for the terminal, and data on standard output.
 //!
-//! A file is whole, or it is not there: [`write`] fills a file without a name and names it once its contents are on the disk, so
-//! that a full disk, an error or a signal leaves what was there before ([`file`], [`signals`]). [`names`] gives each camera a
+//! A file is whole, or it is not there: [`write()`] fills a file without a name and names it once its contents are on the disk, so
+//! that a full disk, an error or a signal leaves what was there before ([`mod@file`], [`signals`]). [`names`] gives each camera a
 //! file name of its own, and [`claims`] refuses an output over an input, before anything is drawn. Text passes through
 //! [`terminal`], which takes the escape sequences out of names from files, and which a closed pipe or a full device cannot stop.
 

@@ -55,7 +55,7 @@ impl View {
 pub struct Time {
     /// Milliseconds on the GPU: `share` of `exact_ms`.
     pub gpu_ms: f64,
-    /// The largest of the rounds' shares without the smallest, in milliseconds.
+    /// Difference between the largest and the smallest of the rounds' shares, in milliseconds.
     pub spread_ms: f64,
     /// The share of the exact settings' time in the same rounds.
     pub share: Share,
@@ -67,7 +67,7 @@ pub struct Time {
     pub busy: f64,
     /// Milliseconds per phase: the median of the rounds' medians.
     pub phases: BTreeMap<String, f64>,
-    /// The largest of a phase's rounds without the smallest, in milliseconds.
+    /// Difference between the largest and the smallest of a phase's rounds, in milliseconds.
     pub phase_spreads: BTreeMap<String, f64>,
 }
 
@@ -107,10 +107,10 @@ pub struct Baseline<'a, D> {
     pub ms: Option<f64>,
 }
 
-/// Time after which the rounds of a setting end, however wide the range: a machine that does other work may never make it narrow.
+/// Longest time of a setting's rounds, however wide the range: on a busy machine it may never become narrow.
 pub const LONGEST: Duration = Duration::from_secs(8);
 
-/// As many times the rounds of other settings may have to show the noise of the exact ones against themselves, on which all depend.
+/// Factor of the most rounds for the exact settings against themselves: all rows depend on the noise that these show.
 const ROUNDS_OF_EXACT: u32 = 4;
 
 /// Measures a setting. `exact` takes turns with `session`.
@@ -220,7 +220,7 @@ struct Round {
     busy: Option<f64>,
 }
 
-/// The shares of the rounds; `None` without timestamps.
+/// Lists the shares of the rounds; `None` without timestamps.
 fn shares(rounds: &[Round]) -> Option<Vec<f64>> {
     rounds.iter().map(|round| Some(round.stats.gpu_ms? / round.exact_ms?)).collect()
 }
@@ -256,7 +256,7 @@ fn time(rounds: &[Round], exact_ms: Option<f64>) -> Option<Time> {
     })
 }
 
-/// The largest of the values without the smallest.
+/// Computes the difference between the largest and the smallest value.
 fn spread(values: &[f64]) -> f64 {
     let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     most - values.iter().copied().fold(f64::INFINITY, f64::min)

@@ -138,7 +138,7 @@ pub struct Point {
 
 /// Marks the Pareto front of time and PSNR. Of settings that are equal in both, the first is on it.
 ///
-/// PSNRs that differ by less than [`EQUAL_DB`] are equal. Without times, only PSNR counts.
+/// PSNRs that differ by less than `EQUAL_DB` are equal. Without times, only PSNR counts.
 pub fn front(points: &[Point]) -> Vec<Mark> {
     let faster = |a: &Point, b: &Point| match (a.share, b.share) {
         (Some(a), Some(b)) => a.faster(&b),

@@ -1,6 +1,6 @@
 //! Records the times of recent frames, for the rolling plot and the table of medians and 99th percentiles.
 //!
-//! Every finished frame leaves a [`Sample`] with the plan that it was measured with. The newest [`WINDOW`] are kept across changes of
+//! Every finished frame leaves a `Sample` with the plan that it was measured with. The newest [`WINDOW`] are kept across changes of
 //! the plan, so that the plot shows the effect of a change. The table covers the frames of the newest measured plan, without
 //! prologues; its names are looked up in that plan, since the plan on the screen may already be another.
 

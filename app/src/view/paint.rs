@@ -6,7 +6,7 @@
 //! filters. A [`Composition`] defines the pictures below the user interface.
 //!
 //! The graph keeps what the window shows, so that only what changed is drawn: the view, whose pictures are new in every frame, and the
-//! rectangles around other meshes that changed ([`damage`]). Each is drawn anew from its background up.
+//! rectangles around other meshes that changed (`damage`). Each is drawn anew from its background up.
 //!
 //! The structs here match those of `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
 

@@ -1,6 +1,6 @@
 //! Connects the profilers Tracy and RenderDoc, each behind a feature, and Apple's capture of frames.
 //!
-//! With the feature `tracy`, host code is marked with zones ([`zone!`]), and the GPU times of every pass appear in a GPU context.
+//! With the feature `tracy`, host code is marked with zones (`zone!`), and the GPU times of every pass appear in a GPU context.
 //! They are measured durations, laid end to end before the time at which the frame was found finished, because host and device
 //! share no clock. With the feature `renderdoc`, the program can capture a frame if RenderDoc started it or its library is
 //! preloaded; labels and names in the capture are the graph's. On Apple's systems, Metal writes the frame as a document for Xcode. See

@@ -77,7 +77,7 @@ impl<D: Device> Recovery<D> {
     /// Draws a frame of the shell; `None` while there is no device.
     ///
     /// # Errors
-    /// After [`ATTEMPTS`] in vain to open another device.
+    /// After `ATTEMPTS` in vain to open another device.
     pub fn frame(
         &mut self,
         shell: &mut Shell<D>,

@@ -8,14 +8,14 @@
 //! One plan is built at a time; changes during a build are combined into the next one, for which a build that takes long is cancelled.
 //!
 //! A frame that was drawn in part, for want of room in a list, is shown as it is, and a plan with more room is built like any other
-//! ([`growth`]). The room stays until another graph or scene is chosen, or the parameter is set by hand. If the device
+//! ([`crate::growth`]). The room stays until another graph or scene is chosen, or the parameter is set by hand. If the device
 //! refuses such a plan, frames stay in part ([`Renderer::crowded`]) until the next change, or the next attempt where it lacked memory.
 //!
 //! No error ends a renderer. A frame that cannot be drawn is tried again ([`RETRY`]), as is a build that lacked memory; both are
 //! shown meanwhile. A frame that the device does not finish in time is waited for with the next one ([`Renderer::patience`]). A lost
 //! device is given up with [`Renderer::release`], and its successor comes with [`Renderer::give`].
 //!
-//! A renderer draws when it is told to, and does nothing by itself: [`Renderer::next`] says when it must be polled although nothing
+//! A renderer draws when it is told to, and does nothing by itself: `Renderer::next` says when it must be polled although nothing
 //! called its [`Wake`].
 
 mod device;

@@ -191,7 +191,7 @@ impl<D: Device> Viewport<D> {
         Some(format!("the picture is {}{reason}", self.part()?))
     }
 
-    /// Counts the pairs that tiles left in the order of the file in the newest finished frame, if any: see [`stats::unordered`].
+    /// Counts the pairs that tiles left in the order of the file in the newest finished frame, if any: see `stats::unordered`.
     pub fn unordered(&self) -> Option<String> {
         let (_, pairs) = self.stats.iter().find(|(name, _)| name == "unordered")?;
         stats::unordered((*pairs).into())

@@ -6,7 +6,7 @@
 //! [`Frame::next`]: super::shell::Frame::next
 //!
 //! While nothing can be drawn in the window, its title says why: the device was lost, is busy with one pass, or cannot draw the
-//! window itself. Closing never waits for longer than [`CLOSING`].
+//! window itself. Closing never waits for longer than `CLOSING`.
 
 mod dialog;
 mod display;

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::scene::Splat;
-use crate::testing::{capture, parse as read};
+use crate::testing::{captures, parse as read};
 use std::sync::Mutex;
 
 /// Makes a scene of splats that differ in everything.
@@ -180,10 +180,10 @@ fn a_scene_larger_than_the_memory_is_refused() {
 
 #[test]
 fn the_compressed_capture_has_the_values_that_were_decoded_from_it() {
-    let (Some(packed), Some(plain)) = (capture("biker.compressed.ply"), capture("biker.ply")) else {
-        return;
-    };
-    let [packed, plain] = [packed, plain].map(|path| Scene::load(path, &|_, _| {}).unwrap());
+    let test = "the_compressed_capture_has_the_values_that_were_decoded_from_it";
+    let Some(captures) = captures(test) else { return };
+    let load = |name: &str| Scene::load(captures.join(name), &|_, _| {}).unwrap();
+    let [packed, plain] = ["biker.compressed.ply", "biker.ply"].map(load);
     assert_eq!(packed.count(), plain.count());
     for index in 0..packed.count() as usize {
         let (a, b) = (packed.splat(index), plain.splat(index));

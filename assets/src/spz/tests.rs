@@ -3,7 +3,7 @@
 use super::*;
 use crate::error::SceneError;
 use crate::scene::{FileNotes, Scene};
-use crate::testing::{capture, parse};
+use crate::testing::{captures, parse};
 use flate2::{Compression, write::GzEncoder};
 use std::io::Write as _;
 
@@ -224,8 +224,10 @@ fn damage_of_version_4_names_the_byte_and_the_field() {
 
 #[test]
 fn the_capture_has_the_splats_of_the_plain_capture_within_its_steps() {
-    let (Some(packed), Some(plain)) = (capture("biker.spz"), capture("biker.ply")) else { return };
-    let [packed, plain] = [packed, plain].map(|path| Scene::load(path, &|_, _| {}).unwrap());
+    let test = "the_capture_has_the_splats_of_the_plain_capture_within_its_steps";
+    let Some(captures) = captures(test) else { return };
+    let load = |name: &str| Scene::load(captures.join(name), &|_, _| {}).unwrap();
+    let [packed, plain] = ["biker.spz", "biker.ply"].map(load);
     assert_eq!(packed.count(), plain.count());
     for index in 0..packed.count() as usize {
         let (a, b) = (packed.splat(index), plain.splat(index));

@@ -1,8 +1,9 @@
 //! The parameters of a graph: its own, and the exposed parameters of included graphs.
 //!
-//! An exposed parameter is the includer's as if its declaration stood after the includer's own: its default and its range are
-//! evaluated over the includer's parameters, and its value is the included graph's as well. Two includes that expose a parameter of one
-//! declaration share it.
+//! An exposed parameter is the includer's as if its declaration stood after the includer's own: its value is the included graph's as well.
+//! In its expressions, the names of the included graph's parameters keep their meaning there: those that are exposed, too, have the
+//! includer's value, and those that the include sets have the value that it sets ([`Around`]). All other names are the includer's.
+//! Two includes that expose a parameter of one declaration share it.
 
 use indexmap::IndexMap;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -12,7 +13,7 @@ use super::document::{MAX_DEPTH, Opened, Setting};
 use super::require::Choices;
 use super::scope::Place;
 use crate::ir::{FileId, Span};
-use crate::schema::{Expose, Graph, Number, ParamDecl, ParamKind, PassDecl};
+use crate::schema::{Expose, Expression, Graph, Number, ParamDecl, ParamKind, PassDecl};
 use crate::source::{Diagnostic, Kind, Path, SourceMap};
 
 /// A parameter of a graph, with the file that declares it.
@@ -23,10 +24,49 @@ pub(super) struct Declared {
     graph: Rc<Graph>,
     /// The declaration.
     pub place: Place,
-    /// Takes the place of the default in the declaration: a preset of an included graph, or the includer's `set`.
-    pub default: Option<Setting>,
+    /// Takes the place of the default in the declaration: a preset of an included graph, or the includer's `set`. With it, the
+    /// number of includes in `around` that it does not stand in.
+    pub default: Option<(Setting, usize)>,
     /// The include that it comes from, in the graph whose parameter it is; none for its own.
     pub part: Option<String>,
+    /// The includes that it comes through, innermost first.
+    pub around: Vec<Rc<Around>>,
+}
+
+/// The parameters of an included graph that its includer does not expose.
+#[derive(Debug, Default)]
+pub(super) struct Around {
+    /// Those that the include sets, with their values over the includer's names.
+    pub set: BTreeMap<String, Given>,
+    /// The others, which have their defaults, with the places of their declarations.
+    hidden: BTreeMap<String, Span>,
+}
+
+/// The value that an include sets for a parameter.
+#[derive(Debug)]
+pub(super) struct Given {
+    pub setting: Setting,
+    /// The parameter that it is for.
+    graph: Rc<Graph>,
+    name: String,
+}
+
+impl Given {
+    pub fn kind(&self) -> &ParamKind {
+        let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = &self.graph.params[&self.name];
+        kind
+    }
+}
+
+/// The names that the expressions of a parameter lead to.
+#[derive(Debug, Default)]
+pub(super) struct Reach {
+    /// Names of the graph whose parameter it is.
+    pub names: BTreeSet<String>,
+    /// Names that an include of [`Declared::around`] sets, with that one's index.
+    pub set: BTreeSet<(usize, String)>,
+    /// A parameter of an included graph that is neither exposed nor set, and the place of its declaration.
+    pub hidden: Option<(String, Span)>,
 }
 
 impl Declared {
@@ -34,38 +74,72 @@ impl Declared {
         &self.graph.params[&self.name]
     }
 
-    /// Collects the names in its expressions and in `setting`, which replaces its default.
-    pub fn names(&self, setting: Option<&Setting>) -> BTreeSet<String> {
+    /// Collects the names in its expressions and in `setting`, which replaces its default, through the includes around it.
+    pub fn reach(&self, setting: Option<&Setting>) -> Reach {
         let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = self.declaration();
-        let default = self.default.as_ref().map_or_else(|| kind.default(), |setting| setting.number.clone());
-        let mut numbers = vec![default];
-        numbers.extend(kind.exact());
-        numbers.extend(setting.map(|setting| setting.number.clone()));
-        // Of a choice, a text that is one of its names stands for itself.
-        let mut texts: &[String] = &[];
+        let mut open: Vec<(usize, String)> = Vec::new();
+        let mut add = |level: usize, number: &Number, kind: &ParamKind| {
+            open.extend(names_in(number, kind).into_iter().map(|name| (level, name)));
+        };
+        match &self.default {
+            Some((setting, level)) => add(*level, &setting.number, kind),
+            None => add(0, &kind.default(), kind),
+        }
+        kind.exact().iter().for_each(|number| add(0, number, kind));
+        setting.iter().for_each(|setting| add(self.around.len(), &setting.number, kind));
         match kind {
-            ParamKind::Bool { .. } => {}
-            ParamKind::Int { range, .. } => numbers.extend([range.0.clone(), range.1.clone()]),
+            ParamKind::Int { range, .. } => [&range.0, &range.1].into_iter().for_each(|n| add(0, n, kind)),
             ParamKind::Float { range, step, .. } => {
-                numbers.extend([range.0.clone(), range.1.clone()].into_iter().chain(step.clone()));
+                [&range.0, &range.1].into_iter().chain(step).for_each(|number| add(0, number, kind));
             }
-            ParamKind::Choice { of, .. } => texts = of,
+            ParamKind::Bool { .. } | ParamKind::Choice { .. } => {}
         }
-        let mut names = BTreeSet::new();
-        for number in &numbers {
-            if let Number::Expression(expression) = number
-                && !texts.contains(&expression.text)
-                && let Ok(parsed) = &expression.parsed
-            {
-                names.extend(parsed.names().map(|(name, _)| name.to_owned()));
+        let mut reach = Reach::default();
+        while let Some((level, name)) = open.pop() {
+            let known =
+                |around: &&Rc<Around>| around.set.contains_key(&name) || around.hidden.contains_key(&name);
+            let Some(at) = self.around[level..].iter().position(|around| known(&around)) else {
+                reach.names.insert(name);
+                continue;
+            };
+            let at = level + at;
+            match self.around[at].set.get(&name) {
+                Some(given) => {
+                    if reach.set.insert((at, name)) {
+                        let names = names_in(&given.setting.number, given.kind());
+                        open.extend(names.into_iter().map(|name| (at + 1, name)));
+                    }
+                }
+                None => reach.hidden = Some((name.clone(), self.around[at].hidden[&name])),
             }
         }
-        names
+        reach
+    }
+
+    /// Lists the values that includes set and its expressions lead to: two includes that share a parameter agree in them.
+    fn values_around(&self) -> Vec<(usize, String, &Number)> {
+        let set = self.reach(None).set.into_iter();
+        set.map(|(level, name)| {
+            let number = &self.around[level].set[&name].setting.number;
+            (level, name, number)
+        })
+        .collect()
     }
 
     /// The graph whose statistics it can grow with.
     pub fn graph(&self) -> &Graph {
         &self.graph
+    }
+}
+
+/// Lists the names in a number that gives a parameter its value. Of a choice, a text that is one of its names stands for itself.
+fn names_in(number: &Number, kind: &ParamKind) -> Vec<String> {
+    let is_text = |text| matches!(kind, ParamKind::Choice { of, .. } if of.contains(text));
+    match number {
+        Number::Expression(Expression { text, parsed: Ok(parsed) }) if !is_text(text) => {
+            parsed.names().map(|(name, _)| name.to_owned()).collect()
+        }
+        _ => Vec::new(),
     }
 }
 
@@ -85,18 +159,21 @@ pub(super) struct Parameters {
 impl Parameters {
     /// Sorts parameters by dependency, and by declaration where there is none; returns their indices.
     ///
-    /// `settings` replace defaults. Parameters on a cycle, and their dependants, come last.
-    pub fn order(&self, settings: &IndexMap<String, Setting>) -> Vec<usize> {
+    /// `settings` replace defaults. Parameters on a cycle, and their dependants, are left out, with the error for one cycle.
+    pub fn order(&self, settings: &IndexMap<String, Setting>) -> (Vec<usize>, Option<Diagnostic>) {
         let known: BTreeMap<&str, usize> =
             self.names().enumerate().map(|(index, name)| (name, index)).collect();
         let mut needed_by: Vec<Vec<usize>> = vec![Vec::new(); self.all.len()];
         let mut needs = vec![0; self.all.len()];
-        for (index, declared) in self.all.iter().enumerate() {
-            let names = declared.names(settings.get(&declared.name));
-            let names: BTreeSet<usize> =
-                names.iter().filter_map(|name| known.get(name.as_str()).copied()).collect();
+        let needed: Vec<BTreeSet<usize>> = (self.all.iter())
+            .map(|declared| {
+                let names = declared.reach(settings.get(&declared.name)).names;
+                names.iter().filter_map(|name| known.get(name.as_str()).copied()).collect()
+            })
+            .collect();
+        for (index, names) in needed.iter().enumerate() {
             needs[index] = names.len();
-            names.into_iter().for_each(|name| needed_by[name].push(index));
+            names.iter().for_each(|name| needed_by[*name].push(index));
         }
         let mut ready: BTreeSet<usize> = (0..needs.len()).filter(|index| needs[*index] == 0).collect();
         let mut order = Vec::new();
@@ -109,8 +186,38 @@ impl Parameters {
                 }
             }
         }
-        order.extend((0..needs.len()).filter(|index| needs[*index] > 0));
-        order
+        let first = (0..needs.len()).find(|index| needs[*index] > 0);
+        (
+            order,
+            first.map(|first| {
+                self.circle(first, |index| {
+                    // Each has such a need, or it would have its turn.
+                    needed[index].iter().copied().find(|name| needs[*name] > 0).unwrap_or(first)
+                })
+            }),
+        )
+    }
+
+    /// Makes the error for the circle that a parameter leads to.
+    fn circle(&self, first: usize, next: impl Fn(usize) -> usize) -> Diagnostic {
+        let mut way = vec![first];
+        let start = loop {
+            let after = next(way[way.len() - 1]);
+            match way.iter().position(|index| *index == after) {
+                Some(start) => break start,
+                None => way.push(after),
+            }
+        };
+        let circle = &way[start..];
+        let quoted = |index: &usize| format!("`{}`", self.all[*index].name);
+        let names: Vec<String> = circle.iter().chain(&circle[..1]).map(quoted).collect();
+        let message = match circle {
+            [one] => format!("the parameter {} needs its own value", quoted(one)),
+            _ => format!("these parameters need each other's values: {}", names.join(" needs ")),
+        };
+        let key = |index: usize| self.all[index].place.key();
+        let error = Diagnostic::new(message, key(circle[0]), "the circle leads back here");
+        circle[1..].iter().fold(error, |error, index| error.with_label(key(*index), "needed on the way"))
     }
 
     /// Makes the error for a name that no parameter has.
@@ -179,6 +286,7 @@ impl Collect<'_, '_> {
             place: Place::new(&opened.outline, params.key(name)),
             default: None,
             part: None,
+            around: Vec::new(),
         });
         let mut found = Parameters { all: own.collect(), ..Parameters::default() };
         // Includes that lead back are an error of the walk, which says more.
@@ -234,24 +342,38 @@ impl Collect<'_, '_> {
         {
             return Err(vec![inner.unknown(&names[i], at.index(0).index(i).span(), "exposed here")]);
         }
-        for declared in &inner.all {
-            let wanted = match expose {
-                Expose::All => !set.contains_key(&declared.name),
-                Expose::Only(names) => names.contains(&declared.name),
-            };
-            if !wanted {
-                continue;
+        let is_exposed = |name: &String| match expose {
+            Expose::All => !set.contains_key(name),
+            Expose::Only(names) => names.contains(name),
+        };
+        let given = |name: &String| {
+            let path = place.field("set").field(name).path;
+            Some(Setting { number: set.get(name)?.clone(), outline: place.outline.clone(), path })
+        };
+        let mut around = Around::default();
+        for Declared { name, graph, place, .. } in inner.all.iter().filter(|inner| !is_exposed(&inner.name)) {
+            match given(name) {
+                Some(setting) => {
+                    let (graph, name_of) = (graph.clone(), name.clone());
+                    around.set.insert(name.clone(), Given { setting, graph, name: name_of });
+                }
+                None => drop(around.hidden.insert(name.clone(), place.key())),
             }
+        }
+        let around = Rc::new(around);
+        for declared in inner.all.iter().filter(|inner| is_exposed(&inner.name)) {
             let name_of = &declared.name;
-            let given = set.get(name_of).map(|number| {
-                let path = place.field("set").field(name_of).path;
-                Setting { number: number.clone(), outline: place.outline.clone(), path }
-            });
-            let default =
-                given.or_else(|| chosen.opened.set.get(name_of).cloned()).or(declared.default.clone());
+            // A value in `set` stands in this graph, one of a preset in the included one.
+            let level = declared.around.len();
+            let default = (given(name_of).map(|setting| (setting, level + 1)))
+                .or_else(|| Some((chosen.opened.set.get(name_of)?.clone(), level)))
+                .or(declared.default.clone());
+            let mut exposed = Declared { default, part: Some(name.clone()), ..declared.clone() };
+            exposed.around.push(around.clone());
             if let Some(first) = found.all.iter().find(|other| other.name == *name_of) {
-                let span = |setting: &Setting| setting.outline.value(&setting.path);
-                let same_default = first.default.as_ref().map(span) == default.as_ref().map(span);
+                let span = |(setting, _): &(Setting, usize)| setting.outline.value(&setting.path);
+                let same_default = first.default.as_ref().map(span) == exposed.default.as_ref().map(span)
+                    && first.values_around() == exposed.values_around();
                 if first.place.key() == declared.place.key() && same_default {
                     found.exposed.entry(place.path.clone()).or_default().insert(name_of.clone());
                     continue;
@@ -265,7 +387,7 @@ impl Collect<'_, '_> {
                 return Err(vec![error.with_help(help)]);
             }
             found.exposed.entry(place.path.clone()).or_default().insert(name_of.clone());
-            found.all.push(Declared { default, part: Some(name.clone()), ..declared.clone() });
+            found.all.push(exposed);
         }
         Ok(())
     }

@@ -6,13 +6,35 @@ use std::collections::BTreeMap;
 use super::LoweredInclude;
 use super::declared;
 use super::document::{MAX_DEPTH, Opened};
-use super::params;
+use super::params::{self, is_identifier};
 use super::passes::{Level, Lowering, Scope};
 use super::resources::Handle;
 use super::scope::{Names, Place};
 use crate::ir::{Param, ParamSet, Value};
-use crate::schema::{Graph, Number, ParamDecl, Reference, ResourceName, is_choice};
+use crate::schema::{Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Path};
+
+/// The name of an included graph's output.
+const PICTURE: &str = "picture";
+
+/// Makes the error for a name of an included graph that is also that of its output.
+fn hides_the_output(inner: &Level) -> Diagnostic {
+    let Graph { imports, resources, .. } = &*inner.graph;
+    let list = match () {
+        () if resources.contains_key(PICTURE) => "resources",
+        () if imports.contains_key(PICTURE) => "imports",
+        () => "let",
+    };
+    let at = Place::new(&inner.outline, Path::root().field(list).key(PICTURE));
+    let output = Place::new(&inner.outline, Path::root().field("output"));
+    Diagnostic::new(
+        "to an includer, `picture` is the name of a graph's output",
+        at.key(),
+        "is not the output",
+    )
+    .with_label(output.span(), "the output")
+    .with_help("rename it, or make it the output")
+}
 
 /// An include as written, besides its condition.
 pub(super) struct Written<'a> {
@@ -65,6 +87,10 @@ impl Lowering<'_> {
         let (names, params) = self.include_params(level, opened, &parameters, include)?;
         let full = format!("{}{name}{}", level.prefix, level.suffix);
         let span = place.field("name").span();
+        if !is_identifier(name) {
+            let message = format!("`{name}` cannot name an include");
+            return Err(Diagnostic::new(message, span, "letters, digits and `_`, not a digit first"));
+        }
         if let Some(first) = self.include_names.insert(full.clone(), span) {
             let message = format!("two includes are called `{full}`");
             return Err(Diagnostic::new(message, span, "the second").with_label(first, "the first"));
@@ -92,7 +118,14 @@ impl Lowering<'_> {
                 }
                 None if self.look_up(level, given, &at)?.is_none() => None,
                 None => {
-                    return Err(at.error("a port takes a whole resource", "not the front or the back of one"));
+                    let text = &given.text;
+                    let found = match (&given.choice, &given.name) {
+                        (Some(_), _) => "an expression that chooses one".to_string(),
+                        (None, Some(name)) if name.part == Part::Whole => format!("the constant `{text}`"),
+                        (None, _) => format!("`{text}`, a part of one"),
+                    };
+                    let expected = format!("expected the name of a resource, found {found}");
+                    return Err(at.error("a port takes a whole resource by its name", expected));
                 }
             };
             let resources = match &handle {
@@ -159,8 +192,12 @@ impl Lowering<'_> {
         }
         if inner.graph.output.is_some() {
             let (output, params) = inner.names.traced(|| self.output(inner));
-            decided.insert("picture".into(), params);
-            given.insert("picture".into(), output.map(|(id, _)| Handle::Plain(vec![id])));
+            let output = output.map(|(id, _)| Handle::Plain(vec![id]));
+            decided.insert(PICTURE.into(), params);
+            let hidden = given.insert(PICTURE.into(), output.clone());
+            if hidden.is_some_and(|hidden| hidden != output) {
+                self.errors.push(hides_the_output(inner));
+            }
         }
         level.handles.extend(given.into_iter().map(|(name, handle)| (format!("{include}.{name}"), handle)));
         level.given.extend(decided.into_iter().map(|(name, params)| (format!("{include}.{name}"), params)));
@@ -186,7 +223,11 @@ impl Lowering<'_> {
         let exposed = level.exposed.get(&place.path);
         let mut names = Names::of(self.request.facts);
         let mut params = Vec::new();
-        for index in parameters.order(&opened.set) {
+        let (order, circle) = parameters.order(&opened.set);
+        if let Some(circle) = circle {
+            return Err(circle.with_label(place.field("graph").span(), "included here"));
+        }
+        for index in order {
             let declared = &parameters.all[index];
             let name = &declared.name;
             let shared = exposed.filter(|exposed| exposed.contains(name));

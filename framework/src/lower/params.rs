@@ -1,9 +1,10 @@
 //! Parameters: from their declarations, presets and `--set` to values.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::SkippedUse;
-use super::declared::{Declared, Parameters};
+use super::declared::{Declared, Parameters, Reach};
 use super::document::{Opened, Setting};
 use super::scope::{Names, Place, describe};
 use crate::ir::{
@@ -58,10 +59,12 @@ pub(super) fn resolve(
     let is_live = |declared: &&Declared| matches!(declared.declaration(), ParamDecl::Live(_));
     let live_bytes = |until: usize| 4 * parameters.all[..until].iter().filter(is_live).count() as u64;
     let mut failed: BTreeSet<&str> = BTreeSet::new();
-    for index in parameters.order(&root.set) {
+    let (order, circle) = parameters.order(&root.set);
+    errors.extend(circle);
+    for index in order {
         let declared = &parameters.all[index];
         let name = &declared.name;
-        if declared.names(root.set.get(name)).iter().any(|name| failed.contains(name.as_str())) {
+        if declared.reach(root.set.get(name)).names.iter().any(|name| failed.contains(name.as_str())) {
             // Its own error would only follow from that one.
             failed.insert(name);
             continue;
@@ -137,13 +140,18 @@ fn one(
         ));
     }
     let kind_place = place.index(0);
-    let written = match replaced {
-        Some(Setting { number, outline, path }) => {
-            (number.clone(), Place { outline: outline.clone(), path: path.clone() })
+    let (written, level) = match replaced {
+        Some((Setting { number, outline, path }, level)) => {
+            ((number.clone(), Place { outline: outline.clone(), path: path.clone() }), *level)
         }
-        None => (kind.default(), kind_place.field("default")),
+        None => ((kind.default(), kind_place.field("default")), 0),
     };
-    let (found, range) = names.traced(|| domain(kind, &kind_place, &written, names));
+    let around = around(declared, setting, names)?;
+    let (inner, outer) = (&around[0], &around[level]);
+    let (found, mut range) =
+        inner.traced(|| outer.traced(|| domain(kind, &kind_place, &written, inner, outer)));
+    let (found, behind_default) = found;
+    range.extend(behind_default);
     let (domain, default, exact) = found?;
     let (value, (reason, params, skipped)) = match (text, setting) {
         (Some(text), _) => {
@@ -156,12 +164,62 @@ fn one(
             let value = given(&setting.number, &domain, names, &at)?;
             (value, reason(&setting.number, &domain, names))
         }
-        (None, None) => (default.clone(), reason(&written.0, &domain, names)),
+        (None, None) => (default.clone(), reason(&written.0, &domain, outer)),
     };
     let origin = files.origin(place.key());
     let param =
         Param { name: name.into(), value, default, reason, exact, grows: None, domain, binding, origin };
     Ok(Made { param, params, range, skipped })
+}
+
+/// Returns the names that a parameter's expressions see: in each include around it, innermost first, and in its graph.
+///
+/// An include adds the values that it sets. Only those are evaluated that the parameter needs: a value of `set` can name a `let` of the
+/// includer, which has no value yet.
+fn around<'a>(
+    declared: &Declared,
+    setting: Option<&Setting>,
+    names: &'a Names,
+) -> Result<Vec<Cow<'a, Names>>, Diagnostic> {
+    let Reach { set, hidden, .. } = declared.reach(setting);
+    if let Some((hidden, at)) = hidden {
+        let name = &declared.name;
+        let message =
+            format!("`{name}` is exposed and needs `{hidden}`, which the include neither exposes nor sets");
+        let error = Diagnostic::new(message, declared.place.key(), "is exposed");
+        return Err(error
+            .with_label(at, "has its default in the included graph")
+            .with_help(format!("add `{hidden}` to `expose`, or give it a value in `set`")));
+    }
+    let mut all = vec![Cow::Borrowed(names)];
+    for (level, around) in declared.around.iter().enumerate().rev() {
+        let outside = &all[all.len() - 1];
+        let mut inside = outside.clone();
+        for (_, name) in set.iter().filter(|(at, _)| *at == level) {
+            let given = &around.set[name];
+            let Setting { number, outline, path } = &given.setting;
+            let at = Place { outline: outline.clone(), path: path.clone() };
+            let (value, read) = outside.traced(|| self::given(number, &any(given.kind()), outside, &at));
+            let explain = |error: Diagnostic| {
+                let needs = format!("`{}` is exposed, and needs this value", declared.name);
+                error.with_label(declared.place.key(), needs)
+            };
+            inside.to_mut().shadow(name, value.map_err(explain)?, read);
+        }
+        all.push(inside);
+    }
+    all.reverse();
+    Ok(all)
+}
+
+/// The domain of all values that a parameter of a kind can have, whatever its range.
+fn any(kind: &ParamKind) -> Domain {
+    match kind {
+        ParamKind::Bool { .. } => Domain::Bool,
+        ParamKind::Int { .. } => Domain::Int { min: i64::MIN, max: i64::MAX },
+        ParamKind::Float { .. } => Domain::Float { min: f64::NEG_INFINITY, max: f64::INFINITY, step: 0.0 },
+        ParamKind::Choice { of, .. } => Domain::Choice(of.clone()),
+    }
 }
 
 /// The statistic that a parameter grows with: one of the graph that declares it.
@@ -197,12 +255,13 @@ pub(super) fn texts(declaration: &ParamDecl) -> (&str, &str) {
     }
 }
 
-/// Evaluates the domain, the default, which stands at a place of its own, and the exact value of a declaration.
+/// Evaluates the domain, the default, which stands at a place and among names of its own, and the exact value of a declaration.
 fn domain(
     kind: &ParamKind,
     place: &Place,
     (default, default_at): &(Number, Place),
     names: &Names,
+    default_names: &Names,
 ) -> Result<(Domain, Value, Option<Value>), Diagnostic> {
     let value =
         |number: &Number, field: &str, domain: &Domain| given(number, domain, names, &place.field(field));
@@ -265,7 +324,7 @@ fn domain(
         // A name of the list, or an expression that comes to one.
         ParamKind::Choice { of, .. } => Domain::Choice(of.clone()),
     };
-    let default = given(default, &domain, names, default_at)?;
+    let default = given(default, &domain, default_names, default_at)?;
     let exact = kind.exact().map(|e| value(&e, "exact", &domain)).transpose()?;
     Ok((domain, default, exact))
 }

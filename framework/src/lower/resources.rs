@@ -38,6 +38,20 @@ impl Lowering<'_> {
         let graph = level.graph.clone();
         let root = Place::new(&level.outline, Path::root());
         level.names.take_notes();
+        let lists = [
+            ("ports", graph.ports.keys().collect::<Vec<_>>()),
+            ("imports", graph.imports.keys().collect()),
+            ("resources", graph.resources.keys().collect()),
+        ];
+        for (list, name) in
+            lists.into_iter().flat_map(|(list, names)| names.into_iter().map(move |n| (list, n)))
+        {
+            if !is_identifier(name) {
+                let at = root.field(list).field(name).key();
+                let message = format!("`{name}` cannot name a resource");
+                self.errors.push(Diagnostic::new(message, at, "letters, digits and `_`, not a digit first"));
+            }
+        }
         for (name, import) in &graph.imports {
             let place = root.field("imports").field(name);
             let first = self.resources.len();
@@ -240,7 +254,7 @@ impl Lowering<'_> {
 
     pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceHandle {
         let id = ResourceHandle(self.resources.len() as u32);
-        // Names of includes could meet those of the includer: `sort.table` here, `table` in `sort` there.
+        // The block of live parameters has a name, too.
         if let Some(first) = self.resource_names.insert(name.clone(), span) {
             self.errors.push(
                 Diagnostic::new(format!("two resources are called `{name}`"), span, "the second")

@@ -102,6 +102,13 @@ impl Names {
         }
     }
 
+    /// Replaces the meaning of a name.
+    pub fn shadow(&mut self, name: &str, value: Value, params: ParamSet) {
+        self.live.remove(name);
+        self.params.remove(name);
+        self.define(name, value, params);
+    }
+
     /// Takes a parameter over from the includer's names.
     pub fn adopt(&mut self, name: &str, from: &Names) {
         if let Some(value) = from.values.get(name) {

@@ -437,3 +437,54 @@ fn the_names_of_a_graphs_expressions_have_values_without_its_passes() {
         assert_eq!(names.evaluate(none), None, "{none}");
     }
 }
+
+#[test]
+fn the_default_of_an_exposed_parameter_sees_what_its_include_sets_at_every_depth() {
+    let part = r#"Graph(version: 1, summary: "part", params: {
+            "width": Const(Int(default: 3, range: (1, 100))),
+            "room": Const(Int(default: "2 * width", range: ("width", "10 * width"))),
+        }, resources: {"words": Buffer(stride: 4, count: "room")},
+        passes: [Dispatch(name: "make", shader: "make.comp", size: Threads("room"), bind: {"Out": "words"})])"#;
+    let middle = r#"Graph(version: 1, summary: "middle", params: {"base": Const(Int(default: 1, range: (1, 100)))},
+        passes: [Include(graph: "part", name: "part", set: {"width": "base + 1"}, expose: All)])"#;
+    let words = |include: &str, set: &[(&str, &str)]| {
+        let passes = [include, &dispatch("show", "show.comp", r#""In": "p.part.words", "Image": "image""#)];
+        let passes = passes
+            .join("\n")
+            .replace("p.part.words", if include.contains("middle") { "p.part.words" } else { "p.words" });
+        // The includer has a parameter of the same name, which means something else.
+        let graph = graph(WIDTH, &passes);
+        let mut files = SHADERS.to_vec();
+        files.extend([("graph.ron", graph.as_str()), ("part.ron", part), ("middle.ron", middle)]);
+        let plan = plan_of(&files, set).unwrap_or_else(|e| panic!("{e}"));
+        let words = plan.resources.iter().find(|r| r.name.ends_with("words")).expect("the part's buffer");
+        let room = plan.params.iter().find(|param| param.name == "room").expect("it is exposed");
+        (room.value.clone(), words.bytes() / 4, plan.effect_text("width"))
+    };
+    let include = r#"Include(graph: "part", name: "p", set: {"width": 7}, expose: Only(["room"])),"#;
+    let (room, count, width) = words(include, &[]);
+    assert_eq!((room, count), (Value::Int(14), 14), "twice the 7 that are set, not twice the includer's 8");
+    assert!(width.is_some_and(|text| text.contains("no effect")), "the includer's `width` is another");
+    let passed = r#"Include(graph: "part", name: "p", set: {"width": "width + 2"}, expose: All),"#;
+    let (room, count, width) = words(passed, &[("width", "9")]);
+    assert_eq!((room, count), (Value::Int(22), 22), "a value of `set` is over the includer's names");
+    assert!(width.is_some_and(|text| !text.contains("no effect")), "which the size depends on");
+    let deep = r#"Include(graph: "middle", name: "p", set: {"base": "3 * width"}, expose: All),"#;
+    assert_eq!(words(deep, &[("width", "10")]).0, Value::Int(62));
+    assert_eq!(words(deep, &[("room", "70")]).1, 70, "what is set on the command line wins");
+}
+
+#[test]
+fn a_default_in_set_of_what_is_exposed_is_over_the_includers_names() {
+    let part = r#"Graph(version: 1, summary: "part", params: {
+            "width": Const(Int(default: 3, range: (1, 100))), "room": Const(Int(default: 5, range: (1, 100))),
+        }, passes: [])"#;
+    let include = r#"Include(graph: "part", name: "p", set: {"width": 7, "room": "2 * width"}, expose: Only(["room"])),"#;
+    let passes = [include, &make(), &shown("show")].join("\n");
+    let graph = graph(WIDTH, &passes);
+    let mut files = SHADERS.to_vec();
+    files.extend([("graph.ron", graph.as_str()), ("part.ron", part)]);
+    let plan = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let room = plan.params.iter().find(|param| param.name == "room").expect("it is exposed");
+    assert_eq!(room.value, Value::Int(16));
+}

@@ -30,6 +30,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use generate::{Failure, IncludeFailure, IncludeProblem, Key};
+use reached::Reached;
 pub use serve::serve_if_asked;
 pub use worker::{Limits, Worker};
 
@@ -126,6 +127,10 @@ impl ShaderCompiler for Glslang {
         if let Some(compiled) = self.cache.get(&key) {
             return Ok(compiled.clone());
         }
+        let followed = sources.follow(&key.defines);
+        if let Some((unit, place)) = followed.as_ref().and_then(|followed| followed.undefined.clone()) {
+            return Err(vec![sources.undefined(files, request, unit, place)]);
+        }
         let spirv = self.stored_or_generated(&key).map_err(|failure| match failure {
             Failure::Cancelled => {
                 let span = Span { file: request.file, start: 0, end: 0 };
@@ -140,7 +145,7 @@ impl ShaderCompiler for Glslang {
             let span = log::find_quoted(files, request, &sources, &problem);
             vec![Diagnostic::new(problem, span, "")]
         })?;
-        let reached = sources.reached(&key.defines);
+        let reached = Arc::new(followed.map_or(sources.identifiers, |followed| followed.names));
         let declared = Arc::new(sources.bindings);
         let defines = key.defines.clone();
         let compiled = Compiled { spirv: Arc::new(spirv), defines, reached, reflection, declared };
@@ -338,10 +343,27 @@ impl Sources {
 }
 
 impl Sources {
-    /// The names of [`Compiled::reached`].
-    fn reached(&self, defines: &[(String, String)]) -> Arc<BTreeSet<String>> {
+    /// Follows the preprocessor; `None` where the texts cannot be followed.
+    fn follow(&self, defines: &[(String, String)]) -> Option<Reached> {
         let texts: Vec<reached::Text> = self.units.iter().map(Unit::followed).collect();
-        Arc::new(reached::reached(&texts, defines).unwrap_or_else(|| self.identifiers.clone()))
+        reached::reached(&texts, defines)
+    }
+
+    /// Makes the error for a name in an `#if` that nothing defines. The compiler would take it for 0.
+    fn undefined(
+        &self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+        unit: usize,
+        place: Range<usize>,
+    ) -> Diagnostic {
+        let Unit { origin, text, .. } = &self.units[unit];
+        let name = &text[place.clone()];
+        let span = Span { file: origin.file(files, request), start: place.start, end: place.end };
+        let error =
+            Diagnostic::new(format!("`{name}` is not defined"), span, "would count as 0 in this `#if`");
+        let defined = request.defines.iter().map(|(name, _)| name).chain(&self.macros).map(String::as_str);
+        error.with_nearest(name, defined, format!("`defined({name})` asks whether it is"))
     }
 
     /// A constant of the graph that the shader mentions, and that it cannot have because shaders know numbers of 32 bits, and

@@ -2,7 +2,7 @@
 //!
 //! The graph names a shader file; this module compiles it with the defines that the graph's constants give, resolves
 //! its `#include`s, and reads the SPIR-V back: bindings by block name, array strides, push constants, workgroup size,
-//! and which bindings the code really loads from and stores to. [`crate::link`] holds the graph against that.
+//! and which bindings the code really loads from and stores to. `link` holds the graph against that.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;

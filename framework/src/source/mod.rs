@@ -4,7 +4,7 @@
 //! it complains about is a place in such a text. Four small things make that work:
 //!
 //! - a [`SourceMap`] finds files by name (in memory, on disk, built into the binary), reads each once and
-//!   hands out a [`FileId`] for it. A [`Span`] is a range of bytes in one such file;
+//!   hands out a [`FileId`](crate::ir::FileId) for it. A [`Span`](crate::ir::Span) is a range of bytes in one such file;
 //! - an [`Outline`] knows the span of every element of a RON text. `serde` builds the typed tree and forgets
 //!   where things stood; the outline is asked afterwards, by [`Path`], when something turns out to be wrong
 //!   with the meaning of an element rather than with its syntax;

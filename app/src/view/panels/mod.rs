@@ -1,6 +1,6 @@
 //! Draws the tools around the picture, and what lies over it.
 //!
-//! The top bar chooses scene, camera and graph. [`layout`] docks the tools: parameters and cameras at the left, the inspector and
+//! The top bar chooses scene, camera and graph. `layout` docks the tools: parameters and cameras at the left, the inspector and
 //! the times at the right, the timeline below. One [`Selection`] runs through all of them. Panels read and change a
 //! [`Viewer`]; they do not depend on a window, so tests can click through them.
 

@@ -132,8 +132,11 @@ impl<D: Device> Viewer<D> {
                     RendererId::B => self.other = Some(subject),
                     RendererId::A | RendererId::Window => {
                         // Cameras that were opened after the scene stay.
-                        let cameras = if self.cameras_number > number { None } else { Some(cameras) };
-                        self.show_scene(subject, cameras);
+                        let newer = self.cameras_number > number;
+                        self.show_scene(
+                            subject,
+                            if newer { SceneCameras::Kept } else { SceneCameras::Own(cameras) },
+                        );
                     }
                 }
             }
@@ -147,24 +150,19 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Makes a scene A's, with its cameras, if it has any. With `None`, those from before stay.
-    #[allow(clippy::type_complexity)]
-    fn show_scene(
-        &mut self,
-        subject: Subject,
-        cameras: Option<Option<(PathBuf, Result<Vec<Camera>, String>)>>,
-    ) {
+    /// Makes a scene A's, and chooses the cameras that can be selected.
+    fn show_scene(&mut self, subject: Subject, cameras: SceneCameras) {
         let former = self.scene().offset();
         self.navigation = at_start(&subject.scene);
         self.path.set_radian(camera_path::length_of_radian(&subject.scene));
         self.subject = subject;
         match cameras {
-            None => {
+            SceneCameras::Kept => {
                 self.move_cameras(former);
                 let cameras = std::mem::take(&mut self.cameras);
                 self.set_cameras(cameras);
             }
-            Some(cameras) => {
+            SceneCameras::Own(cameras) => {
                 self.set_cameras(Vec::new());
                 if let Some((file, cameras)) = cameras {
                     self.take_cameras(CameraRole::Selectable, file, cameras);
@@ -172,6 +170,14 @@ impl<D: Device> Viewer<D> {
             }
         }
     }
+}
+
+/// The cameras that can be selected once a scene is shown.
+enum SceneCameras {
+    /// Those from before, which were opened after the scene.
+    Kept,
+    /// Those of the scene's own file, if it has one: the file, and its cameras or the reason that they cannot be read.
+    Own(Option<(PathBuf, Result<Vec<Camera>, String>)>),
 }
 
 /// Makes the first view of a scene without cameras.

@@ -7,6 +7,8 @@ mod frames;
 mod histories;
 #[path = "../../../../tests/module_order.rs"]
 mod module_order;
+#[path = "../../../../framework/tests/nominal/mod.rs"]
+mod nominal;
 mod presets;
 mod results;
 #[path = "../../../runtime/src/testing.rs"]

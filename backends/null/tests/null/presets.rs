@@ -1,10 +1,11 @@
 //! Every built-in graph: the runtime alone, from the plan to the results.
 
 use crate::common::Zeros;
+use crate::nominal::{self, CAMERA_BYTES};
 use splatgraph_api::{Device, FrameInputs, Inspect};
 use splatgraph_assets::ATTRIBUTES;
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Attribute, Catalog, Facts, Layout, Request, ResourceId, Value, Work};
+use splatgraph_framework::ir::{Attribute, Facts, Layout, Request, ResourceId, Work};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Library, SourceMap, render};
@@ -12,35 +13,20 @@ use splatgraph_null::{Call, Config, Journal, Null, limits, open};
 use std::path::Path;
 use std::time::Instant;
 
-/// Bytes of the camera's uniform block.
-const CAMERA_BYTES: u64 = 256;
+/// Splats of the scene.
+const COUNT: u32 = 2_000;
 
 /// The plans of all presets for a small scene, with shared memory or without.
 fn plans(share_memory: bool) -> Vec<Plan> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../pipelines");
-    let scene = splatgraph_assets::synth::generate("demo", 2_000, 1).expect("a generator");
-    let numbers = [
-        ("scene.count", 2_000),
-        ("scene.sh_degree", 3),
-        ("scene.stored_sh_degree", 3),
-        ("scene.key_bits", 24),
-        ("scene.largest_sh", 4),
-        ("scene.brightest", 8),
-        ("viewport.width", 64),
-        ("viewport.height", 36),
-    ];
-    let facts = Facts {
-        device: limits().facts(),
-        host: (numbers.map(|(name, value)| (name.to_string(), Value::Int(value))).into_iter())
-            .chain([("scene.wide".to_string(), Value::Bool(false))])
-            .collect(),
-    };
+    let scene = splatgraph_assets::synth::generate("demo", COUNT, 1).expect("a generator");
+    let facts = Facts { device: limits().facts(), ..nominal::facts(COUNT, (64, 36)) };
+    let catalog = nominal::catalog(COUNT);
     let attributes = ATTRIBUTES.map(|name| {
         let info = scene.attribute(name).expect("a scene has it");
-        (name.to_string(), Attribute { stride: info.stride, count: 2_000, planes: info.planes })
+        (name.to_string(), Attribute { stride: info.stride, count: COUNT.into(), planes: info.planes })
     });
-    let uniforms = [("frame.camera".to_string(), CAMERA_BYTES)].into();
-    let catalog = Catalog { attributes: attributes.into(), uniforms, ..Catalog::default() };
+    assert_eq!(catalog.attributes, attributes.into(), "the attributes of a scene");
     let mut graphs: Vec<_> = std::fs::read_dir(folder)
         .expect("the built-in graphs")
         .map(|entry| entry.expect("a file").path())

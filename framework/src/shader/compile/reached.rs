@@ -7,8 +7,11 @@
 //!
 //! It rather collects too much than too little: where a condition has no value here (it asks for an extension, calls a macro,
 //! divides by zero), each of its branches counts.
+//!
+//! It also finds names in conditions that nothing defines: the preprocessor takes them for 0 without a word.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 use super::scan::{Token, TokenKind, lex};
 use super::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
@@ -24,19 +27,27 @@ pub(super) struct Text<'t> {
     pub includes: BTreeMap<&'t str, usize>,
 }
 
-/// Returns the identifiers that the result of preprocessing `texts[0]` with `defines` can depend on.
+/// What a walk through a shader finds.
+#[derive(Debug, PartialEq)]
+pub(super) struct Reached {
+    /// The identifiers that the result of preprocessing can depend on.
+    pub names: BTreeSet<String>,
+    /// The first name in a condition that nothing defines, which makes it 0: the index of its text, and its bytes. Not those that
+    /// `defined` asks for, and those that the compiler or an extension may define.
+    pub undefined: Option<(usize, Range<usize>)>,
+}
+
+/// Follows the preprocessor through `texts[0]` with `defines`.
 ///
 /// `None` where the texts cannot be followed: they include too much, or paste names together.
-pub(super) fn reached<'t>(
-    texts: &'t [Text<'t>],
-    defines: &'t [(String, String)],
-) -> Option<BTreeSet<String>> {
+pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]) -> Option<Reached> {
     let mut walk = Walk {
         tokens: texts.iter().map(|text| lex(text.text)).collect(),
         texts,
         defines: defines.iter().map(|(name, value)| (name.as_str(), value.as_str())).collect(),
         macros: BTreeMap::new(),
         names: BTreeSet::new(),
+        undefined: None,
         bytes: 0,
     };
     let pastes = |(text, tokens): (&Text, &Vec<Token>)| tokens.iter().any(|t| t.of(text.text) == "##");
@@ -44,7 +55,7 @@ pub(super) fn reached<'t>(
         return None;
     }
     walk.text(0, Truth::Yes, 0)?;
-    Some(walk.names.into_iter().map(str::to_owned).collect())
+    Some(Reached { names: walk.names.into_iter().map(str::to_owned).collect(), undefined: walk.undefined })
 }
 
 /// Whether lines are compiled, or a condition holds.
@@ -89,6 +100,8 @@ struct Word<'t> {
     text: &'t str,
     /// Nothing stands between it and the word before.
     joined: bool,
+    /// Index of its text, and its first byte there.
+    at: (usize, usize),
 }
 
 /// A macro that the shader itself defines.
@@ -108,6 +121,8 @@ struct Walk<'t> {
     defines: BTreeMap<&'t str, &'t str>,
     macros: BTreeMap<&'t str, Macro<'t>>,
     names: BTreeSet<&'t str>,
+    /// As [`Reached::undefined`].
+    undefined: Option<(usize, Range<usize>)>,
     bytes: usize,
 }
 
@@ -119,7 +134,7 @@ impl<'t> Walk<'t> {
         if depth > MOST_DEPTH || self.bytes > MOST_INCLUDED_BYTES {
             return None;
         }
-        let words = words(text);
+        let words = words(text, index);
         let mut groups: Vec<Group> = Vec::new();
         for line in words.split(|word| word.kind == TokenKind::Newline) {
             let around = |groups: &[Group]| groups.iter().map(|group| group.active).fold(active, Truth::min);
@@ -131,7 +146,8 @@ impl<'t> Walk<'t> {
             match directive {
                 "if" | "ifdef" | "ifndef" => {
                     // Nothing is looked at in a branch that is left out.
-                    let holds = if now == Truth::No { Truth::No } else { self.condition(directive, rest) };
+                    let holds =
+                        if now == Truth::No { Truth::No } else { self.condition(directive, rest, now) };
                     groups.push(Group { active: holds, taken: holds });
                 }
                 "elif" | "else" => {
@@ -140,7 +156,7 @@ impl<'t> Walk<'t> {
                     let holds = match open.min(around(&groups)) {
                         Truth::No => Truth::No,
                         _ if directive == "else" => Truth::Yes,
-                        _ => self.condition("if", rest),
+                        now => self.condition("if", rest, now),
                     };
                     group.active = holds.min(open);
                     group.taken = group.taken.max(holds);
@@ -204,13 +220,16 @@ impl<'t> Walk<'t> {
         }
     }
 
-    fn condition(&mut self, directive: &str, words: &[Word<'t>]) -> Truth {
+    /// Evaluates a condition, which the compiler does, too, where `now` is certain.
+    fn condition(&mut self, directive: &str, words: &[Word<'t>], now: Truth) -> Truth {
         match (directive, words) {
             ("if", words) => {
                 let mut expanded = Vec::new();
                 let value = self.expand(words, &mut expanded, 0, &mut { MOST_WORDS });
-                let value =
-                    value.and_then(|()| Condition { words: &expanded, at: 0, nested: 0, walk: self }.value());
+                let certain = now == Truth::Yes;
+                let value = value.and_then(|()| {
+                    Condition { words: &expanded, at: 0, nested: 0, certain, walk: self }.value()
+                });
                 if value.is_none() {
                     self.reach_all(words);
                 }
@@ -230,8 +249,7 @@ impl<'t> Walk<'t> {
             Some(found) if found.certain => Truth::Yes,
             Some(_) => Truth::Unknown,
             None if self.defines.contains_key(name) => Truth::Yes,
-            // The compiler defines some names itself.
-            None if name.starts_with("GL_") || name.starts_with("__") || name == "VULKAN" => Truth::Unknown,
+            None if is_the_compilers(name) => Truth::Unknown,
             None => Truth::No,
         }
     }
@@ -264,11 +282,16 @@ impl<'t> Walk<'t> {
     }
 }
 
-fn words(text: &str) -> Vec<Word<'_>> {
+/// Returns true for names that the compiler or an extension may define.
+fn is_the_compilers(name: &str) -> bool {
+    name.starts_with("GL_") || name.starts_with("__") || name == "VULKAN"
+}
+
+fn words(text: &str, index: usize) -> Vec<Word<'_>> {
     let mut end = 0;
     let word = |token: &Token| {
         let joined = token.start == std::mem::replace(&mut end, token.end);
-        Word { kind: token.kind, text: token.of(text), joined }
+        Word { kind: token.kind, text: token.of(text), joined, at: (index, token.start) }
     };
     lex(text).iter().map(word).collect()
 }
@@ -279,6 +302,8 @@ struct Condition<'w, 't, 'a> {
     at: usize,
     /// Operands inside of operands.
     nested: usize,
+    /// The compiler evaluates the present operand, too.
+    certain: bool,
     walk: &'a mut Walk<'t>,
 }
 
@@ -324,7 +349,11 @@ impl Condition<'_, '_, '_> {
                 "||" => left.is_some_and(|v| v != 0),
                 _ => false,
             };
+            let certain = self.certain;
+            // Where the left side is not known, it may decide.
+            self.certain &= left.is_some() || !matches!(*operator, "&&" | "||");
             let right = self.binary(precedence + 1, live && !decides)?;
+            self.certain = certain;
             left = if decides { left.map(|v| i64::from(v != 0)) } else { combine(operator, left, right) };
         }
         Some(left)
@@ -367,11 +396,15 @@ impl Condition<'_, '_, '_> {
                 if live {
                     self.walk.names.insert(name);
                 }
-                let value = self.walk.defines.get(name)?;
-                match value.strip_prefix('-') {
+                let value = self.walk.defines.get(name);
+                if value.is_none() && live && self.certain && !is_the_compilers(name) {
+                    let (text, start) = word.at;
+                    self.walk.undefined.get_or_insert((text, start..start + name.len()));
+                }
+                value.and_then(|value| match value.strip_prefix('-') {
                     Some(positive) => number(positive).map(|v| -v),
                     None => number(value),
-                }
+                })
             }
             _ => return None,
         };
@@ -434,14 +467,56 @@ mod tests {
     }
 
     fn names_of(files: &[(&str, &str)]) -> String {
+        let Some(Reached { names, .. }) = walked(files) else { return "all".into() };
+        let upper = names.iter().filter(|name| name.chars().all(|c| c.is_ascii_uppercase()));
+        upper.cloned().collect::<Vec<_>>().join(" ")
+    }
+
+    fn walked(files: &[(&str, &str)]) -> Option<Reached> {
         let includes: BTreeMap<&str, usize> = files.iter().enumerate().map(|(i, file)| (file.0, i)).collect();
         let defines = [("A", "1"), ("B", "2"), ("N", "-1"), ("F", "0.5")];
         let defines = defines.map(|(name, value)| (name.to_string(), value.to_string()));
         let texts: Vec<Text> =
             files.iter().map(|file| Text { text: file.1, includes: includes.clone() }).collect();
-        let Some(names) = reached(&texts, &defines) else { return "all".into() };
-        let upper = names.iter().filter(|name| name.chars().all(|c| c.is_ascii_uppercase()));
-        upper.cloned().collect::<Vec<_>>().join(" ")
+        reached(&texts, &defines)
+    }
+
+    #[test]
+    fn a_name_in_a_condition_that_nothing_defines_is_found_where_the_compiler_reads_it() {
+        let undefined = |text: &str| {
+            let (_, place) = walked(&[("main", text)]).expect("it is followed").undefined?;
+            Some(text[place].to_string())
+        };
+        for (text, name) in [
+            ("#if C\n#endif", "C"),
+            ("#if A == 1 && C > 2\n#endif", "C"),
+            ("#if A == 2\n#elif (B + C)\n#endif", "C"),
+            ("#define M C\n#if M\n#endif", "C"),
+            ("#undef A\n#if A\n#endif", "A"),
+            ("#if true\n#endif", "true"),
+            ("#if defined(D) && D\n#elif C\n#endif", "C"),
+        ] {
+            assert_eq!(undefined(text).as_deref(), Some(name), "{text}");
+        }
+        for text in [
+            "#ifdef C\n#endif",
+            "#if defined(C) && C > 1\n#elif 0\n#endif",
+            "#if !defined C || C\n#endif",
+            "#if A == 1 || C\n#endif",
+            "#if A == 2\n#if C\n#endif\n#endif",
+            "#if A == 1\n#elif C\n#endif",
+            "#if GL_EXT_thing || __VERSION__ > 450\n#endif",
+            "#if defined(GL_EXT_thing) && C\n#endif",
+            "#ifdef GL_EXT_thing\n#if C\n#endif\n#endif",
+            "#ifdef GL_EXT_thing\n#define C 1\n#endif\n#if C\n#endif",
+            "#ifndef C\n#define C 0\n#endif\n#if C\n#endif",
+            "#define D(x) x\n#if D(1)\n#endif",
+        ] {
+            assert_eq!(undefined(text), None, "{text}");
+        }
+        let included =
+            walked(&[("main", "#include \"a\""), ("a", "\n#if C\n#endif")]).expect("it is followed");
+        assert_eq!(included.undefined, Some((1, 5..6)));
     }
 
     #[test]

@@ -1,0 +1,54 @@
+//! A nominal scene and device, for plans of the shipped graphs without either: their facts, and what can be imported.
+
+use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Value};
+
+/// Bytes of the camera's uniform block.
+pub const CAMERA_BYTES: u64 = 256;
+
+/// Makes the facts of a scene of `count` splats of degree 3, drawn at a size in pixels by a device of 32 lanes with every feature.
+pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
+    let device = DeviceFacts {
+        subgroup_size: 32,
+        max_storage_bytes: 1 << 27,
+        max_groups_x: 65_535,
+        max_groups_y: 65_535,
+        max_groups_z: 65_535,
+        shared_bytes: 32 << 10,
+        max_invocations: 1024,
+        rounds_half: true,
+        fused_fma: true,
+        features: Features::all(),
+    };
+    let ints = [
+        ("scene.count", count),
+        ("scene.sh_degree", 3),
+        ("scene.stored_sh_degree", 3),
+        ("scene.key_bits", 24),
+        ("scene.largest_sh", 4),
+        ("scene.brightest", 8),
+        ("viewport.width", width),
+        ("viewport.height", height),
+    ];
+    let ints = ints.map(|(name, value)| (name.to_string(), Value::Int(value.into())));
+    let host = ints.into_iter().chain([("scene.wide".to_string(), Value::Bool(false))]).collect();
+    Facts { device, host }
+}
+
+/// Lists the attributes of that scene, and the camera.
+pub fn catalog(count: u32) -> Catalog {
+    let attributes = [
+        ("position", 12, 1),
+        ("position_wide", 24, 1),
+        ("scale", 12, 1),
+        ("rotation", 16, 1),
+        ("opacity", 4, 1),
+        ("sh", 16, 12),
+    ];
+    let attribute =
+        |(name, stride, planes)| (format!("scene.{name}"), Attribute { stride, count: count.into(), planes });
+    Catalog {
+        attributes: attributes.map(attribute).into(),
+        uniforms: [("frame.camera".to_string(), CAMERA_BYTES)].into(),
+        ..Catalog::default()
+    }
+}

@@ -1,0 +1,92 @@
+//! Scenes with the images that the published CUDA rasteriser draws of them.
+//!
+//! `rules` is in the repository, with an eighth of each image's pixels (`assets/golden/README.md`). The whole images and the captured
+//! scenes are found through `SPLATGRAPH_DATA`.
+
+use crate::common;
+use splatgraph::image::Image;
+use splatgraph::metrics::{self, Comparison};
+use splatgraph_assets::{Camera, Scene};
+use std::path::{Path, PathBuf};
+
+/// A scene with its cameras and golden images.
+pub struct Golden {
+    pub name: &'static str,
+    scenes: PathBuf,
+    images: PathBuf,
+    /// The images hold the pixels of [`sampled`] only.
+    sampled: bool,
+}
+
+impl Golden {
+    /// `rules` as it is in the repository.
+    pub fn rules() -> Golden {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/golden");
+        Golden { name: "rules", scenes: folder.clone(), images: folder, sampled: true }
+    }
+
+    /// A scene of the data folder, with whole images.
+    pub fn whole(data: &Path, name: &'static str) -> Golden {
+        Golden { name, scenes: data.join("scenes"), images: data.join("golden"), sampled: false }
+    }
+
+    /// Every scene with whole images; without the data folder, `rules` of the repository, after reporting that the others are missing.
+    pub fn all(test: &str) -> Vec<Golden> {
+        match common::data(&format!("{test}, for captures,")) {
+            Some(data) => ["biker", "playbot-31k", "rules"].map(|name| Golden::whole(&data, name)).into(),
+            None => vec![Golden::rules()],
+        }
+    }
+
+    /// Path of the scene's file.
+    pub fn path(&self) -> PathBuf {
+        self.scenes.join(format!("{}.ply", self.name))
+    }
+
+    pub fn scene(&self) -> Scene {
+        Scene::load(self.path(), &|_, _| {}).expect("the scene loads")
+    }
+
+    pub fn cameras(&self) -> Vec<Camera> {
+        let path = self.scenes.join(format!("{}.cameras.json", self.name));
+        Camera::load(path).expect("the cameras load")
+    }
+
+    /// Compares a whole picture with the golden image of this name.
+    pub fn compare(&self, found: &Image, image: &str) -> Comparison {
+        let golden = self.image(image);
+        let found = if self.sampled { &sampled(found) } else { found };
+        metrics::compare(found, &golden).expect("images of one size")
+    }
+
+    fn image(&self, image: &str) -> Image {
+        let archive = self.images.join(format!("{}.npz", self.name));
+        Image::load(Path::new(&format!("{}#{image}", archive.display()))).expect("the golden image loads")
+    }
+}
+
+/// Keeps the pixels where (x + 3 y) mod 8 = 0, an eighth of each row.
+fn sampled(whole: &Image) -> Image {
+    assert_eq!(whole.width % 8, 0, "every row has as many pixels");
+    let rows = whole.rgb.chunks_exact(whole.width).enumerate();
+    let rgb = rows.flat_map(|(y, row)| {
+        let kept = move |(x, _): &(usize, &[f32; 3])| (x + 3 * y) % 8 == 0;
+        row.iter().enumerate().filter(kept).map(|(_, pixel)| *pixel)
+    });
+    Image { width: whole.width / 8, height: whole.height, rgb: rgb.collect() }
+}
+
+#[test]
+fn the_golden_images_of_the_repository_are_those_of_the_data_folder_to_the_bit() {
+    const TEST: &str = "the_golden_images_of_the_repository_are_those_of_the_data_folder_to_the_bit";
+    let Some(data) = common::data(TEST) else { return };
+    let (here, whole) = (Golden::rules(), Golden::whole(&data, "rules"));
+    let read = |golden: &Golden| std::fs::read(golden.path()).expect("the scene is read");
+    assert!(read(&here) == read(&whole), "the scenes differ");
+    assert_eq!(here.cameras(), whole.cameras());
+    for index in 0..here.cameras().len() {
+        let name = format!("camera{index}");
+        let bits = |image: Image| image.rgb.as_flattened().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert!(bits(here.image(&name)) == bits(sampled(&whole.image(&name))), "{name} differs");
+    }
+}
