@@ -9,8 +9,8 @@
 
 #[cfg(target_os = "linux")]
 mod advise;
-#[cfg(target_os = "linux")]
 mod batch;
+#[cfg(target_os = "linux")]
 mod bench;
 #[cfg(target_os = "linux")]
 mod builtin;
