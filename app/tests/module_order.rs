@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules of the crate, from the ground up.
-const CRATE: [&str; 35] = [
+const CRATE: [&str; 36] = [
     "numbers",
     "output",
     "folders",
@@ -28,6 +28,7 @@ const CRATE: [&str; 35] = [
     "builtin",
     "growth",
     "planner",
+    "shader_cache",
     "render_command",
     "fit",
     "session",
