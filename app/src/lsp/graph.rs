@@ -33,7 +33,7 @@ pub struct Workspace {
     known: BTreeMap<PathBuf, Known>,
 }
 
-/// What a graph was when it had no mistake.
+/// Keeps what a graph declared when it had no mistake.
 #[derive(Default)]
 struct Known {
     /// Resources with a description each.

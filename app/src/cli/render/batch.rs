@@ -12,7 +12,7 @@ use crate::output::one_line;
 use crate::progress::Progress;
 use crate::session::{FrameOptions, Session, image_of};
 use crate::stats::CameraStats;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
 use splatgraph_assets::Camera;
 use std::collections::VecDeque;
@@ -119,9 +119,12 @@ impl Batch {
     /// Starts to write a camera's picture, and tells of those that are written.
     ///
     /// # Errors
-    /// A former picture cannot be written.
+    /// The picture is missing, or a former one cannot be written.
     pub fn save(&mut self, shown: Shown, progress: &Progress) -> Result<()> {
         let Shown { stats, output, no_colours, stem } = shown;
+        if self.destination.is_some() && output.is_none() {
+            bail!("the device returned no picture");
+        }
         let bytes = output.as_ref().map_or(0, |pixels| {
             pixels.bytes.len() as u64 + ENCODING_BYTES * u64::from(pixels.width) * u64::from(pixels.height)
         });
