@@ -6,7 +6,7 @@ use serde_json::Value;
 use splatgraph::image::Image;
 use splatgraph::keys::{Keys, Mapping};
 use splatgraph::session::Session;
-use splatgraph::{camera, metrics, shot};
+use splatgraph::{camera, capture, metrics};
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::Rules;
 use std::collections::HashMap;
@@ -132,7 +132,7 @@ fn keys_are_predicted_as_the_shader_makes_them() {
             let set = [("key_bits", bits.to_string()), ("key_map", map.name().to_owned())];
             session.set_graph("splat", &set.map(|(name, value)| (name.to_owned(), value)));
             session.prepare((camera.width, camera.height), &mut |_| {}).expect("it is prepared");
-            let order = shot::take(&mut session, &camera).expect("a picture").order.expect("an order");
+            let order = capture::take(&mut session, &camera).expect("a picture").order.expect("an order");
             let drawn = order.iter().map(|index| all[index]);
             let of = Keys::new(map, (range[0], range[1]), bits, drawn);
             let key = |index: &u32| Some((of.of(*depth.get(index)?), *index));

@@ -355,7 +355,7 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
         "{errors}"
     );
     assert_eq!(
-        (&stats["pipeline"], &stats["stand_ins"][0]["taken"]),
+        (&stats["pipeline"], &stats["fallbacks"][0]["taken"]),
         (&"either.ron".into(), &"splat".into())
     );
     assert!(stats["phases"]["draw"].is_number(), "quads are drawn: {stats}");
@@ -366,12 +366,12 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
 
     let (errors, stats) = draw("auto");
     assert!(!errors.contains("stands in"), "{errors}");
-    let stand_in = &stats["stand_ins"][0];
+    let fallback = &stats["fallbacks"][0];
     let reason = match stats["based_on"][0].as_str() {
-        Some("tiled_cpu") => &stand_in["unmet"][0]["reason"],
+        Some("tiled_cpu") => &fallback["unmet"][0]["reason"],
         other => panic!("expected the tiles of CPUs, found {other:?}"),
     };
-    assert_eq!((&stand_in["wanted"], &stand_in["preference"]), (&"tiled".into(), &true.into()));
+    assert_eq!((&fallback["wanted"], &fallback["preference"]), (&"tiled".into(), &true.into()));
     assert!(
         reason["expression"].as_str().is_some_and(|text| text.contains("device.subgroup_size >= 16")),
         "{stats}"

@@ -65,7 +65,7 @@ impl Builds {
 
     fn plan(&mut self, graph: &str, set: &[(String, String)], facts: &Facts) -> Result<Plan, String> {
         let catalog = &self.catalog;
-        let request = Request { graph, set, grown: &[], facts, catalog, share_memory: true };
+        let request = Request { graph, set, capacities: &[], facts, catalog, share_memory: true };
         build(&request, &mut self.files, &mut self.poisoning)
             .map_err(|errors| render(&self.files, &errors, false))
     }

@@ -192,7 +192,11 @@ fn plan(
 ) -> Result<Plan, Vec<Diagnostic>> {
     let graph = folder.join(format!("pipelines/{}.ron", job.graph));
     let graph = graph.to_str().expect("temporary folders have plain names");
-    build(&Request { graph, set: &job.set, grown: &[], facts, catalog, share_memory: true }, files, compiler)
+    build(
+        &Request { graph, set: &job.set, capacities: &[], facts, catalog, share_memory: true },
+        files,
+        compiler,
+    )
 }
 
 /// Explains why these diagnostics would not help a reader, if so.

@@ -5,7 +5,7 @@ use splatgraph::backend::Backend;
 use splatgraph::image::Image;
 use splatgraph::session::Session;
 use splatgraph::truth::{Truth, rules};
-use splatgraph::{metrics, shot};
+use splatgraph::{capture, metrics};
 use splatgraph_assets::{Camera, Scene, Splat, synth};
 use std::sync::Arc;
 
@@ -45,7 +45,7 @@ fn drawn_by(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: 
     let set: Vec<(String, String)> = all.map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect();
     session.set_graph(graph.0, &set);
     session.prepare((camera.width, camera.height), &mut |_| {}).expect("it is prepared");
-    shot::take(session, camera).expect("a picture").image
+    capture::take(session, camera).expect("a picture").image
 }
 
 fn psnr(a: &Image, b: &Image) -> f64 {

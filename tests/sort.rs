@@ -92,8 +92,14 @@ impl Bench {
         let set: Vec<_> = set.chain([("sorter".to_string(), sorter.to_string())]).collect();
         let catalog = Catalog { uniforms: [("test.run".to_string(), 16)].into(), ..Catalog::default() };
         let graph = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/sort_only.ron");
-        let request =
-            Request { graph, set: &set, grown: &[], facts: &facts, catalog: &catalog, share_memory: true };
+        let request = Request {
+            graph,
+            set: &set,
+            capacities: &[],
+            facts: &facts,
+            catalog: &catalog,
+            share_memory: true,
+        };
         let plan = build(&request, &mut self.files, &mut self.compiler)
             .map_err(|e| render(&self.files, &e, false))?;
         self.device.load(plan.clone(), &NoScene, &mut |_| {}).expect("the plan loads");

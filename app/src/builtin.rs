@@ -145,7 +145,7 @@ pub fn presets() -> Vec<Preset> {
         let request = Request {
             graph: name,
             set: &[],
-            grown: &[],
+            capacities: &[],
             facts: &facts,
             catalog: &catalog,
             share_memory: true,

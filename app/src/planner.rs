@@ -1,7 +1,7 @@
 //! Builds plans from graphs.
 
 use crate::builtin;
-use crate::growth::Grown;
+use crate::capacity::Capacities;
 use serde::Serialize;
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Facts, Request, Span};
@@ -43,8 +43,8 @@ pub fn include_roots() -> &'static [PathBuf] {
 pub struct Planner {
     /// See [`Request::share_memory`].
     pub share_memory: bool,
-    /// See [`Request::grown`].
-    pub grown: Grown,
+    /// See [`Request::capacities`].
+    pub capacities: Capacities,
     files: SourceMap,
     compiler: Glslang,
     settings: Settings,
@@ -68,7 +68,7 @@ impl Planner {
         };
         let unsaved = BTreeMap::new();
         let files = files(&settings, &unsaved);
-        Planner { share_memory: true, grown: Grown::default(), files, compiler, settings, unsaved }
+        Planner { share_memory: true, capacities: Capacities::default(), files, compiler, settings, unsaved }
     }
 
     /// Counts the shaders that were compiled, and not found in a cache.
@@ -89,8 +89,8 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<Plan, GraphErrors> {
-        let grown = self.grown.values();
-        let request = Request { graph, set, grown, facts, catalog, share_memory: self.share_memory };
+        let capacities = self.capacities.values();
+        let request = Request { graph, set, capacities, facts, catalog, share_memory: self.share_memory };
         build(&request, &mut self.files, &mut self.compiler)
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
@@ -107,7 +107,7 @@ impl Planner {
         plan.warnings.iter().map(|warning| plain(&warning.diagnostic)).collect()
     }
 
-    /// Lists the parameters of `graph` with the values that `set` gives them, and those that grow with at least [`Planner::grown`].
+    /// Lists the parameters of `graph` with the values that `set` gives them, and those that grow with at least [`Planner::capacities`].
     pub fn controls(
         &mut self,
         graph: &str,
@@ -115,8 +115,8 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<Vec<Control>, GraphErrors> {
-        let grown = self.grown.values();
-        let request = Request { graph, set, grown, facts, catalog, share_memory: self.share_memory };
+        let capacities = self.capacities.values();
+        let request = Request { graph, set, capacities, facts, catalog, share_memory: self.share_memory };
         lower::controls(&request, &mut self.files)
             .map(|(_, controls)| controls)
             .map_err(|found| GraphErrors::new(&self.files, &found))
@@ -130,7 +130,7 @@ impl Planner {
         catalog: &Catalog,
     ) -> Result<Standing, GraphErrors> {
         let share_memory = self.share_memory;
-        let request = Request { graph, set: &[], grown: &[], facts, catalog, share_memory };
+        let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory };
         lower::standing(&request, &mut self.files).map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
@@ -153,7 +153,7 @@ impl Planner {
         catalog: &Catalog,
     ) -> Result<ExpressionNames, GraphErrors> {
         let share_memory = self.share_memory;
-        let request = Request { graph, set: &[], grown: &[], facts, catalog, share_memory };
+        let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory };
         lower::expression_names(&request, &mut self.files)
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }

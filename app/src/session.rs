@@ -5,14 +5,14 @@
 //! [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be submitted before the first is waited for.
 //!
 //! All results are of whole frames. If one was drawn in part, because a list had no room for all that it needed (see
-//! [`growth`]), [`Session::wait`] builds a plan with more room and draws the frame again; and then those that were in flight
+//! [`capacity`]), [`Session::wait`] builds a plan with more room and draws the frame again; and then those that were in flight
 //! behind it, so that all results come from the present plan. A repeated frame has the inputs of the first, and what a graph keeps
 //! from frame to frame is as the frames in part left it: `last(...)` is then of the same camera, or of the next one in flight. The room stays
 //! until [`Session::set_graph`], for pictures of all sizes; where the default for another size is larger, that is taken.
 
 use crate::camera;
+use crate::capacity::{self, Capacities, Overflow};
 use crate::facts::{self, SceneFacts};
-use crate::growth::{self, Grown, Shortage};
 use crate::image::Image;
 use crate::inspect::{self, InspectError};
 use crate::output::say;
@@ -22,7 +22,7 @@ use splatgraph_api::{
     BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
 };
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::{Format, StandIn};
+use splatgraph_framework::ir::{Fallback, Format};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -83,7 +83,7 @@ pub struct Session<D> {
     /// Warnings about the graph were printed.
     warned: bool,
     /// The graphs passed over that were told of last.
-    told: Vec<StandIn>,
+    told: Vec<Fallback>,
     /// The settings without an effect that were told of.
     told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
@@ -182,7 +182,7 @@ impl<D: Device> Session<D> {
         self.set = set.to_vec();
         self.loaded = None;
         self.flying.clear();
-        self.planner.grown = Grown::default();
+        self.planner.capacities = Capacities::default();
     }
 
     /// Lists the graph's parameters with their values for a picture size.
@@ -207,9 +207,9 @@ impl<D: Device> Session<D> {
     ) -> Result<Plan, SessionError> {
         let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
         let catalog = facts::catalog(&self.scene);
-        let grown = std::mem::take(&mut self.planner.grown);
+        let capacities = std::mem::take(&mut self.planner.capacities);
         let plan = self.planner.plan(pipeline, set, &facts, &catalog);
-        self.planner.grown = grown;
+        self.planner.capacities = capacities;
         Ok(plan?)
     }
 
@@ -267,9 +267,9 @@ impl<D: Device> Session<D> {
             // A warning that cannot be written is no reason to stop.
             let _ = std::io::stderr().write_all(self.planner.warnings(&plan, false).as_bytes());
         }
-        if plan.stand_ins != self.told {
-            self.told.clone_from(&plan.stand_ins);
-            StandIn::lacking(&plan.stand_ins).for_each(say);
+        if plan.fallbacks != self.told {
+            self.told.clone_from(&plan.fallbacks);
+            Fallback::lacking(&plan.fallbacks).for_each(say);
         }
         self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress)?;
         self.loaded = Some((Arc::new(plan), size));
@@ -329,7 +329,7 @@ impl<D: Device> Session<D> {
         let Some(index) = self.flying.iter().position(|flight| flight.id == frame) else { return Ok(result) };
         let mut drawn = self.flying.remove(index);
         loop {
-            let short = growth::shortages(&drawn.plan, &result.stats);
+            let short = capacity::overflows(&drawn.plan, &result.stats);
             if short.is_empty() && drawn.growths == self.growths {
                 return Ok(result);
             }
@@ -340,21 +340,21 @@ impl<D: Device> Session<D> {
     }
 
     /// Builds and loads a plan with room for what a frame lacked, unless the present one has it.
-    fn grow(&mut self, short: &[Shortage], size: (u32, u32)) -> Result<(), SessionError> {
-        if let Some(Shortage { parameter, needed, most, .. }) = short.iter().find(|s| s.needed > s.most) {
+    fn grow(&mut self, short: &[Overflow], size: (u32, u32)) -> Result<(), SessionError> {
+        if let Some(Overflow { parameter, needed, most, .. }) = short.iter().find(|s| s.needed > s.most) {
             return Err(SessionError::Full { parameter: parameter.clone(), most: *most, needed: *needed });
         }
-        let mut grown = self.planner.grown.clone();
-        let raised: Vec<&Shortage> = short.iter().filter(|short| grown.raise(short)).collect();
+        let mut capacities = self.planner.capacities.clone();
+        let raised: Vec<&Overflow> = short.iter().filter(|short| capacities.raise(short)).collect();
         let Some(first) = raised.first() else { return Ok(()) };
-        let former = (std::mem::replace(&mut self.planner.grown, grown), self.loaded.take());
+        let former = (std::mem::replace(&mut self.planner.capacities, capacities), self.loaded.take());
         match self.prepare(size, &mut |_| {}) {
             Ok(_) => {
                 self.growths += 1;
                 Ok(())
             }
             Err(error) => {
-                (self.planner.grown, self.loaded) = former;
+                (self.planner.capacities, self.loaded) = former;
                 let (parameter, room, needed) = (first.parameter.clone(), first.target(), first.needed);
                 Err(SessionError::NoRoom { parameter, room, needed, error: Box::new(error) })
             }

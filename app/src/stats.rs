@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use splatgraph_api::{DeviceInfo, FrameResult};
 use splatgraph_assets::grouped;
-use splatgraph_framework::ir::{PassId, Reason, Run, StandIn, Value};
+use splatgraph_framework::ir::{Fallback, PassId, Reason, Run, Value};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 
@@ -25,7 +25,7 @@ pub struct CameraStats {
     /// The graphs and presets that it is based on, the graph last; empty for a graph.
     pub based_on: Vec<String>,
     /// The graphs of a choice that were passed over, in order.
-    pub stand_ins: Vec<StandIn>,
+    pub fallbacks: Vec<Fallback>,
     /// The device's name.
     pub device: String,
     /// The device's driver, with its version.
@@ -103,7 +103,7 @@ impl CameraStats {
             height,
             pipeline: plan.name.clone(),
             based_on: plan.based_on.clone(),
-            stand_ins: plan.stand_ins.clone(),
+            fallbacks: plan.fallbacks.clone(),
             device: device.name.clone(),
             driver: device.driver.clone(),
             parameters: plan.params.iter().map(|p| (p.name.clone(), json(&p.value))).collect(),

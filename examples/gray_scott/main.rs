@@ -24,8 +24,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut files = SourceMap::default();
     let catalog = Catalog::default();
     let facts = device.info().facts.into();
-    let request =
-        Request { graph: GRAPH, set: &[], grown: &[], facts: &facts, catalog: &catalog, share_memory: true };
+    let request = Request {
+        graph: GRAPH,
+        set: &[],
+        capacities: &[],
+        facts: &facts,
+        catalog: &catalog,
+        share_memory: true,
+    };
     let plan = build(&request, &mut files, &mut Glslang::default())
         .map_err(|errors| render(&files, &errors, false))?;
 

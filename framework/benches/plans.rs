@@ -40,7 +40,7 @@ impl Bench {
         let request = Request {
             graph,
             set: &[],
-            grown: &[],
+            capacities: &[],
             facts: &self.facts,
             catalog: &self.catalog,
             share_memory: true,

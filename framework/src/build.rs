@@ -44,7 +44,7 @@ use crate::{link, lower, solve};
 ///     features: Features::empty(),
 /// };
 /// let request =
-///     Request { graph: "paint", set: &[], grown: &[], facts: &device.into(), catalog: &Catalog::default(), share_memory: true };
+///     Request { graph: "paint", set: &[], capacities: &[], facts: &device.into(), catalog: &Catalog::default(), share_memory: true };
 /// let plan = build(&request, &mut files, &mut Glslang::default())
 ///     .map_err(|errors| render(&files, &errors, false))?;
 ///

@@ -11,8 +11,8 @@
 use std::collections::BTreeMap;
 
 use crate::ir::{
-    Accesses, BlockId, Culled, Domain, Effect, Hazard, Layout, Origin, Param, ParamBinding, Pass, PassId,
-    Reason, ResourceId, Shader, ShaderId, Shape, Source, Stages, StandIn, Stat, Usage, Value,
+    Accesses, BlockId, Culled, Domain, Effect, Fallback, Hazard, Layout, Origin, Param, ParamBinding, Pass,
+    PassId, Reason, ResourceId, Shader, ShaderId, Shape, Source, Stages, Stat, Usage, Value,
 };
 use crate::source::Diagnostic;
 
@@ -25,8 +25,8 @@ pub struct Plan {
     pub summary: String,
     /// The graphs and presets that it is based on, the graph last; empty for a graph.
     pub based_on: Vec<String>,
-    /// The graphs of a choice that are passed over, in order; the last one's stand-in is this plan's graph.
-    pub stand_ins: Vec<StandIn>,
+    /// The graphs of a choice that are passed over, in order; the last one's fallback is this plan's graph.
+    pub fallbacks: Vec<Fallback>,
     /// The facts of the scene, the device and the viewport that the plan was built from.
     pub facts: BTreeMap<String, Value>,
     /// Parameters, in the order of the file.
@@ -87,7 +87,7 @@ impl Plan {
     ///
     /// It is the requested one, or what stands in for it.
     pub fn drawn(&self) -> &str {
-        self.stand_ins.last().map_or(&self.name, |stand_in| &stand_in.taken)
+        self.fallbacks.last().map_or(&self.name, |fallback| &fallback.taken)
     }
 
     /// Lists the choices that facts made: `rasteriser = serial and sorter = serial, because device.subgroup_size = 8`.

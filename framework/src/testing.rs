@@ -159,27 +159,31 @@ pub fn plan_of(files: &[(&str, &str)], set: &[(&str, &str)]) -> Result<Plan, Str
 }
 
 /// [`plan`], with the least values of parameters that grow.
-pub fn plan_grown(graph: &str, set: &[(&str, &str)], grown: &[(&str, i64)]) -> Result<Plan, String> {
+pub fn plan_with_capacities(
+    graph: &str,
+    set: &[(&str, &str)],
+    capacities: &[(&str, i64)],
+) -> Result<Plan, String> {
     let mut files = SHADERS.to_vec();
     files.push(("graph.ron", graph));
-    plan_with(&files, set, grown, true)
+    plan_with(&files, set, capacities, true)
 }
 
 fn plan_with(
     files: &[(&str, &str)],
     set: &[(&str, &str)],
-    grown: &[(&str, i64)],
+    capacities: &[(&str, i64)],
     share_memory: bool,
 ) -> Result<Plan, String> {
     let memory = files.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
     let mut map = SourceMap::new(Library { memory, ..Library::default() });
     let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
-    let grown: Vec<_> = grown.iter().map(|(name, least)| (name.to_string(), *least)).collect();
+    let capacities: Vec<_> = capacities.iter().map(|(name, least)| (name.to_string(), *least)).collect();
     let (facts, catalog) = (facts(), catalog());
     let request = Request {
         graph: "graph.ron",
         set: &set,
-        grown: &grown,
+        capacities: &capacities,
         facts: &facts,
         catalog: &catalog,
         share_memory,

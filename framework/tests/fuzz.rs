@@ -318,7 +318,7 @@ fn damaged_graphs_are_plans_or_errors_with_a_place() {
             // Graphs made to be included are built through the graph that includes them.
             let own = map.find(None, name, Kind::Graph).map(|file| map.text(file).to_string());
             let graph = if own.is_ok_and(|text| draws(&text)) { name } else { "pipelines/splat.ron" };
-            let request = Request { graph, set: &[], grown: &[], facts, catalog, share_memory: true };
+            let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory: true };
             build(&request, map, compiler).map(|_| ())
         };
         (name, build)
@@ -373,8 +373,14 @@ fn compilations() -> Vec<Compilation> {
         if graph.starts_with("pipelines/view/") {
             continue;
         }
-        let request =
-            Request { graph, set: &[], grown: &[], facts: &facts, catalog: &catalog, share_memory: true };
+        let request = Request {
+            graph,
+            set: &[],
+            capacities: &[],
+            facts: &facts,
+            catalog: &catalog,
+            share_memory: true,
+        };
         let built = build(&request, &mut map, &mut recorder);
         built.unwrap_or_else(|errors| panic!("{graph}: {}", render(&map, &errors, false)));
     }

@@ -130,7 +130,7 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
     let request = Request {
         graph: &graph,
         set: &set,
-        grown: &[],
+        capacities: &[],
         facts: &facts,
         catalog: &catalog(),
         share_memory: true,

@@ -108,7 +108,7 @@ impl<'a> Cpu<'a> {
                 words.for_each(|word| word.copy_from_slice(&value.to_le_bytes()));
                 return Ok(true);
             }
-            Work::Start { resource } => {
+            Work::ClearHistory { resource } => {
                 self.memory[resource.index()].bytes_mut().fill(0);
                 return Ok(true);
             }

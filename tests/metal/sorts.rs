@@ -32,8 +32,14 @@ fn plans(device: &DeviceFacts, sorts: &[(&str, u32)]) -> Vec<Plan> {
         let block = if *sorter == "serial" { "1000" } else { "512" };
         let set =
             owned(&[("sorter", sorter), ("digit_bits", &digit_bits.to_string()), ("block_keys", block)]);
-        let request =
-            Request { graph, set: &set, grown: &[], facts: &facts, catalog: &catalog, share_memory: false };
+        let request = Request {
+            graph,
+            set: &set,
+            capacities: &[],
+            facts: &facts,
+            catalog: &catalog,
+            share_memory: false,
+        };
         let plan = build(&request, &mut files, &mut compiler);
         let mut plan = translated(plan.unwrap_or_else(|e| panic!("{}", render(&files, &e, false))));
         plan.name = format!("{sorter} sort, digits of {digit_bits} bits, {} lanes", device.subgroup_size);

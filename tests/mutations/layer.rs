@@ -230,7 +230,7 @@ impl Layer<'_> {
                     views.push(view(Stages::INDIRECT, Accesses::INDIRECT_READ));
                 }
             }
-            Work::Fill { .. } | Work::Start { .. } | Work::Export => {
+            Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export => {
                 for touch in pass.uses.iter().filter(|touch| touch.resource == resource) {
                     views.extend(
                         touch

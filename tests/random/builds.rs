@@ -50,8 +50,14 @@ pub fn plan_with(
     let mut map = SourceMap::new(library);
     let set = [("flag".into(), settings.flag.to_string()), ("steps".into(), settings.steps.to_string())];
     let (facts, catalog) = (facts(), Catalog::default());
-    let request =
-        Request { graph: "graph.ron", set: &set, grown: &[], facts: &facts, catalog: &catalog, share_memory };
+    let request = Request {
+        graph: "graph.ron",
+        set: &set,
+        capacities: &[],
+        facts: &facts,
+        catalog: &catalog,
+        share_memory,
+    };
     build(&request, &mut map, compiler).map_err(|errors| explain(&map, &errors, false))
 }
 

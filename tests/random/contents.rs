@@ -47,7 +47,7 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
                 .any(|pass| pass.uses().any(|(what, _)| what.of == of && what.half == Half::Last));
             let once = |id: &ResourceId| {
                 let passes = plan.prologue.iter().map(|step| plan.pass(step.pass));
-                let passes = passes.filter(|pass| !matches!(pass.work, PlanWork::Start { .. }));
+                let passes = passes.filter(|pass| !matches!(pass.work, PlanWork::ClearHistory { .. }));
                 passes.flat_map(|pass| &pass.uses).any(|touch| touch.resource == *id)
             };
             let halves: Vec<ResourceId> = names.iter().filter_map(|name| plan.find_resource(name)).collect();
@@ -73,7 +73,7 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
                     if plan.aliases(id).next().is_some() {
                         return Err(format!("`{}` is kept and shares memory in\n{}", names[0], shown(plan)));
                     }
-                    let starts = |pass: &Pass| pass.work == PlanWork::Start { resource: id };
+                    let starts = |pass: &Pass| pass.work == PlanWork::ClearHistory { resource: id };
                     if !plan.prologue.iter().any(|step| starts(plan.pass(step.pass))) {
                         return Err(format!("`{}` does not start from zeros in\n{}", names[0], shown(plan)));
                     }

@@ -2,8 +2,8 @@
 
 use super::measure::{Bench, Candidate, Frames};
 use crate::facts::DEFAULT_SIZE;
+use crate::interleaved::Figure;
 use crate::session::SessionError;
-use crate::turns::Figure;
 use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, synth};

@@ -1,14 +1,14 @@
-//! Draws candidates in turns, and measures time, bytes and memory of each.
+//! Draws candidates interleaved, and measures time, bytes and memory of each.
 
 use super::bytes;
+use crate::interleaved::{self, Effort, Figure, Rounds, Timed, Timestamps};
 use crate::session::{Session, SessionError};
 use crate::stats::{self, BufferSize};
-use crate::turns::{self, Effort, Figure, Rounds, Timed, Timestamps};
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use splatgraph_api::{BackendError, Device};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::{PassId, Reason, Run, StandIn};
+use splatgraph_framework::ir::{Fallback, PassId, Reason, Run};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -106,7 +106,7 @@ pub struct View {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Found {
     /// The graphs of a choice that were passed over, in order.
-    pub stand_ins: Vec<StandIn>,
+    pub fallbacks: Vec<Fallback>,
     /// All parameters of the graph with their values.
     pub parameters: Map<String, Json>,
     /// Why parameters have their values, of those that an expression over facts or other parameters gave.
@@ -163,7 +163,7 @@ pub struct Bench<'a, D> {
 }
 
 impl<D: Device> Bench<'_, D> {
-    /// Measures candidates from each camera, in turns; `each` is told of the number of cameras done before each.
+    /// Measures candidates from each camera, interleaved; `each` is told of the number of cameras done before each.
     ///
     /// Candidates that cannot be drawn do not take part; their reason is their result.
     ///
@@ -210,7 +210,7 @@ impl<D: Device> Bench<'_, D> {
         if !session.prepare((camera.width, camera.height), &mut |_| {})? {
             return Ok(());
         }
-        let first = turns::frame(session, camera)?;
+        let first = interleaved::frame(session, camera)?;
         let plan = session.plan().ok_or(SessionError::NotPrepared)?;
         let once = first.result.pass_ms.iter().filter(|(id, _)| plan.pass(*id).run == Run::Once);
         let part = |(id, ms): &(PassId, Option<f64>)| {
@@ -233,14 +233,14 @@ impl<D: Device> Bench<'_, D> {
         if sessions.is_empty() {
             return Ok(());
         }
-        let turn_ms = turns::warm_up(&mut sessions, camera)?;
-        let usual = || turns::frames_of(turn_ms / sessions.len() as f64);
+        let turn_ms = interleaved::warm_up(&mut sessions, camera)?;
+        let usual = || interleaved::frames_of(turn_ms / sessions.len() as f64);
         let effort = Effort { rounds: self.frames.rounds, frames: self.frames.frames.unwrap_or_else(usual) };
-        let profiled = turns::in_turns(&mut sessions, camera, effort, Timestamps::Passes)?;
+        let profiled = interleaved::rounds(&mut sessions, camera, effort, Timestamps::Passes)?;
         // A frame that is so slow that one has to do takes no time for timestamps that could be seen.
         let mut whole = match effort.frames {
             1 => None,
-            _ => Some(turns::in_turns(&mut sessions, camera, effort, Timestamps::Frame)?.into_iter()),
+            _ => Some(interleaved::rounds(&mut sessions, camera, effort, Timestamps::Frame)?.into_iter()),
         };
         for (runner, rounds) in all.iter_mut().flatten().zip(profiled) {
             let whole = whole.as_mut().and_then(Iterator::next);
@@ -310,7 +310,7 @@ fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, S
     let plan = runner.session.plan().ok_or(SessionError::NotPrepared)?;
     let parameters =
         plan.params.iter().map(|param| (param.name.clone(), stats::json(&param.value))).collect();
-    let (stand_ins, reasons) = (plan.stand_ins.clone(), stats::reasons(plan));
+    let (fallbacks, reasons) = (plan.fallbacks.clone(), stats::reasons(plan));
     let memory: Vec<BufferSize> = runner
         .session
         .device()
@@ -319,7 +319,7 @@ fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, S
         .map(|(name, bytes)| BufferSize { name, bytes })
         .collect();
     Ok(Found {
-        stand_ins,
+        fallbacks,
         reasons,
         parameters,
         mean: mean(&runner.views, copy),
@@ -392,7 +392,7 @@ pub(super) mod testing {
         let memory = vec![BufferSize { name: "color".into(), bytes: 1 << 20 }];
         let mean = mean(&views, Some(2000.0));
         Found {
-            stand_ins: Vec::new(),
+            fallbacks: Vec::new(),
             parameters: Map::new(),
             reasons: BTreeMap::new(),
             mean,

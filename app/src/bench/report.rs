@@ -2,8 +2,8 @@
 
 use super::limit::CopyLimit;
 use super::measure::{Figures, Found, Frames, Outcome, Part};
+use crate::interleaved::Figure;
 use crate::report::text::quoted;
-use crate::turns::Figure;
 use serde::Serialize;
 use serde_json::Value as Json;
 use splatgraph_api::DeviceInfo;

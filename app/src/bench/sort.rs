@@ -4,10 +4,10 @@ use super::limit::no_scene;
 use super::measure::{Bench, Candidate, Found, Part};
 use super::report::{Origin, first_line, optional};
 use super::table::head;
+use crate::interleaved::Figure;
 use crate::report::plot::{Axis, Plot, Series};
 use crate::report::text::{quoted, table};
 use crate::session::SessionError;
-use crate::turns::Figure;
 use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{grouped, synth};
@@ -96,7 +96,7 @@ pub enum Error {
     Scene(#[from] synth::SynthError),
 }
 
-/// Measures sorts of each number of pairs, keys of different widths in turns; `each` is told of the number before each.
+/// Measures sorts of each number of pairs, keys of different widths interleaved; `each` is told of the number before each.
 ///
 /// # Errors
 /// The device fails. A sort that does not fit is a row that says why.

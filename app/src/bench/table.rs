@@ -2,9 +2,9 @@
 
 use super::measure::{Found, Part};
 use super::report::{Origin, Report, Row, first_line, size_text};
+use crate::interleaved::Figure;
 use crate::report::text::table;
 use crate::stats::BUSY;
-use crate::turns::Figure;
 use splatgraph_assets::grouped;
 use std::path::Path;
 

@@ -6,6 +6,7 @@ use crate::advise::harmonics::{self, Band};
 use crate::advise::search::{Best, Budget, Tried, best, combinations, own_share};
 use crate::backend::Backend;
 use crate::fit;
+use crate::interleaved::Effort;
 use crate::keys::{self, Mapping, Need, Seen, WIDTHS};
 use crate::output::names::{self, MAX_NAME_BYTES};
 use crate::output::shell_word;
@@ -15,7 +16,6 @@ use crate::trade::measure::{Baseline, Row, View, measure};
 use crate::trade::noise::LEAST_SAVING;
 use crate::trade::plans;
 use crate::trade::settings::{self, EXACT, Setting};
-use crate::turns::Effort;
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_api::Device;
@@ -134,10 +134,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Returns an error if the JSON would destroy an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
-    let mut claims = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
-    claims.input("the graph", Path::new(&args.pipeline))?;
+    let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
+    guard.input("the graph", Path::new(&args.pipeline))?;
     if let Some(path) = &args.json {
-        claims.output("--json", path)?;
+        guard.output("--json", path)?;
     }
     Ok(())
 }

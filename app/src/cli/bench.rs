@@ -1,4 +1,4 @@
-//! Runs `splatgraph bench`: time, bytes and memory of graphs, drawn in turns.
+//! Runs `splatgraph bench`: time, bytes and memory of graphs, drawn interleaved.
 
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
 use super::{Outcome, Usage};
@@ -9,7 +9,7 @@ use crate::bench::report::{Origin, Report, Row, SceneOrigin, size_text};
 use crate::bench::{plot, sort, table};
 use crate::facts::{self, SceneFacts};
 use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{self, Claims, is_standard_output, say};
+use crate::output::{self, OutputGuard, is_standard_output, say};
 use crate::planner::{Planner, without_effect};
 use crate::progress::Progress;
 use crate::report::plot::Plot;
@@ -22,7 +22,7 @@ use std::sync::Arc;
 
 /// Measure graphs against each other, pass by pass
 ///
-/// Draws the scene with several graphs in turns, frame by frame, so that a change of the device's clock concerns all of them. Each
+/// Draws the scene with several graphs interleaved, frame by frame, so that a change of the device's clock concerns all of them. Each
 /// time is the median of the rounds' medians, and its spread the largest of these without the smallest; the mean over the cameras is
 /// the mean of their medians. Frames of a warm-up do not count.
 ///
@@ -381,31 +381,31 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
 
 /// Returns an error if a file of the results would destroy an input.
 fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
-    let mut claims = match args.scenes.as_slice() {
+    let mut guard = match args.scenes.as_slice() {
         [] => options::claim_inputs(None, None)?,
-        _ => Claims::default(),
+        _ => OutputGuard::default(),
     };
     for scene in &args.scenes {
-        claims.input("the scene", scene)?;
+        guard.input("the scene", scene)?;
     }
     for cameras in &args.cameras {
-        options::claim_cameras(&mut claims, cameras)?;
+        options::claim_cameras(&mut guard, cameras)?;
     }
     for pipeline in &args.pipelines {
-        claims.input("the graph", Path::new(pipeline))?;
+        guard.input("the graph", Path::new(pipeline))?;
     }
     if let Some(path) = &args.json {
-        claims.output("--json", path)?;
+        guard.output("--json", path)?;
     }
     if let Some(folder) = &args.output {
-        claims.output("--output", &folder.join(CSV))?;
+        guard.output("--output", &folder.join(CSV))?;
         let curves = stems.iter().flat_map(|stem| plot::names(stem, &args.splats, &args.sizes()));
         let all: Vec<String> = match args.suite {
             Suite::Frames => curves.collect(),
             Suite::Sort => vec![SORT_PLOT.into()],
         };
         for name in all.iter().flat_map(|name| ["svg", "png"].map(|format| format!("{name}.{format}"))) {
-            claims.output("--output", &folder.join(name))?;
+            guard.output("--output", &folder.join(name))?;
         }
     }
     Ok(())

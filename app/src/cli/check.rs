@@ -9,7 +9,7 @@ use crate::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
 use anyhow::Result;
 use serde_json::{Value, json};
 use splatgraph_framework::dump;
-use splatgraph_framework::ir::{Catalog, StandIn};
+use splatgraph_framework::ir::{Catalog, Fallback};
 use splatgraph_framework::lower::Standing;
 use splatgraph_framework::oracle::{self, Replay, mutate};
 use splatgraph_framework::plan::Plan;
@@ -190,11 +190,11 @@ fn check(
 /// Says what a device lacks that a graph requires, and what stands in for the graph.
 ///
 /// None if it lacks nothing.
-fn lacking(Standing { stand_ins, unmet }: Standing) -> Option<String> {
-    let mut parts: Vec<String> = StandIn::lacking(&stand_ins).map(ToString::to_string).collect();
+fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
+    let mut parts: Vec<String> = Fallback::lacking(&fallbacks).map(ToString::to_string).collect();
     if !unmet.is_empty() {
         let needs: Vec<String> = unmet.iter().map(ToString::to_string).collect();
-        let whose = stand_ins.last().map_or("the graph".to_owned(), |last| format!("`{}`", last.taken));
+        let whose = fallbacks.last().map_or("the graph".to_owned(), |last| format!("`{}`", last.taken));
         parts.push(format!("{whose} needs {}, and nothing stands in", needs.join(" and ")));
     }
     (!parts.is_empty()).then(|| parts.join("; "))

@@ -4,7 +4,7 @@ use super::{Outcome, Usage, options};
 use crate::image::{Depth, Format, Image, npz_names, split_member};
 use crate::metrics::{self, Comparison, MetricError, flip};
 use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{Claims, is_standard_output, one_line, say};
+use crate::output::{OutputGuard, is_standard_output, one_line, say};
 use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -132,13 +132,13 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         }
         Some(out) => vec![out.clone()],
     };
-    let mut claims = Claims::default();
+    let mut guard = OutputGuard::default();
     for path in pairs.iter().flat_map(|pair| [&pair.a, &pair.b]) {
         let file = split_member(path).map_or_else(|| path.clone(), |(archive, _)| archive);
-        claims.input("a compared picture", &file).map_err(Usage::from)?;
+        guard.input("a compared picture", &file).map_err(Usage::from)?;
     }
     for path in &diffs {
-        claims.output("--diff", path).map_err(Usage::from)?;
+        guard.output("--diff", path).map_err(Usage::from)?;
     }
     Ok(Work { pairs, folders, diffs })
 }

@@ -1,7 +1,7 @@
 //! Runs `splatgraph convert`: writes a scene in another format, and says what that loses.
 
 use super::{Outcome, Usage, options};
-use crate::output::{self, Claims, is_standard_output, note, say};
+use crate::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use splatgraph_assets::{Scene, SceneFormat, grouped, sh_floats};
@@ -51,9 +51,9 @@ pub fn format_list() -> String {
 
 /// Checks the files of the command line, and finds the format of the output.
 pub(super) fn check_files(args: &Args) -> Result<SceneFormat, Usage> {
-    let mut claims = Claims::default();
-    claims.input("the scene", &args.input)?;
-    claims.output("the output", &args.output)?;
+    let mut guard = OutputGuard::default();
+    guard.input("the scene", &args.input)?;
+    guard.output("the output", &args.output)?;
     if is_standard_output(&args.output) {
         options::refuse_terminal("the scene")?;
     }

@@ -4,7 +4,7 @@ use super::options;
 use super::{Outcome, Usage, claim_graph_files};
 use crate::backend;
 use crate::facts::{self, SceneFacts};
-use crate::output::{Claims, say};
+use crate::output::{OutputGuard, say};
 use crate::planner::Planner;
 use anyhow::Result;
 use clap::ValueEnum;
@@ -97,21 +97,21 @@ enum Api {
 }
 
 /// Lists the files of the command line; an error if the output is an input.
-pub(super) fn claims(args: &Args) -> Result<Claims, Usage> {
-    let mut claims = Claims::default();
+pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
+    let mut guard = OutputGuard::default();
     let graphs = [Some(&args.graph), args.diff.as_ref()].into_iter().flatten();
     for graph in graphs {
-        claims.input("the graph", Path::new(graph))?;
+        guard.input("the graph", Path::new(graph))?;
     }
     for (what, path) in [("the scene", &args.scene), ("the file of --times", &args.times)] {
         if let Some(path) = path {
-            claims.input(what, path)?;
+            guard.input(what, path)?;
         }
     }
     if let Some(path) = &args.output {
-        claims.output("--output", path)?;
+        guard.output("--output", path)?;
     }
-    Ok(claims)
+    Ok(guard)
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -124,7 +124,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         )
         .into());
     }
-    let mut claims = claims(args)?;
+    let mut guard = guard(args)?;
     // Before the plan is made, which takes longer to fail.
     let times = args.times.as_deref().map(times::load).transpose()?;
     let (scene, catalog) = match &args.scene {
@@ -161,7 +161,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             Form::Html => dump::html(&a),
         }
     };
-    claim_graph_files(&mut claims, &planner.wanted())?;
+    claim_graph_files(&mut guard, &planner.wanted())?;
     options::write_text(args.output.as_deref(), &text)?;
     Ok(Outcome::Done)
 }

@@ -5,7 +5,7 @@ use super::{Outcome, Usage, claim_graph_files};
 use crate::experiment::{GRAPH, order, sh};
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{Claims, one_line, say};
+use crate::output::{OutputGuard, one_line, say};
 use crate::progress::Progress;
 use crate::report::page::Page;
 use crate::session::Session;
@@ -91,7 +91,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let given = common.cameras.as_deref().map(options::cameras).transpose()?;
     let names = options::camera_names(common.scene.as_deref(), given.as_deref());
     let stems = names::unique(&names, MAX_NAME_BYTES);
-    let mut claims = claims(args)?;
+    let mut guard = guard(args)?;
     let device = common.device.open()?;
     if let Some(path) = &common.scene {
         fit::check_header(path, device.info(), GRAPH, &[])?;
@@ -106,7 +106,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     // The files of the graph are known once it has been read.
     let first = cameras.first().context("no cameras")?;
     session.controls((first.width, first.height))?;
-    claim_graph_files(&mut claims, &session.files())?;
+    claim_graph_files(&mut guard, &session.files())?;
 
     let mut progress = Progress::new(format!("experiment {}", args.kind.page()));
     let mut report = |done: usize, of: usize, step: &str| progress.set(done as u64, of as u64, step);
@@ -152,9 +152,9 @@ fn view(
 }
 
 /// Lists the files; an error if the page would destroy an input.
-pub(super) fn claims(args: &Args) -> Result<Claims, Usage> {
+pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let common = args.kind.common();
-    let mut claims = options::claim_inputs(common.scene.as_deref(), common.cameras.as_deref())?;
-    claims.output("--output", &args.output())?;
-    Ok(claims)
+    let mut guard = options::claim_inputs(common.scene.as_deref(), common.cameras.as_deref())?;
+    guard.output("--output", &args.output())?;
+    Ok(guard)
 }

@@ -24,15 +24,15 @@ fn check(command: &Command) -> Result<()> {
     match command {
         Command::Render(args) => render::prepare(args).map(drop),
         Command::View(args) => Ok(view::check_files(args)?),
-        Command::Dump(args) => Ok(dump::claims(args).map(drop)?),
+        Command::Dump(args) => Ok(dump::guard(args).map(drop)?),
         Command::Compare(args) => compare::prepare(args).map(drop),
         Command::Synth(args) => Ok(synth::check_files(args)?),
         Command::Bench(args) => bench::prepare(args).map(drop),
         Command::Trade(args) => Ok(trade::claim_files(args)?),
         Command::Sweep(args) => Ok(sweep::claim_files(args)?),
         Command::Advise(args) => Ok(advise::claim_files(args)?),
-        Command::Experiment(args) => Ok(experiment::claims(args).map(drop)?),
-        Command::Popping(args) => Ok(popping::claims(args).map(drop)?),
+        Command::Experiment(args) => Ok(experiment::guard(args).map(drop)?),
+        Command::Popping(args) => Ok(popping::guard(args).map(drop)?),
         Command::Convert(args) => Ok(convert::check_files(args).map(drop)?),
         Command::New(args) => Ok(new::prepare(args).map(drop)?),
         Command::Check(_)

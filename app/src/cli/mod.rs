@@ -30,7 +30,7 @@ mod trade;
 #[cfg(feature = "window")]
 mod view;
 
-use crate::output::{self, Claims, say, say_styled, terminal};
+use crate::output::{self, OutputGuard, say, say_styled, terminal};
 use crate::planner::{self, GraphErrors};
 use crate::session::SessionError;
 use crate::shader_cache::ShaderCache;
@@ -56,7 +56,7 @@ use std::sync::Arc;
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
   splatgraph convert scene.ply scene.spz            # another format, and what it loses
-  splatgraph bench scene.ply --pipelines splat,key16   # GPU time per pass, drawn in turns
+  splatgraph bench scene.ply --pipelines splat,key16   # GPU time per pass, drawn interleaved
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
   splatgraph advise scene.ply --psnr 45             # the fastest setting that is accurate enough
   splatgraph sweep scene.ply                        # quality and time with fewer and fewer splats
@@ -113,15 +113,15 @@ enum Outcome {
 #[error("{0}")]
 struct Usage(String);
 
-impl From<output::claims::Conflict> for Usage {
-    fn from(conflict: output::claims::Conflict) -> Usage {
+impl From<output::guard::Conflict> for Usage {
+    fn from(conflict: output::guard::Conflict) -> Usage {
         Usage(conflict.to_string())
     }
 }
 
 /// Adds the files that a plan is built from to the inputs, once they are known.
-fn claim_graph_files(claims: &mut Claims, wanted: &[Wanted]) -> Result<(), Usage> {
-    wanted.iter().try_for_each(|file| Ok(claims.input("a file of the graph", &file.path)?))
+fn claim_graph_files(guard: &mut OutputGuard, wanted: &[Wanted]) -> Result<(), Usage> {
+    wanted.iter().try_for_each(|file| Ok(guard.input("a file of the graph", &file.path)?))
 }
 
 /// Prints the validation messages; they are a failure if validation was requested.

@@ -7,12 +7,12 @@ use crate::builtin;
 use crate::demo;
 use crate::facts;
 use crate::fit::Target;
-use crate::output::{self, Claims, say};
+use crate::interleaved::{Effort, suitable_frames};
+use crate::output::{self, OutputGuard, say};
 use crate::progress::Progress;
 use crate::session::Session;
 use crate::trade::plans;
 use crate::trade::settings::{self, Setting};
-use crate::turns::{Effort, suitable_frames};
 use anyhow::{Context, Result};
 use splatgraph_api::BackendError;
 use splatgraph_assets::{Camera, CameraError, Scene};
@@ -361,7 +361,7 @@ pub struct EffortArgs {
     /// Rounds of frames, at most: fewer where a share of time is known well enough, or after 8 seconds; below 8, no difference in time is told from noise
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
-    /// Frames in a round, in turns with as many to compare with [default: by the time of one, 1 to 30]
+    /// Frames in a round, interleaved with as many to compare with [default: by the time of one, 1 to 30]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
 }
@@ -381,27 +381,27 @@ impl EffortArgs {
     }
 }
 
-/// Claims the inputs of a command that draws: the scene, or the demo scene, and the cameras.
-pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<Claims, Usage> {
-    let mut claims = Claims::default();
+/// OutputGuard the inputs of a command that draws: the scene, or the demo scene, and the cameras.
+pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<OutputGuard, Usage> {
+    let mut guard = OutputGuard::default();
     match scene {
-        Some(path) => claims.input("the scene", path)?,
-        None => demo::path().map_or(Ok(()), |path| claims.input("the demo scene", &path))?,
+        Some(path) => guard.input("the scene", path)?,
+        None => demo::path().map_or(Ok(()), |path| guard.input("the demo scene", &path))?,
     }
     if let Some(cameras) = cameras {
-        claim_cameras(&mut claims, cameras)?;
+        claim_cameras(&mut guard, cameras)?;
     }
-    Ok(claims)
+    Ok(guard)
 }
 
 /// Adds the file of `FILE` or `FILE#INDEX` to the inputs; a `#` may also be part of the file's own name, and JSON has no file.
-pub fn claim_cameras(claims: &mut Claims, cameras: &str) -> Result<(), Usage> {
+pub fn claim_cameras(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
         return Ok(());
     }
-    claims.input("the cameras", Path::new(cameras))?;
+    guard.input("the cameras", Path::new(cameras))?;
     if let Some((file, _)) = cameras.rsplit_once('#') {
-        claims.input("the cameras", Path::new(file))?;
+        guard.input("the cameras", Path::new(file))?;
     }
     Ok(())
 }

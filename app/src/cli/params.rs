@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut planner = Planner::default();
     let standing = planner.standing(&args.graph, &facts, &catalog)?;
     let controls = planner.controls(&args.graph, &args.set, &facts, &catalog)?;
-    let drawn = standing.stand_ins.last().map_or(args.graph.as_str(), |last| last.taken.as_str());
+    let drawn = standing.fallbacks.last().map_or(args.graph.as_str(), |last| last.taken.as_str());
     if args.json {
         let all: Vec<Value> = controls.iter().map(as_json).collect();
         let all = json!({

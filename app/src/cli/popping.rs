@@ -4,7 +4,7 @@ use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::fit;
 use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{self, Claims, is_standard_output, one_line};
+use crate::output::{self, OutputGuard, is_standard_output, one_line};
 use crate::popping::measure::{self, Path as CameraPath, Variant};
 use crate::popping::report::{self, Summary};
 use crate::progress::Progress;
@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let given = args.cameras.as_deref().map(options::cameras).transpose()?;
     let names = options::camera_names(args.scene.as_deref(), given.as_deref());
     let stems = names::unique(&names, MAX_NAME_BYTES);
-    let mut claims = claims(args)?;
+    let mut guard = guard(args)?;
     let variants = variants(args);
     let device = args.device.open()?;
     if let Some(path) = &args.scene {
@@ -114,7 +114,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         session.set_graph(&variant.pipeline, &variant.set);
         session.controls(size)?;
     }
-    claim_graph_files(&mut claims, &session.files())?;
+    claim_graph_files(&mut guard, &session.files())?;
 
     let mut progress = Progress::new("measuring popping");
     let of = (path.len() * (1 + variants.len())) as u64;
@@ -197,18 +197,18 @@ fn origin(
 }
 
 /// Lists the files; an error if an output would destroy an input.
-pub(super) fn claims(args: &Args) -> Result<Claims, Usage> {
-    let mut claims = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
+pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
+    let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     for graph in &args.pipeline {
-        claims.input("a graph", Path::new(graph))?;
+        guard.input("a graph", Path::new(graph))?;
     }
     if let Some(json) = &args.json {
-        claims.output("--json", json)?;
+        guard.output("--json", json)?;
     }
     for name in [CSV, SVG, PNG] {
         if let Some(folder) = &args.output {
-            claims.output("--output", &folder.join(name))?;
+            guard.output("--output", &folder.join(name))?;
         }
     }
-    Ok(claims)
+    Ok(guard)
 }

@@ -6,7 +6,7 @@ use crate::backend::{Api, Backend};
 use crate::fit;
 use crate::image::Format;
 use crate::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
-use crate::output::{Claims, is_standard_output, one_line};
+use crate::output::{OutputGuard, is_standard_output, one_line};
 use crate::progress::Progress;
 use crate::session::Session;
 use crate::truth::{self, Map, Truth};
@@ -145,7 +145,7 @@ pub(super) struct Work {
     destination: Option<Destination>,
     /// A file name for each camera, without extension, unlike all others.
     stems: Vec<String>,
-    claims: Claims,
+    guard: OutputGuard,
 }
 
 /// Reads the cameras and chooses the names of all files; an error if one of them would destroy another, or an input.
@@ -191,37 +191,37 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     }
     let stems = names::unique(&names, MAX_NAME_BYTES.saturating_sub(around));
 
-    let mut claims = Claims::default();
+    let mut guard = OutputGuard::default();
     let mut claim = || -> Result<(), Usage> {
         if let Some(path) = &args.scene {
-            claims.input("the scene", path)?;
+            guard.input("the scene", path)?;
         }
         if let Some(path) = &args.drawing.cameras {
-            options::claim_cameras(&mut claims, path)?;
+            options::claim_cameras(&mut guard, path)?;
         }
-        claims.input("the graph", Path::new(&args.drawing.pipeline))?;
+        guard.input("the graph", Path::new(&args.drawing.pipeline))?;
         if let Some(path) = &args.json {
-            claims.output("--json", path)?;
+            guard.output("--json", path)?;
         }
         for stem in &stems {
             if let Some(destination) = &destination {
-                claims.output("--output", &destination.path(stem))?;
+                guard.output("--output", &destination.path(stem))?;
             }
             for (option, file) in &files {
-                claims.output(option, &per_camera(file, stem, stems.len()))?;
+                guard.output(option, &per_camera(file, stem, stems.len()))?;
             }
         }
         Ok(())
     };
     claim()?;
-    Ok(Work { given, destination, stems, claims })
+    Ok(Work { given, destination, stems, guard })
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
     // Errors of the command line and of the device are reported before a large scene is loaded.
     let work = prepare(args)?;
     let Renderer::Device(api) = args.backend else { return run_exactly(args, work) };
-    let Work { given, destination, stems, mut claims } = work;
+    let Work { given, destination, stems, mut guard } = work;
     let device = Backend::open(api, &args.device.options())?;
     if let Some(path) = &args.scene {
         fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
@@ -250,7 +250,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let loaded = frames::prepare_plan(&mut session, camera)?;
         if loaded {
             progress.suspend(|| session.tell_settings_without_effect());
-            claim_graph_files(&mut claims, &session.files())?;
+            claim_graph_files(&mut guard, &session.files())?;
         }
         if args.repeat == 1 && args.inspect.is_empty() {
             batch.submit(&mut session, args.background, (camera, stem), &progress)?;

@@ -139,11 +139,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Returns an error if a file of the sweep would destroy an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
-    let mut claims = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
-    claims.input("the graph", Path::new(&args.drawing.pipeline))?;
+    let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
+    guard.input("the graph", Path::new(&args.drawing.pipeline))?;
     let plots = PLOTS.iter().flat_map(|name| ["svg", "png"].map(|format| format!("{name}.{format}")));
     for name in [PAGE, CSV, JSON].map(String::from).into_iter().chain(plots) {
-        claims.output("--output", &args.output.join(name))?;
+        guard.output("--output", &args.output.join(name))?;
     }
     Ok(())
 }

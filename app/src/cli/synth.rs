@@ -2,7 +2,7 @@
 
 use super::Usage;
 use super::{Outcome, options};
-use crate::output::{self, Claims, is_standard_output, note, say};
+use crate::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
 use splatgraph_assets::grouped;
 use splatgraph_assets::synth;
@@ -50,9 +50,9 @@ pub fn generator_list() -> String {
 
 /// Checks the files of the command line, before a scene is made.
 pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
-    let mut claims = Claims::default();
+    let mut guard = OutputGuard::default();
     if let Some(path) = &args.enlarge {
-        claims.input("the scene", path)?;
+        guard.input("the scene", path)?;
     }
     let Some(output) = &args.output else {
         return match (&args.name, &args.enlarge) {
@@ -68,9 +68,9 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
             output.display()
         )));
     }
-    claims.output("--output", output)?;
+    guard.output("--output", output)?;
     if let Some(path) = &args.cameras {
-        claims.output("--cameras", path)?;
+        guard.output("--cameras", path)?;
     }
     Ok(())
 }

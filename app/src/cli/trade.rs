@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 ///
 /// Draws the scene with every parameter at its exact value, then with one parameter away from it at a time, with the graph's
 /// defaults, and with every preset. Each picture is held against the truth: that of the exact renderer (`render --backend
-/// reference`), or the pictures of a folder. Frames are drawn in turns with those of the exact settings, so that a change of
+/// reference`), or the pictures of a folder. Frames are drawn interleaved with those of the exact settings, so that a change of
 /// the device's clock concerns both. A parameter that has no effect in the plan of the exact settings is not measured, nor is a
 /// setting whose plan is that of another.
 ///
@@ -152,10 +152,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// An error if a file of the ledger would destroy an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
-    let mut claims = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
-    claims.input("the graph", Path::new(&args.pipeline))?;
+    let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
+    guard.input("the graph", Path::new(&args.pipeline))?;
     for name in [LEDGER, CSV, PAGE, SVG, PNG] {
-        claims.output("--output", &args.output.join(name))?;
+        guard.output("--output", &args.output.join(name))?;
     }
     Ok(())
 }

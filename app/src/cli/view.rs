@@ -4,7 +4,7 @@ use super::options::{self, BackendArgs, Drawing};
 use super::{Outcome, Usage};
 use crate::backend::Backend;
 use crate::image::Format;
-use crate::output::{Claims, Log, is_standard_output};
+use crate::output::{Log, OutputGuard, is_standard_output};
 use crate::view::events::RendererId;
 use crate::view::kept;
 use crate::view::paint::Mode;
@@ -193,21 +193,21 @@ enum ShowPanel {
 
 /// Checks the files of the command line, before a window is opened.
 pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
-    let mut claims = Claims::default();
+    let mut guard = OutputGuard::default();
     if let Some(path) = &args.scene {
-        claims.input("the scene", path)?;
+        guard.input("the scene", path)?;
         if let Some(cameras) = viewer::cameras_of(path) {
-            claims.input("the cameras", &cameras)?;
+            guard.input("the cameras", &cameras)?;
         }
     }
     if let Some(path) = &args.drawing.cameras {
-        options::claim_cameras(&mut claims, path)?;
+        options::claim_cameras(&mut guard, path)?;
     }
     for graph in [Some(&args.drawing.pipeline), args.compare.as_ref()].into_iter().flatten() {
-        claims.input("the graph", Path::new(graph))?;
+        guard.input("the graph", Path::new(graph))?;
     }
     if let Some(path) = &args.compare_scene {
-        claims.input("the other scene", path)?;
+        guard.input("the other scene", path)?;
     }
     if let Some(path) = &args.screenshot {
         if is_standard_output(path) || Format::of(path).is_none() {
@@ -216,10 +216,10 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
                 path.display()
             )));
         }
-        claims.output("--screenshot", path)?;
+        guard.output("--screenshot", path)?;
     }
     if let Some(path) = &args.events {
-        claims.output("--events", path)?;
+        guard.output("--events", path)?;
     }
     Ok(())
 }

@@ -10,11 +10,11 @@ pub mod order;
 pub mod sh;
 pub mod two;
 
+use crate::capture::{self, Capture, CaptureError};
 use crate::image::ImageError;
 use crate::metrics::MetricError;
 use crate::report::plot::PlotError;
 use crate::session::{Session, SessionError};
-use crate::shot::{self, Shot, ShotError};
 use crate::trade::settings;
 use splatgraph_api::{BackendError, Device};
 use splatgraph_assets::Camera;
@@ -34,7 +34,7 @@ pub enum ExperimentError {
     Session(#[from] SessionError),
     /// A picture cannot be drawn.
     #[error("{0}")]
-    Shot(#[from] ShotError),
+    Capture(#[from] CaptureError),
     /// Pictures cannot be compared.
     #[error("{0}")]
     Metric(#[from] MetricError),
@@ -72,13 +72,13 @@ fn draw<D: Device>(
     exact: &Set,
     changes: &[(&str, &str)],
     camera: &Camera,
-) -> Result<Shot, ExperimentError> {
+) -> Result<Capture, ExperimentError> {
     let kept = exact.iter().filter(|(name, _)| changes.iter().all(|(changed, _)| name != changed)).cloned();
     let changed = changes.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned()));
     let set: Set = kept.chain(changed).collect();
     session.set_graph(GRAPH, &set);
     session.prepare((camera.width, camera.height), &mut |_| {})?;
-    Ok(shot::take(session, camera)?)
+    Ok(capture::take(session, camera)?)
 }
 
 /// Formats decibels; no number for equal pictures.

@@ -6,12 +6,12 @@
 
 use super::two::{self, Two};
 use super::{ExperimentError, GAIN, decibels, draw};
+use crate::capture;
 use crate::image::Image;
 use crate::metrics::{self, Comparison};
 use crate::report::page::{Figure, Page};
 use crate::report::plot::{Axis, Form, Plot, Point, Series};
 use crate::session::Session;
-use crate::shot;
 use crate::truth::Truth;
 use splatgraph_api::Device;
 use splatgraph_assets::Camera;
@@ -135,13 +135,13 @@ pub fn measure<D: Device>(
     let exact = super::exact(session, (camera.width, camera.height))?;
 
     let mut drawn = |name: &str, set: &[(&str, &str)], reversed: bool| -> Result<Drawn, ExperimentError> {
-        let shot = draw(session, &exact, set, camera)?;
-        let error = metrics::compare(&shot.image, &truth)?;
-        let count = shot.order.as_ref().map_or(0, |order| order.len() as u64);
+        let capture = draw(session, &exact, set, camera)?;
+        let error = metrics::compare(&capture.image, &truth)?;
+        let count = capture.order.as_ref().map_or(0, |order| order.len() as u64);
         let pairs = count * count.saturating_sub(1) / 2;
-        let inversions = shot.order.and_then(|given| shot::wrong_pairs(&order, &given));
+        let inversions = capture.order.and_then(|given| capture::wrong_pairs(&order, &given));
         let wrong = inversions.map(|found| if reversed { pairs - found } else { found });
-        Ok(Drawn { name: name.to_owned(), image: shot.image, error, inversions, wrong, pairs })
+        Ok(Drawn { name: name.to_owned(), image: capture.image, error, inversions, wrong, pairs })
     };
     let mut ways = Vec::new();
     for (at, way) in WAYS.iter().enumerate() {

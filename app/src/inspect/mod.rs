@@ -303,7 +303,7 @@ mod tests {
             name: "test".into(),
             summary: String::new(),
             based_on: vec![],
-            stand_ins: vec![],
+            fallbacks: vec![],
             facts: Default::default(),
             params: vec![],
             effects: vec![],

@@ -1,11 +1,11 @@
 //! Draws a path of cameras with variants of graphs, and scores each step.
 
 use super::score::{Score, score};
+use crate::capture::{self, Capture, CaptureError};
 use crate::image::Image;
 use crate::metrics::MetricError;
 use crate::orbit;
 use crate::session::{FrameOptions, Session, SessionError};
-use crate::shot::{self, Shot, ShotError};
 use crate::truth::Truth;
 use serde::Serialize;
 use splatgraph_api::Device;
@@ -61,12 +61,12 @@ pub enum PoppingError {
     Session(#[from] SessionError),
     /// A picture cannot be drawn.
     #[error("{variant}: {error}")]
-    Shot {
+    Capture {
         /// The variant's name.
         variant: String,
         /// The reason.
         #[source]
-        error: ShotError,
+        error: CaptureError,
     },
     /// A picture cannot be scored.
     #[error("{variant}: {error}")]
@@ -159,7 +159,7 @@ pub fn measure<D: Device>(
 ) -> Result<Track, PoppingError> {
     session.set_graph(&variant.pipeline, &variant.set);
     let mut steps = Vec::new();
-    let mut last: Option<Shot> = None;
+    let mut last: Option<Capture> = None;
     for (at, (camera, truth)) in path.cameras.iter().zip(&path.truths).enumerate() {
         report(at);
         if at == 0 {
@@ -168,8 +168,8 @@ pub fn measure<D: Device>(
             let frame = session.submit(camera, &FrameOptions::default())?;
             session.wait(frame)?;
         }
-        let named = |error| PoppingError::Shot { variant: variant.name.clone(), error };
-        let next = shot::take(session, camera).map_err(named)?;
+        let named = |error| PoppingError::Capture { variant: variant.name.clone(), error };
+        let next = capture::take(session, camera).map_err(named)?;
         if let Some(last) = &last {
             let named = |error| PoppingError::Metric { variant: variant.name.clone(), error };
             let score = score((&last.image, &path.truths[at - 1]), (&next.image, truth)).map_err(named)?;
@@ -179,10 +179,10 @@ pub fn measure<D: Device>(
                 camera: camera.img_name.clone(),
                 degrees: orbit::turn_between(&path.cameras[at - 1], camera),
                 score,
-                order_changes: orders.and_then(|(before, after)| shot::order_changes(before, after)),
+                order_changes: orders.and_then(|(before, after)| capture::order_changes(before, after)),
                 true_order_changes: orders.and_then(|(before, after)| {
-                    let before = shot::only(truths.0, before);
-                    shot::order_changes(&before, &shot::only(truths.1, after))
+                    let before = capture::only(truths.0, before);
+                    capture::order_changes(&before, &capture::only(truths.1, after))
                 }),
             });
         }

@@ -3,9 +3,9 @@
 //! Closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. If a draw is bound by
 //! fragments, all of these times lie on one line over covered pixels times overlap.
 
+use crate::interleaved::Effort;
 use crate::session::{Session, SessionError};
 use crate::trade::measure::{self, Time};
-use crate::turns::Effort;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, NEAR, Scene};

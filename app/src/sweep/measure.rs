@@ -2,10 +2,10 @@
 
 use super::choice::{BUDGET, Choice, ranking, subset};
 use crate::image::Image;
+use crate::interleaved::Effort;
 use crate::session::{Session, SessionError};
 use crate::trade::error::Error;
 use crate::trade::measure::{self, Baseline, Time, View};
-use crate::turns::Effort;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 

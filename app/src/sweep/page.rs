@@ -263,7 +263,7 @@ impl Swept {
         let mut page = Page::new(&format!("{}: what fewer splats cost and save", self.scene));
         page.text(&format!(
             "{} splats, drawn by `{}` on {}. Every step has half the splats of the one before, chosen in {} ways; the truth is \
-             the exact renderer's picture of all splats. Times are medians, in turns with frames of all splats.",
+             the exact renderer's picture of all splats. Times are medians, interleaved with frames of all splats.",
             grouped(self.splats.into()),
             self.pipeline,
             self.device,

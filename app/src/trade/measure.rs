@@ -4,12 +4,12 @@ use super::error::{self, Error};
 use super::noise::{self, Share};
 use super::plans;
 use super::settings::{EXACT, Setting};
+use crate::capture::{self, CaptureError};
 use crate::image::Image;
+use crate::interleaved::{self, Effort, Figure, Timed, Timestamps};
 use crate::session::{Session, SessionError};
-use crate::shot::{self, ShotError};
 use crate::stats::{CameraStats, median};
 use crate::truth::Truth;
-use crate::turns::{self, Effort, Figure, Timed, Timestamps};
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
@@ -154,7 +154,7 @@ fn measured<D: Device>(
     Ok(Ok(Measured { time, error: drawn.error, inversions: drawn.inversions, of_last_frame, gpu_bytes }))
 }
 
-/// Measures the time of a frame of `session`, in turns with frames of `exact`; `None` without timestamps.
+/// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
 ///
 /// Both are prepared in the camera's size, and draw for a while before any frame counts. Rounds end when the share is known well
 /// enough ([`noise::enough`]), with `effort.rounds` at the latest, or when they have taken `longest` and have a range.
@@ -170,16 +170,17 @@ pub fn time_in_turns<D: Device>(
 ) -> Result<Option<Time>, SessionError> {
     // A single round is a glance: nothing is told from it, and two frames side by side are as warm as each other.
     if effort.rounds > 1 {
-        turns::warm_up(&mut [&mut *exact.session, &mut *session], camera)?;
+        interleaved::warm_up(&mut [&mut *exact.session, &mut *session], camera)?;
     }
     let begun = Instant::now();
     let one = Effort { rounds: 1, ..effort };
     let mut rounds = Vec::new();
     for _ in 0..effort.rounds {
         let sessions = &mut [&mut *exact.session, &mut *session];
-        let mut of_each = turns::in_turns(sessions, camera, one, Timestamps::Passes)?.into_iter().flatten();
+        let mut of_each =
+            interleaved::rounds(sessions, camera, one, Timestamps::Passes)?.into_iter().flatten();
         let (of_exact, own) = (of_each.next().unwrap_or_default(), of_each.next().unwrap_or_default());
-        let busy = turns::busy(&own);
+        let busy = interleaved::busy(&own);
         let of_exact = stats(exact.session, camera, of_exact)?.gpu_ms;
         rounds.push(Round { stats: stats(session, camera, own)?, exact_ms: of_exact, busy });
         let late = rounds.len() >= noise::LEAST_ROUNDS && begun.elapsed() >= longest;
@@ -200,13 +201,13 @@ pub fn time_alone<D: Device>(
     effort: Effort,
 ) -> Result<Option<Time>, SessionError> {
     if effort.rounds > 1 {
-        turns::warm_up(&mut [&mut *session], camera)?;
+        interleaved::warm_up(&mut [&mut *session], camera)?;
     }
     let mut rounds = Vec::new();
     for round in
-        turns::in_turns(&mut [&mut *session], camera, effort, Timestamps::Passes)?.into_iter().flatten()
+        interleaved::rounds(&mut [&mut *session], camera, effort, Timestamps::Passes)?.into_iter().flatten()
     {
-        let busy = turns::busy(&round);
+        let busy = interleaved::busy(&round);
         let stats = stats(session, camera, round)?;
         rounds.push(Round { exact_ms: stats.gpu_ms, stats, busy });
     }
@@ -280,19 +281,19 @@ pub struct Drawn {
 /// The device fails. The inner error says why the picture cannot be compared.
 pub fn draw<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
     // The second frame: one with the order of the last frame has one.
-    turns::frame(session, &view.camera)?;
-    let shot = match shot::take(session, &view.camera) {
-        Ok(shot) => shot,
-        Err(ShotError::Session(error)) => return Err(error),
+    interleaved::frame(session, &view.camera)?;
+    let capture = match capture::take(session, &view.camera) {
+        Ok(capture) => capture,
+        Err(CaptureError::Session(error)) => return Err(error),
         Err(error) => return Ok(Err(error.to_string())),
     };
-    let error = match error::measure(&shot.image, &view.picture, &view.covered) {
+    let error = match error::measure(&capture.image, &view.picture, &view.covered) {
         Ok(error) => error,
         Err(error) => return Ok(Err(error.to_string())),
     };
-    let order = shot.order.filter(|_| !view.order.is_empty());
-    let inversions = order.and_then(|order| shot::wrong_pairs(&view.order, &order));
-    Ok(Ok(Drawn { picture: shot.image, error, inversions, counts: shot.counts }))
+    let order = capture.order.filter(|_| !view.order.is_empty());
+    let inversions = order.and_then(|order| capture::wrong_pairs(&view.order, &order));
+    Ok(Ok(Drawn { picture: capture.image, error, inversions, counts: capture.counts }))
 }
 
 fn stats<D: Device>(
@@ -324,7 +325,7 @@ mod tests {
         let mut exact = session.beside("splat", &[]).expect("a context");
         for session in [&mut session, &mut exact] {
             session.prepare((32, 24), &mut |_| {}).expect("it is prepared");
-            turns::frame(session, &camera).expect("the prologue's frame");
+            interleaved::frame(session, &camera).expect("the prologue's frame");
         }
         let mut timed = |ms, effort| {
             journal.take();

@@ -1,6 +1,6 @@
 //! Tells a difference in time from noise.
 //!
-//! A round gives one share: the median frame of a setting by that of the exact settings, drawn in turns. The share of a setting is
+//! A round gives one share: the median frame of a setting by that of the exact settings, drawn interleaved. The share of a setting is
 //! the median of its rounds, and its range is what that median can be with 99 % confidence, from the order of the rounds alone
 //! (the binomial interval of a median; David and Nagaraja, "Order Statistics", 3rd edition, 7.1): no distribution is assumed.
 //! (Rounds that end when the range is narrow cost a little of the confidence; the floor is there for it.)

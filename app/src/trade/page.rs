@@ -98,7 +98,7 @@ pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Res
     page.heading("The columns");
     page.text(
         "`exact` has every parameter at its exact value; `NAME = VALUE` is one parameter away from it; `defaults` are the \
-         graph's. Frames of a setting are drawn in turns with those of `exact`, so that a change of the device's clock \
+         graph's. Frames of a setting are drawn interleaved with those of `exact`, so that a change of the device's clock \
          concerns both. Settings whose plans are equal are measured once.",
     );
     page.text(

@@ -105,7 +105,7 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
     {
         notes.push(format!(
             "the device rests for {:.0} % of the time between frames, which are drawn alone: its clock may be lower than under load, and \
-             milliseconds longer; shares are of frames in turns, and not concerned",
+             milliseconds longer; shares are of frames interleaved, and not concerned",
             100.0 * (1.0 - busy)
         ));
     }

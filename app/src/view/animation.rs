@@ -16,7 +16,7 @@ fn reads_frame_number(plan: &Plan) -> bool {
         match pass.work {
             Work::Dispatch { shader, .. } => reads(shader),
             Work::Draw { vertex, fragment, .. } => reads(vertex) || reads(fragment),
-            Work::Fill { .. } | Work::Start { .. } | Work::Export | Work::Host => false,
+            Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => false,
         }
     })
 }

@@ -8,7 +8,7 @@
 //! One plan is built at a time; changes during a build are combined into the next one, for which a build that takes long is cancelled.
 //!
 //! A frame that was drawn in part, for want of room in a list, is shown as it is, and a plan with more room is built like any other
-//! ([`crate::growth`]). The room stays until another graph or scene is chosen, or the parameter is set by hand. If the device
+//! ([`crate::capacity`]). The room stays until another graph or scene is chosen, or the parameter is set by hand. If the device
 //! refuses such a plan, frames stay in part ([`Renderer::crowded`]) until the next change, or the next attempt where it lacked memory.
 //!
 //! No error ends a renderer. A frame that cannot be drawn is tried again ([`RETRY`]), as is a build that lacked memory; both are
@@ -24,7 +24,7 @@ mod frames;
 mod job;
 mod room;
 
-use crate::growth::{Grown, Shortage};
+use crate::capacity::{Capacities, Overflow};
 use device::ends_device;
 use indexmap::IndexMap;
 use job::{Built, Job, builder};
@@ -90,7 +90,7 @@ pub struct FinishedFrame {
     /// The requested inspections.
     pub inspected: Vec<Inspect>,
     /// Lists that the frame had no room for.
-    pub short: Vec<Shortage>,
+    pub short: Vec<Overflow>,
     /// Number of the frame; see [`Renderer::submitted`].
     pub number: u64,
 }
@@ -158,9 +158,9 @@ pub struct Renderer<D: Device> {
     graph: String,
     set: IndexMap<String, String>,
     /// Least values of the parameters that grow.
-    grown: Grown,
+    capacities: Capacities,
     /// Those of the current plan.
-    drawn_with: Grown,
+    drawn_with: Capacities,
     /// The reason why nothing grows before another change, or before the next attempt.
     crowded: Option<room::Crowded>,
     /// True if the newest finished frame of the current plan was whole; `None` before its first one.
@@ -229,8 +229,8 @@ impl<D: Device> Renderer<D> {
             rebuild: None,
             graph: graph.to_owned(),
             set: set.iter().cloned().collect(),
-            grown: Grown::default(),
-            drawn_with: Grown::default(),
+            capacities: Capacities::default(),
+            drawn_with: Capacities::default(),
             crowded: None,
             whole: None,
             subject: 0,
@@ -373,7 +373,7 @@ impl<D: Device> Renderer<D> {
     pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
         self.graph = graph.to_owned();
         self.set = set;
-        self.grown = Grown::default();
+        self.capacities = Capacities::default();
         self.want(Cause::Graph, Instant::now());
     }
 
@@ -392,7 +392,7 @@ impl<D: Device> Renderer<D> {
             }
         }
         param.value = value.unwrap_or_else(|| param.default.clone());
-        self.grown.forget(name);
+        self.capacities.forget(name);
         if param.binding == ParamBinding::Const {
             self.want(Cause::Parameter(name.to_owned()), Instant::now());
         }
@@ -447,7 +447,7 @@ impl<D: Device> Renderer<D> {
         let causes = self.asked.as_ref().map(|former| inputs.differs(former)).unwrap_or_default();
         let other_scene = causes.contains(&Cause::Scene);
         if other_scene {
-            self.grown = Grown::default();
+            self.capacities = Capacities::default();
         }
         // A graph that lost the device waits for more than another size.
         if causes.iter().next().is_some() && (!self.held || other_scene) {
@@ -473,7 +473,7 @@ impl<D: Device> Renderer<D> {
             let replaced = self.builder.submit(Job {
                 graph: self.graph.clone(),
                 set: self.set.iter().map(|(name, value)| (name.clone(), value.clone())).collect(),
-                grown: self.grown.clone(),
+                capacities: self.capacities.clone(),
                 strict: self.strict,
                 inputs: inputs.clone(),
                 device: device.info().facts,
@@ -550,7 +550,7 @@ impl<D: Device> Renderer<D> {
         if let Err(error) = device.swap(ready) {
             return self.refuse(&built.causes, Failure::Backend(error));
         }
-        self.drawn_with = built.grown;
+        self.drawn_with = built.capacities;
         self.whole = None;
         let new = [Cause::Start, Cause::Scene, Cause::Graph, Cause::Device];
         self.subject += u64::from(new.iter().any(|cause| built.causes.contains(cause)));
@@ -580,7 +580,7 @@ impl<D: Device> Renderer<D> {
         for Control { param, .. } in &mut self.controls {
             let text = self.set.get(&param.name);
             if let Some(value) = text.and_then(|text| parse_value(text, &param.domain).ok()) {
-                param.value = param.with_room(value, self.grown.values());
+                param.value = param.with_room(value, self.capacities.values());
             }
         }
     }

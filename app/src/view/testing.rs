@@ -27,7 +27,7 @@ pub fn plan(passes: &[(&str, &str)]) -> Arc<Plan> {
         name: "test".into(),
         summary: String::new(),
         based_on: vec![],
-        stand_ins: vec![],
+        fallbacks: vec![],
         facts: Default::default(),
         params: vec![],
         effects: vec![],

@@ -13,12 +13,12 @@ use super::paint::Shown;
 use super::profile::GpuTrack;
 use super::renderer::{Cause, FinishedFrame, Renderer};
 use crate::camera;
-use crate::growth::Shortage;
+use crate::capacity::Overflow;
 use crate::inspect::{self, Finding};
 use crate::stats;
 use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Inspect, Pixels, Recovery};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::StandIn;
+use splatgraph_framework::ir::Fallback;
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -112,7 +112,7 @@ pub struct Viewport<D: Device> {
     /// The graph's statistics of the newest finished frame.
     pub stats: Vec<(String, u32)>,
     /// Lists that the newest finished frame had no room for.
-    pub short: Vec<Shortage>,
+    pub short: Vec<Overflow>,
     /// The progress of reading a picture back; see [`Viewport::take_picture`].
     reading: Reading,
     /// The inputs of the newest submitted frame.
@@ -151,8 +151,8 @@ impl<D: Device> Viewport<D> {
     }
 
     /// Describes what is drawn in place of a graph that the device lacks something for.
-    pub fn stand_in(&self) -> Option<String> {
-        let lacking = StandIn::lacking(&self.renderer.plan()?.stand_ins);
+    pub fn fallback(&self) -> Option<String> {
+        let lacking = Fallback::lacking(&self.renderer.plan()?.fallbacks);
         let all: Vec<String> = lacking.map(ToString::to_string).collect();
         (!all.is_empty()).then(|| all.join("; "))
     }
@@ -176,7 +176,7 @@ impl<D: Device> Viewport<D> {
 
     /// Describes the newest finished frame if it lacked room.
     fn part(&self) -> Option<String> {
-        let short: Vec<String> = self.short.iter().map(Shortage::to_string).collect();
+        let short: Vec<String> = self.short.iter().map(Overflow::to_string).collect();
         (!short.is_empty()).then(|| format!("drawn in part: {}", short.join(", ")))
     }
 

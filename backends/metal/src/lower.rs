@@ -165,7 +165,7 @@ fn pipeline(plan: &Plan, pass: &Pass) -> Option<PipelineState> {
             let targets = targets.collect();
             Some(PipelineState::Draw { vertex: *vertex, fragment: *fragment, topology: *topology, targets })
         }
-        Work::Fill { .. } | Work::Start { .. } | Work::Export | Work::Host => None,
+        Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => None,
     }
 }
 

@@ -150,7 +150,7 @@ impl<G: Gpu> CompiledPlan<G> {
     /// Its pass does not run where it would zero a history that goes on, or compute again what was taken over.
     pub fn is_left_out(&self, step: &Step) -> bool {
         let goes_on = |resource: &ResourceId| self.carried.contains(resource);
-        matches!(&self.plan.pass(step.pass).work, Work::Start { resource } if goes_on(resource))
+        matches!(&self.plan.pass(step.pass).work, Work::ClearHistory { resource } if goes_on(resource))
             || self.left_out.contains(&step.pass)
     }
 

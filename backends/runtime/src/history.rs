@@ -1,7 +1,7 @@
 //! Histories: resources whose contents go on from one plan to the next.
 //!
 //! Where a plan and the one before it both have a history of the same name and shape, for the same scene, they share the buffer
-//! or the image, and the new plan leaves out the [`Work::Start`] that would have zeroed it. A history goes on only if it has
+//! or the image, and the new plan leaves out the [`Work::ClearHistory`] that would have zeroed it. A history goes on only if it has
 //! contents, if it has its memory to itself in both plans, if it was made for every use that the new plan makes of it, and if no
 //! pass of the new plan's prologue writes it; otherwise it starts from zeros.
 //!
@@ -43,7 +43,7 @@ pub(crate) fn find<'a, G: Gpu>(
     let resource = plan.resource(id);
     // Without a pass to leave out, the plan does not count on it; and what another pass writes once starts anew.
     let prologue = || plan.prologue.iter().map(|step| plan.pass(step.pass));
-    let start = Work::Start { resource: id };
+    let start = Work::ClearHistory { resource: id };
     let writes = |pass: &Pass| pass.uses.iter().any(|t| t.resource == id && t.accesses.writes());
     let starts = prologue().any(|pass| pass.work == start)
         && !prologue().any(|pass| pass.work != start && writes(pass));

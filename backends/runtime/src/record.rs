@@ -67,7 +67,7 @@ impl<G: Gpu> Recorder<'_, G> {
 
     /// Orders everything after the frames of another plan, whose histories or results this one goes on from.
     ///
-    /// Images come to the layout that [`Work::Start`] leaves them in.
+    /// Images come to the layout that [`Work::ClearHistory`] leaves them in.
     fn take_over(&mut self, layouts: &mut [Layout]) {
         let carried = &self.compiled.carried;
         if !self.compiled.goes_on() {
@@ -160,7 +160,7 @@ impl<G: Gpu> Recorder<'_, G> {
                 );
             }
             Work::Fill { buffer, value } => encoder.fill(resources.buffer(*buffer, slot), *value),
-            Work::Start { resource } => match resources.image(*resource) {
+            Work::ClearHistory { resource } => match resources.image(*resource) {
                 Some(image) => encoder.clear(image),
                 None => encoder.fill(resources.buffer(*resource, slot), 0),
             },

@@ -93,7 +93,7 @@ fn touched(pass: &Pass) -> impl Iterator<Item = (ResourceId, bool)> + '_ {
     let bound = pass.bindings.iter().map(|binding| (binding.resource, false));
     let own = match pass.work {
         Work::Fill { buffer, .. } => Some((buffer, true)),
-        Work::Start { resource } => Some((resource, true)),
+        Work::ClearHistory { resource } => Some((resource, true)),
         Work::Dispatch { groups: Groups::Indirect { buffer, .. }, .. } => Some((buffer, false)),
         _ => None,
     };

@@ -52,7 +52,7 @@ pub(crate) fn plan() -> Plan {
         name: "test".to_string(),
         summary: String::new(),
         based_on: vec![],
-        stand_ins: vec![],
+        fallbacks: vec![],
         facts: BTreeMap::new(),
         params: Vec::new(),
         effects: Vec::new(),

@@ -123,7 +123,7 @@ fn pipeline(plan: &Plan, pass: &Pass, limits: &SubgroupLimits) -> Option<Pipelin
                 targets: targets.collect(),
             })
         }
-        Work::Fill { .. } | Work::Start { .. } | Work::Export | Work::Host => None,
+        Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => None,
     }
 }
 

@@ -40,7 +40,7 @@ pub fn dump(plan: &Plan) -> Dump {
         graph: plan.name.clone(),
         summary: plan.summary.clone(),
         based_on: plan.based_on.clone(),
-        stand_ins: plan.stand_ins.clone(),
+        fallbacks: plan.fallbacks.clone(),
         parameters: plan.params.iter().map(|param| parameter_of(plan, param)).collect(),
         facts: plan.facts.clone(),
         totals: totals(plan),
@@ -231,7 +231,7 @@ fn pass_of(plan: &Plan, id: PassId, barriers: Vec<DumpBarrier>) -> DumpPass {
         Work::Draw { vertex, fragment, topology, targets, .. } => {
             (vec![*vertex, *fragment], Some(*topology), targets.as_slice())
         }
-        Work::Fill { .. } | Work::Start { .. } | Work::Export | Work::Host => (vec![], None, &[][..]),
+        Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => (vec![], None, &[][..]),
     };
     DumpPass {
         name: pass.name.clone(),
@@ -288,7 +288,7 @@ fn kind_and_size(plan: &Plan, work: &Work) -> (&'static str, String) {
             },
         ),
         Work::Fill { buffer, value } => ("fill", format!("{} bytes with {value:#010x}", bytes(buffer))),
-        Work::Start { resource } => ("start", format!("{} bytes with zeros", bytes(resource))),
+        Work::ClearHistory { resource } => ("start", format!("{} bytes with zeros", bytes(resource))),
         Work::Export => ("export", String::new()),
         Work::Host => ("host", String::new()),
     }

@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 use crate::ir::{
-    Blend, DescriptorKind, Hazard, Layout, Load, Origin, Reason, Run, Shape, StandIn, Topology, Value,
+    Blend, DescriptorKind, Fallback, Hazard, Layout, Load, Origin, Reason, Run, Shape, Topology, Value,
 };
 
 pub use diff::{
@@ -59,7 +59,7 @@ pub struct Dump {
     pub based_on: Vec<String>,
     /// The graphs of a choice that are passed over, in order.
     #[serde(default)]
-    pub stand_ins: Vec<StandIn>,
+    pub fallbacks: Vec<Fallback>,
     /// In the order of the file.
     pub parameters: Vec<DumpParameter>,
     /// Facts of the scene, the device and the viewport.

@@ -30,7 +30,7 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
     if !dump.based_on.is_empty() {
         writeln!(out, "based on {}", dump.based_on.join(", "))?;
     }
-    dump.stand_ins.iter().try_for_each(|stand_in| writeln!(out, "{stand_in}"))?;
+    dump.fallbacks.iter().try_for_each(|fallback| writeln!(out, "{fallback}"))?;
     let parameters: Vec<String> = dump.parameters.iter().map(|p| format!("{}={}", p.name, p.value)).collect();
     writeln!(out, "parameters: {}", parameters.join(" "))?;
     for p in &dump.parameters {

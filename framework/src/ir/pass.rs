@@ -70,7 +70,7 @@ pub enum Work<R = ResourceId, S = ShaderId> {
     /// Zeroes a resource with a history, in the prologue: the first frame finds zeros. Where the history of a former plan lives
     /// on, a backend omits this pass together with the barrier on its image (not the others of its step), and brings the
     /// image into the layout that the pass would have left it in.
-    Start {
+    ClearHistory {
         /// The resource.
         resource: R,
     },

@@ -51,7 +51,7 @@ impl fmt::Display for Unmet {
 
 /// Says that a choice passes a graph over, and takes the next.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StandIn {
+pub struct Fallback {
     /// The graph whose requirements do not hold.
     pub wanted: String,
     /// The next of the choice, which is taken; the graph wanted in the next entry, if there is one.
@@ -62,14 +62,14 @@ pub struct StandIn {
     pub preference: bool,
 }
 
-impl StandIn {
+impl Fallback {
     /// Iterates over graphs that the device cannot run; graphs that a choice merely ranks lower are left out.
-    pub fn lacking(all: &[StandIn]) -> impl Iterator<Item = &StandIn> {
-        all.iter().filter(|stand_in| !stand_in.preference)
+    pub fn lacking(all: &[Fallback]) -> impl Iterator<Item = &Fallback> {
+        all.iter().filter(|fallback| !fallback.preference)
     }
 }
 
-impl fmt::Display for StandIn {
+impl fmt::Display for Fallback {
     /// Writes for instance: `splat` stands in for `tiled`, which needs workgroups of 256 invocations (device.max_invocations = 128)
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let needs: Vec<String> = self.unmet.iter().map(Unmet::to_string).collect();

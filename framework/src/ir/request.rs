@@ -66,7 +66,7 @@ pub struct Request<'a> {
     /// Names and texts of the parameters that differ from their defaults; the last of a name wins.
     pub set: &'a [(String, String)],
     /// Least values of parameters that grow, which frames were found to need; others, and parameters that do not grow, are ignored.
-    pub grown: &'a [(String, i64)],
+    pub capacities: &'a [(String, i64)],
     /// Known values of scene, device and viewport.
     pub facts: &'a Facts,
     /// Importable data.

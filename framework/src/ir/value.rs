@@ -61,9 +61,9 @@ pub struct Param {
 }
 
 impl Param {
-    /// Raises a value to the least one among `grown`, held to the range's end, if the parameter grows.
-    pub fn with_room(&self, value: Value, grown: &[(String, i64)]) -> Value {
-        let least = grown.iter().filter(|(name, _)| self.grows.is_some() && *name == self.name);
+    /// Raises a value to the least one among `capacities`, held to the range's end, if the parameter grows.
+    pub fn with_room(&self, value: Value, capacities: &[(String, i64)]) -> Value {
+        let least = capacities.iter().filter(|(name, _)| self.grows.is_some() && *name == self.name);
         match (value, &self.domain) {
             (Value::Int(value), Domain::Int { max, .. }) => {
                 Value::Int(least.map(|(_, least)| *least.min(max)).fold(value, i64::max))

@@ -33,7 +33,7 @@ use scope::Place;
 
 use crate::expr::Expr;
 use crate::ir::{
-    Culled, DrawCall, FileId, Param, ParamSet, Reason, Request, Run, Shape, Source, Span, StandIn, Stat,
+    Culled, DrawCall, Fallback, FileId, Param, ParamSet, Reason, Request, Run, Shape, Source, Span, Stat,
     Target, Topology, Unmet, Value,
 };
 use crate::schema::folded;
@@ -48,8 +48,8 @@ pub struct Lowered {
     pub summary: String,
     /// The graphs and presets that it is based on, the graph last; empty for a graph.
     pub based_on: Vec<String>,
-    /// The graphs that a choice passed over, in order; the last one's stand-in is this graph.
-    pub stand_ins: Vec<StandIn>,
+    /// The graphs that a choice passed over, in order; the last one's fallback is this graph.
+    pub fallbacks: Vec<Fallback>,
     /// Known values of scene, device and viewport.
     pub facts: BTreeMap<String, Value>,
     /// The parameters of the graph that was asked for.
@@ -344,7 +344,7 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
     let mut errors = Vec::new();
     let resolved = params::resolve(&chosen.opened, &parameters, request, files, &mut errors);
     if !errors.is_empty() {
-        return Err(require::explained(errors, &chosen.stand_ins));
+        return Err(require::explained(errors, &chosen.fallbacks));
     }
     let control = |(param, declared): (Param, &Declared)| {
         let (label, help) = params::texts(declared.declaration());
@@ -396,7 +396,7 @@ pub fn expression_names(
     let mut errors = Vec::new();
     let mut names = params::resolve(opened, &parameters, request, files, &mut errors).names;
     if !errors.is_empty() {
-        return Err(require::explained(errors, &chosen.stand_ins));
+        return Err(require::explained(errors, &chosen.fallbacks));
     }
     for (name, number) in &opened.graph.lets {
         let place = Place::new(&opened.outline, Path::root().field("let").key(name));
@@ -411,7 +411,7 @@ pub fn expression_names(
 #[derive(Clone, Debug, PartialEq)]
 pub struct Standing {
     /// The graphs of a choice that are passed over, in order.
-    pub stand_ins: Vec<StandIn>,
+    pub fallbacks: Vec<Fallback>,
     /// The needs of the last of them (or of the graph) that do not hold.
     ///
     /// There are some where nothing suits the device.
@@ -424,7 +424,7 @@ pub struct Standing {
 /// Those of the graph's file, of its `require`, and of the files that it leads to.
 pub fn standing(request: &Request, files: &mut SourceMap) -> Result<Standing, Vec<Diagnostic>> {
     let chosen = Choices::new(request).standing(files)?;
-    Ok(Standing { stand_ins: chosen.stand_ins.clone(), unmet: chosen.unmet.clone() })
+    Ok(Standing { fallbacks: chosen.fallbacks.clone(), unmet: chosen.unmet.clone() })
 }
 
 /// Values by name.

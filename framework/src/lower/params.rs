@@ -75,8 +75,8 @@ pub(super) fn resolve(
         match made {
             Ok((Made { mut param, params: mut behind, range, skipped: others }, grows)) => {
                 param.grows = grows;
-                let value = param.with_room(param.value.clone(), request.grown);
-                if request.grown.iter().any(|(grown, _)| grown == name) {
+                let value = param.with_room(param.value.clone(), request.capacities);
+                if request.capacities.iter().any(|(capacities, _)| capacities == name) {
                     // It ends at the range's end.
                     behind.extend(&range);
                 }

@@ -154,11 +154,11 @@ impl<'a> Lowering<'a> {
 
     pub fn run(mut self) -> Result<Lowered, Vec<Diagnostic>> {
         let chosen = self.choices.root(self.files)?;
-        let (root, stand_ins) = (&chosen.opened, &chosen.stand_ins);
+        let (root, fallbacks) = (&chosen.opened, &chosen.fallbacks);
         let parameters = declared::parameters(root, &mut self.choices, self.files, &mut self.known)?;
         let resolved = params::resolve(root, &parameters, self.request, self.files, &mut self.errors);
         if !self.errors.is_empty() {
-            return Err(require::explained(self.errors, stand_ins));
+            return Err(require::explained(self.errors, fallbacks));
         }
         let (names, params) = (resolved.names, resolved.params.clone());
         let scope = Scope { names, params, exposed: parameters.exposed.clone() };
@@ -189,7 +189,7 @@ impl<'a> Lowering<'a> {
                 name: self.request.graph.into(),
                 summary: folded(&root.summary),
                 based_on: root.based_on.clone(),
-                stand_ins: stand_ins.clone(),
+                fallbacks: fallbacks.clone(),
                 facts: self.request.facts.named(),
                 live_glsl: params::live_glsl(&resolved.params),
                 params: resolved.params,

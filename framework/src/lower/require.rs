@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use super::document::{self, MAX_DEPTH, Opened, Requirement};
 use super::scope::{Names, Place};
-use crate::ir::{FileId, Reason, Request, StandIn, Unmet, Value};
+use crate::ir::{Fallback, FileId, Reason, Request, Unmet, Value};
 use crate::schema::{Number, PassDecl, folded};
 use crate::source::{Diagnostic, Kind, SourceMap};
 
@@ -14,7 +14,7 @@ use crate::source::{Diagnostic, Kind, SourceMap};
 pub(super) struct Chosen {
     pub opened: Rc<Opened>,
     /// Those before it.
-    pub stand_ins: Vec<StandIn>,
+    pub fallbacks: Vec<Fallback>,
     /// Needs that do not hold; there are some where nothing suits the facts.
     pub unmet: Vec<Unmet>,
     /// The same, as errors.
@@ -43,7 +43,7 @@ impl<'a> Choices<'a> {
         if chosen.unmet.is_empty() {
             Ok(chosen)
         } else {
-            Err(explained(chosen.errors.clone(), &chosen.stand_ins))
+            Err(explained(chosen.errors.clone(), &chosen.fallbacks))
         }
     }
 
@@ -80,16 +80,16 @@ impl<'a> Choices<'a> {
         let mut all = all.into_iter().peekable();
         let asked = self.request.graph;
         let name = |opened: &Opened| opened.candidate.clone().unwrap_or_else(|| asked.to_string());
-        let mut stand_ins = Vec::new();
+        let mut fallbacks = Vec::new();
         loop {
             let mut opened = all.next().expect("a choice has a graph, and each turn but the last leaves one");
             opened.others = others.clone();
             let Needs { unmet, errors, preference } = self.needs(&opened, files, depth)?;
             match all.peek() {
                 Some(next) if !unmet.is_empty() => {
-                    stand_ins.push(StandIn { wanted: name(&opened), taken: name(next), unmet, preference });
+                    fallbacks.push(Fallback { wanted: name(&opened), taken: name(next), unmet, preference });
                 }
-                _ => return Ok(Chosen { opened: Rc::new(opened), stand_ins, unmet, errors }),
+                _ => return Ok(Chosen { opened: Rc::new(opened), fallbacks, unmet, errors }),
             }
         }
     }
@@ -172,7 +172,7 @@ fn unmet(require: &[Requirement], names: &Names) -> Result<Needs, Vec<Diagnostic
 }
 
 /// Adds to errors that another graph stands in for the one that was asked for.
-pub(super) fn explained(errors: Vec<Diagnostic>, stand_ins: &[StandIn]) -> Vec<Diagnostic> {
-    let explain = |error: Diagnostic| stand_ins.iter().fold(error, |error, s| error.with_help(s.to_string()));
+pub(super) fn explained(errors: Vec<Diagnostic>, fallbacks: &[Fallback]) -> Vec<Diagnostic> {
+    let explain = |error: Diagnostic| fallbacks.iter().fold(error, |error, s| error.with_help(s.to_string()));
     errors.into_iter().map(explain).collect()
 }

@@ -2,7 +2,7 @@
 
 use crate::ir::{Request, Shape, Source, Value, Work};
 use crate::source::{Library, SourceMap};
-use crate::testing::{SHADERS, dispatch, graph, plan, plan_grown, plan_of};
+use crate::testing::{SHADERS, dispatch, graph, plan, plan_of, plan_with_capacities};
 
 fn shown(name: &str) -> String {
     dispatch(name, "show.comp", r#""In": "a", "Image": "image""#)
@@ -109,20 +109,20 @@ fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others
         (found.name.as_str(), found.drawn(), found.summary.as_str()),
         ("graph.ron", "narrow", "the best")
     );
-    let said: Vec<String> = found.stand_ins.iter().map(ToString::to_string).collect();
+    let said: Vec<String> = found.fallbacks.iter().map(ToString::to_string).collect();
     let expected = [
         "`middle` stands in for `wide`, which needs dispatches of 70000 workgroups (device.max_groups_x = 65535)",
         "`narrow` stands in for `middle`, which needs wide subgroups (device.subgroup_size = 8)",
     ];
     assert_eq!(said, expected);
-    assert!(found.stand_ins.iter().all(|stand_in| !stand_in.preference));
+    assert!(found.fallbacks.iter().all(|fallback| !fallback.preference));
     // The settings of a preset go with it.
     assert_eq!(found.params[0].value, Value::Int(8));
 
     let preferred = plan(
         r#"Choice(summary: "", of: [(graph: "narrow", require: [("device.subgroup_size >= 16", "a GPU")]), (graph: "narrow")])"#,
     );
-    assert!(preferred.stand_ins[0].preference, "{:?}", preferred.stand_ins);
+    assert!(preferred.fallbacks[0].preference, "{:?}", preferred.fallbacks);
     assert_eq!(preferred.based_on, ["narrow"]);
     // A preset of a choice is one of the graph that is chosen.
     let mut files = SHADERS.to_vec();
@@ -280,8 +280,8 @@ fn a_value_that_an_expression_gave_carries_the_values_that_its_evaluation_reache
         "cutoff": Live(Float(default: 3.33, range: (1.0, 4.0))),"#;
     let text = graph(params, &[make(), shown("show")].join("\n"))
         .replace("output:", r#"stats: {"visible": ("a", 0)}, output:"#);
-    let reasons = |set: &[(&str, &str)], grown: &[(&str, i64)]| -> Vec<String> {
-        let plan = plan_grown(&text, set, grown).unwrap_or_else(|e| panic!("{e}"));
+    let reasons = |set: &[(&str, &str)], capacities: &[(&str, i64)]| -> Vec<String> {
+        let plan = plan_with_capacities(&text, set, capacities).unwrap_or_else(|e| panic!("{e}"));
         let mut all: Vec<String> = plan
             .params
             .iter()
@@ -331,15 +331,15 @@ fn a_parameter_that_grows_takes_the_largest_of_its_value_and_what_frames_needed_
     let graph = graph(params, &[make(), shown("show")].join("\n"))
         .replace(r#""a": Buffer(stride: 4, count: 64)"#, r#""a": Buffer(stride: 4, count: "room")"#)
         .replace("output:", r#"stats: {"needed": ("a", 0)}, output:"#);
-    let built = |set: &[(&str, &str)], grown: &[(&str, i64)]| {
-        let plan = plan_grown(&graph, set, grown).unwrap_or_else(|e| panic!("{e}"));
+    let built = |set: &[(&str, &str)], capacities: &[(&str, i64)]| {
+        let plan = plan_with_capacities(&graph, set, capacities).unwrap_or_else(|e| panic!("{e}"));
         let a = plan.resource(plan.find_resource("a").expect("it is read"));
         assert_eq!(Value::Int(a.bytes() as i64 / 4), plan.params[0].value, "sizes follow");
         assert_eq!(plan.params[0].grows.as_deref(), Some("needed"));
         assert_eq!(plan.params[0].default, Value::Int(1000));
         (plan.params[0].value.clone(), plan.params[1].value.clone())
     };
-    let room = |set, grown| built(set, grown).0;
+    let room = |set, capacities| built(set, capacities).0;
     assert_eq!(room(&[], &[]), Value::Int(1000));
     assert_eq!(room(&[], &[("room", 900)]), Value::Int(1000), "the default is larger");
     assert_eq!(room(&[], &[("room", 1200)]), Value::Int(1200));
@@ -423,7 +423,7 @@ fn the_names_of_a_graphs_expressions_have_values_without_its_passes() {
     let request = Request {
         graph: "graph.ron",
         set: &set,
-        grown: &[],
+        capacities: &[],
         facts: &facts,
         catalog: &catalog,
         share_memory: true,

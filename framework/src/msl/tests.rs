@@ -43,8 +43,14 @@ fn plan(shader: &str, buffers: usize) -> Plan {
         features: Features::all(),
     };
     let (facts, catalog) = (device.into(), Catalog::default());
-    let request =
-        Request { graph: "one", set: &[], grown: &[], facts: &facts, catalog: &catalog, share_memory: true };
+    let request = Request {
+        graph: "one",
+        set: &[],
+        capacities: &[],
+        facts: &facts,
+        catalog: &catalog,
+        share_memory: true,
+    };
     build(&request, &mut files, &mut Glslang::default())
         .unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)))
 }

@@ -163,7 +163,7 @@ impl MemoryState {
             self.layouts[index] = old.layout;
             for step in &plan.prologue {
                 let pass = plan.pass(step.pass);
-                if matches!(pass.work, Work::Start { resource } if resource == id) {
+                if matches!(pass.work, Work::ClearHistory { resource } if resource == id) {
                     self.skipped.push(step.pass);
                     let own = pass.uses.iter().filter(|touch| touch.resource == id);
                     if let Some(layout) = own.filter_map(|touch| touch.layout).next_back() {
@@ -214,7 +214,7 @@ impl MemoryState {
                 let step = &plan.prologue[step];
                 match plan.pass(step.pass).work {
                     // Its image is in the layout that the pass would have left; the call's other barriers may serve other passes.
-                    Work::Start { resource } if self.skipped.contains(&step.pass) => {
+                    Work::ClearHistory { resource } if self.skipped.contains(&step.pass) => {
                         let others =
                             step.barriers.iter().filter(|b| b.image.is_none_or(|t| t.image != resource));
                         let others: Vec<Barrier> = others.cloned().collect();
@@ -480,7 +480,7 @@ impl MemoryState {
 /// Returns true if the prologue writes a resource, other than by zeroing it: a plan starts such a history anew.
 fn writes_once(plan: &Plan, id: ResourceId) -> bool {
     let passes = plan.prologue.iter().map(|step| plan.pass(step.pass));
-    let writers = passes.filter(|pass| !matches!(pass.work, Work::Start { .. }));
+    let writers = passes.filter(|pass| !matches!(pass.work, Work::ClearHistory { .. }));
     writers.flat_map(|pass| &pass.uses).any(|touch| touch.resource == id && touch.accesses.writes())
 }
 

@@ -102,7 +102,7 @@ pub fn replay(plan: &Plan, replay: &Replay) -> Vec<Violation> {
 ///
 /// Between two plans the backend records one barrier from everything to everything. Resources with a
 /// [history](crate::plan::Resource::history) of the same name and shape are kept: their
-/// [`Work::Start`](crate::ir::Work::Start) is left out together with the barrier on its image, and the image is brought
+/// [`Work::ClearHistory`](crate::ir::Work::ClearHistory) is left out together with the barrier on its image, and the image is brought
 /// into the layout that it would have left behind. All else in the new plan is fresh memory.
 pub fn replay_swap(plans: &[(&Plan, u32)]) -> Vec<Violation> {
     let mut violations = Vec::new();

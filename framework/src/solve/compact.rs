@@ -82,7 +82,7 @@ impl Ids<'_> {
                 }
             }
             Work::Fill { buffer, value } => Work::Fill { buffer: self.resource(*buffer), value: *value },
-            Work::Start { resource } => Work::Start { resource: self.resource(*resource) },
+            Work::ClearHistory { resource } => Work::ClearHistory { resource: self.resource(*resource) },
             Work::Export => Work::Export,
             Work::Host => Work::Host,
         }
@@ -139,7 +139,7 @@ pub(super) fn compact(
         name: lowered.name,
         summary: lowered.summary,
         based_on: lowered.based_on,
-        stand_ins: lowered.stand_ins,
+        fallbacks: lowered.fallbacks,
         facts: lowered.facts,
         params: lowered.params,
         effects: Vec::new(),

@@ -74,7 +74,9 @@ impl Causes {
     pub fn effects(self, plan: &Plan, starts: &[Pass]) -> Vec<Effect> {
         let none = ParamSet::new();
         let of_start = |start: &Pass| match start.work {
-            Work::Start { resource } => self.resources.get(&plan.resource(resource).name).unwrap_or(&none),
+            Work::ClearHistory { resource } => {
+                self.resources.get(&plan.resource(resource).name).unwrap_or(&none)
+            }
             _ => &none,
         };
         let mut effects = vec![Effect::default(); plan.params.len()];

@@ -188,7 +188,7 @@ fn starts(resources: &[Resource]) -> Vec<Pass> {
             name: format!("start({name})"),
             phase: "start".into(),
             run: Run::Once,
-            work: Work::Start { resource: id },
+            work: Work::ClearHistory { resource: id },
             bindings: Vec::new(),
             push: Vec::new(),
             uses: vec![Use {

@@ -5,10 +5,10 @@ use crate::backend::Backend;
 use crate::cli::options;
 use crate::image::Format;
 use crate::inspect::{self, Finding};
+use crate::interleaved;
 use crate::progress::Progress;
 use crate::session::{FrameOptions, Session};
 use crate::stats::CameraStats;
-use crate::turns;
 use anyhow::{Context, Result};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect, Pixels};
 use splatgraph_assets::Camera;
@@ -115,7 +115,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
             land(session, oldest)?;
         }
         flying.push_back((session.submit(camera, &request)?, asked, warm));
-        warm |= begun.elapsed() >= turns::WARM_UP;
+        warm |= begun.elapsed() >= interleaved::WARM_UP;
     }
     for frame in flying {
         land(session, frame)?;

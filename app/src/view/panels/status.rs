@@ -54,8 +54,8 @@ impl Panels {
             self.controls.see(&format!("{name}:{id}"), label.rect);
             hint(label, reason);
         };
-        if let Some(text) = viewport.stand_in() {
-            state("stand_in", "stand-in".to_owned(), palette.caution, text);
+        if let Some(text) = viewport.fallback() {
+            state("fallback", "fallback".to_owned(), palette.caution, text);
         }
         if let Some(text) = viewport.in_part() {
             let reason = viewport.renderer.crowded().unwrap_or("A plan with more room is built.").to_owned();

@@ -2,8 +2,8 @@
 
 use super::events::{Causes, Failure};
 use super::{PlanInputs, Wanted};
+use crate::capacity::Capacities;
 use crate::facts::{self, SceneFacts};
-use crate::growth::Grown;
 use crate::planner::Planner;
 use crate::session::Upload;
 use crate::view::profile::zone;
@@ -20,7 +20,7 @@ pub(super) struct Job<L> {
     pub graph: String,
     pub set: Vec<(String, String)>,
     /// Least values of the parameters that grow.
-    pub grown: Grown,
+    pub capacities: Capacities,
     /// True to report unknown settings as errors; otherwise they are dropped.
     pub strict: bool,
     pub inputs: PlanInputs,
@@ -36,7 +36,7 @@ pub(super) struct Built<R> {
     pub outcome: Result<(Plan, Vec<Control>, R), Failure>,
     pub wanted: Vec<Wanted>,
     pub dropped: Vec<String>,
-    pub grown: Grown,
+    pub capacities: Capacities,
     pub inputs: PlanInputs,
     pub causes: Causes,
     pub asked: Instant,
@@ -52,13 +52,13 @@ pub(super) fn builder<L: Loader>(cancel: Cancel) -> impl FnMut(Job<L>) -> Built<
 }
 
 fn build<L: Loader>(planner: &mut Planner, cancel: &Cancel, job: Job<L>) -> Built<L::Ready> {
-    let Job { graph, mut set, grown, strict, inputs, device, loader, causes, asked, progress } = job;
+    let Job { graph, mut set, capacities, strict, inputs, device, loader, causes, asked, progress } = job;
     let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
     zone!("build a plan");
     let begun = Instant::now();
     planner.forget_files();
     planner.share_memory = inputs.share_memory;
-    planner.grown.clone_from(&grown);
+    planner.capacities.clone_from(&capacities);
     let scene = inputs.scene.as_deref();
     let facts = match scene {
         Some(scene) => facts::facts(&SceneFacts::of(scene), &device, inputs.size),
@@ -87,7 +87,7 @@ fn build<L: Loader>(planner: &mut Planner, cancel: &Cancel, job: Job<L>) -> Buil
     // Whatever it failed for: nobody wants to know.
     let outcome = outcome.map_err(|failure| if cancel.is_asked() { Failure::Cancelled } else { failure });
     let prepare_ms = milliseconds(begun);
-    Built { outcome, wanted, dropped, grown, inputs, causes, asked, plan_ms, prepare_ms }
+    Built { outcome, wanted, dropped, capacities, inputs, causes, asked, plan_ms, prepare_ms }
 }
 
 fn set_progress(progress: &Mutex<String>, text: String) {

@@ -3,7 +3,7 @@
 use super::device::ends_device;
 use super::events::{Cause, Causes, Failure};
 use super::{RETRY, Renderer};
-use crate::growth::{Shortage, shortages};
+use crate::capacity::{Overflow, overflows};
 use splatgraph_api::{Device, FrameResult};
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
@@ -29,7 +29,7 @@ impl<D: Device> Renderer<D> {
 
     /// Starts with the room that the frames of another renderer needed, which draws the same.
     pub fn take_room_of(&mut self, other: &Renderer<D>) {
-        self.grown = other.grown.clone();
+        self.capacities = other.capacities.clone();
     }
 
     /// Returns true for a plan with lists that grow.
@@ -43,8 +43,8 @@ impl<D: Device> Renderer<D> {
     }
 
     /// Lists what a finished frame had no room for, and asks for a plan with more.
-    pub(super) fn make_room(&mut self, plan: &Arc<Plan>, result: &FrameResult) -> Vec<Shortage> {
-        let short = shortages(plan, &result.stats);
+    pub(super) fn make_room(&mut self, plan: &Arc<Plan>, result: &FrameResult) -> Vec<Overflow> {
+        let short = overflows(plan, &result.stats);
         // What a frame of a former plan lacked, perhaps of another scene, says nothing about this one; and while another plan is on its
         // way, the frames of that will tell.
         let current = self.state.good().is_some_and(|good| Arc::ptr_eq(good, plan));
@@ -52,7 +52,7 @@ impl<D: Device> Renderer<D> {
             self.whole = Some(short.is_empty());
         }
         if current && self.crowded.is_none() && !self.busy() {
-            let raised = short.iter().filter(|short| self.grown.raise(short));
+            let raised = short.iter().filter(|short| self.capacities.raise(short));
             let causes: Causes = raised.map(|short| Cause::Room(short.parameter.clone())).collect();
             if causes.is_room_alone() {
                 self.want(causes, Instant::now());
@@ -82,12 +82,12 @@ impl<D: Device> Renderer<D> {
             Failure::Panicked(_) => true,
             Failure::Graph(_) | Failure::Cancelled | Failure::Held(_) => false,
         };
-        let grew = self.grown != self.drawn_with;
+        let grew = self.capacities != self.drawn_with;
         if ended || !grew {
             return self.fail(failure);
         }
         // The next plan, for whatever reason, has the room of the last good one.
-        self.grown = self.drawn_with.clone();
+        self.capacities = self.drawn_with.clone();
         if causes.is_room_alone() {
             let retry = failure.may_pass().then(|| self.now + RETRY);
             self.crowded = Some(Crowded { reason: failure.text(false), retry });

@@ -146,7 +146,7 @@ fn what_facts_chose_and_what_stands_in_for_a_graph_are_said_with_their_reasons()
     let events = visit(0, limits(), |script| {
         script.settle();
         let a = &script.viewer().a;
-        assert_eq!((a.stand_in(), a.decisions()), (None, None), "the graph chooses nothing");
+        assert_eq!((a.fallback(), a.decisions()), (None, None), "the graph chooses nothing");
         let lanes = a.renderer.plan().expect("a plan").facts["device.subgroup_size"].clone();
         let path = script.path("chosen.ron");
         let write = |text: &str| std::fs::write(&path, text).expect("a file is written");
@@ -165,7 +165,7 @@ fn what_facts_chose_and_what_stands_in_for_a_graph_are_said_with_their_reasons()
         script.viewer().a.renderer.choose(&graph.to_string_lossy(), Default::default());
         script.settle();
         let a = &script.viewer().a;
-        let said = a.stand_in().expect("a stand-in");
+        let said = a.fallback().expect("a fallback");
         assert!(said.starts_with("`chosen.ron` stands in for `wide.ron`, "), "{said}");
         assert!(
             said.ends_with(&format!("which needs wide subgroups (device.subgroup_size = {lanes})")),

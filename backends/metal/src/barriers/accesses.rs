@@ -149,7 +149,9 @@ fn extents(plan: &Plan, pass: &Pass) -> Vec<Extent> {
                     add((Vertex, Fragment), others, stat.offset..stat.offset + 4);
                 }
             }
-            Work::Fill { .. } | Work::Start { .. } | Work::Export => add((Vertex, Fragment), others, whole),
+            Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export => {
+                add((Vertex, Fragment), others, whole)
+            }
             Work::Host => {}
         }
     }

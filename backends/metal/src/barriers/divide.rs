@@ -33,7 +33,7 @@ fn kind(work: &Work) -> Option<EncoderKind> {
         Work::Draw { .. } => Some(EncoderKind::Render),
         Work::Export => Some(EncoderKind::Blit),
         Work::Host => None,
-        Work::Dispatch { .. } | Work::Fill { .. } | Work::Start { .. } => Some(EncoderKind::Compute),
+        Work::Dispatch { .. } | Work::Fill { .. } | Work::ClearHistory { .. } => Some(EncoderKind::Compute),
     }
 }
 

@@ -368,7 +368,9 @@ fn malformed(plan: &Plan, encoding: &Encoding, fences: u32, mut say: impl FnMut(
     for (position, EncodedPass { barrier, pass }) in passes.iter().enumerate() {
         let pass = plan.pass(*pass);
         let fits = match pass.work {
-            Work::Dispatch { .. } | Work::Fill { .. } | Work::Start { .. } => *kind == EncoderKind::Compute,
+            Work::Dispatch { .. } | Work::Fill { .. } | Work::ClearHistory { .. } => {
+                *kind == EncoderKind::Compute
+            }
             Work::Draw { .. } => *kind == EncoderKind::Render,
             Work::Export => *kind == EncoderKind::Blit,
             Work::Host => false,

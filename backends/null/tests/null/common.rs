@@ -53,10 +53,10 @@ pub fn histories() -> Plan {
         resource.usage |= Usage::COPY_TARGET;
     }
     plan.passes[0].name = "start words".to_string();
-    plan.passes[0].work = Work::Start { resource: WORDS };
+    plan.passes[0].work = Work::ClearHistory { resource: WORDS };
     let start = Pass {
         name: "start color".to_string(),
-        work: Work::Start { resource: COLOR },
+        work: Work::ClearHistory { resource: COLOR },
         ..plan.passes[0].clone()
     };
     plan.passes.push(start);

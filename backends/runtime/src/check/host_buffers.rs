@@ -25,7 +25,7 @@ impl Checker<'_> {
         }
         let filled = match pass.work {
             Work::Fill { buffer, .. } => Some(buffer),
-            Work::Start { resource } => Some(resource),
+            Work::ClearHistory { resource } => Some(resource),
             _ => None,
         };
         let touched = pass.uses.iter().filter(|touch| touch.accesses.writes());

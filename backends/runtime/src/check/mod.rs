@@ -254,7 +254,7 @@ impl<'a> Checker<'a> {
                 self.targets(targets, name)
             }
             Work::Fill { buffer, .. } => self.filled(*buffer, name),
-            Work::Start { resource } => {
+            Work::ClearHistory { resource } => {
                 let image = is_image(self.used(*resource, Usage::COPY_TARGET, name)?);
                 if image { Ok(()) } else { self.filled(*resource, name) }
             }
@@ -438,7 +438,7 @@ impl<'a> Checker<'a> {
     /// Starts are in the prologue; the frame ends with its export, or with that and the host's step.
     fn order(&self) -> Result<(), BackendError> {
         let work = |step: &Step| &self.plan.pass(step.pass).work;
-        if self.plan.frame.iter().any(|step| matches!(work(step), Work::Start { .. })) {
+        if self.plan.frame.iter().any(|step| matches!(work(step), Work::ClearHistory { .. })) {
             return invalid("a frame zeroes a resource's history".to_string());
         }
         let (host, statistics) = (&Work::Host, !self.plan.stats.is_empty());

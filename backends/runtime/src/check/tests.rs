@@ -180,8 +180,8 @@ fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
         ("frame ends with the export", |plan| drop(plan.frame.remove(3))),
         ("frame ends with the export", |plan| plan.frame.rotate_left(1)),
         ("frame ends with the export", |plan| plan.passes[1].work = Work::Host),
-        ("zeroes a resource's history", |plan| plan.passes[1].work = Work::Start { resource: WORDS }),
-        ("uses `color` as", |plan| plan.passes[0].work = Work::Start { resource: COLOR }),
+        ("zeroes a resource's history", |plan| plan.passes[1].work = Work::ClearHistory { resource: WORDS }),
+        ("uses `color` as", |plan| plan.passes[0].work = Work::ClearHistory { resource: COLOR }),
         ("1 statistics, and 0 resources of 0 bytes", |plan| {
             plan.resources[READBACK.index()].source = Source::Live;
         }),

@@ -129,7 +129,7 @@ impl Build {
                 name: "hand-made".to_string(),
                 summary: String::new(),
                 based_on: vec![],
-                stand_ins: vec![],
+                fallbacks: vec![],
                 facts: BTreeMap::new(),
                 params: Vec::new(),
                 effects: Vec::new(),
@@ -190,7 +190,7 @@ impl Build {
         let mut touch =
             touch(id, Stages::CLEAR, Accesses::TRANSFER_WRITE, image.then_some(Layout::TransferTarget));
         touch.discards = true;
-        self.pass(Run::Once, &name, Work::Start { resource: id }, &[], vec![touch])
+        self.pass(Run::Once, &name, Work::ClearHistory { resource: id }, &[], vec![touch])
     }
 
     /// A buffer of 32-bit words that can be used for anything.

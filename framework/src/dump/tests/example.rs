@@ -67,7 +67,7 @@ pub fn splat(digits: u32, count: u64) -> Plan {
         "start.exposure",
         "load",
         Run::Once,
-        Work::Start { resource: exposure },
+        Work::ClearHistory { resource: exposure },
         &[(exposure, (Stages::CLEAR, Accesses::TRANSFER_WRITE))],
     );
     m.dispatch("covariance", "load", wide, &[(scale, COMPUTE_READ), (covariances, COMPUTE_WRITE)]);
@@ -252,7 +252,7 @@ impl Maker {
             name: "example".into(),
             summary: "Depth-sorted quads, made by hand".into(),
             based_on: vec!["splat".into()],
-            stand_ins: vec![StandIn {
+            fallbacks: vec![Fallback {
                 wanted: "example".into(),
                 preference: false,
                 taken: "digits".into(),

@@ -116,7 +116,7 @@ fn read_then_written(history: bool, once: bool) -> Vec<String> {
     let ready = barrier((COMPUTE, WRITE), (COMPUTE, READ));
     if history {
         sketch.history(a, "a");
-        sketch.once_work("start", &[], Work::Start { resource: a }, &[writes(a)]);
+        sketch.once_work("start", &[], Work::ClearHistory { resource: a }, &[writes(a)]);
     }
     if once {
         sketch.once("once", &[], &[writes(a)]);

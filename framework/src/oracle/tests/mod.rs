@@ -32,7 +32,7 @@ impl Sketch {
             name: "sketch".into(),
             summary: String::new(),
             based_on: vec![],
-            stand_ins: vec![],
+            fallbacks: vec![],
             facts: BTreeMap::new(),
             params: vec![],
             resources: vec![],

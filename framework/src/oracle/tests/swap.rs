@@ -8,7 +8,7 @@ fn with_history(name: &str, bytes: u64) -> Sketch {
     let mut sketch = Sketch::new();
     let kept = sketch.sized("kept", bytes);
     sketch.history(kept, name);
-    sketch.once_work("start", &[], Work::Start { resource: kept }, &[fills(kept)]);
+    sketch.once_work("start", &[], Work::ClearHistory { resource: kept }, &[fills(kept)]);
     sketch.plan.handover = vec![barrier((CLEAR, Accesses::TRANSFER_WRITE), (COMPUTE, READ))];
     sketch.frame("draw", &[compute_to_compute()], &[reads(kept)]);
     sketch.frame("make", &[order(COMPUTE, COMPUTE)], &[writes(kept)]);
@@ -99,7 +99,7 @@ fn image_history() -> Sketch {
     let fill = (CLEAR, Accesses::TRANSFER_WRITE);
     let started = change(kept, (Undefined, TransferTarget), (Stages::empty(), NO_ACCESS), fill);
     let start = Use { layout: Some(TransferTarget), ..fills(kept) };
-    sketch.once_work("start", &[started], Work::Start { resource: kept }, &[start]);
+    sketch.once_work("start", &[started], Work::ClearHistory { resource: kept }, &[start]);
     sketch.plan.handover = vec![change(kept, (TransferTarget, General), fill, (COMPUTE, READ))];
     sketch.frame("draw", &[compute_to_compute()], &[in_general(kept, READ)]);
     sketch.frame("make", &[order(COMPUTE, COMPUTE)], &[in_general(kept, WRITE)]);

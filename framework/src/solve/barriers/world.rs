@@ -203,7 +203,7 @@ impl World {
             self.call = Some(call);
         }
         // A pass that may be left out must not carry the needs of others.
-        if matches!(inputs.plan.pass(id).work, Work::Start { .. }) {
+        if matches!(inputs.plan.pass(id).work, Work::ClearHistory { .. }) {
             self.call = None;
         }
         groups.iter().for_each(|group| self.record(group, id));

@@ -1,7 +1,7 @@
 //! Which passes depend on a parameter, for each way in which a pass can, and why none does.
 
 use crate::plan::Plan;
-use crate::testing::{SHADERS, dispatch, graph, plan_grown, plan_of};
+use crate::testing::{SHADERS, dispatch, graph, plan_of, plan_with_capacities};
 
 const P: &str = r#""p": Const(Int(default: 8, range: (1, 64))),"#;
 const P_AND_Q: &str = r#""p": Const(Int(default: 8, range: (1, 64))), "q": Const(Bool(default: false)),"#;
@@ -80,11 +80,14 @@ fn the_setting_of_a_preset_is_followed_and_the_end_of_the_range_that_a_value_gro
     let files = [SHADERS, &[("base.ron", text.as_str()), ("graph.ron", preset)]].concat();
     let plan = plan_of(&files, &[]).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(effect_in(&plan, "p"), "make");
-    let grown = |grown: &[(&str, i64)]| {
-        effect_in(&plan_grown(&text, &[], grown).unwrap_or_else(|error| panic!("{error}")), "p")
+    let capacities = |capacities: &[(&str, i64)]| {
+        effect_in(
+            &plan_with_capacities(&text, &[], capacities).unwrap_or_else(|error| panic!("{error}")),
+            "p",
+        )
     };
-    assert_eq!(grown(&[]), NONE);
-    assert_eq!(grown(&[("r", 1000)]), "make");
+    assert_eq!(capacities(&[]), NONE);
+    assert_eq!(capacities(&[("r", 1000)]), "make");
 }
 
 #[test]

@@ -31,7 +31,7 @@ fn a_reader_of_the_last_frame_comes_before_the_writer_wherever_it_stands() {
     .unwrap();
     assert_eq!(frame(&plan), ["use", "make", "show", "export"], "{}", shown(&plan));
     assert_eq!(plan.prologue.len(), 1, "zeros to begin with");
-    assert!(matches!(plan.pass(plan.prologue[0].pass).work, Work::Start { .. }));
+    assert!(matches!(plan.pass(plan.prologue[0].pass).work, Work::ClearHistory { .. }));
     assert_eq!(
         handover(&plan),
         ["CLEAR TRANSFER_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on past after start(past)"],

@@ -15,7 +15,7 @@ use splatgraph_reference::inversions;
 
 /// A picture with the order of its splats.
 #[derive(Clone, Debug)]
-pub struct Shot {
+pub struct Capture {
     /// The picture, not clamped.
     pub image: Image,
     /// Indices of the visible splats, near to far as the graph has it; `None` if the graph has no order that can be read.
@@ -24,9 +24,9 @@ pub struct Shot {
     pub counts: Vec<(String, u32)>,
 }
 
-/// An error of taking a shot.
+/// An error of taking a capture.
 #[derive(Debug, thiserror::Error)]
-pub enum ShotError {
+pub enum CaptureError {
     /// The session failed.
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
@@ -40,21 +40,21 @@ pub enum ShotError {
 ///
 /// # Errors
 /// The device fails, or the graph's output has no colours.
-pub fn take<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Shot, ShotError> {
+pub fn take<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Capture, CaptureError> {
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     let inspect: Vec<Inspect> = order_of(plan).into_iter().collect();
     let output = plan.resource(plan.output).name.clone();
     let options = FrameOptions { read_output: true, inspect, ..FrameOptions::default() };
     let frame = session.submit(camera, &options)?;
     let result = session.wait(frame)?;
-    let image = result.output.as_ref().and_then(image_of).ok_or(ShotError::NoColours(output))?;
+    let image = result.output.as_ref().and_then(image_of).ok_or(CaptureError::NoColours(output))?;
     let visible = result.stats.iter().find(|(name, _)| name == "visible").map(|(_, count)| *count as usize);
     let word = |bytes: &[u8]| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
     let order = match (result.inspected.first(), visible) {
         (Some(bytes), Some(visible)) => Some(bytes.chunks_exact(4).take(visible).map(word).collect()),
         _ => None,
     };
-    Ok(Shot { image, order, counts: result.stats })
+    Ok(Capture { image, order, counts: result.stats })
 }
 
 /// Finds the order of the splats, as the last pass that binds it reads it; `None` if another pass changes it until the frame's end,

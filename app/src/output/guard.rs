@@ -22,7 +22,7 @@ pub struct Conflict(String);
 
 /// The files that a command reads and writes.
 #[derive(Debug, Default)]
-pub struct Claims {
+pub struct OutputGuard {
     inputs: HashMap<Identity, String>,
     outputs: HashMap<Identity, String>,
     /// The folders of outputs that do not exist yet, and the outputs that need them.
@@ -55,7 +55,7 @@ fn existing(path: &Path, _: &Metadata) -> std::io::Result<Existing> {
     path.canonicalize()
 }
 
-impl Claims {
+impl OutputGuard {
     /// Adds a file that the command reads; what is not there, or is no file, is not the concern of outputs.
     ///
     /// # Errors
@@ -214,8 +214,8 @@ fn longest_name(folder: &Path) -> usize {
 mod tests {
     use super::*;
 
-    fn refused(claims: &mut Claims, what: &str, path: &Path) -> String {
-        claims.output(what, path).expect_err("it is refused").to_string()
+    fn refused(guard: &mut OutputGuard, what: &str, path: &Path) -> String {
+        guard.output(what, path).expect_err("it is refused").to_string()
     }
 
     #[test]
@@ -235,14 +235,14 @@ mod tests {
             names.extend([hard, soft, folder.path().join("here/here/in.ply")]);
         }
         for name in names {
-            let mut claims = Claims::default();
-            claims.input("the scene", &scene).unwrap();
-            let text = refused(&mut claims, "--json", &name);
+            let mut guard = OutputGuard::default();
+            guard.input("the scene", &scene).unwrap();
+            let text = refused(&mut guard, "--json", &name);
             assert!(text.starts_with("--json would overwrite the scene, "), "{text}");
             // The other way round, for files that are known late.
-            let mut claims = Claims::default();
-            claims.output("--json", &name).unwrap();
-            assert!(claims.input("the scene", &scene).is_err(), "{}", name.display());
+            let mut guard = OutputGuard::default();
+            guard.output("--json", &name).unwrap();
+            assert!(guard.input("the scene", &scene).is_err(), "{}", name.display());
         }
     }
 
@@ -252,20 +252,20 @@ mod tests {
         let at = |name: &str| folder.path().join(name);
         fs::write(at("old"), "").unwrap();
         for (one, other) in [("old", "./old"), ("new", "./new"), ("a/b/new", "a/./b/new")] {
-            let mut claims = Claims::default();
-            claims.output("-o", &at(one)).unwrap();
-            let text = refused(&mut claims, "--json", &at(other));
+            let mut guard = OutputGuard::default();
+            guard.output("-o", &at(one)).unwrap();
+            let text = refused(&mut guard, "--json", &at(other));
             assert!(text.starts_with("-o and --json name one file, "), "{text}");
         }
-        let mut claims = Claims::default();
-        claims.output("-o", &at("z")).unwrap();
-        assert!(refused(&mut claims, "--json", &at("z/stats.json")).contains("inside of the file of -o"));
-        let mut claims = Claims::default();
-        claims.output("-o", &at("z/a.png")).unwrap();
-        assert!(refused(&mut claims, "--json", &at("z")).contains("the folder of -o"));
-        let mut claims = Claims::default();
-        claims.output("-o", Path::new("-")).unwrap();
-        assert!(refused(&mut claims, "--json", Path::new("-")).contains("standard output"));
+        let mut guard = OutputGuard::default();
+        guard.output("-o", &at("z")).unwrap();
+        assert!(refused(&mut guard, "--json", &at("z/stats.json")).contains("inside of the file of -o"));
+        let mut guard = OutputGuard::default();
+        guard.output("-o", &at("z/a.png")).unwrap();
+        assert!(refused(&mut guard, "--json", &at("z")).contains("the folder of -o"));
+        let mut guard = OutputGuard::default();
+        guard.output("-o", Path::new("-")).unwrap();
+        assert!(refused(&mut guard, "--json", Path::new("-")).contains("standard output"));
     }
 
     #[test]
@@ -282,22 +282,22 @@ mod tests {
             (&format!("{}/a.png", "x".repeat(256)), "256 bytes"),
             (&"x/".repeat(2048), "expected less than 4096"),
         ] {
-            let text = refused(&mut Claims::default(), "-o", &at(name));
+            let text = refused(&mut OutputGuard::default(), "-o", &at(name));
             // The system's own words, where it was asked first.
             assert!(text.contains(why) || text.contains("Not a directory"), "{name}: {text}");
         }
-        let mut claims = Claims::default();
+        let mut guard = OutputGuard::default();
         for name in ["a.png", "A.svg", "deep/er/a.png", "deep/er/b.png", "deep/c.png"] {
-            claims.output("-o", &at(name)).unwrap();
+            guard.output("-o", &at(name)).unwrap();
         }
     }
 
     #[cfg(unix)]
     #[test]
     fn devices_may_be_used_twice() {
-        let mut claims = Claims::default();
+        let mut guard = OutputGuard::default();
         for what in ["-o", "--json"] {
-            claims.output(what, Path::new("/dev/null")).unwrap();
+            guard.output(what, Path::new("/dev/null")).unwrap();
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Draws frames of several sessions in turns, and summarises their times.
+//! Draws frames of several sessions interleaved, and summarises their times.
 //!
 //! A device changes its clock with its temperature and its load. Sessions that are compared therefore draw one frame each, one after
 //! the other, again and again: a drift concerns all of them alike. The frames are divided into rounds; the medians of the rounds show
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 pub struct Effort {
     /// Rounds, whose medians show the spread.
     pub rounds: u32,
-    /// Frames of each in a round, in turns.
+    /// Frames of each in a round, interleaved.
     pub frames: u32,
 }
 
@@ -64,13 +64,13 @@ fn draw<D: Device>(
     Ok(Timed { result, submit_ms, wall_ms: ms() })
 }
 
-/// Draws frames of sessions that are prepared in the camera's size, in turns.
+/// Draws frames of sessions that are prepared in the camera's size, interleaved.
 ///
 /// Returns the rounds of each, in the order of the sessions.
 ///
 /// # Errors
 /// The device fails.
-pub fn in_turns<D: Device>(
+pub fn rounds<D: Device>(
     sessions: &mut [&mut Session<D>],
     camera: &Camera,
     effort: Effort,
@@ -92,7 +92,7 @@ pub fn in_turns<D: Device>(
 /// Time for which frames are drawn before any counts, at least: a device that has rested runs at a lower clock.
 pub const WARM_UP: Duration = Duration::from_millis(200);
 
-/// Draws frames in turns for a while, which count for nothing. Returns the milliseconds of the last turn.
+/// Draws frames interleaved for a while, which count for nothing. Returns the milliseconds of the last turn.
 ///
 /// # Errors
 /// The device fails.
@@ -102,7 +102,7 @@ pub fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> 
     let mut turns = 0;
     loop {
         let turn_begun = Instant::now();
-        in_turns(sessions, camera, turn, Timestamps::Passes)?;
+        rounds(sessions, camera, turn, Timestamps::Passes)?;
         turns += 1;
         // Two at least: a graph may draw with the order of the frame before.
         if turns >= 2 && begun.elapsed() >= WARM_UP {

@@ -2,7 +2,7 @@
 //!
 //! A pass may write a list whose length only the device knows. The list's room is then a constant parameter of the graph that `grows` with
 //! a statistic, in which the passes count what they needed. A frame whose statistic exceeds the parameter holds what fitted, and no
-//! more. [`shortages`] finds that in the frame's results; [`Grown`] keeps the least values of such parameters, for plans with room for
+//! more. [`overflows`] finds that in the frame's results; [`Capacities`] keeps the least values of such parameters, for plans with room for
 //! the same frame and a quarter more.
 
 use splatgraph_assets::grouped;
@@ -12,7 +12,7 @@ use std::fmt;
 
 /// A list that had no room for all that a frame needed.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Shortage {
+pub struct Overflow {
     /// The parameter that grows.
     pub parameter: String,
     /// Its value in the frame's plan: the entries that were drawn.
@@ -23,14 +23,14 @@ pub struct Shortage {
     pub most: i64,
 }
 
-impl Shortage {
+impl Overflow {
     /// Returns the value that the parameter grows to: the need and a quarter of it, within the range.
     pub fn target(&self) -> i64 {
         self.needed.saturating_add(self.needed / 4).min(self.most)
     }
 }
 
-impl fmt::Display for Shortage {
+impl fmt::Display for Overflow {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let number = |n: i64| grouped(n.unsigned_abs());
         write!(f, "{} of {} {}", number(self.room), number(self.needed), self.parameter.replace('_', " "))
@@ -38,11 +38,11 @@ impl fmt::Display for Shortage {
 }
 
 /// Lists what a frame of `plan` had no room for, by its statistics.
-pub fn shortages(plan: &Plan, stats: &[(String, u32)]) -> Vec<Shortage> {
+pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
     let of = |param: &splatgraph_framework::ir::Param| {
         let (_, needed) = stats.iter().find(|(name, _)| Some(name) == param.grows.as_ref())?;
         match (&param.value, &param.domain) {
-            (Value::Int(room), Domain::Int { max, .. }) if i64::from(*needed) > *room => Some(Shortage {
+            (Value::Int(room), Domain::Int { max, .. }) if i64::from(*needed) > *room => Some(Overflow {
                 parameter: param.name.clone(),
                 room: *room,
                 needed: (*needed).into(),
@@ -56,11 +56,11 @@ pub fn shortages(plan: &Plan, stats: &[(String, u32)]) -> Vec<Shortage> {
 
 /// The least values of parameters that grow, as frames needed them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Grown(Vec<(String, i64)>);
+pub struct Capacities(Vec<(String, i64)>);
 
-impl Grown {
+impl Capacities {
     /// Makes room for what a frame lacked, and returns true if there was none yet.
-    pub fn raise(&mut self, short: &Shortage) -> bool {
+    pub fn raise(&mut self, short: &Overflow) -> bool {
         let target = short.target();
         match self.0.iter_mut().find(|(name, _)| *name == short.parameter) {
             // Frames behind the first short one ask again.
@@ -82,7 +82,7 @@ impl Grown {
         self.0.retain(|(name, _)| name != parameter);
     }
 
-    /// Lists the values by parameter, for [`splatgraph_framework::ir::Request::grown`].
+    /// Lists the values by parameter, for [`splatgraph_framework::ir::Request::capacities`].
     pub fn values(&self) -> &[(String, i64)] {
         &self.0
     }
@@ -92,24 +92,27 @@ impl Grown {
 mod tests {
     use super::*;
 
-    fn short(room: i64, needed: i64) -> Shortage {
-        Shortage { parameter: "tile_entries".into(), room, needed, most: 10_000 }
+    fn short(room: i64, needed: i64) -> Overflow {
+        Overflow { parameter: "tile_entries".into(), room, needed, most: 10_000 }
     }
 
     #[test]
     fn a_parameter_grows_to_the_need_and_a_quarter_within_its_range() {
-        let mut grown = Grown::default();
-        assert!(grown.raise(&short(100, 1000)));
-        assert_eq!(grown.values(), [("tile_entries".to_owned(), 1250)]);
-        assert!(!grown.raise(&short(100, 1200)), "a frame of the former plan, for which there is room now");
-        assert!(grown.raise(&short(1250, 1300)));
-        assert_eq!(grown.values()[0].1, 1625);
-        assert!(grown.raise(&short(1625, 9000)));
-        assert_eq!(grown.values()[0].1, 10_000, "the end of the range");
-        assert!(!grown.raise(&short(10_000, 20_000)), "there is no more");
-        grown.forget("tile_entries");
-        assert_eq!(grown, Grown::default());
-        assert!(!grown.raise(&short(10_000, 20_000)), "nor after a setting to the end of the range");
+        let mut capacities = Capacities::default();
+        assert!(capacities.raise(&short(100, 1000)));
+        assert_eq!(capacities.values(), [("tile_entries".to_owned(), 1250)]);
+        assert!(
+            !capacities.raise(&short(100, 1200)),
+            "a frame of the former plan, for which there is room now"
+        );
+        assert!(capacities.raise(&short(1250, 1300)));
+        assert_eq!(capacities.values()[0].1, 1625);
+        assert!(capacities.raise(&short(1625, 9000)));
+        assert_eq!(capacities.values()[0].1, 10_000, "the end of the range");
+        assert!(!capacities.raise(&short(10_000, 20_000)), "there is no more");
+        capacities.forget("tile_entries");
+        assert_eq!(capacities, Capacities::default());
+        assert!(!capacities.raise(&short(10_000, 20_000)), "nor after a setting to the end of the range");
     }
 
     #[test]
