@@ -3,9 +3,18 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
-#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_KHR_memory_scope_semantics : require
 #extension GL_EXT_control_flow_attributes : require
+
+// A digit in one dispatch: a workgroup takes a block of keys by a ticket, counts its bins, publishes the counts, and sums those of earlier
+// blocks ("decoupled look-back", Merrill and Garland 2016). Then it moves every pair to its place.
+//
+// A workgroup may not rely on others to run: Vulkan promises no progress between workgroups. One that has polled a predecessor POLLS times
+// in vain counts the predecessor's keys itself ("decoupled fallback", Smith, Levien and Owens, SPAA 2025). A word of the table holds a count
+// together with its kind, and nothing else is read because of it, so relaxed atomics of device scope suffice.
+//
+// The place of a key in its block is that of its bin, plus the number of keys of the same bin before it: those of lower subgroups, of earlier
+// steps of its own, and of lower lanes in the same step. The order is deterministic, so the sort is stable.
 
 #include "sweep.glsl"
 #include "digit.glsl"
@@ -29,7 +38,6 @@ const uint COUNTERS = SUBGROUPS * BINS;
 const uint BINS_PER_THREAD = (BINS + THREADS - 1u) / THREADS;
 const uint WINDOW = uint(LOOK_BACK);
 
-// A counter for each subgroup and bin: the keys of the bin, then the place in the block of the next.
 // First the counters of each subgroup and bin, then the block's keys in the order of the digit, then its values.
 shared uint words[max(COUNTERS, STEPS * THREADS)];
 // The place of each bin's run, minus its offset in the block.
@@ -119,8 +127,13 @@ void main() {
         }
     }
     barrier();
+#if STARVE
+    // Every predecessor is missing.
+    uint block = blocks - 1u - ticket;
+#else
     uint block = ticket;
-    if (block >= blocks) {
+#endif
+    if (ticket >= blocks) {
         return;
     }
     uint first = block * uint(BLOCK_KEYS);
@@ -136,11 +149,7 @@ void main() {
     }
 
     // Each subgroup walks its range and counts; the counter before a key is its rank among those of its bin in the range.
-#if PACK
-    uint packed[(STEPS + 1u) / 2u];
-#else
     uint ranks[STEPS];
-#endif
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint bin = digit_of(keys[i]);
         LaneMask peers = peers_of(bin);
@@ -151,11 +160,7 @@ void main() {
             words[own + bin] = rank + lanes_in(peers);
         }
         subgroupBarrier();  // the write is complete before the next read
-#if PACK
-        packed[i / 2u] = i % 2u == 0u ? rank : packed[i / 2u] | (rank << 16);
-#else
         ranks[i] = rank;
-#endif
     }
     barrier();
 
@@ -171,6 +176,8 @@ void main() {
                 of_subgroup[j][s] = words[s * BINS + bin];
                 in_block[j] += of_subgroup[j][s];
             }
+            // Lanes beyond the end count for the highest bin.
+            in_block[j] -= bin == mask ? STEPS * THREADS - held : 0u;
             if (block > 0u) {
                 publish(block, bin, BLOCK_ALONE, in_block[j]);
             }
@@ -193,38 +200,80 @@ void main() {
     barrier();
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint offset = words[own + digit_of(keys[i])];
-#if PACK
-        packed[i / 2u] += offset << (16u * (i % 2u));
-#else
         ranks[i] += offset;
-#endif
     }
     barrier();  // the keys replace the counters from here on
-#if PACK
-#define RANK(i) ((packed[(i) / 2u] >> (16u * ((i) % 2u))) & 0xffffu)
-#else
-#define RANK(i) ranks[i]
-#endif
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
-        words[RANK(i)] = keys[i];
+        words[ranks[i]] = keys[i];
     }
-#if !VALUES_LATE
     uint values[STEPS];
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint at = mine + i * LANES;
         values[i] = at < held ? values_in[first + at] : 0u;
     }
-#endif
-#include "sweep_wait.glsl"
-    barrier();
-#if DIGITS_KEPT
-    uint digits[(STEPS + 3u) / 4u];
-    [[unroll]] for (uint i = 0u; i < (STEPS + 3u) / 4u; i++) {
-        digits[i] = 0u;
+    // Keys of earlier blocks in the same bin.
+    uint next[BINS_PER_THREAD];
+    uint before[BINS_PER_THREAD];
+    [[unroll]] for (uint j = 0u; j < BINS_PER_THREAD; j++) {
+        next[j] = block;
+        before[j] = 0u;
     }
-#else
+    if (block == 0u) {
+        lower_bins(before);
+    }
+    for (;;) {
+        [[unroll]] for (uint j = 0u; j < BINS_PER_THREAD; j++) {
+            uint bin = thread * BINS_PER_THREAD + j;
+            if (bin < BINS && !look_back(bin, next[j], before[j])) {
+                atomicMax(stalled, next[j]);
+            }
+        }
+        barrier();
+        uint waited_for = stalled;
+        barrier();
+        if (waited_for == 0u) {
+            break;
+        }
+        // It may never run: count its keys here.
+        for (uint bin = thread; bin < BINS; bin += THREADS) {
+            bin_place[bin] = 0u;
+        }
+        if (thread == 0u) {
+            stalled = 0u;
+        }
+        barrier();
+        uint other = (waited_for - 1u) * uint(BLOCK_KEYS);
+        for (uint i = thread; i < uint(BLOCK_KEYS); i += THREADS) {
+            atomicAdd(bin_place[digit_of(keys_in[other + i])], 1u);
+        }
+        barrier();
+        uint lower[BINS_PER_THREAD];
+        [[unroll]] for (uint j = 0u; j < BINS_PER_THREAD; j++) {
+            lower[j] = 0u;
+        }
+        if (waited_for == 1u) {
+            lower_bins(lower);
+        }
+        [[unroll]] for (uint j = 0u; j < BINS_PER_THREAD; j++) {
+            uint bin = thread * BINS_PER_THREAD + j;
+            if (bin < BINS) {
+                uint word = ((lower[j] + bin_place[bin]) << 2) | (waited_for == 1u ? ALL_BEFORE : BLOCK_ALONE);
+                atomicCompSwap(table[(waited_for - 1u) * BINS + bin], NOTHING, word);
+            }
+        }
+        barrier();
+    }
+    [[unroll]] for (uint j = 0u; j < BINS_PER_THREAD; j++) {
+        uint bin = thread * BINS_PER_THREAD + j;
+        if (bin < BINS) {
+            publish(block, bin, ALL_BEFORE, before[j] + in_block[j]);
+            bin_place[bin] = before[j] - starts[j];
+        }
+    }
+    barrier();
+
+    barrier();
     uint places[STEPS];
-#endif
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint at = i * THREADS + thread;
         if (at < held) {
@@ -232,33 +281,18 @@ void main() {
             uint bin = digit_of(key);
             uint place = bin_place[bin] + at;
             keys_out[place] = key;
-#if DIGITS_KEPT
-            digits[i / 4u] |= bin << (8u * (i % 4u));
-#else
             places[i] = place;
-#endif
         }
     }
-#if VALUES_LATE
-    uint values[STEPS];
-    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
-        uint at = mine + i * LANES;
-        values[i] = at < held ? values_in[first + at] : 0u;
-    }
-#endif
     barrier();
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
-        words[RANK(i)] = values[i];
+        words[ranks[i]] = values[i];
     }
     barrier();
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint at = i * THREADS + thread;
         if (at < held) {
-#if DIGITS_KEPT
-            uint place = bin_place[(digits[i / 4u] >> (8u * (i % 4u))) & 0xffu] + at;
-#else
             uint place = places[i];
-#endif
             values_out[place] = words[at];
         }
     }

@@ -13,7 +13,8 @@ layout(set = 0, binding = 1, std430) readonly buffer KeysIn { uint keys_in[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer Table { uint table[]; };
 layout(set = 0, binding = 3, std430) buffer Totals { uint totals[]; };
 
-const uint COPIES = uint(COUNT_COPIES);
+// Copies of each counter, for lanes in turn: the high digits of depths agree in many lanes, whose additions to one word are serialised.
+const uint COPIES = 2u;
 shared uint counts[uint(DIGITS) * BINS * COPIES];
 
 void main() {
