@@ -32,8 +32,9 @@ pub struct Args {
     scene: PathBuf,
     #[command(flatten)]
     drawing: Drawing,
-    /// Build the plan for this device: a part of its name, or its index in `splatgraph devices` [default: the smallest supported]
-    #[arg(long, value_name = "NAME|INDEX")]
+    /// Build the plan for this device: a part of its name, its index in `splatgraph devices`, a name listed by
+    /// `splatgraph check --help`, or a file from `splatgraph devices --json` [default: the smallest supported]
+    #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Option<String>,
     /// Print JSON
     #[arg(long)]

@@ -16,6 +16,7 @@ mod experiment;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
 mod info;
+mod known_devices;
 mod lsp;
 mod new;
 mod options;
@@ -218,7 +219,10 @@ fn command() -> clap::Command {
     command
         .mut_subcommand("render", |c| with_presets(c, render::EXAMPLES))
         .mut_subcommand("dump", |c| with_presets(c, dump::EXAMPLES))
-        .mut_subcommand("check", |c| with_presets(c, check::EXAMPLES))
+        .mut_subcommand("check", |c| {
+            let devices = format!("{}\n\nDevices:\n{}", check::EXAMPLES, known_devices::list());
+            with_presets(c, &devices)
+        })
         .mut_subcommand("info", |c| with_presets(c, info::EXAMPLES))
         .mut_subcommand("convert", |c| {
             c.after_long_help(format!("{}\n\n{}", convert::EXAMPLES, convert::format_list()))

@@ -1,6 +1,6 @@
 //! Defines options and helpers of several commands.
 
-use super::Usage;
+use super::{Usage, known_devices};
 use crate::backend::{Api, Backend, Options, Validation};
 use crate::bench;
 use crate::builtin;
@@ -14,7 +14,7 @@ use crate::session::Session;
 use crate::trade::plans;
 use crate::trade::settings::{self, Setting};
 use anyhow::{Context, Result};
-use splatgraph_api::BackendError;
+use splatgraph_api::{BackendError, Heap};
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
 use std::collections::HashMap;
@@ -232,18 +232,21 @@ pub fn framing(scene: &Scene) -> Camera {
     Camera { img_name: FRAMING.into(), ..Camera::framing(scene, width, height) }
 }
 
-/// Returns the facts of the named device, or of the smallest supported one.
+/// Returns the facts of the named device, or of the smallest supported one; see [`target`].
 pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
-    let Some(wanted) = wanted else {
-        return Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
-    };
-    let options = Options { device: Some(wanted.to_owned()), ..Default::default() };
-    let device = Backend::open(Api::default(), &options).context("the device's limits are not available")?;
-    Ok(splatgraph_api::Device::info(&device).facts)
+    match wanted {
+        Some(wanted) => Ok(target(Some(wanted))?.facts),
+        None => Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE)),
+    }
 }
 
-/// Opens the named device, or the one that is taken without a name, and describes it.
+/// Describes the device of the catalogue or of the file that `wanted` names, or else opens the one of this machine.
+///
+/// Without a name, the device is opened that draws without one.
 pub fn target(wanted: Option<&str>) -> Result<Target> {
+    if let Some(known) = wanted.map(known_devices::find).transpose()?.flatten() {
+        return Ok(Target { name: known.name, facts: known.facts, heap: Heap::default() });
+    }
     let options = Options { device: wanted.map(str::to_owned), ..Default::default() };
     let device = Backend::open(Api::default(), &options).context("the device's limits are not available")?;
     let info = splatgraph_api::Device::info(&device);

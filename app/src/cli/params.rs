@@ -37,8 +37,9 @@ pub struct Args {
     /// The scene that defaults depend on
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// The device that defaults depend on: a part of its name, or its index in `splatgraph devices`
-    #[arg(long, value_name = "NAME|INDEX")]
+    /// The device that defaults depend on: a part of its name, its index in `splatgraph devices`, a name listed by
+    /// `splatgraph check --help`, or a file from `splatgraph devices --json`
+    #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Option<String>,
     /// Print JSON
     #[arg(long)]
