@@ -1,6 +1,6 @@
 //! Describes devices that this machine lacks: a catalogue from published limits, and files of facts.
 
-use crate::facts;
+use crate::draw::facts;
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 use splatgraph_framework::ir::{DeviceFacts, Features};

@@ -5,7 +5,7 @@
 
 use super::cursor::{Group, Scan, Text};
 use super::names::{self, Kind, Mention, Role, Word, mentions, words};
-use crate::planner::Planner;
+use crate::draw::planner::Planner;
 use splatgraph_framework::ir::FileId;
 use splatgraph_framework::source;
 use std::collections::{BTreeMap, BTreeSet, HashMap};

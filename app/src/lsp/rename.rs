@@ -3,7 +3,7 @@
 use super::graph::{LANES, nominal};
 use super::index::{Form, Index, Place, capital};
 use super::names::continues_name;
-use crate::planner::Planner;
+use crate::draw::planner::Planner;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
