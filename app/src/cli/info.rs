@@ -33,7 +33,7 @@ pub struct Args {
     #[command(flatten)]
     drawing: Drawing,
     /// Build the plan for this device: a part of its name, its index in `splatgraph devices`, a name listed by
-    /// `splatgraph check --help`, or a file from `splatgraph devices --json` [default: the smallest supported]
+    /// `splatgraph check --help`, or a file from `splatgraph devices --json` [default: that of this machine]
     #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Option<String>,
     /// Print JSON
@@ -43,7 +43,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let scene = options::load_scene(&args.scene)?;
-    let given = args.drawing.cameras()?;
+    let given = args.drawing.cameras(Some(&args.scene))?;
     let in_scene = given.map(|cameras| options::in_scene(&cameras, &scene));
     let cameras = in_scene.unwrap_or_else(|| vec![options::framing(&scene)]);
     let report = Report::new(&scene, &cameras);
@@ -66,7 +66,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let device = match args.device.as_deref() {
         Some(wanted) => options::target(Some(wanted))?,
-        None => Target::nominal(),
+        // Without a device, the smallest supported one stands in.
+        None => options::target(None).unwrap_or_else(|_| Target::nominal()),
     };
     let catalog = facts::catalog(&scene);
     let wanted = Wanted {
@@ -79,11 +80,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut planner = Planner::default();
     let (plan, fit) = fit::fit(&mut planner, &wanted, &device)?;
     let mut fits = vec![fit];
-    // What the smallest device cannot hold, that of this machine may.
+    // Other machines may be smaller.
     if args.device.is_none()
-        && !fits[0].fits
-        && let Ok(found) = options::target(None)
-        && let Ok((_, fit)) = fit::fit(&mut planner, &wanted, &found)
+        && device != Target::nominal()
+        && let Ok((_, fit)) = fit::fit(&mut planner, &wanted, &Target::nominal())
+        && !fit.fits
     {
         fits.push(fit);
     }

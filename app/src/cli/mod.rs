@@ -7,6 +7,7 @@
 
 mod advise;
 mod bench;
+mod cameras;
 mod check;
 mod compare;
 mod convert;

@@ -17,6 +17,7 @@ use anyhow::{Context, Result};
 use splatgraph_api::{BackendError, Heap};
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
+use splatgraph_framework::lower::Control;
 use std::collections::HashMap;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -320,6 +321,14 @@ impl DrawingBackendArgs {
     pub fn open(&self) -> Result<Backend, BackendError> {
         Backend::open(self.backend, &self.device.options())
     }
+
+    /// Returns the words of a command line that choose the same device.
+    pub fn words(&self) -> Vec<String> {
+        let backend = (self.backend != Api::default())
+            .then(|| ["--backend".to_owned(), self.backend.name().to_owned()]);
+        let device = self.device.device.clone().map(|device| ["--device".to_owned(), device]);
+        backend.into_iter().chain(device).flatten().collect()
+    }
 }
 
 impl std::ops::Deref for DrawingBackendArgs {
@@ -339,7 +348,7 @@ pub struct Drawing {
     /// Set a parameter of the graph; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]
     pub set: Vec<(String, String)>,
-    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
+    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     ///
     /// In place of a file's name, the text of such a file: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
@@ -352,9 +361,9 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// Loads the cameras of `--cameras`.
-    pub fn cameras(&self) -> Result<Option<Vec<Camera>>, CameraError> {
-        self.cameras.as_deref().map(cameras).transpose()
+    /// Loads the cameras of `--cameras`, or the first beside the scene.
+    pub fn cameras(&self, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
+        super::cameras::load(self.cameras.as_deref(), scene)
     }
 }
 
@@ -391,9 +400,7 @@ pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<Outpu
         Some(path) => guard.input("the scene", path)?,
         None => demo::path().map_or(Ok(()), |path| guard.input("the demo scene", &path))?,
     }
-    if let Some(cameras) = cameras {
-        claim_cameras(&mut guard, cameras)?;
-    }
+    super::cameras::claim(&mut guard, cameras, scene)?;
     Ok(guard)
 }
 
@@ -407,6 +414,20 @@ pub fn claim_cameras(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage
         guard.input("the cameras", Path::new(file))?;
     }
     Ok(())
+}
+
+/// Lists the settings of a graph that are measured, with the parameters of `set` fixed.
+pub fn settings_of(pipeline: &str, set: &[(String, String)], controls: &[Control]) -> Vec<Setting> {
+    let all = settings::list(pipeline, controls, &measured_names());
+    if set.is_empty() {
+        return all;
+    }
+    let presets = builtin::presets();
+    let has = |graph: &str, name: &str| {
+        let preset = presets.iter().find(|preset| preset.name == graph);
+        preset.is_some_and(|preset| preset.params.iter().any(|control| control.param.name == name))
+    };
+    settings::fixed(all, set, has)
 }
 
 /// Leaves out the settings that change nothing in the plan of the exact ones, which is prepared, and says so.

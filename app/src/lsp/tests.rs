@@ -430,7 +430,7 @@ fn parameters_of_the_shipped_graphs_are_found_through_choices_and_shared_shaders
         uris.map(|uri| uri.rsplit('/').next().expect("a name").to_owned()).collect::<BTreeSet<_>>()
     };
     let of_the_sort = files_with("parts/sort.ron");
-    for file in ["sort.ron", "tile_bins.ron", "depth_order.ron", "digit.glsl"] {
+    for file in ["sort.ron", "tile_bins.ron", "depth_order.ron", "block.glsl"] {
         assert!(of_the_sort.contains(file), "{file} is not in {of_the_sort:?}");
     }
     // The preset's parameter is that of the includer, which sets the sort's.

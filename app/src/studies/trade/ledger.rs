@@ -29,6 +29,9 @@ pub struct Origin {
     pub cameras: Json,
     /// The graph.
     pub pipeline: String,
+    /// Parameters that have a value in every setting.
+    #[serde(default)]
+    pub set: Vec<(String, String)>,
     /// A hash of the plans of its exact settings, which all times are shares of.
     pub exact: String,
     /// The truth: `reference`, or the folder of the pictures.
@@ -63,7 +66,10 @@ impl Origin {
                 (&self.scene, self.splats, &self.content) != (&other.scene, other.splats, &other.content),
             ),
             ("cameras", self.cameras != other.cameras),
-            ("graph", (&self.pipeline, &self.exact) != (&other.pipeline, &other.exact)),
+            (
+                "graph",
+                (&self.pipeline, &self.set, &self.exact) != (&other.pipeline, &other.set, &other.exact),
+            ),
             ("truth", (&self.truth, &self.truth_content) != (&other.truth, &other.truth_content)),
             ("device", (&self.device, &self.opened) != (&other.device, &other.opened)),
             ("frames", (self.rounds, self.frames) != (other.rounds, other.frames)),
@@ -296,6 +302,7 @@ pub(super) mod testing {
             content: "0".into(),
             cameras: Json::Array(vec![Json::Null]),
             pipeline: "splat".into(),
+            set: Vec::new(),
             exact: "0".into(),
             truth: "reference".into(),
             truth_content: String::new(),
