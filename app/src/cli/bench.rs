@@ -68,7 +68,7 @@ pub struct Args {
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     cameras: Vec<String>,
     /// Write every number as JSON, anew after each size and number of splats; `-` is standard output
-    #[arg(long, value_name = "OUT.json")]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Folder for bench.csv, and for curves as .svg and .png where there are several sizes or numbers of splats
     #[arg(short, long, value_name = "DIR")]

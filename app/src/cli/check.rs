@@ -14,6 +14,7 @@ use splatgraph_framework::ir::{Catalog, DeviceFacts, Fallback, ReflectedKind, Sh
 use splatgraph_framework::lower::Standing;
 use splatgraph_framework::oracle::{self, Replay, mutate};
 use splatgraph_framework::plan::Plan;
+use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph check                        # every built-in graph
@@ -46,15 +47,17 @@ pub struct Args {
     /// device of this machine; can be given several times
     #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Vec<String>,
-    /// Print JSON: for each graph (and each --device) its name, whether it is right, the verdict, and its diagnostics with file, line and column
+    /// Print JSON, or write it to a file: for each graph (and each --device) its name, whether it is right, the verdict, and its diagnostics with file, line and column
     ///
     /// A diagnostic has `file`, `line`, `column`, `end_line`, `end_column`, `severity` (`error` or `warning`), `message`, `label`, the
     /// words at the place, and `help`, a list. Lines and columns count from 1, columns in characters.
-    #[arg(long)]
-    json: bool,
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
+    json: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
+    let inputs = args.graphs.iter().chain(&args.device).map(|name| ("a graph or a device", Path::new(name)));
+    options::claim_json(args.json.as_deref(), inputs)?;
     let graphs: Vec<&str> = if args.graphs.is_empty() {
         options::built_in_graphs()
     } else {
@@ -71,13 +74,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for (graph, on) in graphs.iter().flat_map(|graph| groups.iter().map(move |on| (*graph, *on))) {
         let mut warnings = Vec::new();
         let result = check(&mut planner, graph, &args.set, args.splats.into(), on, &mut |warning| {
-            if args.json { warnings.extend(warning.plain) } else { say_styled(&warning.text) }
+            if args.json.is_some() { warnings.extend(warning.plain) } else { say_styled(&warning.text) }
         });
         if !matches!(result, Ok(Verdict::Right(_))) {
             outcome = Outcome::Failed;
         }
         let device = on[0].is_named.then_some(on[0].name.as_str());
-        if args.json {
+        if args.json.is_some() {
             all.push(as_json(graph, device, &result, warnings));
             continue;
         }
@@ -104,8 +107,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
             }
         }
     }
-    if args.json {
-        options::write_text(None, &format!("{:#}\n", Value::from(all)))?;
+    if let Some(path) = &args.json {
+        options::write_json(path, &Value::from(all))?;
     }
     Ok(outcome)
 }

@@ -462,6 +462,18 @@ pub fn with_plans(
     Ok(settings)
 }
 
+/// Returns an error if the file of `--json` would destroy an input.
+pub fn claim_json<'a>(
+    json: Option<&Path>,
+    inputs: impl Iterator<Item = (&'a str, &'a Path)>,
+) -> Result<(), Usage> {
+    let mut guard = OutputGuard::default();
+    for (what, path) in inputs {
+        guard.input(what, path)?;
+    }
+    json.map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
+}
+
 /// Writes JSON to a file, or to standard output if the name is `-`.
 pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
     write_text(Some(path), &format!("{value:#}\n"))

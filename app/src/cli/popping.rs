@@ -60,7 +60,7 @@ pub struct Args {
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
     /// File for all numbers as JSON, or `-` for standard output in place of the table
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Folder for popping.csv, popping.svg and popping.png
     #[arg(short, long, value_name = "DIR")]

@@ -8,7 +8,7 @@ use crate::draw::fit;
 use crate::draw::session::Session;
 use crate::io::image::{Format, Image};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
-use crate::io::output::{self, one_line, say};
+use crate::io::output::{self, one_line, say, shell_word};
 use crate::io::progress::Progress;
 use crate::studies::trade::ledger::{Book, Origin};
 use crate::studies::trade::measure::{Baseline, View, measure};
@@ -135,6 +135,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     drop(progress);
 
+    book.ledger.command = std::env::args().map(|word| shell_word(&word)).collect::<Vec<_>>().join(" ");
     book.ledger.rows.retain(|row| settings.iter().any(|(setting, _)| setting.name == row.setting));
     let (lines, failed) = book.ledger.lines();
     let notes: String = notes(&lines).iter().map(|note| format!("{note}\n")).collect();

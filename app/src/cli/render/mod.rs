@@ -79,7 +79,7 @@ pub struct Args {
     #[arg(long, value_name = "png|exr|npy")]
     format: Option<Format>,
     /// Write statistics as JSON, one entry per camera; `-` is standard output
-    #[arg(long, value_name = "STATS.json")]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Number of frames per camera; times are medians over them, after a warm-up of a fifth of a second where there are several
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]

@@ -86,6 +86,9 @@ impl Origin {
 /// The rows of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
+    /// The command that measured last.
+    #[serde(default)]
+    pub command: String,
     /// The origin of the numbers.
     pub origin: Origin,
     /// A row per setting and camera.
@@ -126,7 +129,7 @@ impl Book {
         }
         let lost =
             lost.map(|why| format!("{}: rows of an earlier run are measured anew: {why}", path.display()));
-        (Book { ledger: Ledger { origin, rows }, path }, lost)
+        (Book { ledger: Ledger { command: String::new(), origin, rows }, path }, lost)
     }
 
     /// Returns true if the setting has been measured in this view.
@@ -314,7 +317,7 @@ pub(super) mod testing {
     }
 
     pub fn ledger(rows: Vec<Row>) -> Ledger {
-        Ledger { origin: origin(), rows }
+        Ledger { command: String::new(), origin: origin(), rows }
     }
 
     pub fn line(setting: &str, gpu_ms: f64, psnr_db: f64, mark: Mark) -> Line {
