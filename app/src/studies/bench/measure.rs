@@ -70,8 +70,7 @@ pub struct Figures {
     pub gpu_ms: Option<Figure>,
     /// Milliseconds in no pass: barriers, and the device's own time between passes.
     ///
-    /// These and the passes are of frames with timestamps of passes, which take a little longer. `None` if they take so much longer that this
-    /// exceeds a whole frame.
+    /// These and the passes are of frames with timestamps of passes, which take a little longer.
     pub between_ms: Option<Figure>,
     /// Milliseconds on the host's clock until a frame was submitted.
     pub submit_ms: Option<Figure>,
@@ -295,11 +294,9 @@ fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> F
         let bytes = ids.iter().filter(|id| of(**id)).map(|id| bytes::of_pass(plan, plan.pass(*id))).sum();
         Part::new(name.to_owned(), None, over(&|frame| ms(frame, &of)), bytes, copy)
     };
-    let gpu_ms = over_whole(&|frame| frame.result.total_ms);
-    let between = over(&|frame| Some(frame.result.total_ms? - ms(frame, &|_| true)?));
     Figures {
-        gpu_ms,
-        between_ms: between.filter(|between| gpu_ms.is_some_and(|whole| between.median <= whole.median)),
+        gpu_ms: over_whole(&|frame| frame.result.total_ms),
+        between_ms: over(&|frame| Some(frame.result.total_ms? - ms(frame, &|_| true)?)),
         submit_ms: over_whole(&|frame| Some(frame.submit_ms)),
         record_ms: over_whole(&|frame| Some(frame.result.record_ms)),
         wall_ms: over_whole(&|frame| Some(frame.wall_ms)),
