@@ -130,18 +130,12 @@ impl On {
     }
 
     fn named(device: &str) -> Result<On> {
-        let known = match known_devices::find(device)? {
-            Some(known) => known,
-            None => {
-                let found = options::target(Some(device))
-                    .with_context(|| format!("expected a device that `splatgraph check --help` lists, a file, or a device of this machine, found `{device}`"))?;
-                return Ok(On {
-                    name: found.name,
-                    facts: found.facts,
-                    storage_buffers: None,
-                    is_named: true,
-                });
-            }
+        let Some(known) = known_devices::find(device)? else {
+            let expected =
+                "a device that `splatgraph check --help` lists, a file, or a device of this machine";
+            let found = options::target(Some(device))
+                .with_context(|| format!("expected {expected}, found `{device}`"))?;
+            return Ok(On { name: found.name, facts: found.facts, storage_buffers: None, is_named: true });
         };
         Ok(On {
             name: known.name,
@@ -255,8 +249,8 @@ fn check(
         // For a named device, what stands in for the graph is built.
         if let Some(line) = fallback.clone().filter(|_| !on.is_named) {
             match unsuited.iter_mut().find(|(_, other)| *other == line) {
-                Some((all, _)) => all.push(lanes.to_string()),
-                None => unsuited.push((vec![lanes.to_string()], line)),
+                Some((all, _)) => all.push(lanes.clone()),
+                None => unsuited.push((vec![lanes.clone()], line)),
             }
             continue;
         }
@@ -272,8 +266,8 @@ fn check(
         }
         for (_, text) in without_effect(&plan, set) {
             match idle.iter_mut().find(|(other, _)| *other == text) {
-                Some((_, all)) => all.push(lanes.to_string()),
-                None => idle.push((text, vec![lanes.to_string()])),
+                Some((_, all)) => all.push(lanes.clone()),
+                None => idle.push((text, vec![lanes.clone()])),
             }
         }
         // Barriers depend on passes and resources, not on shaders or facts.
@@ -297,8 +291,8 @@ fn check(
             None => line,
         };
         match found.iter_mut().find(|other| other.line == line) {
-            Some(other) => other.lanes.push(lanes.to_string()),
-            None => found.push(Verified { lanes: vec![lanes.to_string()], plan, line }),
+            Some(other) => other.lanes.push(lanes.clone()),
+            None => found.push(Verified { lanes: vec![lanes.clone()], plan, line }),
         }
     }
     let lanes_of = |lanes: &[String]| match devices.iter().any(|on| on.is_named) {

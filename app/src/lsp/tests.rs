@@ -369,7 +369,7 @@ fn definitions_lead_to_declarations_files_and_blocks() {
         editor.defined(place)
     };
     let width = at(1, "width", GRAPH, "graph.ron");
-    assert_eq!(defined("outer.ron", OUTER, "width / 2", "wid|th / 2"), [width.clone()]);
+    assert_eq!(defined("outer.ron", OUTER, "width / 2", "wid|th / 2"), std::slice::from_ref(&width));
     assert_eq!(defined("copy.comp", COPY, "WIDTH", "|WIDTH"), [width]);
     let table = at(3, "table\": Buffer", GRAPH, "graph.ron");
     assert_eq!(defined("outer.ron", OUTER, "inner.table", "inner.tab|le"), [table]);
