@@ -166,10 +166,18 @@ fn the_advised_command_draws_the_promised_psnr() {
     let of = |parameter: &str| names.iter().any(|name| name.starts_with(parameter));
     assert!(of("key_bits = "), "{names:?}");
 
-    // The printed command, with an output.
+    // The printed command, as it is, and with pictures that are not rounded.
     let command = text.lines().find_map(|line| line.strip_prefix("splatgraph ")).expect("a command");
-    let words: Vec<&str> = command.split(' ').chain(["-o", "drawn", "--format", "npy"]).collect();
+    let words: Vec<&str> = command.split(' ').collect();
     let (code, errors) = place.code(&words);
+    assert_eq!(code, Some(0), "{command}: {errors}");
+    assert!(
+        ["one", "two"].iter().all(|name| place.at(&format!("advised/{name}.png")).is_file()),
+        "{command}"
+    );
+    let unrounded: Vec<&str> =
+        words[..words.len() - 1].iter().copied().chain(["drawn", "--format", "npy"]).collect();
+    let (code, errors) = place.code(&unrounded);
     assert_eq!(code, Some(0), "{command}: {errors}");
     let exact = [
         "render",

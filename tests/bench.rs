@@ -53,17 +53,15 @@ fn graphs_are_measured_in_turns_in_every_size_and_number_of_splats() {
             "out",
         ],
     );
-    for words in
-        ["copy limit: ", "scene, 300 splats, 128x96", "passes of unsorted", "back_to_front", "of copy"]
-    {
+    for words in ["scene, 300 splats, 128x96", "passes of unsorted", "back_to_front", "of copy"] {
         assert!(text.contains(words), "{words}: {text}");
     }
     let report = json(&place, "bench.json");
     assert_eq!((&report["version"], &report["effort"]["rounds"]), (&1.into(), &2.into()));
     assert!(report["device"].as_str().is_some_and(|name| name.contains("llvmpipe")), "{}", report["device"]);
-    let copy = &report["copy"];
-    let rate = copy["bytes"].as_f64().unwrap() / copy["gpu_ms"]["median"].as_f64().unwrap() * 1e-6;
-    assert!((copy["gb_per_s"].as_f64().unwrap() / rate - 1.0).abs() < 1e-9, "{copy}");
+    // On a CPU, a copy bounds no pass, and times of passes are no measure.
+    assert_eq!((&report["is_cpu"], &report["copy"]), (&true.into(), &serde_json::Value::Null));
+    assert!(text.contains("trust GPU ms of whole frames") && !text.contains("copy limit"), "{text}");
     assert_eq!(report["scenes"][0]["cameras"].as_array().map(Vec::len), Some(2));
     let places: Vec<(u64, u64, &str)> = rows(&report)
         .iter()

@@ -33,6 +33,23 @@ pub fn scene() -> tempfile::TempDir {
 }
 
 #[test]
+fn the_sorted_keys_of_tiles_are_judged_under_the_same_short_name() {
+    let folder = scene();
+    for graph in ["tiled", "tiled_cpu"] {
+        let mut args = vec!["render", "scene.ply", "--pipeline", graph, "--size", "160x90", "-o", "out.png"];
+        args.extend(["--inspect", "keys@scatter"]);
+        let device = common::device_option();
+        args.extend(device.as_deref());
+        let text = done(folder.path(), &args);
+        let verdict = text.split("monotonic: the first ").nth(1).unwrap_or_else(|| panic!("{graph}: {text}"));
+        let keys = verdict.split(' ').next().and_then(|n| n.parse::<u64>().ok());
+        assert!(keys.is_some_and(|keys| keys > 1000), "{graph}: {text}");
+        assert!(!text.contains("not monotonic"), "{graph}: {text}");
+        std::fs::remove_file(folder.path().join("out.png")).expect("the picture");
+    }
+}
+
+#[test]
 fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
     let folder = scene();
     let mut args = vec![

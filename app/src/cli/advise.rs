@@ -1,5 +1,6 @@
 //! Runs `splatgraph advise`: what a scene needs, and the cheapest setting within a budget.
 
+use super::cameras;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
 use super::{Outcome, Usage};
 use crate::draw::backend::Backend;
@@ -15,7 +16,7 @@ use crate::studies::advise::search::{Best, Budget, Tried, best, combinations, ow
 use crate::studies::trade::measure::{Baseline, Row, View, measure};
 use crate::studies::trade::noise::LEAST_SAVING;
 use crate::studies::trade::plans;
-use crate::studies::trade::settings::{self, EXACT, Setting};
+use crate::studies::trade::settings::{EXACT, Setting};
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_api::Device;
@@ -34,7 +35,8 @@ use std::path::{Path, PathBuf};
 /// most promising, and advises the best that it measured to be within the budget, as a command. PSNR is that of every view
 /// against the exact renderer (`render --backend reference`), as `compare` measures it. The exit code is 1 if there is none.
 ///
-/// Of settings that noise does not tell apart, the most accurate is advised, and the others are named as too noisy to tell.
+/// Of settings that noise does not tell apart, the most accurate is advised, and the others are named as too noisy to tell. The defaults are
+/// advised where they are within the budget, unless another setting is better beyond the noise.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph advise scene.ply -c cameras.json                # what the scene is like
@@ -47,7 +49,10 @@ pub struct Args {
     /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are tried as they are
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
     pipeline: String,
-    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: four around the scene]
+    /// Set a parameter of the graph in every setting; it is not changed then. May be repeated
+    #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
+    set: Vec<(String, String)>,
+    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: four around the first camera beside the scene, or around the scene]
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
@@ -63,7 +68,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     errors: u64,
     /// Write everything as JSON to this file; `-` is standard output
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     #[command(flatten)]
     effort: EffortArgs,
@@ -83,11 +88,12 @@ const DRAWN: (usize, usize) = (12, 3);
 const AROUND: u32 = 4;
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let given = args.cameras.as_deref().map(options::cameras).transpose()?;
+    let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
     let stems =
         names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), MAX_NAME_BYTES);
     claim_files(args)?;
-    let sampled = given.is_none();
+    let sampled = args.cameras.is_none();
+    let is_one = given.as_ref().is_none_or(|cameras| cameras.len() == 1);
     let (scene, mut cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
     if sampled {
         cameras = keys::around(&scene, cameras.first().context("no cameras")?, AROUND);
@@ -107,12 +113,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if budget != Budget::default() {
         let device = args.device.open()?;
         if let Some(path) = &args.scene {
-            fit::check_header(path, device.info(), &args.pipeline, &[])?;
+            fit::check_header(path, device.info(), &args.pipeline, &args.set)?;
         }
-        let mut session = Session::new(device, scene, &args.pipeline, &[]);
+        let mut session = Session::new(device, scene, &args.pipeline, &args.set);
         let Searched { tried, unsure } = search(args, &mut session, &cameras, &needs, &budget)?;
         let Best { found, hidden } = best(&tried, &budget);
-        tell(&found.map_or_else(|| nothing(&tried, &budget), |found| advice(args, found, &tried)))?;
+        tell(&found.map_or_else(|| nothing(&tried, &budget), |found| advice(args, is_one, found, &tried)))?;
         tell(&noise(found, &hidden, &unsure))?;
         if found.is_none() {
             outcome = Outcome::Failed;
@@ -197,7 +203,7 @@ fn search(
 ) -> Result<Searched> {
     let first = cameras.first().context("no cameras")?;
     let controls = session.controls((first.width, first.height))?;
-    let mut singles = settings::list(&args.pipeline, &controls, &options::measured_names());
+    let mut singles = options::settings_of(&args.pipeline, &args.set, &controls);
     singles.extend(advised_keys(&singles[0], needs));
     let mut exact = session.beside(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
@@ -343,8 +349,8 @@ fn time(tried: &Tried) -> String {
     }
 }
 
-/// The advice: a command, and what was measured.
-fn advice(args: &Args, found: &Tried, tried: &[Tried]) -> String {
+/// The advice: a command that runs as it is, and what was measured. It draws one picture or several.
+fn advice(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
     let mut command = "splatgraph render".to_owned();
     let mut add = |word: &str| command += &format!(" {}", shell_word(word));
     args.scene.iter().for_each(|path| add(&path.display().to_string()));
@@ -356,6 +362,8 @@ fn advice(args: &Args, found: &Tried, tried: &[Tried]) -> String {
     for (name, value) in &found.setting.set {
         ["--set", &format!("{name}={value}")].into_iter().for_each(&mut add);
     }
+    args.device.words().iter().for_each(|word| add(word));
+    ["-o", if is_one { "advised.png" } else { "advised/" }].into_iter().for_each(&mut add);
     format!(
         "\n{command}\n  PSNR by view: {} dB\n  {}\n  the best of {} settings that were measured\n",
         list(&found.psnr_db),

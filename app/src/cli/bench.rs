@@ -1,5 +1,6 @@
 //! Runs `splatgraph bench`: time, bytes and memory of graphs, drawn interleaved.
 
+use super::cameras;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
 use super::{Outcome, Usage};
 use crate::draw::backend::Backend;
@@ -11,7 +12,7 @@ use crate::io::progress::Progress;
 use crate::io::report::plot::Plot;
 use crate::studies::bench::limit::{self, CopyLimit};
 use crate::studies::bench::measure::{Bench, Candidate, Frames};
-use crate::studies::bench::report::{Origin, Report, Row, SceneOrigin, size_text};
+use crate::studies::bench::report::{Origin, Report, Row, SceneOrigin, is_cpu, size_text};
 use crate::studies::bench::{plot, sort, table};
 use anyhow::{Result, bail};
 use serde::Serialize;
@@ -67,7 +68,7 @@ pub struct Args {
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     cameras: Vec<String>,
     /// Write every number as JSON, anew after each size and number of splats; `-` is standard output
-    #[arg(long, value_name = "OUT.json")]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Folder for bench.csv, and for curves as .svg and .png where there are several sizes or numbers of splats
     #[arg(short, long, value_name = "DIR")]
@@ -213,6 +214,10 @@ fn show(args: &Args, text: &str) -> Result<()> {
 
 /// Measures the copy limit, and says why if it cannot.
 fn copy_limit(device: &Backend, frames: Frames) -> Result<Option<CopyLimit>> {
+    // On a CPU, caches serve most passes, and a copy of main memory bounds none of them.
+    if is_cpu(device.info()) {
+        return Ok(None);
+    }
     let copy = limit::measure(device, frames, limit::no_scene()?)?;
     Ok(copy.unwrap_or_else(|why| {
         say(format!("the copy limit cannot be measured: {why}"));
@@ -337,7 +342,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     claim_files(args, &stems)?;
     let cameras = |index: usize| {
         let spec = args.cameras.get(index).or(args.cameras.first());
-        spec.map(|spec| options::cameras(spec)).transpose()
+        cameras::load(spec.map(String::as_str), args.scenes.get(index).map(PathBuf::as_path))
     };
     Ok(Work { cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()?, stems })
 }
@@ -387,6 +392,9 @@ fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
     };
     for scene in &args.scenes {
         guard.input("the scene", scene)?;
+        if args.cameras.is_empty() {
+            cameras::claim(&mut guard, None, Some(scene))?;
+        }
     }
     for cameras in &args.cameras {
         options::claim_cameras(&mut guard, cameras)?;

@@ -1,23 +1,27 @@
 //! Runs `splatgraph check`: builds graphs and replays their barriers.
 
 use super::Outcome;
-use super::{colour, options};
+use super::{colour, known_devices, options};
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Fit, Target, Wanted};
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
 use crate::io::output::{say, say_styled};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use serde_json::{Value, json};
+use splatgraph_api::Heap;
 use splatgraph_framework::dump;
-use splatgraph_framework::ir::{Catalog, Fallback};
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Fallback, ReflectedKind, Shader};
 use splatgraph_framework::lower::Standing;
 use splatgraph_framework::oracle::{self, Replay, mutate};
 use splatgraph_framework::plan::Plan;
+use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph check                        # every built-in graph
   splatgraph check splat my/graph.ron
   splatgraph check splat --splats 5000000
+  splatgraph check my/graph.ron --device raspberry-pi-5 --device webgpu   # devices of the list in --help
+  splatgraph check --device other.json    # written by `splatgraph devices --json` on another machine
   splatgraph check my/graph.ron --json    # for an editor, or a pipeline";
 
 /// Check graphs and their shaders, without a GPU
@@ -26,7 +30,7 @@ pub const EXAMPLES: &str = "Examples:
 /// device, with subgroups of 4 to 64 lanes. Errors are shown at their line and column. Where that device lacks what a graph
 /// requires, that is said, and is no error. An oracle then replays the barriers of
 /// each plan, and tests that they suffice and that none of them, and no bit of one, is needless. A parameter of --set that has no
-/// effect gives a warning.
+/// effect gives a warning. With --device, graphs are built for that device instead, and a requirement that it does not meet is an error.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -39,76 +43,168 @@ pub struct Args {
     /// Number of splats of the nominal scene
     #[arg(long, value_name = "N", default_value_t = SceneFacts::NOMINAL.count as u32, value_parser = clap::value_parser!(u32).range(1..))]
     splats: u32,
-    /// Print JSON: for each graph its name, whether it is right, the verdict, and its diagnostics with file, line and column
+    /// Build for this device: a name listed by --help, a file from `splatgraph devices --json`, or a part of the name or the index of a
+    /// device of this machine; can be given several times
+    #[arg(long, value_name = "NAME|INDEX|FILE")]
+    device: Vec<String>,
+    /// Print JSON, or write it to a file: for each graph (and each --device) its name, whether it is right, the verdict, and its diagnostics with file, line and column
     ///
     /// A diagnostic has `file`, `line`, `column`, `end_line`, `end_column`, `severity` (`error` or `warning`), `message`, `label`, the
     /// words at the place, and `help`, a list. Lines and columns count from 1, columns in characters.
-    #[arg(long)]
-    json: bool,
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
+    json: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
+    let inputs = args.graphs.iter().chain(&args.device).map(|name| ("a graph or a device", Path::new(name)));
+    options::claim_json(args.json.as_deref(), inputs)?;
     let graphs: Vec<&str> = if args.graphs.is_empty() {
         options::built_in_graphs()
     } else {
         args.graphs.iter().map(String::as_str).collect()
     };
+    let devices = args.device.iter().map(|device| On::named(device)).collect::<Result<Vec<_>>>()?;
+    let smallest: Vec<On> = facts::SUBGROUP_SIZES.iter().map(|lanes| On::smallest(*lanes)).collect();
+    // Each named device is checked by itself, the smallest one in all widths of subgroups together.
+    let groups: Vec<&[On]> = if devices.is_empty() { vec![&smallest] } else { devices.chunks(1).collect() };
     // One for all: graphs share most of their shaders.
     let mut planner = Planner::default();
     let mut outcome = Outcome::Done;
     let mut all = Vec::new();
-    for graph in graphs {
+    for (graph, on) in graphs.iter().flat_map(|graph| groups.iter().map(move |on| (*graph, *on))) {
         let mut warnings = Vec::new();
-        let result = check(&mut planner, graph, &args.set, args.splats.into(), &mut |warning| {
-            if args.json { warnings.extend(warning.plain) } else { say_styled(&warning.text) }
+        let result = check(&mut planner, graph, &args.set, args.splats.into(), on, &mut |warning| {
+            if args.json.is_some() { warnings.extend(warning.plain) } else { say_styled(&warning.text) }
         });
-        if !matches!(result, Ok(Ok(_))) {
+        if !matches!(result, Ok(Verdict::Right(_))) {
             outcome = Outcome::Failed;
         }
-        if args.json {
-            all.push(as_json(graph, &result, warnings));
+        let device = on[0].is_named.then_some(on[0].name.as_str());
+        if args.json.is_some() {
+            all.push(as_json(graph, device, &result, warnings));
             continue;
         }
+        let title = device.map_or(graph.to_owned(), |device| format!("{graph} on {device}"));
         match result {
-            Ok(Ok(lines)) => options::print(&format!("{graph}: {lines}"))?,
+            Ok(Verdict::Right(lines) | Verdict::Lacking(lines)) => {
+                options::print(&format!("{title}: {lines}"))?
+            }
             // Not the graph's fault: the solver's.
-            Ok(Err(violations)) => {
+            Ok(Verdict::Wrong(violations)) => {
                 say(violations);
                 options::print(&format!(
-                    "{graph}: its barriers do not hold; please report this with the graph"
+                    "{title}: its barriers do not hold; please report this with the graph"
                 ))?;
             }
             Err(errors) => {
                 say_styled(&format!("{}\n", errors.text(colour()).trim_end()));
-                if let Some(fit) = too_large(&mut planner, graph, &args.set, args.splats.into()) {
+                let target = on[0].target();
+                if let Some(fit) = too_large(&mut planner, graph, &args.set, args.splats.into(), &target) {
                     say(fit);
                 }
                 let errors = if errors.found.len() == 1 { "an error" } else { "errors" };
-                options::print(&format!("{graph}: {errors}"))?;
+                options::print(&format!("{title}: {errors}"))?;
             }
         }
     }
-    if args.json {
-        options::write_text(None, &format!("{:#}\n", Value::from(all)))?;
+    if let Some(path) = &args.json {
+        options::write_json(path, &Value::from(all))?;
     }
     Ok(outcome)
 }
 
+/// A device that graphs are checked for.
+struct On {
+    /// The device's name; of the smallest supported one, the lanes of its subgroups.
+    name: String,
+    facts: DeviceFacts,
+    storage_buffers: Option<usize>,
+    /// It was named on the command line: what it lacks is an error.
+    is_named: bool,
+}
+
+impl On {
+    fn smallest(lanes: u32) -> On {
+        let facts = facts::portable_device(lanes);
+        On { name: lanes.to_string(), facts, storage_buffers: None, is_named: false }
+    }
+
+    fn named(device: &str) -> Result<On> {
+        let Some(known) = known_devices::find(device)? else {
+            let expected =
+                "a device that `splatgraph check --help` lists, a file, or a device of this machine";
+            let found = options::target(Some(device))
+                .with_context(|| format!("expected {expected}, found `{device}`"))?;
+            return Ok(On { name: found.name, facts: found.facts, storage_buffers: None, is_named: true });
+        };
+        Ok(On {
+            name: known.name,
+            facts: known.facts,
+            storage_buffers: known.storage_buffers,
+            is_named: true,
+        })
+    }
+
+    fn target(&self) -> Target {
+        match self.is_named {
+            true => Target { name: self.name.clone(), facts: self.facts, heap: Heap::default() },
+            false => Target::nominal(),
+        }
+    }
+
+    /// Says which shaders bind more storage buffers than the device allows; `None` if none does.
+    fn too_many_buffers(&self, plan: &Plan) -> Option<String> {
+        let most = self.storage_buffers?;
+        let buffers = |shader: &Shader| -> usize {
+            let bindings = shader.reflection.bindings.iter();
+            let storage = bindings.filter(|b| matches!(b.kind, ReflectedKind::StorageBuffer { .. }));
+            storage.map(|binding| binding.count as usize).sum()
+        };
+        let found = plan.shaders.iter().filter(|shader| buffers(shader) > most);
+        let found: Vec<String> =
+            found.map(|shader| format!("{} binds {}", shader.name, buffers(shader))).collect();
+        (!found.is_empty()).then(|| {
+            format!("expected at most {most} storage buffers in a shader, found: {}", found.join(", "))
+        })
+    }
+}
+
 /// Writes the result of one graph as JSON.
-fn as_json(graph: &str, result: &CheckResult, mut found: Vec<PlainDiagnostic>) -> Value {
+fn as_json(
+    graph: &str,
+    device: Option<&str>,
+    result: &CheckResult,
+    mut found: Vec<PlainDiagnostic>,
+) -> Value {
     let verdict = match result {
-        Ok(Ok(verdict)) => verdict.clone(),
-        Ok(Err(violations)) => format!("its barriers do not hold: {violations}"),
+        Ok(Verdict::Right(verdict) | Verdict::Lacking(verdict)) => verdict.clone(),
+        Ok(Verdict::Wrong(violations)) => format!("its barriers do not hold: {violations}"),
         Err(errors) => {
             found.splice(0..0, errors.found.iter().cloned());
             "errors".to_owned()
         }
     };
-    json!({ "graph": graph, "ok": matches!(result, Ok(Ok(_))), "verdict": verdict, "diagnostics": found })
+    let is_right = matches!(result, Ok(Verdict::Right(_)));
+    let mut json = json!({ "graph": graph, "ok": is_right, "verdict": verdict, "diagnostics": found });
+    if let Some(device) = device {
+        json["device"] = device.into();
+    }
+    json
 }
 
-/// The verdict on a graph, the violations that the oracle found, or the graph's errors.
-type CheckResult = Result<Result<String, String>, GraphErrors>;
+/// What a graph without errors is found to be.
+#[derive(Debug)]
+enum Verdict {
+    /// Nothing is wrong, with a summary.
+    Right(String),
+    /// A device that was named lacks what the graph needs: this.
+    Lacking(String),
+    /// The violations that the oracle found.
+    Wrong(String),
+}
+
+/// The verdict on a graph, or its errors.
+type CheckResult = Result<Verdict, GraphErrors>;
 
 /// Holds a warning, rendered with the source text and as plain data. One of a setting has no place in a file.
 struct Warning {
@@ -123,16 +219,17 @@ struct Verified {
     line: String,
 }
 
-/// Builds a graph for every subgroup size, because graphs may depend on it, and verifies each plan.
+/// Builds a graph for each device, because graphs may depend on its facts, and verifies each plan.
 ///
-/// Returns a verdict and a line for the sizes with equal counts, or the violations of the first size that has any; and the errors of
-/// the first size that has any. Where the device lacks what the graph requires, the line says so: nothing is built. Warnings are
-/// printed once each; those of settings without an effect say for which sizes.
+/// Returns a verdict and a line for the devices with equal counts, or the violations of the first device that has any; and the errors of
+/// the first device that has any. Where the device lacks what the graph requires, the line says so: nothing is built. Warnings are
+/// printed once each; those of settings without an effect say for which devices.
 fn check(
     planner: &mut Planner,
     graph: &str,
     set: &[(String, String)],
     splats: u64,
+    devices: &[On],
     warn: &mut dyn FnMut(Warning),
 ) -> CheckResult {
     let (catalog, scene) = nominal(splats);
@@ -140,16 +237,27 @@ fn check(
     let mut unsuited: Vec<(Vec<String>, String)> = Vec::new();
     let mut warned = Vec::new();
     let mut idle: Vec<(String, Vec<String>)> = Vec::new();
-    for lanes in facts::SUBGROUP_SIZES {
-        let facts = facts::facts(&scene, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
-        if let Some(line) = lacking(planner.standing(graph, &facts, &catalog)?) {
+    for on in devices {
+        let lanes = &on.name;
+        let facts = facts::facts(&scene, &on.facts, facts::DEFAULT_SIZE);
+        let standing = planner.standing(graph, &facts, &catalog)?;
+        let is_unmet = !standing.unmet.is_empty();
+        let fallback = lacking(standing);
+        if let Some(line) = fallback.clone().filter(|_| on.is_named && is_unmet) {
+            return Ok(Verdict::Lacking(line));
+        }
+        // For a named device, what stands in for the graph is built.
+        if let Some(line) = fallback.clone().filter(|_| !on.is_named) {
             match unsuited.iter_mut().find(|(_, other)| *other == line) {
-                Some((all, _)) => all.push(lanes.to_string()),
-                None => unsuited.push((vec![lanes.to_string()], line)),
+                Some((all, _)) => all.push(lanes.clone()),
+                None => unsuited.push((vec![lanes.clone()], line)),
             }
             continue;
         }
         let plan = planner.plan(graph, set, &facts, &catalog)?;
+        if let Some(line) = on.too_many_buffers(&plan) {
+            return Ok(Verdict::Lacking(line));
+        }
         let warnings = planner.warnings(&plan, colour());
         if !warnings.is_empty() && !warned.contains(&warnings) {
             let text = format!("{}\n", warnings.trim_end());
@@ -158,8 +266,8 @@ fn check(
         }
         for (_, text) in without_effect(&plan, set) {
             match idle.iter_mut().find(|(other, _)| *other == text) {
-                Some((_, all)) => all.push(lanes.to_string()),
-                None => idle.push((text, vec![lanes.to_string()])),
+                Some((_, all)) => all.push(lanes.clone()),
+                None => idle.push((text, vec![lanes.clone()])),
             }
         }
         // Barriers depend on passes and resources, not on shaders or facts.
@@ -169,22 +277,35 @@ fn check(
             None => match verify(&plan) {
                 Ok(line) => line,
                 Err(violations) => {
-                    return Ok(Err(format!("with subgroups of {lanes} lanes:\n{violations}")));
+                    let whose = if on.is_named {
+                        String::new()
+                    } else {
+                        format!("with subgroups of {lanes} lanes:\n")
+                    };
+                    return Ok(Verdict::Wrong(whose + &violations));
                 }
             },
         };
+        let line = match fallback {
+            Some(fallback) => format!("{fallback}; {line}"),
+            None => line,
+        };
         match found.iter_mut().find(|other| other.line == line) {
-            Some(other) => other.lanes.push(lanes.to_string()),
-            None => found.push(Verified { lanes: vec![lanes.to_string()], plan, line }),
+            Some(other) => other.lanes.push(lanes.clone()),
+            None => found.push(Verified { lanes: vec![lanes.clone()], plan, line }),
         }
     }
+    let lanes_of = |lanes: &[String]| match devices.iter().any(|on| on.is_named) {
+        true => String::new(),
+        false => format!("{} lanes: ", lanes.join(", ")),
+    };
     for (text, lanes) in idle {
-        say(format!("warning: {graph}, {} lanes: {text}", lanes.join(", ")));
+        say(format!("warning: {graph}, {}{text}", lanes_of(&lanes)));
     }
     let verdict = if found.is_empty() { "not for the smallest supported device" } else { "OK" };
     let found = found.into_iter().map(|verified| (verified.lanes, verified.line));
-    let line = |(lanes, line): (Vec<String>, String)| format!("\n  {} lanes: {line}", lanes.join(", "));
-    Ok(Ok(verdict.to_owned() + &found.chain(unsuited).map(line).collect::<String>()))
+    let line = |(lanes, line): (Vec<String>, String)| format!("\n  {}{line}", lanes_of(&lanes));
+    Ok(Verdict::Right(verdict.to_owned() + &found.chain(unsuited).map(line).collect::<String>()))
 }
 
 /// Says what a device lacks that a graph requires, and what stands in for the graph.
@@ -220,11 +341,17 @@ fn nominal(splats: u64) -> (Catalog, SceneFacts) {
     (catalog, SceneFacts { count: splats, ..SceneFacts::NOMINAL })
 }
 
-/// Says what would fit, where a graph that cannot be built is sound but too large for the smallest supported device.
-fn too_large(planner: &mut Planner, graph: &str, set: &[(String, String)], splats: u64) -> Option<Fit> {
+/// Says what would fit, where a graph that cannot be built is sound but too large for the device.
+fn too_large(
+    planner: &mut Planner,
+    graph: &str,
+    set: &[(String, String)],
+    splats: u64,
+    device: &Target,
+) -> Option<Fit> {
     let (catalog, scene) = nominal(splats);
     let wanted = Wanted { graph, set, scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
-    let (_, fit) = fit::fit(planner, &wanted, &Target::nominal()).ok()?;
+    let (_, fit) = fit::fit(planner, &wanted, device).ok()?;
     (!fit.fits).then_some(fit)
 }
 
@@ -261,6 +388,51 @@ fn verify(plan: &Plan) -> Result<String, String> {
 mod tests {
     use super::*;
 
+    /// Checks a graph for the smallest device.
+    fn checked(planner: &mut Planner, graph: &str, splats: u64) -> CheckResult {
+        let smallest: Vec<On> = facts::SUBGROUP_SIZES.iter().map(|lanes| On::smallest(*lanes)).collect();
+        check(planner, graph, &[], splats, &smallest, &mut |_| {})
+    }
+
+    fn right(result: CheckResult) -> String {
+        match result.expect("no error") {
+            Verdict::Right(lines) => lines,
+            other => panic!("expected a graph without mistakes, found {other:?}"),
+        }
+    }
+
+    #[test]
+    fn what_a_named_device_lacks_is_an_error_that_names_the_need() {
+        let planner = &mut Planner::default();
+        let mut on = |graph: &str, device: &str| {
+            let device = On::named(device).expect("a device of the catalogue");
+            check(planner, graph, &[], 1_000_000, &[device], &mut |_| {}).expect("no error")
+        };
+        let lacking = |verdict: Verdict| match verdict {
+            Verdict::Lacking(line) => line,
+            other => panic!("expected a need that is not met, found {other:?}"),
+        };
+        let line = lacking(on("tiled", "webgpu"));
+        assert!(
+            line.contains("device.subgroup_") && line.ends_with("= false), and nothing stands in"),
+            "{line}"
+        );
+        let line = lacking(on("splat", "webgpu-subgroups"));
+        assert!(
+            line.starts_with("expected at most 8 storage buffers in a shader, found: project.comp binds "),
+            "{line}"
+        );
+        for device in ["lavapipe", "raspberry-pi-5", "adreno", "mali", "intel", "amd", "apple"] {
+            let verdict = on("auto", device);
+            assert!(
+                matches!(&verdict, Verdict::Right(lines) if lines.starts_with("OK\n  ")),
+                "{device}: {verdict:?}"
+            );
+        }
+        let error = On::named("no-such-device").err().expect("there is none").to_string();
+        assert!(error.ends_with("found `no-such-device`"), "{error}");
+    }
+
     fn plan(lanes: u32) -> Plan {
         let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
         Planner::default().plan("splat", &[], &facts, &options::nominal_catalog()).expect("a plan")
@@ -281,20 +453,19 @@ mod tests {
     #[test]
     fn a_scene_too_large_for_the_smallest_device_is_answered_with_one_that_fits() {
         let planner = &mut Planner::default();
-        let errors = check(planner, "unsorted", &[], 5_000_000, &mut |_| {})
-            .expect_err("the splats exceed a storage buffer");
+        let errors = checked(planner, "unsorted", 5_000_000).expect_err("the splats exceed a storage buffer");
         assert!(
             errors.to_string().contains("`splats` has 153 MiB, and the device binds at most 128"),
             "{errors}"
         );
-        let fit = too_large(planner, "unsorted", &[], 5_000_000).expect("it is only too large");
+        let fit =
+            too_large(planner, "unsorted", &[], 5_000_000, &Target::nominal()).expect("it is only too large");
         assert!(
-            fit.most_splats.is_some_and(
-                |most| check(planner, "unsorted", &[], most, &mut |_| {}).is_ok_and(|r| r.is_ok())
-            ),
+            fit.most_splats
+                .is_some_and(|most| matches!(checked(planner, "unsorted", most), Ok(Verdict::Right(_)))),
             "{fit}"
         );
-        assert_eq!(too_large(planner, "unsorted", &[], 1_000_000), None);
+        assert_eq!(too_large(planner, "unsorted", &[], 1_000_000, &Target::nominal()), None);
     }
 
     #[test]
@@ -307,11 +478,7 @@ mod tests {
             path.display().to_string()
         };
         let wide = r#"require: [("device.max_invocations >= 1024", "workgroups of 1024 invocations")]"#;
-        let checked = |graph: &str| {
-            check(&mut Planner::default(), graph, &[], 1000, &mut |_| {})
-                .expect("no error")
-                .expect("no violation")
-        };
+        let checked = |graph: &str| right(checked(&mut Planner::default(), graph, 1000));
         assert_eq!(
             checked(&written("wide.ron", wide)),
             "not for the smallest supported device\n  4, 8, 16, 32, 64 lanes: the graph needs workgroups of 1024 \
@@ -340,8 +507,8 @@ mod tests {
                     resources: { \"image\": Image(format: \"RGBA8Unorm\", size: (8, 8)) }, passes: [])";
         std::fs::write(&path, text).expect("writable");
         let graph = path.display().to_string();
-        let result = check(&mut Planner::default(), &graph, &[], 1000, &mut |_| {});
-        let json = as_json(&graph, &result, Vec::new());
+        let result = checked(&mut Planner::default(), &graph, 1000);
+        let json = as_json(&graph, None, &result, Vec::new());
         assert_eq!(json["ok"], false);
         let found = &json["diagnostics"][0];
         assert_eq!((&found["line"], &found["column"]), (&json!(2), &json!(40)), "{json:#}");

@@ -33,9 +33,9 @@ pub struct Args {
     a: PathBuf,
     /// The picture, folder or archive to compare it with
     b: PathBuf,
-    /// Print JSON instead of a table
-    #[arg(long)]
-    json: bool,
+    /// Print JSON instead of a table, or write it to a file
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
+    json: Option<PathBuf>,
     /// Write a picture of the absolute differences (for folders: a folder of them)
     #[arg(long, value_name = "OUT.png")]
     diff: Option<PathBuf>,
@@ -81,7 +81,10 @@ struct Pair {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let (text, outcome) = compare(args)?;
-    let printed = options::print(&text);
+    let printed = match &args.json {
+        Some(path) => options::write_text(Some(path), &format!("{text}\n")),
+        None => options::print(&text),
+    };
     if let Outcome::Failed = outcome {
         say(format!("error: PSNR is below the {} dB of --min-psnr", args.min_psnr.unwrap_or_default()));
     }
@@ -140,6 +143,9 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     for path in &diffs {
         guard.output("--diff", path).map_err(Usage::from)?;
     }
+    if let Some(path) = &args.json {
+        guard.output("--json", path).map_err(Usage::from)?;
+    }
     Ok(Work { pairs, folders, diffs })
 }
 
@@ -159,7 +165,7 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
 
     let worst = (0..found.len()).min_by(|&i, &j| found[i].psnr().total_cmp(&found[j].psnr()));
     let Some(worst) = worst else { bail!("expected at least one picture, found none") };
-    let text = if args.json {
+    let text = if args.json.is_some() {
         format!("{:#}", report(&pairs, &found, worst, folders))
     } else if folders {
         table(&pairs, &found, worst)

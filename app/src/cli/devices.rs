@@ -6,6 +6,7 @@ use crate::io::output::say;
 use anyhow::Result;
 use splatgraph_api::DeviceInfo;
 use splatgraph_assets::memory::display;
+use std::path::PathBuf;
 
 /// List this machine's devices
 ///
@@ -19,9 +20,9 @@ use splatgraph_assets::memory::display;
   splatgraph render --device llvmpipe -o demo.png
   splatgraph render --backend null --repeat 100 --json -     # what all costs but the GPU's work")]
 pub struct Args {
-    /// Print JSON, with the facts for graphs
-    #[arg(long)]
-    json: bool,
+    /// Print JSON, with the facts for graphs, or write it to a file
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
+    json: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -37,14 +38,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let usual = devices.iter().any(|(api, _)| *api == Api::default());
     let outcome = if usual { Outcome::Done } else { Outcome::Failed };
-    if args.json {
+    if let Some(path) = &args.json {
         let all = devices.iter().map(|(api, device)| {
             let mut value = serde_json::to_value(device)?;
             value["backend"] = api.name().into();
             Ok(value)
         });
         let all = all.collect::<Result<Vec<_>>>()?;
-        options::write_text(None, &format!("{:#}\n", serde_json::Value::from(all)))?;
+        options::write_json(path, &serde_json::Value::from(all))?;
         return Ok(outcome);
     }
     for (api, device) in &devices {

@@ -1,5 +1,6 @@
 //! Runs `splatgraph experiment`: pages that show what an equation says.
 
+use super::cameras;
 use super::options::{self, DrawingBackendArgs};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::draw::fit;
@@ -47,7 +48,7 @@ enum Kind {
 struct Common {
     /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog [default: the demo scene, which the first use generates]
     scene: Option<PathBuf>,
-    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
+    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras', at most 640 pixels wide]
@@ -88,7 +89,7 @@ impl Kind {
 pub fn run(args: &Args) -> Result<Outcome> {
     let common = args.kind.common();
     let output = args.output();
-    let given = common.cameras.as_deref().map(options::cameras).transpose()?;
+    let given = cameras::load(common.cameras.as_deref(), common.scene.as_deref())?;
     let names = options::camera_names(common.scene.as_deref(), given.as_deref());
     let stems = names::unique(&names, MAX_NAME_BYTES);
     let mut guard = guard(args)?;

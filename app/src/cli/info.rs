@@ -1,8 +1,8 @@
 //! Runs `splatgraph info`: reports a scene's contents, flaws and memory.
 
-use super::Outcome;
 use super::advise::{bands_text, keys_text};
 use super::options::{self, Drawing};
+use super::{Outcome, Usage};
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::keys::{self, Seen};
@@ -12,7 +12,7 @@ use anyhow::Result;
 use serde_json::json;
 use splatgraph_assets::Report;
 use splatgraph_framework::dump::{self, Dump};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph info scene.ply
@@ -32,17 +32,23 @@ pub struct Args {
     scene: PathBuf,
     #[command(flatten)]
     drawing: Drawing,
-    /// Build the plan for this device: a part of its name, or its index in `splatgraph devices` [default: the smallest supported]
-    #[arg(long, value_name = "NAME|INDEX")]
+    /// Build the plan for this device: a part of its name, its index in `splatgraph devices`, a name listed by
+    /// `splatgraph check --help`, or a file from `splatgraph devices --json` [default: that of this machine]
+    #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Option<String>,
-    /// Print JSON
-    #[arg(long)]
-    json: bool,
+    /// Print JSON, or write it to a file
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
+    json: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
+    let mut guard = options::claim_inputs(Some(&args.scene), args.drawing.cameras.as_deref())?;
+    guard.input("the graph", Path::new(&args.drawing.pipeline)).map_err(Usage::from)?;
+    if let Some(path) = &args.json {
+        guard.output("--json", path).map_err(Usage::from)?;
+    }
     let scene = options::load_scene(&args.scene)?;
-    let given = args.drawing.cameras()?;
+    let given = args.drawing.cameras(Some(&args.scene))?;
     let in_scene = given.map(|cameras| options::in_scene(&cameras, &scene));
     let cameras = in_scene.unwrap_or_else(|| vec![options::framing(&scene)]);
     let report = Report::new(&scene, &cameras);
@@ -59,13 +65,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
         keys_text(&needs, 0),
         bands_text(&bands)
     );
-    if !args.json {
+    if args.json.is_none() {
         // Whatever the graph or the device says, the scene's own part is known.
         options::write_text(None, &worksheet)?;
     }
     let device = match args.device.as_deref() {
         Some(wanted) => options::target(Some(wanted))?,
-        None => Target::nominal(),
+        // Without a device, the smallest supported one stands in.
+        None => options::target(None).unwrap_or_else(|_| Target::nominal()),
     };
     let catalog = facts::catalog(&scene);
     let wanted = Wanted {
@@ -78,17 +85,17 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut planner = Planner::default();
     let (plan, fit) = fit::fit(&mut planner, &wanted, &device)?;
     let mut fits = vec![fit];
-    // What the smallest device cannot hold, that of this machine may.
+    // Other machines may be smaller.
     if args.device.is_none()
-        && !fits[0].fits
-        && let Ok(found) = options::target(None)
-        && let Ok((_, fit)) = fit::fit(&mut planner, &wanted, &found)
+        && device != Target::nominal()
+        && let Ok((_, fit)) = fit::fit(&mut planner, &wanted, &Target::nominal())
+        && !fit.fits
     {
         fits.push(fit);
     }
     let dump = dump::dump(&plan);
 
-    if args.json {
+    if let Some(path) = &args.json {
         let buffers: Vec<_> = dump
             .resources
             .iter()
@@ -108,7 +115,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             "buffers": buffers,
             "fits": fits,
         });
-        options::write_text(None, &format!("{all:#}\n"))?;
+        options::write_json(path, &all)?;
     } else {
         let fits: String = fits.iter().map(|fit| format!("\n{fit}")).collect();
         options::write_text(None, &format!("\n{}{fits}", memory(&dump, size)))?;

@@ -6,10 +6,10 @@ use anyhow::{Context, Result};
 use lsp_server::Connection;
 
 pub const EXAMPLES: &str = "Examples:
-  splatgraph lsp                          # an editor runs this; docs/tutorial.md has settings for Helix, Neovim and VS Code
+  splatgraph lsp                          # an editor runs this; docs/editors.md has settings for VS Code, Helix and Neovim
   splatgraph check my.ron --json          # the same diagnostics, once";
 
-/// Serve an editor: diagnostics, completion and values while a graph is typed
+/// Serve an editor: errors, completion, values, barriers and renaming while a graph is typed
 ///
 /// It speaks the Language Server Protocol on standard input and output, and ends with the editor. No GPU is needed: graphs are
 /// built for the smallest supported device and a million splats, as `check` does.

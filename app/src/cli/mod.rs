@@ -7,6 +7,7 @@
 
 mod advise;
 mod bench;
+mod cameras;
 mod check;
 mod compare;
 mod convert;
@@ -16,6 +17,7 @@ mod experiment;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
 mod info;
+mod known_devices;
 mod lsp;
 mod new;
 mod options;
@@ -43,15 +45,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-/// Draw 3D Gaussian Splatting scenes with renderers that are data files, and measure the cost of every choice
-///
-/// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. `splatgraph source` lists the
-/// built-in ones, and `splatgraph new` writes one to start from; pass its path as the pipeline.
-#[derive(Debug, Parser)]
-#[command(name = "splatgraph", version, max_term_width = 110)]
-#[command(after_help = "Examples:
-  splatgraph view                                   # a window on the demo scene
-  splatgraph render -o demo.png                     # a picture of it
+const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a picture of it
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --json stats.json
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
@@ -64,7 +58,24 @@ use std::sync::Arc;
   splatgraph popping                                # the error that changes from frame to frame
   splatgraph new my.ron                             # a renderer of your own, to start from
   splatgraph params                                 # what --set can change
-  splatgraph dump splat --format dot | dot -Tsvg > splat.svg")]
+  splatgraph dump splat --format dot | dot -Tsvg > splat.svg";
+
+/// Returns the examples of the whole program; `view` is first where there is one.
+fn examples() -> String {
+    let view = match cfg!(feature = "window") {
+        true => "  splatgraph view                                   # a window on the demo scene\n",
+        false => "",
+    };
+    format!("Examples:\n{view}{EXAMPLES}")
+}
+
+/// Draw 3D Gaussian Splatting scenes with renderers that are data files, and measure the cost of every choice
+///
+/// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. `splatgraph source` lists the
+/// built-in ones, and `splatgraph new` writes one to start from; pass its path as the pipeline.
+#[derive(Debug, Parser)]
+#[command(name = "splatgraph", version, max_term_width = 110)]
+#[command(after_help = examples())]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -209,7 +220,10 @@ fn command() -> clap::Command {
     command
         .mut_subcommand("render", |c| with_presets(c, render::EXAMPLES))
         .mut_subcommand("dump", |c| with_presets(c, dump::EXAMPLES))
-        .mut_subcommand("check", |c| with_presets(c, check::EXAMPLES))
+        .mut_subcommand("check", |c| {
+            let devices = format!("{}\n\nDevices:\n{}", check::EXAMPLES, known_devices::list());
+            with_presets(c, &devices)
+        })
         .mut_subcommand("info", |c| with_presets(c, info::EXAMPLES))
         .mut_subcommand("convert", |c| {
             c.after_long_help(format!("{}\n\n{}", convert::EXAMPLES, convert::format_list()))
@@ -269,6 +283,18 @@ mod tests {
     #[test]
     fn the_command_line_is_well_formed() {
         command().debug_assert();
+    }
+
+    #[test]
+    fn the_examples_in_the_help_are_commands_that_this_program_has() {
+        let mut help = command();
+        let help = help.render_help().to_string();
+        let lines = help.lines().filter_map(|line| line.trim_start().strip_prefix("splatgraph "));
+        let names: Vec<&str> = lines.filter_map(|line| line.split_whitespace().next()).collect();
+        assert!(names.len() > 10, "{help}");
+        for name in names {
+            assert!(command().find_subcommand(name).is_some(), "`{name}` of the examples is no command");
+        }
     }
 
     #[test]

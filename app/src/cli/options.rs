@@ -1,6 +1,6 @@
 //! Defines options and helpers of several commands.
 
-use super::Usage;
+use super::{Usage, known_devices};
 use crate::draw::backend::{Api, Backend, Options, Validation};
 use crate::draw::builtin;
 use crate::draw::facts;
@@ -14,9 +14,10 @@ use crate::studies::bench;
 use crate::studies::trade::plans;
 use crate::studies::trade::settings::{self, Setting};
 use anyhow::{Context, Result};
-use splatgraph_api::BackendError;
+use splatgraph_api::{BackendError, Heap};
 use splatgraph_assets::{Camera, CameraError, Scene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
+use splatgraph_framework::lower::Control;
 use std::collections::HashMap;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -232,18 +233,21 @@ pub fn framing(scene: &Scene) -> Camera {
     Camera { img_name: FRAMING.into(), ..Camera::framing(scene, width, height) }
 }
 
-/// Returns the facts of the named device, or of the smallest supported one.
+/// Returns the facts of the named device, or of the smallest supported one; see [`target`].
 pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
-    let Some(wanted) = wanted else {
-        return Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
-    };
-    let options = Options { device: Some(wanted.to_owned()), ..Default::default() };
-    let device = Backend::open(Api::default(), &options).context("the device's limits are not available")?;
-    Ok(splatgraph_api::Device::info(&device).facts)
+    match wanted {
+        Some(wanted) => Ok(target(Some(wanted))?.facts),
+        None => Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE)),
+    }
 }
 
-/// Opens the named device, or the one that is taken without a name, and describes it.
+/// Describes the device of the catalogue or of the file that `wanted` names, or else opens the one of this machine.
+///
+/// Without a name, the device is opened that draws without one.
 pub fn target(wanted: Option<&str>) -> Result<Target> {
+    if let Some(known) = wanted.map(known_devices::find).transpose()?.flatten() {
+        return Ok(Target { name: known.name, facts: known.facts, heap: Heap::default() });
+    }
     let options = Options { device: wanted.map(str::to_owned), ..Default::default() };
     let device = Backend::open(Api::default(), &options).context("the device's limits are not available")?;
     let info = splatgraph_api::Device::info(&device);
@@ -317,6 +321,14 @@ impl DrawingBackendArgs {
     pub fn open(&self) -> Result<Backend, BackendError> {
         Backend::open(self.backend, &self.device.options())
     }
+
+    /// Returns the words of a command line that choose the same device.
+    pub fn words(&self) -> Vec<String> {
+        let backend = (self.backend != Api::default())
+            .then(|| ["--backend".to_owned(), self.backend.name().to_owned()]);
+        let device = self.device.device.clone().map(|device| ["--device".to_owned(), device]);
+        backend.into_iter().chain(device).flatten().collect()
+    }
 }
 
 impl std::ops::Deref for DrawingBackendArgs {
@@ -336,7 +348,7 @@ pub struct Drawing {
     /// Set a parameter of the graph; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]
     pub set: Vec<(String, String)>,
-    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
+    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     ///
     /// In place of a file's name, the text of such a file: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
@@ -349,9 +361,9 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// Loads the cameras of `--cameras`.
-    pub fn cameras(&self) -> Result<Option<Vec<Camera>>, CameraError> {
-        self.cameras.as_deref().map(cameras).transpose()
+    /// Loads the cameras of `--cameras`, or the first beside the scene.
+    pub fn cameras(&self, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
+        super::cameras::load(self.cameras.as_deref(), scene)
     }
 }
 
@@ -388,9 +400,7 @@ pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<Outpu
         Some(path) => guard.input("the scene", path)?,
         None => demo::path().map_or(Ok(()), |path| guard.input("the demo scene", &path))?,
     }
-    if let Some(cameras) = cameras {
-        claim_cameras(&mut guard, cameras)?;
-    }
+    super::cameras::claim(&mut guard, cameras, scene)?;
     Ok(guard)
 }
 
@@ -404,6 +414,20 @@ pub fn claim_cameras(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage
         guard.input("the cameras", Path::new(file))?;
     }
     Ok(())
+}
+
+/// Lists the settings of a graph that are measured, with the parameters of `set` fixed.
+pub fn settings_of(pipeline: &str, set: &[(String, String)], controls: &[Control]) -> Vec<Setting> {
+    let all = settings::list(pipeline, controls, &measured_names());
+    if set.is_empty() {
+        return all;
+    }
+    let presets = builtin::presets();
+    let has = |graph: &str, name: &str| {
+        let preset = presets.iter().find(|preset| preset.name == graph);
+        preset.is_some_and(|preset| preset.params.iter().any(|control| control.param.name == name))
+    };
+    settings::fixed(all, set, has)
 }
 
 /// Leaves out the settings that change nothing in the plan of the exact ones, which is prepared, and says so.
@@ -436,6 +460,18 @@ pub fn with_plans(
     let (settings, lines) = plans::distinct(planned);
     lines.iter().for_each(say);
     Ok(settings)
+}
+
+/// Returns an error if the file of `--json` would destroy an input.
+pub fn claim_json<'a>(
+    json: Option<&Path>,
+    inputs: impl Iterator<Item = (&'a str, &'a Path)>,
+) -> Result<(), Usage> {
+    let mut guard = OutputGuard::default();
+    for (what, path) in inputs {
+        guard.input(what, path)?;
+    }
+    json.map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
 }
 
 /// Writes JSON to a file, or to standard output if the name is `-`.

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use splatgraph_assets::grouped;
 use splatgraph_framework::ir::{DeviceFacts, ParamBinding};
 use splatgraph_framework::lower::Control;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph params                              # of the default graph, `auto`, as this device draws it
@@ -37,15 +37,18 @@ pub struct Args {
     /// The scene that defaults depend on
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// The device that defaults depend on: a part of its name, or its index in `splatgraph devices`
-    #[arg(long, value_name = "NAME|INDEX")]
+    /// The device that defaults depend on: a part of its name, its index in `splatgraph devices`, a name listed by
+    /// `splatgraph check --help`, or a file from `splatgraph devices --json`
+    #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Option<String>,
-    /// Print JSON
-    #[arg(long)]
-    json: bool,
+    /// Print JSON, or write it to a file
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
+    json: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
+    let files = [Some(Path::new(&args.graph)), args.scene.as_deref(), args.device.as_deref().map(Path::new)];
+    options::claim_json(args.json.as_deref(), files.into_iter().flatten().map(|file| ("an input", file)))?;
     let (device_name, device) = device(args.device.as_deref())?;
     let (scene, catalog) = match &args.scene {
         Some(path) => {
@@ -59,12 +62,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let standing = planner.standing(&args.graph, &facts, &catalog)?;
     let controls = planner.controls(&args.graph, &args.set, &facts, &catalog)?;
     let drawn = standing.fallbacks.last().map_or(args.graph.as_str(), |last| last.taken.as_str());
-    if args.json {
+    if let Some(path) = &args.json {
         let all: Vec<Value> = controls.iter().map(as_json).collect();
         let all = json!({
             "graph": args.graph, "drawn": drawn, "device": device_name, "splats": scene.count, "parameters": all,
         });
-        options::write_text(None, &format!("{all:#}\n"))?;
+        options::write_json(path, &all)?;
         return Ok(Outcome::Done);
     }
     let stands = if drawn == args.graph { String::new() } else { format!(", drawn as {drawn}") };

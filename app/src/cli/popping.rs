@@ -1,5 +1,6 @@
 //! Runs `splatgraph popping`: the error that changes from frame to frame.
 
+use super::cameras;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::draw::fit;
@@ -46,7 +47,7 @@ pub struct Args {
     /// Parameters of the graph `auto` that make a variant of it; may be repeated, for several variants
     #[arg(long, value_name = "NAME=VALUE,...", value_parser = variant)]
     with: Vec<Variant>,
-    /// The path: cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
+    /// The path: cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Frames of the orbit, or the first frames of the path [default: 12, or the whole path]
@@ -59,7 +60,7 @@ pub struct Args {
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
     /// File for all numbers as JSON, or `-` for standard output in place of the table
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Folder for popping.csv, popping.svg and popping.png
     #[arg(short, long, value_name = "DIR")]
@@ -92,7 +93,7 @@ fn degrees(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let given = args.cameras.as_deref().map(options::cameras).transpose()?;
+    let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
     let names = options::camera_names(args.scene.as_deref(), given.as_deref());
     let stems = names::unique(&names, MAX_NAME_BYTES);
     let mut guard = guard(args)?;

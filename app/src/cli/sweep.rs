@@ -53,7 +53,7 @@ const CSV: &str = "sweep.csv";
 const JSON: &str = "sweep.json";
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let given = args.drawing.cameras()?;
+    let given = args.drawing.cameras(args.scene.as_deref())?;
     let room = MAX_NAME_BYTES - 40;
     let stems = names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), room);
     claim_files(args)?;

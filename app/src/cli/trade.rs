@@ -1,5 +1,6 @@
 //! Runs `splatgraph trade`: the ledger of what each setting saves and costs.
 
+use super::cameras;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
 use super::{Outcome, Usage};
 use crate::draw::backend::Backend;
@@ -7,7 +8,7 @@ use crate::draw::fit;
 use crate::draw::session::Session;
 use crate::io::image::{Format, Image};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
-use crate::io::output::{self, one_line, say};
+use crate::io::output::{self, one_line, say, shell_word};
 use crate::io::progress::Progress;
 use crate::studies::trade::ledger::{Book, Origin};
 use crate::studies::trade::measure::{Baseline, View, measure};
@@ -47,6 +48,7 @@ use std::path::{Path, PathBuf};
   splatgraph trade                                        # the demo scene; ledger/ledger.html shows the result
   splatgraph trade scene.ply -c cameras.json -o biker/    # an interrupted run goes on
   splatgraph trade scene.ply --only key_bits --only key_map
+  splatgraph trade scene.ply --set sh_degree=1            # what the others save with one band of harmonics
   splatgraph trade scene.ply -c cameras.json --truth photographs/ --size 980x545")]
 pub struct Args {
     /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog
@@ -54,7 +56,10 @@ pub struct Args {
     /// The graph whose parameters are changed: the name of a built-in one, or a path
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
     pipeline: String,
-    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
+    /// Set a parameter of the graph in every setting; it is not changed then. May be repeated
+    #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
+    set: Vec<(String, String)>,
+    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
@@ -83,17 +88,17 @@ const SVG: &str = "ledger.svg";
 const PNG: &str = "ledger.png";
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let given = args.cameras.as_deref().map(options::cameras).transpose()?;
+    let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
     let stems =
         names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), MAX_NAME_BYTES - 5);
     claim_files(args)?;
     let device = args.device.open()?;
     if let Some(path) = &args.scene {
-        fit::check_header(path, device.info(), &args.pipeline, &[])?;
+        fit::check_header(path, device.info(), &args.pipeline, &args.set)?;
     }
     let (scene, cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
     let truths = args.truth.as_deref().map(|folder| true_pictures(folder, &cameras, &stems)).transpose()?;
-    let mut session = Session::new(device, scene, &args.pipeline, &[]);
+    let mut session = Session::new(device, scene, &args.pipeline, &args.set);
     let settings = chosen(args, &mut session, &cameras)?;
     let (first, camera) = settings.first().zip(cameras.first()).context("no exact settings")?;
     let mut exact = session.beside(&first.pipeline, &first.set)?;
@@ -130,6 +135,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     drop(progress);
 
+    book.ledger.command = std::env::args().map(|word| shell_word(&word)).collect::<Vec<_>>().join(" ");
     book.ledger.rows.retain(|row| settings.iter().any(|(setting, _)| setting.name == row.setting));
     let (lines, failed) = book.ledger.lines();
     let notes: String = notes(&lines).iter().map(|note| format!("{note}\n")).collect();
@@ -171,7 +177,7 @@ fn only(args: &Args, setting: &Setting) -> bool {
 fn chosen(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Result<Vec<Setting>> {
     let camera = cameras.first().context("no cameras")?;
     let controls = session.controls((camera.width, camera.height))?;
-    let all = settings::list(&args.pipeline, &controls, &options::measured_names());
+    let all = options::settings_of(&args.pipeline, &args.set, &controls);
     for name in &args.only {
         if !all.iter().any(|setting| setting.name.starts_with(name.as_str())) {
             let names: Vec<&str> = all.iter().map(|setting| setting.name.as_str()).collect();
@@ -206,6 +212,7 @@ fn origin(
         content: format!("{:016x}", session.scene().identity()),
         cameras: serde_json::to_value(cameras)?,
         pipeline: args.pipeline.clone(),
+        set: args.set.clone(),
         exact: exact.map_or_else(String::new, |plan| format!("{plan:016x}")),
         truth: args.truth.as_ref().map_or_else(|| "reference".into(), |path| path.display().to_string()),
         truth_content: truths.map_or_else(String::new, content),

@@ -3,6 +3,7 @@
 use super::options::{self, BackendArgs, Drawing};
 use super::{Outcome, Usage};
 use crate::draw::backend::Backend;
+use crate::draw::camera;
 use crate::io::image::Format;
 use crate::io::output::{Log, OutputGuard, is_standard_output};
 use crate::view::events::RendererId;
@@ -11,7 +12,6 @@ use crate::view::paint::Mode;
 use crate::view::panels::Tool;
 use crate::view::panels::selection::Selection;
 use crate::view::shell::Shell;
-use crate::view::viewer;
 use crate::view::window::{self, WindowOptions};
 use anyhow::Result;
 use clap::ValueEnum;
@@ -196,7 +196,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     let mut guard = OutputGuard::default();
     if let Some(path) = &args.scene {
         guard.input("the scene", path)?;
-        if let Some(cameras) = viewer::cameras_of(path) {
+        if let Some(cameras) = camera::beside(path) {
             guard.input("the cameras", &cameras)?;
         }
     }
@@ -227,7 +227,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
 pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
     args.check()?;
-    let cameras = args.drawing.cameras()?;
+    let cameras = args.drawing.cameras.as_deref().map(options::cameras).transpose()?;
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     let events = args.events.as_deref().map(Log::create).transpose()?;
     let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
@@ -257,7 +257,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// Loads the scene and its cameras; returns the scene with its path.
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
     let (scene, path, own) = options::scene_or_demo(args.scene.as_deref())?;
-    let cameras = match (given, own, viewer::cameras_of(&path)) {
+    let cameras = match (given, own, camera::beside(&path)) {
         (Some(cameras), ..) => options::in_scene(&cameras, &scene),
         (None, Some(own), _) => vec![own],
         (None, None, Some(file)) => options::in_scene(&Camera::load(&file)?, &scene),

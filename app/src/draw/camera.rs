@@ -8,6 +8,7 @@
 use bytemuck::{Pod, Zeroable};
 use splatgraph_assets::{Bounds, Camera, NEAR};
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 /// The block's name among a plan's frame uniforms.
 pub const CAMERA: &str = "frame.camera";
@@ -147,6 +148,22 @@ fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
     }
     let [_, _, forward] = camera.axes();
     std::array::from_fn(|axis| camera.position[axis] + 0.5 * (near + far) * forward[axis])
+}
+
+/// Finds the cameras of a scene, as the reference implementation places them.
+///
+/// They are `NAME.cameras.json`, also for `NAME.compressed.ply`, or `cameras.json` in its folder or, for `point_cloud/iteration_N/point_cloud.ply`, up to three
+/// folders above.
+pub fn beside(scene: &Path) -> Option<PathBuf> {
+    let name = scene.file_name()?.to_string_lossy();
+    let plain =
+        name.strip_suffix(".compressed.ply").map(|name| scene.with_file_name(name.to_owned() + ".ply"));
+    let own = plain.as_deref().unwrap_or(scene).with_extension("cameras.json");
+    if own.is_file() {
+        return Some(own);
+    }
+    let folders = scene.parent()?.ancestors().take(if scene.ends_with("point_cloud.ply") { 4 } else { 1 });
+    folders.map(|folder| folder.join("cameras.json")).find(|file| file.is_file())
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use crate::draw::builtin;
 use crate::draw::capacity::Capacities;
 use serde::Serialize;
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, Facts, Request, Span};
+use splatgraph_framework::ir::{Catalog, Facts, FileId, Request, Span};
 use splatgraph_framework::lower::{self, Control, ExpressionNames, Standing};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -168,7 +168,17 @@ impl Planner {
     pub fn shader(&mut self, graph: &str, name: &str) -> Option<(String, String)> {
         let graph = self.files.find(None, graph, Kind::Graph).ok()?;
         let file = self.files.find(Some(graph), name, Kind::Shader).ok()?;
-        Some((self.files.path(file).to_owned(), self.files.text(file).to_owned()))
+        Some(self.path_and_text(file))
+    }
+
+    /// Finds a file that a graph or a shader names, or a graph by its name or path; valid until [`Planner::forget_files`].
+    pub fn file(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Option<FileId> {
+        self.files.find(from, name, kind).ok()
+    }
+
+    /// Returns the path of a file, as [`PlainDiagnostic::file`], and its text.
+    pub fn path_and_text(&self, file: FileId) -> (String, String) {
+        (self.files.path(file).to_owned(), self.files.text(file).to_owned())
     }
 
     /// Lists the files that the plans since [`Planner::forget_files`] depend on.

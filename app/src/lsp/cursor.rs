@@ -35,63 +35,111 @@ pub struct Cursor {
     pub inside: Range<usize>,
 }
 
-/// An open bracket with what is known of its contents.
-#[derive(Default)]
-struct Frame {
+/// A bracket with what stands in it.
+#[derive(Clone, Debug, Default)]
+pub struct Group {
     /// The name before a parenthesis: `Dispatch`.
-    name: String,
+    pub name: String,
     /// The field or key that the bracket is the value of.
-    lead: String,
-    /// The field or key whose value comes.
-    key: Option<String>,
+    pub lead: String,
+    /// The bracket around it.
+    pub parent: Option<usize>,
     /// The bracket is a brace.
-    is_map: bool,
-    /// The texts of its fields so far.
-    texts: Vec<(String, String)>,
+    pub is_map: bool,
+    /// The texts and names that are the values of its fields.
+    pub values: Vec<(String, String)>,
+}
+
+/// A text in quotes with its place among the brackets.
+#[derive(Clone, Debug)]
+pub struct Text {
+    /// The bytes between the quotes.
+    pub inside: Range<usize>,
+    /// The innermost bracket around it: an index of [`Scan::groups`].
+    pub group: usize,
+    /// The field or key that it is the value of.
+    pub key: Option<String>,
+}
+
+/// The brackets and the texts of a graph file.
+#[derive(Debug)]
+pub struct Scan {
+    /// The first is the file itself.
+    pub groups: Vec<Group>,
+    /// In the order of the file.
+    pub texts: Vec<Text>,
+}
+
+impl Scan {
+    /// Reads a file, which may be broken.
+    pub fn of(text: &str) -> Scan {
+        scan(text, None)
+    }
+
+    /// Lists a bracket and those around it, the innermost first.
+    pub fn around(&self, group: usize) -> impl Iterator<Item = &Group> {
+        std::iter::successors(self.groups.get(group), |group| self.groups.get(group.parent?))
+    }
+
+    /// Tells what a text means.
+    pub fn meaning(&self, text: &Text) -> Meaning {
+        meaning(&self.around(text.group).collect::<Vec<_>>(), text.key.as_deref())
+    }
 }
 
 /// Finds the text that holds byte `offset`; `None` outside of all texts, and in comments.
 pub fn at(text: &str, offset: usize) -> Option<Cursor> {
+    let scan = scan(text, Some(offset));
+    let last = scan.texts.last().filter(|last| (last.inside.start..=last.inside.end).contains(&offset))?;
+    Some(Cursor { meaning: scan.meaning(last), inside: last.inside.clone() })
+}
+
+/// Reads a file up to the text that holds byte `stop`, or all of it.
+fn scan(text: &str, stop: Option<usize>) -> Scan {
     let bytes = text.as_bytes();
-    let mut frames = vec![Frame::default()];
+    let mut scan = Scan { groups: vec![Group::default()], texts: Vec::new() };
+    // The open brackets, each with the field or key whose value comes.
+    let mut open: Vec<(usize, Option<String>)> = vec![(0, None)];
     // The last name or text, which a colon makes a key and a parenthesis a name.
     let mut last = String::new();
     let mut at = 0;
-    while at < bytes.len() && at < offset {
+    while at < stop.unwrap_or(bytes.len()).min(bytes.len()) {
         let rest = &text[at..];
-        let frame = frames.last_mut()?;
+        let Some((group, key)) = open.last_mut() else { break };
         match bytes[at] {
             b'/' if rest.starts_with("//") => at += rest.find('\n').unwrap_or(rest.len()),
             b'/' if rest.starts_with("/*") => at += rest.find("*/").map_or(rest.len(), |end| end + 2),
             b'"' => {
-                let inside = at + 1..end_of_text(text, at + 1, offset);
-                if (inside.start..=inside.end).contains(&offset) {
-                    return Some(Cursor { meaning: meaning(&frames), inside });
+                let inside = at + 1..end_of_text(text, at + 1, stop);
+                scan.texts.push(Text { inside: inside.clone(), group: *group, key: key.clone() });
+                if stop.is_some_and(|stop| (inside.start..=inside.end).contains(&stop)) {
+                    break;
                 }
                 last = text[inside.clone()].to_owned();
-                if let Some(key) = &frame.key {
-                    frame.texts.push((key.clone(), last.clone()));
+                if let Some(key) = key {
+                    scan.groups[*group].values.push((key.clone(), last.clone()));
                 }
                 at = inside.end + 1;
             }
             b':' => {
-                frame.key = Some(std::mem::take(&mut last));
+                *key = Some(std::mem::take(&mut last));
                 at += 1;
             }
             b',' => {
-                frame.key = None;
+                *key = None;
                 last.clear();
                 at += 1;
             }
-            open @ (b'(' | b'[' | b'{') => {
-                let lead = frame.key.clone().unwrap_or_default();
+            bracket @ (b'(' | b'[' | b'{') => {
+                let (parent, lead) = (Some(*group), key.clone().unwrap_or_default());
                 let name = std::mem::take(&mut last);
-                frames.push(Frame { name, lead, is_map: open == b'{', ..Frame::default() });
+                open.push((scan.groups.len(), None));
+                scan.groups.push(Group { name, lead, parent, is_map: bracket == b'{', values: Vec::new() });
                 at += 1;
             }
             b')' | b']' | b'}' => {
-                if frames.len() > 1 {
-                    frames.pop();
+                if open.len() > 1 {
+                    open.pop();
                 }
                 last.clear();
                 at += 1;
@@ -99,22 +147,27 @@ pub fn at(text: &str, offset: usize) -> Option<Cursor> {
             byte if byte.is_ascii_alphabetic() || byte == b'_' => {
                 let end = rest.find(|c: char| !c.is_ascii_alphanumeric() && c != '_').unwrap_or(rest.len());
                 last = rest[..end].to_owned();
+                if let Some(key) = key {
+                    scan.groups[*group].values.push((key.clone(), last.clone()));
+                }
                 at += end;
             }
             _ => at += rest.chars().next().map_or(1, char::len_utf8),
         }
     }
-    None
+    scan
 }
 
 /// Returns the byte of the quote that ends a text.
 ///
 /// A text may run over lines. But one that begins in the line of byte `offset` may be unfinished, and would swallow the file: it ends
 /// with that line.
-fn end_of_text(text: &str, start: usize, offset: usize) -> usize {
-    let last = match text[start..offset].contains('\n') {
-        true => text.len(),
-        false => text[offset..].find('\n').map_or(text.len(), |end| offset + end),
+fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
+    let last = match offset {
+        Some(offset) if !text[start..offset].contains('\n') => {
+            text[offset..].find('\n').map_or(text.len(), |end| offset + end)
+        }
+        _ => text.len(),
     };
     let mut escaped = false;
     for (at, c) in text[start..last].char_indices() {
@@ -126,31 +179,34 @@ fn end_of_text(text: &str, start: usize, offset: usize) -> usize {
     last
 }
 
-fn meaning(frames: &[Frame]) -> Meaning {
-    let Some((frame, around)) = frames.split_last() else { return Meaning::Free };
-    let shaders = |pass: &Frame| {
-        let named = |key: &str| ["shader", "vertex", "fragment"].contains(&key);
-        pass.texts.iter().filter(|(key, _)| named(key)).map(|(_, text)| text.clone()).collect()
-    };
-    match (frame.key.as_deref(), frame.lead.as_str()) {
-        (None, "bind") if frame.is_map => {
-            Meaning::Block { shaders: around.last().map(shaders).unwrap_or_default() }
+/// Tells what a text means that is the value of `key` in the first of these brackets, which has the others around it.
+fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
+    let Some((group, around)) = around.split_first() else { return Meaning::Free };
+    match (key, group.lead.as_str()) {
+        (None, "bind") if group.is_map => {
+            Meaning::Block { shaders: around.first().map(|pass| shaders(pass)).unwrap_or_default() }
         }
-        (None, _) if frame.is_map => Meaning::Free,
-        (Some(_), "bind" | "with") if frame.is_map => Meaning::Resource,
+        (None, _) if group.is_map => Meaning::Free,
+        (Some(_), "bind" | "with") if group.is_map => Meaning::Resource,
         (Some("image" | "buffer" | "output"), _) => Meaning::Resource,
         (Some("shader" | "vertex" | "fragment"), _) => Meaning::Shader,
         (Some("graph"), _) => Meaning::Graph,
         (Some("format"), _) => Meaning::Format,
-        (Some("from"), _) if frame.name == "Import" => Meaning::Import,
+        (Some("from"), _) if group.name == "Import" => Meaning::Import,
         (Some("name" | "phase" | "summary" | "label" | "help" | "var" | "grows" | "of"), _) => Meaning::Free,
-        (None, _) if matches!(frame.name.as_str(), "Swap" | "Indirect") => Meaning::Resource,
+        (None, _) if matches!(group.name.as_str(), "Swap" | "Indirect") => Meaning::Resource,
         // The buffer of a statistic.
-        (None, _) if around.last().is_some_and(|map| map.is_map && map.lead == "stats") => Meaning::Resource,
+        (None, _) if around.first().is_some_and(|map| map.is_map && map.lead == "stats") => Meaning::Resource,
         (None, "of" | "expose") => Meaning::Free,
-        (None, _) if frame.name == "Only" => Meaning::Free,
+        (None, _) if group.name == "Only" => Meaning::Free,
         _ => Meaning::Expression,
     }
+}
+
+/// Lists the shaders of a pass.
+pub fn shaders(pass: &Group) -> Vec<String> {
+    let named = |key: &str| ["shader", "vertex", "fragment"].contains(&key);
+    pass.values.iter().filter(|(key, _)| named(key)).map(|(_, text)| text.clone()).collect()
 }
 
 #[cfg(test)]

@@ -1,15 +1,17 @@
 //! Builds the graphs that are open, and answers questions about them.
 
 use super::cursor::{self, Meaning};
-use super::text;
+use super::index::{Index, Place};
+use super::{files, hints, rename, text};
 use crate::draw::builtin;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::{PlainDiagnostic, Planner, Severity};
 use lsp_types::{
     CompletionItem, CompletionItemKind, CompletionTextEdit, Diagnostic, DiagnosticSeverity, Hover,
-    HoverContents, MarkupContent, MarkupKind, Range, TextEdit,
+    HoverContents, InlayHint, Location, MarkupContent, MarkupKind, Range, TextEdit, Uri,
 };
 use splatgraph_assets::grouped;
+use splatgraph_framework::dump::{Dump, dump};
 use splatgraph_framework::ir::{Catalog, Facts, Format, ParamBinding, Shape};
 use splatgraph_framework::lower::{Control, ExpressionNames};
 use splatgraph_framework::plan::Plan;
@@ -19,7 +21,7 @@ use std::ops;
 use std::path::{Path, PathBuf};
 
 /// Subgroups of a GPU and of a CPU, for which graphs are built.
-const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
+pub const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
 
 /// Returns true for the files that are built; others are read by them.
 pub fn is_graph(path: &Path) -> bool {
@@ -31,6 +33,8 @@ pub fn is_graph(path: &Path) -> bool {
 pub struct Workspace {
     planner: Planner,
     known: BTreeMap<PathBuf, Known>,
+    /// The folders that the editor opened.
+    folders: Vec<PathBuf>,
 }
 
 /// Keeps what a graph declared when it had no mistake.
@@ -40,14 +44,22 @@ struct Known {
     resources: BTreeMap<String, String>,
     names: ExpressionNames,
     controls: Vec<Control>,
+    /// The plan for a GPU; `None` while there is a mistake.
+    dump: Option<Dump>,
 }
 
-fn nominal(lanes: u32) -> (Facts, Catalog) {
+/// Returns the facts and imports that graphs are built with.
+pub fn nominal(lanes: u32) -> (Facts, Catalog) {
     let device = facts::portable_device(lanes);
     (facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE), facts::nominal_catalog())
 }
 
 impl Workspace {
+    /// Creates a workspace of an editor that opened these folders.
+    pub fn new(folders: Vec<PathBuf>) -> Workspace {
+        Workspace { folders, ..Workspace::default() }
+    }
+
     /// Builds the graphs among the open texts, and lists the diagnostics of each file, also of files that are not open.
     ///
     /// Every open graph is in the result.
@@ -71,6 +83,7 @@ impl Workspace {
     fn check(&mut self, path: &Path) -> Vec<PlainDiagnostic> {
         let graph = path.display().to_string();
         let mut warnings = Vec::new();
+        self.known.entry(path.to_owned()).or_default().dump = None;
         for lanes in LANES {
             let (facts, catalog) = nominal(lanes);
             let result = self.planner.standing(&graph, &facts, &catalog).and_then(|standing| {
@@ -85,7 +98,9 @@ impl Workspace {
             });
             match result {
                 Ok(Some(plan)) => {
-                    self.known.entry(path.to_owned()).or_default().resources = resources(&plan);
+                    let known = self.known.entry(path.to_owned()).or_default();
+                    known.resources = resources(&plan);
+                    known.dump.get_or_insert_with(|| dump(&plan));
                     warnings.extend(self.planner.plain_warnings(&plan));
                 }
                 // The smallest device cannot draw it; that is no mistake.
@@ -226,6 +241,93 @@ impl Workspace {
         };
         Some(Hover { contents, range: Some(range) })
     }
+
+    /// Lists the barriers before the passes of a graph, and the values of its `let`s.
+    ///
+    /// A part has no plan of its own: its passes are those of another open graph.
+    pub fn hints(&self, path: &Path, text: &str) -> Vec<InlayHint> {
+        let own = self.known.get(path);
+        let others = self.known.iter().filter(|(other, _)| *other != path).map(|(_, known)| known);
+        let dumps: Vec<&Dump> = own.into_iter().chain(others).filter_map(|k| k.dump.as_ref()).collect();
+        let mut found = hints::barriers(&files::canonical(path), text, &dumps);
+        let Some(own) = own.filter(|own| own.dump.is_some()) else { return found };
+        let scan = cursor::Scan::of(text);
+        let lets = scan.texts.iter().filter(|place| scan.groups[place.group].lead == "let");
+        let value = |place: &cursor::Text| {
+            let value = own.names.get(place.key.as_deref()?)?;
+            Some((place.inside.end + 1, value.to_string()))
+        };
+        found.extend(hints::values(text, lets.filter_map(value)));
+        found
+    }
+
+    /// Resolves the names of the graphs around a file.
+    fn index(&mut self, path: &Path, open: &BTreeMap<PathBuf, String>) -> Index {
+        let graphs = files::graphs_near(path, open, &self.folders);
+        Index::of(&mut self.planner, &graphs)
+    }
+
+    /// Lists the places that declare what stands at a byte of a graph or a shader.
+    pub fn definitions(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
+        let index = self.index(at.0, open);
+        let places = index.definitions(&in_index(at.0), at.1);
+        places.iter().filter_map(|place| location(&index, place, open)).collect()
+    }
+
+    /// Lists every place of what stands at a byte of a graph or a shader.
+    pub fn references(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
+        let index = self.index(at.0, open);
+        let places = index.places(&in_index(at.0), at.1);
+        places.iter().filter_map(|(place, _)| location(&index, place, open)).collect()
+    }
+
+    /// Returns the range and the text of the name at a byte; `None` if it cannot be renamed.
+    pub fn renamed_name(
+        &mut self,
+        at: (&Path, usize),
+        open: &BTreeMap<PathBuf, String>,
+    ) -> Option<(Range, String)> {
+        let index = self.index(at.0, open);
+        let (place, _, _) = index.name_at(&in_index(at.0), at.1)?;
+        let text = index.text(&place.file)?[place.start..place.end].to_owned();
+        Some((location(&index, &place, open)?.range, text))
+    }
+
+    /// Lists the edits that rename what stands at a byte, by file; see [`rename::rename`].
+    pub fn rename(
+        &mut self,
+        at: (&Path, usize),
+        new: &str,
+        open: &BTreeMap<PathBuf, String>,
+    ) -> Result<Vec<(Uri, Vec<TextEdit>)>, String> {
+        let index = self.index(at.0, open);
+        let edits = rename::rename(&mut self.planner, &index, open, (&in_index(at.0), at.1), new)?;
+        let of_file = |(file, edits): (String, Vec<rename::Edit>)| {
+            let edit = |(range, new_text): rename::Edit| {
+                let place = Place { file: file.clone(), start: range.start, end: range.end };
+                Some(TextEdit { range: location(&index, &place, open)?.range, new_text })
+            };
+            Some((
+                text::uri_of(&as_opened(PathBuf::from(&file), open))?,
+                edits.into_iter().filter_map(edit).collect(),
+            ))
+        };
+        Ok(edits.into_iter().filter_map(of_file).collect())
+    }
+}
+
+/// The path by which an index knows a file.
+fn in_index(path: &Path) -> String {
+    files::canonical(path).display().to_string()
+}
+
+/// A place in an editor's terms; `None` for a file that is built into the program.
+fn location(index: &Index, place: &Place, open: &BTreeMap<PathBuf, String>) -> Option<Location> {
+    let path = Some(PathBuf::from(&place.file)).filter(|path| path.is_absolute())?;
+    let text = index.text(&place.file)?;
+    let range =
+        Range { start: text::position_of(text, place.start), end: text::position_of(text, place.end) };
+    Some(Location { uri: text::uri_of(&as_opened(path, open))?, range })
 }
 
 /// The errors of a graph that others include and that cannot be built by itself.

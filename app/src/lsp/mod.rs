@@ -1,11 +1,17 @@
 //! The language server: what an editor shows while a graph or a shader is typed.
 //!
 //! Diagnostics are those of `splatgraph check`, without the replay of barriers. Graphs that are open are built anew after
-//! each change of a file that is open, with the editor's text in place of the file's. [`cursor`] tells what a text in a graph means, [`graph`] builds
-//! graphs and answers, [`text`] converts positions and names of files.
+//! each change of a file that is open, with the editor's text in place of the file's. [`cursor`] tells what a text in a graph means, [`names`]
+//! lists the names in a file, [`index`] resolves them across files, [`rename`] changes them, [`hints`] shows barriers, [`graph`] builds graphs and
+//! answers, [`files`] finds the graphs around a file, and [`text`] converts positions and names of files.
 
 mod cursor;
+mod files;
 mod graph;
+mod hints;
+mod index;
+mod names;
+mod rename;
 #[cfg(test)]
 mod tests;
 mod text;
@@ -16,13 +22,19 @@ use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response
 use lsp_types::notification::{
     DidChangeTextDocument, DidCloseTextDocument, DidOpenTextDocument, Notification as _, PublishDiagnostics,
 };
-use lsp_types::request::{Completion, HoverRequest, Request as _};
+use lsp_types::request::{
+    Completion, GotoDefinition, HoverRequest, InlayHintRequest, PrepareRenameRequest, References, Rename,
+    Request as _,
+};
 use lsp_types::{
     CompletionOptions, CompletionParams, CompletionResponse, Diagnostic, DidChangeTextDocumentParams,
-    DidCloseTextDocumentParams, DidOpenTextDocumentParams, HoverParams, HoverProviderCapability,
-    PublishDiagnosticsParams, ServerCapabilities, TextDocumentPositionParams, TextDocumentSyncCapability,
-    TextDocumentSyncKind, Uri,
+    DidCloseTextDocumentParams, DidOpenTextDocumentParams, GotoDefinitionParams, HoverParams,
+    HoverProviderCapability, InitializeParams, InlayHint, InlayHintParams, OneOf, PrepareRenameResponse,
+    PublishDiagnosticsParams, ReferenceParams, RenameOptions, RenameParams, ServerCapabilities,
+    TextDocumentPositionParams, TextDocumentSyncCapability, TextDocumentSyncKind, Uri,
 };
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -38,28 +50,72 @@ pub fn serve(connection: &Connection) -> Result<()> {
             ..CompletionOptions::default()
         }),
         hover_provider: Some(HoverProviderCapability::Simple(true)),
+        definition_provider: Some(OneOf::Left(true)),
+        references_provider: Some(OneOf::Left(true)),
+        rename_provider: Some(OneOf::Right(RenameOptions {
+            prepare_provider: Some(true),
+            work_done_progress_options: Default::default(),
+        })),
+        inlay_hint_provider: Some(OneOf::Left(true)),
         ..ServerCapabilities::default()
     };
-    connection.initialize(serde_json::to_value(capabilities)?)?;
-    let mut server = Server::default();
+    let editor: InitializeParams =
+        serde_json::from_value(connection.initialize(serde_json::to_value(capabilities)?)?)?;
+    let mut server = Server { workspace: Workspace::new(folders(&editor)), ..Server::default() };
     for message in &connection.receiver {
         match message {
             Message::Request(request) if connection.handle_shutdown(&request)? => return Ok(()),
             Message::Request(request) => {
+                // Places belong to the newest text. Completion and hovering use what is known of the last right one.
+                if ![Completion::METHOD, HoverRequest::METHOD].contains(&request.method.as_str()) {
+                    publish(&mut server, connection)?;
+                }
                 connection.sender.send(server.answer(request).into())?;
             }
             Message::Notification(notification) => server.note(notification)?,
             Message::Response(_) => {}
         }
         // Typing is faster than building: only the last of the waiting texts is built.
-        if server.changed && connection.receiver.is_empty() {
-            for published in server.published_after_a_change() {
-                let method = PublishDiagnostics::METHOD.to_owned();
-                connection.sender.send(Notification::new(method, published).into())?;
-            }
+        if connection.receiver.is_empty() {
+            publish(&mut server, connection)?;
         }
     }
     Ok(())
+}
+
+/// Builds the open graphs if a text changed, and sends the diagnostics that are new.
+fn publish(server: &mut Server, connection: &Connection) -> Result<()> {
+    if server.changed {
+        for published in server.published_after_a_change() {
+            let method = PublishDiagnostics::METHOD.to_owned();
+            connection.sender.send(Notification::new(method, published).into())?;
+        }
+    }
+    Ok(())
+}
+
+/// The folders that an editor opened.
+#[allow(deprecated)]
+fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
+    match &editor.workspace_folders {
+        Some(folders) => folders.iter().filter_map(|folder| text::path_of(&folder.uri)).collect(),
+        // Of editors that follow an earlier version of the protocol.
+        None => editor.root_uri.iter().filter_map(text::path_of).collect(),
+    }
+}
+
+/// The result of a request, or the error that the editor shows.
+type Answer = Result<Value, (ErrorCode, String)>;
+
+/// Reads the parameters of a request, and writes what `answer` makes of them.
+fn answered<P: DeserializeOwned, R: serde::Serialize>(
+    params: Value,
+    answer: impl FnOnce(P) -> Result<R, String>,
+) -> Answer {
+    let params = serde_json::from_value(params);
+    let params = params.map_err(|error| (ErrorCode::InvalidParams, error.to_string()))?;
+    let result = answer(params).map_err(|message| (ErrorCode::RequestFailed, message))?;
+    serde_json::to_value(result).map_err(|error| (ErrorCode::InternalError, error.to_string()))
 }
 
 /// The state of a connection.
@@ -126,31 +182,74 @@ impl Server {
 
     fn answer(&mut self, request: Request) -> Response {
         let id = request.id;
+        let params = request.params;
         let result = match request.method.as_str() {
-            Completion::METHOD => serde_json::from_value::<CompletionParams>(request.params)
-                .map(|params| self.completion(&params.text_document_position))
-                .and_then(serde_json::to_value),
-            HoverRequest::METHOD => serde_json::from_value::<HoverParams>(request.params)
-                .map(|params| {
-                    let (path, text, offset) = self.place(&params.text_document_position_params)?;
-                    self.workspace.hover(&path, &text, offset)
-                })
-                .and_then(serde_json::to_value),
-            method => {
-                let message = format!("the method {method} is not offered");
-                return Response::new_err(id, ErrorCode::MethodNotFound as i32, message);
-            }
+            Completion::METHOD => answered(params, |params: CompletionParams| {
+                Ok(self.completion(&params.text_document_position))
+            }),
+            HoverRequest::METHOD => answered(params, |params: HoverParams| {
+                let Some((path, text, offset)) = self.place(&params.text_document_position_params) else {
+                    return Ok(None);
+                };
+                Ok(self.workspace.hover(&path, &text, offset))
+            }),
+            GotoDefinition::METHOD => answered(params, |params: GotoDefinitionParams| {
+                let Some((path, offset)) = self.any_place(&params.text_document_position_params) else {
+                    return Ok(Vec::new());
+                };
+                Ok(self.workspace.definitions((&path, offset), &self.open))
+            }),
+            References::METHOD => answered(params, |params: ReferenceParams| {
+                let Some((path, offset)) = self.any_place(&params.text_document_position) else {
+                    return Ok(Vec::new());
+                };
+                Ok(self.workspace.references((&path, offset), &self.open))
+            }),
+            PrepareRenameRequest::METHOD => answered(params, |params: TextDocumentPositionParams| {
+                let name = self
+                    .any_place(&params)
+                    .and_then(|(path, offset)| self.workspace.renamed_name((&path, offset), &self.open));
+                Ok(name.map(|(range, placeholder)| PrepareRenameResponse::RangeWithPlaceholder {
+                    range,
+                    placeholder,
+                }))
+            }),
+            Rename::METHOD => answered(params, |params: RenameParams| {
+                let Some((path, offset)) = self.any_place(&params.text_document_position) else {
+                    return Err("expected a file that the editor has open, found another".to_owned());
+                };
+                let files = self.workspace.rename((&path, offset), &params.new_name, &self.open)?;
+                let changes = files.into_iter().map(|(uri, edits)| (uri.as_str().to_owned(), json!(edits)));
+                Ok(json!({ "changes": changes.collect::<serde_json::Map<_, _>>() }))
+            }),
+            InlayHintRequest::METHOD => answered(params, |params: InlayHintParams| Ok(self.hints(&params))),
+            method => Err((ErrorCode::MethodNotFound, format!("the method {method} is not offered"))),
         };
         match result {
             Ok(result) => Response::new_ok(id, result),
-            Err(error) => Response::new_err(id, ErrorCode::InvalidParams as i32, error.to_string()),
+            Err((code, message)) => Response::new_err(id, code as i32, message),
         }
+    }
+
+    fn hints(&mut self, params: &InlayHintParams) -> Vec<InlayHint> {
+        let path = text::path_of(&params.text_document.uri).filter(|path| graph::is_graph(path));
+        let Some((path, text)) = path.and_then(|path| Some((path.clone(), self.open.get(&path)?))) else {
+            return Vec::new();
+        };
+        hints::within(self.workspace.hints(&path, text), params.range.start.line, params.range.end.line)
     }
 
     fn completion(&mut self, at: &TextDocumentPositionParams) -> CompletionResponse {
         let items =
             self.place(at).map(|(path, text, offset)| self.workspace.completion(&path, &text, offset));
         CompletionResponse::Array(items.unwrap_or_default())
+    }
+
+    /// The file and the byte of a position in a graph or a shader that is open.
+    fn any_place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
+        let path = text::path_of(&at.text_document.uri)?;
+        let offset = text::offset_of(self.open.get(&path)?, at.position);
+        Some((path, offset))
     }
 
     /// The file, its text and the byte of a position in a graph that is open.

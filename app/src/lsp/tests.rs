@@ -1,6 +1,7 @@
 use super::*;
 use lsp_server::{Message, RequestId};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::thread;
 
@@ -15,6 +16,23 @@ const SHADER: &str = "#version 460
 layout(set = 0, binding = 0, std430) buffer Table { uint table[]; };
 layout(set = 0, binding = 1, rgba8) writeonly uniform image2D picture;
 void main() { table[0] = 1; imageStore(picture, ivec2(0), vec4(table[0])); }
+";
+
+/// A graph that includes [`GRAPH`], and a preset of it.
+const OUTER: &str = r#"Graph(version: 1, summary: "", output: "copy",
+  let: { "half": "width / 2" },
+  resources: { "copy": Image(format: "rgba8", size: ("half * 4", 8)) },
+  passes: [
+    Include(graph: "graph.ron", name: "inner", expose: Only(["width"]), set: { "width": 8 }),
+    Dispatch(name: "copy", shader: "copy.comp", size: Groups(1), bind: { "from": "inner.picture", "Table": "inner.table", "to": "copy" }),
+  ],
+)"#;
+
+const COPY: &str = "#version 460
+layout(set = 0, binding = 0, rgba8) readonly uniform image2D from;
+layout(set = 0, binding = 1, rgba8) writeonly uniform image2D to;
+layout(set = 0, binding = 2, std430) buffer Table { uint table[]; };
+void main() { imageStore(to, ivec2(0), imageLoad(from, ivec2(0)) * table[WIDTH]); }
 ";
 
 /// An editor with a server on another thread, and a folder with a graph and its shader.
@@ -33,7 +51,9 @@ impl Editor {
         let write =
             |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("writable");
         write("graph.ron", GRAPH);
+        write("outer.ron", OUTER);
         write("show.comp", SHADER);
+        write("copy.comp", COPY);
         let mut editor = Editor { connection, folder, server, requests: 0 };
         let capabilities = editor.request("initialize", json!({ "capabilities": {} }));
         assert_eq!(capabilities["capabilities"]["hoverProvider"], true);
@@ -55,6 +75,13 @@ impl Editor {
     }
 
     fn request(&mut self, method: &str, params: Value) -> Value {
+        let message = self.answer(method, params);
+        assert!(message["error"].is_null(), "{message}");
+        message["result"].clone()
+    }
+
+    /// The answer to a request, a result or an error.
+    fn answer(&mut self, method: &str, params: Value) -> Value {
         self.requests += 1;
         let id = RequestId::from(self.requests);
         let request = Request { id: id.clone(), method: method.into(), params };
@@ -63,8 +90,7 @@ impl Editor {
             let message =
                 serde_json::to_value(self.connection.receiver.recv().expect("an answer")).expect("JSON");
             if message["id"] == self.requests {
-                assert!(message["error"].is_null(), "{message}");
-                return message["result"].clone();
+                return message;
             }
         }
     }
@@ -97,6 +123,51 @@ impl Editor {
         let position = text::position_of(&text, marked.find('|').expect("a mark"));
         let document = json!({ "uri": self.uri("graph.ron") });
         (text, json!({ "textDocument": document, "position": position }))
+    }
+
+    /// The place of the mark `|` in a file, which is opened without it.
+    fn place(&self, name: &str, marked: &str) -> Value {
+        let text = marked.replacen('|', "", 1);
+        self.open(name, &text);
+        let position = text::position_of(&text, marked.find('|').expect("a mark"));
+        json!({ "textDocument": { "uri": self.uri(name) }, "position": position })
+    }
+
+    /// The files of the folder, by name, after a rename of what stands at a place; or the error.
+    fn renamed(&mut self, mut place: Value, new: &str) -> Result<BTreeMap<String, String>, String> {
+        place["newName"] = json!(new);
+        let answer = self.answer("textDocument/rename", place);
+        if let Some(message) = answer["error"]["message"].as_str() {
+            return Err(message.to_owned());
+        }
+        let changes = answer["result"]["changes"].as_object().expect("changes").clone();
+        let apply = |(uri, edits): (String, Value)| {
+            let uri: Uri = uri.parse().expect("a URI");
+            let path = text::path_of(&uri).expect("a path");
+            let mut text = std::fs::read_to_string(&path).expect("a file");
+            let mut edits: Vec<lsp_types::TextEdit> = serde_json::from_value(edits).expect("edits");
+            edits.sort_by_key(|edit| edit.range.start);
+            for edit in edits.iter().rev() {
+                let place = |at| text::offset_of(&text, at);
+                text.replace_range(place(edit.range.start)..place(edit.range.end), &edit.new_text);
+            }
+            (path.file_name().expect("a name").to_string_lossy().into_owned(), text)
+        };
+        Ok(changes.into_iter().map(apply).collect())
+    }
+
+    /// Where a definition is: file, line and column from 0, sorted.
+    fn defined(&mut self, place: Value) -> Vec<(String, u64, u64)> {
+        let found = self.request("textDocument/definition", place);
+        let place = |location: &Value| {
+            let start = &location["range"]["start"];
+            let uri = location["uri"].as_str().expect("a URI");
+            let name = uri.rsplit('/').next().expect("a name").to_owned();
+            (name, start["line"].as_u64().expect("a line"), start["character"].as_u64().expect("a column"))
+        };
+        let mut found: Vec<_> = found.as_array().expect("a list").iter().map(place).collect();
+        found.sort();
+        found
     }
 
     /// The names that are offered where the mark stands.
@@ -229,5 +300,142 @@ fn a_mistake_in_a_shader_of_the_folder_beside_is_shown_under_its_plain_path() {
     let shader = editor.path("shaders/paint.comp").canonicalize().expect("there");
     let uri = text::uri_of(&shader).expect("a URI").as_str().to_owned();
     assert_eq!(found.remove(&uri).map(|found| found.len()), Some(1), "{found:?}");
+    editor.end();
+}
+
+#[test]
+fn renaming_a_parameter_changes_the_graph_its_includer_and_the_constants_of_their_shaders() {
+    let mut editor = Editor::start();
+    let place = editor.place("graph.ron", &GRAPH.replace("2 * width", "2 * wi|dth"));
+    let prepared = editor.request("textDocument/prepareRename", place.clone());
+    assert_eq!(prepared["placeholder"], "width");
+    let expected = BTreeMap::from([
+        ("graph.ron".to_owned(), GRAPH.replace("\"width\"", "\"side\"").replace("2 * width", "2 * side")),
+        (
+            "outer.ron".to_owned(),
+            OUTER.replace("\"width\"", "\"side\"").replace("\"width / 2\"", "\"side / 2\""),
+        ),
+        ("copy.comp".to_owned(), COPY.replace("WIDTH", "SIDE")),
+    ]);
+    assert_eq!(editor.renamed(place, "side"), Ok(expected.clone()));
+    // From the shader, whose constant is in capitals.
+    let place = editor.place("copy.comp", &COPY.replace("WIDTH", "WI|DTH"));
+    assert_eq!(editor.renamed(place, "SIDE"), Ok(expected));
+    editor.end();
+}
+
+#[test]
+fn resources_includes_and_passes_are_renamed_where_dotted_names_use_them() {
+    let mut editor = Editor::start();
+    let place = editor.place("graph.ron", &GRAPH.replace(": \"table\"", ": \"ta|ble\""));
+    let renamed = editor.renamed(place, "ring").expect("renamed");
+    assert_eq!(renamed.keys().collect::<Vec<_>>(), ["graph.ron", "outer.ron"]);
+    assert_eq!(renamed["graph.ron"], GRAPH.replace("\"table\"", "\"ring\""));
+    assert_eq!(renamed["outer.ron"], OUTER.replace("inner.table", "inner.ring"));
+    let place = editor.place("outer.ron", &OUTER.replace("inner.picture", "in|ner.picture"));
+    let renamed = editor.renamed(place, "scene").expect("renamed");
+    assert_eq!(renamed, BTreeMap::from([("outer.ron".to_owned(), OUTER.replace("inner", "scene"))]));
+    // A pass and a resource may have one name: only the pass is meant.
+    let place = editor.place("outer.ron", &OUTER.replace("name: \"copy\"", "name: \"co|py\""));
+    let renamed = editor.renamed(place, "paste").expect("renamed");
+    assert_eq!(renamed["outer.ron"], OUTER.replace("name: \"copy\"", "name: \"paste\""));
+    editor.end();
+}
+
+#[test]
+fn a_rename_that_would_break_a_graph_is_refused_with_the_error() {
+    let mut editor = Editor::start();
+    let place = editor.place("graph.ron", &GRAPH.replace("\"width\"", "\"wi|dth\""));
+    let error = editor.renamed(place.clone(), "words").expect_err("there is a `let` of that name");
+    assert!(error.starts_with("renaming `width` to `words` would break "), "{error}");
+    let error = editor.renamed(place, "a-b").expect_err("no name");
+    assert_eq!(error, "expected a name of letters, digits and `_`, found `a-b`");
+    let place = editor.place("graph.ron", &GRAPH.replace("rgba8", "rg|ba8"));
+    assert_eq!(editor.request("textDocument/prepareRename", place), Value::Null);
+    // The texts of the files on disk are read again.
+    editor.change("graph.ron", GRAPH);
+    editor.end();
+}
+
+#[test]
+fn definitions_lead_to_declarations_files_and_blocks() {
+    let mut editor = Editor::start();
+    let at = |line: u64, text: &str, of: &str, name: &str| {
+        let column = of.lines().nth(line as usize).expect("a line").find(text).expect("there") as u64;
+        (name.to_owned(), line, column)
+    };
+    let mut defined = |file: &str, whole: &str, from: &str, to: &str| {
+        let place = editor.place(file, &whole.replacen(from, to, 1));
+        editor.defined(place)
+    };
+    let width = at(1, "width", GRAPH, "graph.ron");
+    assert_eq!(defined("outer.ron", OUTER, "width / 2", "wid|th / 2"), std::slice::from_ref(&width));
+    assert_eq!(defined("copy.comp", COPY, "WIDTH", "|WIDTH"), [width]);
+    let table = at(3, "table\": Buffer", GRAPH, "graph.ron");
+    assert_eq!(defined("outer.ron", OUTER, "inner.table", "inner.tab|le"), [table]);
+    assert_eq!(defined("outer.ron", OUTER, "graph.ron", "graph|.ron"), [("graph.ron".to_owned(), 0, 0)]);
+    assert_eq!(defined("outer.ron", OUTER, "copy.comp", "cop|y.comp"), [("copy.comp".to_owned(), 0, 0)]);
+    let block = at(3, "Table", COPY, "copy.comp");
+    assert_eq!(defined("outer.ron", OUTER, "\"Table\"", "\"|Table\""), [block]);
+    // A file that is built into the program cannot be opened.
+    let built_in = GRAPH.replace("show.comp", "sort/scan.comp");
+    assert_eq!(defined("graph.ron", &built_in, "sort/scan", "sort/sc|an"), []);
+    editor.end();
+}
+
+#[test]
+fn hints_show_the_barrier_before_a_pass_and_the_value_of_a_let() {
+    let mut editor = Editor::start();
+    editor.open("outer.ron", OUTER);
+    let hints = |editor: &mut Editor, name: &str, lines: (u32, u32)| {
+        let range = json!({ "start": { "line": lines.0, "character": 0 }, "end": { "line": lines.1, "character": 0 } });
+        let document = json!({ "uri": editor.uri(name) });
+        let found =
+            editor.request("textDocument/inlayHint", json!({ "textDocument": document, "range": range }));
+        let hint = |hint: &Value| {
+            (
+                hint["position"]["line"].as_u64().expect("a line"),
+                hint["label"].as_str().expect("text").to_owned(),
+            )
+        };
+        (found.as_array().expect("a list").iter().map(hint).collect::<Vec<_>>(), found)
+    };
+    let (found, all) = hints(&mut editor, "outer.ron", (0, 20));
+    assert_eq!(found[0], (5, "waits for inner.show, export of the frame before".into()));
+    assert_eq!(found[1], (1, "= 4".into()));
+    let tooltip = all[0]["tooltip"].as_str().expect("text");
+    assert!(tooltip.contains("read after write on inner.table, after inner.show"), "{tooltip}");
+    assert_eq!(hints(&mut editor, "outer.ron", (0, 2)).0, [(1, "= 4".into())]);
+    // A mistake has no plan, and lines may have moved.
+    editor.change("outer.ron", &OUTER.replace("inner.table", "inner.tabel"));
+    assert_eq!(hints(&mut editor, "outer.ron", (0, 20)).0, []);
+    editor.end();
+}
+
+#[test]
+fn parameters_of_the_shipped_graphs_are_found_through_choices_and_shared_shaders() {
+    let mut editor = Editor::start();
+    let pipelines = Path::new(env!("CARGO_MANIFEST_DIR")).join("../pipelines").canonicalize().expect("there");
+    let mut files_with = |part: &str| {
+        let part = pipelines.join(part);
+        let text = std::fs::read_to_string(&part).expect("text");
+        let uri = text::uri_of(&part).expect("a URI").as_str().to_owned();
+        let document = json!({ "uri": uri, "languageId": "ron", "version": 1, "text": text });
+        editor.notify("textDocument/didOpen", json!({ "textDocument": document }));
+        let position = text::position_of(&text, text.find("\"digit_bits\"").expect("there") + 1);
+        let context = json!({ "includeDeclaration": true });
+        let place = json!({ "textDocument": { "uri": uri }, "position": position, "context": context });
+        let found = editor.request("textDocument/references", place);
+        let uris = found.as_array().expect("a list").iter().map(|l| l["uri"].as_str().expect("a URI"));
+        uris.map(|uri| uri.rsplit('/').next().expect("a name").to_owned()).collect::<BTreeSet<_>>()
+    };
+    let of_the_sort = files_with("parts/sort.ron");
+    for file in ["sort.ron", "tile_bins.ron", "depth_order.ron", "block.glsl"] {
+        assert!(of_the_sort.contains(file), "{file} is not in {of_the_sort:?}");
+    }
+    // The preset's parameter is that of the includer, which sets the sort's.
+    assert!(!of_the_sort.contains("digit4.ron"), "{of_the_sort:?}");
+    let of_the_order = files_with("parts/depth_order.ron");
+    assert!(of_the_order.contains("digit4.ron") && !of_the_order.contains("sort.ron"), "{of_the_order:?}");
     editor.end();
 }

@@ -5,6 +5,7 @@
 
 use super::events::RendererId;
 use super::renderer::Wake;
+use crate::draw::camera;
 use splatgraph_assets::{Camera, Scene};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -118,7 +119,7 @@ impl Opening {
                 // Computed here, off the frame's thread, and cached.
                 scene.identity();
             }
-            let cameras = scene.as_ref().ok().and_then(|_| cameras_of(path));
+            let cameras = scene.as_ref().ok().and_then(|_| camera::beside(path));
             Content::Scene(id, scene, cameras.map(|file| (file.clone(), load_cameras(&file))))
         })?;
         self.scenes[index(id)] = Some(request);
@@ -211,22 +212,6 @@ fn load_cameras(path: &Path) -> Result<Vec<Camera>, String> {
         Ok(cameras) => Ok(cameras),
         Err(error) => Err(error.to_string()),
     }
-}
-
-/// Finds the cameras of a scene, as the reference implementation places them.
-///
-/// They are `NAME.cameras.json`, also for `NAME.compressed.ply`, or `cameras.json` in its folder or, for `point_cloud/iteration_N/point_cloud.ply`, up to three
-/// folders above.
-pub fn cameras_of(scene: &Path) -> Option<PathBuf> {
-    let name = scene.file_name()?.to_string_lossy();
-    let plain =
-        name.strip_suffix(".compressed.ply").map(|name| scene.with_file_name(name.to_owned() + ".ply"));
-    let own = plain.as_deref().unwrap_or(scene).with_extension("cameras.json");
-    if own.is_file() {
-        return Some(own);
-    }
-    let folders = scene.parent()?.ancestors().take(if scene.ends_with("point_cloud.ply") { 4 } else { 1 });
-    folders.map(|folder| folder.join("cameras.json")).find(|file| file.is_file())
 }
 
 #[cfg(test)]

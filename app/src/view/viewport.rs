@@ -234,12 +234,6 @@ impl<D: Device> Viewport<D> {
         self.inspection = Some(Inspection { follow, ..Inspection::new(resource, pass) });
     }
 
-    /// Reports the reason why nothing can be inspected.
-    pub fn cannot_look(&mut self, why: &str) {
-        self.inspection =
-            Some(Inspection { found: Some(Err(why.to_owned())), asked: false, ..Inspection::new("", "") });
-    }
-
     /// Counts the readings; a new number means a new finding.
     pub fn readings(&self) -> u64 {
         self.readings
@@ -433,10 +427,9 @@ impl<D: Device> Viewport<D> {
                 self.take_output(picture, &done, to_host);
             }
             self.stats = done.result.stats;
-            let visible = self.stat("visible").map(u64::from);
             for (target, bytes) in done.inspected.iter().zip(&done.result.inspected) {
                 self.readings += 1;
-                self.set_found(Ok(Finding::new(&done.plan, target, bytes, visible)));
+                self.set_found(Ok(Finding::new(&done.plan, target, bytes, &self.stats)));
             }
         }
     }

@@ -58,8 +58,9 @@ pub struct Args {
     /// Build the plan for this scene's facts (number of splats, degree of the harmonics)
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Build the plan for this device's limits: a part of its name, or its index in `splatgraph devices`
-    #[arg(long, value_name = "NAME|INDEX")]
+    /// Build the plan for this device's limits: a part of its name, its index in `splatgraph devices`, a name listed by
+    /// `splatgraph check --help`, or a file from `splatgraph devices --json`
+    #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Option<String>,
     /// Size of the pictures
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "960x540", value_parser = options::size)]

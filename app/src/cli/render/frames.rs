@@ -10,7 +10,7 @@ use crate::draw::stats::CameraStats;
 use crate::io::image::Format;
 use crate::io::progress::Progress;
 use anyhow::{Context, Result};
-use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect, Pixels};
+use splatgraph_api::{Device, FRAMES_IN_FLIGHT, Inspect, Pixels};
 use splatgraph_assets::Camera;
 use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
@@ -87,7 +87,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
         }
         for (bytes, &index) in result.inspected.iter().zip(&asked) {
             let target = resolve(plan, &wanted.inspect[index])?;
-            findings[index] = Some(Finding::new(plan, &target, bytes, visible(&result)));
+            findings[index] = Some(Finding::new(plan, &target, bytes, &result.stats));
         }
         kept.add(result, plan, counts);
         Ok(())
@@ -152,10 +152,6 @@ pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<b
         }
     })?;
     Ok(loaded)
-}
-
-fn visible(result: &FrameResult) -> Option<u64> {
-    result.stats.iter().find(|(name, _)| name == "visible").map(|(_, count)| (*count).into())
 }
 
 /// Says that the output of the present plan has no colours.

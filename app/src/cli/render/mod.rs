@@ -1,5 +1,6 @@
 //! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
+use super::cameras;
 use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::{Api, Backend};
@@ -78,7 +79,7 @@ pub struct Args {
     #[arg(long, value_name = "png|exr|npy")]
     format: Option<Format>,
     /// Write statistics as JSON, one entry per camera; `-` is standard output
-    #[arg(long, value_name = "STATS.json")]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Number of frames per camera; times are medians over them, after a warm-up of a fifth of a second where there are several
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
@@ -152,7 +153,7 @@ pub(super) struct Work {
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
     let destination = Destination::of(args.output.as_deref(), args.format)?;
-    let given = args.drawing.cameras()?;
+    let given = args.drawing.cameras(args.scene.as_deref())?;
     for camera in given.iter().flatten().filter(|_| args.drawing.size.is_none()) {
         if camera.width.max(camera.height) > MAX_SIDE {
             bail!(
@@ -196,9 +197,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         if let Some(path) = &args.scene {
             guard.input("the scene", path)?;
         }
-        if let Some(path) = &args.drawing.cameras {
-            options::claim_cameras(&mut guard, path)?;
-        }
+        cameras::claim(&mut guard, args.drawing.cameras.as_deref(), args.scene.as_deref())?;
         guard.input("the graph", Path::new(&args.drawing.pipeline))?;
         if let Some(path) = &args.json {
             guard.output("--json", path)?;

@@ -6,6 +6,7 @@
 //! splats, and the finding says whether they do.
 
 mod contents;
+mod keys;
 
 use crate::io::image::{ImageError, save_words};
 use half::f16;
@@ -14,10 +15,10 @@ use splatgraph_api::Inspect;
 use splatgraph_framework::ir::{Format, Pass, PassId, ResourceId, Run, Shape};
 use splatgraph_framework::plan::{Plan, Resource};
 use splatgraph_framework::source::nearest;
-use std::fmt;
 use std::path::Path;
 
 pub use contents::{Histogram, ReadAs, Words};
+pub use keys::{KeyOrder, holds_keys, sorted_keys};
 
 /// Number of words shown from either end.
 const SHOWN: usize = 8;
@@ -28,9 +29,18 @@ const SHOWN: usize = 8;
 pub struct InspectError(String);
 
 /// Resolves `RESOURCE@PASS` in a plan.
+///
+/// Of several passes that the name can mean, the last one counts that uses the resource.
 pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, InspectError> {
-    let after = find_pass(plan, pass)?;
-    Ok(Inspect { resource: find_resource(plan, resource, plan.pass(after))?, after })
+    let passes = find_passes(plan, pass)?;
+    let target = |after: &PassId| {
+        let resource = find_resource(plan, resource, plan.pass(*after))?;
+        Ok(Inspect { resource, after: *after })
+    };
+    let uses =
+        |target: &Inspect| plan.pass(target.after).uses.iter().any(|touch| touch.resource == target.resource);
+    let used = passes.iter().filter_map(|after| target(after).ok()).find(uses);
+    used.map_or_else(|| target(&passes[0]), Ok)
 }
 
 /// Returns true if the pass runs only in the first frame after a load.
@@ -49,12 +59,14 @@ fn last_part(name: &str) -> &str {
     stem.rsplit_once('.').map_or(stem, |(_, last)| last)
 }
 
-fn find_pass(plan: &Plan, name: &str) -> Result<PassId, InspectError> {
+/// Lists the passes that a name means, the last first; at least one.
+fn find_passes(plan: &Plan, name: &str) -> Result<Vec<PassId>, InspectError> {
     let passes = plan.prologue.iter().chain(&plan.frame).map(|step| step.pass);
-    let exact = passes.clone().find(|id| plan.pass(*id).name == name);
-    let last = || passes.clone().rfind(|id| without_index(&plan.pass(*id).name) == name);
-    let last_by_part = || passes.clone().rfind(|id| last_part(&plan.pass(*id).name) == name);
-    exact.or_else(last).or_else(last_by_part).ok_or_else(|| {
+    let part = |full: fn(&str) -> &str| -> Vec<PassId> {
+        passes.clone().rev().filter(|id| full(&plan.pass(*id).name) == name).collect()
+    };
+    let found = [part(|full| full), part(without_index), part(last_part)];
+    found.into_iter().find(|passes| !passes.is_empty()).ok_or_else(|| {
         let names: Vec<&str> = passes.map(|id| plan.pass(id).name.as_str()).collect();
         let stems = names.iter().flat_map(|name| [*name, without_index(name), last_part(name)]);
         InspectError(match nearest(name, stems) {
@@ -76,6 +88,9 @@ fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, Ins
     let mut halves = named(&|full| without_half(full) == name);
     if halves.is_empty() {
         halves = named(&|full| ends(full) || ends(without_half(full)));
+    }
+    if halves.is_empty() && name == "keys" {
+        halves = named(&holds_keys);
     }
     if halves.is_empty() {
         let names = plan.resources.iter().map(|r| without_half(&r.name));
@@ -104,12 +119,6 @@ fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, Ins
     }
 }
 
-/// Returns true for the name of a resource with sort keys: `keys` or `order.keys#1`, but not their previous contents.
-pub fn holds_keys(name: &str) -> bool {
-    let last = name.rsplit_once('.').map_or(name, |(_, last)| last);
-    last.starts_with("keys") && !name.starts_with("last(")
-}
-
 /// Strips the half of `keys#1`.
 fn without_half(name: &str) -> &str {
     name.split_once('#').map_or(name, |(stem, _)| stem)
@@ -124,10 +133,10 @@ pub struct Finding {
     pub pass: String,
     /// `[count, words per element]` of a buffer, `[height, width, channels]` of an image; a last 1 is left out.
     pub shape: Vec<u64>,
-    /// The order of the keys; only for resources whose name begins with `keys`.
+    /// The order of the keys; only of resources with keys, see [`holds_keys`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<KeyOrder>,
-    /// Number of elements with contents, if known: the visible ones of a resource with one element per splat.
+    /// Number of keys that the frame sorted, if known.
     #[serde(skip)]
     pub counted: Option<u64>,
     /// True for an image.
@@ -138,30 +147,19 @@ pub struct Finding {
     pub words: Words,
 }
 
-/// The order of sorted keys.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct KeyOrder {
-    /// Number of examined keys: the visible ones, or all if that number is unknown.
-    pub keys: u64,
-    /// True if no key is smaller than the one before it.
-    pub ascending: bool,
-    /// Number of keys that are smaller than the one before them.
-    pub descents: u64,
-    /// Index of the first such key.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub first_descent: Option<u64>,
-}
-
 impl Finding {
-    /// Makes a finding from the bytes of a resource. `visible` is the number of visible splats, if known.
-    pub fn new(plan: &Plan, target: &Inspect, bytes: &[u8], visible: Option<u64>) -> Finding {
+    /// Makes a finding from the bytes of a resource, and the statistics of the frame that left them.
+    pub fn new(plan: &Plan, target: &Inspect, bytes: &[u8], stats: &[(String, u32)]) -> Finding {
         let resource = plan.resource(target.resource);
         let (shape, words) = words(resource, bytes);
+        let pass = plan.pass(target.after);
         let order = match &words {
-            Words::Uint(keys) if holds_keys(&resource.name) => Some(KeyOrder::of(keys, visible)),
+            Words::Uint(words) if holds_keys(&resource.name) => {
+                Some(KeyOrder::of(words, keys::count(plan, pass, stats), keys::lowest_bit(plan, pass)))
+            }
             _ => None,
         };
-        let pass = plan.pass(target.after).name.clone();
+        let pass = pass.name.clone();
         let is_image = matches!(resource.shape, Shape::Image { .. });
         let counted = order.as_ref().map(|order: &KeyOrder| order.keys);
         Finding { resource: resource.name.clone(), pass, shape, order, counted, is_image, words }
@@ -197,33 +195,6 @@ fn ends<T: std::fmt::Display>(words: &[T]) -> String {
     match words.len() {
         n if n <= 2 * SHOWN => format!("\n  all: {}", join(words)),
         n => format!("\n  first: {}\n  last: {}", join(&words[..SHOWN]), join(&words[n - SHOWN..])),
-    }
-}
-
-impl fmt::Display for KeyOrder {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let KeyOrder { keys, descents, .. } = self;
-        match self.first_descent {
-            None => write!(f, "monotonic: the first {keys} keys ascend"),
-            Some(at) => write!(
-                f,
-                "not monotonic: {descents} of the first {keys} keys are smaller than the one before, the first at {at}"
-            ),
-        }
-    }
-}
-
-impl KeyOrder {
-    fn of(keys: &[u32], visible: Option<u64>) -> KeyOrder {
-        let count = visible.map_or(keys.len(), |n| keys.len().min(n as usize));
-        let descents = || (1..count).filter(|&i| keys[i] < keys[i - 1]);
-        let first_descent = descents().next().map(|i| i as u64);
-        KeyOrder {
-            keys: count as u64,
-            ascending: first_descent.is_none(),
-            descents: descents().count() as u64,
-            first_descent,
-        }
     }
 }
 
@@ -353,13 +324,22 @@ mod tests {
         let keys = [1u32, 1, 4, 3, 9, 0];
         let bytes: Vec<u8> = keys.iter().flat_map(|k| k.to_le_bytes()).collect();
         let target = Inspect { resource: ResourceId(0), after: PassId(1) };
-        let found = |visible| Finding::new(&plan(), &target, &bytes, visible);
+        let found = |visible: Option<u32>| {
+            let stats: Vec<_> = visible.map(|count| ("visible".to_owned(), count)).into_iter().collect();
+            Finding::new(&plan(), &target, &bytes, &stats)
+        };
 
         let order = found(Some(3)).order.unwrap();
-        assert_eq!(order, KeyOrder { keys: 3, ascending: true, descents: 0, first_descent: None });
+        assert_eq!(
+            order,
+            KeyOrder { keys: 3, ignored_bits: 0, ascending: true, descents: 0, first_descent: None }
+        );
         assert!(found(Some(3)).text().contains("monotonic: the first 3 keys ascend"));
         let order = found(None).order.unwrap();
-        assert_eq!(order, KeyOrder { keys: 6, ascending: false, descents: 2, first_descent: Some(3) });
+        assert_eq!(
+            order,
+            KeyOrder { keys: 6, ignored_bits: 0, ascending: false, descents: 2, first_descent: Some(3) }
+        );
         assert!(found(None).text().contains("the first at 3: 3 after 4"), "{}", found(None).text());
         assert!(found(Some(0)).order.unwrap().ascending);
     }
@@ -367,7 +347,7 @@ mod tests {
     #[test]
     fn elements_of_several_words_have_a_second_dimension_and_no_order() {
         let found =
-            Finding::new(&plan(), &Inspect { resource: ResourceId(2), after: PassId(2) }, &[0; 48], None);
+            Finding::new(&plan(), &Inspect { resource: ResourceId(2), after: PassId(2) }, &[0; 48], &[]);
         assert_eq!(found.shape, [6, 2]);
         assert_eq!(found.order, None);
     }

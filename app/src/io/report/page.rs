@@ -7,11 +7,14 @@ use base64::engine::general_purpose::STANDARD;
 use std::fmt::Write;
 
 const STYLE: &str = include_str!("page.css");
+const SCRIPT: &str = include_str!("page.js");
 
 /// A page that is written from top to bottom.
 pub struct Page {
     title: String,
     body: String,
+    /// A table can be sorted.
+    has_script: bool,
 }
 
 /// A picture with a line under it.
@@ -25,7 +28,7 @@ pub struct Figure<'a> {
 impl Page {
     /// Begins a page with its title as the first heading.
     pub fn new(title: &str) -> Page {
-        Page { title: title.to_owned(), body: format!("<h1>{}</h1>\n", escaped(title)) }
+        Page { title: title.to_owned(), body: format!("<h1>{}</h1>\n", escaped(title)), has_script: false }
     }
 
     /// Adds a heading.
@@ -55,6 +58,22 @@ impl Page {
             self.body += &line("td", &mut row.iter().map(|cell| inline(cell)));
         }
         self.body += "</table></div>\n";
+    }
+
+    /// Adds a table that a reader can sort by each column, and filter. A column has a name, and a text that explains it under the pointer.
+    pub fn sortable(&mut self, columns: &[(&str, &str)], rows: &[Vec<String>]) {
+        self.has_script = true;
+        self.body += "<div class=\"wide sortable\"><input type=\"search\" placeholder=\"filter\" aria-label=\"filter\"><table>\n<thead><tr>";
+        for (name, about) in columns {
+            let about = escaped(about);
+            self.body += &format!("<th title=\"{about}\"><button>{}</button></th>", inline(name));
+        }
+        self.body += "</tr></thead>\n<tbody>\n";
+        for row in rows {
+            let cells: String = row.iter().map(|cell| format!("<td>{}</td>", inline(cell))).collect();
+            self.body += &format!("<tr>{cells}</tr>\n");
+        }
+        self.body += "</tbody></table></div>\n";
     }
 
     /// Adds pictures beside each other.
@@ -109,11 +128,12 @@ impl Page {
 
     /// Returns the page as HTML.
     pub fn html(&self) -> String {
-        let Page { title, body } = self;
+        let Page { title, body, .. } = self;
+        let script = if self.has_script { format!("<script>\n{SCRIPT}</script>\n") } else { String::new() };
         format!(
             "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width\"><title>{}</title>\n<style>\n{STYLE}</style></head>\n\
-             <body><main>\n{body}</main></body></html>\n",
+             <body><main>\n{body}</main>\n{script}</body></html>\n",
             escaped(title)
         )
     }
@@ -136,6 +156,19 @@ fn inline(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_sortable_table_explains_its_columns_and_escapes_its_texts() {
+        let mut page = Page::new("ledger");
+        page.sortable(&[("ms", "milliseconds < \"1\"")], &[vec!["<b>".into()]]);
+        let html = page.html();
+        assert!(
+            html.contains("<th title=\"milliseconds &lt; &quot;1&quot;\"><button>ms</button></th>"),
+            "{html}"
+        );
+        assert!(html.contains("<td>&lt;b&gt;</td>") && html.matches("<script>").count() == 1, "{html}");
+        assert!(!html.contains("http"), "nothing is fetched");
+    }
 
     #[test]
     fn a_page_holds_its_pictures_and_cannot_be_changed_by_its_texts() {

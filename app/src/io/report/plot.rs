@@ -59,6 +59,15 @@ pub struct Series {
     pub points: Vec<Point>,
 }
 
+/// An error bar: the range of a point's horizontal position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bar {
+    /// The least and the greatest horizontal position.
+    pub x: (f64, f64),
+    /// Vertical position.
+    pub y: f64,
+}
+
 /// A plot of points over two axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
@@ -70,6 +79,8 @@ pub struct Plot {
     pub y: Axis,
     /// The points.
     pub series: Vec<Series>,
+    /// Error bars, behind the points.
+    pub bars: Vec<Bar>,
 }
 
 /// Colours that people with any colour vision tell apart (Okabe and Ito 2008). Their yellow is faint on white and left out.
@@ -144,7 +155,9 @@ impl Plot {
     ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
         let shown: Vec<Vec<(f64, f64, &str)>> = self.series.iter().map(|series| self.shown(series)).collect();
         let all = || shown.iter().flatten();
-        let x = Ticks::new(all().map(|point| point.0), self.x.logarithmic);
+        let bars = self.shown_bars();
+        let ends = bars.iter().flat_map(|(low, high, _)| [*low, *high]);
+        let x = Ticks::new(all().map(|point| point.0).chain(ends), self.x.logarithmic);
         let y = Ticks::new(all().map(|point| point.1), self.y.logarithmic);
 
         area.fill(&WHITE)?;
@@ -173,6 +186,8 @@ impl Plot {
         // What is muted lies behind the others, and its names take the room that is left.
         let (behind, before): (Vec<usize>, Vec<usize>) = (0..self.series.len()).partition(muted);
         self.head(area, &colour_of)?;
+        let bar = |(low, high, y): &(f64, f64, f64)| PathElement::new(vec![(*low, *y), (*high, *y)], GREY);
+        chart.draw_series(bars.iter().map(bar))?;
         for at in behind.iter().chain(&before) {
             let (series, points, colour) = (&self.series[*at], &shown[*at], colour_of[*at]);
             if series.form == Form::Line {
@@ -225,6 +240,14 @@ impl Plot {
             x += width(series)? + DOT;
         }
         Ok(())
+    }
+
+    /// Lists the error bars that can be shown, on the scales of the axes.
+    fn shown_bars(&self) -> Vec<(f64, f64, f64)> {
+        let on = |axis: &Axis, value: f64| if axis.logarithmic { value.log10() } else { value };
+        let bar = |bar: &Bar| (on(&self.x, bar.x.0), on(&self.x, bar.x.1), on(&self.y, bar.y));
+        let is_finite = |(low, high, y): &(f64, f64, f64)| [low, high, y].iter().all(|v| v.is_finite());
+        self.bars.iter().map(bar).filter(is_finite).collect()
     }
 
     /// Lists the points of a series that can be shown, on the scales of the axes.
@@ -408,6 +431,7 @@ mod tests {
 
     fn plot() -> Plot {
         Plot {
+            bars: vec![Bar { x: (1.5, 2.5), y: 30.0 }],
             title: "Time and error".into(),
             x: Axis { label: "GPU ms".into(), logarithmic: true },
             y: Axis { label: "PSNR dB".into(), logarithmic: false },

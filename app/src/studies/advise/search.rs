@@ -6,7 +6,7 @@
 
 use crate::studies::trade::measure::Row;
 use crate::studies::trade::noise::Share;
-use crate::studies::trade::settings::{EXACT, Setting};
+use crate::studies::trade::settings::{DEFAULTS, EXACT, Setting};
 use serde::Serialize;
 
 /// The wanted limits.
@@ -209,7 +209,8 @@ pub struct Best<'a> {
 
 /// Chooses the best setting within the budget: the fastest where an error is allowed, else the most accurate.
 ///
-/// Of settings that noise does not tell apart from the fastest, it is the most accurate.
+/// Of settings that noise does not tell apart from the fastest, it is the most accurate. The defaults are chosen where they are within the
+/// budget, unless what would be chosen is faster (or, within a limit of time, more accurate) for sure.
 pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
     let of = |wanted: Option<bool>| tried.iter().filter(move |tried| budget.allows(tried) == wanted);
     let more_accurate = |a: &'a Tried, b: &'a Tried| if b.least_psnr() > a.least_psnr() { b } else { a };
@@ -229,11 +230,33 @@ pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
             })
         }
     };
+    let defaults = of(Some(true)).find(|tried| tried.setting.name == DEFAULTS);
+    let found = match (found, defaults) {
+        (Some(other), Some(defaults)) if !is_better(other, defaults, budget) => {
+            if other.faster(defaults).is_none() && !std::ptr::eq(other, defaults) {
+                hidden.push(other);
+            }
+            hidden.retain(|hidden| !std::ptr::eq(*hidden, defaults));
+            Some(defaults)
+        }
+        (found, _) => found,
+    };
     // One that is less accurate than what was found is no better where accuracy counts.
     if let (None, Some(found)) = (budget.psnr, found) {
         hidden.retain(|other| other.least_psnr() > found.least_psnr());
     }
     Best { found, hidden }
+}
+
+/// Decibels by which a picture must be closer to the truth to be worth a change of the defaults: more than a table rounds off.
+const LEAST_GAIN_DB: f64 = 0.1;
+
+/// Returns true if a setting within the budget is worth a change of the defaults, which are within it, too.
+fn is_better(other: &Tried, defaults: &Tried, budget: &Budget) -> bool {
+    match budget.psnr {
+        Some(_) => other.faster(defaults) == Some(true),
+        None => other.least_psnr() > defaults.least_psnr() + LEAST_GAIN_DB,
+    }
 }
 
 #[cfg(test)]
@@ -299,6 +322,29 @@ mod tests {
     }
 
     #[test]
+    fn the_defaults_are_advised_unless_another_is_better_beyond_the_noise() {
+        let exact = tried(EXACT, ["f", "3.33"], 80.0, 10.0);
+        let defaults = noisy(DEFAULTS, ["h", "4"], 77.0, 4.7, 0.1);
+        let slow = noisy("cutoff = 2", ["f", "2"], 45.7, 7.6, 0.1);
+        let budget = Budget { psnr: Some(45.0), ms: None };
+        let name = |all: &[Tried], budget| best(all, &budget).found.map(|t| t.setting.name.clone());
+        let all = [exact.clone(), slow, defaults.clone()];
+        assert_eq!(name(&all, budget).as_deref(), Some(DEFAULTS));
+        // More accurate, and not told apart in time: no reason to leave the defaults.
+        let near = noisy("target = f", ["f", "4"], 79.0, 4.6, 0.1);
+        let all = [exact.clone(), near, defaults.clone()];
+        assert_eq!(name(&all, budget).as_deref(), Some(DEFAULTS));
+        let quick = tried("cutoff = 1", ["h", "1"], 46.0, 2.0);
+        let all = [exact.clone(), quick, defaults.clone()];
+        assert_eq!(name(&all, budget).as_deref(), Some("cutoff = 1"), "faster by far more than the noise");
+        // Within a limit of time, more accuracy counts.
+        let limit = Budget { psnr: None, ms: Some(6.0) };
+        let (same, closer) = (tried("a", ["f", "5"], 77.05, 5.0), tried("b", ["f", "6"], 79.0, 5.0));
+        assert_eq!(name(&[exact.clone(), same.clone(), defaults.clone()], limit).as_deref(), Some(DEFAULTS));
+        assert_eq!(name(&[exact, same, closer, defaults], limit).as_deref(), Some("b"));
+    }
+
+    #[test]
     fn what_noise_hides_is_told_and_the_most_accurate_is_taken() {
         let defaults = noisy("defaults", ["h", "4"], 77.5, 7.0, 0.1);
         // By its median, a combination is faster by a tenth, and by 20 dB less accurate.
@@ -319,6 +365,6 @@ mod tests {
             |tried: Tried| Tried { share: tried.share.map(|share| Share { range: None, ..share }), ..tried };
         let glances = [exact, glance(pair), glance(defaults)];
         let found = best(&glances, &budget);
-        assert_eq!((found.found, found.hidden.len()), (Some(&glances[0]), 2));
+        assert_eq!((found.found, found.hidden.len()), (Some(&glances[2]), 2), "the defaults");
     }
 }

@@ -89,7 +89,7 @@ fn plot(
     };
     let time = if on_gpu { "GPU time of a frame, ms" } else { "time of a frame on the host's clock, ms" };
     let y = Axis { label: time.into(), logarithmic: true };
-    Plot { title, x, y, series: names.iter().map(series).collect() }
+    Plot { bars: Vec::new(), title, x, y, series: names.iter().map(series).collect() }
 }
 
 #[cfg(test)]

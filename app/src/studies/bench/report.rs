@@ -24,6 +24,8 @@ pub struct Origin {
     pub driver: String,
     /// The copy limit; `None` if the device has no timestamps, or no memory for the copy.
     pub copy: Option<CopyLimit>,
+    /// The device runs on the CPU, where times of passes are no measure: its driver may note them before a pass is done.
+    pub is_cpu: bool,
     /// The numbers of frames.
     pub effort: Frames,
     /// The parameters of `--set`.
@@ -44,10 +46,16 @@ impl Origin {
             device: device.name.clone(),
             driver: device.driver.clone(),
             copy,
+            is_cpu: is_cpu(device),
             effort,
             set: set.to_vec(),
         }
     }
+}
+
+/// Returns true for a device that runs on the CPU.
+pub fn is_cpu(device: &DeviceInfo) -> bool {
+    device.kind == "cpu"
 }
 
 /// A scene that was drawn.
@@ -189,6 +197,7 @@ pub(super) mod testing {
             device: "none".into(),
             driver: "0".into(),
             copy: Some(copy),
+            is_cpu: false,
             effort: Frames { rounds: 3, frames: None },
             set: Vec::new(),
         };

@@ -20,6 +20,9 @@ pub fn head(origin: &Origin, timed: bool) -> String {
         );
     }
     text += "MB: what is read and what is written, each once, at its declared size: an upper bound where fewer splats are visible\n";
+    if origin.is_cpu {
+        text += "this device is a CPU, whose driver may note the time of a pass before the pass is done: trust GPU ms of whole frames\n";
+    }
     if !timed {
         text += "this device has no timestamps: times are those of the host\n";
     }
@@ -35,7 +38,7 @@ pub fn tables(report: &Report) -> String {
         let Some(first) = rows.first() else { continue };
         text += &format!("\n{}\n", heading(first));
         for (row, found) in drawn(rows) {
-            text += &format!("\npasses of {}\n{}", row.pipeline, passes(found));
+            text += &format!("\npasses of {}\n{}", row.pipeline, passes(found, report.origin.is_cpu));
         }
         if drawn(rows).any(|(_, found)| found.views.len() > 1) {
             text += &format!("\nGPU ms of each camera\n{}", cameras(rows));
@@ -103,7 +106,10 @@ fn candidates(rows: &[Row]) -> String {
         let of = |phase: &str| mean.phases.iter().find(|part| part.name == phase);
         line.extend(phases.iter().map(|phase| of(phase).map_or(String::new(), |part| ms(part.gpu_ms))));
         let mebibytes = found.memory_bytes as f64 / f64::from(1 << 20);
-        line.extend([ms(mean.between_ms), ms(mean.wall_ms), ms(mean.submit_ms), format!("{mebibytes:.1}")]);
+        // Frames with timestamps of passes can take so much longer that this exceeds a whole frame without them.
+        let is_less = |between: &Figure| mean.gpu_ms.is_some_and(|whole| between.median <= whole.median);
+        let between = mean.between_ms.filter(is_less);
+        line.extend([ms(between), ms(mean.wall_ms), ms(mean.submit_ms), format!("{mebibytes:.1}")]);
         line
     };
     table(&std::iter::once(header).chain(drawn(rows).map(line)).collect::<Vec<_>>())
@@ -123,10 +129,12 @@ fn resting(row: &Row, found: &Found) -> String {
 }
 
 /// The passes of a candidate, then those that run once.
-fn passes(found: &Found) -> String {
+///
+/// On a CPU, bytes by time are left out.
+fn passes(found: &Found, is_cpu: bool) -> String {
     let header = cells(["", "phase", "GPU ms", "spread", "MB", "GB/s", "of copy"]);
     let line = |part: &Part| {
-        let rate = part.gb_per_s.map_or("-".into(), |rate| format!("{rate:.0}"));
+        let rate = part.gb_per_s.filter(|_| !is_cpu).map_or("-".into(), |rate| format!("{rate:.0}"));
         let share = part.of_copy.map_or("-".into(), |share| format!("{:.0} %", 100.0 * share));
         let phase = part.phase.clone().unwrap_or_default();
         let megabytes = format!("{:.2}", part.bytes as f64 * 1e-6);
@@ -220,6 +228,17 @@ mod tests {
             assert!(text.lines().any(|found| cells(found) == line), "{line}:\n{text}");
         }
         assert!(!text.contains("no timestamps"), "{text}");
+    }
+
+    #[test]
+    fn on_a_cpu_passes_have_no_rates_and_the_head_says_why() {
+        let mut report = report(vec![("splat", 1000, Ok(found(Some(2.0))))]);
+        report.origin.is_cpu = true;
+        let text = tables(&report);
+        assert!(text.contains("trust GPU ms of whole frames"), "{text}");
+        let pass = text.lines().find(|line| line.starts_with("draw")).expect("a pass");
+        let cells: Vec<&str> = pass.split_whitespace().collect();
+        assert_eq!(cells[..6], ["draw", "draw", "2.000", "0.250", "4.00", "-"], "{text}");
     }
 
     #[test]

@@ -322,6 +322,7 @@ fn keys(page: &mut Page, found: &Order) -> Result<(), ExperimentError> {
     let line = found.keys.iter().filter_map(|(_, drawn)| on(drawn, &drawn.name)).collect();
     let others = [&found.ways[0], &found.ways[2]].into_iter().filter_map(|way| on(way, &way.name)).collect();
     let plot = Plot {
+        bars: Vec::new(),
         title: "Wrong pairs and error, for keys of 8 to 32 bits and the two wrong ways".into(),
         x: Axis { label: "pairs of splats blended in the wrong order".into(), logarithmic: true },
         y: Axis { label: "PSNR against the exact picture, dB".into(), logarithmic: false },

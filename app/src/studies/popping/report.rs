@@ -154,6 +154,7 @@ pub fn plot(tracks: &[Track]) -> Plot {
     let degrees: Vec<f64> = tracks.iter().map(|track| summary(track).step_degrees).collect();
     let of = degrees.first().map_or(String::new(), |step| format!(", steps of {}°", shown_degrees(*step)));
     Plot {
+        bars: Vec::new(),
         title: format!("Change of the error from frame to frame{of}"),
         x: Axis { label: "step of the path".into(), logarithmic: false },
         y: Axis { label: "pop: mean |E' - E| of a pixel".into(), logarithmic: true },

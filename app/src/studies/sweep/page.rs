@@ -89,7 +89,7 @@ impl Swept {
         let series =
             |choice: Choice| Series::line(choice.name(), self.means(choice).iter().filter_map(&point));
         let series = Choice::ALL.map(series).into_iter().filter(|series| !series.points.is_empty());
-        Plot { title: title.to_owned(), x, y, series: series.collect() }
+        Plot { bars: Vec::new(), title: title.to_owned(), x, y, series: series.collect() }
     }
 
     /// Plots PSNR over the number of splats. All splats are left out: their picture is the truth but for rounding.
@@ -124,6 +124,7 @@ impl Swept {
             Series::line(name, means.iter().filter_map(share))
         };
         Plot {
+            bars: Vec::new(),
             title: "Phases of a frame as the number of splats doubles (file order)".into(),
             x: splats(),
             y: Axis { label: "share of the phases' time, %".into(), logarithmic: false },
@@ -148,6 +149,7 @@ impl Swept {
             series.push(Series::line("fixed cost + cost of a fragment", [on(least), on(most)]));
         }
         Plot {
+            bars: Vec::new(),
             title: "A camera that comes closer: cost against covered pixels x overlap".into(),
             x: Axis { label: "fragments blended, millions".into(), logarithmic: false },
             y: Axis { label: "GPU time of the blending, ms".into(), logarithmic: false },

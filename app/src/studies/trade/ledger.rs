@@ -29,6 +29,9 @@ pub struct Origin {
     pub cameras: Json,
     /// The graph.
     pub pipeline: String,
+    /// Parameters that have a value in every setting.
+    #[serde(default)]
+    pub set: Vec<(String, String)>,
     /// A hash of the plans of its exact settings, which all times are shares of.
     pub exact: String,
     /// The truth: `reference`, or the folder of the pictures.
@@ -63,7 +66,10 @@ impl Origin {
                 (&self.scene, self.splats, &self.content) != (&other.scene, other.splats, &other.content),
             ),
             ("cameras", self.cameras != other.cameras),
-            ("graph", (&self.pipeline, &self.exact) != (&other.pipeline, &other.exact)),
+            (
+                "graph",
+                (&self.pipeline, &self.set, &self.exact) != (&other.pipeline, &other.set, &other.exact),
+            ),
             ("truth", (&self.truth, &self.truth_content) != (&other.truth, &other.truth_content)),
             ("device", (&self.device, &self.opened) != (&other.device, &other.opened)),
             ("frames", (self.rounds, self.frames) != (other.rounds, other.frames)),
@@ -80,6 +86,9 @@ impl Origin {
 /// The rows of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
+    /// The command that measured last.
+    #[serde(default)]
+    pub command: String,
     /// The origin of the numbers.
     pub origin: Origin,
     /// A row per setting and camera.
@@ -120,7 +129,7 @@ impl Book {
         }
         let lost =
             lost.map(|why| format!("{}: rows of an earlier run are measured anew: {why}", path.display()));
-        (Book { ledger: Ledger { origin, rows }, path }, lost)
+        (Book { ledger: Ledger { command: String::new(), origin, rows }, path }, lost)
     }
 
     /// Returns true if the setting has been measured in this view.
@@ -296,6 +305,7 @@ pub(super) mod testing {
             content: "0".into(),
             cameras: Json::Array(vec![Json::Null]),
             pipeline: "splat".into(),
+            set: Vec::new(),
             exact: "0".into(),
             truth: "reference".into(),
             truth_content: String::new(),
@@ -307,7 +317,7 @@ pub(super) mod testing {
     }
 
     pub fn ledger(rows: Vec<Row>) -> Ledger {
-        Ledger { origin: origin(), rows }
+        Ledger { command: String::new(), origin: origin(), rows }
     }
 
     pub fn line(setting: &str, gpu_ms: f64, psnr_db: f64, mark: Mark) -> Line {

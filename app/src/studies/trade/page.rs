@@ -4,7 +4,7 @@ use super::ledger::{Ledger, Line, phase_names};
 use super::noise::Mark;
 use super::table::{COLUMNS, cells, notes, sign};
 use crate::io::report::page::Page;
-use crate::io::report::plot::{Axis, Form, Plot, PlotError, Point, Series};
+use crate::io::report::plot::{Axis, Bar, Form, Plot, PlotError, Point, Series};
 
 /// Decibels above the most accurate picture at which a plot shows those that equal the truth.
 const ABOVE: f64 = 6.0;
@@ -31,7 +31,12 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     if front.is_empty() && likely.is_empty() {
         return None;
     }
+    let bar = |line: &Line| {
+        let (low, high) = line.share?.range?;
+        Some(Bar { x: (100.0 * low, 100.0 * high), y: line.psnr_db.min(top) })
+    };
     Some(Plot {
+        bars: lines.iter().filter_map(bar).collect(),
         title: format!("{}: time and error of each setting", ledger.origin.title()),
         x: Axis {
             label: "GPU time of a frame, % of the exact settings' in the same rounds".into(),
@@ -44,6 +49,29 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
             Series { name: named("too noisy to tell"), form: Form::Points, points: likely },
         ],
     })
+}
+
+/// Explains a column of the table.
+fn about(column: &str) -> &'static str {
+    match column {
+        "setting" => {
+            "exact: every parameter at its exact value. NAME = VALUE: one parameter away from it. A * marks the Pareto front"
+        }
+        "GPU ms" => "milliseconds of a frame on the GPU: the share of one time of the exact settings",
+        "spread" => "milliseconds between the fastest and the slowest round",
+        "of exact" => {
+            "share of the exact settings' time in the same rounds, ± half of its range with 99 % confidence"
+        }
+        "PSNR dB" => "decibels of the mean squared error of all views, over all pixels",
+        "covered" => "PSNR over the pixels that a splat shows in",
+        "SSIM" => "structural similarity, the least of the views; 1 is equal",
+        "FLIP" => "NVIDIA's FLIP, mean; 0 is equal",
+        "worst" => "largest difference of a channel, of 1",
+        "off" => "pixels that are off by more than 1/255",
+        "inversions" => "pairs of visible splats in the wrong order",
+        "MiB" => "memory on the device",
+        _ => "why a setting is not judged, or only likely",
+    }
 }
 
 /// Writes the page of a ledger: the plot, the table, and what the columns are. `failed` are settings with their errors.
@@ -64,8 +92,12 @@ pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Res
         origin.device,
         if origin.truth == "reference" { "the exact renderer's" } else { origin.truth.as_str() },
     ));
+    if !ledger.command.is_empty() {
+        page.text("This command made the page:");
+        page.block(&ledger.command);
+    }
     if let Some(plot) = plot(ledger, lines) {
-        page.plot(&plot, "Left is faster, up is closer to the truth. Of the grey settings, another is at least as fast and as accurate.")?;
+        page.plot(&plot, "Left is faster, up is closer to the truth. A bar is what the time can be with 99 % confidence. Of the grey settings, another is at least as fast and as accurate.")?;
     }
     let rows: Vec<Vec<String>> = lines
         .iter()
@@ -75,7 +107,8 @@ pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Res
             cells
         })
         .collect();
-    page.table(&COLUMNS, &rows);
+    page.sortable(&COLUMNS.map(|column| (column, about(column))), &rows);
+    page.text("Click a column to sort by it; the pointer on a column shows what it is.");
     notes(lines).iter().for_each(|note| page.text(note));
     let phases = phase_names(lines);
     if !phases.is_empty() {
@@ -131,10 +164,15 @@ mod tests {
         let names = |at: usize| plot.series[at].points.iter().map(|p| p.name.as_str()).collect::<Vec<_>>();
         assert_eq!((names(0), names(1)), (vec!["bad"], vec!["fast", "exact (equal)"]));
         assert_eq!((plot.series[0].form, plot.series[1].points[1].y), (Form::Muted, 46.0));
+        assert_eq!(plot.bars[1], Bar { x: (24.0, 26.0), y: 40.0 });
+        let ledger = Ledger { command: "splatgraph trade scene.ply".into(), ..ledger };
         let html = page(&ledger, &lines, &[("broken".into(), "error: no".into())]).unwrap();
         for text in [
             "fast *",
             "<td>bad</td>",
+            "This command made the page:",
+            "splatgraph trade scene.ply",
+            "<th title=\"memory on the device\"><button>MiB</button></th>",
             "<svg",
             "<code>broken</code>",
             "error: no",

@@ -20,6 +20,9 @@ pub struct Setting {
 /// Name of the setting that the others are held against.
 pub const EXACT: &str = "exact";
 
+/// Name of the setting with the graph's defaults.
+pub const DEFAULTS: &str = "defaults";
+
 /// Lists the exact settings of a graph, then one parameter away from them at a time, the defaults, and the presets.
 ///
 /// `controls` are the graph's parameters. Those without an exact value do not change the picture and keep their defaults.
@@ -36,7 +39,7 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
             all.push(setting(format!("{} = {value}", param.name), set));
         }
     }
-    all.push(setting("defaults".into(), Vec::new()));
+    all.push(setting(DEFAULTS.into(), Vec::new()));
     let others = presets.iter().filter(|preset| **preset != pipeline);
     all.extend(others.map(|preset| Setting {
         name: format!("preset {preset}"),
@@ -44,6 +47,25 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
         set: Vec::new(),
     }));
     all
+}
+
+/// Gives parameters a value in every setting, and leaves out the settings that change one of them.
+///
+/// Settings of another graph are left out, too, unless it has all of these parameters: `has` tells for its name.
+pub fn fixed(all: Vec<Setting>, set: &[(String, String)], has: impl Fn(&str, &str) -> bool) -> Vec<Setting> {
+    let Some(pipeline) = all.first().map(|exact| exact.pipeline.clone()) else { return all };
+    let is_fixed = |name: &str| set.iter().any(|(fixed, _)| fixed == name);
+    let changes = |setting: &Setting| setting.name.split_once(" = ").is_some_and(|(name, _)| is_fixed(name));
+    let knows = |setting: &Setting| {
+        setting.pipeline == pipeline || set.iter().all(|(name, _)| has(&setting.pipeline, name))
+    };
+    let kept = all.into_iter().filter(|setting| !changes(setting) && knows(setting));
+    let give = |mut setting: Setting| {
+        setting.set.retain(|(name, _)| !is_fixed(name));
+        setting.set.extend_from_slice(set);
+        setting
+    };
+    kept.map(give).collect()
 }
 
 /// Leaves out the settings that change only a parameter without an effect in `plan`, that of the exact settings, the first of all.
@@ -99,6 +121,25 @@ mod tests {
         for (name, exact) in [("splat", ("target", "rgba32f")), ("tiled", ("sorted", "splats"))] {
             settings_of(name, exact);
         }
+    }
+
+    #[test]
+    fn a_fixed_parameter_has_its_value_in_every_setting_and_is_not_changed() {
+        let presets = builtin::presets();
+        let splat = presets.iter().find(|preset| preset.name == "splat").expect("it is built in");
+        let all = list("splat", &splat.params, &["splat", "key16", "tiled"]);
+        let set = [("target".to_owned(), "rgba8".to_owned()), ("cutoff".to_owned(), "2".to_owned())];
+        let has = |graph: &str, _: &str| graph == "key16";
+        let fixed = fixed(all.clone(), &set, has);
+        assert!(all.iter().any(|s| s.name.starts_with("cutoff = ")));
+        for setting in &fixed {
+            assert!(!setting.name.starts_with("cutoff = ") && !setting.name.starts_with("target = "));
+            assert_eq!(setting.set.iter().filter(|(name, _)| name == "target").count(), 1);
+            assert!(set.iter().all(|pair| setting.set.contains(pair)), "{setting:?}");
+        }
+        let names: Vec<&str> = fixed.iter().map(|s| s.name.as_str()).collect();
+        assert!(names.contains(&"defaults") && names.contains(&"preset key16"), "{names:?}");
+        assert!(!names.contains(&"preset tiled") && names[0] == EXACT, "{names:?}");
     }
 
     #[test]

@@ -5,12 +5,11 @@ use super::inspector::Target;
 use super::selection::Selection;
 use super::theme::Palette;
 use super::widgets::hint;
-use crate::draw::inspect::{Finding, ReadAs, holds_keys};
+use crate::draw::inspect::{Finding, ReadAs, sorted_keys};
 use crate::view::viewport::{Inspection, Viewport};
-use egui::{Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
+use egui::{Button, Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};
 use splatgraph_api::Device;
-use splatgraph_framework::ir::Work;
 use splatgraph_framework::plan::Plan;
 
 /// Number of lines with numbers.
@@ -43,14 +42,19 @@ impl State {
         target: &mut Target,
     ) {
         ui.horizontal_wrapped(|ui| {
-            let keys = ui.button("Are the keys sorted?");
+            let sorted = sorted_keys(plan);
+            let keys = ui.add_enabled(sorted.is_some(), Button::new("Are the keys sorted?"));
             target.controls.see("keys_sorted", keys.rect);
-            if hint(keys, "Read the sorted keys back and check that they ascend").clicked() {
-                match sorted_keys(plan) {
-                    Some((resource, pass)) => viewport.look_at(&resource, &pass),
-                    None => viewport
-                        .cannot_look("no pass of this plan writes a resource whose name begins with `keys`"),
+            let text = match &sorted {
+                Some((resource, pass)) => {
+                    format!("Read {resource} back after {pass} and check that the keys ascend")
                 }
+                None => "No pass of this plan writes sort keys (`keys` or `*_keys`)".to_owned(),
+            };
+            if hint(keys, text).clicked()
+                && let Some((resource, pass)) = sorted
+            {
+                viewport.look_at(&resource, &pass);
             }
             if let Some(Selection::Resource(name)) = target.selection.as_ref()
                 && let Some(pass) = last_writer(plan, name)
@@ -231,19 +235,4 @@ fn last_writer(plan: &Plan, resource: &str) -> Option<String> {
     };
     let step = plan.prologue.iter().chain(&plan.frame).rfind(writes)?;
     Some(plan.pass(step.pass).name.clone())
-}
-
-/// Finds the sorted keys: the resource whose name begins with `keys`, and the last pass that writes it.
-pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
-    plan.frame.iter().rev().find_map(|step| {
-        let pass = plan.pass(step.pass);
-        if matches!(pass.work, Work::Export | Work::Host) {
-            return None;
-        }
-        let keys = |touch: &&splatgraph_framework::ir::Use| {
-            touch.accesses.writes() && holds_keys(&plan.resource(touch.resource).name)
-        };
-        let touch = pass.uses.iter().find(keys)?;
-        Some((plan.resource(touch.resource).name.clone(), pass.name.clone()))
-    })
 }

@@ -27,7 +27,6 @@ mod comparison;
 mod copy;
 mod scenes;
 
-pub use super::opening::cameras_of;
 use comparison::Comparing;
 pub use comparison::Comparison;
 use copy::CopyLimit;

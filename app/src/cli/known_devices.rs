@@ -1,0 +1,205 @@
+//! Describes devices that this machine lacks: a catalogue from published limits, and files of facts.
+
+use crate::draw::facts;
+use anyhow::{Context, Result, bail};
+use serde_json::{Map, Value};
+use splatgraph_framework::ir::{DeviceFacts, Features};
+use std::path::Path;
+
+/// A device that graphs can be built for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnownDevice {
+    /// Its name in the catalogue, or that of its file.
+    pub name: String,
+    /// The facts that graphs can use.
+    pub facts: DeviceFacts,
+    /// Largest number of storage buffers in one shader; `None` where graphs stay below it.
+    pub storage_buffers: Option<usize>,
+    /// The publication that the limits are from.
+    pub source: &'static str,
+}
+
+/// Lists the devices of the catalogue.
+///
+/// Of a family the smallest limits count. What a publication leaves open is as on the smallest supported device.
+pub fn catalogue() -> Vec<KnownDevice> {
+    let portable = facts::portable_device;
+    let integers =
+        |device: DeviceFacts| DeviceFacts { features: device.features | Features::INT64, ..device };
+    let device = |name: &str, facts, storage_buffers, source| KnownDevice {
+        name: name.to_owned(),
+        facts,
+        storage_buffers,
+        source,
+    };
+    let limits = |lanes, max_storage_bytes, max_invocations, shared_kib: u32| DeviceFacts {
+        max_storage_bytes,
+        max_invocations,
+        shared_bytes: shared_kib << 10,
+        ..portable(lanes)
+    };
+    let most = u64::from(u32::MAX);
+    vec![
+        device(
+            "lavapipe",
+            integers(limits(8, 1 << 27, 1024, 32)),
+            None,
+            "Mesa 22.3, on a CPU with vectors of 256 bits",
+        ),
+        device(
+            "raspberry-pi-5",
+            limits(16, 1 << 30, 256, 16),
+            Some(64),
+            "Mesa, src/broadcom/vulkan/v3dv_device.c: V3D 7.1",
+        ),
+        device(
+            "adreno",
+            limits(64, 1 << 29, 1024, 32),
+            None,
+            "Mesa, src/freedreno/vulkan/tu_device.cc: Adreno 6xx and 7xx, subgroups of the smaller size",
+        ),
+        device(
+            "mali",
+            limits(16, most, 512, 32),
+            None,
+            "Mesa, src/panfrost/vulkan/panvk_vX_physical_device.c: Valhall; cores run workgroups of 512 or 1,024",
+        ),
+        device(
+            "intel",
+            integers(limits(32, 1 << 30, 1024, 64)),
+            None,
+            "Mesa, src/intel/vulkan: Xe, subgroups of the usual size",
+        ),
+        device(
+            "amd",
+            DeviceFacts {
+                features: Features::INT64 | Features::FLOAT64 | facts::PORTABLE_FEATURES,
+                ..limits(64, most, 1024, 64)
+            },
+            None,
+            "Mesa, src/amd/vulkan: GCN 3 and newer, subgroups of the usual size",
+        ),
+        device("apple", facts::apple_device(), Some(31), "Apple, Metal Feature Set Tables: family Apple 7"),
+        device(
+            "webgpu",
+            DeviceFacts { features: Features::empty(), ..portable(facts::USUAL_SUBGROUP_SIZE) },
+            Some(8),
+            "W3C, WebGPU: default limits, without the feature `subgroups`",
+        ),
+        device(
+            "webgpu-subgroups",
+            portable(facts::USUAL_SUBGROUP_SIZE),
+            Some(8),
+            "W3C, WebGPU: default limits, with the feature `subgroups`",
+        ),
+    ]
+}
+
+/// Finds a device by its name in the catalogue, or by a file of facts; `None` if there is neither.
+///
+/// # Errors
+/// The file has no facts, or others than those of a device.
+pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
+    if let Some(found) = catalogue().into_iter().find(|device| device.name == wanted) {
+        return Ok(Some(found));
+    }
+    let path = Path::new(wanted);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(path).with_context(|| format!("{wanted} cannot be read"))?;
+    from_json(wanted, &text).with_context(|| format!("{wanted} does not describe a device")).map(Some)
+}
+
+/// Reads facts as `splatgraph devices --json` writes them: a list whose first device counts, one device, or its facts alone.
+fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
+    let value: Value = serde_json::from_str(text)?;
+    let device = match &value {
+        Value::Array(all) => all.first().context("expected a device, found an empty list")?,
+        other => other,
+    };
+    let facts = device.get("facts").unwrap_or(device);
+    let facts =
+        facts.as_object().context("expected an object of facts, such as {\"device.subgroup_size\": 32}")?;
+    let name = device.get("name").and_then(Value::as_str).unwrap_or(name).to_owned();
+    Ok(KnownDevice { name, facts: read(facts)?, storage_buffers: None, source: "a file" })
+}
+
+/// Reads facts by their names in graphs. Those that are missing are as on the smallest supported device.
+fn read(named: &Map<String, Value>) -> Result<DeviceFacts> {
+    let mut facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+    for (name, value) in named {
+        let number = || match value.as_u64() {
+            Some(number) => Ok(number),
+            None => bail!("expected a natural number for `{name}`, found {value}"),
+        };
+        let short =
+            || u32::try_from(number()?).with_context(|| format!("`{name}` is larger than 4294967295"));
+        let truth =
+            || value.as_bool().with_context(|| format!("expected true or false for `{name}`, found {value}"));
+        let feature = |facts: &mut DeviceFacts, feature| -> Result<()> {
+            facts.features.set(feature, truth()?);
+            Ok(())
+        };
+        match name.as_str() {
+            "device.subgroup_size" => facts.subgroup_size = short()?,
+            "device.max_storage_bytes" => facts.max_storage_bytes = number()?,
+            "device.max_groups_x" => facts.max_groups_x = short()?,
+            "device.max_invocations" => facts.max_invocations = short()?,
+            "device.shared_bytes" => facts.shared_bytes = short()?,
+            "device.rounds_half" => facts.rounds_half = truth()?,
+            "device.fused_fma" => facts.fused_fma = truth()?,
+            "device.int64" => feature(&mut facts, Features::INT64)?,
+            "device.float64" => feature(&mut facts, Features::FLOAT64)?,
+            "device.subgroup_arithmetic" => feature(&mut facts, Features::SUBGROUP_ARITHMETIC)?,
+            "device.subgroup_ballot" => feature(&mut facts, Features::SUBGROUP_BALLOT)?,
+            "device.subgroup_shuffle" => feature(&mut facts, Features::SUBGROUP_SHUFFLE)?,
+            "device.subgroup_vote" => feature(&mut facts, Features::SUBGROUP_VOTE)?,
+            _ => {
+                let known: Vec<&str> = facts.named().iter().map(|(name, _)| *name).collect();
+                bail!("expected one of {}, found `{name}`", known.join(", "))
+            }
+        }
+    }
+    let lanes = facts.subgroup_size;
+    if !lanes.is_power_of_two() || !(facts::SUBGROUP_SIZES[0]..=128).contains(&lanes) {
+        bail!("expected a power of two from 4 to 128 for `device.subgroup_size`, found {lanes}");
+    }
+    Ok(facts)
+}
+
+/// Lists the catalogue in two columns, for help.
+pub fn list() -> String {
+    let row = |device: KnownDevice| (device.name, device.source.to_owned());
+    super::options::two_columns(catalogue().into_iter().map(row).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_facts_of_each_device_come_back_from_what_devices_writes_of_them() {
+        for device in catalogue() {
+            let listed = serde_json::json!([{ "name": device.name, "facts": device.facts }]);
+            let read = from_json("x.json", &listed.to_string()).expect("facts");
+            assert_eq!((&read.name, read.facts.named()), (&device.name, device.facts.named()));
+            let alone = from_json("x.json", &listed[0]["facts"].to_string()).expect("facts");
+            assert_eq!((alone.name.as_str(), alone.facts), ("x.json", read.facts));
+        }
+    }
+
+    #[test]
+    fn a_file_without_a_devices_facts_is_refused_with_the_name_of_the_fact() {
+        let error = |text: &str| format!("{:#}", from_json("x.json", text).expect_err("no facts"));
+        assert!(error(r#"{"device.lanes": 32}"#).ends_with("found `device.lanes`"));
+        assert_eq!(error(r#"{"device.int64": 1}"#), "expected true or false for `device.int64`, found 1");
+        assert_eq!(
+            error(r#"{"device.shared_bytes": -1}"#),
+            "expected a natural number for `device.shared_bytes`, found -1"
+        );
+        assert!(error(r#"{"device.subgroup_size": 24}"#).contains("found 24"));
+        assert_eq!(error("[]"), "expected a device, found an empty list");
+        assert!(find("no-such-device").expect("no file").is_none());
+    }
+}

@@ -1,0 +1,182 @@
+//! Judges whether sorted keys ascend: over the keys that count, and above the bits that the sort leaves alone.
+//!
+//! In `splat` and `tiled_cpu` the keys are depths, one for each visible splat. In `tiled` they are pairs of a bin and a depth, whose
+//! lowest bits (`tie_bits`) the radix sort does not read: a later pass orders what agrees in the others.
+
+use super::{without_half, without_index};
+use serde::Serialize;
+use splatgraph_framework::ir::{Pass, Work};
+use splatgraph_framework::plan::Plan;
+use std::fmt;
+
+/// Byte of `args` with the number of keys to sort, and of `pair_args` with the number of pairs that a frame needs (shaders/args.glsl).
+const KEYS_BYTE: u64 = 12;
+const PAIRS_BYTE: u64 = 32;
+
+/// Returns true for the name of a resource with sort keys: `keys`, `order.keys#1` or `pair_keys`, but not their previous contents.
+pub fn holds_keys(name: &str) -> bool {
+    let last = name.rsplit_once('.').map_or(name, |(_, last)| last);
+    (last.starts_with("keys") || without_half(last).ends_with("_keys")) && !name.starts_with("last(")
+}
+
+/// Finds the sorted keys: the last pass of a frame that writes a resource with keys, and that resource.
+pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
+    plan.frame.iter().rev().find_map(|step| {
+        let pass = plan.pass(step.pass);
+        if matches!(pass.work, Work::Export | Work::Host) {
+            return None;
+        }
+        let written = pass.uses.iter().filter(|touch| touch.accesses.writes());
+        let name = written.map(|touch| &plan.resource(touch.resource).name).find(|name| holds_keys(name))?;
+        Some((name.clone(), pass.name.clone()))
+    })
+}
+
+/// The order of sorted keys.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct KeyOrder {
+    /// Number of examined keys: those that the frame sorted, or all if that number is unknown.
+    pub keys: u64,
+    /// Number of lowest bits that are not compared, because the sort leaves them to a later pass.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub ignored_bits: u32,
+    /// True if no key is smaller than the one before it.
+    pub ascending: bool,
+    /// Number of keys that are smaller than the one before them.
+    pub descents: u64,
+    /// Index of the first such key.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub first_descent: Option<u64>,
+}
+
+impl fmt::Display for KeyOrder {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let KeyOrder { keys, descents, .. } = self;
+        match self.first_descent {
+            None => write!(f, "monotonic: the first {keys} keys ascend")?,
+            Some(at) => write!(
+                f,
+                "not monotonic: {descents} of the first {keys} keys are smaller than the one before, the first at {at}"
+            )?,
+        }
+        match self.ignored_bits {
+            0 => Ok(()),
+            1 => f.write_str(" (without the lowest bit, which the sort leaves to a later pass)"),
+            bits => write!(f, " (without the lowest {bits} bits, which the sort leaves to a later pass)"),
+        }
+    }
+}
+
+impl KeyOrder {
+    /// Judges the first `count` keys without their lowest `ignored_bits`; all keys if the count is unknown.
+    pub(super) fn of(keys: &[u32], count: Option<u64>, ignored_bits: u32) -> KeyOrder {
+        let count = count.map_or(keys.len(), |n| keys.len().min(n as usize));
+        let compared = |i: usize| keys[i].checked_shr(ignored_bits).unwrap_or(0);
+        let descents = || (1..count).filter(|&i| compared(i) < compared(i - 1));
+        let first_descent = descents().next().map(|i| i as u64);
+        KeyOrder {
+            keys: count as u64,
+            ignored_bits,
+            ascending: first_descent.is_none(),
+            descents: descents().count() as u64,
+            first_descent,
+        }
+    }
+}
+
+fn is_zero(bits: &u32) -> bool {
+    *bits == 0
+}
+
+/// Returns the number of keys that a frame sorted, from its statistics; `None` if no statistic has it.
+///
+/// Word 3 of the buffer that the pass binds as `Args` has it. Where only the pairs that the frame needs are read back, they are as many,
+/// since a frame without room for all is drawn again. In other graphs there is a key for each visible splat.
+pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option<u64> {
+    let value = |name: &str| stats.iter().find(|(other, _)| other == name).map(|(_, value)| (*value).into());
+    let Some(args) = pass.bindings.iter().find(|binding| binding.name == "Args") else {
+        return value("visible");
+    };
+    let at = |byte| {
+        let stat = plan.stats.iter().find(|stat| stat.buffer == args.resource && stat.offset == byte)?;
+        value(&stat.name)
+    };
+    let pairs = plan.resource(args.resource).name.ends_with("pair_args");
+    at(KEYS_BYTE).or_else(|| if pairs { at(PAIRS_BYTE) } else { value("visible") })
+}
+
+/// Returns the lowest bit that a sort reads of its keys: the least push constant `shift` among the iterations of a pass.
+pub(super) fn lowest_bit(plan: &Plan, pass: &Pass) -> u32 {
+    let iterations =
+        plan.passes.iter().filter(|other| without_index(&other.name) == without_index(&pass.name));
+    iterations.filter_map(|pass| pushed(plan, pass, "shift")).min().unwrap_or(0)
+}
+
+/// Reads a push constant of a dispatch.
+fn pushed(plan: &Plan, pass: &Pass, member: &str) -> Option<u32> {
+    let Work::Dispatch { shader, .. } = &pass.work else { return None };
+    let block = plan.shader(*shader).reflection.push.as_ref()?;
+    let start = block.members.iter().find(|other| other.name == member)?.offset as usize;
+    let bytes = pass.push.get(start..start + 4)?;
+    Some(u32::from_le_bytes(bytes.try_into().ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::inspect::{Finding, resolve};
+    use crate::draw::planner::Planner;
+
+    fn plan(graph: &str, lanes: u32) -> Plan {
+        let scene = SceneFacts { count: 5_000_000, ..SceneFacts::NOMINAL };
+        let device = splatgraph_framework::ir::DeviceFacts {
+            max_storage_bytes: 1 << 31,
+            ..facts::portable_device(lanes)
+        };
+        let facts = facts::facts(&scene, &device, facts::DEFAULT_SIZE);
+        let mut catalog = facts::nominal_catalog();
+        catalog.attributes.values_mut().for_each(|attribute| attribute.count = scene.count);
+        let set = [("pair_bits".to_owned(), "27".to_owned())];
+        let set = if graph == "tiled" { &set[..] } else { &[] };
+        Planner::default().plan(graph, set, &facts, &catalog).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    #[test]
+    fn every_graph_that_sorts_has_keys_to_look_at_by_button_and_by_name() {
+        for (graph, lanes, keys, pass) in [
+            ("splat", 32, "order.keys#", "order.sort.scatter["),
+            ("tiled", 32, "bins.pair_keys#", "bins.sort.scatter["),
+            ("tiled_cpu", 8, "order.keys#", "order.sort.scatter["),
+        ] {
+            let plan = plan(graph, lanes);
+            let (resource, after) = sorted_keys(&plan).expect("keys");
+            assert!(resource.starts_with(keys) && after.starts_with(pass), "{resource} {after}");
+            let target = resolve(&plan, "keys", "scatter").expect("short names");
+            assert_eq!(
+                (&plan.resource(target.resource).name, &plan.pass(target.after).name),
+                (&resource, &after)
+            );
+        }
+        // Without a sort, the button says so of the keys as they were made.
+        let unsorted = Some(("order.keys#0".to_owned(), "order.compact".to_owned()));
+        assert_eq!(sorted_keys(&plan("unsorted", 32)), unsorted);
+    }
+
+    #[test]
+    fn pair_keys_are_judged_over_the_pairs_and_without_the_bits_that_the_sort_leaves_alone() {
+        let plan = plan("tiled", 32);
+        let target = resolve(&plan, "keys", "scatter").expect("short names");
+        // Ascending above the lowest 5 of 32 bits; the last is not a pair of this frame.
+        let keys = [5 << 5 | 7, 5 << 5, 9 << 5 | 1, 9 << 5, 0];
+        let bytes: Vec<u8> = keys.iter().flat_map(|key: &u32| key.to_le_bytes()).collect();
+        let stats = [("visible".to_owned(), 2), ("entries_needed".to_owned(), 4)];
+        let order = Finding::new(&plan, &target, &bytes, &stats).order.expect("an order");
+        assert_eq!((order.keys, order.ignored_bits, order.ascending), (4, 5, true));
+        assert!(
+            order.to_string().ends_with("(without the lowest 5 bits, which the sort leaves to a later pass)")
+        );
+        let order = Finding::new(&plan, &target, &bytes, &[]).order.expect("an order");
+        assert_eq!((order.keys, order.first_descent), (5, Some(4)), "all, where their number is unknown");
+    }
+}

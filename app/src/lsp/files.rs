@@ -1,0 +1,58 @@
+//! Finds the graphs that may use a file: those of the editor's folders, or those around the file.
+
+use super::graph::is_graph;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// Bounds the files that are looked at, in case the editor's folder is a whole disk.
+const MAX_ENTRIES: usize = 20_000;
+
+/// Bounds the nesting of folders below those that are searched.
+const MAX_DEPTH: usize = 6;
+
+/// Returns a path without links and `..`, if it is absolute and exists.
+pub fn canonical(path: &Path) -> PathBuf {
+    if path.is_absolute() { path.canonicalize().unwrap_or_else(|_| path.to_owned()) } else { path.to_owned() }
+}
+
+/// Lists the open graphs, and those in the editor's `folders` or, if none of these holds the file, around it.
+///
+/// Around a file are its folder and the folders `pipelines` beside it and beside the folders that it is in, three levels up.
+pub fn graphs_near(path: &Path, open: &BTreeMap<PathBuf, String>, folders: &[PathBuf]) -> Vec<String> {
+    let path = canonical(path);
+    let mut searched: Vec<PathBuf> =
+        folders.iter().map(|f| canonical(f)).filter(|f| path.starts_with(f)).collect();
+    if searched.is_empty() {
+        searched.extend(path.parent().map(Path::to_owned));
+        searched.extend(path.ancestors().skip(1).take(3).map(|folder| folder.join("pipelines")));
+    }
+    let mut found: BTreeSet<PathBuf> = open.keys().filter(|p| is_graph(p)).map(|p| canonical(p)).collect();
+    let mut left = MAX_ENTRIES;
+    for folder in searched {
+        collect(&folder, MAX_DEPTH, &mut left, &mut found);
+    }
+    found.iter().map(|path| path.display().to_string()).collect()
+}
+
+fn collect(folder: &Path, depth: usize, left: &mut usize, found: &mut BTreeSet<PathBuf>) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        if *left == 0 {
+            return;
+        }
+        *left -= 1;
+        let path = entry.path();
+        let name = entry.file_name();
+        // Links are not followed: they may lead around in a circle.
+        match entry.file_type() {
+            Ok(kind) if kind.is_dir() && depth > 0 => {
+                let is_output = ["target", "node_modules"].iter().any(|other| name == *other);
+                if !is_output && !name.to_string_lossy().starts_with('.') {
+                    collect(&path, depth - 1, left, found);
+                }
+            }
+            Ok(kind) if kind.is_file() && is_graph(&path) => drop(found.insert(canonical(&path))),
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Shows the barriers of a plan before the passes of a graph file.
+
+use super::files::canonical;
+use super::text;
+use lsp_types::{InlayHint, InlayHintLabel, InlayHintTooltip, Position};
+use splatgraph_framework::dump::{self, Dump, DumpPass};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Lists a hint for each pass of a file that waits for others, at the end of the line in which the pass begins.
+///
+/// `text` is the file's; `dumps` are of plans with passes of the file. The first plan that has a pass counts.
+pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
+    // The export and the like stand at no pass of the file.
+    let is_written = |pass: &DumpPass| ["dispatch", "draw", "fill"].contains(&pass.kind.as_str());
+    let is_here = |pass: &&DumpPass| is_written(pass) && canonical(Path::new(&pass.declared.file)) == path;
+    // The passes of each declaration: a repeat makes several of one.
+    let mut found: BTreeMap<(u32, u32), Vec<&DumpPass>> = BTreeMap::new();
+    for dump in dumps {
+        let mut of_plan: BTreeMap<(u32, u32), Vec<&DumpPass>> = BTreeMap::new();
+        for pass in dump.passes.iter().filter(is_here) {
+            of_plan.entry((pass.declared.line, pass.declared.column)).or_default().push(pass);
+        }
+        for (declared, passes) in of_plan {
+            found.entry(declared).or_insert(passes);
+        }
+    }
+    let hint = |((line, _), passes): ((u32, u32), Vec<&DumpPass>)| {
+        let waiting: Vec<&&DumpPass> = passes.iter().filter(|pass| !pass.barriers.is_empty()).collect();
+        let first = waiting.first()?;
+        let mut label = format!("waits for {}", after(first).join(", "));
+        if passes.len() > 1 {
+            label += &format!(" ({} of {} iterations wait)", waiting.len(), passes.len());
+        }
+        let mut lines = Vec::new();
+        for barrier in &first.barriers {
+            lines.push(dump::barrier_line(barrier));
+            lines.extend(barrier.dependencies.iter().map(|d| dump::dependency_line(barrier, d)));
+        }
+        let width = text.lines().nth(line as usize - 1)?.encode_utf16().count() as u32;
+        Some(InlayHint {
+            position: Position { line: line - 1, character: width },
+            label: InlayHintLabel::String(label),
+            kind: None,
+            text_edits: None,
+            tooltip: Some(InlayHintTooltip::String(format!("{}\n{}", first.name, lines.join("\n")))),
+            padding_left: Some(true),
+            padding_right: None,
+            data: None,
+        })
+    };
+    found.into_iter().filter_map(hint).collect()
+}
+
+/// What the barriers of a pass wait for: passes, and layouts of images that nothing wrote.
+fn after(pass: &DumpPass) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for dependency in pass.barriers.iter().flat_map(|barrier| &barrier.dependencies) {
+        let frame = if dependency.previous_frame { " of the frame before" } else { "" };
+        let mut passes: Vec<String> =
+            dependency.after.iter().map(|place| format!("{}{frame}", place.name)).collect();
+        if passes.is_empty() {
+            passes.push(format!("a new layout of {}", dependency.resource.name));
+        }
+        passes.retain(|name| !names.contains(name));
+        names.extend(passes);
+    }
+    names
+}
+
+/// The hints whose lines are within a range of lines, both ends included.
+pub fn within(hints: Vec<InlayHint>, first: u32, last: u32) -> Vec<InlayHint> {
+    hints.into_iter().filter(|hint| (first..=last).contains(&hint.position.line)).collect()
+}
+
+/// Returns the value of each `let` as a hint behind its text.
+pub fn values(text: &str, lets: impl Iterator<Item = (usize, String)>) -> Vec<InlayHint> {
+    let hint = |(end, value): (usize, String)| InlayHint {
+        position: text::position_of(text, end),
+        label: InlayHintLabel::String(format!("= {value}")),
+        kind: None,
+        text_edits: None,
+        tooltip: None,
+        padding_left: Some(true),
+        padding_right: None,
+        data: None,
+    };
+    lets.map(hint).collect()
+}

@@ -1,0 +1,532 @@
+//! Resolves the names in graphs and shaders to their declarations, across the files that graphs name.
+//!
+//! A name can have several declarations: a choice leads to several graphs, and several graphs may use one shader. Declarations that
+//! share a name's place can only be renamed together, so they form a class.
+
+use super::cursor::{Group, Scan, Text};
+use super::names::{self, Kind, Mention, Role, Word, mentions, words};
+use crate::draw::planner::Planner;
+use splatgraph_framework::ir::FileId;
+use splatgraph_framework::source;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::ops::Range;
+use std::path::Path;
+
+/// Bounds the chains of includes, presets and choices that are followed: as the language does.
+const MAX_DEPTH: usize = 16;
+
+/// A range of bytes in a file.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    /// The file's path; relative if the file is built into the program.
+    pub file: String,
+    /// First byte.
+    pub start: usize,
+    /// Byte behind the last.
+    pub end: usize,
+}
+
+/// How a name is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// As it is declared.
+    Plain,
+    /// In capitals, as the constant of a shader.
+    Macro,
+}
+
+/// A name that was found, with what it stands for.
+struct Found {
+    end: usize,
+    form: Form,
+    declarations: Vec<usize>,
+    /// Places in files that are not graphs, or whole files.
+    places: Vec<Place>,
+}
+
+/// A declaration in a graph.
+struct Declaration {
+    file: FileId,
+    range: Range<usize>,
+    kind: Kind,
+    name: String,
+    /// The bracket that it stands in.
+    group: usize,
+    /// Shaders know it by its own name.
+    is_live: bool,
+    /// The names of a choice.
+    choices: Vec<String>,
+}
+
+struct Graph {
+    scan: Scan,
+    mentions: Vec<Mention>,
+    /// The files that it names, by the names.
+    graphs: HashMap<String, FileId>,
+    shaders: HashMap<String, FileId>,
+}
+
+struct Shader {
+    words: Vec<Word>,
+    includes: Vec<FileId>,
+}
+
+/// The names of graphs and of the shaders that they use.
+pub struct Index {
+    paths: HashMap<FileId, (String, String)>,
+    graphs: BTreeMap<FileId, Graph>,
+    shaders: BTreeMap<FileId, Shader>,
+    declarations: Vec<Declaration>,
+    /// The declarations of each file.
+    of_file: HashMap<FileId, Vec<usize>>,
+    found: BTreeMap<(FileId, usize), Found>,
+    /// For each declaration another one of its class; a representative has itself.
+    class: Vec<usize>,
+}
+
+impl Index {
+    /// Reads these graphs, and the files that they lead to.
+    pub fn of(planner: &mut Planner, paths: &[String]) -> Index {
+        let mut index = Index {
+            paths: HashMap::new(),
+            graphs: BTreeMap::new(),
+            shaders: BTreeMap::new(),
+            declarations: Vec::new(),
+            of_file: HashMap::new(),
+            found: BTreeMap::new(),
+            class: Vec::new(),
+        };
+        let mut waiting: Vec<FileId> =
+            paths.iter().filter_map(|path| planner.file(None, path, source::Kind::Graph)).collect();
+        while let Some(file) = waiting.pop() {
+            if !index.graphs.contains_key(&file) {
+                index.read_graph(planner, file, &mut waiting);
+            }
+        }
+        index.resolve();
+        index
+    }
+
+    fn read_graph(&mut self, planner: &mut Planner, file: FileId, waiting: &mut Vec<FileId>) {
+        let (path, text) = read(planner, file);
+        let scan = Scan::of(&text);
+        let mentions = mentions(&text, &scan);
+        let (mut graphs, mut shaders) = (HashMap::new(), HashMap::new());
+        for mention in &mentions {
+            let kind = match mention.role {
+                Role::Graph => source::Kind::Graph,
+                Role::Shader => source::Kind::Shader,
+                _ => continue,
+            };
+            let Some(named) = planner.file(Some(file), &mention.name, kind) else { continue };
+            if kind == source::Kind::Graph {
+                graphs.insert(mention.name.clone(), named);
+                waiting.push(named);
+            } else {
+                shaders.insert(mention.name.clone(), named);
+                self.read_shader(planner, named);
+            }
+        }
+        for mention in &mentions {
+            let Role::Declares(kind) = mention.role else { continue };
+            // The brackets of the value: `Live(Choice(of: [...]))`.
+            let is_value = |group: &Group| group.lead == mention.name && group.parent == Some(mention.group);
+            let value = scan.groups.iter().position(is_value).filter(|_| kind == Kind::Parameter);
+            let is_live = value.is_some_and(|value| scan.groups[value].name == "Live");
+            let is_choice = |text: &&Text| {
+                scan.groups[text.group].lead == "of"
+                    && value.is_some_and(|value| {
+                        scan.around(text.group).any(|group| std::ptr::eq(group, &scan.groups[value]))
+                    })
+            };
+            let choices = scan.texts.iter().filter(is_choice).map(|t| text[t.inside.clone()].to_owned());
+            self.of_file.entry(file).or_default().push(self.declarations.len());
+            self.class.push(self.declarations.len());
+            self.declarations.push(Declaration {
+                file,
+                range: mention.range.clone(),
+                kind,
+                name: mention.name.clone(),
+                group: mention.group,
+                is_live,
+                choices: choices.collect(),
+            });
+        }
+        self.paths.insert(file, (path, text));
+        self.graphs.insert(file, Graph { scan, mentions, graphs, shaders });
+    }
+
+    fn read_shader(&mut self, planner: &mut Planner, file: FileId) {
+        if self.shaders.contains_key(&file) {
+            return;
+        }
+        let (path, text) = read(planner, file);
+        let words = words(&text);
+        self.paths.insert(file, (path, text));
+        let mut includes = Vec::new();
+        for word in &words {
+            if let Word::Include(name) = word
+                && let Some(included) = planner.file(Some(file), name, source::Kind::Shader)
+            {
+                includes.push(included);
+            }
+        }
+        self.shaders.insert(file, Shader { words, includes: includes.clone() });
+        for included in includes {
+            self.read_shader(planner, included);
+        }
+    }
+
+    fn resolve(&mut self) {
+        let files: Vec<FileId> = self.graphs.keys().copied().collect();
+        for file in files {
+            let mut found = Vec::new();
+            for mention in &self.graphs[&file].mentions {
+                let (declarations, places) = self.meant(file, mention);
+                found.push((file, mention.range.clone(), Form::Plain, declarations, places));
+            }
+            self.in_shaders(file, &mut found);
+            for (file, range, form, declarations, places) in found {
+                self.note(file, range, form, declarations, places);
+            }
+        }
+    }
+
+    fn note(
+        &mut self,
+        file: FileId,
+        range: Range<usize>,
+        form: Form,
+        declarations: Vec<usize>,
+        places: Vec<Place>,
+    ) {
+        let new = Found { end: range.end, form, declarations: Vec::new(), places: Vec::new() };
+        let found = self.found.entry((file, range.start)).or_insert(new);
+        found.places.extend(places);
+        for declaration in declarations {
+            if !found.declarations.contains(&declaration) {
+                found.declarations.push(declaration);
+            }
+        }
+        for pair in found.declarations.clone().windows(2) {
+            let (a, b) = (self.representative(pair[0]), self.representative(pair[1]));
+            self.class[a] = b;
+        }
+    }
+
+    fn representative(&self, declaration: usize) -> usize {
+        let mut at = declaration;
+        while self.class[at] != at {
+            at = self.class[at];
+        }
+        at
+    }
+
+    /// The declarations that a name of a graph stands for, and the places of other files.
+    fn meant(&self, file: FileId, mention: &Mention) -> (Vec<usize>, Vec<Place>) {
+        let graph = &self.graphs[&file];
+        let name = mention.name.as_str();
+        let declarations = match &mention.role {
+            Role::Declares(kind) => self.declared(file, |d| d.range == mention.range && d.kind == *kind),
+            Role::Value => {
+                let variables = self.declared(file, |d| {
+                    let around = || graph.scan.around(mention.group);
+                    d.kind == Kind::Variable
+                        && d.name == name
+                        && around().any(|group| std::ptr::eq(group, &graph.scan.groups[d.group]))
+                });
+                if variables.is_empty() { self.value(file, name) } else { variables }
+            }
+            Role::Resource(within) => {
+                let inside = self.inside(file, within);
+                inside.into_iter().flat_map(|file| self.resource(file, name)).collect()
+            }
+            Role::Include(within) => {
+                let includes = |file| self.declared(file, |d| d.kind == Kind::Include && d.name == name);
+                self.inside(file, within).into_iter().flat_map(includes).collect()
+            }
+            Role::ParameterOf(other) => {
+                self.leaves(file, other).into_iter().flat_map(|file| self.parameter(file, name, 0)).collect()
+            }
+            Role::PortOf(other) => {
+                self.leaves(file, other).into_iter().flat_map(|file| self.resource(file, name)).collect()
+            }
+            Role::Statistic => self.declared(file, |d| d.kind == Kind::Statistic && d.name == name),
+            Role::Graph | Role::Shader | Role::OfShaders(_) => Vec::new(),
+        };
+        let start_of = |file: &FileId| Place { file: self.paths[file].0.clone(), start: 0, end: 0 };
+        let places = match &mention.role {
+            Role::Graph => graph.graphs.get(name).map(start_of).into_iter().collect(),
+            Role::Shader => graph.shaders.get(name).map(start_of).into_iter().collect(),
+            Role::OfShaders(shaders) => {
+                let shaders = shaders.iter().filter_map(|shader| graph.shaders.get(shader));
+                shaders.filter_map(|shader| self.first_word(*shader, name)).collect()
+            }
+            _ => Vec::new(),
+        };
+        (declarations, places)
+    }
+
+    fn declared(&self, file: FileId, wanted: impl Fn(&Declaration) -> bool) -> Vec<usize> {
+        let all = self.of_file.get(&file).into_iter().flatten().copied();
+        all.filter(|id| wanted(&self.declarations[*id])).collect()
+    }
+
+    /// A `let` or a parameter.
+    fn value(&self, file: FileId, name: &str) -> Vec<usize> {
+        let lets = self.declared(file, |d| d.kind == Kind::Let && d.name == name);
+        if lets.is_empty() { self.parameter(file, name, 0) } else { lets }
+    }
+
+    /// A resource, or a `let` or a parameter that holds the name of one.
+    fn resource(&self, file: FileId, name: &str) -> Vec<usize> {
+        let own = self.declared(file, |d| d.kind == Kind::Resource && d.name == name);
+        if own.is_empty() { self.value(file, name) } else { own }
+    }
+
+    /// A parameter that a graph declares, or that one of its includes exposes.
+    fn parameter(&self, file: FileId, name: &str, depth: usize) -> Vec<usize> {
+        let own = self.declared(file, |d| d.kind == Kind::Parameter && d.name == name);
+        if !own.is_empty() || depth > MAX_DEPTH {
+            return own;
+        }
+        let exposed = self.includes(file).into_iter().filter(|include| include.exposes(name));
+        let leaves = exposed.flat_map(|include| self.leaves(file, &include.graph)).collect::<BTreeSet<_>>();
+        leaves.into_iter().flat_map(|leaf| self.parameter(leaf, name, depth + 1)).collect()
+    }
+
+    /// The names of all parameters that the expressions of a graph can use.
+    fn parameters(&self, file: FileId, depth: usize) -> BTreeSet<String> {
+        let own = self.declared(file, |d| d.kind == Kind::Parameter);
+        let mut names: BTreeSet<String> =
+            own.into_iter().map(|d| self.declarations[d].name.clone()).collect();
+        if depth > MAX_DEPTH {
+            return names;
+        }
+        for include in self.includes(file) {
+            for leaf in self.leaves(file, &include.graph) {
+                names.extend(self.parameters(leaf, depth + 1).into_iter().filter(|n| include.exposes(n)));
+            }
+        }
+        names
+    }
+
+    /// The graphs that a chain of includes leads to.
+    fn inside(&self, file: FileId, within: &[String]) -> Vec<FileId> {
+        within.iter().fold(vec![file], |files, name| {
+            let included = |file: FileId| {
+                let includes = self.includes(file).into_iter().filter(|include| include.name == *name);
+                includes.flat_map(|include| self.leaves(file, &include.graph)).collect::<Vec<_>>()
+            };
+            files.into_iter().flat_map(included).collect()
+        })
+    }
+
+    /// The graphs that a name leads to through presets and choices.
+    fn leaves(&self, file: FileId, name: &str) -> Vec<FileId> {
+        let mut leaves = BTreeSet::new();
+        let mut seen = BTreeSet::new();
+        let mut waiting: Vec<FileId> =
+            self.graphs.get(&file).and_then(|graph| graph.graphs.get(name)).copied().into_iter().collect();
+        while let Some(file) = waiting.pop() {
+            let Some(graph) = self.graphs.get(&file).filter(|_| seen.insert(file)) else { continue };
+            if graph.scan.groups.get(1).is_some_and(|group| group.name == "Graph") {
+                leaves.insert(file);
+            } else {
+                waiting.extend(graph.graphs.values());
+            }
+        }
+        leaves.into_iter().collect()
+    }
+
+    fn includes(&self, file: FileId) -> Vec<Include> {
+        let Some(graph) = self.graphs.get(&file) else { return Vec::new() };
+        let entries = |include: usize, lead: &str| -> Vec<String> {
+            let include = &graph.scan.groups[include];
+            let stands_in = |mention: &&Mention| {
+                let around: Vec<_> = graph.scan.around(mention.group).collect();
+                around.iter().any(|group| std::ptr::eq(*group, include))
+                    && around.iter().any(|group| group.lead == lead)
+                    && matches!(mention.role, Role::ParameterOf(_))
+            };
+            graph.mentions.iter().filter(stands_in).map(|mention| mention.name.clone()).collect()
+        };
+        let all = graph.scan.groups.iter().enumerate().filter(|(_, group)| group.name == "Include");
+        let include = |(at, group): (usize, &Group)| {
+            Some(Include {
+                name: names::value(group, "name")?,
+                graph: names::value(group, "graph")?,
+                set: entries(at, "set"),
+                only: entries(at, "expose"),
+                exposes_all: names::value(group, "expose").as_deref() == Some("All"),
+            })
+        };
+        all.filter_map(include).collect()
+    }
+
+    /// Finds the constants and the live parameters of a graph in its shaders.
+    #[allow(clippy::type_complexity)]
+    fn in_shaders(
+        &self,
+        file: FileId,
+        found: &mut Vec<(FileId, Range<usize>, Form, Vec<usize>, Vec<Place>)>,
+    ) {
+        // The word in a shader; how many of its bytes are the name.
+        let mut known: HashMap<String, (usize, Form, Vec<usize>)> = HashMap::new();
+        let lets = self.declared(file, |d| d.kind == Kind::Let);
+        let lets = lets.into_iter().map(|d| self.declarations[d].name.clone());
+        for name in self.parameters(file, 0).into_iter().chain(lets) {
+            let declarations = self.value(file, &name);
+            let capital = capital(&name);
+            let mut know = |word: String, form| {
+                known.entry(word).or_insert((name.len(), form, declarations.clone()));
+            };
+            for declared in declarations.iter().map(|d| &self.declarations[*d]) {
+                for choice in &declared.choices {
+                    know(format!("{capital}_{}", self::capital(choice)), Form::Macro);
+                }
+                if declared.is_live {
+                    know(name.clone(), Form::Plain);
+                }
+            }
+            know(capital, Form::Macro);
+        }
+        let mut seen = BTreeSet::new();
+        let mut waiting: Vec<FileId> = self.graphs[&file].shaders.values().copied().collect();
+        while let Some(shader) = waiting.pop() {
+            let Some(read) = self.shaders.get(&shader).filter(|_| seen.insert(shader)) else { continue };
+            waiting.extend(&read.includes);
+            for word in &read.words {
+                let Word::Name(range) = word else { continue };
+                if let Some((length, form, declarations)) = known.get(&self.paths[&shader].1[range.clone()]) {
+                    let name = range.start..range.start + length;
+                    found.push((shader, name, *form, declarations.clone(), Vec::new()));
+                }
+            }
+        }
+    }
+
+    /// The first place of a name in a shader or what it includes: GLSL declares a name before it is used.
+    fn first_word(&self, shader: FileId, name: &str) -> Option<Place> {
+        let mut seen = BTreeSet::new();
+        let mut waiting = vec![shader];
+        while let Some(shader) = waiting.pop() {
+            let Some(read) = self.shaders.get(&shader).filter(|_| seen.insert(shader)) else { continue };
+            waiting.extend(&read.includes);
+            let (path, text) = &self.paths[&shader];
+            let is_name = |word: &&Word| matches!(word, Word::Name(range) if text[range.clone()] == *name);
+            if let Some(Word::Name(range)) = read.words.iter().find(is_name) {
+                return Some(Place { file: path.clone(), start: range.start, end: range.end });
+            }
+        }
+        None
+    }
+
+    /// The name at a byte of a file.
+    fn at(&self, path: &str, offset: usize) -> Option<(&(FileId, usize), &Found)> {
+        let (file, _) = self.paths.iter().find(|(_, (other, _))| other == path)?;
+        let (key, found) = self.found.range((*file, 0)..=(*file, offset)).next_back()?;
+        (offset <= found.end).then_some((key, found))
+    }
+
+    /// Lists the places that declare the name at a byte of a file, or the file that it names.
+    pub fn definitions(&self, path: &str, offset: usize) -> Vec<Place> {
+        let Some((_, found)) = self.at(path, offset) else { return Vec::new() };
+        let declared = found.declarations.iter().map(|d| self.place_of(&self.declarations[*d]));
+        found.places.iter().cloned().chain(declared).collect()
+    }
+
+    fn place_of(&self, declared: &Declaration) -> Place {
+        let file = self.paths[&declared.file].0.clone();
+        Place { file, start: declared.range.start, end: declared.range.end }
+    }
+
+    /// Returns the place and the declared name of what stands at a byte of a file; `None` if no graph declares it.
+    pub fn name_at(&self, path: &str, offset: usize) -> Option<(Place, &str, Form)> {
+        let ((_, start), found) = self.at(path, offset)?;
+        let declared = &self.declarations[*found.declarations.first()?];
+        let place = Place { file: path.to_owned(), start: *start, end: found.end };
+        Some((place, &declared.name, found.form))
+    }
+
+    /// Lists every place of what stands at a byte of a file, in all files, sorted.
+    pub fn places(&self, path: &str, offset: usize) -> Vec<(Place, Form)> {
+        let Some(class) = self.at(path, offset).and_then(|(_, found)| found.declarations.first()) else {
+            return Vec::new();
+        };
+        let class = self.representative(*class);
+        let same = |found: &Found| found.declarations.iter().any(|d| self.representative(*d) == class);
+        let place = |((file, start), found): (&(FileId, usize), &Found)| {
+            let file = self.paths[file].0.clone();
+            (Place { file, start: *start, end: found.end }, found.form)
+        };
+        let mut places: Vec<_> = self.found.iter().filter(|(_, found)| same(found)).map(place).collect();
+        places.sort_by(|a, b| a.0.cmp(&b.0));
+        places
+    }
+
+    /// Lists the graphs on which a change of these files can have an effect, by path.
+    pub fn users(&self, changed: &BTreeSet<String>) -> Vec<String> {
+        let mut users: BTreeSet<FileId> = BTreeSet::new();
+        loop {
+            let before = users.len();
+            for (file, graph) in &self.graphs {
+                let names = |named: &FileId| users.contains(named) || changed.contains(&self.paths[named].0);
+                let is_user = changed.contains(&self.paths[file].0)
+                    || graph.graphs.values().any(names)
+                    || graph.shaders.values().any(|shader| self.includes_any(*shader, changed));
+                if is_user {
+                    users.insert(*file);
+                }
+            }
+            if users.len() == before {
+                return users.iter().map(|file| self.paths[file].0.clone()).collect();
+            }
+        }
+    }
+
+    fn includes_any(&self, shader: FileId, changed: &BTreeSet<String>) -> bool {
+        let mut seen = BTreeSet::new();
+        let mut waiting = vec![shader];
+        while let Some(shader) = waiting.pop() {
+            if changed.contains(&self.paths[&shader].0) {
+                return true;
+            }
+            if seen.insert(shader) {
+                waiting.extend(self.shaders.get(&shader).into_iter().flat_map(|shader| &shader.includes));
+            }
+        }
+        false
+    }
+
+    /// Returns the text of a file that was read.
+    pub fn text(&self, path: &str) -> Option<&str> {
+        self.paths.values().find(|(other, _)| other == path).map(|(_, text)| text.as_str())
+    }
+}
+
+/// The path of a file, without links if it is on disk, and its text.
+fn read(planner: &Planner, file: FileId) -> (String, String) {
+    let (path, text) = planner.path_and_text(file);
+    (super::files::canonical(Path::new(&path)).display().to_string(), text)
+}
+
+struct Include {
+    name: String,
+    graph: String,
+    set: Vec<String>,
+    only: Vec<String>,
+    exposes_all: bool,
+}
+
+impl Include {
+    fn exposes(&self, name: &str) -> bool {
+        let is_named = |names: &[String]| names.iter().any(|other| other == name);
+        if self.exposes_all { !is_named(&self.set) } else { is_named(&self.only) }
+    }
+}
+
+/// Writes a name as the shaders of a graph know it.
+pub fn capital(name: &str) -> String {
+    name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
+}

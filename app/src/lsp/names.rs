@@ -1,0 +1,288 @@
+//! Lists the names in a graph file and in a shader, with their places: what each declares or refers to, before it is resolved.
+
+use super::cursor::{Group, Meaning, Scan, shaders};
+use splatgraph_framework::schema::{ResourceName, is_choice};
+use std::ops::Range;
+
+/// The kind of a declaration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A parameter.
+    Parameter,
+    /// A `let`.
+    Let,
+    /// An import, a port, a buffer or an image.
+    Resource,
+    /// A dispatch, a draw or a fill.
+    Pass,
+    /// An include.
+    Include,
+    /// A statistic.
+    Statistic,
+    /// The variable of a repeat.
+    Variable,
+}
+
+/// Says what a name stands for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// Declares something.
+    Declares(Kind),
+    /// A parameter, a `let` or a variable, in an expression.
+    Value,
+    /// A resource, in the graph that these includes lead to.
+    Resource(Vec<String>),
+    /// An include, in the graph that these includes lead to.
+    Include(Vec<String>),
+    /// A parameter of another graph.
+    ParameterOf(String),
+    /// A port of another graph.
+    PortOf(String),
+    /// A statistic.
+    Statistic,
+    /// A graph's file.
+    Graph,
+    /// A shader's file.
+    Shader,
+    /// A block, an image or a push constant of these shaders.
+    OfShaders(Vec<String>),
+}
+
+/// A name at its place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mention {
+    /// The bytes of the name.
+    pub range: Range<usize>,
+    /// The name.
+    pub name: String,
+    /// What it stands for.
+    pub role: Role,
+    /// The bracket that it stands in: an index of [`Scan::groups`].
+    pub group: usize,
+}
+
+/// Lists the names in a graph file.
+pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
+    let mut found = Vec::new();
+    for place in &scan.texts {
+        let around: Vec<&Group> = scan.around(place.group).collect();
+        let group = around[0];
+        let inside = &text[place.inside.clone()];
+        let mut add = |range: Range<usize>, role| {
+            let range = place.inside.start + range.start..place.inside.start + range.end;
+            found.push(Mention { name: text[range.clone()].to_owned(), range, role, group: place.group });
+        };
+        let whole = 0..inside.len();
+        let outer = around.get(1).copied();
+        let graph = |include: Option<&Group>| value(include?, "graph");
+        match (place.key.as_deref(), group.lead.as_str()) {
+            // Requirements are conditions over facts, with words.
+            _ if around.iter().any(|group| group.lead == "require") => {}
+            (None, lead) if group.is_map => match (lead, outer.map_or("", |outer| outer.name.as_str())) {
+                ("params", "Graph") => add(whole, Role::Declares(Kind::Parameter)),
+                ("let", "Graph") => add(whole, Role::Declares(Kind::Let)),
+                ("stats", "Graph") => add(whole, Role::Declares(Kind::Statistic)),
+                ("imports" | "ports" | "resources", "Graph") => add(whole, Role::Declares(Kind::Resource)),
+                ("bind" | "push", _) => add(whole, Role::OfShaders(outer.map(shaders).unwrap_or_default())),
+                ("with", _) => graph(outer).into_iter().for_each(|g| add(whole.clone(), Role::PortOf(g))),
+                ("set", _) => graph(outer).into_iter().for_each(|g| add(whole.clone(), Role::ParameterOf(g))),
+                _ => {}
+            },
+            (Some("name"), _) => match group.name.as_str() {
+                "Dispatch" | "Draw" | "Fill" => add(whole, Role::Declares(Kind::Pass)),
+                "Include" => add(whole, Role::Declares(Kind::Include)),
+                _ => {}
+            },
+            (Some("var"), _) => add(whole, Role::Declares(Kind::Variable)),
+            (Some("grows"), _) => add(whole, Role::Statistic),
+            (None, _) if around.iter().any(|group| group.name == "Only") => {
+                let include = around.iter().find(|group| group.name == "Include").copied();
+                graph(include).into_iter().for_each(|g| add(whole.clone(), Role::ParameterOf(g)));
+            }
+            (key, lead) => match scan.meaning(place) {
+                Meaning::Graph => add(whole, Role::Graph),
+                Meaning::Shader if !inside.contains('\'') => add(whole, Role::Shader),
+                Meaning::Resource if !is_choice(inside) => match resource(inside) {
+                    Some(range) => of_path(inside, range, &mut add),
+                    None => expression(inside, false, &mut add),
+                },
+                Meaning::Resource => expression(inside, true, &mut add),
+                Meaning::Expression | Meaning::Shader | Meaning::Format => {
+                    expression(inside, key.is_some() && lead == "let", &mut add);
+                }
+                Meaning::Free | Meaning::Import | Meaning::Block { .. } => {}
+            },
+        }
+    }
+    found
+}
+
+/// Returns the text or the name that a field has.
+pub fn value(group: &Group, key: &str) -> Option<String> {
+    group.values.iter().find(|(other, _)| other == key).map(|(_, value)| value.clone())
+}
+
+/// Returns the place of the name in `name`, `front(name)`, `back(name)` or `last(name)`; `None` for another text.
+fn resource(text: &str) -> Option<Range<usize>> {
+    let range = ResourceName::parse(text)?.range;
+    let is_name = |name: &str| !name.is_empty() && name.chars().all(|c| continues_name(c) || c == '.');
+    is_name(&text[range.clone()]).then_some(range)
+}
+
+/// Adds the includes and the resource of a dotted name.
+fn of_path(text: &str, range: Range<usize>, add: &mut impl FnMut(Range<usize>, Role)) {
+    let mut start = range.start;
+    let mut within = Vec::new();
+    for part in text[range.clone()].split('.') {
+        let place = start..start + part.len();
+        let role = if place.end == range.end { Role::Resource } else { Role::Include };
+        add(place.clone(), role(within.clone()));
+        within.push(part.to_owned());
+        start = place.end + 1;
+    }
+}
+
+/// Adds the names of an expression and the texts in single quotes: shaders, and resources where `resources` is true.
+///
+/// What is compared is the name of a choice, not of a resource.
+fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Role)) {
+    let mut at = 0;
+    while let Some(c) = text[at..].chars().next() {
+        let rest = &text[at..];
+        if c == '\'' {
+            let inside = at + 1..rest[1..].find('\'').map_or(text.len(), |end| at + 1 + end);
+            let is_operator = |text: &str| text.starts_with("==") || text.starts_with("!=");
+            let after = text.get(inside.end + 1..).unwrap_or_default().trim_start();
+            let before = text[..at].trim_end();
+            let compared = before.ends_with("==") || before.ends_with("!=") || is_operator(after);
+            let literal = &text[inside.clone()];
+            if literal.ends_with(".comp") || literal.ends_with(".vert") || literal.ends_with(".frag") {
+                add(inside.clone(), Role::Shader);
+            } else if let Some(name) = resource(literal).filter(|_| resources && !compared) {
+                let mut shifted = |place: Range<usize>, role| {
+                    add(inside.start + place.start..inside.start + place.end, role);
+                };
+                of_path(literal, name, &mut shifted);
+            }
+            at = inside.end + 1;
+            if at > text.len() {
+                break;
+            }
+        } else if c.is_ascii_alphanumeric() || c == '_' {
+            let length = rest.find(|c: char| !continues_name(c) && c != '.').unwrap_or(rest.len());
+            // Numbers, and facts, which have a dot.
+            if !c.is_ascii_digit() && !rest[..length].contains('.') {
+                add(at..at + length, Role::Value);
+            }
+            at += length;
+        } else {
+            at += c.len_utf8();
+        }
+    }
+}
+
+/// Tells whether a character can stand in a name.
+pub fn continues_name(c: char) -> bool {
+    c.is_ascii_alphanumeric() || c == '_'
+}
+
+/// A word of a shader.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Word {
+    /// A name, not the field of something.
+    Name(Range<usize>),
+    /// A file that is included: its name.
+    Include(String),
+}
+
+/// Lists the names in a shader's text, outside of comments, and the files that it includes.
+pub fn words(text: &str) -> Vec<Word> {
+    let mut found = Vec::new();
+    let mut at = 0;
+    let mut is_field = false;
+    while let Some(c) = text[at..].chars().next() {
+        let rest = &text[at..];
+        let after_a_dot = std::mem::take(&mut is_field);
+        if rest.starts_with("//") {
+            at += rest.find('\n').unwrap_or(rest.len());
+        } else if rest.starts_with("/*") {
+            at += rest.find("*/").map_or(rest.len(), |end| end + 2);
+        } else if let Some(file) = rest.strip_prefix("#include \"") {
+            let name = file.split(['"', '\n']).next().unwrap_or_default();
+            found.push(Word::Include(name.to_owned()));
+            at += rest.find('\n').unwrap_or(rest.len());
+        } else if c.is_ascii_alphanumeric() || c == '_' {
+            let length = rest.find(|c| !continues_name(c)).unwrap_or(rest.len());
+            if !c.is_ascii_digit() && !after_a_dot {
+                found.push(Word::Name(at..at + length));
+            }
+            at += length;
+        } else {
+            is_field = c == '.';
+            at += c.len_utf8();
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn names_of_any_text_lie_in_it(text in "[\"'\\\\(){}\\[\\],:.=?a-dä/*\n ]{0,60}") {
+            for mention in mentions(&text, &Scan::of(&text)) {
+                prop_assert_eq!(text.get(mention.range), Some(mention.name.as_str()));
+            }
+            for word in words(&text) {
+                if let Word::Name(range) = word {
+                    prop_assert!(text.get(range).is_some());
+                }
+            }
+        }
+    }
+
+    fn roles(text: &str) -> Vec<(String, Role)> {
+        mentions(text, &Scan::of(text)).into_iter().map(|m| (m.name, m.role)).collect()
+    }
+
+    #[test]
+    fn an_expression_that_chooses_has_values_and_resources_but_no_names_of_choices() {
+        let text =
+            r#"Graph(passes: [Dispatch(bind: { "Order": "of == 'last' ? 'last(sort.order)' : 'order'" })])"#;
+        let within = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
+        assert_eq!(
+            roles(text),
+            [
+                ("Order".into(), Role::OfShaders(vec![])),
+                ("of".into(), Role::Value),
+                ("sort".into(), Role::Include(within(&[]))),
+                ("order".into(), Role::Resource(within(&["sort"]))),
+                ("order".into(), Role::Resource(within(&[]))),
+            ]
+        );
+    }
+
+    #[test]
+    fn words_of_requirements_and_helps_are_no_names() {
+        let text = r#"Graph(require: [("device.int64", "n of 64 bits")],
+            params: { "n": Const(Int(default: "2 * scene.count", label: "n", help: "n")) }, summary: "n")"#;
+        assert_eq!(roles(text), [("n".into(), Role::Declares(Kind::Parameter))]);
+    }
+
+    #[test]
+    fn words_of_a_shader_leave_comments_and_fields_out() {
+        let text = "#include \"a.glsl\"\n// N\nint x = N /* N */ + p.N;";
+        let names: Vec<&str> = words(text)
+            .iter()
+            .filter_map(|word| match word {
+                Word::Name(range) => Some(&text[range.clone()]),
+                Word::Include(_) => None,
+            })
+            .collect();
+        assert_eq!(names, ["int", "x", "N", "p"]);
+        assert_eq!(words(text)[0], Word::Include("a.glsl".into()));
+    }
+}

@@ -1,0 +1,106 @@
+//! Renames what a graph declares in all files that use it, and builds the graphs with the new name before it is offered.
+
+use super::graph::{LANES, nominal};
+use super::index::{Form, Index, Place, capital};
+use super::names::continues_name;
+use crate::draw::planner::Planner;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+/// A range of bytes of a file, and the text that takes its place.
+pub type Edit = (std::ops::Range<usize>, String);
+
+/// Lists the edits of each file that rename what stands at a byte of a file.
+///
+/// `open` are the texts that the editor holds. The planner reads them again in the end.
+///
+/// # Errors
+/// Says why there is nothing to rename, why the name is none, which file cannot be changed, or what the new name would break.
+pub fn rename(
+    planner: &mut Planner,
+    index: &Index,
+    open: &BTreeMap<PathBuf, String>,
+    (path, offset): (&str, usize),
+    new: &str,
+) -> Result<BTreeMap<String, Vec<Edit>>, String> {
+    let Some((_, old, form)) = index.name_at(path, offset) else {
+        return Err(
+            "expected a parameter, a `let`, a resource, a pass, an include or a statistic of a graph, \
+                    found something else"
+                .into(),
+        );
+    };
+    let is_name = new.chars().next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
+        && new.chars().all(continues_name);
+    if !is_name {
+        return Err(format!("expected a name of letters, digits and `_`, found `{new}`"));
+    }
+    // Typed over a shader's constant, the name is in capitals.
+    let new = if form == Form::Macro { new.to_ascii_lowercase() } else { new.to_owned() };
+    let mut edits: BTreeMap<String, Vec<Edit>> = BTreeMap::new();
+    for (Place { file, start, end }, form) in index.places(path, offset) {
+        if !PathBuf::from(&file).is_absolute() {
+            return Err(format!(
+                "`{old}` is also in {file}, which is built into the program and cannot be changed; `splatgraph source` \
+                 prints a copy to put beside the graph"
+            ));
+        }
+        let text = if form == Form::Macro { capital(&new) } else { new.clone() };
+        edits.entry(file).or_default().push((start..end, text));
+    }
+    let changed: BTreeSet<String> = edits.keys().cloned().collect();
+    let users = index.users(&changed);
+    let before = results(planner, &users);
+    let mut texts = open.clone();
+    for (file, edits) in &edits {
+        let mut text = index.text(file).unwrap_or_default().to_owned();
+        for (range, new) in edits.iter().rev() {
+            text.replace_range(range.clone(), new);
+        }
+        texts.retain(|path, _| super::files::canonical(path).display().to_string() != *file);
+        texts.insert(file.into(), text);
+    }
+    planner.read_unsaved(texts);
+    let after = results(planner, &users);
+    planner.read_unsaved(open.clone());
+    for ((user, before), after) in users.iter().zip(before).zip(after) {
+        match (before, after) {
+            (Ok(before), Err(error)) => {
+                return Err(format!("renaming `{old}` to `{new}` would break {user} ({before}): {error}"));
+            }
+            (Ok(before), Ok(after)) if before != after => {
+                return Err(format!(
+                    "renaming `{old}` to `{new}` would change the plan of {user}: expected {before}, found {after}"
+                ));
+            }
+            // A part is built where it is included; a graph with a mistake stays one.
+            _ => {}
+        }
+    }
+    Ok(edits)
+}
+
+/// Builds graphs for a GPU and for a CPU; a summary of each plan that does not depend on names, or the first error.
+fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<String, String>> {
+    let build = |graph: &String| {
+        let mut summaries = Vec::new();
+        for lanes in LANES {
+            let (facts, catalog) = nominal(lanes);
+            let plan = planner.plan(graph, &[], &facts, &catalog).map_err(|errors| {
+                let first = errors.found.first();
+                first.map_or_else(String::new, |e| format!("{}:{}: {}", e.file, e.line, e.message))
+            })?;
+            let barriers: usize = plan.frame.iter().map(|step| step.barriers.len()).sum();
+            let bytes: u64 = plan.resources.iter().map(|resource| resource.bytes()).sum();
+            let values: Vec<String> = plan.params.iter().map(|param| param.value.to_string()).collect();
+            summaries.push(format!(
+                "{} passes, {barriers} barriers, {bytes} bytes, parameters {}",
+                plan.passes.len(),
+                values.join(" ")
+            ));
+        }
+        summaries.dedup();
+        Ok(summaries.join("; "))
+    };
+    graphs.iter().map(build).collect()
+}
