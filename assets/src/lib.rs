@@ -2,7 +2,7 @@
 //!
 //! [`Scene::load`] reads a scene file of any [`SceneFormat`] and converts it in parallel; [`Scene::write`] writes one;
 //! [`Report`] counts its flaws, [`SizeBreakdown`] accounts for the file's bytes, and [`Scene::write_attribute`] writes the
-//! contents of GPU buffers. [`Camera`] reads and writes the reference's `cameras.json`. [`synth`] generates scenes: one for
+//! contents of GPU buffers. [`Dataset`] reads cameras with the names of their photographs. [`synth`] generates scenes: one for
 //! demonstration, and extreme ones for tests.
 //!
 //! The crate depends on no GPU and no window. Lengths are in the scene's own unit; y points down.
@@ -24,6 +24,7 @@ mod activation;
 mod attributes;
 mod bounds;
 mod camera;
+mod dataset;
 mod error;
 pub mod file;
 mod formats;
@@ -44,7 +45,8 @@ mod testing;
 
 pub use attributes::{ATTRIBUTES, AttributeInfo};
 pub use bounds::Bounds;
-pub use camera::{Camera, CameraError, MAX_CAMERA_BYTES};
+pub use camera::Camera;
+pub use dataset::{CameraError, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View};
 pub use error::{LoadError, SceneError};
 pub use input::{Progress, SceneHeader};
 pub use memory::SceneMemoryError;

@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 19] = [
+const ORDER: [&str; 20] = [
     "bounds",
     "file",
     "memory",
@@ -17,6 +17,7 @@ const ORDER: [&str; 19] = [
     "scene",
     "attributes",
     "camera",
+    "dataset",
     "input",
     "ply",
     "splat",

@@ -8,7 +8,7 @@ use crate::numbers::Random;
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
 use image_webp::{ColorType, WebPEncoder};
 use serde_json::json;
-use splatgraph_assets::{Camera, Scene, SceneFormat, synth};
+use splatgraph_assets::{Camera, CameraError, Dataset, Scene, SceneFormat, synth};
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read as _, Write as _};
 use std::path::Path;
@@ -364,19 +364,68 @@ fn damaged_cameras_are_read_or_refused() {
     let seeds: Vec<_> = seeds.into_iter().map(|(head, bytes)| (bytes, head)).collect();
     run("cameras", &seeds, 1 << 20, |bytes| {
         let Ok(text) = std::str::from_utf8(bytes) else { return Err("not UTF-8".into()) };
-        match Camera::parse(text, Path::new("c.json")) {
-            Ok(cameras) => {
-                assert!(
-                    cameras
-                        .iter()
-                        .all(|camera| (camera.fx as f32).is_normal()
-                            && (camera.position[0] as f32).is_finite())
-                );
-                Ok(())
-            }
-            Err(error) => Err(kind(&error.to_string())),
-        }
+        sound(Dataset::parse(text, Path::new("c.json")))
     });
+}
+
+/// Checks that all cameras of a dataset can be drawn with.
+fn sound(read: Result<Dataset, CameraError>) -> Result<(), String> {
+    let dataset = read.map_err(|error| kind(&error.to_string()))?;
+    assert!(dataset.views.iter().all(|view| view.camera.fault().is_none()));
+    assert!(dataset.test_views().len() <= dataset.views.len());
+    Ok(())
+}
+
+#[test]
+fn damaged_transforms_are_read_or_refused() {
+    let frame = r#"{"file_path": "./a b.png", "transform_matrix": [[1,0,0,2],[0,1,0,0.5],[0,0,1,3],[0,0,0,1]], "fl_y": 7}"#;
+    let text = format!(
+        r#"{{"camera_model": "OPENCV", "fl_x": 5.0, "w": 4, "h": 2.0, "cx": 2, "k1": 0, "frames": [{frame}, {frame}], "aabb_scale": 16, "camera_angle_x": 0.9, "test_filenames": ["a"]}}"#
+    );
+    run("transforms", &[(text.clone().into_bytes(), text.len())], 1 << 20, |bytes| {
+        let Ok(text) = std::str::from_utf8(bytes) else { return Err("not UTF-8".into()) };
+        sound(Dataset::parse(text, Path::new("nowhere/transforms.json")))
+    });
+}
+
+/// Makes both files of a binary COLMAP model of two images.
+fn colmap_binary() -> [Vec<u8>; 2] {
+    let mut lenses = 1u64.to_le_bytes().to_vec();
+    lenses.extend([1u32, 1].map(u32::to_le_bytes).as_flattened());
+    lenses.extend([8u64, 6].map(u64::to_le_bytes).as_flattened());
+    lenses.extend([9.0, 9.0, 4.0, 3.0].map(f64::to_le_bytes).as_flattened());
+    let mut images = 2u64.to_le_bytes().to_vec();
+    for id in [1u32, 2] {
+        images.extend(id.to_le_bytes());
+        images.extend([1.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0].map(f64::to_le_bytes).as_flattened());
+        images.extend(1u32.to_le_bytes());
+        images.extend(b"a.png\0");
+        images.extend(3u64.to_le_bytes());
+        images.extend([7; 72]);
+    }
+    [lenses, images]
+}
+
+#[test]
+fn damaged_models_of_colmap_are_read_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = Dataset::colmap_text(&synth::demo_cameras(), "png").map(|(_, text)| text.into_bytes());
+    let [text_lenses, text_images, _] = text;
+    let [lenses, images] = colmap_binary();
+    for (form, whole) in [("txt", [text_lenses, text_images]), ("bin", [lenses, images])] {
+        for damaged in [0, 1] {
+            let below = folder.path().join(format!("{form}{damaged}"));
+            std::fs::create_dir(&below).unwrap();
+            let names = ["cameras", "images"].map(|name| below.join(format!("{name}.{form}")));
+            std::fs::write(&names[1 - damaged], &whole[1 - damaged]).unwrap();
+            let seeds = [(whole[damaged].clone(), whole[damaged].len())];
+            // A buffer, and a line.
+            run(&format!("COLMAP {form} {damaged}"), &seeds, 1 << 20, |bytes| {
+                std::fs::write(&names[damaged], bytes).unwrap();
+                sound(Dataset::load(&below))
+            });
+        }
+    }
 }
 
 #[test]
