@@ -54,3 +54,4 @@ pub use recognise::SceneFormat;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{ALPHA_FLOOR, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene, Splat, sh_floats};
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};
+pub use spz::SpzVersion;

@@ -43,7 +43,7 @@ pub enum SceneFormat {
     Ply,
     /// PLY in PlayCanvas's compressed layout.
     CompressedPly,
-    /// Niantic's SPZ: versions 1 to 4 are read, version 3 is written.
+    /// Niantic's SPZ: versions 1 to 4 are read, 3 and 4 are written.
     Spz,
     /// antimatter15's `.splat`.
     Splat,
@@ -74,7 +74,7 @@ impl SceneFormat {
         match self {
             Self::Ply => "the layout of the 3DGS reference implementation, exact",
             Self::CompressedPly => "PlayCanvas's compressed PLY, 16 bytes per splat",
-            Self::Spz => "Niantic's SPZ, versions 1 to 4, written as version 3",
+            Self::Spz => "Niantic's SPZ, versions 1 to 4, written as 4 or 3",
             Self::Splat => "antimatter15's .splat, 32 bytes per splat, without harmonics above degree 0",
             Self::Sog => "PlayCanvas's SOG, version 2, is read alone",
         }

@@ -5,6 +5,7 @@ use crate::input::{Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory;
 use crate::recognise::{self, HEAD, SceneFormat};
 use crate::scene::Scene;
+use crate::spz::SpzVersion;
 use crate::{ply, sog, splat, spz};
 use std::io::Write;
 use std::path::Path;
@@ -73,6 +74,14 @@ impl Scene {
         parse(&Input { source: &Source::Bytes(bytes), memory: memory::available(), progress }, None)
     }
 
+    /// Writes the scene as SPZ of a version; [`Scene::write`] takes the newest.
+    ///
+    /// # Errors
+    /// The writer fails, or a coordinate is beyond 8,388,607.
+    pub fn write_spz(&self, version: SpzVersion, out: &mut impl Write) -> std::io::Result<()> {
+        spz::write(self, version, out)
+    }
+
     /// Writes the scene in a format, in the world's coordinates.
     ///
     /// All formats but [`SceneFormat::Ply`] round the values: [`SceneFormat::losses`] says how.
@@ -83,7 +92,7 @@ impl Scene {
         match format {
             SceneFormat::Ply => self.write_ply_to(out),
             SceneFormat::CompressedPly => ply::pack::write(self, out),
-            SceneFormat::Spz => spz::write(self, out),
+            SceneFormat::Spz => spz::write(self, SpzVersion::default(), out),
             SceneFormat::Splat => splat::write(self, out),
             SceneFormat::Sog => {
                 let text = "expected a format that can be written, found sog, which is read alone";

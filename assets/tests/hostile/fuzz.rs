@@ -8,7 +8,7 @@ use crate::numbers::Random;
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
 use image_webp::{ColorType, WebPEncoder};
 use serde_json::json;
-use splatgraph_assets::{Camera, CameraError, Dataset, Scene, SceneFormat, synth};
+use splatgraph_assets::{Camera, CameraError, Dataset, Scene, SceneFormat, SpzVersion, synth};
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read as _, Write as _};
 use std::path::Path;
@@ -245,6 +245,16 @@ fn packed_scenes(format: SceneFormat, head: usize) -> Vec<(Vec<u8>, usize)> {
     seeds.into_iter().map(|bytes| (bytes, head)).collect()
 }
 
+/// Makes small scenes in SPZ version 3.
+fn spz3_scenes() -> [Vec<u8>; 2] {
+    [("uniform", 6), ("demo", 3)].map(|(generator, count)| {
+        let scene = synth::generate(generator, count, 0).expect("it is generated");
+        let mut bytes = Vec::new();
+        scene.write_spz(SpzVersion::V3, &mut bytes).expect("memory takes it");
+        bytes
+    })
+}
+
 fn parse(bytes: &[u8]) -> Result<(), String> {
     match Scene::parse(bytes, &|_, _| {}) {
         Ok(scene) => {
@@ -260,10 +270,11 @@ fn parse(bytes: &[u8]) -> Result<(), String> {
 fn damaged_scenes_of_every_format_are_read_or_refused() {
     let memory = 4 << 20;
     for (format, head) in
-        [(SceneFormat::CompressedPly, 900), (SceneFormat::Splat, 64), (SceneFormat::Spz, 20)]
+        [(SceneFormat::CompressedPly, 900), (SceneFormat::Splat, 64), (SceneFormat::Spz, 128)]
     {
         run(&format!("{format:?}"), &packed_scenes(format, head), memory, parse);
     }
+    run("SPZ version 3", &spz3_scenes().map(|bytes| (bytes, 20)), memory, parse);
 }
 
 #[test]
@@ -273,8 +284,7 @@ fn damage_inside_an_spz_file_is_read_or_refused() {
         GzDecoder::new(bytes).read_to_end(&mut unpacked).expect("it is whole");
         unpacked
     };
-    let mut seeds: Vec<_> =
-        packed_scenes(SceneFormat::Spz, 16).iter().map(|(bytes, head)| (inside(bytes), *head)).collect();
+    let mut seeds: Vec<_> = spz3_scenes().iter().map(|bytes| (inside(bytes), 16)).collect();
     // Records after the arrays: the axes, and one that is not known.
     seeds[0].0[14] = 2;
     seeds[0].0.extend([3, 0, 0xBE, 0xAD, 4, 0, 0, 0, 6, 0, 0, 0, 9, 9, 9, 9, 1, 0, 0, 0, 7]);
