@@ -3,10 +3,10 @@
 use crate::common;
 use crate::files::Place;
 use serde_json::Value;
-use splatgraph::image::Image;
-use splatgraph::keys::{Keys, Mapping};
-use splatgraph::session::Session;
-use splatgraph::{camera, capture, metrics};
+use splatgraph::draw::keys::{Keys, Mapping};
+use splatgraph::draw::session::Session;
+use splatgraph::io::image::Image;
+use splatgraph::{draw::camera, draw::capture, studies::metrics};
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::Rules;
 use std::collections::HashMap;

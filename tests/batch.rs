@@ -99,7 +99,7 @@ fn a_picture_that_cannot_be_written_ends_the_batch_and_those_before_it_are_told_
     for entry in fs::read_dir(folder.path().join("out")).expect("a folder") {
         let entry = entry.expect("an entry");
         if entry.file_type().expect("a type").is_file() {
-            let read = splatgraph::image::Image::load(&entry.path());
+            let read = splatgraph::io::image::Image::load(&entry.path());
             assert!(read.is_ok(), "not whole: {read:?}");
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::files::Place;
 use serde_json::Value;
-use splatgraph::image::Image;
+use splatgraph::io::image::Image;
 use std::fs;
 
 /// As few frames as there can be.

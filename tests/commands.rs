@@ -91,7 +91,7 @@ fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
         assert!(buffers.iter().any(|b| b["name"] == "order.keys#0" && b["bytes"] == 20_000), "{buffers:?}");
     }
     for name in ["pond", "knot", "lotus", "lee"] {
-        let image = splatgraph::image::Image::load(&folder.path().join(format!("out/{name}.npy")))
+        let image = splatgraph::io::image::Image::load(&folder.path().join(format!("out/{name}.npy")))
             .expect("a picture");
         assert_eq!((image.width, image.height), (160, 90));
     }
@@ -147,9 +147,9 @@ fn every_preset_passes_its_check() {
     let (verdicts, widths): (Vec<&str>, Vec<&str>) = text.lines().partition(|line| !line.starts_with(' '));
     assert_eq!(
         verdicts.len(),
-        splatgraph::builtin::names().len()
-            + splatgraph::builtin::filters().len()
-            + splatgraph::bench::GRAPHS.len()
+        splatgraph::draw::builtin::names().len()
+            + splatgraph::draw::builtin::filters().len()
+            + splatgraph::studies::bench::GRAPHS.len()
             + 1,
         "{text}"
     );
@@ -406,7 +406,7 @@ fn the_backend_that_executes_nothing_draws_black_pictures_is_measured_and_compar
     let null = ["--backend", "null"];
     let render = ["render", "scene.ply", "--cameras", "cameras.json#0", "--size", "96x54", "-o", "a.npy"];
     done(folder.path(), &[&render[..], &null].concat());
-    let image = splatgraph::image::Image::load(&folder.path().join("a.npy")).expect("a picture");
+    let image = splatgraph::io::image::Image::load(&folder.path().join("a.npy")).expect("a picture");
     assert_eq!((image.width, image.height), (96, 54));
     assert!(image.rgb.iter().all(|pixel| *pixel == [0.0; 3]), "it is black");
 

@@ -1,6 +1,6 @@
 //! Shares an opened device, the data folder, and the choice of long runs among the tests.
 
-use splatgraph::backend::{Api, Backend, Options, Validation};
+use splatgraph::draw::backend::{Api, Backend, Options, Validation};
 use splatgraph_api::Device;
 use splatgraph_framework::shader::Worker;
 use std::io::Write;

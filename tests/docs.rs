@@ -189,7 +189,7 @@ fn the_table_of_barriers_has_the_counts_of_every_built_in_graph() {
                 .insert(name.to_owned(), cells[1..5].iter().map(|cell| cell.to_string()).collect::<Vec<_>>());
         }
     }
-    let names: Vec<&str> = splatgraph::builtin::names();
+    let names: Vec<&str> = splatgraph::draw::builtin::names();
     assert_eq!(counts.keys().map(String::as_str).collect::<Vec<_>>(), names, "the graphs in the table");
     for name in names {
         let dump: serde_json::Value =

@@ -3,9 +3,9 @@
 use crate::common;
 #[cfg(target_os = "linux")]
 use crate::files::{DRAW, Place};
-use splatgraph::facts::{self, SceneFacts};
+use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::view::paint;
-use splatgraph::{bench, builtin};
+use splatgraph::{draw::builtin, studies::bench};
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Domain, Facts, LIVE_BLOCK, Param, ReflectedKind, Request};
 use splatgraph_framework::plan::Plan;

@@ -2,8 +2,8 @@
 
 use crate::files::Place;
 use serde_json::Value;
-use splatgraph::image::Image;
-use splatgraph::metrics;
+use splatgraph::io::image::Image;
+use splatgraph::studies::metrics;
 use std::fs;
 
 #[test]

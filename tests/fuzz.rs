@@ -4,9 +4,9 @@
 //! The way is that of the live program: files on disk, a [`Rebuilder`] with the real compiler, and [`LastGood`]. Broken shaders
 //! that compile are not executed.
 
-use splatgraph::bench;
-use splatgraph::builtin;
-use splatgraph::facts::{self, SceneFacts};
+use splatgraph::draw::builtin;
+use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::studies::bench;
 use splatgraph::view::paint;
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Facts, Request};

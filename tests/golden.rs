@@ -4,8 +4,8 @@
 //! scenes are found through `SPLATGRAPH_DATA`.
 
 use crate::common;
-use splatgraph::image::Image;
-use splatgraph::metrics::{self, Comparison};
+use splatgraph::io::image::Image;
+use splatgraph::studies::metrics::{self, Comparison};
 use splatgraph_assets::{Camera, Scene};
 use std::path::{Path, PathBuf};
 

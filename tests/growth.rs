@@ -3,9 +3,9 @@
 use crate::common;
 use crate::files::Place;
 use serde_json::Value as Json;
-use splatgraph::backend::Backend;
-use splatgraph::image::Image;
-use splatgraph::session::{FrameOptions, Session, image_of};
+use splatgraph::draw::backend::Backend;
+use splatgraph::draw::session::{FrameOptions, Session, image_of};
+use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, synth};
 use std::fs;
 

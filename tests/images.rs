@@ -1,10 +1,10 @@
 //! The presets on `rules` and on captured scenes: against the images of the published CUDA rasteriser, and against each other.
 
-use splatgraph::backend::Backend;
-use splatgraph::image::Image;
-use splatgraph::inspect;
-use splatgraph::metrics;
-use splatgraph::session::{FrameOptions, Session, image_of};
+use splatgraph::draw::backend::Backend;
+use splatgraph::draw::inspect;
+use splatgraph::draw::session::{FrameOptions, Session, image_of};
+use splatgraph::io::image::Image;
+use splatgraph::studies::metrics;
 use splatgraph_assets::{Camera, Scene};
 use std::sync::Arc;
 
@@ -160,7 +160,7 @@ fn every_form_of_the_sort_and_of_the_covariance_draws_the_same_scene() {
 fn every_preset_draws_a_generated_scene_without_a_validation_message() {
     let scene = || splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");
     let camera = Camera::framing(&scene(), 320, 180);
-    for preset in splatgraph::builtin::presets() {
+    for preset in splatgraph::draw::builtin::presets() {
         // Two frames: a preset may draw with what the first left.
         let images = draw_scene(scene(), &[camera.clone(), camera.clone()], preset.name, [0.0; 3], &[]);
         let lit = images[1].rgb.iter().filter(|p| p.iter().any(|v| *v > 0.05)).count();

@@ -1,11 +1,11 @@
 //! The parameters of the graphs: each draws what the exact renderer draws with the same rule changed, or of the same scene rounded.
 
 use crate::common::{self, EXACT_TILES, Graph};
-use splatgraph::backend::Backend;
-use splatgraph::image::Image;
-use splatgraph::session::Session;
-use splatgraph::truth::{Truth, rules};
-use splatgraph::{capture, metrics};
+use splatgraph::draw::backend::Backend;
+use splatgraph::draw::session::Session;
+use splatgraph::draw::truth::{Truth, rules};
+use splatgraph::io::image::Image;
+use splatgraph::{draw::capture, studies::metrics};
 use splatgraph_assets::{Camera, Scene, Splat, synth};
 use std::sync::Arc;
 

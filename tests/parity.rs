@@ -4,10 +4,10 @@
 //! draws the same and is held against them. Where Vulkan is there it keeps the pictures true; where Metal is, it is compared with
 //! Vulkan without a driver of Vulkan's. That takes a Mac of one's own: the virtual GPUs of hosted runners are refused (docs/metal.md).
 
-use splatgraph::backend::{Api, Backend, Validation};
-use splatgraph::image::Image;
-use splatgraph::metrics;
-use splatgraph::session::{FrameOptions, Session, image_of};
+use splatgraph::draw::backend::{Api, Backend, Validation};
+use splatgraph::draw::session::{FrameOptions, Session, image_of};
+use splatgraph::io::image::Image;
+use splatgraph::studies::metrics;
 use splatgraph_assets::{Scene, synth};
 use std::path::PathBuf;
 use std::sync::Arc;

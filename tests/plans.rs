@@ -7,8 +7,8 @@
 //! git diff tests/plans
 //! ```
 
-use splatgraph::facts::{self, SceneFacts};
-use splatgraph::planner::Planner;
+use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::planner::Planner;
 use splatgraph::view::paint;
 use splatgraph_framework::dump;
 
@@ -22,8 +22,10 @@ fn every_built_in_graph_has_the_plan_of_its_snapshot_at_every_width_of_subgroups
     settings.set_snapshot_path("plans");
     settings.set_prepend_module_to_snapshot(false);
     settings.set_omit_expression(true);
-    let graphs =
-        splatgraph::builtin::names().into_iter().chain(splatgraph::bench::GRAPHS).chain([paint::GRAPH]);
+    let graphs = splatgraph::draw::builtin::names()
+        .into_iter()
+        .chain(splatgraph::studies::bench::GRAPHS)
+        .chain([paint::GRAPH]);
     for graph in graphs {
         let mut texts: Vec<(String, String)> = Vec::new();
         for lanes in [4, 8, 32, 64] {

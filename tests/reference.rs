@@ -2,9 +2,9 @@
 
 use crate::common;
 use crate::golden::Golden;
-use splatgraph::metrics::{self, Comparison};
-use splatgraph::pick::pick;
-use splatgraph::truth::image_of;
+use splatgraph::draw::pick::pick;
+use splatgraph::draw::truth::image_of;
+use splatgraph::studies::metrics::{self, Comparison};
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::{Gaussian, Rules, Splats, render};
 

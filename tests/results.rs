@@ -1,9 +1,9 @@
 //! Results of `Once` passes that a plan takes over from another: the picture is the same to the byte, on a real driver.
 
 use crate::common;
-use splatgraph::backend::Backend;
-use splatgraph::planner::Planner;
-use splatgraph::{camera, facts};
+use splatgraph::draw::backend::Backend;
+use splatgraph::draw::planner::Planner;
+use splatgraph::{draw::camera, draw::facts};
 use splatgraph_api::{Device, FrameInputs, FrameResult, Loader, SceneData};
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_framework::ir::Run;

@@ -1,7 +1,7 @@
 //! The tiles for CPUs against those for GPUs and against quads, where a list is longer than one pass of the rasteriser blends.
 
-use splatgraph::image::Image;
-use splatgraph::metrics;
+use splatgraph::io::image::Image;
+use splatgraph::studies::metrics;
 
 use crate::common;
 use crate::files::Place;

@@ -3,8 +3,8 @@
 //! `tests/graphs/sort_only.ron` runs the includes that the presets use, on pairs that a shader makes from a description; the
 //! test makes the same pairs here, sorts them, and compares keys and values.
 
-use splatgraph::backend::Backend;
-use splatgraph::builtin;
+use splatgraph::draw::backend::Backend;
+use splatgraph::draw::builtin;
 use splatgraph_api::{Device, FrameInputs, Inspect, NoScene};
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Facts, Request, Value};

@@ -4,10 +4,10 @@
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
 use crate::golden::Golden;
 use crate::images::{bytes, draw_scene, inspected, psnr};
-use splatgraph::backend::Backend;
-use splatgraph::image::Image;
-use splatgraph::session::{FrameOptions, Session};
-use splatgraph::truth::{Truth, rules};
+use splatgraph::draw::backend::Backend;
+use splatgraph::draw::session::{FrameOptions, Session};
+use splatgraph::draw::truth::{Truth, rules};
+use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, Scene, Splat, synth};
 use std::sync::Arc;
 

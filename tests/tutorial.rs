@@ -1,8 +1,8 @@
 //! The tutorial and the starts of `splatgraph new`: every graph is checked, drawn with validation, and shows what it teaches. And the
 //! commands that lead there.
 
-use splatgraph::image::Image;
-use splatgraph::metrics;
+use splatgraph::io::image::Image;
+use splatgraph::studies::metrics;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};

@@ -2,9 +2,9 @@
 
 use egui::{Align2, Color32, FontId, Rect, TextureOptions, pos2, vec2};
 use half::f16;
-use splatgraph::backend::Backend;
-use splatgraph::facts::{self, SceneFacts};
-use splatgraph::planner::Planner;
+use splatgraph::draw::backend::Backend;
+use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::planner::Planner;
 use splatgraph::view::paint::{self, Composition, Mode, Painted, Painter, Shown};
 use splatgraph_api::{BufferContents, Device, FrameInputs, NoScene};
 use splatgraph_framework::ir::{Catalog, Format};

@@ -7,7 +7,7 @@
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
 use anyhow::{Context, Result, bail};
-use splatgraph::backend::{Api, Backend, Options};
+use splatgraph::draw::backend::{Api, Backend, Options};
 use splatgraph::view::events::Event;
 use splatgraph::view::viewer::Viewer;
 use splatgraph_api::Device;
@@ -62,7 +62,7 @@ enum Modification {
 fn main() -> Result<()> {
     let args = Args::parse()?;
     let folder = tempfile::tempdir()?;
-    for (name, text) in splatgraph::builtin::FILES {
+    for (name, text) in splatgraph::draw::builtin::FILES {
         let path = folder.path().join(name);
         std::fs::create_dir_all(path.parent().unwrap_or(folder.path()))?;
         std::fs::write(path, text)?;

@@ -3,9 +3,9 @@
 //! Nothing here needs a Mac. [`bound`] says how few encoders, waits and barriers there can be; the model of Metal's rules has to accept
 //! each list of encoders and to object to each that lacks a wait, an update, a barrier or a part of one.
 
-use splatgraph::builtin;
-use splatgraph::facts::{self, SceneFacts};
-use splatgraph::planner::Planner;
+use splatgraph::draw::builtin;
+use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::planner::Planner;
 use splatgraph::view::paint;
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump::{self, EncoderTotals};
@@ -34,7 +34,7 @@ pub fn plans(share_memory: bool) -> Vec<Plan> {
         facts::DEFAULT_SIZE,
     );
     let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/gray_scott/graph.ron");
-    let graphs = builtin::names().into_iter().chain(splatgraph::bench::GRAPHS);
+    let graphs = builtin::names().into_iter().chain(splatgraph::studies::bench::GRAPHS);
     let graphs = graphs.chain([paint::GRAPH, example]).map(|graph| (graph, vec![]));
     let varied = [
         ("splat", vec![("key_map", "equalised"), ("key_bits", "16")]),

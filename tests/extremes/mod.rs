@@ -10,10 +10,10 @@ mod surveyed;
 
 use crate::common;
 use cases::{Bounds, Case};
-use splatgraph::backend::Backend;
-use splatgraph::image::Image;
-use splatgraph::session::{FrameOptions, Session, image_of};
-use splatgraph::{builtin, metrics, truth};
+use splatgraph::draw::backend::Backend;
+use splatgraph::draw::session::{FrameOptions, Session, image_of};
+use splatgraph::io::image::Image;
+use splatgraph::{draw::builtin, draw::truth, studies::metrics};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::{Rules, Splats, render};

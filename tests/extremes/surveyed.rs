@@ -2,7 +2,7 @@
 
 use super::{Error, QUADS, exact};
 use crate::files::Place;
-use splatgraph::image::Image;
+use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_reference::{Gaussian, Splats};
 use std::path::Path;

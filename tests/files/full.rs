@@ -21,7 +21,7 @@ fn limited(mut command: Command, bytes: u64) -> Output {
 fn a_full_disk_leaves_old_files_whole_whatever_is_written() {
     let place = Place::new();
     place.cameras(&["one"]);
-    splatgraph::image::Image::from_fn(64, 48, |x, y| [x as f32, y as f32, 0.5])
+    splatgraph::io::image::Image::from_fn(64, 48, |x, y| [x as f32, y as f32, 0.5])
         .save(&place.at("a.npy"))
         .expect("written");
     let inputs = place.files(".");

@@ -4,7 +4,7 @@ use super::{DRAW, Place, SIZE};
 use crate::common::long;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use splatgraph::image::Image;
+use splatgraph::io::image::Image;
 use std::fs;
 use std::io::Write;
 use std::os::unix::fs::MetadataExt;

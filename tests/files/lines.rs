@@ -3,7 +3,7 @@
 use super::words::{self, Random};
 use super::{Place, scene};
 use crate::common::long;
-use splatgraph::image::{Image, save_words};
+use splatgraph::io::image::{Image, save_words};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;

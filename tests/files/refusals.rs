@@ -1,7 +1,7 @@
 //! Outputs that would destroy something are refused, with exit code 2, before anything is drawn.
 
 use super::{DRAW, Place};
-use splatgraph::image::{Image, save_words};
+use splatgraph::io::image::{Image, save_words};
 use std::fs;
 
 /// Runs a command that must be refused in one line, and change nothing.
@@ -92,7 +92,7 @@ fn no_output_goes_over_an_input_or_over_another_output() {
 #[test]
 fn a_dump_does_not_overwrite_a_shader_of_its_graph() {
     let place = Place::new();
-    for (name, text) in splatgraph::builtin::FILES {
+    for (name, text) in splatgraph::draw::builtin::FILES {
         let path = place.at(name);
         fs::create_dir_all(path.parent().expect("a folder")).expect("made");
         fs::write(path, text).expect("written");

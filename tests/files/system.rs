@@ -43,7 +43,7 @@ fn a_driver_that_is_none_is_an_error_that_says_so() {
 #[test]
 fn few_threads_and_little_memory_are_no_reason_to_panic() {
     let place = Place::new();
-    splatgraph::image::Image::from_fn(64, 48, |x, y| [x as f32, y as f32, 0.5])
+    splatgraph::io::image::Image::from_fn(64, 48, |x, y| [x as f32, y as f32, 0.5])
         .save(&place.at("a.npy"))
         .expect("written");
     fs::set_permissions(place.at("."), fs::Permissions::from_mode(0o777)).expect("set");
@@ -138,6 +138,6 @@ fn a_negative_background_needs_no_equals_sign() {
     let args = [&super::DRAW[..9], &["a.npy", "--background", "-1,0,0"]].concat();
     let (code, errors) = place.code(&args);
     assert_eq!(code, Some(0), "{errors}");
-    let image = splatgraph::image::Image::load(&place.at("a.npy")).expect("a picture");
+    let image = splatgraph::io::image::Image::load(&place.at("a.npy")).expect("a picture");
     assert!(image.rgb.iter().any(|pixel| pixel[0] < 0.0));
 }

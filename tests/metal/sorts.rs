@@ -5,7 +5,7 @@ use super::cpu::Cpu;
 use super::parity::compare;
 use super::{at_every_width_of_lavapipe, change, lavapipe, owned, shaders, translated};
 use crate::common;
-use splatgraph::{builtin, facts};
+use splatgraph::{draw::builtin, draw::facts};
 use splatgraph_api::{Device, FrameInputs, NoScene};
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Request, Value};

@@ -2,8 +2,8 @@
 
 use super::{change, clang, owned, shaders, translated};
 use crate::encoders::page;
-use splatgraph::facts::{self, SceneFacts};
-use splatgraph::planner::Planner;
+use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::planner::Planner;
 use splatgraph::view::paint;
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain, Msl, ParamBinding, Shader};
 use splatgraph_framework::plan::Plan;
@@ -36,7 +36,7 @@ fn graphs() -> Vec<&'static str> {
         concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growing/graph.ron"),
         concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/two_steps/graph.ron"),
     ];
-    let built_in = splatgraph::builtin::names().into_iter().chain(splatgraph::bench::GRAPHS);
+    let built_in = splatgraph::draw::builtin::names().into_iter().chain(splatgraph::studies::bench::GRAPHS);
     built_in.chain([paint::GRAPH]).chain(OTHERS).collect()
 }
 

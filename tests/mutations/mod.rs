@@ -5,11 +5,11 @@
 //! validation layer, which knows nothing of either, has to be silent about the plan and to catch each mutant, unless it is
 //! known not to see what is wrong with it ([`layer`]).
 
-use splatgraph::backend::Api;
-use splatgraph::builtin;
-use splatgraph::camera;
-use splatgraph::facts::{self, SceneFacts};
-use splatgraph::planner::Planner;
+use splatgraph::draw::backend::Api;
+use splatgraph::draw::builtin;
+use splatgraph::draw::camera;
+use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::planner::Planner;
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameInputs, SceneData};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::{DeviceFacts, Hazard, PassId, Stages, Work};

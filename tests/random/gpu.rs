@@ -1,7 +1,7 @@
 //! Random graphs on the CPU driver, with synchronization validation: a plan gives the same bytes whatever the order of its passes,
 //! whether or not its resources share memory, and with every barrier as wide as can be.
 
-use splatgraph::backend::Backend;
+use splatgraph::draw::backend::Backend;
 use splatgraph_api::{Device, FrameInputs, Inspect, SceneData};
 use splatgraph_framework::ir::{Accesses, PassId, ResourceId, Source, Stages};
 use splatgraph_framework::plan::{Barrier, Plan, Step};

@@ -2,7 +2,7 @@
 
 use super::twin::{SIZE, Twin};
 use crate::common;
-use splatgraph::image::Image;
+use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::navigation::{Buttons, Input};
 use splatgraph_assets::synth;

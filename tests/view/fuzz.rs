@@ -13,9 +13,9 @@
 use super::dice::Dice;
 use super::whole::TestShell;
 use crate::common;
-use splatgraph::backend::{Backend, Validation};
-use splatgraph::facts::{self, SceneFacts};
-use splatgraph::planner::{Planner, Settings};
+use splatgraph::draw::backend::{Backend, Validation};
+use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::planner::{Planner, Settings};
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::paint;
 use splatgraph::view::renderer::{Cause, Renderer};

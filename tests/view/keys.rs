@@ -3,7 +3,7 @@
 use super::whole::TestShell;
 use crate::common;
 use egui::{Key, Modifiers};
-use splatgraph::backend::Validation;
+use splatgraph::draw::backend::Validation;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::renderer::Cause;
 use splatgraph_assets::synth;

@@ -17,9 +17,9 @@ use egui::{
     Event as Input, Key, Modifiers, MouseWheelUnit, PointerButton, Popup, Pos2, RawInput, Rect, TouchPhase,
     Vec2,
 };
-use splatgraph::backend::Validation;
-use splatgraph::builtin;
-use splatgraph::session::image_of;
+use splatgraph::draw::backend::Validation;
+use splatgraph::draw::builtin;
+use splatgraph::draw::session::image_of;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::panels::Tool;
 use splatgraph::view::shell::{FrameRequest, Shell};

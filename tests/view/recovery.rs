@@ -7,8 +7,8 @@
 use super::soak::process::resident;
 use super::whole::{PATIENCE, TestShell};
 use crate::common;
-use splatgraph::backend::Validation;
-use splatgraph::image::Image;
+use splatgraph::draw::backend::Validation;
+use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph_api::Device;
 use std::fs::File;

@@ -3,8 +3,8 @@
 use super::whole::{PIXELS_PER_POINT, TestShell};
 use crate::common;
 use egui::{Key, Modifiers, Vec2};
-use splatgraph::backend::Validation;
-use splatgraph::builtin;
+use splatgraph::draw::backend::Validation;
+use splatgraph::draw::builtin;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::panels::Tool;
 use splatgraph::view::panels::selection::Selection;

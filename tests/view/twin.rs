@@ -1,9 +1,9 @@
 //! The viewer without its window, as a script drives it: files are edited, parameters changed, and pictures read back.
 
 use crate::common;
-use splatgraph::backend::Backend;
-use splatgraph::image::Image;
-use splatgraph::session::image_of;
+use splatgraph::draw::backend::Backend;
+use splatgraph::draw::session::image_of;
+use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::viewer::Viewer;
 use splatgraph_assets::synth;
@@ -180,7 +180,7 @@ pub fn shows_something(image: &Image) -> bool {
 /// A folder with `pipelines/` and `shaders/` as they are shipped.
 pub fn copy_of_shipped_files() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
-    for (name, text) in splatgraph::builtin::FILES {
+    for (name, text) in splatgraph::draw::builtin::FILES {
         let path = folder.path().join(name);
         fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).expect("folders are made");
         fs::write(path, text).expect("files are written");

@@ -6,9 +6,9 @@ use crate::common;
 use egui::{
     Event as Input, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, Vec2, ViewportId, ViewportInfo,
 };
-use splatgraph::backend::{Backend, Options};
-use splatgraph::image::Image;
-use splatgraph::session::image_of;
+use splatgraph::draw::backend::{Backend, Options};
+use splatgraph::draw::session::image_of;
+use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::paint::Mode;
 use splatgraph::view::shell::{Frame, FrameRequest, Shell};
@@ -83,7 +83,7 @@ impl TestShell {
             .unwrap_or_else(|error| panic!("the shell opens: {error}"));
         shell.window_mut().patience = PATIENCE;
         let shipped =
-            splatgraph::builtin::FILES.iter().map(|(name, text)| (name.to_string(), text.to_string()));
+            splatgraph::draw::builtin::FILES.iter().map(|(name, text)| (name.to_string(), text.to_string()));
         TestShell {
             shell,
             events: Vec::new(),

@@ -2,7 +2,7 @@
 
 use super::program::{Program, middle};
 use super::screen::{Pixels, comes};
-use splatgraph::image::Image;
+use splatgraph::io::image::Image;
 use std::thread::sleep;
 use std::time::Duration;
 

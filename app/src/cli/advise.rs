@@ -2,20 +2,20 @@
 
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
 use super::{Outcome, Usage};
-use crate::advise::harmonics::{self, Band};
-use crate::advise::search::{Best, Budget, Tried, best, combinations, own_share};
-use crate::backend::Backend;
-use crate::fit;
-use crate::interleaved::Effort;
-use crate::keys::{self, Mapping, Need, Seen, WIDTHS};
-use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::shell_word;
-use crate::progress::Progress;
-use crate::session::Session;
-use crate::trade::measure::{Baseline, Row, View, measure};
-use crate::trade::noise::LEAST_SAVING;
-use crate::trade::plans;
-use crate::trade::settings::{self, EXACT, Setting};
+use crate::draw::backend::Backend;
+use crate::draw::fit;
+use crate::draw::interleaved::Effort;
+use crate::draw::keys::{self, Mapping, Need, Seen, WIDTHS};
+use crate::draw::session::Session;
+use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::shell_word;
+use crate::io::progress::Progress;
+use crate::studies::advise::harmonics::{self, Band};
+use crate::studies::advise::search::{Best, Budget, Tried, best, combinations, own_share};
+use crate::studies::trade::measure::{Baseline, Row, View, measure};
+use crate::studies::trade::noise::LEAST_SAVING;
+use crate::studies::trade::plans;
+use crate::studies::trade::settings::{self, EXACT, Setting};
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_api::Device;
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let needs = keys::needs(&Seen::shown(&scene, &cameras).views(), args.errors);
     let bands = harmonics::bands(&scene);
     let name = args.scene.as_ref().map_or_else(|| "the demo scene".into(), |path| path.display().to_string());
-    let silent = args.json.as_deref().is_some_and(crate::output::is_standard_output);
+    let silent = args.json.as_deref().is_some_and(crate::io::output::is_standard_output);
     let tell = |text: &str| if silent { Ok(()) } else { options::write_text(None, text) };
     tell(&format!("{name}: {report}{}{}", keys_text(&needs, args.errors), bands_text(&bands)))?;
 
@@ -391,7 +391,7 @@ fn nothing(tried: &[Tried], budget: &Budget) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trade::noise::Share;
+    use crate::studies::trade::noise::Share;
 
     #[test]
     fn without_a_setting_in_the_budget_the_nearest_are_told() {

@@ -2,17 +2,17 @@
 
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
 use super::{Outcome, Usage};
-use crate::backend::Backend;
-use crate::bench::limit::{self, CopyLimit};
-use crate::bench::measure::{Bench, Candidate, Frames};
-use crate::bench::report::{Origin, Report, Row, SceneOrigin, size_text};
-use crate::bench::{plot, sort, table};
-use crate::facts::{self, SceneFacts};
-use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{self, OutputGuard, is_standard_output, say};
-use crate::planner::{Planner, without_effect};
-use crate::progress::Progress;
-use crate::report::plot::Plot;
+use crate::draw::backend::Backend;
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::planner::{Planner, without_effect};
+use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::{self, OutputGuard, is_standard_output, say};
+use crate::io::progress::Progress;
+use crate::io::report::plot::Plot;
+use crate::studies::bench::limit::{self, CopyLimit};
+use crate::studies::bench::measure::{Bench, Candidate, Frames};
+use crate::studies::bench::report::{Origin, Report, Row, SceneOrigin, size_text};
+use crate::studies::bench::{plot, sort, table};
 use anyhow::{Result, bail};
 use serde::Serialize;
 use splatgraph_api::{Device, DeviceInfo};

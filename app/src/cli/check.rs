@@ -2,10 +2,10 @@
 
 use super::Outcome;
 use super::{colour, options};
-use crate::facts::{self, SceneFacts};
-use crate::fit::{self, Fit, Target, Wanted};
-use crate::output::{say, say_styled};
-use crate::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::fit::{self, Fit, Target, Wanted};
+use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
+use crate::io::output::{say, say_styled};
 use anyhow::Result;
 use serde_json::{Value, json};
 use splatgraph_framework::dump;

@@ -1,10 +1,10 @@
 //! Runs `splatgraph compare`: measures the difference between pictures.
 
 use super::{Outcome, Usage, options};
-use crate::image::{Depth, Format, Image, npz_names, split_member};
-use crate::metrics::{self, Comparison, MetricError, flip};
-use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{OutputGuard, is_standard_output, one_line, say};
+use crate::io::image::{Depth, Format, Image, npz_names, split_member};
+use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
+use crate::studies::metrics::{self, Comparison, MetricError, flip};
 use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -408,7 +408,7 @@ mod tests {
             compare(&Line::parse_from(line).args).unwrap().0
         };
         let double = |name: &str, value: f64| {
-            crate::image::save_words(&path(name), &[12, 12, 3], &[value; 3 * 144]).unwrap();
+            crate::io::image::save_words(&path(name), &[12, 12, 3], &[value; 3 * 144]).unwrap();
         };
         double("a.npy", 0.2);
         double("b.npy", 0.2 + 1e-9);

@@ -1,7 +1,7 @@
 //! Runs `splatgraph convert`: writes a scene in another format, and says what that loses.
 
 use super::{Outcome, Usage, options};
-use crate::output::{self, OutputGuard, is_standard_output, note, say};
+use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use splatgraph_assets::{Scene, SceneFormat, grouped, sh_floats};

@@ -1,8 +1,8 @@
 //! Runs `splatgraph devices`: lists the devices of this machine.
 
 use super::{Outcome, options};
-use crate::backend::Api;
-use crate::output::say;
+use crate::draw::backend::Api;
+use crate::io::output::say;
 use anyhow::Result;
 use splatgraph_api::DeviceInfo;
 use splatgraph_assets::memory::display;

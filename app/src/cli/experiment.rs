@@ -2,13 +2,13 @@
 
 use super::options::{self, DrawingBackendArgs};
 use super::{Outcome, Usage, claim_graph_files};
-use crate::experiment::{GRAPH, order, sh};
-use crate::fit;
-use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{OutputGuard, one_line, say};
-use crate::progress::Progress;
-use crate::report::page::Page;
-use crate::session::Session;
+use crate::draw::fit;
+use crate::draw::session::Session;
+use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::{OutputGuard, one_line, say};
+use crate::io::progress::Progress;
+use crate::io::report::page::Page;
+use crate::studies::experiment::{GRAPH, order, sh};
 use anyhow::{Context, Result};
 use splatgraph_api::Device;
 use splatgraph_assets::Camera;
@@ -121,7 +121,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     drop(progress);
     options::write_text(Some(&output), &page.html())?;
-    if !crate::output::is_standard_output(&output) {
+    if !crate::io::output::is_standard_output(&output) {
         say(format!("{}: open it in a browser", output.display()));
     }
     messages.extend(session.into_device().close());

@@ -59,7 +59,7 @@ fn prepared(folder: &Path) {
     for name in ["stats.json", "graph.ron", "step.comp"] {
         fs::write(at(name), name).unwrap();
     }
-    let image = crate::image::Image::from_fn(2, 2, |_, _| [0.5; 3]);
+    let image = crate::io::image::Image::from_fn(2, 2, |_, _| [0.5; 3]);
     for name in ["a.npy", "b.npy", "a.png", "pics/a.png", "pics/b.npy", "more/a.png", "more/b.npy"] {
         image.save(&at(name)).unwrap();
     }

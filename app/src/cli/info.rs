@@ -3,11 +3,11 @@
 use super::Outcome;
 use super::advise::{bands_text, keys_text};
 use super::options::{self, Drawing};
-use crate::advise::harmonics;
-use crate::facts::{self, SceneFacts};
-use crate::fit::{self, Target, Wanted};
-use crate::keys::{self, Seen};
-use crate::planner::Planner;
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::fit::{self, Target, Wanted};
+use crate::draw::keys::{self, Seen};
+use crate::draw::planner::Planner;
+use crate::studies::advise::harmonics;
 use anyhow::Result;
 use serde_json::json;
 use splatgraph_assets::Report;

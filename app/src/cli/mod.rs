@@ -30,11 +30,11 @@ mod trade;
 #[cfg(feature = "window")]
 mod view;
 
-use crate::output::{self, OutputGuard, say, say_styled, terminal};
-use crate::planner::{self, GraphErrors};
-use crate::session::SessionError;
-use crate::shader_cache::ShaderCache;
-use crate::{backend, builtin};
+use crate::draw::planner::{self, GraphErrors};
+use crate::draw::session::SessionError;
+use crate::draw::shader_cache::ShaderCache;
+use crate::io::output::{self, OutputGuard, say, say_styled, terminal};
+use crate::{draw::backend, draw::builtin};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::Worker;

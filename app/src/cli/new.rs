@@ -1,7 +1,7 @@
 //! Runs `splatgraph new`: writes a graph to start from.
 
 use super::{Outcome, Usage};
-use crate::output::{self, note, shell_word};
+use crate::io::output::{self, note, shell_word};
 use anyhow::Result;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
@@ -123,8 +123,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::{self, SceneFacts};
-    use crate::planner::Planner;
+    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::planner::Planner;
 
     fn args(file: PathBuf, from: Start) -> Args {
         Args { file, from, force: false }

@@ -1,18 +1,18 @@
 //! Defines options and helpers of several commands.
 
 use super::Usage;
-use crate::backend::{Api, Backend, Options, Validation};
-use crate::bench;
-use crate::builtin;
-use crate::demo;
-use crate::facts;
-use crate::fit::Target;
-use crate::interleaved::{Effort, suitable_frames};
-use crate::output::{self, OutputGuard, say};
-use crate::progress::Progress;
-use crate::session::Session;
-use crate::trade::plans;
-use crate::trade::settings::{self, Setting};
+use crate::draw::backend::{Api, Backend, Options, Validation};
+use crate::draw::builtin;
+use crate::draw::facts;
+use crate::draw::fit::Target;
+use crate::draw::interleaved::{Effort, suitable_frames};
+use crate::draw::session::Session;
+use crate::io::demo;
+use crate::io::output::{self, OutputGuard, say};
+use crate::io::progress::Progress;
+use crate::studies::bench;
+use crate::studies::trade::plans;
+use crate::studies::trade::settings::{self, Setting};
 use anyhow::{Context, Result};
 use splatgraph_api::BackendError;
 use splatgraph_assets::{Camera, CameraError, Scene};
@@ -469,7 +469,7 @@ pub fn refuse_terminal(what: &str) -> Result<(), Usage> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render_command::RenderCommand;
+    use crate::draw::render_command::RenderCommand;
     use proptest::prelude::*;
 
     #[test]

@@ -1,9 +1,9 @@
 //! Runs `splatgraph params`: lists the parameters of a graph.
 
 use super::{Outcome, options};
-use crate::facts::{self, SceneFacts};
-use crate::output::say;
-use crate::planner::Planner;
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::planner::Planner;
+use crate::io::output::say;
 use anyhow::Result;
 use serde_json::{Value, json};
 use splatgraph_assets::grouped;

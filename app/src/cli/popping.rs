@@ -2,13 +2,13 @@
 
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs};
 use super::{Outcome, Usage, claim_graph_files};
-use crate::fit;
-use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{self, OutputGuard, is_standard_output, one_line};
-use crate::popping::measure::{self, Path as CameraPath, Variant};
-use crate::popping::report::{self, Summary};
-use crate::progress::Progress;
-use crate::session::Session;
+use crate::draw::fit;
+use crate::draw::session::Session;
+use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::{self, OutputGuard, is_standard_output, one_line};
+use crate::io::progress::Progress;
+use crate::studies::popping::measure::{self, Path as CameraPath, Variant};
+use crate::studies::popping::report::{self, Summary};
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_api::Device;

@@ -1,7 +1,7 @@
 //! Runs `splatgraph source`: prints the graphs and shaders that are built in.
 
 use super::{Outcome, options};
-use crate::builtin;
+use crate::draw::builtin;
 use anyhow::{Result, bail};
 
 pub const EXAMPLES: &str = "Examples:

@@ -2,16 +2,16 @@
 
 use super::options::{self, Drawing, DrawingBackendArgs, EffortArgs};
 use super::{Outcome, Usage};
-use crate::fit;
-use crate::output::names::{self, MAX_NAME_BYTES};
-use crate::output::{self, one_line, say};
-use crate::progress::Progress;
-use crate::session::Session;
-use crate::sweep::approach;
-use crate::sweep::choice::{BUDGET, Choice, for_nearest};
-use crate::sweep::measure::{Step, Sweep, counts};
-use crate::sweep::page::{PLOTS, Shown, gather};
-use crate::trade::measure::View;
+use crate::draw::fit;
+use crate::draw::session::Session;
+use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::{self, one_line, say};
+use crate::io::progress::Progress;
+use crate::studies::sweep::approach;
+use crate::studies::sweep::choice::{BUDGET, Choice, for_nearest};
+use crate::studies::sweep::measure::{Step, Sweep, counts};
+use crate::studies::sweep::page::{PLOTS, Shown, gather};
+use crate::studies::trade::measure::View;
 use anyhow::{Context, Result, anyhow};
 use splatgraph_api::Device;
 use std::path::{Path, PathBuf};

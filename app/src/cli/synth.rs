@@ -2,7 +2,7 @@
 
 use super::Usage;
 use super::{Outcome, options};
-use crate::output::{self, OutputGuard, is_standard_output, note, say};
+use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
 use splatgraph_assets::grouped;
 use splatgraph_assets::synth;

@@ -2,9 +2,9 @@
 
 use super::options::{self, BackendArgs, Drawing};
 use super::{Outcome, Usage};
-use crate::backend::Backend;
-use crate::image::Format;
-use crate::output::{Log, OutputGuard, is_standard_output};
+use crate::draw::backend::Backend;
+use crate::io::image::Format;
+use crate::io::output::{Log, OutputGuard, is_standard_output};
 use crate::view::events::RendererId;
 use crate::view::kept;
 use crate::view::paint::Mode;

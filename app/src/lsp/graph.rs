@@ -2,9 +2,9 @@
 
 use super::cursor::{self, Meaning};
 use super::text;
-use crate::builtin;
-use crate::facts::{self, SceneFacts};
-use crate::planner::{PlainDiagnostic, Planner, Severity};
+use crate::draw::builtin;
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::planner::{PlainDiagnostic, Planner, Severity};
 use lsp_types::{
     CompletionItem, CompletionItemKind, CompletionTextEdit, Diagnostic, DiagnosticSeverity, Hover,
     HoverContents, MarkupContent, MarkupKind, Range, TextEdit,

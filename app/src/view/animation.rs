@@ -1,6 +1,6 @@
 //! Finds the plans whose frames may differ although their inputs do not: those that keep a history, or read the number of the frame.
 
-use crate::camera::{CAMERA, FRAME_NUMBER};
+use crate::draw::camera::{CAMERA, FRAME_NUMBER};
 use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source, Work};
 use splatgraph_framework::plan::Plan;
 
@@ -38,8 +38,8 @@ fn reads(plan: &Plan, pass: &Pass, shader: &Shader) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::{self, SceneFacts};
-    use crate::planner::Planner;
+    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::planner::Planner;
     use splatgraph_assets::synth;
 
     fn plan(graph: &str) -> Plan {
@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn of_the_shipped_graphs_only_the_one_with_a_history_is_animated() {
-        for graph in crate::builtin::presets() {
+        for graph in crate::draw::builtin::presets() {
             assert_eq!(is_animated(&plan(graph.name)), graph.name == "stale_order", "{}", graph.name);
         }
     }

@@ -3,7 +3,7 @@
 //! Views, and the keys of a path, are cameras in the world's coordinates, as in a `cameras.json`: they stay right when another part
 //! of the world is opened, and every command takes their files.
 
-use crate::output::{self, OutputError, harmless};
+use crate::io::output::{self, OutputError, harmless};
 use splatgraph_assets::Camera;
 use std::collections::BTreeMap;
 use std::fs;

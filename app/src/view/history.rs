@@ -4,7 +4,7 @@
 //! the plan, so that the plot shows the effect of a change. The table covers the frames of the newest measured plan, without
 //! prologues; its names are looked up in that plan, since the plan on the screen may already be another.
 
-use crate::stats::quantile;
+use crate::draw::stats::quantile;
 use splatgraph_api::FrameResult;
 use splatgraph_framework::ir::{PassId, Run};
 use splatgraph_framework::plan::Plan;

@@ -3,8 +3,8 @@
 //! It is a JSON file in the user's folder for state. A file that cannot be read, or that another version wrote, is told and replaced.
 
 use super::panels::{Arrangement, Panels};
-use crate::folders;
-use crate::output;
+use crate::io::folders;
+use crate::io::output;
 use egui::Theme;
 use serde::{Deserialize, Serialize};
 use std::fs;

@@ -1,9 +1,9 @@
 //! Finds the splats of a pixel on another thread. The newest request wins.
 //!
-//! A request cancels the one before it, so that a pointer can be followed: see [`crate::pick`] for what is found.
+//! A request cancels the one before it, so that a pointer can be followed: see [`crate::draw::pick`] for what is found.
 
 use super::renderer::Wake;
-use crate::pick::{Picked, pick};
+use crate::draw::pick::{Picked, pick};
 use splatgraph_assets::{Camera, Scene};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

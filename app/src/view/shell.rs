@@ -8,7 +8,7 @@
 //! [`Frame`] says when the next is due. Whoever owns the shell sleeps until then, or until an event, and looks for finished frames
 //! ([`Shell::collect`]) while some are in flight.
 //!
-//! On a CPU the scene has a device of its own ([`crate::backend::Backend::open_beside`]), so that the window is drawn while a picture
+//! On a CPU the scene has a device of its own ([`crate::draw::backend::Backend::open_beside`]), so that the window is drawn while a picture
 //! takes long. On a GPU both share one queue, where frames of the window would wait behind a picture: while one takes long, none
 //! are submitted.
 

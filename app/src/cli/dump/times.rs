@@ -1,12 +1,12 @@
 //! Reads GPU times for a dump from the statistics of `splatgraph render --json`.
 
-use crate::stats::median;
+use crate::draw::stats::median;
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The needed part of [`crate::stats::CameraStats`].
+/// The needed part of [`crate::draw::stats::CameraStats`].
 #[derive(Deserialize)]
 struct Camera {
     pipeline: String,

@@ -1,8 +1,8 @@
 //! Names the files of a rendering's pictures.
 
 use crate::cli::Usage;
-use crate::image::Format;
-use crate::output::is_standard_output;
+use crate::io::image::Format;
+use crate::io::output::is_standard_output;
 use std::path::{Path, PathBuf};
 
 /// The destination of pictures.

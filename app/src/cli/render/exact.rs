@@ -1,8 +1,8 @@
 //! Parses the options of the exact renderer.
 
 use crate::cli::options;
-use crate::image::Format;
-use crate::truth::{Map, rule_list};
+use crate::draw::truth::{Map, rule_list};
+use crate::io::image::Format;
 use std::path::{Path, PathBuf};
 
 /// Lists the rules under `--rule`.

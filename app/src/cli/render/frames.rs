@@ -1,14 +1,14 @@
 //! Draws the frames of one camera, several for medians, and reads resources back.
 
 use super::kept::Kept;
-use crate::backend::Backend;
 use crate::cli::options;
-use crate::image::Format;
-use crate::inspect::{self, Finding};
-use crate::interleaved;
-use crate::progress::Progress;
-use crate::session::{FrameOptions, Session};
-use crate::stats::CameraStats;
+use crate::draw::backend::Backend;
+use crate::draw::inspect::{self, Finding};
+use crate::draw::interleaved;
+use crate::draw::session::{FrameOptions, Session};
+use crate::draw::stats::CameraStats;
+use crate::io::image::Format;
+use crate::io::progress::Progress;
 use anyhow::{Context, Result};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameResult, Inspect, Pixels};
 use splatgraph_assets::Camera;

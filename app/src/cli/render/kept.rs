@@ -1,6 +1,6 @@
 //! Keeps the results of a camera's frames: those that count, and the prologue's times.
 
-use crate::stats::CameraStats;
+use crate::draw::stats::CameraStats;
 use splatgraph_api::{DeviceInfo, FrameResult, Pixels};
 use splatgraph_framework::ir::Run;
 use splatgraph_framework::plan::Plan;
@@ -52,7 +52,7 @@ impl Kept {
         let record_ms: Vec<f64> = self.counted.iter().map(|frame| frame.record_ms).collect();
         let all: Vec<FrameResult> = self.once.into_iter().chain(self.counted).collect();
         let stats = CameraStats::new(camera, plan, device, loaded, &all, memory);
-        let record_ms = crate::stats::median(record_ms).unwrap_or(stats.record_ms);
+        let record_ms = crate::draw::stats::median(record_ms).unwrap_or(stats.record_ms);
         CameraStats { busy, frames, record_ms, ..stats }
     }
 
@@ -73,8 +73,8 @@ impl Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::{self, SceneFacts};
-    use crate::planner::Planner;
+    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::planner::Planner;
     use splatgraph_framework::ir::PassId;
     use std::time::Duration;
 

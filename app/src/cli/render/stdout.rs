@@ -1,7 +1,7 @@
 //! Keeps lines and files apart on standard output.
 
 use crate::cli::options;
-use crate::output::{is_standard_output, note, say};
+use crate::io::output::{is_standard_output, note, say};
 use anyhow::Result;
 use std::path::Path;
 

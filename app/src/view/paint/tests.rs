@@ -1,6 +1,6 @@
 use super::*;
-use crate::facts;
-use crate::planner::Planner;
+use crate::draw::facts;
+use crate::draw::planner::Planner;
 use egui::epaint::textures::TextureOptions;
 use egui::epaint::{ColorImage, ImageDelta, TextureId};
 use egui::{Color32, Pos2, Rect, pos2, vec2};

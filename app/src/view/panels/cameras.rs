@@ -3,7 +3,7 @@
 use super::theme::{self, GRID, ROW};
 use super::widgets::{fact, heading, hint};
 use super::{Command, Controls};
-use crate::camera_path::SECONDS;
+use crate::draw::camera_path::SECONDS;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::FIELDS_OF_VIEW;
 use crate::view::opening::CameraRole;

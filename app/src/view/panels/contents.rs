@@ -5,7 +5,7 @@ use super::inspector::Target;
 use super::selection::Selection;
 use super::theme::Palette;
 use super::widgets::hint;
-use crate::inspect::{Finding, ReadAs, holds_keys};
+use crate::draw::inspect::{Finding, ReadAs, holds_keys};
 use crate::view::viewport::{Inspection, Viewport};
 use egui::{Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};

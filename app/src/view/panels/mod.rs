@@ -33,7 +33,7 @@ use super::paint::Mode;
 use super::undo::{self, Settings};
 use super::viewer::Viewer;
 use super::wheel::Wheel;
-use crate::stats::median;
+use crate::draw::stats::median;
 use egui::{Align2, CentralPanel, Context, Panel, Rect, Ui};
 use layout::Layout;
 use presets::Presets;

@@ -1,7 +1,7 @@
 //! Lists the selectable graphs: the built-in ones, and files that were used in this window.
 
 use super::{Command, Controls};
-use crate::builtin;
+use crate::draw::builtin;
 use crate::view::renderer::Renderer;
 use egui::{Key, RichText, Ui};
 use indexmap::IndexMap;

@@ -3,7 +3,7 @@
 use super::Controls;
 use super::theme::{self, Palette};
 use super::widgets::{self, fact, heading};
-use crate::pick;
+use crate::draw::pick;
 use crate::view::viewer::Viewer;
 use egui::{Color32, Rect, RichText, Stroke, Ui, pos2, vec2};
 use splatgraph_api::Device;

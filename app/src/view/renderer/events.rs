@@ -1,6 +1,6 @@
 //! Defines the causes and results of building a plan.
 
-use crate::planner::GraphErrors;
+use crate::draw::planner::GraphErrors;
 use serde::{Serialize, Serializer};
 use splatgraph_api::{BackendError, Recovery};
 use std::fmt;

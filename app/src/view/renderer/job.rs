@@ -2,10 +2,10 @@
 
 use super::events::{Causes, Failure};
 use super::{PlanInputs, Wanted};
-use crate::capacity::Capacities;
-use crate::facts::{self, SceneFacts};
-use crate::planner::Planner;
-use crate::session::Upload;
+use crate::draw::capacity::Capacities;
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::planner::Planner;
+use crate::draw::session::Upload;
 use crate::view::profile::zone;
 use splatgraph_api::{Loader, Progress};
 use splatgraph_framework::ir::DeviceFacts;

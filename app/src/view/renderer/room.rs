@@ -3,7 +3,7 @@
 use super::device::ends_device;
 use super::events::{Cause, Causes, Failure};
 use super::{RETRY, Renderer};
-use crate::capacity::{Overflow, overflows};
+use crate::draw::capacity::{Overflow, overflows};
 use splatgraph_api::{Device, FrameResult};
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! Picking, playing a path, and saved views in the viewer, on a device that executes nothing.
 
 use super::script::{Script, arrange};
-use crate::pick;
+use crate::draw::pick;
 use crate::view::events::Event;
 use crate::view::events::RendererId;
 use crate::view::navigation::{Buttons, Input};

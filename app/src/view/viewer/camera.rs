@@ -4,8 +4,8 @@
 //! the world's coordinates; the navigation is in the scene's.
 
 use super::Viewer;
-use crate::camera_path::KeyError;
-use crate::render_command::RenderCommand;
+use crate::draw::camera_path::KeyError;
+use crate::draw::render_command::RenderCommand;
 use crate::view::cameras::SaveError;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Input;
@@ -82,7 +82,7 @@ impl<D: Device> Viewer<D> {
     /// Inserts the current camera into the path, before the key at `index`, or at the end.
     ///
     /// # Errors
-    /// Those of [`crate::camera_path::CameraPath::insert`].
+    /// Those of [`crate::draw::camera_path::CameraPath::insert`].
     pub fn record_key(&mut self, index: usize) -> Result<(), KeyError> {
         let camera = self.world_camera();
         self.path.insert(index, camera)

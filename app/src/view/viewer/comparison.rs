@@ -4,8 +4,8 @@
 //! as soon as the camera or a setting has changed.
 
 use super::{Viewer, Viewport};
-use crate::metrics;
-use crate::session::image_of;
+use crate::draw::session::image_of;
+use crate::studies::metrics;
 use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
 use indexmap::IndexMap;

@@ -3,8 +3,8 @@
 //! The camera is in the coordinates of A's scene. B looks from the same place of the world.
 
 use super::Viewer;
-use crate::camera_path;
-use crate::facts;
+use crate::draw::camera_path;
+use crate::draw::facts;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::{self, Navigation};
 use crate::view::opening::{CameraRole, Content, Opened};

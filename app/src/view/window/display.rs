@@ -195,7 +195,7 @@ pub fn set_open(open: bool) {
     if open {
         extern "C" fn end() {
             if is_left_open() {
-                crate::output::signals::end_now(1);
+                crate::io::output::signals::end_now(1);
             }
         }
         static HANDLER: Once = Once::new();

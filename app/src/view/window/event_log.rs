@@ -1,6 +1,6 @@
 //! Writes events as JSON lines, with changes of the window's size and of the controls' places.
 
-use crate::output::Log;
+use crate::io::output::Log;
 use crate::view::events::Event;
 use crate::view::panels::Controls;
 use crate::view::shell::FrameRequest;

@@ -1,0 +1,282 @@
+//! Runs `splatgraph dump`: writes the plan of a graph.
+
+use super::options;
+use super::{Outcome, Usage, claim_graph_files};
+use crate::draw::backend;
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::planner::Planner;
+use crate::io::output::{OutputGuard, say};
+use anyhow::Result;
+use clap::ValueEnum;
+use splatgraph_framework::dump::{self, Dump};
+use std::path::{Path, PathBuf};
+
+mod times;
+
+pub const EXAMPLES: &str = "Examples:
+  splatgraph dump splat                                    # passes, barriers and resources
+  splatgraph dump splat --format html -o splat.html        # a page to click through, in any browser
+  splatgraph dump digit4 --scene scene.ply --size 1920x1080
+  splatgraph dump splat --set digit_bits=11 --format json
+  splatgraph dump my/graph.ron --format dot | dot -Tsvg > graph.svg
+
+What a run took, in the page:
+  splatgraph render scene.ply -o out.png --json stats.json
+  splatgraph dump splat --scene scene.ply --device 0 --times stats.json --format html -o splat.html
+
+Two plans side by side:
+  splatgraph dump splat --diff digit4                      # two graphs
+  splatgraph dump splat --diff splat --set-b digit_bits=4  # one graph with two values of a parameter
+  splatgraph dump splat --diff key16 --set cutoff=3 --format json
+
+On Apple's GPUs:
+  splatgraph dump digit4 --backend metal                   # encoders, fences and barriers, beside Vulkan's";
+
+/// Show the plan that a graph becomes: passes in order, barriers, resources
+///
+/// No GPU is needed. Without --device, the plan is for the smallest supported device, with subgroups of 32 lanes; without --scene,
+/// for a million splats with spherical harmonics of degree 3. With --diff, the differences between two plans are shown. The
+/// JSON's fields are documented in docs/dump.md.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// The graph: the name of a built-in one (see --help), or a path
+    #[arg(value_name = "NAME")]
+    graph: String,
+    /// Set a parameter of the graph (of both graphs, with --diff); may be repeated
+    #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
+    set: Vec<(String, String)>,
+    /// Compare with the plan of this graph (b): additions, omissions and changes
+    #[arg(long, value_name = "NAME", conflicts_with = "times")]
+    diff: Option<String>,
+    /// Set a parameter of the graph of --diff, after --set; may be repeated
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, requires = "diff")]
+    set_b: Vec<(String, String)>,
+    /// Add GPU times: the medians of a file from `splatgraph render --json`
+    #[arg(long, value_name = "STATS.JSON")]
+    times: Option<PathBuf>,
+    /// Build the plan for this scene's facts (number of splats, degree of the harmonics)
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Build the plan for this device's limits: a part of its name, or its index in `splatgraph devices`
+    #[arg(long, value_name = "NAME|INDEX")]
+    device: Option<String>,
+    /// Size of the pictures
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "960x540", value_parser = options::size)]
+    size: (u32, u32),
+    #[arg(long, value_enum, default_value_t = Form::Text)]
+    format: Form,
+    /// Show how this API runs the plan
+    #[arg(long, value_enum, default_value_t = Api::Vulkan, conflicts_with = "diff")]
+    backend: Api,
+    /// Output file [default: standard output, as for `-`]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+/// The form of a dump.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Form {
+    /// Text for people
+    Text,
+    /// JSON for programs, with everything that the others show
+    Json,
+    /// A picture of passes and dependencies, for Graphviz
+    Dot,
+    /// A page with a timeline, in one file, for any browser
+    Html,
+}
+
+/// The API whose synchronization is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Api {
+    /// The barriers of the plan, which are Vulkan's
+    Vulkan,
+    /// Beside them encoders, fences and barriers of Metal
+    Metal,
+}
+
+/// Lists the files of the command line; an error if the output is an input.
+pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
+    let mut guard = OutputGuard::default();
+    let graphs = [Some(&args.graph), args.diff.as_ref()].into_iter().flatten();
+    for graph in graphs {
+        guard.input("the graph", Path::new(graph))?;
+    }
+    for (what, path) in [("the scene", &args.scene), ("the file of --times", &args.times)] {
+        if let Some(path) = path {
+            guard.input(what, path)?;
+        }
+    }
+    if let Some(path) = &args.output {
+        guard.output("--output", path)?;
+    }
+    Ok(guard)
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    if args.diff.is_some() && matches!(args.format, Form::Dot | Form::Html) {
+        return Err(Usage("expected --format text or json with --diff; leave out one of them".into()).into());
+    }
+    if args.backend == Api::Metal && matches!(args.format, Form::Dot | Form::Html) {
+        return Err(Usage(
+            "expected --format text or json with --backend metal; leave out one of them".into(),
+        )
+        .into());
+    }
+    let mut guard = guard(args)?;
+    // Before the plan is made, which takes longer to fail.
+    let times = args.times.as_deref().map(times::load).transpose()?;
+    let (scene, catalog) = match &args.scene {
+        Some(path) => {
+            let scene = options::load_scene(path)?;
+            (SceneFacts::of(&scene), facts::catalog(&scene))
+        }
+        None => (SceneFacts::NOMINAL, options::nominal_catalog()),
+    };
+    let device = options::device_facts(args.device.as_deref())?;
+    let facts = facts::facts(&scene, &device, args.size);
+    let mut planner = Planner::default();
+    let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
+        let plan = planner.plan(graph, set, &facts, &catalog)?;
+        let dump = dump::dump(&plan);
+        Ok(if args.backend == Api::Metal { backend::add_metal_encoders(dump, &plan) } else { dump })
+    };
+    let mut a = dump_of(&args.graph, &args.set)?;
+    let text = if let Some(other) = &args.diff {
+        let b = dump_of(other, &[args.set.as_slice(), args.set_b.as_slice()].concat())?;
+        let diff = dump::diff(&a, &b);
+        match args.format {
+            Form::Json => format!("{:#}\n", serde_json::to_value(&diff)?),
+            _ => dump::diff_text(&diff),
+        }
+    } else {
+        if let Some(times) = times {
+            a = with_times(a, &times)?;
+        }
+        match args.format {
+            Form::Text => dump::encoders_text(&a).unwrap_or_else(|| dump::text(&a)),
+            Form::Json => format!("{:#}\n", dump::json(&a)),
+            Form::Dot => dump::dot(&a),
+            Form::Html => dump::html(&a),
+        }
+    };
+    claim_graph_files(&mut guard, &planner.wanted())?;
+    options::write_text(args.output.as_deref(), &text)?;
+    Ok(Outcome::Done)
+}
+
+/// Adds the times, and warns if the file may be of another graph or of other parameters.
+fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
+    let (timed, found) = dump.with_times(&times.passes);
+    let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();
+    if found == 0 {
+        anyhow::bail!("the times are of other passes: none of them is in {}", timed.graph);
+    }
+    if times.pipeline != timed.graph {
+        say(format!("the times are of {}, the plan is of {}", times.pipeline, timed.graph));
+    }
+    if missing > 0 || found < times.passes.len() {
+        say(format!(
+            "{missing} passes have no time, and {} times have no pass: the file may be of another device or of other parameters",
+            times.passes.len() - found
+        ));
+    }
+    Ok(timed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use serde_json::{Value, json};
+
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    /// Runs `splatgraph dump` with these words and returns the output file's text.
+    fn dumped(folder: &Path, words: &str) -> Result<String> {
+        let output = folder.join("out");
+        let words = ["dump"].into_iter().chain(words.split(' '));
+        let args = Line::try_parse_from(words)?.args;
+        run(&Args { output: Some(output.clone()), ..args })?;
+        Ok(std::fs::read_to_string(output)?)
+    }
+
+    #[test]
+    fn two_graphs_and_two_values_of_a_parameter_compare_alike() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let compared = |words: &str| -> Value {
+            let text = dumped(folder.path(), words).expect("both have plans");
+            serde_json::from_str(&text).expect("JSON")
+        };
+        let by_name = compared("splat --diff digit4 --format json");
+        let by_set = compared("splat --diff splat --set-b digit_bits=4 --format json");
+        assert_eq!(by_name["passes"], by_set["passes"]);
+        assert_eq!(by_name["totals"], by_set["totals"]);
+        // Four digits of 8 bits against eight of 4, three dispatches each.
+        assert_eq!(by_name["passes"]["only_b"].as_array().map(Vec::len), Some(12));
+        let same = compared("splat --set digit_bits=4 --diff digit4 --format json");
+        assert_eq!((&same["passes"]["changed"], &same["parameters"]), (&json!([]), &json!([])));
+        let text = dumped(folder.path(), "splat --diff digit4").expect("both have plans");
+        assert!(text.contains("only in b (12): order.sort.histogram[4..7]"), "{text}");
+    }
+
+    #[test]
+    fn times_of_a_run_are_added_to_the_plan() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let stats = folder.path().join("stats.json");
+        let camera = |ms: f64| json!({"pipeline": "splat", "passes": [{"name": "compose", "gpu_ms": ms}]});
+        std::fs::write(&stats, json!([camera(1.0), camera(4.0)]).to_string()).expect("written");
+        let words = format!("splat --format json --times {}", stats.display());
+        let dump: Value =
+            serde_json::from_str(&dumped(folder.path(), &words).expect("it has a plan")).expect("JSON");
+        let pass = dump["passes"].as_array().and_then(|p| p.iter().find(|p| p["name"] == "compose"));
+        assert_eq!(pass.map(|p| &p["gpu_ms"]), Some(&json!(2.5)));
+        assert_eq!(dump["gpu_ms"], Value::Null, "other passes of the frame have no time");
+
+        let others = json!([{"pipeline": "x", "passes": [{"name": "y", "gpu_ms": 1.0}]}]);
+        std::fs::write(&stats, others.to_string()).expect("written");
+        let error = dumped(folder.path(), &words).unwrap_err().to_string();
+        assert!(error.contains("other passes"), "{error}");
+    }
+
+    #[test]
+    fn metals_encoders_stand_beside_the_barriers_of_the_same_plan() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let text = dumped(folder.path(), "digit4 --backend metal").expect("it has a plan");
+        assert!(text.contains("encoder 1 (compute)") && text.contains("barrier 2 on all memory"), "{text}");
+        let json = |words: &str| -> Value {
+            serde_json::from_str(&dumped(folder.path(), words).expect("it has a plan")).expect("JSON")
+        };
+        let (metal, mut vulkan) =
+            (json("digit4 --backend metal --format json"), json("digit4 --format json"));
+        assert_eq!(vulkan["encoders"], Value::Null);
+        // Encoders hold the passes of a frame, but for the host's.
+        let encoders = metal["encoders"]["frame"].as_array().into_iter().flatten();
+        let encoded: usize = encoders.filter_map(|encoder| encoder["passes"].as_array()).map(Vec::len).sum();
+        assert_eq!(metal["totals"]["frame_passes"], json!(encoded + 1));
+        vulkan["encoders"] = metal["encoders"].clone();
+        assert_eq!(metal, vulkan, "the plan is the same");
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_a_reason() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (words, reason) in [
+            ("splat --diff digit4 --format html", "text or json"),
+            ("splat --set-b digit_bits=4", "--diff"),
+            ("splat --diff digit4 --times stats.json", "--times"),
+            ("splat --times no-such-file.json", "no-such-file.json"),
+            ("splat --backend metal --format html", "text or json"),
+            ("splat --backend metal --diff digit4", "--diff"),
+            ("splat --backend null", "vulkan, metal"),
+        ] {
+            let error = format!("{:#}", dumped(folder.path(), words).unwrap_err());
+            assert!(error.contains(reason), "{words}: {error}");
+        }
+    }
+}

@@ -1,0 +1,374 @@
+//! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
+
+use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
+use super::{Outcome, Usage, claim_graph_files};
+use crate::draw::backend::{Api, Backend};
+use crate::draw::fit;
+use crate::draw::session::Session;
+use crate::draw::truth::{self, Map, Truth};
+use crate::io::image::Format;
+use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
+use crate::io::output::{OutputGuard, is_standard_output, one_line};
+use crate::io::progress::Progress;
+use anyhow::{Result, bail};
+use splatgraph_api::Device;
+use splatgraph_assets::Camera;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+mod batch;
+mod destination;
+mod exact;
+mod frames;
+mod kept;
+mod pictures;
+mod stdout;
+
+use batch::{Batch, Shown};
+use destination::{Destination, per_camera, stem};
+use frames::{Drawn, InspectRequest, Wanted, inspect_request};
+use stdout::Stdout;
+
+pub const EXAMPLES: &str = "Examples:
+  splatgraph render -o demo.png                                          # the demo scene
+  splatgraph render scene.ply --cameras cameras.json -o pictures/ --format npy
+  splatgraph render scene.ply --cameras cameras.json#2 --size 1920x1080 -o out.exr
+  splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.png
+  splatgraph render scene.ply --repeat 100 --json -                      # times, as medians
+  splatgraph render scene.ply --inspect keys@scatter=keys.npy -o out.png
+  splatgraph render scene.ply --pipeline my/graph.ron --validate -o out.png
+  splatgraph render scene.ply --backend reference -o exact.npy           # exactly, on the CPU
+  splatgraph render scene.ply --backend reference --rule stop=none --map contributors=count.npy";
+
+/// Draw a scene
+///
+/// A graph draws it on a device; with `--backend reference`, the exact renderer does, on the CPU, in f64. Without SCENE, the demo
+/// scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog
+    scene: Option<PathBuf>,
+    #[command(flatten)]
+    drawing: Drawing,
+    /// Choose the renderer: `vulkan`, on Apple's systems `metal`, or `reference`, the exact one on the CPU
+    ///
+    /// The first two execute the graph on a device. `null` executes nothing, for a look at what everything else costs: its pictures are
+    /// black, and its times mean nothing. The exact renderer follows the published CUDA rasteriser rule by rule in f64, shares no
+    /// arithmetic with the shaders and executes no graph. Other pictures are measured against its own.
+    #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
+    backend: Renderer,
+    /// Change a rule of the exact renderer; may be repeated
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = exact::rule_help())]
+    rule: Vec<(String, String)>,
+    /// Write what the exact renderer knows of each pixel: `transmittance` (float32) or `contributors` (splats, uint32)
+    #[arg(long, value_name = "NAME=FILE.npy", value_parser = exact::map)]
+    map: Vec<(Map, PathBuf)>,
+    /// Background colour, display-encoded, 0 to 1
+    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
+    background: [f32; 3],
+    /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder
+    ///
+    /// A name without one of these extensions is a folder: it gets one picture per camera, named after the camera's img_name.
+    /// What a file name cannot have becomes `_`, and two cameras never share a file: the second gets its index after its name.
+    /// `-` writes the picture of one camera to standard output, in the format of --format. A picture is whole, or not there.
+    #[arg(short, long, value_name = "OUT", required_unless_present_any = ["json", "inspect", "map"])]
+    output: Option<PathBuf>,
+    /// Format of the pictures in a folder [default: png]
+    #[arg(long, value_name = "png|exr|npy")]
+    format: Option<Format>,
+    /// Write statistics as JSON, one entry per camera; `-` is standard output
+    #[arg(long, value_name = "STATS.json")]
+    json: Option<PathBuf>,
+    /// Number of frames per camera; times are medians over them, after a warm-up of a fifth of a second where there are several
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
+    repeat: u32,
+    /// Number of pictures that may be drawn and not yet written [default: two per processor]
+    ///
+    /// The device draws while processors encode. Where memory is short, fewer pictures wait. Any number gives the same files and the
+    /// same order of messages.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: Option<u16>,
+    /// Read a resource back after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
+    ///
+    /// `keys` stands for the half of the pair that the pass writes, `scatter` for the last of `sort.scatter[0]`,
+    /// `sort.scatter[1]`, ... For a resource whose name begins with `keys`, the output says whether its keys ascend.
+    #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = inspect_request)]
+    inspect: Vec<InspectRequest>,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+/// Names the renderer of `--backend`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Renderer {
+    Device(Api),
+    Reference,
+}
+
+/// The name of the exact renderer.
+const REFERENCE: &str = "reference";
+
+impl fmt::Display for Renderer {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Renderer::Device(api) => api.fmt(f),
+            Renderer::Reference => f.write_str(REFERENCE),
+        }
+    }
+}
+
+/// Parses the value of `--backend`.
+fn renderer(text: &str) -> Result<Renderer, String> {
+    match text {
+        REFERENCE => Ok(Renderer::Reference),
+        _ => Api::find(text).map(Renderer::Device).ok_or_else(|| Api::refusal(text, &[REFERENCE])),
+    }
+}
+
+/// Parses the number of frames. The times of all of them are kept for the medians.
+fn repeat(text: &str) -> Result<u32, String> {
+    const MOST: u32 = 100_000;
+    match text.parse() {
+        Ok(frames @ 1..=MOST) => Ok(frames),
+        _ => {
+            Err(format!("expected 1 to {MOST} frames, as the times of all of them are kept for the medians"))
+        }
+    }
+}
+
+/// The cameras of a run and its files, known before the device is opened.
+#[derive(Debug)]
+pub(super) struct Work {
+    /// The cameras of the command line; `None` for those of the scene.
+    given: Option<Vec<Camera>>,
+    destination: Option<Destination>,
+    /// A file name for each camera, without extension, unlike all others.
+    stems: Vec<String>,
+    guard: OutputGuard,
+}
+
+/// Reads the cameras and chooses the names of all files; an error if one of them would destroy another, or an input.
+pub(super) fn prepare(args: &Args) -> Result<Work> {
+    refuse_options_of_others(args)?;
+    let destination = Destination::of(args.output.as_deref(), args.format)?;
+    let given = args.drawing.cameras()?;
+    for camera in given.iter().flatten().filter(|_| args.drawing.size.is_none()) {
+        if camera.width.max(camera.height) > MAX_SIDE {
+            bail!(
+                "the camera {} has pictures of {} x {} pixels; no device has images larger than {MAX_SIDE} x {MAX_SIDE}",
+                one_line(&camera.img_name),
+                camera.width,
+                camera.height
+            );
+        }
+    }
+    let names = options::camera_names(args.scene.as_deref(), given.as_deref());
+    if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
+        let message = format!(
+            "expected one camera for the picture {}, found {}: name a folder, or one camera with --cameras FILE#INDEX",
+            path.display(),
+            names.len()
+        );
+        return Err(Usage(message).into());
+    }
+    if args.output.as_deref().is_some_and(is_standard_output) {
+        options::refuse_terminal("the picture")?;
+    }
+    let files: Vec<(&str, &Path)> = args.files().collect();
+    // The longest text around a camera's name: that of a picture, or `keys-NAME.npy`.
+    let around = files
+        .iter()
+        .map(|(_, file)| stem(file).len() + "-.npy".len())
+        .chain([".png".len()])
+        .max()
+        .unwrap_or(0);
+    if names.len() > 1 && around + MIN_ROOM_BYTES > MAX_NAME_BYTES {
+        let message = format!(
+            "a file of --inspect or --map has a name of {around} bytes, which leaves no room for the cameras' names"
+        );
+        return Err(Usage(message).into());
+    }
+    let stems = names::unique(&names, MAX_NAME_BYTES.saturating_sub(around));
+
+    let mut guard = OutputGuard::default();
+    let mut claim = || -> Result<(), Usage> {
+        if let Some(path) = &args.scene {
+            guard.input("the scene", path)?;
+        }
+        if let Some(path) = &args.drawing.cameras {
+            options::claim_cameras(&mut guard, path)?;
+        }
+        guard.input("the graph", Path::new(&args.drawing.pipeline))?;
+        if let Some(path) = &args.json {
+            guard.output("--json", path)?;
+        }
+        for stem in &stems {
+            if let Some(destination) = &destination {
+                guard.output("--output", &destination.path(stem))?;
+            }
+            for (option, file) in &files {
+                guard.output(option, &per_camera(file, stem, stems.len()))?;
+            }
+        }
+        Ok(())
+    };
+    claim()?;
+    Ok(Work { given, destination, stems, guard })
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    // Errors of the command line and of the device are reported before a large scene is loaded.
+    let work = prepare(args)?;
+    let Renderer::Device(api) = args.backend else { return run_exactly(args, work) };
+    let Work { given, destination, stems, mut guard } = work;
+    let device = Backend::open(api, &args.device.options())?;
+    if let Some(path) = &args.scene {
+        fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
+    }
+    let (scene, cameras) =
+        options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+
+    let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
+    if !args.inspect.is_empty() {
+        session.keep_contents();
+    }
+    let stdout = args.stdout();
+    let mut progress = Progress::new("drawing");
+    let wanted = Wanted {
+        repeat: args.repeat,
+        background: args.background,
+        read_output: destination.is_some(),
+        inspect: &args.inspect,
+    };
+    let mut batch = Batch::new(args.jobs(), destination, stdout);
+    for (index, (camera, stem)) in cameras.iter().zip(&stems).enumerate() {
+        progress.set(index as u64, cameras.len() as u64, &camera.img_name);
+        if !session.is_prepared((camera.width, camera.height)) {
+            batch.land_all(&mut session, &progress)?;
+        }
+        let loaded = frames::prepare_plan(&mut session, camera)?;
+        if loaded {
+            progress.suspend(|| session.tell_settings_without_effect());
+            claim_graph_files(&mut guard, &session.files())?;
+        }
+        if args.repeat == 1 && args.inspect.is_empty() {
+            batch.submit(&mut session, args.background, (camera, stem), &progress)?;
+            continue;
+        }
+        let Drawn { stats, output, requests } = frames::draw(&wanted, &mut session, camera, loaded)?;
+        let inspected: Vec<_> = stats.inspected.iter().cloned().zip(requests).collect();
+        let no_colours = frames::no_colours(&session);
+        batch.save(Shown { stats, output, no_colours, stem: stem.clone() }, &progress)?;
+        batch.finish(&progress)?;
+        for (finding, inspect_request) in inspected {
+            progress.suspend(|| stdout.line(&finding.text()))?;
+            if let Some(file) = &args.inspect[inspect_request].file {
+                finding.save(&per_camera(file, stem, cameras.len()))?;
+            }
+        }
+    }
+    batch.land_all(&mut session, &progress)?;
+    let all = batch.finish(&progress)?;
+    drop(progress);
+    if let Some(path) = &args.json {
+        options::write_json(path, &serde_json::to_value(all)?)?;
+    }
+    Ok(super::validated(args.device.validate, &session.into_device().close()))
+}
+
+/// Draws with the exact renderer.
+fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Result<Outcome> {
+    let rules = truth::rules(&args.rule).map_err(|error| Usage(error.to_string()))?;
+    let (scene, cameras) =
+        options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+    let stdout = args.stdout();
+    let mut all = Vec::with_capacity(cameras.len());
+    for (camera, stem) in cameras.iter().zip(&stems) {
+        let truth = Truth::draw(&scene, camera, args.background, &rules);
+        let name = match &destination {
+            Some(destination) => {
+                let path = destination.path(stem);
+                truth.image().save_as(destination.format(), &path)?;
+                path.display().to_string()
+            }
+            None => one_line(&camera.img_name).into_owned(),
+        };
+        stdout.line(&format!("{name}: {} x {}, {}", camera.width, camera.height, truth.stats))?;
+        for (map, file) in &args.map {
+            truth.save(*map, &per_camera(file, stem, cameras.len()))?;
+        }
+        all.push(truth.stats);
+    }
+    if let Some(path) = &args.json {
+        options::write_json(path, &serde_json::to_value(all)?)?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Refuses options that have no meaning for the chosen renderer.
+fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
+    let device = &args.device;
+    let given = match args.backend {
+        Renderer::Device(_) => vec![("--rule", !args.rule.is_empty()), ("--map", !args.map.is_empty())],
+        Renderer::Reference => vec![
+            ("--pipeline", args.drawing.pipeline != options::DEFAULT_PIPELINE),
+            ("--set", !args.drawing.set.is_empty()),
+            ("--repeat", args.repeat != 1),
+            ("--jobs", args.jobs.is_some()),
+            ("--inspect", !args.inspect.is_empty()),
+            ("--device", device.device.is_some()),
+            ("--validate", device.validate),
+            ("--no-robustness", device.no_robustness),
+        ],
+    };
+    let Some((option, _)) = given.iter().find(|(_, given)| *given) else { return Ok(()) };
+    Err(Usage(match args.backend {
+        Renderer::Device(_) => format!("{option} is for the exact renderer: add --backend reference"),
+        Renderer::Reference => format!(
+            "{option} is for graphs, and the exact renderer executes none; its rules are changed with --rule"
+        ),
+    }))
+}
+
+impl Args {
+    fn stdout(&self) -> Stdout {
+        let others = self.files().map(|(_, file)| file);
+        Stdout::of(self.output.iter().chain(&self.json).map(PathBuf::as_path).chain(others))
+    }
+
+    fn jobs(&self) -> usize {
+        self.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
+    }
+
+    /// The files beside the pictures, with their options; several cameras have one each.
+    fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
+        let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
+        let maps = self.map.iter().map(|(_, file)| ("--map", file.as_path()));
+        inspected.map(|file| ("--inspect", file)).chain(maps)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn more_frames_than_their_times_can_be_kept_of_are_refused() {
+        let parse = |frames: &str| Line::try_parse_from(["render", "--json", "-", "--repeat", frames]);
+        assert_eq!(parse("100000").unwrap().args.repeat, 100_000);
+        for frames in ["0", "100001", "4294967295", "4294967296", "many"] {
+            assert!(
+                parse(frames).unwrap_err().to_string().contains("expected 1 to 100000 frames"),
+                "{frames}"
+            );
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! Lists the graphs and shaders that are built into the program.
+//!
+//! The build script embeds everything under `pipelines/` and `shaders/`, so that an installed program needs no checkout.
+//! Files on disk come first (see [`SourceMap::find`]), so in a checkout edits show at once.
+
+use crate::draw::facts::{self, SceneFacts};
+use splatgraph_framework::ir::Request;
+use splatgraph_framework::lower::{self, Control};
+use splatgraph_framework::schema::Document;
+use splatgraph_framework::schema::folded;
+use splatgraph_framework::source::{Library, SourceMap, nearest};
+
+/// Path (`pipelines/splat.ron`, `shaders/sort/scatter.comp`) and text of each file, sorted by path.
+pub const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/builtin.rs"));
+
+/// Makes a source map of the files on disk and the built-in ones.
+pub fn source_map() -> SourceMap {
+    SourceMap::new(Library { builtin: FILES, ..Library::default() })
+}
+
+/// Lists the names of the built-in graphs that draw a scene, sorted.
+///
+/// Graphs for includes have no output and are left out, and so are those in subfolders, which draw for the program itself.
+pub fn names() -> Vec<&'static str> {
+    let draws = |text: &str| match Document::parse(text) {
+        Ok(Document::Graph(graph)) => graph.output.is_some(),
+        Ok(Document::Preset(_) | Document::Choice(_)) => true,
+        // It is listed, and its use reports the error.
+        Err(_) => true,
+    };
+    let graph = |(path, text): &(&'static str, &str)| {
+        let name = path.strip_prefix("pipelines/")?.strip_suffix(".ron")?;
+        (!name.contains('/') && draws(text)).then_some(name)
+    };
+    FILES.iter().filter_map(graph).collect()
+}
+
+/// Lists the names of the built-in graphs that change another graph's picture, sorted.
+pub fn filters() -> Vec<&'static str> {
+    let name = |(path, _): &(&'static str, &str)| {
+        path.strip_prefix("pipelines/")?.strip_suffix(".ron").filter(|name| name.starts_with("filters/"))
+    };
+    FILES.iter().filter_map(name).collect()
+}
+
+/// A built-in file, for lists.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct File {
+    /// The name, as graphs and commands name it: `splat`, `parts/sort`, `sort/scatter.comp`.
+    pub name: &'static str,
+    /// The text.
+    pub text: &'static str,
+    /// The graph's summary, or the first sentence of the shader's comment; empty if there is none.
+    pub summary: String,
+}
+
+/// Lists the built-in files in groups with a title each: graphs, filters, parts, the program's own graphs, shaders.
+pub fn groups() -> Vec<(&'static str, Vec<File>)> {
+    let group_of = |path: &str| match path.split_once('/') {
+        Some(("shaders", _)) => "Shaders",
+        Some((_, name)) if !name.contains('/') => "Graphs",
+        Some((_, name)) if name.starts_with("filters/") => "Filters",
+        Some((_, name)) if name.starts_with("parts/") => "Parts",
+        _ => "Graphs of the program itself",
+    };
+    let mut groups: Vec<(&str, Vec<File>)> =
+        ["Graphs", "Filters", "Parts", "Graphs of the program itself", "Shaders"]
+            .map(|title| (title, Vec::new()))
+            .into();
+    for (path, text) in FILES {
+        let title = group_of(path);
+        let file = File { name: name_of(path), text, summary: summary(path, text) };
+        if let Some((_, files)) = groups.iter_mut().find(|(other, _)| *other == title) {
+            files.push(file);
+        }
+    }
+    groups
+}
+
+/// Finds a built-in file by its name, with or without the folder `pipelines/` or `shaders/` and the extension `.ron`.
+///
+/// # Errors
+/// There is none: the names that were probably meant, which can be none either.
+pub fn find(name: &str) -> Result<File, Vec<&'static str>> {
+    let matches = |path: &'static str| {
+        let inside = path.split_once('/').map_or(path, |(_, inside)| inside);
+        [path, inside, name_of(path)].contains(&name) || path.strip_suffix(".ron") == Some(name)
+    };
+    if let Some((path, text)) = FILES.iter().find(|(path, _)| matches(path)) {
+        return Ok(File { name: name_of(path), text, summary: summary(path, text) });
+    }
+    let last = |name: &'static str| name.rsplit('/').next().unwrap_or(name);
+    let names = || FILES.iter().map(|(path, _)| name_of(path));
+    let in_folders: Vec<&str> =
+        names().filter(|other| last(other) == name.trim_end_matches(".ron")).collect();
+    if !in_folders.is_empty() {
+        return Err(in_folders);
+    }
+    let near = nearest(name, names()).or_else(|| {
+        let near = nearest(name, names().map(last))?;
+        names().find(|name| last(name) == near)
+    });
+    Err(near.and_then(|near| names().find(|name| *name == near)).into_iter().collect())
+}
+
+/// The name of a built-in file by its path.
+fn name_of(path: &'static str) -> &'static str {
+    let inside = path.split_once('/').map_or(path, |(_, inside)| inside);
+    inside.strip_suffix(".ron").unwrap_or(inside)
+}
+
+fn summary(path: &str, text: &str) -> String {
+    if path.ends_with(".ron") {
+        return match Document::parse(text) {
+            Ok(Document::Graph(graph)) => folded(&graph.summary),
+            Ok(Document::Preset(preset)) => folded(&preset.summary),
+            Ok(Document::Choice(choice)) => folded(&choice.summary),
+            Err(_) => "has errors".to_owned(),
+        };
+    }
+    let comment = text.lines().skip_while(|line| !line.starts_with("//"));
+    let comment: Vec<&str> = comment.map_while(|line| Some(line.strip_prefix("//")?.trim())).collect();
+    let comment = comment.join(" ");
+    comment.split_once(". ").map_or(comment.as_str(), |(first, _)| first).trim_end_matches('.').to_owned()
+}
+
+/// A built-in graph, for lists.
+#[derive(Clone, Debug)]
+pub struct Preset {
+    /// The name, as `--pipeline` takes it.
+    pub name: &'static str,
+    /// A description in one line.
+    pub summary: String,
+    /// The parameters, with their values for a nominal scene.
+    pub params: Vec<Control>,
+}
+
+/// Lists the built-in graphs that draw a scene, sorted by name.
+pub fn presets() -> Vec<Preset> {
+    let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+    let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+    let catalog = facts::nominal_catalog();
+    let mut files = source_map();
+    let mut preset = |name: &'static str| {
+        let request = Request {
+            graph: name,
+            set: &[],
+            capacities: &[],
+            facts: &facts,
+            catalog: &catalog,
+            share_memory: true,
+        };
+        let (summary, params) = lower::controls(&request, &mut files)
+            .unwrap_or_else(|_| (format!("has errors, see `splatgraph check {name}`"), Vec::new()));
+        Preset { name, summary, params }
+    };
+    names().into_iter().map(&mut preset).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_found_by_its_name_with_or_without_folder_and_extension() {
+        for name in ["parts/sort", "parts/sort.ron", "pipelines/parts/sort", "pipelines/parts/sort.ron"] {
+            assert_eq!(find(name).map(|file| file.name), Ok("parts/sort"), "{name}");
+        }
+        for name in ["sort/scatter.comp", "shaders/sort/scatter.comp"] {
+            assert_eq!(find(name).map(|file| file.name), Ok("sort/scatter.comp"), "{name}");
+        }
+        let found = find("splat.frag").expect("a shader");
+        assert_eq!(
+            found.summary,
+            "Shades one splat at one pixel: the Gaussian's value times the opacity, premultiplied for blending"
+        );
+        assert!(found.text.starts_with("#version 460"), "{}", found.text);
+    }
+
+    #[test]
+    fn a_file_that_is_not_there_has_near_names() {
+        assert_eq!(find("splt"), Err(vec!["splat"]));
+        assert_eq!(find("sort"), Err(vec!["parts/sort"]));
+        assert_eq!(find("sort.ron"), Err(vec!["parts/sort"]));
+        assert_eq!(find("depth_ordr"), Err(vec!["parts/depth_order"]));
+        assert_eq!(find("histogram.cmp"), Err(vec!["sort/histogram.comp"]));
+        assert_eq!(find("nothing like it"), Err(Vec::new()));
+    }
+
+    #[test]
+    fn every_file_is_in_a_group_once_and_has_a_summary() {
+        let groups = groups();
+        let files: Vec<&File> = groups.iter().flat_map(|(_, files)| files).collect();
+        assert_eq!(files.len(), FILES.len());
+        for file in files {
+            assert!(!file.summary.is_empty(), "{}", file.name);
+            assert_eq!(find(file.name).as_ref(), Ok(file));
+        }
+        assert!(groups.iter().all(|(_, files)| !files.is_empty()), "{groups:?}");
+    }
+
+    #[test]
+    fn graphs_that_draw_are_listed_and_their_includes_are_not() {
+        let presets = presets();
+        let names: Vec<&str> = presets.iter().map(|p| p.name).collect();
+        for name in ["splat", "unsorted", "front_to_back", "digit4", "key16"] {
+            assert!(names.contains(&name), "{name} is not among {names:?}");
+        }
+        assert!(!names.contains(&"sort"), "{names:?}");
+        assert!(!names.iter().any(|name| name.contains("window")), "{names:?}");
+        assert!(presets.iter().all(|p| !p.params.is_empty()), "{presets:?}");
+    }
+}

@@ -1,0 +1,107 @@
+//! Draws pictures together with the order in which their splats were drawn.
+//!
+//! A wrong picture and a wrong order are two views of one mistake, so that what measures the first wants the second, too. The
+//! order is the contents of the buffer that a graph binds as `Order`, as the last pass that binds it read it. Two orders are
+//! compared by the pairs of splats that they disagree about: that is also the number of neighbours that have to change places
+//! to lead from one to the other (Kendall's tau).
+
+use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
+use crate::io::image::Image;
+use splatgraph_api::{Device, Inspect};
+use splatgraph_assets::Camera;
+use splatgraph_framework::ir::PassId;
+use splatgraph_framework::plan::Plan;
+use splatgraph_reference::inversions;
+
+/// A picture with the order of its splats.
+#[derive(Clone, Debug)]
+pub struct Capture {
+    /// The picture, not clamped.
+    pub image: Image,
+    /// Indices of the visible splats, near to far as the graph has it; `None` if the graph has no order that can be read.
+    pub order: Option<Vec<u32>>,
+    /// The graph's counts, such as `visible` and `drawn`.
+    pub counts: Vec<(String, u32)>,
+}
+
+/// An error of taking a capture.
+#[derive(Debug, thiserror::Error)]
+pub enum CaptureError {
+    /// The session failed.
+    // Not transparent: a graph's errors are found among the causes, and printed with their source text.
+    #[error("{0}")]
+    Session(#[from] SessionError),
+    /// The graph draws something else than a picture.
+    #[error("the graph's output `{0}` has no colours")]
+    NoColours(String),
+}
+
+/// Draws a frame of a prepared session, and reads its picture and order back.
+///
+/// # Errors
+/// The device fails, or the graph's output has no colours.
+pub fn take<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Capture, CaptureError> {
+    let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+    let inspect: Vec<Inspect> = order_of(plan).into_iter().collect();
+    let output = plan.resource(plan.output).name.clone();
+    let options = FrameOptions { read_output: true, inspect, ..FrameOptions::default() };
+    let frame = session.submit(camera, &options)?;
+    let result = session.wait(frame)?;
+    let image = result.output.as_ref().and_then(image_of).ok_or(CaptureError::NoColours(output))?;
+    let visible = result.stats.iter().find(|(name, _)| name == "visible").map(|(_, count)| *count as usize);
+    let word = |bytes: &[u8]| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+    let order = match (result.inspected.first(), visible) {
+        (Some(bytes), Some(visible)) => Some(bytes.chunks_exact(4).take(visible).map(word).collect()),
+        _ => None,
+    };
+    Ok(Capture { image, order, counts: result.stats })
+}
+
+/// Finds the order of the splats, as the last pass that binds it reads it; `None` if another pass changes it until the frame's end,
+/// when contents are read.
+fn order_of(plan: &Plan) -> Option<Inspect> {
+    let steps = || plan.frame.iter().rev().map(|step| step.pass);
+    let order = |pass: PassId| plan.pass(pass).bindings.iter().find(|binding| binding.name == "Order");
+    let (after, resource) = steps().find_map(|pass| Some((pass, order(pass)?.resource)))?;
+    let binds = |pass: &PassId| plan.pass(*pass).bindings.iter().any(|binding| binding.resource == resource);
+    (steps().find(binds) == Some(after)).then_some(Inspect { resource, after })
+}
+
+/// Counts the pairs of the given splats that are in another order than in `truth`; `None` if one is not in it, or twice.
+pub fn wrong_pairs(truth: &[u32], given: &[u32]) -> Option<u64> {
+    inversions(&only(truth, given), given)
+}
+
+/// Counts the pairs of splats of both orders that change places from one to the other; `None` if one holds a splat twice.
+pub fn order_changes(before: &[u32], after: &[u32]) -> Option<u64> {
+    let kept = only(before, after);
+    inversions(&kept, &only(after, &kept))
+}
+
+/// Lists the splats of an order that another one holds, too.
+pub fn only(order: &[u32], of: &[u32]) -> Vec<u32> {
+    let mut held = vec![false; order.iter().max().map_or(0, |most| *most as usize + 1)];
+    for index in of {
+        if let Some(held) = held.get_mut(*index as usize) {
+            *held = true;
+        }
+    }
+    order.iter().copied().filter(|index| held[*index as usize]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_are_counted_among_the_splats_that_both_orders_hold() {
+        assert_eq!(wrong_pairs(&[4, 3, 2, 1, 0], &[1, 3, 4]), Some(3));
+        assert_eq!(wrong_pairs(&[4, 3, 2, 1, 0], &[4, 2]), Some(0));
+        assert_eq!(wrong_pairs(&[1, 2], &[1, 9]), None, "9 has no place in the truth");
+        assert_eq!(wrong_pairs(&[1, 2], &[1, 1]), None);
+        // 7 leaves and 8 comes: only 1, 2 and 3 can change places, and one pair does.
+        assert_eq!(order_changes(&[1, 7, 2, 3], &[2, 1, 8, 3]), Some(1));
+        assert_eq!(order_changes(&[1, 2, 3], &[3, 2, 1]), Some(3));
+        assert_eq!(order_changes(&[], &[1]), Some(0));
+    }
+}

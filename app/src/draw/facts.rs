@@ -1,0 +1,181 @@
+//! Collects the facts and imports of graphs: of the scene, the device and the viewport.
+//!
+//! A plan is built from numbers alone, so it needs neither a scene nor a GPU: a nominal scene and [`portable_device`] replace
+//! them. That device has the smallest limits that the built-in graphs run on. A graph that builds for it in all of
+//! [`SUBGROUP_SIZES`] builds for every device with at least these limits.
+
+use crate::draw::camera::{CAMERA, CAMERA_BYTES};
+use crate::draw::keys;
+use splatgraph_assets::{ATTRIBUTES, Scene, Splat};
+use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Value};
+
+/// Default width and height of a picture, in pixels.
+pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
+
+/// The facts of a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneFacts {
+    /// Number of splats.
+    pub count: u64,
+    /// Highest band of spherical harmonics that is not all zero.
+    pub sh_degree: u32,
+    /// Degree of the stored spherical harmonics.
+    pub stored_sh_degree: u32,
+    /// Bits at which depth keys put all splats in the right order, in every view: see [`keys::of_scene`].
+    pub key_bits: u32,
+    /// Positions have digits beyond f32: see [`Scene::is_wide`].
+    pub wide: bool,
+    /// Largest absolute value of a coefficient of the spherical harmonics, rounded up.
+    pub largest_sh: u64,
+    /// Display-encoded brightness that no splat exceeds, rounded up.
+    pub brightest: u64,
+}
+
+impl SceneFacts {
+    /// The facts of a nominal scene, for plans without a scene.
+    pub const NOMINAL: SceneFacts = SceneFacts {
+        count: 1_000_000,
+        sh_degree: 3,
+        stored_sh_degree: 3,
+        key_bits: *keys::WIDTHS.end(),
+        wide: false,
+        largest_sh: 4,
+        brightest: 8,
+    };
+
+    /// Collects the facts of a loaded scene.
+    pub fn of(scene: &Scene) -> SceneFacts {
+        SceneFacts {
+            count: scene.count().into(),
+            sh_degree: scene.effective_degree(),
+            stored_sh_degree: scene.stored_degree(),
+            wide: scene.is_wide(),
+            key_bits: keys::of_scene(&scene.bounds()),
+            largest_sh: scene.color_range().largest_sh.ceil() as u64,
+            brightest: scene.color_range().brightest.ceil() as u64,
+        }
+    }
+}
+
+/// Collects the facts of a graph that draws a scene. The size is in pixels.
+pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Facts {
+    let mut facts = without_scene(device, size);
+    let scene_facts = [
+        ("scene.count", scene.count as i64),
+        ("scene.sh_degree", scene.sh_degree.into()),
+        ("scene.stored_sh_degree", scene.stored_sh_degree.into()),
+        ("scene.key_bits", scene.key_bits.into()),
+        ("scene.largest_sh", i64::try_from(scene.largest_sh).unwrap_or(i64::MAX)),
+        ("scene.brightest", i64::try_from(scene.brightest).unwrap_or(i64::MAX)),
+    ];
+    facts.host.extend(scene_facts.map(|(name, value)| (name.to_owned(), Value::Int(value))));
+    facts.host.insert("scene.wide".to_owned(), Value::Bool(scene.wide));
+    facts
+}
+
+/// Collects the facts of a graph that draws no scene. The size is in pixels.
+pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts {
+    let viewport = [("viewport.width", width), ("viewport.height", height)];
+    Facts {
+        device: *device,
+        host: viewport.map(|(name, value)| (name.to_owned(), Value::Int(value.into()))).into(),
+    }
+}
+
+/// Largest number of storage buffers in a shader of the built-in graphs, with spherical harmonics of degree 3.
+///
+/// Vulkan guarantees only 4 per stage (`maxPerStageDescriptorStorageBuffers`).
+pub const MAX_STORAGE_BUFFERS: usize = 20;
+
+/// Subgroup sizes of real devices: CPUs have 4 to 16 lanes, most GPUs 32, some 64.
+pub const SUBGROUP_SIZES: [u32; 5] = [4, 8, 16, 32, 64];
+
+/// Subgroup size of most GPUs.
+pub const USUAL_SUBGROUP_SIZE: u32 = 32;
+
+/// Optional features that the built-in graphs use.
+pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
+    .union(Features::SUBGROUP_VOTE)
+    .union(Features::SUBGROUP_ARITHMETIC)
+    .union(Features::SUBGROUP_BALLOT)
+    .union(Features::SUBGROUP_SHUFFLE);
+
+/// Returns the facts of the smallest device that the built-in graphs run on.
+///
+/// Storage range, workgroup count and shared memory are the minima that Vulkan 1.3 guarantees. Three requirements exceed them:
+/// 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per shader (guaranteed: 4), and
+/// [`PORTABLE_FEATURES`] (guaranteed: none but the basic operations of subgroups).
+pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
+    DeviceFacts {
+        subgroup_size,
+        max_storage_bytes: 1 << 27,
+        max_groups_x: 65_535,
+        max_groups_y: 65_535,
+        max_groups_z: 65_535,
+        shared_bytes: 16 << 10,
+        max_invocations: 256,
+        rounds_half: false,
+        fused_fma: false,
+        features: PORTABLE_FEATURES,
+    }
+}
+
+/// Returns the facts of the smallest GPU of family Apple 7, the oldest in Macs with Apple silicon.
+///
+/// SIMD-groups of 32 threads, 32 KiB of threadgroup memory and 1,024 threads are those of Apple's "Metal Feature Set Tables". Metal
+/// has no limit of threadgroups in a grid; that of Vulkan's devices is taken. Buffers may be larger than 256 MiB, the least that the
+/// tables promise. Whether blending rounds is not documented.
+pub fn apple_device() -> DeviceFacts {
+    DeviceFacts {
+        max_storage_bytes: 1 << 28,
+        shared_bytes: 32 << 10,
+        max_invocations: 1024,
+        fused_fma: true,
+        ..portable_device(USUAL_SUBGROUP_SIZE)
+    }
+}
+
+/// Lists the imports of a graph that draws this scene.
+pub fn catalog(scene: &Scene) -> Catalog {
+    catalog_of(scene, scene.count().into())
+}
+
+/// Lists the imports of a graph that draws the nominal scene.
+pub fn nominal_catalog() -> Catalog {
+    let splat = |_| Splat {
+        position: [0.0; 3],
+        scale: [1.0; 3],
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity: 1.0,
+        sh: [0.0; 48],
+    };
+    // Attributes depend on the degree alone: one splat will do.
+    let scene = Scene::generate(1, SceneFacts::NOMINAL.stored_sh_degree, splat);
+    catalog_of(&scene, SceneFacts::NOMINAL.count)
+}
+
+fn catalog_of(scene: &Scene, count: u64) -> Catalog {
+    let attributes = ATTRIBUTES.iter().filter_map(|name| {
+        let info = scene.attribute(name)?;
+        Some((name.to_string(), Attribute { stride: info.stride, count, planes: info.planes }))
+    });
+    Catalog {
+        attributes: attributes.collect(),
+        uniforms: [(CAMERA.to_owned(), CAMERA_BYTES)].into(),
+        ..Catalog::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nominal_catalog_has_every_attribute_of_a_scene_of_degree_3_and_the_camera() {
+        let catalog = nominal_catalog();
+        assert_eq!(catalog.attributes.len(), ATTRIBUTES.len());
+        let expected = Attribute { stride: 16, count: 1_000_000, planes: 12 };
+        assert_eq!(catalog.attributes["scene.sh"], expected);
+        assert_eq!(catalog.uniforms["frame.camera"], 256);
+    }
+}

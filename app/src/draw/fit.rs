@@ -1,0 +1,344 @@
+//! Says whether a scene, drawn with a graph, fits a device, and how many of its splats would.
+//!
+//! Two limits stop large scenes: the bytes of one storage buffer, 128 MiB on the smallest devices, and the device's memory. A graph
+//! is first built for the device as it is. If that fails, it is built for the same device with storage buffers of any size, which
+//! shows how large the buffers would be. From two numbers of splats follows how they grow, and from that about how many fit; that
+//! number is then tried, and some larger ones: at least so many would fit, perhaps a few more.
+
+use crate::draw::facts;
+use crate::draw::planner::{GraphErrors, Planner};
+use serde::Serialize;
+use splatgraph_api::{DeviceInfo, Heap};
+use splatgraph_assets::memory::display;
+use splatgraph_assets::{SceneHeader, grouped};
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Shape, Source, Usage};
+use splatgraph_framework::plan::Plan;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+/// A graph and the scene that it is to draw.
+pub struct Wanted<'a> {
+    /// A preset's name or a path.
+    pub graph: &'a str,
+    /// Parameters of the graph; later entries win.
+    pub set: &'a [(String, String)],
+    /// The scene's facts.
+    pub scene: facts::SceneFacts,
+    /// The imports of a graph that draws the scene.
+    pub catalog: &'a Catalog,
+    /// Width and height of a picture, in pixels.
+    pub size: (u32, u32),
+}
+
+/// A device to fit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Target {
+    /// The device's name.
+    pub name: String,
+    /// The facts that graphs can use.
+    pub facts: DeviceFacts,
+    /// Its memory; 0 bytes where no device was asked.
+    pub heap: Heap,
+}
+
+impl Target {
+    /// Returns the smallest supported device, whose memory is not stated.
+    pub fn nominal() -> Target {
+        let facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+        Target { name: "the smallest supported device".to_owned(), facts, heap: Heap::default() }
+    }
+}
+
+/// The needs of a graph and a scene, against the limits of a device.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Fit {
+    /// The device.
+    pub device: Target,
+    /// Nothing is too large.
+    pub fits: bool,
+    /// Number of splats.
+    pub splats: u64,
+    /// Bytes of all resources on the device, shared memory counted once.
+    pub needed_bytes: u64,
+    /// The largest storage buffer, with its bytes.
+    pub largest: Option<(String, u64)>,
+    /// The storage buffers that are larger than the device binds, with their bytes.
+    pub too_large: Vec<(String, u64)>,
+    /// A number of splats that would fit, where those of the scene do not: at least so many.
+    ///
+    /// None where the graph does not say how its buffers grow.
+    pub most_splats: Option<u64>,
+}
+
+/// Bytes that a plan needs.
+struct Needs {
+    storage: BTreeMap<String, u64>,
+    total: u64,
+}
+
+impl Needs {
+    fn of(plan: &Plan) -> Needs {
+        let is_storage = |r: &&splatgraph_framework::plan::Resource| {
+            matches!(r.shape, Shape::Buffer { .. }) && r.usage.contains(Usage::STORAGE)
+        };
+        let storage = plan.resources.iter().filter(is_storage).map(|r| (r.name.clone(), r.bytes()));
+        let others = plan.resources.iter().filter(|r| r.source != Source::Transient).map(|r| r.bytes());
+        Needs { storage: storage.collect(), total: others.fold(plan.transient_bytes(), u64::saturating_add) }
+    }
+
+    fn too_large(&self, limit: u64) -> Vec<(String, u64)> {
+        let mut all: Vec<_> = self.storage.iter().filter(|(_, bytes)| **bytes > limit).collect();
+        all.sort_by_key(|(_, bytes)| std::cmp::Reverse(**bytes));
+        all.into_iter().map(|(name, bytes)| (name.clone(), *bytes)).collect()
+    }
+}
+
+/// Returns the bytes of the device's memory that can be taken; none where they are not known.
+fn available(heap: &Heap) -> Option<u64> {
+    heap.available.or(Some(heap.bytes).filter(|bytes| *bytes > 0))
+}
+
+/// Builds the plan, for the device if it fits and else as if it did, and holds it against the device.
+///
+/// # Errors
+/// The graph or its shaders have errors that are not those of a large scene.
+pub fn fit(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Result<(Plan, Fit), GraphErrors> {
+    let count = wanted.scene.count;
+    let (plan, built) = match build(planner, wanted, &device.facts, count) {
+        Ok(plan) => (plan, true),
+        // The first error is the one to report, unless larger buffers are all that is missing.
+        Err(errors) => match build(planner, wanted, &boundless(&device.facts), count) {
+            Ok(plan) => (plan, false),
+            Err(_) => return Err(errors),
+        },
+    };
+    let needs = Needs::of(&plan);
+    let largest = needs.storage.iter().max_by_key(|(_, bytes)| **bytes);
+    let within = available(&device.heap).is_none_or(|available| needs.total <= available);
+    let fits = built && within;
+    let fit = Fit {
+        device: device.clone(),
+        fits,
+        splats: count,
+        needed_bytes: needs.total,
+        largest: largest.map(|(name, bytes)| (name.clone(), *bytes)),
+        too_large: needs.too_large(device.facts.max_storage_bytes),
+        most_splats: if fits { None } else { most(planner, wanted, device, &needs) },
+    };
+    Ok((plan, fit))
+}
+
+fn boundless(device: &DeviceFacts) -> DeviceFacts {
+    DeviceFacts { max_storage_bytes: i64::MAX as u64, ..*device }
+}
+
+/// Builds the plan for `count` splats.
+fn build(
+    planner: &mut Planner,
+    wanted: &Wanted,
+    device: &DeviceFacts,
+    count: u64,
+) -> Result<Plan, GraphErrors> {
+    let scene = facts::SceneFacts { count, ..wanted.scene };
+    let mut catalog = wanted.catalog.clone();
+    for attribute in catalog.attributes.values_mut() {
+        attribute.count = count;
+    }
+    planner.plan(wanted.graph, wanted.set, &facts::facts(&scene, device, wanted.size), &catalog)
+}
+
+/// Finds a number of splats that fit, rounded down: at least so many would.
+fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) -> Option<u64> {
+    let (count, half) = (wanted.scene.count, wanted.scene.count / 2);
+    let fewer = Needs::of(&build(planner, wanted, &boundless(&device.facts), half.max(1)).ok()?);
+    let room = |bytes: u64, fewer: u64, limit: u64| {
+        // Bytes per splat, and those that do not grow.
+        let slope = bytes.checked_sub(fewer).filter(|more| *more > 0)? as f64 / (count - half) as f64;
+        let fixed = (bytes as f64 - slope * count as f64).max(0.0);
+        Some(((limit as f64 - fixed) / slope).max(0.0) as u64)
+    };
+    let limit = device.facts.max_storage_bytes;
+    let of_storage =
+        needs.storage.iter().filter_map(|(name, bytes)| room(*bytes, *fewer.storage.get(name)?, limit));
+    let of_memory = available(&device.heap).and_then(|available| room(needs.total, fewer.total, available));
+    let mut most = of_storage.chain(of_memory).min()?.min(count);
+    let mut fits = |count: u64| {
+        build(planner, wanted, &device.facts, count).is_ok_and(|plan| {
+            available(&device.heap).is_none_or(|available| Needs::of(&plan).total <= available)
+        })
+    };
+    let round = |count: u64| if count > 10_000 { count / 1000 * 1000 } else { count };
+    // Blocks of threads and digits of keys round the sizes up, so the estimate is tried.
+    for _ in 0..4 {
+        most = round(most);
+        if most == 0 {
+            return None;
+        }
+        if fits(most) {
+            return Some(more(most, count, |count| fits(round(count))).map_or(most, round));
+        }
+        most -= most / 16 + 1;
+    }
+    None
+}
+
+/// Finds more splats that fit, between a number that does and one that does not.
+///
+/// A graph may choose smaller formats where larger ones have no room, which the estimate does not know.
+fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Option<u64> {
+    let mut found = None;
+    for _ in 0..8 {
+        let middle = fit.midpoint(none);
+        if fits(middle) {
+            (fit, found) = (middle, Some(middle));
+        } else {
+            none = middle;
+        }
+    }
+    found
+}
+
+/// Refuses a scene that cannot fit the device, from its header, before any of it is loaded.
+///
+/// The bands of the harmonics that are in use are not known yet, so only the first is counted. Scenes that are small for the device
+/// cost nothing but their header; for others the plan is built.
+///
+/// # Errors
+/// The scene's header, or that of a scene that is too large.
+pub fn check_header(
+    path: &Path,
+    device: &DeviceInfo,
+    graph: &str,
+    set: &[(String, String)],
+) -> anyhow::Result<()> {
+    /// Bytes per splat of which a share of memory is no cause for worry: twice the largest buffer of the built-in graphs.
+    const USUAL: u64 = 96;
+    let SceneHeader { count, stored_degree } = SceneHeader::load(path)?;
+    let target = Target { name: device.name.clone(), facts: device.facts, heap: device.heap };
+    let least = available(&target.heap).unwrap_or(u64::MAX).min(target.facts.max_storage_bytes);
+    if count.saturating_mul(USUAL) <= least {
+        return Ok(());
+    }
+    let catalog = facts::nominal_catalog();
+    let scene = facts::SceneFacts {
+        count,
+        sh_degree: 0,
+        stored_sh_degree: stored_degree,
+        ..facts::SceneFacts::NOMINAL
+    };
+    let wanted = Wanted { graph, set, scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
+    // Errors of the graph are reported when it is built for the loaded scene.
+    match fit(&mut Planner::default(), &wanted, &target) {
+        Ok((_, fit)) if !fit.fits => anyhow::bail!("{}: {}", path.display(), fit.to_string().trim_end()),
+        _ => Ok(()),
+    }
+}
+
+impl fmt::Display for Fit {
+    /// Writes lines: the device, whether the scene fits, and what would.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Target { name, facts, heap } = &self.device;
+        let limit = facts.max_storage_bytes;
+        write!(f, "on {name}, whose storage buffers have at most {}", display(limit))?;
+        match (heap.available, heap.bytes) {
+            (Some(available), bytes) => {
+                writeln!(f, ", with {} of {} of its memory available", display(available), display(bytes))?;
+            }
+            (None, 0) => writeln!(f, " (--device names another)")?,
+            (None, bytes) => writeln!(f, ", with {} of memory", display(bytes))?,
+        }
+        if self.fits {
+            let largest = self.largest.as_ref();
+            let largest = largest.map(|(name, bytes)| {
+                format!("; its largest storage buffer, `{name}`, has {}", display(*bytes))
+            });
+            return writeln!(
+                f,
+                "  {} splats fit, with {} in all{}",
+                grouped(self.splats),
+                display(self.needed_bytes),
+                largest.unwrap_or_default()
+            );
+        }
+        writeln!(f, "  {} splats do not fit:", grouped(self.splats))?;
+        for (name, bytes) in &self.too_large {
+            writeln!(f, "    `{name}`: expected at most {}, found {}", display(limit), display(*bytes))?;
+        }
+        if let Some(available) = available(heap).filter(|available| self.needed_bytes > *available) {
+            let needed = display(self.needed_bytes);
+            writeln!(f, "    all resources: expected at most {}, found {needed}", display(available))?;
+        }
+        match self.most_splats {
+            Some(most) => writeln!(
+                f,
+                "  {} splats would fit: `splatgraph synth --enlarge SCENE.ply --count {most} -o fewer.ply` takes the first ones",
+                grouped(most)
+            ),
+            None => writeln!(f, "  fewer splats, a smaller picture or another device may fit"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::facts::SceneFacts;
+
+    fn fit_of(graph: &str, count: u64, device: &Target) -> (Plan, Fit) {
+        let catalog = facts::nominal_catalog();
+        let scene = SceneFacts { count, ..SceneFacts::NOMINAL };
+        let wanted = Wanted { graph, set: &[], scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
+        fit(&mut Planner::default(), &wanted, device).unwrap_or_else(|errors| panic!("{errors}"))
+    }
+
+    #[test]
+    fn five_million_splats_do_not_fit_the_smallest_device_and_what_fits_is_proposed() {
+        let (plan, fit) = fit_of("splat", 5_000_000, &Target::nominal());
+        assert!(!fit.fits && plan.resources.iter().any(|r| r.name == "splats"));
+        assert_eq!(fit.too_large[0], ("splats".to_owned(), 160_000_000));
+        let most = fit.most_splats.unwrap();
+        assert!((4_000_000..4_194_305).contains(&most), "{most}");
+        let text = fit.to_string();
+        assert!(text.contains("`splats`: expected at most 128.0 MiB, found 152.6 MiB"), "{text}");
+        assert!(text.contains("splats would fit: `splatgraph synth --enlarge"), "{text}");
+        let (_, fit) = fit_of("splat", most, &Target::nominal());
+        assert!(fit.fits && fit.to_string().contains("splats fit, with"), "{fit}");
+    }
+
+    #[test]
+    fn a_graph_that_chooses_smaller_formats_where_larger_ones_have_no_room_fits_more_splats() {
+        let (_, fit) = fit_of("tiled", 5_000_000, &Target::nominal());
+        assert!(!fit.fits);
+        let most = fit.most_splats.unwrap();
+        assert!((4_000_000..4_194_305).contains(&most), "1.4 M with harmonics in half floats, found {most}");
+        assert!(fit_of("tiled", most, &Target::nominal()).1.fits);
+    }
+
+    #[test]
+    fn a_scene_beyond_the_memory_that_is_available_does_not_fit() {
+        let heap = Heap { bytes: 8 << 30, available: Some(200 << 20) };
+        let mut device = Target { name: "small".to_owned(), heap, ..Target::nominal() };
+        let (_, fit) = fit_of("unsorted", 1_000_000, &device);
+        let text = fit.to_string();
+        assert!(!fit.fits && fit.too_large.is_empty(), "{text}");
+        assert!(text.contains("all resources: expected at most 200.0 MiB, found"), "{text}");
+        assert!(fit.most_splats.is_some_and(|most| (100_000..1_000_000).contains(&most)), "{text}");
+        device.heap.available = Some(4 << 30);
+        assert!(fit_of("unsorted", 1_000_000, &device).1.fits);
+    }
+
+    #[test]
+    fn a_graph_with_errors_of_its_own_is_an_error() {
+        let catalog = facts::nominal_catalog();
+        let set = [("cutoff".to_owned(), "much".to_owned())];
+        let wanted = Wanted {
+            graph: "splat",
+            set: &set,
+            scene: SceneFacts::NOMINAL,
+            catalog: &catalog,
+            size: facts::DEFAULT_SIZE,
+        };
+        assert!(fit(&mut Planner::default(), &wanted, &Target::nominal()).is_err());
+    }
+}

@@ -1,0 +1,146 @@
+//! Shows the contents of a resource as numbers, as a histogram and as a picture.
+//!
+//! Buffers are words without a type, shown as integers or as floats. Images have the type of their format.
+
+use crate::io::image::Image;
+use std::ops::Range;
+
+/// The words of a resource.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Words {
+    /// Words of a buffer, or of an image of integers.
+    Uint(Vec<u32>),
+    /// Values of an image of floats.
+    Float(Vec<f32>),
+}
+
+/// The interpretation of a buffer's words.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ReadAs {
+    /// Unsigned integers.
+    #[default]
+    Uint,
+    /// Single floats, bit for bit.
+    Float,
+}
+
+/// A histogram of values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Histogram {
+    /// Least and greatest finite value.
+    pub range: [f64; 2],
+    /// Number of values in each of the equal parts of the range.
+    pub counts: Vec<u64>,
+    /// Number of values that are infinite or not numbers.
+    pub not_finite: u64,
+}
+
+impl Words {
+    /// Counts the words.
+    pub fn len(&self) -> usize {
+        match self {
+            Words::Uint(words) => words.len(),
+            Words::Float(words) => words.len(),
+        }
+    }
+
+    /// Returns true if there are no words.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Converts a word to a number.
+    pub fn number(&self, index: usize, read: ReadAs) -> Option<f64> {
+        Some(match (self, read) {
+            (Words::Uint(words), ReadAs::Uint) => (*words.get(index)?).into(),
+            (Words::Uint(words), ReadAs::Float) => f32::from_bits(*words.get(index)?).into(),
+            (Words::Float(words), _) => (*words.get(index)?).into(),
+        })
+    }
+
+    /// Formats a word.
+    pub fn text(&self, index: usize, read: ReadAs) -> Option<String> {
+        Some(match (self, read) {
+            (Words::Uint(words), ReadAs::Uint) => words.get(index)?.to_string(),
+            _ => format!("{:.6}", self.number(index, read)?),
+        })
+    }
+
+    /// Sorts every `stride`th word of `range` into `bins` equal parts of the values' range.
+    pub fn histogram(&self, range: Range<usize>, stride: usize, read: ReadAs, bins: usize) -> Histogram {
+        let range = range.start.min(self.len())..range.end.min(self.len());
+        let numbers = || range.clone().step_by(stride.max(1)).filter_map(|index| self.number(index, read));
+        let finite = || numbers().filter(|v| v.is_finite());
+        let least = finite().fold(f64::INFINITY, f64::min);
+        let greatest = finite().fold(f64::NEG_INFINITY, f64::max);
+        let bins = bins.max(1);
+        let mut counts = vec![0; bins];
+        let mut found = 0;
+        for value in finite() {
+            found += 1;
+            let share = if greatest > least { (value - least) / (greatest - least) } else { 0.0 };
+            let bin = ((share * bins as f64) as usize).min(bins - 1);
+            counts[bin] += 1;
+        }
+        let range = if found == 0 { [0.0, 0.0] } else { [least, greatest] };
+        Histogram { range, counts, not_finite: numbers().count() as u64 - found }
+    }
+
+    /// Makes a picture of an image of `[height, width, channels]`: its colours, or its one channel in grey.
+    ///
+    /// Values between 0 and 1 stay as they are; a wider range is scaled to 0..1.
+    pub fn picture(&self, shape: &[u64]) -> Option<Image> {
+        let (height, width, channels) = match *shape {
+            [height, width] => (height as usize, width as usize, 1),
+            [height, width, channels] => (height as usize, width as usize, channels as usize),
+            _ => return None,
+        };
+        if self.len() != width * height * channels || self.is_empty() {
+            return None;
+        }
+        let value = |index: usize| self.number(index, ReadAs::Uint).filter(|v| v.is_finite()).unwrap_or(0.0);
+        let shown = channels.min(3);
+        let colours = || (0..width * height).flat_map(move |p| (0..shown).map(move |c| p * channels + c));
+        let least = colours().map(value).fold(0.0, f64::min);
+        let greatest = colours().map(value).fold(1.0, f64::max);
+        let scaled = |index: usize| ((value(index) - least) / (greatest - least)) as f32;
+        Some(Image::from_fn(width, height, |x, y| {
+            let pixel = (y * width + x) * channels;
+            std::array::from_fn(|c| scaled(pixel + c.min(shown - 1)))
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_word_is_read_as_an_integer_or_bit_for_bit_as_a_float() {
+        let words = Words::Uint(vec![7, 1.5f32.to_bits()]);
+        assert_eq!(words.text(0, ReadAs::Uint).unwrap(), "7");
+        assert_eq!(words.number(1, ReadAs::Float), Some(1.5));
+        assert_eq!(words.text(2, ReadAs::Uint), None);
+    }
+
+    #[test]
+    fn a_histogram_spans_the_finite_values_and_counts_the_others_apart() {
+        let words = Words::Float(vec![0.0, 1.0, 2.0, 4.0, f32::NAN, f32::INFINITY]);
+        let found = words.histogram(0..6, 1, ReadAs::Uint, 4);
+        assert_eq!(found, Histogram { range: [0.0, 4.0], counts: vec![1, 1, 1, 1], not_finite: 2 });
+        let evens = words.histogram(0..4, 2, ReadAs::Uint, 2);
+        assert_eq!(evens.counts, [1, 1]);
+        assert_eq!(words.histogram(4..5, 1, ReadAs::Uint, 2).range, [0.0, 0.0]);
+        // Equal values fall into the first part.
+        assert_eq!(Words::Uint(vec![5; 3]).histogram(0..3, 1, ReadAs::Uint, 3).counts, [3, 0, 0]);
+    }
+
+    #[test]
+    fn an_image_of_one_channel_is_grey_and_large_values_are_stretched() {
+        let grey = Words::Uint(vec![0, 2, 4, 1]).picture(&[2, 2]).unwrap();
+        assert_eq!((grey.at(0, 0), grey.at(0, 1)), ([0.0; 3], [1.0; 3]));
+        let colour = Words::Float(vec![0.25, 0.5, 1.0, 9.0]).picture(&[1, 1, 4]).unwrap();
+        assert_eq!(colour.at(0, 0), [0.25, 0.5, 1.0], "alpha stretches nothing");
+        assert_eq!(Words::Uint(vec![1; 6]).picture(&[6]), None);
+    }
+}

@@ -1,0 +1,374 @@
+//! Reads the contents of a buffer or an image after a pass.
+//!
+//! A target is written `RESOURCE@PASS`, with the names of the plan's dump. Short forms are allowed: `keys` is the half of the
+//! ping-pong pair `keys#0`, `keys#1` that the pass writes; `sort.scatter`, or just `scatter`, is the last of
+//! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers. Depth keys must ascend over the visible
+//! splats, and the finding says whether they do.
+
+mod contents;
+
+use crate::io::image::{ImageError, save_words};
+use half::f16;
+use serde::Serialize;
+use splatgraph_api::Inspect;
+use splatgraph_framework::ir::{Format, Pass, PassId, ResourceId, Run, Shape};
+use splatgraph_framework::plan::{Plan, Resource};
+use splatgraph_framework::source::nearest;
+use std::fmt;
+use std::path::Path;
+
+pub use contents::{Histogram, ReadAs, Words};
+
+/// Number of words shown from either end.
+const SHOWN: usize = 8;
+
+/// An inspection that names no resource or pass of the plan.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct InspectError(String);
+
+/// Resolves `RESOURCE@PASS` in a plan.
+pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, InspectError> {
+    let after = find_pass(plan, pass)?;
+    Ok(Inspect { resource: find_resource(plan, resource, plan.pass(after))?, after })
+}
+
+/// Returns true if the pass runs only in the first frame after a load.
+pub fn in_prologue(plan: &Plan, target: &Inspect) -> bool {
+    plan.pass(target.after).run == Run::Once
+}
+
+/// Strips the index of `sort.scatter[2]`.
+fn without_index(name: &str) -> &str {
+    name.split_once('[').map_or(name, |(stem, _)| stem)
+}
+
+/// Strips the index and the includes of `sort.scatter[2]`.
+fn last_part(name: &str) -> &str {
+    let stem = without_index(name);
+    stem.rsplit_once('.').map_or(stem, |(_, last)| last)
+}
+
+fn find_pass(plan: &Plan, name: &str) -> Result<PassId, InspectError> {
+    let passes = plan.prologue.iter().chain(&plan.frame).map(|step| step.pass);
+    let exact = passes.clone().find(|id| plan.pass(*id).name == name);
+    let last = || passes.clone().rfind(|id| without_index(&plan.pass(*id).name) == name);
+    let last_by_part = || passes.clone().rfind(|id| last_part(&plan.pass(*id).name) == name);
+    exact.or_else(last).or_else(last_by_part).ok_or_else(|| {
+        let names: Vec<&str> = passes.map(|id| plan.pass(id).name.as_str()).collect();
+        let stems = names.iter().flat_map(|name| [*name, without_index(name), last_part(name)]);
+        InspectError(match nearest(name, stems) {
+            Some(near) => format!("no pass `{name}` runs; did you mean `{near}`?"),
+            None => format!("no pass `{name}` runs; the plan runs {}", names.join(", ")),
+        })
+    })
+}
+
+fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, InspectError> {
+    if let Some(id) = plan.find_resource(name) {
+        return Ok(id);
+    }
+    let named = |is: &dyn Fn(&str) -> bool| -> Vec<ResourceId> {
+        let found = plan.resources.iter().enumerate();
+        found.filter(|(_, r)| is(&r.name)).map(|(index, _)| ResourceId(index as u32)).collect()
+    };
+    let ends = |full: &str| full.strip_suffix(name).is_some_and(|front| front.ends_with('.'));
+    let mut halves = named(&|full| without_half(full) == name);
+    if halves.is_empty() {
+        halves = named(&|full| ends(full) || ends(without_half(full)));
+    }
+    if halves.is_empty() {
+        let names = plan.resources.iter().map(|r| without_half(&r.name));
+        return Err(InspectError(match nearest(name, names.clone()) {
+            Some(near) => format!("the plan has no resource `{name}`; did you mean `{near}`?"),
+            None => {
+                format!("the plan has no resource `{name}`; it has {}", names.collect::<Vec<_>>().join(", "))
+            }
+        }));
+    }
+    let touched = |writes: bool| -> Vec<ResourceId> {
+        let uses =
+            |id: &ResourceId| pass.uses.iter().any(|t| t.resource == *id && (t.accesses.writes() || !writes));
+        halves.iter().copied().filter(uses).collect()
+    };
+    match (touched(true).as_slice(), touched(false).as_slice(), halves.as_slice()) {
+        (&[id], ..) | (_, &[id], _) | (.., &[id]) => Ok(id),
+        _ => {
+            let names: Vec<&str> = halves.iter().map(|id| plan.resource(*id).name.as_str()).collect();
+            let names = names.join(" or ");
+            Err(InspectError(format!(
+                "`{name}` is {names}, and `{}` does not say which: name one",
+                pass.name
+            )))
+        }
+    }
+}
+
+/// Returns true for the name of a resource with sort keys: `keys` or `order.keys#1`, but not their previous contents.
+pub fn holds_keys(name: &str) -> bool {
+    let last = name.rsplit_once('.').map_or(name, |(_, last)| last);
+    last.starts_with("keys") && !name.starts_with("last(")
+}
+
+/// Strips the half of `keys#1`.
+fn without_half(name: &str) -> &str {
+    name.split_once('#').map_or(name, |(stem, _)| stem)
+}
+
+/// The contents of a resource after a pass.
+#[derive(Clone, Debug, Serialize)]
+pub struct Finding {
+    /// The resource's full name.
+    pub resource: String,
+    /// The pass's name.
+    pub pass: String,
+    /// `[count, words per element]` of a buffer, `[height, width, channels]` of an image; a last 1 is left out.
+    pub shape: Vec<u64>,
+    /// The order of the keys; only for resources whose name begins with `keys`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub order: Option<KeyOrder>,
+    /// Number of elements with contents, if known: the visible ones of a resource with one element per splat.
+    #[serde(skip)]
+    pub counted: Option<u64>,
+    /// True for an image.
+    #[serde(skip)]
+    pub is_image: bool,
+    /// The words.
+    #[serde(skip)]
+    pub words: Words,
+}
+
+/// The order of sorted keys.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct KeyOrder {
+    /// Number of examined keys: the visible ones, or all if that number is unknown.
+    pub keys: u64,
+    /// True if no key is smaller than the one before it.
+    pub ascending: bool,
+    /// Number of keys that are smaller than the one before them.
+    pub descents: u64,
+    /// Index of the first such key.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub first_descent: Option<u64>,
+}
+
+impl Finding {
+    /// Makes a finding from the bytes of a resource. `visible` is the number of visible splats, if known.
+    pub fn new(plan: &Plan, target: &Inspect, bytes: &[u8], visible: Option<u64>) -> Finding {
+        let resource = plan.resource(target.resource);
+        let (shape, words) = words(resource, bytes);
+        let order = match &words {
+            Words::Uint(keys) if holds_keys(&resource.name) => Some(KeyOrder::of(keys, visible)),
+            _ => None,
+        };
+        let pass = plan.pass(target.after).name.clone();
+        let is_image = matches!(resource.shape, Shape::Image { .. });
+        let counted = order.as_ref().map(|order: &KeyOrder| order.keys);
+        Finding { resource: resource.name.clone(), pass, shape, order, counted, is_image, words }
+    }
+
+    /// Saves the words as a NumPy array: uint32 for buffers, float32 for images of floats.
+    pub fn save(&self, path: &Path) -> Result<(), ImageError> {
+        match &self.words {
+            Words::Uint(words) => save_words(path, &self.shape, words),
+            Words::Float(words) => save_words(path, &self.shape, words),
+        }
+    }
+
+    /// Formats the shape, the order of the keys, and the first and last words.
+    pub fn text(&self) -> String {
+        let shape: Vec<String> = self.shape.iter().map(u64::to_string).collect();
+        let mut text = format!("{} after {}: {} words", self.resource, self.pass, shape.join(" x "));
+        if let (Some(order), Words::Uint(keys)) = (&self.order, &self.words) {
+            text += &format!("\n  {order}");
+            if let Some(at) = order.first_descent {
+                text += &format!(": {} after {}", keys[at as usize], keys[at as usize - 1]);
+            }
+        }
+        match &self.words {
+            Words::Uint(words) => text + &ends(words),
+            Words::Float(words) => text + &ends(words),
+        }
+    }
+}
+
+fn ends<T: std::fmt::Display>(words: &[T]) -> String {
+    let join = |words: &[T]| words.iter().map(T::to_string).collect::<Vec<_>>().join(" ");
+    match words.len() {
+        n if n <= 2 * SHOWN => format!("\n  all: {}", join(words)),
+        n => format!("\n  first: {}\n  last: {}", join(&words[..SHOWN]), join(&words[n - SHOWN..])),
+    }
+}
+
+impl fmt::Display for KeyOrder {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let KeyOrder { keys, descents, .. } = self;
+        match self.first_descent {
+            None => write!(f, "monotonic: the first {keys} keys ascend"),
+            Some(at) => write!(
+                f,
+                "not monotonic: {descents} of the first {keys} keys are smaller than the one before, the first at {at}"
+            ),
+        }
+    }
+}
+
+impl KeyOrder {
+    fn of(keys: &[u32], visible: Option<u64>) -> KeyOrder {
+        let count = visible.map_or(keys.len(), |n| keys.len().min(n as usize));
+        let descents = || (1..count).filter(|&i| keys[i] < keys[i - 1]);
+        let first_descent = descents().next().map(|i| i as u64);
+        KeyOrder {
+            keys: count as u64,
+            ascending: first_descent.is_none(),
+            descents: descents().count() as u64,
+            first_descent,
+        }
+    }
+}
+
+fn words(resource: &Resource, bytes: &[u8]) -> (Vec<u64>, Words) {
+    let uint = || bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let float = || bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let half = || bytes.chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32()).collect();
+    match resource.shape {
+        Shape::Buffer { stride, count } if stride % 4 == 0 && stride > 4 => {
+            (vec![count, stride / 4], Words::Uint(uint()))
+        }
+        Shape::Buffer { .. } => (vec![bytes.len() as u64 / 4], Words::Uint(uint())),
+        Shape::Image { format, width, height } => {
+            let (height, width) = (height.into(), width.into());
+            match format {
+                Format::R32Uint => (vec![height, width], Words::Uint(uint())),
+                Format::R32Float => (vec![height, width], Words::Float(float())),
+                Format::Rgba32Float => (vec![height, width, 4], Words::Float(float())),
+                Format::Rgba16Float => (vec![height, width, 4], Words::Float(half())),
+                Format::Rgba8Unorm => {
+                    let unit = bytes.iter().map(|b| f32::from(*b) / 255.0).collect();
+                    (vec![height, width, 4], Words::Float(unit))
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_framework::ir::{Accesses, Origin, Source, Stages, Usage, Use, Work};
+    use splatgraph_framework::plan::Step;
+
+    fn origin() -> Origin {
+        Origin { file: "test.ron".into(), line: 1, column: 1 }
+    }
+
+    fn pass(name: &str, reads: u32, writes: u32) -> Pass {
+        let touch = |resource, accesses| Use {
+            resource: ResourceId(resource),
+            stages: Stages::COMPUTE,
+            accesses,
+            layout: None,
+            discards: false,
+        };
+        Pass {
+            name: name.into(),
+            phase: "sort".into(),
+            run: Run::Frame,
+            work: Work::Export,
+            bindings: vec![],
+            push: vec![],
+            uses: vec![touch(reads, Accesses::STORAGE_READ), touch(writes, Accesses::STORAGE_WRITE)],
+            origin: origin(),
+        }
+    }
+
+    /// Makes a plan of two scatters that ping-pong, and a pass that reads the result.
+    fn plan() -> Plan {
+        let buffer = |name: &str, stride| Resource {
+            name: name.into(),
+            shape: Shape::Buffer { stride, count: 6 },
+            usage: Usage::STORAGE,
+            source: Source::Transient,
+            block: None,
+            history: None,
+            origin: origin(),
+        };
+        let passes = vec![
+            pass("sort.scatter[0]", 0, 1),
+            pass("sort.scatter[1]", 1, 0),
+            pass("draw", 2, 2),
+            pass("both", 0, 1),
+        ];
+        Plan {
+            name: "test".into(),
+            summary: String::new(),
+            based_on: vec![],
+            fallbacks: vec![],
+            facts: Default::default(),
+            params: vec![],
+            effects: vec![],
+            resources: vec![buffer("keys#0", 4), buffer("keys#1", 4), buffer("args", 8)],
+            shaders: vec![],
+            blocks: vec![],
+            handover: vec![],
+            prologue: vec![],
+            frame: (0..3).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),
+            passes,
+            culled: vec![],
+            warnings: vec![],
+            output: ResourceId(2),
+            stats: vec![],
+        }
+    }
+
+    fn resolved(resource: &str, pass: &str) -> (u32, u32) {
+        let found = resolve(&plan(), resource, pass).unwrap();
+        (found.resource.0, found.after.0)
+    }
+
+    #[test]
+    fn a_pair_means_the_half_that_the_pass_writes_and_a_repeat_its_last_pass() {
+        assert_eq!(resolved("keys", "sort.scatter[0]"), (1, 0));
+        assert_eq!(resolved("keys", "sort.scatter[1]"), (0, 1));
+        assert_eq!(resolved("keys", "sort.scatter"), (0, 1));
+        assert_eq!(resolved("keys", "scatter"), (0, 1));
+        assert_eq!(resolved("keys#1", "sort.scatter"), (1, 1));
+        assert_eq!(resolved("args", "draw"), (2, 2));
+    }
+
+    #[test]
+    fn what_cannot_be_meant_is_an_error_with_a_hint() {
+        let error = |resource, pass| resolve(&plan(), resource, pass).unwrap_err().to_string();
+        assert_eq!(error("keys", "sort.scater"), "no pass `sort.scater` runs; did you mean `sort.scatter`?");
+        assert_eq!(error("key", "draw"), "the plan has no resource `key`; did you mean `keys`?");
+        assert!(
+            error("keys", "draw").starts_with("`keys` is keys#0 or keys#1, and `draw` does not say which")
+        );
+        // In the plan's list of passes, but not among its steps.
+        assert!(error("keys", "both").starts_with("no pass `both` runs"));
+    }
+
+    #[test]
+    fn the_order_of_keys_is_judged_over_the_visible_ones() {
+        let keys = [1u32, 1, 4, 3, 9, 0];
+        let bytes: Vec<u8> = keys.iter().flat_map(|k| k.to_le_bytes()).collect();
+        let target = Inspect { resource: ResourceId(0), after: PassId(1) };
+        let found = |visible| Finding::new(&plan(), &target, &bytes, visible);
+
+        let order = found(Some(3)).order.unwrap();
+        assert_eq!(order, KeyOrder { keys: 3, ascending: true, descents: 0, first_descent: None });
+        assert!(found(Some(3)).text().contains("monotonic: the first 3 keys ascend"));
+        let order = found(None).order.unwrap();
+        assert_eq!(order, KeyOrder { keys: 6, ascending: false, descents: 2, first_descent: Some(3) });
+        assert!(found(None).text().contains("the first at 3: 3 after 4"), "{}", found(None).text());
+        assert!(found(Some(0)).order.unwrap().ascending);
+    }
+
+    #[test]
+    fn elements_of_several_words_have_a_second_dimension_and_no_order() {
+        let found =
+            Finding::new(&plan(), &Inspect { resource: ResourceId(2), after: PassId(2) }, &[0; 48], None);
+        assert_eq!(found.shape, [6, 2]);
+        assert_eq!(found.order, None);
+    }
+}

@@ -1,0 +1,212 @@
+//! Draws frames of several sessions interleaved, and summarises their times.
+//!
+//! A device changes its clock with its temperature and its load. Sessions that are compared therefore draw one frame each, one after
+//! the other, again and again: a drift concerns all of them alike. The frames are divided into rounds; the medians of the rounds show
+//! how much is chance. A frame is drawn alone on the device: the next is submitted when it is done.
+
+use crate::draw::session::{FrameOptions, Session, SessionError};
+use crate::draw::stats::median;
+use serde::{Deserialize, Serialize};
+use splatgraph_api::{Device, FrameResult};
+use splatgraph_assets::Camera;
+use std::time::{Duration, Instant};
+
+/// Numbers of frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Effort {
+    /// Rounds, whose medians show the spread.
+    pub rounds: u32,
+    /// Frames of each in a round, interleaved.
+    pub frames: u32,
+}
+
+/// A frame with the time of the host.
+pub struct Timed {
+    /// The results.
+    pub result: FrameResult,
+    /// Milliseconds on the host's clock until the frame was submitted.
+    pub submit_ms: f64,
+    /// Milliseconds on the host's clock until the frame was done.
+    pub wall_ms: f64,
+}
+
+/// The frames of a session, by round.
+pub type Rounds = Vec<Vec<Timed>>;
+
+/// The parts of a frame that have timestamps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Timestamps {
+    /// The frame, and each of its passes.
+    Passes,
+    /// The frame alone: those of passes take a device some time themselves.
+    Frame,
+}
+
+/// Draws a frame alone on the device, with timestamps of its passes.
+///
+/// # Errors
+/// The device fails.
+pub fn frame<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Timed, SessionError> {
+    draw(session, camera, Timestamps::Passes)
+}
+
+fn draw<D: Device>(
+    session: &mut Session<D>,
+    camera: &Camera,
+    timestamps: Timestamps,
+) -> Result<Timed, SessionError> {
+    let begun = Instant::now();
+    let ms = || 1e3 * begun.elapsed().as_secs_f64();
+    let options = FrameOptions { untimed_passes: timestamps == Timestamps::Frame, ..FrameOptions::default() };
+    let frame = session.submit(camera, &options)?;
+    let submit_ms = ms();
+    let result = session.wait(frame)?;
+    Ok(Timed { result, submit_ms, wall_ms: ms() })
+}
+
+/// Draws frames of sessions that are prepared in the camera's size, interleaved.
+///
+/// Returns the rounds of each, in the order of the sessions.
+///
+/// # Errors
+/// The device fails.
+pub fn rounds<D: Device>(
+    sessions: &mut [&mut Session<D>],
+    camera: &Camera,
+    effort: Effort,
+    timestamps: Timestamps,
+) -> Result<Vec<Rounds>, SessionError> {
+    let mut all: Vec<Rounds> = sessions.iter().map(|_| Vec::new()).collect();
+    for _ in 0..effort.rounds {
+        all.iter_mut().for_each(|rounds| rounds.push(Vec::new()));
+        for _ in 0..effort.frames {
+            for (session, rounds) in sessions.iter_mut().zip(&mut all) {
+                let frame = draw(session, camera, timestamps)?;
+                rounds.last_mut().expect("a round was begun").push(frame);
+            }
+        }
+    }
+    Ok(all)
+}
+
+/// Time for which frames are drawn before any counts, at least: a device that has rested runs at a lower clock.
+pub const WARM_UP: Duration = Duration::from_millis(200);
+
+/// Draws frames interleaved for a while, which count for nothing. Returns the milliseconds of the last turn.
+///
+/// # Errors
+/// The device fails.
+pub fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> Result<f64, SessionError> {
+    let begun = Instant::now();
+    let turn = Effort { rounds: 1, frames: 1 };
+    let mut turns = 0;
+    loop {
+        let turn_begun = Instant::now();
+        rounds(sessions, camera, turn, Timestamps::Passes)?;
+        turns += 1;
+        // Two at least: a graph may draw with the order of the frame before.
+        if turns >= 2 && begun.elapsed() >= WARM_UP {
+            return Ok(1e3 * turn_begun.elapsed().as_secs_f64());
+        }
+    }
+}
+
+/// Computes the share of the host's time of frames in which the device drew, 1 at most; `None` without timestamps or frames.
+pub fn busy(frames: &[Timed]) -> Option<f64> {
+    let drawn = frames.iter().map(|frame| frame.result.total_ms).sum::<Option<f64>>()?;
+    let all: f64 = frames.iter().map(|frame| frame.wall_ms).sum();
+    (all > 0.0).then(|| (drawn / all).min(1.0))
+}
+
+/// Time that the frames of a round take together, about.
+const ROUND: Duration = Duration::from_millis(200);
+
+/// Chooses the number of frames in a round, by the time of one.
+///
+/// # Errors
+/// The device fails.
+pub fn suitable_frames<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<u32, SessionError> {
+    frame(session, camera)?;
+    Ok(frames_of(frame(session, camera)?.wall_ms))
+}
+
+/// Chooses the number of frames in a round, for frames of so many milliseconds.
+pub fn frames_of(wall_ms: f64) -> u32 {
+    ((1e3 * ROUND.as_secs_f64() / wall_ms) as u32).clamp(1, 30)
+}
+
+/// A measured quantity with its spread.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Figure {
+    /// The median of the rounds' medians.
+    pub median: f64,
+    /// The largest of the rounds' medians without the smallest.
+    pub spread: f64,
+}
+
+impl Figure {
+    /// Summarises rounds of values; `None` if a value is missing, or there are none.
+    pub fn of(rounds: impl IntoIterator<Item = Vec<Option<f64>>>) -> Option<Figure> {
+        let medians = rounds.into_iter().map(|round| median(round.into_iter().collect::<Option<Vec<_>>>()?));
+        let medians = medians.collect::<Option<Vec<f64>>>()?;
+        let (least, most) =
+            medians.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
+        Some(Figure { median: median(medians)?, spread: most - least })
+    }
+
+    /// Takes the mean of medians, with the largest of their spreads; `None` if one is missing, or there are none.
+    pub fn mean(figures: impl IntoIterator<Item = Option<Figure>>) -> Option<Figure> {
+        let figures = figures.into_iter().collect::<Option<Vec<Figure>>>()?;
+        let sum: f64 = figures.iter().map(|figure| figure.median).sum();
+        let spread = figures.iter().map(|figure| figure.spread).reduce(f64::max)?;
+        Some(Figure { median: sum / figures.len() as f64, spread })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn round(values: &[f64]) -> Vec<Option<f64>> {
+        values.iter().map(|value| Some(*value)).collect()
+    }
+
+    #[test]
+    fn a_figure_is_the_median_of_the_rounds_medians_and_one_slow_frame_does_not_show() {
+        let rounds = [round(&[1.0, 2.0, 90.0]), round(&[3.0, 3.0, 3.0]), round(&[2.5, 7.0, 1.0])];
+        assert_eq!(Figure::of(rounds), Some(Figure { median: 2.5, spread: 1.0 }));
+        assert_eq!(Figure::of([round(&[4.0, 2.0])]), Some(Figure { median: 3.0, spread: 0.0 }));
+    }
+
+    #[test]
+    fn a_device_is_busy_for_the_share_of_the_time_in_which_it_draws() {
+        let frame = |total_ms, wall_ms| Timed {
+            result: FrameResult { total_ms, ..FrameResult::default() },
+            submit_ms: 0.0,
+            wall_ms,
+        };
+        assert_eq!(busy(&[frame(Some(1.0), 3.0), frame(Some(2.0), 3.0)]), Some(0.5));
+        assert_eq!(busy(&[frame(Some(2.0), 1.0)]), Some(1.0));
+        assert_eq!((busy(&[frame(None, 1.0)]), busy(&[])), (None, None));
+    }
+
+    #[test]
+    fn a_figure_with_a_missing_value_is_none() {
+        assert_eq!(Figure::of([vec![Some(1.0), None]]), None);
+        assert_eq!(Figure::of([round(&[])]), None);
+        assert_eq!(Figure::of([]), None);
+        assert_eq!(Figure::mean([Some(Figure { median: 1.0, spread: 0.0 }), None]), None);
+        assert_eq!(Figure::mean([]), None);
+    }
+
+    #[test]
+    fn the_mean_over_views_has_the_largest_spread_of_one() {
+        let figures = [(1.0, 0.25), (2.0, 0.5), (6.0, 0.0)].map(|(median, spread)| Figure { median, spread });
+        assert_eq!(Figure::mean(figures.map(Some)), Some(Figure { median: 3.0, spread: 0.5 }));
+    }
+
+    #[test]
+    fn a_round_has_as_many_frames_as_take_a_fifth_of_a_second_but_at_least_one() {
+        assert_eq!([0.5, 10.0, 40.0, 5000.0].map(frames_of), [30, 20, 5, 1]);
+    }
+}

@@ -1,0 +1,511 @@
+//! Finds how wide a depth key must be.
+//!
+//! A key never decreases with depth, so that only equal keys can be in the wrong order: they keep the order of the file.
+//! Only pairs that overlap on the screen matter; others may change places without a trace. The keys are those of
+//! shaders/depth_key.glsl, computed here with the same operations, and a test holds the two together.
+//!
+//! [`of_scene`] is the width that orders every view of a scene exactly, which the graphs know as the fact `scene.key_bits`; [`needs`] finds
+//! what given views need.
+
+use crate::draw::camera::{ROUNDING, depth_range};
+use crate::draw::orbit;
+use rayon::prelude::*;
+use serde::Serialize;
+use splatgraph_assets::{Bounds, Camera, NEAR, Scene};
+use splatgraph_reference::{Rules, Visible, visible};
+use std::ops::Range;
+
+/// A mapping of depth to keys, by the names of the graphs' parameter `key_map`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mapping {
+    /// The bits of the float.
+    FloatBits,
+    /// Equal steps of depth.
+    Linear,
+    /// Equal ratios of depth, nearly.
+    Logarithmic,
+    /// Equal numbers of the frame's splats, nearly.
+    Equalised,
+}
+
+/// Widths of keys in bits, from the narrowest to the widest.
+pub const WIDTHS: std::ops::RangeInclusive<u32> = 8..=32;
+
+impl Mapping {
+    /// Lists all, the cheapest to compute first.
+    pub const ALL: [Mapping; 4] =
+        [Mapping::FloatBits, Mapping::Linear, Mapping::Logarithmic, Mapping::Equalised];
+
+    /// The parameter's value.
+    pub fn name(self) -> &'static str {
+        match self {
+            Mapping::FloatBits => "float_bits",
+            Mapping::Linear => "linear",
+            Mapping::Logarithmic => "logarithmic",
+            Mapping::Equalised => "equalised",
+        }
+    }
+}
+
+/// The keys of a frame.
+pub struct Keys {
+    map: Mapping,
+    range: (f32, f32),
+    bits: u32,
+    /// The first key of each class of depths, and the end of the last; only for equalised keys.
+    starts: Vec<u32>,
+}
+
+/// Classes of depths of equalised keys: see shaders/depth_classes.glsl.
+const CLASS_BITS: u32 = 11;
+
+impl Keys {
+    /// Prepares keys of so many bits; `range` is the depth range of the scene's box, neither below the near plane.
+    ///
+    /// `depths` are those of the frame's visible splats.
+    pub fn new(map: Mapping, (near, far): (f32, f32), bits: u32, depths: impl Iterator<Item = f32>) -> Keys {
+        let mut keys = Keys { map, range: (near, far.max(near)), bits, starts: Vec::new() };
+        if map == Mapping::Equalised {
+            let mut counts = vec![0u32; 1 << CLASS_BITS];
+            depths.for_each(|z| counts[(keys.place(z) >> (32 - CLASS_BITS)) as usize] += 1);
+            let all = counts.iter().sum();
+            let mut before = 0;
+            keys.starts.push(0);
+            for count in counts {
+                before += count;
+                keys.starts.push(key_after(before, all, bits.min(31)));
+            }
+        }
+        keys
+    }
+
+    /// Computes the place of a depth in the range, as a share of 2^32, as `depth_place` of the shader.
+    fn place(&self, z: f32) -> u32 {
+        let (near, far) = self.range;
+        let range = far.to_bits() - near.to_bits();
+        let x = z.clamp(near, far).to_bits() - near.to_bits();
+        if range == 0 { 0 } else { x << range.leading_zeros() }
+    }
+
+    /// Computes the key of a depth.
+    pub fn of(&self, z: f32) -> u32 {
+        let ((near, far), bits) = (self.range, self.bits);
+        let z_held = z.clamp(near, far);
+        match self.map {
+            Mapping::Equalised => {
+                let place = self.place(z);
+                let class = (place >> (32 - CLASS_BITS)) as usize;
+                let width = self.starts[class + 1] - self.starts[class];
+                self.starts[class] + high(place << CLASS_BITS, width)
+            }
+            Mapping::FloatBits if bits == 32 => z.to_bits(),
+            Mapping::FloatBits => {
+                stretch(z_held.to_bits() - near.to_bits(), far.to_bits() - near.to_bits(), bits)
+            }
+            Mapping::Logarithmic => {
+                let first = fixed_log2(near);
+                stretch(fixed_log2(z_held) - first, fixed_log2(far) - first, bits)
+            }
+            Mapping::Linear => {
+                let share = (z_held - near) * (1.0 / (far - near).max(1e-30));
+                // The cast saturates as the shader's product never does: it stays below 2^bits.
+                (share.min(0.999_999_94) * (bits as f32).exp2()) as u32
+            }
+        }
+    }
+}
+
+/// The upper half of a product.
+fn high(a: u32, b: u32) -> u32 {
+    ((u64::from(a) * u64::from(b)) >> 32) as u32
+}
+
+/// Computes the key before which `count` of `all` splats come, as `key_after` of shaders/equalise.comp.
+fn key_after(count: u32, all: u32, bits: u32) -> u32 {
+    if all == 0 {
+        return 0;
+    }
+    let up = all.leading_zeros();
+    high(count << up, factor(all << up, bits)).min((1 << bits) - 1)
+}
+
+/// Computes 2^bits over a range of 2^31 or more, in units of 2^-32.
+///
+/// It is rounded, but the same for every key.
+fn factor(range: u32, bits: u32) -> u32 {
+    let factor = (bits as f32).exp2() * (4_294_967_296.0 / (range as f32 + 1.0));
+    factor.min(4_294_967_040.0) as u32
+}
+
+/// Computes log2 of a positive float in fixed point, with 24 fractional bits, as `fixed_log2` of the shader.
+fn fixed_log2(z: f32) -> u32 {
+    let bits = z.to_bits();
+    let m = bits << 9;
+    ((bits >> 23) << 24) + (m >> 8) + (high(high(m, !m), 1_477_468_750) >> 8)
+}
+
+/// Scales 0 .. range to `bits` bits; returns x unchanged if the range fits.
+fn stretch(x: u32, range: u32, bits: u32) -> u32 {
+    if bits >= 32 || range >> bits == 0 {
+        return x;
+    }
+    let up = range.leading_zeros();
+    high(x << up, factor(range << up, bits)).min((1 << bits) - 1)
+}
+
+/// A view as far as its order goes.
+pub struct View<'a> {
+    /// The visible splats, near to far.
+    pub visible: &'a [Visible],
+    /// Tiles across and down.
+    pub tiles: [u32; 2],
+    /// The depth range that keys are made for.
+    pub range: (f32, f32),
+}
+
+/// The width that a mapping needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Need {
+    /// The mapping.
+    pub map: Mapping,
+    /// Bits of the key; `None` if even 32 are not enough.
+    pub bits: Option<u32>,
+}
+
+/// Finds the least width for each mapping that orders the views well enough.
+///
+/// It leaves at most `errors` overlapping pairs in the wrong order, in any view.
+pub fn needs(views: &[View], errors: u64) -> Vec<Need> {
+    Mapping::ALL.into_par_iter().map(|map| Need { map, bits: need(views, map, errors) }).collect()
+}
+
+/// Finds the least width of a mapping; `None` if even 32 bits are not enough.
+fn need(views: &[View], map: Mapping, errors: u64) -> Option<u32> {
+    let enough = |bits: &u32| views.iter().all(|view| wrong_pairs(view, map, *bits, errors) <= errors);
+    // From wide to narrow: wide keys have few ties, and the first width with too many ends the search.
+    WIDTHS.rev().take_while(enough).last()
+}
+
+/// Holds the splats that cameras see of a scene, as far as their order goes.
+pub struct Seen<'a> {
+    scene: &'a Scene,
+    cameras: &'a [Camera],
+    visible: Vec<(Vec<Visible>, [u32; 2])>,
+}
+
+impl Seen<'_> {
+    /// Projects the scene into every view, by the published rules.
+    pub fn new<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
+        let visible = cameras.iter().map(|camera| visible(scene, camera, &Rules::PUBLISHED)).collect();
+        Seen { scene, cameras, visible }
+    }
+
+    /// Projects the splats that can show by the published rules: others may be in any order.
+    ///
+    /// [`of_scene`] counts the others, too: a graph's parameter `alpha_floor` can be set lower than the published floor.
+    pub fn shown<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
+        let mut seen = Seen::new(scene, cameras);
+        for (visible, _) in &mut seen.visible {
+            visible.retain(|splat| scene.can_show(splat.index as usize));
+        }
+        seen
+    }
+
+    /// Lists the views.
+    pub fn views(&self) -> Vec<View<'_>> {
+        let mut views = Vec::new();
+        for ((visible, tiles), camera) in self.visible.iter().zip(self.cameras) {
+            let [near, far] = depth_range(camera, &self.scene.bounds()).map(|z| z as f32);
+            views.push(View { visible, tiles: *tiles, range: (near, far) });
+        }
+        views
+    }
+}
+
+/// Makes `count` cameras around the middle of a scene, the given one first.
+pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
+    let center = scene.robust_bounds().center();
+    let turned = |at: u32| Camera {
+        img_name: format!("{} {at}", first.img_name),
+        ..orbit::turned(first, center, 360.0 / f64::from(count) * f64::from(at))
+    };
+    (0..count).map(turned).collect()
+}
+
+/// Computes the width of keys by the bits of the float that orders every view of a scene exactly, 8 to 32.
+///
+/// Keys are exact where their range has at most 2^width floats. In a view, depths go from some `near` to at most `near` plus the diagonal
+/// of the scene's box. The bits of a float are concave in its value, so no such range has more floats than that from the near plane on.
+/// Depths are rounded ([`depth_range`]), by little for cameras no farther from the origin than a thousand times the scene is.
+pub fn of_scene(bounds: &Bounds) -> u32 {
+    let side = |i: usize| f64::from(bounds.max[i]) - f64::from(bounds.min[i]);
+    let diagonal = (0..3).map(|i| side(i) * side(i)).sum::<f64>().sqrt();
+    let coordinate = |i: usize| f64::from(bounds.min[i].abs().max(bounds.max[i].abs()));
+    let rounding = 2000.0 * ROUNDING * (0..3).map(coordinate).sum::<f64>();
+    let far = (NEAR + diagonal + rounding).min(f32::MAX.into()) as f32;
+    let range = far.to_bits() - (NEAR as f32).to_bits();
+    (u32::BITS - range.leading_zeros()).clamp(*WIDTHS.start(), *WIDTHS.end())
+}
+
+/// Tiles and pairs that are looked at for one width in one view. Splats that tie by the thousand, at one place or on a plane, would
+/// otherwise take the square of their number.
+const MOST_WORK: u64 = 20_000_000;
+
+/// Counts the pairs that overlap on the screen and are drawn in the wrong order; stops beyond `limit`.
+///
+/// Pairs overlap if they touch a common tile, which may be a few more than share a pixel. Where counting them takes more than
+/// [`MOST_WORK`], there are taken to be too many, so that keys are too wide rather than too narrow.
+fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
+    let of = Keys::new(map, view.range, bits, view.visible.iter().map(|splat| splat.depth as f32));
+    let keys: Vec<u32> = view.visible.par_iter().map(|splat| of.of(splat.depth as f32)).collect();
+    let mut ties = Ties { view, limit, work: 0, count: 0 };
+    let tiles = (view.tiles[0] * view.tiles[1]) as usize;
+    let (mut greatest, mut in_tile) = (vec![None; tiles], vec![Vec::new(); tiles]);
+    let mut begin = 0;
+    while begin < keys.len() && ties.count <= limit {
+        let end = begin + keys[begin..].iter().take_while(|key| **key == keys[begin]).count();
+        match (end - begin, limit) {
+            (1, _) => {}
+            (_, 0) => ties.find_one(begin..end, &mut greatest),
+            _ => ties.count_all(begin..end, &mut in_tile),
+        }
+        begin = end;
+    }
+    ties.count
+}
+
+/// The wrong pairs among splats with equal keys.
+struct Ties<'a, 'b> {
+    view: &'a View<'b>,
+    limit: u64,
+    work: u64,
+    count: u64,
+}
+
+impl Ties<'_, '_> {
+    /// Counts a unit of work; too much of it counts as too many pairs.
+    fn work(&mut self, units: u64) -> bool {
+        self.work += units;
+        if self.work > MOST_WORK {
+            self.count = self.limit + 1;
+        }
+        self.count > self.limit
+    }
+
+    fn tiles(&self, at: usize) -> impl Iterator<Item = (u32, u32, usize)> + use<> {
+        let ([x0, y0, x1, y1], across) = (self.view.visible[at].tiles, self.view.tiles[0]);
+        (y0..y1).flat_map(move |y| (x0..x1).map(move |x| (x, y, (y * across + x) as usize)))
+    }
+
+    /// Looks for one wrong pair in a run of equal keys: a splat behind one that comes later in the file. `greatest` has, for each tile, the run
+    /// and the greatest index that it has seen.
+    fn find_one(&mut self, run: Range<usize>, greatest: &mut [Option<(usize, u32)>]) {
+        for at in run.clone() {
+            let index = self.view.visible[at].index;
+            for (_, _, tile) in self.tiles(at) {
+                if self.work(1) {
+                    return;
+                }
+                match &mut greatest[tile] {
+                    Some((begin, nearer)) if *begin == run.start => {
+                        if *nearer > index {
+                            self.count = 1;
+                            return;
+                        }
+                        *nearer = index;
+                    }
+                    other => *other = Some((run.start, index)),
+                }
+            }
+        }
+    }
+
+    /// Counts the wrong pairs of a run of equal keys. The lists in `in_tile` are empty before and after.
+    fn count_all(&mut self, run: Range<usize>, in_tile: &mut [Vec<usize>]) {
+        let mut touched = Vec::new();
+        'run: for at in run {
+            let splat = &self.view.visible[at];
+            for (x, y, tile) in self.tiles(at) {
+                if self.work(1 + in_tile[tile].len() as u64) {
+                    break 'run;
+                }
+                for &nearer in &in_tile[tile] {
+                    let other = &self.view.visible[nearer];
+                    // A pair is counted in the first tile that both touch.
+                    let first = (splat.tiles[0].max(other.tiles[0]), splat.tiles[1].max(other.tiles[1]));
+                    self.count += u64::from(other.index > splat.index && first == (x, y));
+                }
+                in_tile[tile].push(at);
+                touched.push(tile);
+            }
+        }
+        touched.into_iter().for_each(|tile| in_tile[tile].clear());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Splats at depths, each nearer one later in the file, so that every tie is an error where they overlap.
+    fn reversed(depths: &[f64], tiles: impl Fn(usize) -> [u32; 4]) -> Vec<Visible> {
+        let last = depths.len() - 1;
+        let splat = |(at, depth): (usize, &f64)| Visible {
+            index: (last - at) as u32,
+            depth: *depth,
+            tiles: tiles(at),
+        };
+        depths.iter().enumerate().map(splat).collect()
+    }
+
+    fn bits(visible: &[Visible], map: Mapping, errors: u64) -> Option<u32> {
+        let (near, far) = (visible[0].depth as f32, visible[visible.len() - 1].depth as f32);
+        let views = [View { visible, tiles: [4, 4], range: (near, far) }];
+        needs(&views, errors).into_iter().find(|need| need.map == map).expect("all are there").bits
+    }
+
+    #[test]
+    fn steps_within_one_unit_of_depth_need_as_many_bits_as_there_are_steps() {
+        // 512 depths in equal steps: linear keys need 9 bits.
+        let depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
+        let visible = reversed(&depths, |_| [0, 0, 1, 1]);
+        assert_eq!(bits(&visible, Mapping::Linear, 0), Some(9));
+        // At 10 to 11, floats are in equal steps, too.
+        assert_eq!(bits(&visible, Mapping::FloatBits, 0), Some(9));
+    }
+
+    #[test]
+    fn an_outlier_takes_the_bits_of_linear_keys_and_not_those_of_the_others() {
+        // 64 depths from 1 to 2 in steps of 1/64, and one at 2e7.
+        let mut depths: Vec<f64> = (0..64).map(|i| 1.0 + f64::from(i) / 64.0).collect();
+        depths.push(2e7);
+        let visible = reversed(&depths, |_| [0, 0, 1, 1]);
+        // A step is 1 / (64 * 2e7) = 2^-30.3 of the range.
+        assert_eq!(bits(&visible, Mapping::Linear, 0), Some(31));
+        // From 1 to 2e7 are 24.25 octaves of 2^23 floats, and a step is 2^17 of them: 1552 steps.
+        assert_eq!(bits(&visible, Mapping::FloatBits, 0), Some(11));
+        let logarithmic = bits(&visible, Mapping::Logarithmic, 0).unwrap();
+        assert!((11..=12).contains(&logarithmic), "{logarithmic}");
+    }
+
+    #[test]
+    fn ten_thousand_splats_at_one_place_cost_no_more_than_their_number() {
+        let same: Vec<Visible> =
+            (0..10_000).map(|index| Visible { index, depth: 10.0, tiles: [0, 0, 4, 4] }).collect();
+        assert_eq!(bits(&same, Mapping::FloatBits, 0), Some(8), "they keep the order of the file");
+        let behind: Vec<Visible> =
+            (0..10_000).map(|index| Visible { index: 9_999 - index, ..same[0] }).collect();
+        assert_eq!(bits(&behind, Mapping::FloatBits, 0), None);
+        // To count their pairs would take too much.
+        assert_eq!(bits(&same, Mapping::FloatBits, 1), None);
+    }
+
+    #[test]
+    fn pairs_that_do_not_overlap_or_keep_the_order_of_the_file_are_no_errors() {
+        let depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
+        let apart = reversed(&depths, |at| {
+            let (x, y) = ((at % 4) as u32, (at / 4 % 4) as u32);
+            [x, y, x + 1, y + 1]
+        });
+        // The next one in the same tile is 16 steps away: 5 bits would do, and 8 are the least.
+        assert_eq!(bits(&apart, Mapping::Linear, 0), Some(8));
+        let mut in_order = reversed(&depths, |_| [0, 0, 1, 1]);
+        in_order.iter_mut().enumerate().for_each(|(at, splat)| splat.index = at as u32);
+        assert_eq!(bits(&in_order, Mapping::Linear, 0), Some(8));
+    }
+
+    #[test]
+    fn a_number_of_errors_can_be_allowed() {
+        let depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
+        // A pair of two large splats shares four tiles and counts once.
+        let visible = reversed(&depths, |_| [0, 0, 2, 2]);
+        // With 8 bits, about every two neighbours have one key.
+        let view = View { visible: &visible, tiles: [4, 4], range: (10.0, 10.0 + 511.0 / 512.0) };
+        let wrong = wrong_pairs(&view, Mapping::Linear, 8, u64::MAX);
+        assert_eq!(wrong, 256);
+        assert_eq!(
+            (bits(&visible, Mapping::Linear, 256), bits(&visible, Mapping::Linear, 255)),
+            (Some(8), Some(9))
+        );
+    }
+
+    #[test]
+    fn the_cameras_around_a_scene_keep_their_distance() {
+        let scene = splatgraph_assets::synth::generate("uniform", 200, 0).unwrap();
+        let cameras = around(&scene, &Camera::framing(&scene, 64, 48), 4);
+        let center = scene.robust_bounds().center();
+        let depth: Vec<f64> = cameras.iter().map(|camera| camera.to_view(center)[2]).collect();
+        assert_eq!(cameras.len(), 4);
+        assert!(depth.iter().all(|z| (z - depth[0]).abs() < 1e-9 && *z > 0.0), "{depth:?}");
+        assert_ne!(cameras[0].position, cameras[2].position);
+    }
+
+    #[test]
+    fn equalised_keys_go_where_the_splats_are() {
+        // 512 depths from 10 to 11, an outlier at 2e7: 10 bits do, of which linear keys take 33.
+        let mut depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
+        depths.push(2e7);
+        let visible = reversed(&depths, |_| [0, 0, 1, 1]);
+        let wide = bits(&visible, Mapping::FloatBits, 0).unwrap();
+        let narrow = bits(&visible, Mapping::Equalised, 0).unwrap();
+        assert!((9..=11).contains(&narrow) && narrow + 2 < wide, "{narrow} of {wide}");
+        assert_eq!(bits(&visible, Mapping::Linear, 0), None);
+    }
+
+    #[test]
+    fn the_width_of_a_scene_grows_with_the_octaves_from_the_near_plane_through_its_box() {
+        let cube = |side: f32| of_scene(&Bounds { min: [-0.5 * side; 3], max: [0.5 * side; 3] });
+        // A diagonal of 1.7 is 3.2 octaves from 0.2 on, one of 17 is 6.4, one of 17,000 is 16.4.
+        assert_eq!([1.0, 10.0, 1e4, 1e8].map(cube), [25, 26, 28, 28]);
+        assert_eq!(of_scene(&Bounds { min: [0.5; 3], max: [0.5; 3] }), 17, "a point has the rounding alone");
+        assert_eq!(of_scene(&Bounds { min: [-1e38; 3], max: [1e38; 3] }), 31);
+    }
+
+    proptest! {
+        #[test]
+        fn keys_of_a_scenes_width_keep_all_depths_apart_in_every_view(
+            corner in prop::array::uniform3(-1e3f32..1e3),
+            size in prop::array::uniform3(0f32..1e2),
+            eye in prop::array::uniform3(-300f64..300.0),
+            to in prop::array::uniform3(0f64..1.0),
+            shares in prop::collection::vec(prop::array::uniform3(0f64..=1.0), 2..20),
+        ) {
+            let bounds = Bounds { min: corner, max: std::array::from_fn(|i| corner[i] + size[i]) };
+            let at = |share: [f64; 3]| -> [f64; 3] {
+                std::array::from_fn(|i| {
+                    let (low, high) = (f64::from(bounds.min[i]), f64::from(bounds.max[i]));
+                    low + share[i] * (high - low)
+                })
+            };
+            // Near, within and far from the box.
+            let position: [f64; 3] = std::array::from_fn(|i| f64::from(corner[i]) + eye[i] * eye[0].abs() / 300.0);
+            let target = at(to);
+            prop_assume!((0..3).any(|i| (target[i] - position[i]).abs() > 1e-3));
+            let camera = Camera::looking_at(position, target, 60.0, (64, 48));
+            let bits = of_scene(&bounds);
+            let [near, far] = depth_range(&camera, &bounds).map(|z| z as f32);
+            let keys = Keys::new(Mapping::FloatBits, (near, far), bits, [].into_iter());
+            for share in shares {
+                let z = camera.to_view(at(share))[2] as f32;
+                prop_assume!(z > NEAR as f32);
+                // Up to the ends of the range, where no depth of the box is clamped.
+                prop_assert!(near <= z && z <= far, "{z} is not in {near} to {far}");
+                prop_assert!(keys.of(z) < keys.of(z.next_up()) || z == far, "{bits} bits, {z} in {near} to {far}");
+            }
+        }
+
+        #[test]
+        fn keys_never_decrease_with_depth(a in 0.2f32..1e6, b in 0.2f32..1e6, width in 8u32..=32, far in 1f32..1e6) {
+            let (a, b) = (a.min(b), a.max(b));
+            for map in Mapping::ALL {
+                // Any depths may be in the frame.
+                let keys = Keys::new(map, (0.2, far), width, [a, 0.3, 7.0, 7.1].into_iter());
+                let (first, second) = (keys.of(a), keys.of(b));
+                prop_assert!(first <= second, "{map:?}: {first} {second}");
+                prop_assert!(width == 32 || second < 1 << width, "{map:?}: {second}");
+            }
+        }
+    }
+}

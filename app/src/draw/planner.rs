@@ -1,0 +1,307 @@
+//! Builds plans from graphs.
+
+use crate::draw::builtin;
+use crate::draw::capacity::Capacities;
+use serde::Serialize;
+use splatgraph_framework::build;
+use splatgraph_framework::ir::{Catalog, Facts, Request, Span};
+use splatgraph_framework::lower::{self, Control, ExpressionNames, Standing};
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::reload::Wanted;
+use splatgraph_framework::shader::{Cancel, Glslang, SpirvStore, Worker};
+use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render, render_warnings};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
+
+/// Says how planners compile shaders, and which files graphs may name.
+#[derive(Clone, Debug, Default)]
+pub struct Settings {
+    /// The program that compiles shaders. Without one they are compiled in this process, which a broken shader can end.
+    pub worker: Option<Worker>,
+    /// Keeps compiled shaders between runs; `None` compiles them in each.
+    pub store: Option<Arc<dyn SpirvStore>>,
+    /// Folders that the files of a graph may lie in besides its own.
+    pub include_roots: Vec<PathBuf>,
+}
+
+static SETTINGS: OnceLock<Settings> = OnceLock::new();
+
+/// Gives all planners that [`Planner::default`] makes these settings. The first call counts.
+pub fn configure(settings: Settings) {
+    // A second call comes from a second test in one process, with the same settings.
+    let _ = SETTINGS.set(settings);
+}
+
+/// Returns the folders of [`configure`] that graphs' files may lie in.
+pub fn include_roots() -> &'static [PathBuf] {
+    SETTINGS.get().map_or(&[], |settings| &settings.include_roots)
+}
+
+/// A builder of plans with a cache of compiled shaders.
+pub struct Planner {
+    /// See [`Request::share_memory`].
+    pub share_memory: bool,
+    /// See [`Request::capacities`].
+    pub capacities: Capacities,
+    files: SourceMap,
+    compiler: Glslang,
+    settings: Settings,
+    unsaved: BTreeMap<PathBuf, String>,
+}
+
+impl Default for Planner {
+    /// Makes a planner with the settings of [`configure`].
+    fn default() -> Planner {
+        Planner::new(SETTINGS.get().cloned().unwrap_or_default())
+    }
+}
+
+impl Planner {
+    /// Makes a planner with an empty cache.
+    pub fn new(settings: Settings) -> Planner {
+        let compiler = settings.worker.clone().map_or_else(Glslang::new, Glslang::in_worker);
+        let compiler = match &settings.store {
+            Some(store) => compiler.with_store(store.clone()),
+            None => compiler,
+        };
+        let unsaved = BTreeMap::new();
+        let files = files(&settings, &unsaved);
+        Planner { share_memory: true, capacities: Capacities::default(), files, compiler, settings, unsaved }
+    }
+
+    /// Counts the shaders that were compiled, and not found in a cache.
+    pub fn compiled(&self) -> usize {
+        self.compiler.compiled_count()
+    }
+
+    /// Makes builds end early when `cancel` asks for it.
+    pub fn set_cancel(&mut self, cancel: Cancel) {
+        self.compiler.set_cancel(cancel);
+    }
+
+    /// Builds the plan of `graph`, a preset's name or a path, with the parameters in `set`; later entries win.
+    pub fn plan(
+        &mut self,
+        graph: &str,
+        set: &[(String, String)],
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<Plan, GraphErrors> {
+        let capacities = self.capacities.values();
+        let request = Request { graph, set, capacities, facts, catalog, share_memory: self.share_memory };
+        build(&request, &mut self.files, &mut self.compiler)
+            .map_err(|found| GraphErrors::new(&self.files, &found))
+    }
+
+    /// Renders the warnings of a plan that was built since [`Planner::forget_files`], with the source text; empty if it has none.
+    pub fn warnings(&self, plan: &Plan, colour: bool) -> String {
+        let found: Vec<Diagnostic> = plan.warnings.iter().map(|w| w.diagnostic.clone()).collect();
+        render_warnings(&self.files, &found, colour)
+    }
+
+    /// Lists the warnings of a plan as plain data; as [`Planner::warnings`].
+    pub fn plain_warnings(&self, plan: &Plan) -> Vec<PlainDiagnostic> {
+        let plain = |found| PlainDiagnostic::new(&self.files, found, Severity::Warning);
+        plan.warnings.iter().map(|warning| plain(&warning.diagnostic)).collect()
+    }
+
+    /// Lists the parameters of `graph` with the values that `set` gives them, and those that grow with at least [`Planner::capacities`].
+    pub fn controls(
+        &mut self,
+        graph: &str,
+        set: &[(String, String)],
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<Vec<Control>, GraphErrors> {
+        let capacities = self.capacities.values();
+        let request = Request { graph, set, capacities, facts, catalog, share_memory: self.share_memory };
+        lower::controls(&request, &mut self.files)
+            .map(|(_, controls)| controls)
+            .map_err(|found| GraphErrors::new(&self.files, &found))
+    }
+
+    /// Says what stands in for `graph` where the facts lack what it needs, and what is lacking where nothing does.
+    pub fn standing(
+        &mut self,
+        graph: &str,
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<Standing, GraphErrors> {
+        let share_memory = self.share_memory;
+        let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory };
+        lower::standing(&request, &mut self.files).map_err(|found| GraphErrors::new(&self.files, &found))
+    }
+
+    /// Drops the files in memory, so that the next plan reads them again. Unchanged shaders are not recompiled.
+    pub fn forget_files(&mut self) {
+        self.files = files(&self.settings, &self.unsaved);
+    }
+
+    /// Reads these texts in place of the files at their paths, which are on disk; see [`Library::unsaved`].
+    pub fn read_unsaved(&mut self, texts: BTreeMap<PathBuf, String>) {
+        self.unsaved = texts;
+        self.forget_files();
+    }
+
+    /// Lists the names of a graph's expressions with their values.
+    pub fn expression_names(
+        &mut self,
+        graph: &str,
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<ExpressionNames, GraphErrors> {
+        let share_memory = self.share_memory;
+        let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory };
+        lower::expression_names(&request, &mut self.files)
+            .map_err(|found| GraphErrors::new(&self.files, &found))
+    }
+
+    /// Returns the text of a graph.
+    pub fn graph_text(&mut self, graph: &str) -> Option<String> {
+        let file = self.files.find(None, graph, Kind::Graph).ok()?;
+        Some(self.files.text(file).to_owned())
+    }
+
+    /// Finds a shader that a graph names; returns its path, as [`PlainDiagnostic::file`], and its text.
+    pub fn shader(&mut self, graph: &str, name: &str) -> Option<(String, String)> {
+        let graph = self.files.find(None, graph, Kind::Graph).ok()?;
+        let file = self.files.find(Some(graph), name, Kind::Shader).ok()?;
+        Some((self.files.path(file).to_owned(), self.files.text(file).to_owned()))
+    }
+
+    /// Lists the files that the plans since [`Planner::forget_files`] depend on.
+    pub fn wanted(&self) -> Vec<Wanted> {
+        self.files.wanted()
+    }
+}
+
+/// Lists the settings that have no effect in a plan: the parameter, and a sentence with the reason.
+pub fn without_effect(plan: &Plan, set: &[(String, String)]) -> Vec<(String, String)> {
+    let mut found: Vec<(String, String)> = Vec::new();
+    for (name, _) in set {
+        if let (Some(_), Some(text)) = (plan.no_effect(name), plan.effect_text(name))
+            && found.iter().all(|(other, _)| other != name)
+        {
+            found.push((name.clone(), text));
+        }
+    }
+    found
+}
+
+fn files(settings: &Settings, unsaved: &BTreeMap<PathBuf, String>) -> SourceMap {
+    let (include_roots, unsaved) = (settings.include_roots.clone(), unsaved.clone());
+    SourceMap::new(Library { builtin: builtin::FILES, include_roots, unsaved, ..Library::default() })
+}
+
+/// The errors of a graph and its shaders, rendered with the source text.
+#[derive(Debug)]
+pub struct GraphErrors {
+    /// The errors, at least one.
+    pub found: Vec<PlainDiagnostic>,
+    plain: String,
+    coloured: String,
+}
+
+impl GraphErrors {
+    fn new(files: &SourceMap, found: &[Diagnostic]) -> GraphErrors {
+        GraphErrors {
+            found: found.iter().map(|error| PlainDiagnostic::new(files, error, Severity::Error)).collect(),
+            plain: render(files, found, false),
+            coloured: render(files, found, true),
+        }
+    }
+
+    /// Returns the rendered errors, ready for printing.
+    pub fn text(&self, colour: bool) -> &str {
+        if colour { &self.coloured } else { &self.plain }
+    }
+}
+
+impl fmt::Display for GraphErrors {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.plain.trim_end())
+    }
+}
+
+impl std::error::Error for GraphErrors {}
+
+/// Says whether a diagnostic keeps a graph from being drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Severity {
+    /// There is no plan.
+    Error,
+    /// There is one.
+    Warning,
+}
+
+/// Holds a diagnostic as plain data, for programs. Lines and columns count from 1, columns in characters.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct PlainDiagnostic {
+    /// The file's path, as it was named.
+    pub file: String,
+    /// The line of the first character.
+    pub line: u32,
+    /// The column of the first character.
+    pub column: u32,
+    /// The line of the end.
+    pub end_line: u32,
+    /// The column behind the last character.
+    pub end_column: u32,
+    /// Error or warning.
+    pub severity: Severity,
+    /// The mistake, as a sentence.
+    pub message: String,
+    /// What stands at the place; may be empty.
+    pub label: String,
+    /// Suggestions.
+    pub help: Vec<String>,
+}
+
+impl PlainDiagnostic {
+    fn new(files: &SourceMap, found: &Diagnostic, severity: Severity) -> PlainDiagnostic {
+        let span = found.primary.span;
+        let (line, column) = files.line_column(span);
+        let (end_line, end_column) = files.line_column(Span { start: span.end.max(span.start), ..span });
+        PlainDiagnostic {
+            file: files.path(span.file).to_owned(),
+            line,
+            column,
+            end_line,
+            end_column,
+            severity,
+            message: found.message.clone(),
+            label: found.primary.text.clone(),
+            help: found.help.clone(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::facts::{self, SceneFacts};
+    use splatgraph_framework::ir::DescriptorKind;
+
+    #[test]
+    fn the_built_in_graphs_bind_as_many_storage_buffers_as_the_portable_device_promises() {
+        let catalog = facts::nominal_catalog();
+        let mut planner = Planner::default();
+        let mut most = 0;
+        for lanes in [4, facts::USUAL_SUBGROUP_SIZE] {
+            let device = facts::portable_device(lanes);
+            let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+            for graph in ["splat", "tiled"] {
+                let set = [("sh_storage".to_owned(), "f32".to_owned())];
+                let plan = planner.plan(graph, &set, &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
+                for pass in &plan.passes {
+                    let buffers = pass.bindings.iter().filter(|b| b.kind == DescriptorKind::StorageBuffer);
+                    most = most.max(buffers.count());
+                }
+            }
+        }
+        assert_eq!(most, facts::MAX_STORAGE_BUFFERS);
+    }
+}

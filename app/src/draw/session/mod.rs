@@ -1,0 +1,443 @@
+//! Draws frames with a device, a scene and a plan.
+//!
+//! A [`Session`] owns all three. [`Session::prepare`] builds the plan for a picture size and loads it with the scene;
+//! [`Session::submit`] draws a frame from a camera, and [`Session::wait`] returns its results. Up to
+//! [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be submitted before the first is waited for.
+//!
+//! All results are of whole frames. If one was drawn in part, because a list had no room for all that it needed (see
+//! [`capacity`]), [`Session::wait`] builds a plan with more room and draws the frame again; and then those that were in flight
+//! behind it, so that all results come from the present plan. A repeated frame has the inputs of the first, and what a graph keeps
+//! from frame to frame is as the frames in part left it: `last(...)` is then of the same camera, or of the next one in flight. The room stays
+//! until [`Session::set_graph`], for pictures of all sizes; where the default for another size is larger, that is taken.
+
+use crate::draw::camera;
+use crate::draw::capacity::{self, Capacities, Overflow};
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::inspect::{self, InspectError};
+use crate::draw::planner::{self, GraphErrors, Planner};
+use crate::io::image::Image;
+use crate::io::output::say;
+use half::f16;
+use splatgraph_api::{
+    BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
+};
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::ir::{Fallback, Format};
+use splatgraph_framework::lower::Control;
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::reload::Wanted;
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::sync::Arc;
+
+/// An error of a session.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The graph or its shaders have errors.
+    #[error(transparent)]
+    Graph(#[from] GraphErrors),
+    /// The device refused the plan, or failed.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+    /// A frame was submitted before [`Session::prepare`].
+    #[error("no plan: `prepare` must be called before `submit`")]
+    NotPrepared,
+    /// A frame needs more of something than the range of its parameter allows.
+    #[error(
+        "expected a frame that needs at most {most} {parameter}, the end of the parameter's range, found one that needs {needed}"
+    )]
+    Full {
+        /// The parameter that cannot grow.
+        parameter: String,
+        /// The end of its range.
+        most: i64,
+        /// The need of the frame.
+        needed: i64,
+    },
+    /// A frame needs a plan with more room, which cannot be built or loaded.
+    #[error(
+        "expected a device with room for {room} {parameter}, of which a frame needs {needed}, found none:\n{error}"
+    )]
+    NoRoom {
+        /// The parameter that grows.
+        parameter: String,
+        /// The value that it would have.
+        room: i64,
+        /// The need of the frame.
+        needed: i64,
+        /// The error of the plan. No source: its text is part of this one's, whichever kind it is.
+        error: Box<SessionError>,
+    },
+    /// A frame is drawn again with a plan that lacks what was to be inspected.
+    #[error(transparent)]
+    Inspect(#[from] InspectError),
+}
+
+/// A device that draws a scene with a plan; see the module's documentation.
+pub struct Session<D> {
+    device: D,
+    scene: Arc<Scene>,
+    pipeline: String,
+    set: Vec<(String, String)>,
+    planner: Planner,
+    /// Warnings about the graph were printed.
+    warned: bool,
+    /// The graphs passed over that were told of last.
+    told: Vec<Fallback>,
+    /// The settings without an effect that were told of.
+    told_settings: BTreeSet<String>,
+    loaded: Option<(Arc<Plan>, (u32, u32))>,
+    frame: u32,
+    /// Frames that may have to be drawn again, in the order of submission.
+    flying: Vec<Flight>,
+    growths: u32,
+}
+
+/// A frame that was submitted and not waited for.
+struct Flight {
+    id: FrameId,
+    camera: Camera,
+    request: FrameOptions,
+    number: u32,
+    plan: Arc<Plan>,
+    growths: u32,
+}
+
+/// The frames whose inputs are kept: as many as a device keeps results of.
+const MOST_FLYING: usize = 64;
+
+/// The caller's options for a frame.
+#[derive(Clone, Debug, Default)]
+pub struct FrameOptions {
+    /// Background colour, display-encoded.
+    pub background: [f32; 3],
+    /// True to read the picture back.
+    pub read_output: bool,
+    /// Resources to read back, each after a pass.
+    pub inspect: Vec<Inspect>,
+    /// True to time the frame as a whole only: see [`FrameInputs::untimed_passes`].
+    pub untimed_passes: bool,
+}
+
+impl<D: Device> Session<D> {
+    /// Creates a session that draws `scene` with a graph and the parameters in `set`.
+    ///
+    /// `pipeline` is a preset's name or a path. No plan is built yet.
+    pub fn new(
+        device: D,
+        scene: impl Into<Arc<Scene>>,
+        pipeline: &str,
+        set: &[(String, String)],
+    ) -> Session<D> {
+        Session {
+            device,
+            scene: scene.into(),
+            pipeline: pipeline.to_owned(),
+            set: set.to_vec(),
+            planner: Planner::default(),
+            warned: false,
+            told: Vec::new(),
+            told_settings: BTreeSet::new(),
+            loaded: None,
+            frame: 0,
+            flying: Vec::new(),
+            growths: 0,
+        }
+    }
+
+    /// Creates a session of its own on the same device, with the same scene, that draws another graph.
+    ///
+    /// # Errors
+    /// The device has no room for another context.
+    pub fn beside(&self, pipeline: &str, set: &[(String, String)]) -> Result<Session<D>, SessionError> {
+        self.beside_with(self.scene.clone(), pipeline, set)
+    }
+
+    /// Creates a session of its own on the same device that draws another scene.
+    ///
+    /// # Errors
+    /// The device has no room for another context.
+    pub fn beside_with(
+        &self,
+        scene: impl Into<Arc<Scene>>,
+        pipeline: &str,
+        set: &[(String, String)],
+    ) -> Result<Session<D>, SessionError> {
+        Ok(Session::new(self.device.new_context()?, scene, pipeline, set))
+    }
+
+    /// Keeps every resource's contents until the end of the frame, in memory of its own, for inspection after any pass.
+    ///
+    /// This applies to plans that are prepared later.
+    pub fn keep_contents(&mut self) {
+        self.planner.share_memory = false;
+    }
+
+    /// Changes the graph and its parameters; the next [`Session::prepare`] builds its plan.
+    ///
+    /// Frames in flight are forgotten, and parameters that grew start from their defaults again: a measurement does not depend on those
+    /// before it.
+    pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
+        self.pipeline = pipeline.to_owned();
+        self.set = set.to_vec();
+        self.loaded = None;
+        self.flying.clear();
+        self.planner.capacities = Capacities::default();
+    }
+
+    /// Lists the graph's parameters with their values for a picture size.
+    ///
+    /// # Errors
+    /// The graph cannot be read, or a value does not fit.
+    pub fn controls(&mut self, size: (u32, u32)) -> Result<Vec<Control>, SessionError> {
+        let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
+        let catalog = facts::catalog(&self.scene);
+        Ok(self.planner.controls(&self.pipeline, &self.set, &facts, &catalog)?)
+    }
+
+    /// Builds the plan of another graph for a picture size, and loads nothing. Shaders that it shares with others are compiled once.
+    ///
+    /// # Errors
+    /// The graph or its shaders have errors.
+    pub fn plan_of(
+        &mut self,
+        pipeline: &str,
+        set: &[(String, String)],
+        size: (u32, u32),
+    ) -> Result<Plan, SessionError> {
+        let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
+        let catalog = facts::catalog(&self.scene);
+        let capacities = std::mem::take(&mut self.planner.capacities);
+        let plan = self.planner.plan(pipeline, set, &facts, &catalog);
+        self.planner.capacities = capacities;
+        Ok(plan?)
+    }
+
+    /// Returns the device, with its loaded plan.
+    pub fn device(&mut self) -> &mut D {
+        &mut self.device
+    }
+
+    /// Returns the device, so that it can be closed.
+    pub fn into_device(self) -> D {
+        self.device
+    }
+
+    /// Returns the scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Lists the files that the plans were built from.
+    pub fn files(&self) -> Vec<Wanted> {
+        self.planner.wanted()
+    }
+
+    /// Returns the plan of the last [`Session::prepare`].
+    pub fn plan(&self) -> Option<&Plan> {
+        self.loaded.as_ref().map(|(plan, _)| plan.as_ref())
+    }
+
+    /// Counts the plans that were built because a frame needed more room. Results from before a change are of another plan.
+    pub fn growths(&self) -> u32 {
+        self.growths
+    }
+
+    /// Returns true if [`Session::prepare`] has nothing to do for pictures of this size.
+    pub fn is_prepared(&self, size: (u32, u32)) -> bool {
+        self.loaded.as_ref().is_some_and(|(_, loaded)| *loaded == size)
+    }
+
+    /// Builds and loads the plan for pictures of this size, unless it is loaded already.
+    ///
+    /// Returns true if it did; the next frame then runs the plan's prologue. Warnings about the graph go to standard error, once, and
+    /// so does a line for each graph of a choice that the device lacks something for.
+    pub fn prepare(
+        &mut self,
+        size: (u32, u32),
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<bool, SessionError> {
+        if self.is_prepared(size) {
+            return Ok(false);
+        }
+        let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
+        let catalog = facts::catalog(&self.scene);
+        let plan = self.planner.plan(&self.pipeline, &self.set, &facts, &catalog)?;
+        if !plan.warnings.is_empty() && !std::mem::replace(&mut self.warned, true) {
+            // A warning that cannot be written is no reason to stop.
+            let _ = std::io::stderr().write_all(self.planner.warnings(&plan, false).as_bytes());
+        }
+        if plan.fallbacks != self.told {
+            self.told.clone_from(&plan.fallbacks);
+            Fallback::lacking(&plan.fallbacks).for_each(say);
+        }
+        self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress)?;
+        self.loaded = Some((Arc::new(plan), size));
+        Ok(true)
+    }
+
+    /// Says on standard error which of the session's settings have no effect in the present plan, and why; each once.
+    ///
+    /// For settings that a person made: measurements set parameters that they know nothing of.
+    pub fn tell_settings_without_effect(&mut self) {
+        let Some((plan, _)) = &self.loaded else { return };
+        for (name, text) in planner::without_effect(plan, &self.set) {
+            if self.told_settings.insert(name) {
+                say(format!("{}: {text}", self.pipeline));
+            }
+        }
+    }
+
+    /// Submits a frame. The camera must have the prepared size.
+    pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
+        let flight = self.fly(camera.clone(), request.clone(), self.frame)?;
+        self.frame += 1;
+        let id = flight.id;
+        if flight.plan.params.iter().any(|param| param.grows.is_some()) {
+            let old = (self.flying.len() + 1).saturating_sub(MOST_FLYING);
+            self.flying.drain(..old);
+            self.flying.push(flight);
+        }
+        Ok(id)
+    }
+
+    /// Submits a frame with the present plan.
+    fn fly(&mut self, camera: Camera, request: FrameOptions, number: u32) -> Result<Flight, SessionError> {
+        let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
+        debug_assert_eq!(*size, (camera.width, camera.height));
+        let inputs = FrameInputs {
+            uniforms: camera::frame_uniforms(&camera, &self.scene.bounds(), request.background, number),
+            live: plan.live_bytes(),
+            read_output: request.read_output,
+            inspect: request.inspect.clone(),
+            untimed_passes: request.untimed_passes,
+            ..FrameInputs::default()
+        };
+        let id = self.device.submit(&inputs)?;
+        Ok(Flight { id, camera, request, number, plan: plan.clone(), growths: self.growths })
+    }
+
+    /// Waits for a frame and returns its results, those of the present plan.
+    ///
+    /// A frame that was drawn in part is drawn again, with room for a quarter more than it needed: see the module's documentation.
+    /// Frames must be waited for before another size is prepared.
+    ///
+    /// # Errors
+    /// The device fails, or a frame needs more room than a parameter's range or the device allows. The plan then stays as it is.
+    pub fn wait(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
+        let mut result = self.device.wait(frame)?;
+        let Some(index) = self.flying.iter().position(|flight| flight.id == frame) else { return Ok(result) };
+        let mut drawn = self.flying.remove(index);
+        loop {
+            let short = capacity::overflows(&drawn.plan, &result.stats);
+            if short.is_empty() && drawn.growths == self.growths {
+                return Ok(result);
+            }
+            self.grow(&short, (drawn.camera.width, drawn.camera.height))?;
+            drawn = self.repeat(drawn)?;
+            result = self.device.wait(drawn.id)?;
+        }
+    }
+
+    /// Builds and loads a plan with room for what a frame lacked, unless the present one has it.
+    fn grow(&mut self, short: &[Overflow], size: (u32, u32)) -> Result<(), SessionError> {
+        if let Some(Overflow { parameter, needed, most, .. }) = short.iter().find(|s| s.needed > s.most) {
+            return Err(SessionError::Full { parameter: parameter.clone(), most: *most, needed: *needed });
+        }
+        let mut capacities = self.planner.capacities.clone();
+        let raised: Vec<&Overflow> = short.iter().filter(|short| capacities.raise(short)).collect();
+        let Some(first) = raised.first() else { return Ok(()) };
+        let former = (std::mem::replace(&mut self.planner.capacities, capacities), self.loaded.take());
+        match self.prepare(size, &mut |_| {}) {
+            Ok(_) => {
+                self.growths += 1;
+                Ok(())
+            }
+            Err(error) => {
+                (self.planner.capacities, self.loaded) = former;
+                let (parameter, room, needed) = (first.parameter.clone(), first.target(), first.needed);
+                Err(SessionError::NoRoom { parameter, room, needed, error: Box::new(error) })
+            }
+        }
+    }
+
+    /// Draws a frame again, with the present plan and the same inputs.
+    fn repeat(&mut self, frame: Flight) -> Result<Flight, SessionError> {
+        let Flight { camera, mut request, number, plan: former, .. } = frame;
+        let plan = self.plan().ok_or(SessionError::NotPrepared)?;
+        for target in &mut request.inspect {
+            let (resource, pass) = (former.resource(target.resource), former.pass(target.after));
+            *target = inspect::resolve(plan, &resource.name, &pass.name)?;
+        }
+        self.fly(camera, request, number)
+    }
+}
+
+/// Uploads a scene's attributes to the device, or none where a graph draws without a scene.
+pub(crate) struct Upload<'a>(pub Option<&'a Scene>);
+
+impl SceneData for Upload<'_> {
+    fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
+        match self.0 {
+            Some(scene) => scene.write_attribute(attribute, plane, offset, target),
+            None => Err(format!("expected a scene with `{attribute}`, found none")),
+        }
+    }
+
+    fn identity(&self) -> u64 {
+        self.0.map_or(0, Scene::identity)
+    }
+}
+
+/// Converts the pixels of a device to an image without alpha; `None` for a format without colours.
+pub fn image_of(pixels: &Pixels) -> Option<Image> {
+    let (width, height) = (pixels.width as usize, pixels.height as usize);
+    let rgb: Vec<[f32; 3]> = match pixels.format {
+        Format::Rgba8Unorm => {
+            pixels.bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect()
+        }
+        Format::Rgba16Float => {
+            let half = |b: &[u8]| f16::from_le_bytes([b[0], b[1]]).to_f32();
+            pixels.bytes.chunks_exact(8).map(|p| [half(&p[..2]), half(&p[2..4]), half(&p[4..6])]).collect()
+        }
+        Format::Rgba32Float => {
+            let single = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+            pixels
+                .bytes
+                .chunks_exact(16)
+                .map(|p| [single(&p[..4]), single(&p[4..8]), single(&p[8..12])])
+                .collect()
+        }
+        Format::R32Float => {
+            pixels.bytes.chunks_exact(4).map(|p| [f32::from_le_bytes([p[0], p[1], p[2], p[3]]); 3]).collect()
+        }
+        Format::R32Uint => return None,
+    };
+    (rgb.len() == width * height).then_some(Image { width, height, rgb })
+}
+
+#[cfg(test)]
+mod growth_tests;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_api::PixelBytes;
+
+    #[test]
+    fn pictures_of_every_colour_format_are_read() {
+        let image = |format, bytes: &[u8]| {
+            image_of(&Pixels { format, width: 1, height: 1, bytes: PixelBytes::new(bytes.to_vec()) })
+                .map(|i| i.rgb[0])
+        };
+        assert_eq!(image(Format::Rgba8Unorm, &[0, 51, 255, 7]), Some([0.0, 0.2, 1.0]));
+        let halves: Vec<u8> =
+            [0.5, -2.0, 1.5, 0.0].iter().flat_map(|v| f16::from_f32(*v).to_le_bytes()).collect();
+        assert_eq!(image(Format::Rgba16Float, &halves), Some([0.5, -2.0, 1.5]));
+        let singles: Vec<u8> = [0.1f32, -2.0, 1e9, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+        assert_eq!(image(Format::Rgba32Float, &singles), Some([0.1, -2.0, 1e9]));
+        assert_eq!(image(Format::R32Float, &0.25f32.to_le_bytes()), Some([0.25; 3]));
+        assert_eq!(image(Format::R32Uint, &[0; 4]), None);
+        assert_eq!(image(Format::Rgba8Unorm, &[0; 3]), None);
+    }
+}

@@ -1,0 +1,198 @@
+//! A folder with compiled shaders, so that a program that starts again compiles none.
+//!
+//! It lies in the user's cache folder and is safe to share and to lose: several processes may read and write it at a time, a file is
+//! whole or not there, and one that is damaged, or of another build of the program, is compiled anew. Each file holds its whole key
+//! (the texts, the defines, the program's build) beside the SPIR-V, so that keys whose hashes meet are told apart.
+
+use crate::io::folders;
+use splatgraph_framework::shader::SpirvStore;
+use std::collections::hash_map::DefaultHasher;
+use std::fs::{self, File};
+use std::hash::{Hash, Hasher};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Set to `off`, shaders are compiled in every run.
+pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
+/// Bytes of all files, beyond which the oldest go.
+const MOST_BYTES: u64 = 64 << 20;
+/// Bytes of one file that is read. A shader of the longest text is below.
+const MOST_FILE_BYTES: u64 = 16 << 20;
+/// The first bytes of a file; another layout gets another number.
+const MAGIC: &[u8; 8] = b"sgspv001";
+
+/// Compiled shaders in a folder.
+#[derive(Debug)]
+pub struct ShaderCache {
+    folder: PathBuf,
+    /// Identifies the build of the program, whose compiler is a part of it.
+    build: Vec<u8>,
+}
+
+impl ShaderCache {
+    /// Opens the cache of the user; `None` without a cache folder, or if the environment says `off`.
+    pub fn of_user() -> Option<ShaderCache> {
+        if std::env::var_os(VARIABLE).is_some_and(|value| value == "off") {
+            return None;
+        }
+        let program = std::env::current_exe().and_then(fs::metadata).ok()?;
+        let changed = program.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_nanos();
+        let build = format!("{} {} {changed}", env!("CARGO_PKG_VERSION"), program.len());
+        Some(ShaderCache { folder: folders::cache()?.join("splatgraph/shaders"), build: build.into_bytes() })
+    }
+
+    fn path(&self, key: &[u8]) -> PathBuf {
+        let mut hasher = DefaultHasher::new();
+        (&self.build, key).hash(&mut hasher);
+        self.folder.join(format!("{:016x}.spv", hasher.finish()))
+    }
+
+    /// Everything before the SPIR-V.
+    fn head(&self, key: &[u8]) -> Vec<u8> {
+        let lengths = [self.build.len() as u64, key.len() as u64].map(u64::to_le_bytes);
+        [&MAGIC[..], &lengths[0], &lengths[1], &self.build, key].concat()
+    }
+
+    fn read(&self, key: &[u8]) -> io::Result<Option<Vec<u32>>> {
+        let mut bytes = Vec::new();
+        File::open(self.path(key))?.take(MOST_FILE_BYTES).read_to_end(&mut bytes)?;
+        let words = bytes.strip_prefix(&self.head(key)[..]).and_then(|rest| rest.split_last_chunk::<4>());
+        let Some((words, sum)) = words.filter(|(words, _)| words.len() % 4 == 0) else { return Ok(None) };
+        if crc32fast::hash(words) != u32::from_le_bytes(*sum) {
+            return Ok(None);
+        }
+        Ok(Some(words.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]])).collect()))
+    }
+
+    fn write(&self, key: &[u8], spirv: &[u32]) -> io::Result<()> {
+        fs::create_dir_all(&self.folder)?;
+        self.prune();
+        let words: Vec<u8> = spirv.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let sum = crc32fast::hash(&words).to_le_bytes();
+        let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
+        file.write_all(&[&self.head(key)[..], &words, &sum].concat())?;
+        file.persist(self.path(key))?;
+        Ok(())
+    }
+
+    /// Removes the oldest files if all together are too large.
+    fn prune(&self) {
+        let mut files: Vec<(SystemTime, u64, PathBuf)> = found(&self.folder);
+        let mut bytes: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();
+        if bytes <= MOST_BYTES {
+            return;
+        }
+        files.sort();
+        for (_, length, path) in files {
+            if bytes <= MOST_BYTES / 2 {
+                break;
+            }
+            // Another process may have removed it.
+            let _ = fs::remove_file(path);
+            bytes -= length;
+        }
+    }
+}
+
+/// Lists the files of a folder with their ages and lengths.
+fn found(folder: &Path) -> Vec<(SystemTime, u64, PathBuf)> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let file = |entry: fs::DirEntry| {
+        let data = entry.metadata().ok().filter(|data| data.is_file())?;
+        Some((data.modified().ok()?, data.len(), entry.path()))
+    };
+    entries.filter_map(file).collect()
+}
+
+impl SpirvStore for ShaderCache {
+    fn load(&self, key: &[u8]) -> Option<Vec<u32>> {
+        self.read(key).ok().flatten()
+    }
+
+    fn store(&self, key: &[u8], spirv: &[u32]) {
+        // A cache that cannot be written is an empty one.
+        let _ = self.write(key, spirv);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::planner::{Planner, Settings};
+    use std::sync::Arc;
+
+    fn cache(folder: &Path) -> ShaderCache {
+        ShaderCache { folder: folder.join("shaders"), build: b"one".to_vec() }
+    }
+
+    #[test]
+    fn words_come_back_under_their_key_and_build_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let one = cache(folder.path());
+        assert_eq!(one.load(b"key"), None);
+        one.store(b"key", &[1, 2, 0x0723_0203]);
+        assert_eq!(one.load(b"key"), Some(vec![1, 2, 0x0723_0203]));
+        assert_eq!(one.load(b"other"), None);
+        let other = ShaderCache { build: b"two".to_vec(), ..cache(folder.path()) };
+        assert_eq!(other.load(b"key"), None);
+        // Even at the place that a hash gives to both.
+        fs::copy(one.path(b"key"), one.path(b"other")).unwrap();
+        assert_eq!(one.load(b"other"), None);
+    }
+
+    #[test]
+    fn a_damaged_file_is_no_shader_whatever_byte_of_it_differs_or_lacks() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = cache(folder.path());
+        cache.store(b"key", &[7, 8, 9]);
+        let path = cache.path(b"key");
+        let whole = fs::read(&path).unwrap();
+        for at in 0..whole.len() {
+            let mut damaged = whole.clone();
+            damaged[at] ^= 0x10;
+            fs::write(&path, &damaged).unwrap();
+            assert_eq!(cache.load(b"key"), None, "byte {at}");
+            fs::write(&path, &whole[..at]).unwrap();
+            assert_eq!(cache.load(b"key"), None, "{at} bytes");
+        }
+        cache.store(b"key", &[7]);
+        assert_eq!(cache.load(b"key"), Some(vec![7]));
+    }
+
+    #[test]
+    fn the_oldest_shaders_go_when_all_are_too_large() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = cache(folder.path());
+        let words = vec![0; (MOST_BYTES / 5 / 4) as usize];
+        for key in 0..6u8 {
+            cache.store(&[key], &words);
+            let file = File::options().append(true).open(cache.path(&[key])).unwrap();
+            file.set_modified(UNIX_EPOCH + std::time::Duration::from_secs(key.into())).unwrap();
+        }
+        let left: Vec<u8> = (0..6).filter(|key| cache.load(&[*key]).is_some()).collect();
+        assert_eq!(left, [3, 4, 5]);
+    }
+
+    #[test]
+    fn a_plan_is_the_same_from_a_folder_that_cannot_be_written_an_empty_one_and_a_full_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let blocked = folder.path().join("blocked");
+        fs::write(&blocked, "a file").unwrap();
+        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
+        let plan = |folder: &Path| {
+            let settings = Settings { store: Some(Arc::new(cache(folder))), ..Settings::default() };
+            let mut planner = Planner::new(settings);
+            let plan = planner.plan("splat", &[], &facts, &facts::nominal_catalog());
+            (plan.unwrap_or_else(|error| panic!("{error}")), planner.compiled())
+        };
+        let (expected, compiled) = plan(&blocked);
+        assert!(compiled > 0);
+        let first = plan(folder.path());
+        assert_eq!(first.1, compiled);
+        let again = plan(folder.path());
+        assert_eq!(again.1, 0, "every shader comes from the folder");
+        assert!(expected == first.0 && expected == again.0);
+    }
+}

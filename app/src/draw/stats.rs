@@ -1,0 +1,262 @@
+//! Summarises the times and counts of frames.
+//!
+//! There is one [`CameraStats`] per camera. A time is the median over the camera's frames; a pass of the prologue, which runs in
+//! the first frame after a load, has a single time.
+
+use serde::Serialize;
+use serde_json::{Map, Value as Json};
+use splatgraph_api::{DeviceInfo, FrameResult};
+use splatgraph_assets::grouped;
+use splatgraph_framework::ir::{Fallback, PassId, Reason, Run, Value};
+use splatgraph_framework::plan::Plan;
+use std::collections::BTreeMap;
+
+/// The statistics of one camera.
+#[derive(Clone, Debug, Serialize)]
+pub struct CameraStats {
+    /// The camera's name.
+    pub camera: String,
+    /// Width of the picture, in pixels.
+    pub width: u32,
+    /// Height of the picture, in pixels.
+    pub height: u32,
+    /// The graph's name.
+    pub pipeline: String,
+    /// The graphs and presets that it is based on, the graph last; empty for a graph.
+    pub based_on: Vec<String>,
+    /// The graphs of a choice that were passed over, in order.
+    pub fallbacks: Vec<Fallback>,
+    /// The device's name.
+    pub device: String,
+    /// The device's driver, with its version.
+    pub driver: String,
+    /// All parameters of the graph with their values, in the order of the file.
+    pub parameters: Map<String, Json>,
+    /// Why parameters have their values, of those that an expression over facts or other parameters gave.
+    pub reasons: BTreeMap<String, Reason>,
+    /// Counts: `loaded` splats of the scene, and the graph's statistics of the last frame, such as `visible` and `drawn`.
+    pub counts: Map<String, Json>,
+    /// The passes, in order of execution.
+    pub passes: Vec<PassTime>,
+    /// Milliseconds per phase, the sum of its passes; `null` if the device has no timestamps.
+    pub phases: Map<String, Json>,
+    /// Milliseconds from a frame's first command to its last. Frames with the prologue count only if there are no others.
+    pub gpu_ms: Option<f64>,
+    /// Milliseconds of the host for recording and submitting a frame.
+    pub record_ms: f64,
+    /// Share of the time in which the device drew, 1 at most; `None` where it is not known. A device that rests lowers its clock.
+    pub busy: Option<f64>,
+    /// Number of frames.
+    pub frames: usize,
+    /// Device memory by name, in bytes.
+    pub buffers: Vec<BufferSize>,
+    /// The findings of `--inspect`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub inspected: Vec<crate::draw::inspect::Finding>,
+}
+
+/// Share of the time below which a device rests so much between frames that its clock may fall.
+pub const BUSY: f64 = 0.5;
+
+/// The time of a pass.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PassTime {
+    /// The pass's name, as in the plan's dump.
+    pub name: String,
+    /// The pass's phase.
+    pub phase: String,
+    /// Milliseconds; `None` if the device has no timestamps.
+    pub gpu_ms: Option<f64>,
+    #[serde(skip)]
+    run: Run,
+}
+
+/// An allocation.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct BufferSize {
+    /// The resource's name, or the backend's purpose of the memory.
+    pub name: String,
+    /// Size in bytes.
+    pub bytes: u64,
+}
+
+impl CameraStats {
+    /// Summarises at least one frame of a camera, in the order of submission.
+    pub fn new(
+        camera: (&str, (u32, u32)),
+        plan: &Plan,
+        device: &DeviceInfo,
+        loaded: u64,
+        frames: &[FrameResult],
+        memory: Vec<(String, u64)>,
+    ) -> CameraStats {
+        let mut counts = Map::new();
+        counts.insert("loaded".into(), loaded.into());
+        for (name, value) in frames.last().map_or(&[][..], |f| &f.stats) {
+            counts.insert(name.clone(), (*value).into());
+        }
+        let passes = pass_times(plan, frames);
+        let (name, (width, height)) = camera;
+        CameraStats {
+            camera: name.to_owned(),
+            width,
+            height,
+            pipeline: plan.name.clone(),
+            based_on: plan.based_on.clone(),
+            fallbacks: plan.fallbacks.clone(),
+            device: device.name.clone(),
+            driver: device.driver.clone(),
+            parameters: plan.params.iter().map(|p| (p.name.clone(), json(&p.value))).collect(),
+            reasons: reasons(plan),
+            counts,
+            phases: phase_times(&passes),
+            passes,
+            gpu_ms: total_time(plan, frames),
+            record_ms: median(frames.iter().map(|f| f.record_ms).collect()).unwrap_or(0.0),
+            busy: None,
+            frames: frames.len(),
+            buffers: memory.into_iter().map(|(name, bytes)| BufferSize { name, bytes }).collect(),
+            inspected: Vec::new(),
+        }
+    }
+
+    /// Returns a count by its name.
+    pub fn count(&self, name: &str) -> Option<u64> {
+        self.counts.get(name)?.as_u64()
+    }
+
+    /// Formats a line for people: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
+    pub fn line(&self) -> String {
+        let mut line = grouped(self.count("loaded").unwrap_or(0)) + " splats";
+        if let Some(visible) = self.count("visible") {
+            line = format!("{} of {line} visible", grouped(visible));
+        }
+        if let Some(text) = self.count("unordered").and_then(unordered) {
+            line += &format!(", {text}");
+        }
+        if let Some(ms) = self.gpu_ms {
+            line += &format!(", {ms:.3} ms");
+        }
+        line += &format!(" on {}", self.device);
+        if let Some(busy) = self.busy.filter(|busy| *busy < BUSY) {
+            line += &format!(", which rested for {:.0} % of the time", 100.0 * (1.0 - busy));
+        }
+        let once: Vec<&str> =
+            self.passes.iter().filter(|p| p.run == Run::Once).map(|p| p.phase.as_str()).collect();
+        let phases: Vec<String> = self
+            .phases
+            .iter()
+            .filter(|(phase, _)| !once.contains(&phase.as_str()))
+            .filter_map(|(phase, ms)| Some(format!("{phase} {:.3}", ms.as_f64()?)))
+            .collect();
+        if !phases.is_empty() {
+            line += &format!(" ({})", phases.join(", "));
+        }
+        line
+    }
+}
+
+/// Formats the statistic `unordered`, unless it is 0: `12 pairs in the order of the file`.
+///
+/// Tiles leave pairs of a splat and a bin unordered if too many of a bin have nearly the same depth.
+pub(crate) fn unordered(pairs: u64) -> Option<String> {
+    (pairs > 0).then(|| format!("{} pairs in the order of the file", grouped(pairs)))
+}
+
+/// Collects the reasons of a plan's parameters, by name.
+pub(crate) fn reasons(plan: &Plan) -> BTreeMap<String, Reason> {
+    plan.params.iter().filter_map(|param| Some((param.name.clone(), param.reason.clone()?))).collect()
+}
+
+/// Converts the value of a parameter.
+pub(crate) fn json(value: &Value) -> Json {
+    match value {
+        Value::Bool(v) => (*v).into(),
+        Value::Int(v) => (*v).into(),
+        Value::Float(v) => (*v).into(),
+        Value::Text(v) => v.as_str().into(),
+    }
+}
+
+/// Computes the median, the mean of the middle two for an even number of values.
+pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    match n {
+        0 => None,
+        _ if n % 2 == 1 => Some(values[n / 2]),
+        _ => Some(0.5 * (values[n / 2 - 1] + values[n / 2])),
+    }
+}
+
+/// Finds the least of the ascending `values` that at least the share `q` of them do not exceed.
+#[cfg(feature = "window")]
+pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
+    let rank = (q * values.len() as f64).ceil() as usize;
+    values.get(rank.saturating_sub(1)).copied()
+}
+
+/// Computes the median of each pass, in the order of their first run.
+fn pass_times(plan: &Plan, frames: &[FrameResult]) -> Vec<PassTime> {
+    let mut order: Vec<PassId> = Vec::new();
+    let mut times: BTreeMap<PassId, Vec<f64>> = BTreeMap::new();
+    for &(pass, ms) in frames.iter().flat_map(|f| &f.pass_ms) {
+        let entry = times.entry(pass).or_insert_with(|| {
+            order.push(pass);
+            Vec::new()
+        });
+        entry.extend(ms);
+    }
+    let time = |id: PassId| {
+        let pass = plan.pass(id);
+        let gpu_ms = median(times.remove(&id).unwrap_or_default());
+        PassTime { name: pass.name.clone(), phase: pass.phase.clone(), gpu_ms, run: pass.run }
+    };
+    order.into_iter().map(time).collect()
+}
+
+fn phase_times(passes: &[PassTime]) -> Map<String, Json> {
+    let mut phases: Map<String, Json> = Map::new();
+    for pass in passes {
+        let sum = phases.entry(pass.phase.clone()).or_insert(0.0.into());
+        *sum = match (sum.as_f64(), pass.gpu_ms) {
+            (Some(sum), Some(ms)) => (sum + ms).into(),
+            _ => Json::Null,
+        };
+    }
+    phases
+}
+
+fn total_time(plan: &Plan, frames: &[FrameResult]) -> Option<f64> {
+    let prologue = |f: &&FrameResult| f.pass_ms.iter().any(|(pass, _)| plan.pass(*pass).run == Run::Once);
+    let steady: Vec<f64> = frames.iter().filter(|f| !prologue(f)).filter_map(|f| f.total_ms).collect();
+    median(steady).or_else(|| median(frames.iter().filter_map(|f| f.total_ms).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_of_an_even_number_is_between_the_middle_two() {
+        assert_eq!(median(vec![]), None);
+        assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(vec![4.0, 1.0, 2.0, 9.0]), Some(3.0));
+    }
+
+    #[test]
+    fn a_phase_is_the_sum_of_its_passes_and_unknown_where_one_is() {
+        let pass =
+            |phase: &str, gpu_ms| PassTime { name: "x".into(), phase: phase.into(), gpu_ms, run: Run::Frame };
+        let passes =
+            [pass("sort", Some(1.0)), pass("draw", None), pass("sort", Some(2.5)), pass("draw", Some(1.0))];
+        let phases = phase_times(&passes);
+        assert_eq!(Json::Object(phases), serde_json::json!({ "sort": 3.5, "draw": null }));
+    }
+
+    #[test]
+    fn unordered_pairs_are_told_where_there_are_any() {
+        assert_eq!(unordered(0), None);
+        assert_eq!(unordered(1234).as_deref(), Some("1,234 pairs in the order of the file"));
+    }
+}

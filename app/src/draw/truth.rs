@@ -1,0 +1,201 @@
+//! Draws the exact picture of a scene on the CPU, which every other picture is measured against.
+//!
+//! The renderer is `splatgraph-reference`: f64, and the rules of the published rasteriser. Each rule can be changed by its
+//! name, so that a picture can also show what one of them does.
+
+use crate::io::image::{Image, ImageError, save_words};
+use crate::io::progress::Progress;
+use serde::Serialize;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::{Picture, RULES, RuleError, Rules, render};
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+use std::sync::Mutex;
+use std::time::Instant;
+
+/// Names a map: a number of each pixel that the exact renderer knows besides the colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Map {
+    /// The share of the background that shows, 0 to 1, as float32.
+    Transmittance,
+    /// The number of splats that were blended, as uint32.
+    Contributors,
+}
+
+impl Map {
+    /// The map's name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Map::Transmittance => "transmittance",
+            Map::Contributors => "contributors",
+        }
+    }
+}
+
+impl FromStr for Map {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Map, String> {
+        let all = [Map::Transmittance, Map::Contributors];
+        let found = all.into_iter().find(|map| map.name() == text);
+        found.ok_or_else(|| format!("expected `transmittance` or `contributors`, found `{text}`"))
+    }
+}
+
+/// The statistics of an exact picture.
+#[derive(Clone, Debug, Serialize)]
+pub struct TruthStats {
+    /// The camera's name.
+    pub camera: String,
+    /// Width of the picture, in pixels.
+    pub width: u32,
+    /// Height of the picture, in pixels.
+    pub height: u32,
+    /// Always `reference`.
+    pub backend: &'static str,
+    /// The rules of the picture.
+    pub rules: Rules,
+    /// Number of splats of the scene.
+    pub loaded: usize,
+    /// Number of splats that were blended at a pixel: the mean over all pixels, and the largest.
+    pub mean_contributors: f64,
+    /// See `mean_contributors`.
+    pub most_contributors: u32,
+    /// The share of pixels whose transmittance is below 1.
+    pub covered: f64,
+    /// Milliseconds on the host.
+    pub cpu_ms: f64,
+}
+
+impl fmt::Display for TruthStats {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let TruthStats { covered, mean_contributors, most_contributors, cpu_ms, .. } = self;
+        write!(
+            f,
+            "exact, {:.1} % covered, {mean_contributors:.1} splats to a pixel (at most {most_contributors}), {:.1} s on the CPU",
+            100.0 * covered,
+            cpu_ms / 1000.0
+        )
+    }
+}
+
+/// An exact picture with its statistics.
+#[derive(Clone, Debug)]
+pub struct Truth {
+    /// Colours, transmittance and number of contributors of each pixel.
+    pub picture: Picture,
+    /// Its statistics.
+    pub stats: TruthStats,
+}
+
+impl Truth {
+    /// Draws a scene, with progress. `background` is display-encoded.
+    pub fn draw(scene: &Scene, camera: &Camera, background: [f32; 3], rules: &Rules) -> Truth {
+        let begun = Instant::now();
+        let progress = Mutex::new(Progress::new("drawing exactly"));
+        let picture = render(scene, camera, background.map(f64::from), rules, &|done, of| {
+            // Called from many threads: while one reports, the others need not.
+            if let Ok(mut progress) = progress.try_lock() {
+                progress.set(done as u64, of as u64, &camera.img_name);
+            }
+        });
+        let pixels = picture.color.len().max(1) as f64;
+        let sum: f64 = picture.contributors.iter().map(|count| f64::from(*count)).sum();
+        let stats = TruthStats {
+            camera: camera.img_name.clone(),
+            width: picture.width,
+            height: picture.height,
+            backend: "reference",
+            rules: rules.clone(),
+            loaded: scene.count() as usize,
+            mean_contributors: sum / pixels,
+            most_contributors: picture.contributors.iter().copied().max().unwrap_or(0),
+            covered: picture.transmittance.iter().filter(|t| **t < 1.0).count() as f64 / pixels,
+            cpu_ms: begun.elapsed().as_secs_f64() * 1000.0,
+        };
+        Truth { picture, stats }
+    }
+
+    /// Rounds the colours to f32.
+    pub fn image(&self) -> Image {
+        image_of(&self.picture)
+    }
+
+    /// Writes a map as an array `[height, width]`.
+    ///
+    /// # Errors
+    /// The extension is not `.npy`, or the file cannot be written.
+    pub fn save(&self, map: Map, path: &Path) -> Result<(), ImageError> {
+        let shape = [u64::from(self.picture.height), u64::from(self.picture.width)];
+        match map {
+            Map::Transmittance => {
+                let shares: Vec<f32> = self.picture.transmittance.iter().map(|t| *t as f32).collect();
+                save_words(path, &shape, &shares)
+            }
+            Map::Contributors => save_words(path, &shape, &self.picture.contributors),
+        }
+    }
+}
+
+/// Rounds the colours of an exact picture to f32; those beyond its range to the last number in it.
+pub fn image_of(picture: &Picture) -> Image {
+    let limit = f64::from(f32::MAX);
+    let rounded = |channel: f64| channel.clamp(-limit, limit) as f32;
+    let rgb = picture.color.iter().map(|pixel| pixel.map(rounded)).collect();
+    Image { width: picture.width as usize, height: picture.height as usize, rgb }
+}
+
+/// Changes rules of the published rasteriser by `NAME=VALUE`.
+///
+/// # Errors
+/// For a name that is none of [`RULES`], and for a value that the rule does not take.
+pub fn rules(changes: &[(String, String)]) -> Result<Rules, RuleError> {
+    let mut rules = Rules::PUBLISHED;
+    changes.iter().try_for_each(|(name, value)| rules.set(name, value))?;
+    Ok(rules)
+}
+
+/// Lists the rules for help: a name, and its values with the published one and its source.
+pub fn rule_list() -> Vec<(String, String)> {
+    let row = |rule: &splatgraph_reference::RuleInfo| {
+        (rule.name.to_string(), format!("{}; published: {} ({})", rule.values, rule.published, rule.source))
+    };
+    RULES.iter().map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+
+    #[test]
+    fn an_exact_picture_is_as_large_as_its_camera_and_its_maps_fit_it() {
+        let scene = synth::generate("uniform", 40, 0).unwrap();
+        let camera = Camera::framing(&scene, 40, 30);
+        let truth = Truth::draw(&scene, &camera, [0.0, 0.0, 1.0], &Rules::PUBLISHED);
+        let image = truth.image();
+        assert_eq!((image.width, image.height), (40, 30));
+        assert!(truth.stats.covered > 0.0 && truth.stats.most_contributors > 1, "{}", truth.stats);
+        // Where nothing is, the background is.
+        let empty =
+            truth.picture.transmittance.iter().position(|t| *t == 1.0).expect("a pixel without splats");
+        assert_eq!((image.rgb[empty], truth.picture.contributors[empty]), ([0.0, 0.0, 1.0], 0));
+        let folder = tempfile::tempdir().unwrap();
+        for map in [Map::Transmittance, Map::Contributors] {
+            let path = folder.path().join(format!("{}.npy", map.name()));
+            truth.save(map, &path).unwrap();
+            assert_eq!(map.name().parse(), Ok(map));
+            assert!(std::fs::metadata(path).unwrap().len() >= 40 * 30 * 4);
+        }
+        assert!("depth".parse::<Map>().unwrap_err().contains("transmittance"));
+    }
+
+    #[test]
+    fn rules_are_changed_by_name_and_mistakes_are_told() {
+        let pairs = |text: &str| vec![text.split_once('=').map(|(n, v)| (n.into(), v.into())).unwrap()];
+        assert_eq!(rules(&pairs("stop=none")).unwrap().stop, None);
+        assert!(rules(&pairs("stopp=none")).unwrap_err().to_string().contains("did you mean `stop`"));
+        assert_eq!(rule_list().len(), RULES.len());
+    }
+}

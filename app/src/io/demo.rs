@@ -1,0 +1,78 @@
+//! Generates and finds the demo scene, the default of `render` and `view`.
+//!
+//! The first use writes it as an ordinary `.ply` in the layout of the reference implementation; later uses load that file.
+
+use crate::io::folders;
+use crate::io::output;
+use splatgraph_assets::{Camera, Scene, synth};
+use std::env;
+use std::path::{Path, PathBuf};
+
+/// Name of the generator.
+pub const NAME: &str = "demo";
+
+/// Returns the demo scene's path: `assets/splats/demo.ply` in a checkout, else in the user's cache folder.
+///
+/// `None` without such a folder: everybody can foresee the names in the folder for temporary files, and write there first.
+pub fn path() -> Option<PathBuf> {
+    let here = env::current_dir().unwrap_or_default();
+    let in_checkout =
+        |folder: &&Path| folder.join("pipelines/splat.ron").is_file() && folder.join("assets").is_dir();
+    match here.ancestors().find(in_checkout) {
+        Some(root) => Some(root.join("assets/splats/demo.ply")),
+        // Another version of the program may make another scene.
+        None => Some(folders::cache()?.join(concat!("splatgraph/demo-", env!("CARGO_PKG_VERSION"), ".ply"))),
+    }
+}
+
+/// Generates the demo scene if `path` does not exist; returns true if it did.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn ensure(path: &Path) -> Result<bool, output::OutputError> {
+    if path.is_file() {
+        return Ok(false);
+    }
+    let scene = generate();
+    output::write(path, |mut out| Ok(scene?.write_ply_to(&mut out)?))?;
+    Ok(true)
+}
+
+fn generate() -> Result<Scene, synth::SynthError> {
+    let generator = synth::generators().iter().find(|g| g.name == NAME);
+    synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)
+}
+
+/// Makes the demo scene's first camera.
+pub fn camera() -> Option<Camera> {
+    synth::demo_cameras().into_iter().next()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn the_scene_is_written_once_and_loads() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/demo.ply");
+        assert!(ensure(&path).unwrap());
+        assert!(!ensure(&path).unwrap());
+        let scene = Scene::load(&path, &|_, _| {}).unwrap();
+        assert_eq!((scene.stored_degree(), scene.dropped().total()), (3, 0));
+        let beside: Vec<_> = fs::read_dir(path.parent().unwrap()).unwrap().collect();
+        assert_eq!(beside.len(), 1, "nothing unfinished is left");
+    }
+
+    #[test]
+    fn in_a_checkout_the_scene_lies_among_the_assets() {
+        // Tests run in app/.
+        assert!(path().is_some_and(|path| path.ends_with("assets/splats/demo.ply")), "{:?}", path());
+    }
+
+    #[test]
+    fn it_has_a_camera() {
+        assert!(camera().is_some());
+    }
+}

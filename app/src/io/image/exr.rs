@@ -1,0 +1,129 @@
+//! Reads and writes OpenEXR files: float32, channels R, G, B.
+//!
+//! Programs take the values of an EXR as linear light unless it says otherwise; ours are display-encoded. Two attributes say
+//! so: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop Forum, and
+//! `comments` for people.
+
+use super::{Image, ImageError, check_size, open};
+use crate::io::output::file::Cause;
+use exr::prelude as x;
+use exr::prelude::{ReadChannels, ReadLayers, WritableImage};
+use std::cell::Cell;
+use std::io::{Cursor, Write};
+use std::panic::{self, AssertUnwindSafe};
+use std::path::Path;
+use std::sync::Once;
+
+const ENCODING: &str = "srgb_rec709_display";
+const COMMENT: &str = "Display-encoded (sRGB) values as blended, not linear light; not clamped to 0..1.";
+
+pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
+    let mut attributes = x::LayerAttributes {
+        comments: Some(x::Text::from(COMMENT)),
+        software_name: Some(x::Text::from(concat!("splatgraph ", env!("CARGO_PKG_VERSION")))),
+        ..Default::default()
+    };
+    attributes
+        .other
+        .insert(x::Text::from("colorInteropID"), x::AttributeValue::Text(x::Text::from(ENCODING)));
+    let channels = x::SpecificChannels::rgb(|at: x::Vec2<usize>| {
+        let [r, g, b] = image.at(at.x(), at.y());
+        (r, g, b)
+    });
+    let layer =
+        x::Layer::new((image.width, image.height), attributes, x::Encoding::SMALL_FAST_LOSSLESS, channels);
+    // The table of offsets at the start is written last, which a pipe could not do.
+    let mut bytes = Vec::new();
+    x::Image::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes))?;
+    Ok(out.write_all(&bytes)?)
+}
+
+/// Checks the sizes of all layers; returns that of the first that has R, G and B.
+pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
+    let file = open(path)?;
+    let meta = quietly(|| exr::meta::MetaData::read_from_buffered(file, false))
+        .ok_or_else(|| {
+            ImageError::new(path, "expected the header of an OpenEXR file, found one that cannot be read")
+        })?
+        .map_err(|e| ImageError::because(path, e))?;
+    let mut found = None;
+    for header in &meta.headers {
+        let size = check_size(path, header.layer_size.width() as u64, header.layer_size.height() as u64)?;
+        let has = |name: &str| header.channels.find_index_of_channel(&x::Text::from(name)).is_some();
+        if found.is_none() && ["R", "G", "B"].into_iter().all(has) {
+            found = Some(size);
+        }
+    }
+    found.ok_or_else(|| ImageError::new(path, "expected a layer with the channels R, G and B, found none"))
+}
+
+/// Loads the data window of the first layer that has R, G and B.
+pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
+    size(path)?;
+    let damaged = || ImageError::new(path, "expected compressed pixels, found bytes that cannot be unpacked");
+    quietly(|| read(path)).unwrap_or_else(|| Err(damaged()))
+}
+
+thread_local! {
+    /// A panic of this thread is caught, and told as an error.
+    static QUIET: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Returns `None` if `body` panics, without the message of the panic. The decoders of the library panic on some damaged files.
+fn quietly<T>(body: impl FnOnce() -> T) -> Option<T> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let usual = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            if !QUIET.get() {
+                usual(info);
+            }
+        }));
+    });
+    QUIET.set(true);
+    // What the body leaves behind is dropped with it.
+    let result = panic::catch_unwind(AssertUnwindSafe(body));
+    QUIET.set(false);
+    result.ok()
+}
+
+fn read(path: &Path) -> Result<Image, ImageError> {
+    let fail = |e: exr::error::Error| ImageError::because(path, e);
+    let file = x::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgb_channels(
+            |size, _| Image {
+                width: size.width(),
+                height: size.height(),
+                rgb: vec![[0.0; 3]; size.width() * size.height()],
+            },
+            |image, at, (r, g, b): (f32, f32, f32)| image.rgb[at.y() * image.width + at.x()] = [r, g, b],
+        )
+        .first_valid_layer()
+        .all_attributes()
+        // A panic on a thread of a pool would end the program.
+        .non_parallel()
+        .from_buffered(open(path)?)
+        .map_err(fail)?;
+    Ok(file.layer_data.channel_data.pixels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_file_says_that_its_values_are_not_linear() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        Image { width: 1, height: 1, rgb: vec![[0.5; 3]] }.save(&path).unwrap();
+        let meta = exr::meta::MetaData::read_from_file(&path, true).unwrap();
+        let attributes = &meta.headers[0].own_attributes;
+        assert_eq!(attributes.comments.as_ref().unwrap().to_string(), COMMENT);
+        assert_eq!(
+            attributes.other.get(&x::Text::from("colorInteropID")),
+            Some(&x::AttributeValue::Text(x::Text::from(ENCODING)))
+        );
+    }
+}

@@ -1,0 +1,460 @@
+//! Stores pictures in memory and in files.
+//!
+//! An [`Image`] holds blended pixels as float32, *display-encoded*: a screen shows the values unchanged. Splat scenes are
+//! trained on ordinary photographs, so their colours have that encoding already, and nothing here converts to or from
+//! linear light.
+//!
+//! Three formats can be written and read: `.npy` (float32, exact), `.exr` (float32, exact, with attributes for the encoding)
+//! and `.png` (8 bits per channel, for display). `#` selects an array of a `.npz` archive: `golden.npz#camera0`.
+
+mod exr;
+#[cfg(test)]
+mod fuzz;
+mod npy;
+mod png;
+
+use crate::io::output::{self, OutputError};
+use splatgraph_assets::memory;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+pub use npy::{npz_names, save_words};
+
+/// Largest picture that is read, in pixels: a damaged header must not exhaust the memory.
+const MAX_PIXELS: u64 = 1 << 28;
+
+/// A picture: rows from the top, pixels from the left, display-encoded RGB, not clamped.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image<C = f32> {
+    /// Width, in pixels.
+    pub width: usize,
+    /// Height, in pixels.
+    pub height: usize,
+    /// `width * height` pixels; 0 is black and 1 is white.
+    pub rgb: Vec<[C; 3]>,
+}
+
+/// The precision of the values in a picture's file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    /// Integers from 0 to this level, which is white.
+    Levels(u16),
+    /// float32.
+    Single,
+    /// float64.
+    Double,
+}
+
+impl Image<f64> {
+    /// Clamps every channel to 0..1, as a screen or an 8-bit file does.
+    pub fn clamped(mut self) -> Image<f64> {
+        self.rgb.as_flattened_mut().iter_mut().for_each(|value| *value = value.clamp(0.0, 1.0));
+        self
+    }
+
+    /// Replaces the float32 nearest to a level of `greatest` by the float64 nearest to it.
+    pub fn levels(mut self, greatest: u16) -> Image<f64> {
+        let greatest = f64::from(greatest);
+        let level = |value: &mut f64| *value = (*value * greatest).round() / greatest;
+        self.rgb.as_flattened_mut().iter_mut().for_each(level);
+        self
+    }
+}
+
+impl Image {
+    /// Makes a picture whose pixel at column `x` and row `y` is `pixel(x, y)`.
+    pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> [f32; 3]) -> Image {
+        let mut rgb = Vec::with_capacity(width * height);
+        for y in 0..height {
+            rgb.extend((0..width).map(|x| pixel(x, y)));
+        }
+        Image { width, height, rgb }
+    }
+
+    /// Returns the pixel at column `x` of row `y`. Panics outside of the picture.
+    pub fn at(&self, x: usize, y: usize) -> [f32; 3] {
+        assert!(x < self.width && y < self.height, "pixel ({x}, {y}) of {} x {}", self.width, self.height);
+        self.rgb[y * self.width + x]
+    }
+
+    /// Clamps every channel to 0..1, as a screen or an 8-bit file does.
+    pub fn clamped(mut self) -> Image {
+        for value in self.rgb.as_flattened_mut() {
+            *value = value.clamp(0.0, 1.0);
+        }
+        self
+    }
+
+    /// Reads the width and height of a picture in pixels, from its header alone.
+    ///
+    /// # Errors
+    /// Those of [`Image::load`] that the header shows.
+    pub fn size_of(path: &Path) -> Result<(usize, usize), ImageError> {
+        if let Some((archive, array)) = split_member(path) {
+            return npy::member_size(&archive, &array);
+        }
+        match Format::of(path) {
+            Some(Format::Png) => png::size(path),
+            Some(Format::Exr) => exr::size(path),
+            Some(Format::Npy) => npy::size(path),
+            None => Err(no_picture(path)),
+        }
+    }
+
+    /// Loads `.png`, `.exr`, `.npy`, or `archive.npz#array`.
+    pub fn load(path: &Path) -> Result<Image, ImageError> {
+        if let Some((archive, array)) = split_member(path) {
+            return npy::load_member(&archive, &array).map(|(image, _)| image);
+        }
+        match Format::of(path) {
+            Some(Format::Png) => png::load(path).map(|(image, _)| image),
+            Some(Format::Exr) => exr::load(path),
+            Some(Format::Npy) => npy::load(path).map(|(image, _)| image),
+            None => Err(no_picture(path)),
+        }
+    }
+
+    /// Loads what [`Image::load`] does and keeps every digit of float64 arrays. Also returns the file's precision.
+    ///
+    /// # Errors
+    /// Those of [`Image::load`].
+    pub fn load_wide(path: &Path) -> Result<(Image<f64>, Depth), ImageError> {
+        if let Some((archive, array)) = split_member(path) {
+            return npy::load_member(&archive, &array);
+        }
+        match Format::of(path) {
+            Some(Format::Npy) => npy::load(path),
+            Some(Format::Png) => {
+                let (image, greatest) = png::load(path)?;
+                Ok((image.wide(), Depth::Levels(greatest)))
+            }
+            _ => Ok((Image::load(path)?.wide(), Depth::Single)),
+        }
+    }
+
+    /// Converts every channel to f64.
+    pub fn wide(&self) -> Image<f64> {
+        let rgb = self.rgb.iter().map(|pixel| pixel.map(f64::from)).collect();
+        Image { width: self.width, height: self.height, rgb }
+    }
+
+    /// Saves a picture in the format of the path's extension, and creates its folder.
+    ///
+    /// # Errors
+    /// The extension is of no format, or the file cannot be written; what stood there before then stays.
+    pub fn save(&self, path: &Path) -> Result<(), ImageError> {
+        let Some(format) = Format::of(path) else {
+            return Err(ImageError::new(path, "expected the extension .png, .exr or .npy"));
+        };
+        self.save_as(format, path)
+    }
+
+    /// Saves a picture in this format under any name; `-` is standard output.
+    ///
+    /// # Errors
+    /// The file cannot be written; what stood there before then stays.
+    pub fn save_as(&self, format: Format, path: &Path) -> Result<(), ImageError> {
+        Ok(output::write(path, |out| match format {
+            Format::Png => png::write(self, out),
+            Format::Exr => exr::write(self, out),
+            Format::Npy => npy::write(self, out),
+        })?)
+    }
+
+    /// Averages squares of pixels, as few as make the picture at most `width` wide.
+    pub fn reduced(&self, width: usize) -> Image {
+        let by = self.width.div_ceil(width.max(1)).max(1);
+        let side = |of: usize| of.div_ceil(by);
+        Image::from_fn(side(self.width), side(self.height), |x, y| {
+            let (mut sum, mut count) = ([0.0; 3], 0.0);
+            for row in (y * by..self.height).take(by) {
+                for column in (x * by..self.width).take(by) {
+                    let pixel = self.at(column, row);
+                    sum = std::array::from_fn(|c| sum[c] + pixel[c]);
+                    count += 1.0;
+                }
+            }
+            sum.map(|channel| channel / count)
+        })
+    }
+
+    /// Returns the bytes of the picture's PNG file.
+    ///
+    /// # Errors
+    /// The picture has no pixels, or too many for the format.
+    pub fn png(&self) -> Result<Vec<u8>, ImageError> {
+        let mut bytes = Vec::new();
+        png::write(self, &mut bytes).map_err(|cause| ImageError::because(Path::new("a PNG"), cause))?;
+        Ok(bytes)
+    }
+}
+
+/// The formats of written pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// 8 bits per channel, clamped to 0..1.
+    Png,
+    /// float32, OpenEXR.
+    Exr,
+    /// float32, NumPy, shape `[height, width, 3]`.
+    Npy,
+}
+
+impl Format {
+    /// Returns the format of a path's extension, in upper or lower case.
+    pub fn of(path: &Path) -> Option<Format> {
+        [Format::Png, Format::Exr, Format::Npy].into_iter().find(|f| has_extension(path, f.extension()))
+    }
+
+    /// Returns the extension without the dot.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Format::Png => "png",
+            Format::Exr => "exr",
+            Format::Npy => "npy",
+        }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.extension())
+    }
+}
+
+impl FromStr for Format {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Format, String> {
+        Format::of(Path::new(&format!("x.{text}"))).ok_or_else(|| "expected png, exr or npy".into())
+    }
+}
+
+/// An error of reading or writing a picture: the file and the problem.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {what}", path.display())]
+pub struct ImageError {
+    /// The picture's file, or the archive with it.
+    pub path: PathBuf,
+    what: String,
+}
+
+impl ImageError {
+    fn new(path: &Path, what: impl Into<String>) -> ImageError {
+        ImageError { path: path.to_owned(), what: what.into() }
+    }
+
+    fn because(path: &Path, cause: impl fmt::Display) -> ImageError {
+        ImageError::new(path, cause.to_string())
+    }
+}
+
+/// Makes the error for a file whose name is not that of a picture.
+fn no_picture(path: &Path) -> ImageError {
+    if !has_extension(path, "npz") {
+        return ImageError::new(path, "expected a picture (.png, .exr, .npy, or FILE.npz#NAME)");
+    }
+    let names = match npz_names(path) {
+        Ok(names) => names,
+        Err(error) => return error,
+    };
+    let example = names.first().map_or("camera0", String::as_str);
+    let names = names.join(", ");
+    let text = format!(
+        "an archive of arrays: name one of them, for instance {}#{example} (it holds {names})",
+        path.display()
+    );
+    ImageError::new(path, text)
+}
+
+/// Opens a regular file for reading.
+fn open(path: &Path) -> Result<std::io::BufReader<std::fs::File>, ImageError> {
+    splatgraph_assets::file::open(path).map(std::io::BufReader::new).map_err(|e| ImageError::because(path, e))
+}
+
+/// Splits `a/b.npz#name` into `a/b.npz` and `name`.
+pub fn split_member(path: &Path) -> Option<(PathBuf, String)> {
+    let (archive, array) = path.to_str()?.rsplit_once('#')?;
+    has_extension(Path::new(archive), "npz").then(|| (PathBuf::from(archive), array.to_owned()))
+}
+
+impl From<OutputError> for ImageError {
+    fn from(error: OutputError) -> ImageError {
+        ImageError { path: error.path, what: format!("cannot be written: {}", error.cause) }
+    }
+}
+
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
+}
+
+/// Bytes of memory per pixel that reading a picture takes at most: its values as f64, and as f32 or as a file may hold them.
+const BYTES_PER_PIXEL: u64 = 24 + 12;
+
+/// Allocates room for the pixels of a picture.
+fn room<C>(path: &Path, pixels: usize) -> Result<Vec<[C; 3]>, ImageError> {
+    let mut rgb = Vec::new();
+    rgb.try_reserve_exact(pixels).map_err(|e| ImageError::because(path, e))?;
+    Ok(rgb)
+}
+
+/// Checks the size in a file's header before memory is allocated for it.
+fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize), ImageError> {
+    let pixels = width.saturating_mul(height);
+    if pixels == 0 {
+        return Err(ImageError::new(path, format!("expected at least one pixel, found {width} x {height}")));
+    }
+    if pixels > MAX_PIXELS {
+        let text = format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}");
+        return Err(ImageError::new(path, text));
+    }
+    let needed = pixels.saturating_mul(BYTES_PER_PIXEL);
+    if let Some(available) = memory::available().filter(|available| needed > *available) {
+        let (needed, available) = (memory::display(needed), memory::display(available));
+        let text = format!(
+            "expected a picture that fits in the {available} of memory available, found {width} x {height} pixels, which need {needed}"
+        );
+        return Err(ImageError::new(path, text));
+    }
+    Ok((width as usize, height as usize))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::output::file::faults;
+
+    fn ramp() -> Image {
+        Image::from_fn(7, 5, |x, y| [x as f32 / 3.0 - 0.5, y as f32 / 4.0, 1e-3 * (x * y) as f32])
+    }
+
+    #[test]
+    fn a_reduced_picture_is_the_mean_of_squares_also_at_its_edges() {
+        let image = Image::from_fn(5, 3, |x, y| [x as f32, y as f32, 1.0]);
+        let small = image.reduced(3);
+        assert_eq!((small.width, small.height), (3, 2));
+        assert_eq!((small.at(0, 0), small.at(2, 1)), ([0.5, 0.5, 1.0], [4.0, 2.0, 1.0]));
+        assert_eq!(image.reduced(5), image);
+    }
+
+    #[test]
+    fn float_formats_give_back_every_bit_also_outside_0_to_1() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.npy", "a.exr", "made/on/the/way/a.NPY"] {
+            let path = folder.path().join(name);
+            ramp().save(&path).unwrap();
+            assert_eq!(Image::load(&path).unwrap(), ramp(), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_full_disk_at_any_step_leaves_the_old_picture_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.npy", "a.exr", "a.png"] {
+            let path = folder.path().join(name);
+            let steps = faults::at_every_step(&path, |path| ramp().save(path));
+            assert!(steps >= 4, "{name}: {steps} steps");
+            assert_eq!(Image::load(&path).unwrap().width, 7);
+            std::fs::remove_file(path).unwrap();
+        }
+        let path = folder.path().join("words.npy");
+        faults::at_every_step(&path, |path| save_words(path, &[6], &[1u32; 6]));
+    }
+
+    #[test]
+    fn png_clamps_and_rounds_half_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let image = Image {
+            width: 2,
+            height: 1,
+            rgb: vec![[-1.0, 0.5, 2.0], [0.5 / 255.0, 0.499 / 255.0, f32::INFINITY]],
+        };
+        image.save(&path).unwrap();
+        let levels = |l: [u8; 3]| l.map(|v| f32::from(v) / 255.0);
+        assert_eq!(Image::load(&path).unwrap().rgb, [levels([0, 128, 255]), levels([1, 0, 255])]);
+    }
+
+    #[test]
+    fn files_of_something_else_are_errors_that_name_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "a.exr", "a.npy", "a.npz#x", "a.jpg", "missing.png", "a.npz"] {
+            let path = folder.path().join(name);
+            if !name.contains("missing") {
+                std::fs::write(
+                    folder.path().join(name.split('#').next().unwrap()),
+                    b"hello, this is no picture",
+                )
+                .unwrap();
+            }
+            let message = Image::load(&path).unwrap_err().to_string();
+            assert!(message.contains(name.split('#').next().unwrap()), "{message}");
+        }
+    }
+
+    #[test]
+    fn truncated_files_are_errors() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "a.exr", "a.npy"] {
+            let path = folder.path().join(name);
+            ramp().save(&path).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            for length in (0..bytes.len()).step_by(7) {
+                std::fs::write(&path, &bytes[..length]).unwrap();
+                // A PNG may lack its last chunk, which holds no pixels.
+                if let Ok(image) = Image::load(&path) {
+                    assert_eq!((image.width, image.height), (7, 5), "{name} cut to {length} bytes");
+                    assert!(name == "a.png" && length > bytes.len() - 16, "{name} cut to {length} bytes");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_header_that_claims_too_many_pixels_is_an_error() {
+        let path = Path::new("huge.png");
+        let message = check_size(path, u64::MAX, 2).unwrap_err().to_string();
+        assert!(message.starts_with("huge.png: expected at most"), "{message}");
+        assert!(check_size(path, 0, 4).is_err());
+        assert!(check_size(path, 1 << 12, 1 << 12).is_ok());
+    }
+
+    #[test]
+    fn the_size_is_read_from_the_header_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "a.exr", "a.npy"] {
+            let path = folder.path().join(name);
+            ramp().save(&path).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            assert_eq!(Image::size_of(&path).unwrap(), (7, 5), "{name}");
+            // Most of the pixels are missing.
+            std::fs::write(&path, &bytes[..bytes.len() - 40]).unwrap();
+            assert_eq!(Image::size_of(&path).unwrap(), (7, 5), "{name}");
+            assert!(Image::load(&path).is_err());
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_regular_file_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "a.exr", "a.npy", "a.npz"] {
+            let path = folder.path().join(name);
+            assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+            let path = if name == "a.npz" { folder.path().join("a.npz#b") } else { path };
+            for error in [Image::size_of(&path).unwrap_err(), Image::load(&path).unwrap_err()] {
+                assert!(error.to_string().ends_with("expected a regular file, found a FIFO"), "{error}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_array_in_an_archive_is_named_after_a_hash() {
+        assert_eq!(
+            split_member(Path::new("a#b/c.npz#camera0")),
+            Some((PathBuf::from("a#b/c.npz"), "camera0".to_owned()))
+        );
+        assert_eq!(split_member(Path::new("a#1.png")), None);
+    }
+}

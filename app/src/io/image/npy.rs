@@ -1,0 +1,309 @@
+//! Reads and writes NumPy's `.npy` arrays, and reads `.npz` archives of them.
+//!
+//! Arrays are written as float32, little-endian, shape `[height, width, 3]`. They are read as float32, float64, or bytes
+//! of 0 to 255, with 3 channels, or 4 of which the last is ignored.
+
+use super::{Depth, Image, ImageError, check_size, has_extension, open, room};
+use crate::io::output::{self, file::Cause};
+use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::path::Path;
+use zip::ZipArchive;
+
+pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
+    let shape = [image.height as u64, image.width as u64, 3];
+    write_array(out, &shape, image.rgb.as_flattened().iter().copied())
+}
+
+/// Writes 32-bit words of a resource as an array of `shape` (uint32 or float32).
+pub fn save_words<T: npyz::AutoSerialize + Copy>(
+    path: &Path,
+    shape: &[u64],
+    words: &[T],
+) -> Result<(), ImageError> {
+    if !has_extension(path, "npy") {
+        return Err(ImageError::new(path, "expected the extension .npy"));
+    }
+    Ok(output::write(path, |out| write_array(out, shape, words.iter().copied()))?)
+}
+
+fn write_array<T: npyz::AutoSerialize>(
+    out: &mut dyn Write,
+    shape: &[u64],
+    values: impl Iterator<Item = T>,
+) -> Result<(), Cause> {
+    // Every value is a call of its writer: a buffer of a known type makes most of them a copy of four bytes.
+    let mut out = BufWriter::new(out);
+    let mut npy: NpyWriter<T, _> =
+        WriteOptions::new().default_dtype().shape(shape).writer(&mut out).begin_nd()?;
+    npy.extend(values)?;
+    npy.finish()?;
+    Ok(out.flush()?)
+}
+
+/// Bytes of a header at most; NumPy pads that of a picture to 128.
+const LONGEST_HEADER: usize = 4096;
+
+/// Brackets in a header at most: its parser calls itself for each that is open.
+const MOST_BRACKETS: usize = 16;
+
+/// Checks the length and the nesting of the header, and reads it. The parser trusts both.
+fn header<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
+    let fail = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
+    // The magic number, the version, and the header's length in 2 or 4 bytes.
+    let mut start = vec![0; 8];
+    reader.read_exact(&mut start)?;
+    let bytes = if start[6] == 1 { 2 } else { 4 };
+    let mut length = [0; 4];
+    reader.read_exact(&mut length[..bytes])?;
+    start.extend_from_slice(&length[..bytes]);
+    let length = u32::from_le_bytes(length) as usize;
+    if start.starts_with(b"\x93NUMPY") {
+        if length > LONGEST_HEADER {
+            return Err(fail(format!("expected a header of at most {LONGEST_HEADER} bytes, found {length}")));
+        }
+        let from = start.len();
+        start.resize(from + length, 0);
+        reader.read_exact(&mut start[from..])?;
+        let brackets = start[from..].iter().filter(|byte| b"([{".contains(byte)).count();
+        if brackets > MOST_BRACKETS {
+            return Err(fail(format!(
+                "expected at most {MOST_BRACKETS} brackets in the header, found {brackets}"
+            )));
+        }
+    }
+    NpyFile::new(io::Cursor::new(start).chain(reader))
+}
+
+pub(super) fn load<C: Value>(path: &Path) -> Result<(Image<C>, Depth), ImageError> {
+    read(path, header(open(path)?).map_err(|e| ImageError::because(path, e))?)
+}
+
+pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
+    shape(path, &header(open(path)?).map_err(|e| ImageError::because(path, e))?).map(|(size, _)| size)
+}
+
+pub(super) fn load_member<C: Value>(archive: &Path, array: &str) -> Result<(Image<C>, Depth), ImageError> {
+    let mut npz = open_npz(archive)?;
+    let member = member(archive, &mut npz, array)?;
+    read(archive, header(member).map_err(|e| ImageError::because(archive, e))?)
+}
+
+pub(super) fn member_size(archive: &Path, array: &str) -> Result<(usize, usize), ImageError> {
+    let mut npz = open_npz(archive)?;
+    let member = member(archive, &mut npz, array)?;
+    shape(archive, &header(member).map_err(|e| ImageError::because(archive, e))?).map(|(size, _)| size)
+}
+
+/// Finds an array of an archive. What is read of it is what its own header promises, not what the archive says of its size.
+fn member<'a>(
+    archive: &Path,
+    npz: &'a mut ZipArchive<BufReader<File>>,
+    array: &str,
+) -> Result<impl Read + use<'a>, ImageError> {
+    let name = format!("{array}.npy");
+    if npz.index_for_name(&name).is_none() {
+        let names = npz_names(archive)?.join(", ");
+        return Err(ImageError::new(archive, format!("expected an array named `{array}`, found {names}")));
+    }
+    npz.by_name(&name).map(BufReader::new).map_err(|error| ImageError::because(archive, error))
+}
+
+/// Lists the names of an archive's arrays, sorted.
+pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
+    let npz = open_npz(archive)?;
+    let mut names: Vec<String> =
+        npz.file_names().flatten().filter_map(|name| name.strip_suffix(".npy").map(str::to_owned)).collect();
+    names.sort();
+    Ok(names)
+}
+
+/// Opens an `.npz`, which is a zip archive of `.npy` files.
+fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
+    ZipArchive::new(open(archive)?).map_err(|e| ImageError::because(archive, e))
+}
+
+/// Checks the shape of an array, and returns the picture's size and its number of channels.
+fn shape<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<((usize, usize), usize), ImageError> {
+    let shape = npy.shape();
+    let (&[height, width, channels @ (3 | 4)], Order::C) = (shape, npy.order()) else {
+        return Err(ImageError::new(
+            path,
+            format!(
+                "expected an array of shape [height, width, 3], found shape {shape:?} ({:?} order)",
+                npy.order()
+            ),
+        ));
+    };
+    Ok((check_size(path, width, height)?, channels as usize))
+}
+
+/// A channel that the values of arrays are read as.
+pub(super) trait Value: Copy + Default {
+    fn of_double(value: f64) -> Self;
+    fn of_single(value: f32) -> Self;
+}
+
+impl Value for f32 {
+    fn of_double(value: f64) -> f32 {
+        value as f32
+    }
+
+    fn of_single(value: f32) -> f32 {
+        value
+    }
+}
+
+impl Value for f64 {
+    fn of_double(value: f64) -> f64 {
+        value
+    }
+
+    fn of_single(value: f32) -> f64 {
+        value.into()
+    }
+}
+
+fn read<C: Value, R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<C>, Depth), ImageError> {
+    let ((width, height), channels) = shape(path, &npy)?;
+    let kind = match npy.dtype() {
+        npyz::DType::Plain(kind) => (kind.type_char(), kind.size_field()),
+        other => {
+            return Err(ImageError::new(
+                path,
+                format!("expected values of type float32, float64 or uint8, found {}", other.descr()),
+            ));
+        }
+    };
+    let size = (width, height, channels);
+    match kind {
+        (TypeChar::Float, 4) => Ok((pixels(path, npy, size, C::of_single)?, Depth::Single)),
+        (TypeChar::Float, 8) => Ok((pixels(path, npy, size, C::of_double)?, Depth::Double)),
+        (TypeChar::Uint, 1) => {
+            let level = |v: u8| C::of_single(f32::from(v) / 255.0);
+            Ok((pixels(path, npy, size, level)?, Depth::Levels(u8::MAX.into())))
+        }
+        _ => Err(ImageError::new(
+            path,
+            format!("expected values of type float32, float64 or uint8, found {}", npy.dtype().descr()),
+        )),
+    }
+}
+
+/// Reads the values of an array, one by one.
+fn pixels<R: Read, T: npyz::Deserialize, C: Value>(
+    path: &Path,
+    npy: NpyFile<R>,
+    (width, height, channels): (usize, usize, usize),
+    convert: impl Fn(T) -> C,
+) -> Result<Image<C>, ImageError> {
+    let mut values = npy.data::<T>().map_err(|e| ImageError::because(path, e))?;
+    let mut rgb = room(path, width * height)?;
+    let missing = || ImageError::new(path, "the file ends before its last pixel");
+    for _ in 0..width * height {
+        let mut pixel = [C::default(); 4];
+        for value in &mut pixel[..channels] {
+            let read = values.next().ok_or_else(missing)?;
+            *value = convert(read.map_err(|e| ImageError::because(path, e))?);
+        }
+        rgb.push([pixel[0], pixel[1], pixel[2]]);
+    }
+    Ok(Image { width, height, rgb })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load(path: &Path) -> Result<Image, ImageError> {
+        super::load(path).map(|(image, _)| image)
+    }
+
+    fn load_member(archive: &Path, array: &str) -> Result<Image, ImageError> {
+        super::load_member(archive, array).map(|(image, _)| image)
+    }
+
+    #[test]
+    fn arrays_of_other_shapes_and_types_are_errors_that_say_what_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        save_words(&path, &[2, 6], &[0.0f32; 12]).unwrap();
+        let message = load(&path).unwrap_err().to_string();
+        assert!(message.contains("shape [2, 6]"), "{message}");
+        save_words(&path, &[2, 2, 3], &[0u32; 12]).unwrap();
+        let message = load(&path).unwrap_err().to_string();
+        assert!(message.ends_with("found '<u4'"), "{message}");
+    }
+
+    #[test]
+    fn a_header_that_is_too_long_or_too_deep_is_refused_before_it_is_parsed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let said = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            load(&path).unwrap_err().to_string()
+        };
+        let said_long = said(b"\x93NUMPY\x02\x00\xff\xff\xff\xff{'descr'");
+        assert!(
+            said_long.ends_with("expected a header of at most 4096 bytes, found 4294967295"),
+            "{said_long}"
+        );
+        let deep = [&b"\x93NUMPY\x01\x00\xa0\x0f"[..], "(".repeat(4000).as_bytes()].concat();
+        assert!(
+            said(&deep).ends_with("expected at most 16 brackets in the header, found 4000"),
+            "{}",
+            said(&deep)
+        );
+    }
+
+    #[test]
+    fn an_array_of_an_archive_that_promises_more_pixels_than_are_allowed_is_refused_from_its_header() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bomb.npz");
+        let mut npz = zip::ZipWriter::new(File::create(&path).unwrap());
+        npz.start_file("a.npy", zip::write::SimpleFileOptions::default()).unwrap();
+        let mut header =
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (1000000, 1000000, 3), }".to_owned();
+        header += &" ".repeat(117 - header.len());
+        npz.write_all(b"\x93NUMPY\x01\x00\x76\x00").unwrap();
+        npz.write_all(header.as_bytes()).unwrap();
+        npz.write_all(b"\n").unwrap();
+        npz.write_all(&vec![0; 1 << 20]).unwrap();
+        npz.finish().unwrap();
+        for error in [load_member(&path, "a").unwrap_err(), member_size(&path, "a").unwrap_err()] {
+            assert!(error.to_string().contains("found 1000000 x 1000000"), "{error}");
+        }
+    }
+
+    #[test]
+    fn doubles_bytes_and_a_fourth_channel_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        save_words(&path, &[1, 1, 3], &[0.25f64, 0.5, 2.0]).unwrap();
+        assert_eq!(load(&path).unwrap().rgb, [[0.25, 0.5, 2.0]]);
+        save_words(&path, &[1, 1, 4], &[0u8, 51, 255, 7]).unwrap();
+        assert_eq!(load(&path).unwrap().rgb, [[0.0, 0.2, 1.0]]);
+    }
+
+    #[test]
+    fn an_archive_gives_its_arrays_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npz");
+        let mut npz = zip::ZipWriter::new(File::create(&path).unwrap());
+        for (name, value) in [("second", 2.0f32), ("first", 1.0)] {
+            let member = folder.path().join("member.npy");
+            save_words(&member, &[1, 1, 3], &[value; 3]).unwrap();
+            npz.start_file(format!("{name}.npy"), zip::write::SimpleFileOptions::default()).unwrap();
+            npz.write_all(&std::fs::read(member).unwrap()).unwrap();
+        }
+        npz.finish().unwrap();
+        assert_eq!(npz_names(&path).unwrap(), ["first", "second"]);
+        assert_eq!(load_member(&path, "first").unwrap().rgb, [[1.0; 3]]);
+        let message = load_member(&path, "third").unwrap_err().to_string();
+        assert!(
+            message.ends_with("a.npz: expected an array named `third`, found first, second"),
+            "{message}"
+        );
+    }
+}

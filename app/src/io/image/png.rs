@@ -1,0 +1,122 @@
+//! Reads and writes PNG files: 8 bits per channel when written, any colour type and depth when read.
+
+use super::{Image, ImageError, check_size, open, room};
+use crate::io::output::file::Cause;
+use std::fs::File;
+use std::io::{BufReader, Write};
+use std::path::Path;
+
+/// Converts a value to a byte: clamped to 0..1, scaled to 0..255, halves rounded up. NaN becomes 0.
+fn level(value: f32) -> u8 {
+    // A float cast to an integer truncates, saturates, and turns NaN into 0.
+    (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+}
+
+pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
+    let mut encoder = png::Encoder::new(out, image.width as u32, image.height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    // `Balanced` takes 12 to 35 times as long for files that are 5 to 6 % smaller (two captured scenes, 1920 x 1080).
+    encoder.set_compression(png::Compression::Fast);
+    let bytes: Vec<u8> = image.rgb.as_flattened().iter().map(|&v| level(v)).collect();
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(&bytes)?;
+    Ok(writer.finish()?)
+}
+
+/// A decoder whose header was read.
+type Decoder = png::Decoder<BufReader<File>>;
+
+/// Reads the header, with the picture's size.
+fn header(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
+    let mut decoder = png::Decoder::new(open(path)?);
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let header = decoder.read_header_info().map_err(|e| ImageError::because(path, e))?;
+    let size = check_size(path, header.width.into(), header.height.into())?;
+    Ok((decoder, size))
+}
+
+pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
+    header(path).map(|(_, size)| size)
+}
+
+/// Loads a file, with its greatest level, and ignores its alpha: pictures here are opaque.
+pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
+    let fail = |e: png::DecodingError| ImageError::because(path, e);
+    let (decoder, (width, height)) = header(path)?;
+    let mut reader = decoder.read_info().map_err(fail)?;
+    let size = reader
+        .output_buffer_size()
+        .ok_or_else(|| ImageError::new(path, "the pixels do not fit in memory"))?;
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(size).map_err(|e| ImageError::because(path, e))?;
+    bytes.resize(size, 0);
+    let frame = reader.next_frame(&mut bytes).map_err(fail)?;
+    bytes.truncate(frame.buffer_size());
+
+    let channels = match frame.color_type {
+        png::ColorType::Grayscale => 1,
+        png::ColorType::GrayscaleAlpha => 2,
+        png::ColorType::Rgb => 3,
+        png::ColorType::Rgba => 4,
+        // EXPAND turns a palette into RGB.
+        png::ColorType::Indexed => return Err(ImageError::new(path, "the palette cannot be read")),
+    };
+    // Grey is that of its one channel three times.
+    let [r, g, b] = if channels < 3 { [0; 3] } else { [0, 1, 2] };
+    let mut rgb = room(path, width * height)?;
+    let greatest = match frame.bit_depth {
+        png::BitDepth::Sixteen => {
+            let value = |b: &[u8]| f32::from(u16::from_be_bytes([b[0], b[1]])) / f32::from(u16::MAX);
+            let pixels = bytes.chunks_exact(2 * channels);
+            rgb.extend(pixels.map(|p| [r, g, b].map(|c| value(&p[2 * c..]))));
+            u16::MAX
+        }
+        _ => {
+            let pixels = bytes.chunks_exact(channels);
+            rgb.extend(pixels.map(|p| [r, g, b].map(|c| f32::from(p[c]) / 255.0)));
+            u8::MAX.into()
+        }
+    };
+    if rgb.len() != width * height {
+        let text = format!("expected {} pixels, found {}", width * height, rgb.len());
+        return Err(ImageError::new(path, text));
+    }
+    Ok((Image { width, height, rgb }, greatest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(path: &Path, color: png::ColorType, depth: png::BitDepth, data: &[u8], palette: Option<&[u8]>) {
+        let mut encoder = png::Encoder::new(File::create(path).unwrap(), 2, 1);
+        encoder.set_color(color);
+        encoder.set_depth(depth);
+        if let Some(palette) = palette {
+            encoder.set_palette(palette.to_vec());
+        }
+        encoder.write_header().unwrap().write_image_data(data).unwrap();
+    }
+
+    #[test]
+    fn every_colour_type_is_read_as_rgb_without_its_alpha() {
+        use png::{BitDepth::*, ColorType::*};
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let grey = [[0.0; 3], [1.0; 3]];
+        let colour = [[0.0, 0.2, 1.0], [1.0, 0.2, 0.0]];
+
+        write(&path, Grayscale, One, &[0b0100_0000], None);
+        assert_eq!(load(&path).unwrap().0.rgb, grey);
+        write(&path, GrayscaleAlpha, Eight, &[0, 9, 255, 9], None);
+        assert_eq!(load(&path).unwrap().0.rgb, grey);
+        write(&path, Rgba, Eight, &[0, 51, 255, 9, 255, 51, 0, 9], None);
+        assert_eq!(load(&path).unwrap().0.rgb, colour);
+        write(&path, Rgb, Sixteen, &[0, 0, 51, 51, 255, 255, 255, 255, 51, 51, 0, 0], None);
+        assert_eq!(load(&path).unwrap().0.rgb, colour);
+        write(&path, Indexed, Eight, &[1, 0], Some(&[255, 51, 0, 0, 51, 255]));
+        assert_eq!(load(&path).unwrap().0.rgb, colour);
+    }
+}

@@ -1,0 +1,14 @@
+//! Reads and writes what enters and leaves the program.
+//!
+//! - [`output`]: everything that leaves the program: files, terminal text, signals;
+//! - [`image`]: picture files;
+//! - [`report`]: plots, and pages in one file;
+//! - [`progress`]: progress on standard error;
+//! - [`demo`]: the demo scene.
+
+pub mod demo;
+pub(crate) mod folders;
+pub mod image;
+pub mod output;
+pub mod progress;
+pub mod report;

@@ -1,0 +1,156 @@
+//! Writes pages of HTML that need no other file.
+
+use super::plot::{Plot, PlotError};
+use crate::io::image::{Image, ImageError};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use std::fmt::Write;
+
+const STYLE: &str = include_str!("page.css");
+
+/// A page that is written from top to bottom.
+pub struct Page {
+    title: String,
+    body: String,
+}
+
+/// A picture with a line under it.
+pub struct Figure<'a> {
+    /// The line.
+    pub caption: String,
+    /// The picture; its values are clamped to 0..1.
+    pub image: &'a Image,
+}
+
+impl Page {
+    /// Begins a page with its title as the first heading.
+    pub fn new(title: &str) -> Page {
+        Page { title: title.to_owned(), body: format!("<h1>{}</h1>\n", escaped(title)) }
+    }
+
+    /// Adds a heading.
+    pub fn heading(&mut self, text: &str) {
+        self.body += &format!("<h2>{}</h2>\n", escaped(text));
+    }
+
+    /// Adds a paragraph. Text between backquotes is set as code.
+    pub fn text(&mut self, text: &str) {
+        self.body += &format!("<p>{}</p>\n", inline(text));
+    }
+
+    /// Adds lines that keep their breaks and columns: a formula, a command.
+    pub fn block(&mut self, text: &str) {
+        self.body += &format!("<pre>{}</pre>\n", escaped(text));
+    }
+
+    /// Adds a table. The first column is text, the others are numbers.
+    pub fn table(&mut self, header: &[&str], rows: &[Vec<String>]) {
+        let line = |tag: &str, cells: &mut dyn Iterator<Item = String>| {
+            cells.fold(String::from("<tr>"), |text, cell| text + &format!("<{tag}>{cell}</{tag}>"))
+                + "</tr>\n"
+        };
+        self.body += "<div class=\"wide\"><table>\n";
+        self.body += &line("th", &mut header.iter().map(|cell| inline(cell)));
+        for row in rows {
+            self.body += &line("td", &mut row.iter().map(|cell| inline(cell)));
+        }
+        self.body += "</table></div>\n";
+    }
+
+    /// Adds pictures beside each other.
+    ///
+    /// # Errors
+    /// A picture cannot be encoded.
+    pub fn pictures(&mut self, figures: &[Figure]) -> Result<(), ImageError> {
+        self.body += "<div class=\"pictures\">\n";
+        self.figures(figures)?;
+        self.body += "</div>\n";
+        Ok(())
+    }
+
+    /// Adds pictures in rows of equal columns, however narrow the page.
+    ///
+    /// # Errors
+    /// A picture cannot be encoded.
+    pub fn rows(&mut self, columns: usize, figures: &[Figure]) -> Result<(), ImageError> {
+        let columns = format!("grid-template-columns: repeat({columns}, minmax(0, 1fr))");
+        self.body += &format!("<div class=\"pictures\" style=\"{columns}\">\n");
+        self.figures(figures)?;
+        self.body += "</div>\n";
+        Ok(())
+    }
+
+    fn figures(&mut self, figures: &[Figure]) -> Result<(), ImageError> {
+        for figure in figures {
+            let data = STANDARD.encode(figure.image.png()?);
+            let caption = inline(&figure.caption);
+            let alt = escaped(&figure.caption);
+            let Image { width, height, .. } = figure.image;
+            // Writing to a string cannot fail.
+            let _ = writeln!(
+                self.body,
+                "<figure><img width=\"{width}\" height=\"{height}\" alt=\"{alt}\" src=\"data:image/png;base64,{data}\">\
+                 <figcaption>{caption}</figcaption></figure>"
+            );
+        }
+        Ok(())
+    }
+
+    /// Adds a plot with a line under it.
+    ///
+    /// # Errors
+    /// The plot cannot be drawn.
+    pub fn plot(&mut self, plot: &Plot, caption: &str) -> Result<(), PlotError> {
+        let svg = plot.svg()?;
+        self.body +=
+            &format!("<figure class=\"plot\">{svg}<figcaption>{}</figcaption></figure>\n", inline(caption));
+        Ok(())
+    }
+
+    /// Returns the page as HTML.
+    pub fn html(&self) -> String {
+        let Page { title, body } = self;
+        format!(
+            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+             <meta name=\"viewport\" content=\"width=device-width\"><title>{}</title>\n<style>\n{STYLE}</style></head>\n\
+             <body><main>\n{body}</main></body></html>\n",
+            escaped(title)
+        )
+    }
+}
+
+/// Escapes the characters that HTML gives a meaning.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Escapes text, and sets what stands between backquotes as code.
+fn inline(text: &str) -> String {
+    let parts = text.split('`').enumerate();
+    parts.fold(String::new(), |line, (at, part)| match at % 2 {
+        0 => line + &escaped(part),
+        _ => line + "<code>" + &escaped(part) + "</code>",
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_holds_its_pictures_and_cannot_be_changed_by_its_texts() {
+        let mut page = Page::new("<script>");
+        page.text("a `b < c` d");
+        page.table(&["name", "ms"], &[vec!["\"x\" & y".into(), "1.5".into()]]);
+        let image = Image::from_fn(2, 1, |x, _| [x as f32; 3]);
+        page.pictures(&[Figure { caption: "two pixels".into(), image: &image }]).unwrap();
+        page.rows(4, &[Figure { caption: "again".into(), image: &image }]).unwrap();
+        let html = page.html();
+        assert!(!html.contains("<script>"), "{html}");
+        assert!(html.contains("<code>b &lt; c</code>") && html.contains("&quot;x&quot; &amp; y"), "{html}");
+        let data = html.split("base64,").nth(1).and_then(|rest| rest.split('"').next()).expect("a picture");
+        assert!(STANDARD.decode(data).expect("base64").starts_with(b"\x89PNG"));
+        assert_eq!(html.matches("<figure>").count(), 2);
+        assert!(!html.contains("http"), "nothing is fetched");
+    }
+}

@@ -1,0 +1,484 @@
+//! Draws plots as SVG and as pictures: the same marks, a font of its own for the pictures.
+
+use crate::io::image::Image;
+use plotters::coord::Shift;
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{FontStyle, RGBColor, register_font};
+use std::ops::Range;
+use std::sync::Once;
+
+/// Width and height of a plot, in pixels.
+pub const SIZE: (u32, u32) = (960, 560);
+
+/// An error of the library that draws.
+#[derive(Debug, thiserror::Error)]
+#[error("the plot cannot be drawn: {0}")]
+pub struct PlotError(String);
+
+/// An axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// The quantity, with its unit.
+    pub label: String,
+    /// True for equal steps of ratio. Points at or below 0 are then left out.
+    pub logarithmic: bool,
+}
+
+/// The form of a series' marks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// Points that a line joins.
+    Line,
+    /// Points with their names.
+    Points,
+    /// Grey points with their names, behind the others.
+    Muted,
+}
+
+/// A point: where it is, and its name, which may be empty.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// Horizontal position.
+    pub x: f64,
+    /// Vertical position.
+    pub y: f64,
+    /// The name beside the point.
+    pub name: String,
+}
+
+/// Points of one kind.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    /// The name in the legend; no entry if it is empty.
+    pub name: String,
+    /// The form of the marks.
+    pub form: Form,
+    /// The points. Those that are not finite are left out.
+    pub points: Vec<Point>,
+}
+
+/// A plot of points over two axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plot {
+    /// The line above it.
+    pub title: String,
+    /// The horizontal axis.
+    pub x: Axis,
+    /// The vertical axis.
+    pub y: Axis,
+    /// The points.
+    pub series: Vec<Series>,
+}
+
+/// Colours that people with any colour vision tell apart (Okabe and Ito 2008). Their yellow is faint on white and left out.
+const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(230, 159, 0),
+    RGBColor(0, 0, 0),
+];
+const GREY: RGBColor = RGBColor(150, 155, 163);
+const INK: RGBColor = RGBColor(27, 31, 36);
+const RULE: RGBColor = RGBColor(225, 228, 233);
+
+const FONT: &str = "sans-serif";
+/// Height of the text, in pixels.
+const TEXT: u32 = 14;
+const NAME: u32 = 13;
+/// Height of the title and the legend.
+const HEAD: u32 = 66;
+
+impl Series {
+    /// Makes a line through points without names.
+    pub fn line(name: &str, points: impl IntoIterator<Item = (f64, f64)>) -> Series {
+        let point = |(x, y)| Point { x, y, name: String::new() };
+        Series { name: name.to_owned(), form: Form::Line, points: points.into_iter().map(point).collect() }
+    }
+}
+
+impl Plot {
+    /// Draws the plot as SVG.
+    ///
+    /// # Errors
+    /// The library fails.
+    pub fn svg(&self) -> Result<String, PlotError> {
+        let mut text = String::new();
+        self.draw(SVGBackend::with_string(&mut text, SIZE).into_drawing_area())?;
+        // Without a view box, a page cannot scale it.
+        let (width, height) = SIZE;
+        let sized = format!("width=\"{width}\" height=\"{height}\"");
+        if text.contains("viewBox") {
+            return Ok(text);
+        }
+        Ok(text.replacen(&sized, &format!("{sized} viewBox=\"0 0 {width} {height}\""), 1))
+    }
+
+    /// Draws the plot as a picture.
+    ///
+    /// # Errors
+    /// The library fails.
+    pub fn image(&self) -> Result<Image, PlotError> {
+        let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
+        let mut bytes = vec![0u8; width * height * 3];
+        self.draw(BitMapBackend::with_buffer(&mut bytes, SIZE).into_drawing_area())?;
+        let channel = |at: usize| f32::from(bytes[at]) / 255.0;
+        Ok(Image::from_fn(width, height, |x, y| {
+            let first = 3 * (y * width + x);
+            [channel(first), channel(first + 1), channel(first + 2)]
+        }))
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: DrawingArea<B, Shift>) -> Result<(), PlotError> {
+        register();
+        self.draw_on(&area).and_then(|()| area.present()).map_err(|error| PlotError(error.to_string()))
+    }
+
+    fn draw_on<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        let shown: Vec<Vec<(f64, f64, &str)>> = self.series.iter().map(|series| self.shown(series)).collect();
+        let all = || shown.iter().flatten();
+        let x = Ticks::new(all().map(|point| point.0), self.x.logarithmic);
+        let y = Ticks::new(all().map(|point| point.1), self.y.logarithmic);
+
+        area.fill(&WHITE)?;
+        let mut chart = ChartBuilder::on(area)
+            .margin(14)
+            .margin_top(HEAD)
+            .x_label_area_size(48)
+            .y_label_area_size(64)
+            .build_cartesian_2d(x, y)?;
+        chart
+            .configure_mesh()
+            .x_desc(&self.x.label)
+            .y_desc(&self.y.label)
+            .label_style((FONT, TEXT).into_font().color(&INK))
+            .axis_desc_style((FONT, TEXT).into_font().color(&INK))
+            .axis_style(GREY)
+            .bold_line_style(RULE)
+            .light_line_style(TRANSPARENT)
+            .draw()?;
+
+        let mut colours = COLOURS.iter().cycle();
+        let muted = |at: &usize| self.series[*at].form == Form::Muted;
+        let colour_of: Vec<RGBColor> = (0..self.series.len())
+            .map(|at| if muted(&at) { GREY } else { *colours.next().unwrap_or(&INK) })
+            .collect();
+        // What is muted lies behind the others, and its names take the room that is left.
+        let (behind, before): (Vec<usize>, Vec<usize>) = (0..self.series.len()).partition(muted);
+        self.head(area, &colour_of)?;
+        for at in behind.iter().chain(&before) {
+            let (series, points, colour) = (&self.series[*at], &shown[*at], colour_of[*at]);
+            if series.form == Form::Line {
+                let line = points.iter().map(|(x, y, _)| (*x, *y));
+                chart.draw_series(LineSeries::new(line, colour.stroke_width(2)))?;
+            }
+            let dots = points.iter().map(|(x, y, _)| Circle::new((*x, *y), 4, colour.filled()));
+            chart.draw_series(dots)?;
+        }
+        let mut names = Names::default();
+        shown.iter().flatten().for_each(|(x, y, _)| names.block(chart.backend_coord(&(*x, *y))));
+        for at in before.iter().chain(&behind) {
+            let style = (FONT, NAME).into_font().color(&if muted(at) { GREY } else { INK });
+            for (x, y, name) in shown[*at].iter().filter(|(.., name)| !name.is_empty()) {
+                let (width, height) = area.estimate_text_size(name, &style)?;
+                let size = (width as i32, height as i32);
+                if let Some((side, place)) = names.place(chart.backend_coord(&(*x, *y)), size) {
+                    let style = style.pos(Pos::new(side, VPos::Top));
+                    area.draw(&Text::new((*name).to_owned(), place, style))?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws the title, and the legend in a line below it.
+    fn head<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+        colours: &[RGBColor],
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        let centred = Pos::new(HPos::Center, VPos::Center);
+        let title = (FONT, 18).into_font().color(&INK).pos(centred);
+        area.draw(&Text::new(self.title.clone(), (SIZE.0 as i32 / 2, 22), title))?;
+        let style = (FONT, TEXT).into_font().color(&INK);
+        let named = || self.series.iter().zip(colours).filter(|(series, _)| !series.name.is_empty());
+        let width =
+            |series: &Series| area.estimate_text_size(&series.name, &style).map(|(width, _)| width as i32);
+        /// Room for a dot, and between entries.
+        const DOT: i32 = 36;
+        let mut all = 0;
+        for (series, _) in named() {
+            all += width(series)? + DOT;
+        }
+        let mut x = (SIZE.0 as i32 - all) / 2 + DOT / 2;
+        for (series, colour) in named() {
+            area.draw(&Circle::new((x, 46), 4, colour.filled()))?;
+            let beside = style.clone().pos(Pos::new(HPos::Left, VPos::Center));
+            area.draw(&Text::new(series.name.clone(), (x + 10, 46), beside))?;
+            x += width(series)? + DOT;
+        }
+        Ok(())
+    }
+
+    /// Lists the points of a series that can be shown, on the scales of the axes.
+    fn shown<'a>(&self, series: &'a Series) -> Vec<(f64, f64, &'a str)> {
+        let on = |axis: &Axis, value: f64| if axis.logarithmic { value.log10() } else { value };
+        let point = |point: &'a Point| (on(&self.x, point.x), on(&self.y, point.y), point.name.as_str());
+        series.points.iter().map(point).filter(|(x, y, _)| x.is_finite() && y.is_finite()).collect()
+    }
+}
+
+/// Registers the font of the pictures, once. An SVG names it only, so that its reader's is used.
+fn register() {
+    static ONCE: Once = Once::new();
+    // The font is a constant, so that it is always valid.
+    ONCE.call_once(|| drop(register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)));
+}
+
+/// The range of an axis, and its ticks; positions are logarithms on a logarithmic one.
+struct Ticks {
+    first: f64,
+    last: f64,
+    at: Vec<f64>,
+    logarithmic: bool,
+    digits: usize,
+}
+
+impl Ticks {
+    /// Chooses a range around values, and round numbers in it.
+    fn new(values: impl Iterator<Item = f64>, logarithmic: bool) -> Ticks {
+        let range = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        let (low, high) = if range.0 <= range.1 { range } else { (0.0, 1.0) };
+        let room = match high - low {
+            0.0 => (0.05 * low.abs()).max(0.1),
+            span => 0.06 * span,
+        };
+        let (first, last) = (low - room, high + room);
+        let step = step_for(last - first);
+        let multiples = |step: f64| {
+            ((first / step).ceil() as i64..=(last / step).floor() as i64).map(move |i| i as f64 * step)
+        };
+        let mut digits = (-step.log10().floor()).max(0.0) as usize;
+        let at = if logarithmic {
+            // The finer set where the coarser gives no three of them.
+            let sets: [&[f64]; 4] =
+                [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]];
+            let decades = first.floor() as i32..=last.ceil() as i32;
+            let ticks = |set: &[f64]| -> Vec<f64> {
+                let all = decades.clone().flat_map(|d| set.iter().map(move |m| m.log10() + f64::from(d)));
+                all.filter(|v| (first..=last).contains(v)).collect()
+            };
+            let found = sets.iter().map(|set| ticks(set)).find(|ticks| ticks.len() >= 4);
+            match found {
+                Some(ticks) => ticks,
+                // Less than a factor of two: equal steps will do.
+                None => {
+                    let (a, b) = (10f64.powf(first), 10f64.powf(last));
+                    let step = step_for(b - a);
+                    digits = (-step.log10().floor()).max(0.0) as usize;
+                    ((a / step).ceil() as i64..=(b / step).floor() as i64)
+                        .map(|i| (i as f64 * step).log10())
+                        .collect()
+                }
+            }
+        } else {
+            multiples(step).collect()
+        };
+        Ticks { first, last, at, logarithmic, digits }
+    }
+
+    fn label(&self, at: f64) -> String {
+        if !self.logarithmic {
+            return format!("{at:.*}", self.digits);
+        }
+        let value = 10f64.powf(at);
+        match value {
+            1e9.. => {
+                format!("{:.3}", value / 1e9).trim_end_matches('0').trim_end_matches('.').to_owned() + " G"
+            }
+            1e6.. => {
+                format!("{:.3}", value / 1e6).trim_end_matches('0').trim_end_matches('.').to_owned() + " M"
+            }
+            1e4.. => {
+                format!("{:.3}", value / 1e3).trim_end_matches('0').trim_end_matches('.').to_owned() + " k"
+            }
+            // Six digits are enough to tell ticks apart and hide the rounding of the logarithm.
+            _ => format!("{:.6}", value).trim_end_matches('0').trim_end_matches('.').to_owned(),
+        }
+    }
+}
+
+impl Ranged for Ticks {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (begin, end): (i32, i32)) -> i32 {
+        let share = (value - self.first) / (self.last - self.first);
+        begin + (share * f64::from(end - begin)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
+        self.at.clone()
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.first..self.last
+    }
+}
+
+impl ValueFormatter<f64> for Ticks {
+    fn format_ext(&self, at: &f64) -> String {
+        self.label(*at)
+    }
+}
+
+/// Chooses a step of 1, 2 or 5 times a power of ten, for about 5 parts of a span.
+fn step_for(span: f64) -> f64 {
+    let power = 10f64.powf((span / 5.0).log10().floor());
+    let ratio = span / 5.0 / power;
+    let round = match ratio {
+        ..1.5 => 1.0,
+        ..3.5 => 2.0,
+        ..7.5 => 5.0,
+        _ => 10.0,
+    };
+    power * round
+}
+
+/// The boxes of what is drawn already, so that names do not lie over each other.
+#[derive(Default)]
+struct Names {
+    taken: Vec<[i32; 4]>,
+}
+
+impl Names {
+    /// Takes the room of a dot.
+    fn block(&mut self, (x, y): (i32, i32)) {
+        self.taken.push([x - 4, y - 4, x + 4, y + 4]);
+    }
+
+    /// Finds a place for a name beside its dot: where its text begins, ends, or has its middle. `None` if there is no room.
+    ///
+    /// The reader's font may be wider than this program's: a text beside a dot keeps its distance from it.
+    fn place(&mut self, (x, y): (i32, i32), (width, height): (i32, i32)) -> Option<(HPos, (i32, i32))> {
+        let half = height / 2;
+        let beside = [
+            (HPos::Left, y - half),
+            (HPos::Right, y - half),
+            (HPos::Center, y - 8 - height),
+            (HPos::Center, y + 8),
+            (HPos::Left, y - 6 - height),
+            (HPos::Left, y + 6),
+            (HPos::Right, y - 6 - height),
+            (HPos::Right, y + 6),
+        ];
+        let place = |(side, top): (HPos, i32)| {
+            let (at, left) = match side {
+                HPos::Left => (x + 8, x + 8),
+                HPos::Right => (x - 8, x - 8 - width),
+                HPos::Center => (x, x - width / 2),
+            };
+            (side, (at, top), [left, top, left + width, top + height])
+        };
+        let apart = |a: &[i32; 4], b: &[i32; 4]| a[2] <= b[0] || b[2] <= a[0] || a[3] <= b[1] || b[3] <= a[1];
+        let free = |(.., room): &(HPos, (i32, i32), [i32; 4])| {
+            let within = room[0] >= 66 && room[2] <= SIZE.0 as i32 - 8;
+            within && self.taken.iter().all(|other| apart(room, other))
+        };
+        let (side, at, room) = beside.into_iter().map(place).find(free)?;
+        self.taken.push(room);
+        Some((side, at))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(x: f64, y: f64, name: &str) -> Point {
+        Point { x, y, name: name.into() }
+    }
+
+    fn plot() -> Plot {
+        Plot {
+            title: "Time and error".into(),
+            x: Axis { label: "GPU ms".into(), logarithmic: true },
+            y: Axis { label: "PSNR dB".into(), logarithmic: false },
+            series: vec![
+                Series {
+                    name: "dominated".into(),
+                    form: Form::Muted,
+                    points: vec![point(2.0, 30.0, "slow")],
+                },
+                Series {
+                    name: "front".into(),
+                    form: Form::Line,
+                    points: vec![
+                        point(1.0, 40.0, "fast"),
+                        point(3.0, 80.0, "exact"),
+                        point(3.0, f64::INFINITY, "equal"),
+                    ],
+                },
+            ],
+        }
+    }
+
+    #[test]
+    fn a_plot_is_drawn_with_its_names_and_without_what_is_not_finite() {
+        let svg = plot().svg().unwrap();
+        for text in ["Time and error", "GPU ms", "PSNR dB", "fast", "exact", "slow", "viewBox"] {
+            assert!(svg.contains(text), "{text}: {svg}");
+        }
+        assert!(!svg.contains("equal") && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        let image = plot().image().unwrap();
+        let of = |colour: RGBColor| {
+            let wanted = [colour.0, colour.1, colour.2].map(|v| f32::from(v) / 255.0);
+            image.rgb.iter().filter(|pixel| **pixel == wanted).count()
+        };
+        assert!(of(COLOURS[0]) > 100 && of(GREY) > 30, "the line and the dots are there");
+        let dark = image.rgb.iter().filter(|pixel| pixel.iter().all(|v| *v < 0.4)).count();
+        assert!(dark > 200, "so are the texts: {dark}");
+    }
+
+    #[test]
+    fn ticks_are_round_numbers_within_the_range() {
+        let labels = |values: &[f64], logarithmic: bool| {
+            let on = |v: &f64| if logarithmic { v.log10() } else { *v };
+            let ticks = Ticks::new(values.iter().map(on), logarithmic);
+            ticks.at.iter().map(|at| ticks.label(*at)).collect::<Vec<_>>()
+        };
+        assert_eq!(labels(&[0.0, 100.0], false), ["0", "20", "40", "60", "80", "100"]);
+        assert_eq!(labels(&[1000.0, 1e6], true), ["1000", "10 k", "100 k", "1 M"]);
+        assert_eq!(labels(&[1.0, 10.0], true), ["1", "2", "5", "10"]);
+        assert_eq!(labels(&[1.0, 1.4], true), ["1", "1.1", "1.2", "1.3", "1.4"]);
+        // One value alone, and none.
+        assert!(labels(&[3.0], false).contains(&"3.00".to_owned()), "{:?}", labels(&[3.0], false));
+        assert!(!labels(&[], true).is_empty());
+    }
+
+    #[test]
+    fn names_do_not_lie_over_each_other() {
+        let mut names = Names::default();
+        let at = (400, 300);
+        names.block(at);
+        let mut boxes: Vec<[i32; 4]> = Vec::new();
+        while let Some((side, (x, y))) = names.place(at, (60, 12)) {
+            let left = match side {
+                HPos::Left => x,
+                HPos::Right => x - 60,
+                HPos::Center => x - 30,
+            };
+            let next = [left, y, left + 60, y + 12];
+            assert!(boxes.iter().all(|b| b[2] <= left || next[2] <= b[0] || b[3] <= y || next[3] <= b[1]));
+            boxes.push(next);
+        }
+        assert!(boxes.len() >= 4, "{boxes:?}");
+    }
+}

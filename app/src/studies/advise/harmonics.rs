@@ -1,0 +1,100 @@
+//! Measures how much each band of spherical harmonics does to the colours.
+//!
+//! The basis is orthonormal on the sphere, so that the mean square of a band over all directions is the sum of its squared
+//! coefficients over 4 pi (Parseval; Ramamoorthi and Hanrahan 2001, "An Efficient Representation for Irradiance Environment
+//! Maps"). Splats count by what they can show: opacity times area, and nothing below the alpha floor.
+
+use crate::studies::sweep::choice::world_area;
+use rayon::prelude::*;
+use serde::Serialize;
+use splatgraph_assets::Scene;
+use splatgraph_reference::Splats;
+use std::f64::consts::PI;
+
+/// A band of spherical harmonics.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Band {
+    /// 0 to 3.
+    pub band: u32,
+    /// Root of the mean square over directions, channels and splats: how much the band adds to a colour of 0 to 1.
+    pub rms: f64,
+    /// Share of the view-dependent bands' energy; 0 for band 0, which depends on no direction.
+    pub share: f64,
+}
+
+/// The energy of each band, 0 to 3: the mean square over the sphere of what the band adds to a channel.
+pub type Energy = [f64; 4];
+
+/// Computes the energy of a splat's bands, the mean over its channels.
+pub fn energy(sh: &[[f64; 3]; 16]) -> Energy {
+    std::array::from_fn(|band| {
+        let of_band = &sh[band * band..(band + 1) * (band + 1)];
+        of_band.as_flattened().iter().map(|c| c * c).sum::<f64>() / (3.0 * 4.0 * PI)
+    })
+}
+
+/// Measures the bands that a scene stores.
+pub fn bands(scene: &Scene) -> Vec<Band> {
+    let of_splat = |index: usize| {
+        let weight = f64::from(scene.opacities()[index]) * world_area(scene, index);
+        let weight = if scene.can_show(index) { weight } else { 0.0 };
+        // A splat as large as f32 allows still has a finite weight in f64; one that is not has none.
+        let weight = if weight.is_finite() { weight } else { 0.0 };
+        let [a, b, c, d] = energy(&Splats::get(scene, index).sh).map(|energy| weight * energy);
+        [a, b, c, d, weight]
+    };
+    let add = |a: [f64; 5], b: [f64; 5]| std::array::from_fn(|i| a[i] + b[i]);
+    let sum = (0..Splats::count(scene)).into_par_iter().map(of_splat).reduce(|| [0.0; 5], add);
+    let directional: f64 = sum[1..4].iter().sum();
+    (0..=scene.stored_degree())
+        .map(|band| {
+            let energy = sum[band as usize];
+            let share = if band == 0 || directional <= 0.0 { 0.0 } else { energy / directional };
+            let rms = if sum[4] > 0.0 { (energy / sum[4]).sqrt() } else { 0.0 };
+            Band { band, rms, share }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::Splat;
+    use splatgraph_assets::harmonics::basis;
+
+    fn scene(sh: impl Fn(usize) -> f32 + Sync) -> Scene {
+        Scene::generate(3, 3, |i| Splat {
+            position: [0.0; 3],
+            scale: [1.0, 2.0, 0.5],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity: if i == 2 { 0.0039 } else { 0.5 },
+            // What cannot be seen does not count.
+            sh: std::array::from_fn(|at| if i == 2 { 9.0 } else { sh(at) }),
+        })
+    }
+
+    #[test]
+    fn the_energy_of_a_band_is_its_mean_square_over_all_directions() {
+        // Band 2, coefficient 5, of the green channel.
+        let bands = bands(&scene(|at| if at == 3 * 5 + 1 { 0.7 } else { 0.0 }));
+        // Directions spread evenly: a Fibonacci lattice.
+        let count = 20_000;
+        let square = |i: i32| {
+            let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(count);
+            let angle = PI * (3.0 - 5f64.sqrt()) * f64::from(i);
+            let r = (1.0 - z * z).sqrt();
+            (f64::from(0.7f32) * basis([r * angle.cos(), r * angle.sin(), z])[5]).powi(2)
+        };
+        // One channel of three.
+        let expected = ((0..count).map(square).sum::<f64>() / f64::from(count) / 3.0).sqrt();
+        assert!((bands[2].rms - expected).abs() < 1e-5, "{bands:?}, expected {expected}");
+        assert_eq!((bands[2].share, bands[1].share, bands[3].rms), (1.0, 0.0, 0.0));
+    }
+
+    #[test]
+    fn a_scene_without_view_dependence_has_no_energy_but_in_band_0() {
+        let bands = bands(&scene(|at| if at < 3 { 0.3 } else { 0.0 }));
+        assert!(bands[0].rms > 0.0);
+        assert!(bands[1..].iter().all(|band| band.rms == 0.0 && band.share == 0.0), "{bands:?}");
+    }
+}

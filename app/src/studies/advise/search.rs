@@ -1,0 +1,324 @@
+//! Searches for the cheapest setting within a budget.
+//!
+//! Every parameter is measured alone, one step away from the exact settings. What several do together is predicted: squared
+//! errors add up, as those of independent causes do, and shares of time multiply. The cheapest predictions are then drawn,
+//! and only what was drawn and measured is advised. What noise hides is told: see [`crate::studies::trade::noise`].
+
+use crate::studies::trade::measure::Row;
+use crate::studies::trade::noise::Share;
+use crate::studies::trade::settings::{EXACT, Setting};
+use serde::Serialize;
+
+/// The wanted limits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Budget {
+    /// Least PSNR of every view, in decibels.
+    pub psnr: Option<f64>,
+    /// Greatest mean GPU time of a frame, in milliseconds.
+    pub ms: Option<f64>,
+}
+
+/// The measurements of a setting over all views.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Tried {
+    /// The setting.
+    pub setting: Setting,
+    /// PSNR of each view in decibels, infinite for equal pictures.
+    pub psnr_db: Vec<f64>,
+    /// Mean GPU time of a frame over the views, in milliseconds; `None` without timestamps.
+    pub gpu_ms: Option<f64>,
+    /// Mean share of the exact settings' time, with the range of the noise; `None` without timestamps.
+    pub share: Option<Share>,
+}
+
+impl Tried {
+    /// Sums up the rows of a setting; `None` if one of them failed. `floor` is the noise that ranges have at least.
+    ///
+    /// The exact settings' share is 1, by definition.
+    pub fn new(setting: &Setting, rows: &[Row], floor: Option<f64>) -> Option<Tried> {
+        let found: Option<Vec<_>> = rows.iter().map(|row| row.found.as_ref().ok()).collect();
+        let found = found.filter(|found| !found.is_empty())?;
+        let count = found.len() as f64;
+        let times: Option<Vec<_>> = found.iter().map(|view| view.time.as_ref()).collect();
+        let share = own_share(rows).map(|share| match setting.name == EXACT {
+            true => Share::EXACT,
+            false => share.widened(floor),
+        });
+        Some(Tried {
+            setting: setting.clone(),
+            psnr_db: found.iter().map(|view| view.error.psnr_db.unwrap_or(f64::INFINITY)).collect(),
+            gpu_ms: times.map(|times| times.iter().map(|time| time.gpu_ms).sum::<f64>() / count),
+            share,
+        })
+    }
+
+    /// The PSNR of the view with the least.
+    pub fn least_psnr(&self) -> f64 {
+        self.psnr_db.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    /// Returns true if this is faster than another for sure, false if it is not, `None` if noise hides it.
+    fn faster(&self, other: &Tried) -> Option<bool> {
+        match (self.share, other.share) {
+            (Some(own), Some(other)) => own.faster(&other),
+            // Without timestamps, nothing is faster than anything.
+            _ => Some(false),
+        }
+    }
+
+    /// The median share of the exact settings' time; 1 without timestamps.
+    pub fn median(&self) -> f64 {
+        self.share.map_or(1.0, |share| share.median)
+    }
+}
+
+/// The mean share of the rows of a setting as it was measured; `None` without timestamps, or if one failed.
+pub fn own_share(rows: &[Row]) -> Option<Share> {
+    let share = |row: &Row| Some(row.found.as_ref().ok()?.time.as_ref()?.share);
+    Share::mean(&rows.iter().map(share).collect::<Option<Vec<_>>>()?)
+}
+
+impl Budget {
+    /// Returns true if a setting is within the limits for sure, false if it is not, `None` if noise hides it.
+    ///
+    /// Without timestamps, no limit of time can be kept.
+    pub fn allows(&self, tried: &Tried) -> Option<bool> {
+        if self.psnr.is_some_and(|least| tried.least_psnr() < least) {
+            return Some(false);
+        }
+        let Some(most) = self.ms else { return Some(true) };
+        let Some((ms, share)) = tried.gpu_ms.zip(tried.share) else { return Some(false) };
+        let (low, high) = share.range?;
+        match (ms * low / share.median, ms * high / share.median) {
+            (_, high) if high <= most => Some(true),
+            (low, _) if low > most => Some(false),
+            _ => None,
+        }
+    }
+}
+
+/// Decibels by which a prediction may miss the budget and be drawn all the same.
+const SLACK_DB: f64 = 1.0;
+/// Most combinations that are predicted.
+const MOST: usize = 100_000;
+
+/// A combination of values with its predicted errors and time.
+#[derive(Clone)]
+struct Predicted {
+    set: Vec<(String, String)>,
+    /// Mean squared error of each view.
+    errors: Vec<f64>,
+    of_exact: f64,
+}
+
+impl Predicted {
+    fn least_psnr(&self) -> f64 {
+        -10.0 * self.errors.iter().copied().fold(0.0, f64::max).log10()
+    }
+}
+
+/// Lists combinations to draw, the most promising first. `singles` hold the exact settings and others one parameter away from them.
+///
+/// Settings of other graphs, and with other parameters away from their exact values, are not combined; nor are those that do not
+/// save time for sure. The second list names those of which noise hides it.
+pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<String>) {
+    let Some(exact) = singles.iter().find(|tried| tried.setting.name == EXACT) else {
+        return (Vec::new(), Vec::new());
+    };
+    let mut unsure = Vec::new();
+    let mut parameters: Vec<(String, Vec<(String, &Tried)>)> = Vec::new();
+    for tried in singles {
+        let Some((name, value)) = single_change(&exact.setting, &tried.setting) else { continue };
+        // What misses the budget alone is in no combination that keeps it.
+        if budget.psnr.is_some_and(|least| tried.least_psnr() < least - SLACK_DB) {
+            continue;
+        }
+        match tried.faster(exact) {
+            Some(true) => {}
+            Some(false) => continue,
+            None => {
+                unsure.push(tried.setting.name.clone());
+                continue;
+            }
+        }
+        match parameters.iter_mut().find(|(own, _)| *own == name) {
+            Some((_, values)) => values.push((value, tried)),
+            None => parameters.push((name, vec![(value, tried)])),
+        }
+    }
+    let squared = |db: f64| 10f64.powf(-db / 10.0);
+    let floor: Vec<f64> = exact.psnr_db.iter().map(|db| squared(*db)).collect();
+    let mut all = vec![Predicted { set: Vec::new(), errors: floor.clone(), of_exact: 1.0 }];
+    for (name, values) in &parameters {
+        for at in 0..all.len() {
+            for (value, tried) in values.iter().take(MOST.saturating_sub(all.len())) {
+                let mut next = all[at].clone();
+                next.set.push((name.clone(), value.clone()));
+                for (view, error) in next.errors.iter_mut().enumerate() {
+                    *error += (squared(tried.psnr_db[view]) - floor[view]).max(0.0);
+                }
+                next.of_exact *= tried.median();
+                all.push(next);
+            }
+        }
+    }
+    let share = budget.ms.zip(exact.gpu_ms).map(|(ms, exact)| ms / exact);
+    let wanted = |p: &Predicted| {
+        budget.psnr.is_none_or(|least| p.least_psnr() >= least - SLACK_DB)
+            && share.is_none_or(|share| p.of_exact <= 1.1 * share)
+    };
+    all.retain(wanted);
+    all.sort_by(|a, b| match budget.psnr {
+        Some(_) => a.of_exact.total_cmp(&b.of_exact),
+        None => b.least_psnr().total_cmp(&a.least_psnr()),
+    });
+    let setting = |p: Predicted| {
+        let of = |(name, exact): &(String, String)| {
+            let changed = p.set.iter().find(|(own, _)| own == name);
+            (name.clone(), changed.map_or_else(|| exact.clone(), |(_, value)| value.clone()))
+        };
+        let name =
+            p.set.iter().map(|(name, value)| format!("{name} = {value}")).collect::<Vec<_>>().join(", ");
+        Setting {
+            name: if name.is_empty() { EXACT.to_owned() } else { name },
+            pipeline: exact.setting.pipeline.clone(),
+            set: exact.setting.set.iter().map(of).collect(),
+        }
+    };
+    (all.into_iter().map(setting).collect(), unsure)
+}
+
+/// The one parameter in which a setting of the same graph differs.
+fn single_change(exact: &Setting, other: &Setting) -> Option<(String, String)> {
+    if other.pipeline != exact.pipeline || other.set.len() != exact.set.len() {
+        return None;
+    }
+    let mut changed = other.set.iter().filter(|pair| !exact.set.contains(pair));
+    let (name, value) = changed.next()?;
+    changed.next().is_none().then(|| (name.clone(), value.clone()))
+}
+
+/// The best setting within the budget, with those that noise hides.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Best<'a> {
+    /// The setting; `None` if none is within the budget for sure.
+    pub found: Option<&'a Tried>,
+    /// Settings that may be better: noise hides whether they are faster, or within the limit of time.
+    pub hidden: Vec<&'a Tried>,
+}
+
+/// Chooses the best setting within the budget: the fastest where an error is allowed, else the most accurate.
+///
+/// Of settings that noise does not tell apart from the fastest, it is the most accurate.
+pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
+    let of = |wanted: Option<bool>| tried.iter().filter(move |tried| budget.allows(tried) == wanted);
+    let more_accurate = |a: &'a Tried, b: &'a Tried| if b.least_psnr() > a.least_psnr() { b } else { a };
+    let mut hidden: Vec<&Tried> = of(None).collect();
+    let found = match budget.psnr {
+        None => of(Some(true)).reduce(more_accurate),
+        Some(_) => {
+            let quicker = |a: &'a Tried, b: &'a Tried| if b.median() < a.median() { b } else { a };
+            of(Some(true)).reduce(quicker).and_then(|fastest| {
+                // The exact settings' range is a point, so that the order of the two matters.
+                let near =
+                    |other: &&Tried| fastest.faster(other) != Some(true) || std::ptr::eq(*other, fastest);
+                let found = of(Some(true)).filter(near).reduce(more_accurate)?;
+                let unsure = |other: &&Tried| other.faster(found).is_none() && !std::ptr::eq(*other, found);
+                hidden.extend(of(Some(true)).filter(unsure));
+                Some(found)
+            })
+        }
+    };
+    // One that is less accurate than what was found is no better where accuracy counts.
+    if let (None, Some(found)) = (budget.psnr, found) {
+        hidden.retain(|other| other.least_psnr() > found.least_psnr());
+    }
+    Best { found, hidden }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tried(name: &str, set: [&str; 2], psnr_db: f64, ms: f64) -> Tried {
+        noisy(name, set, psnr_db, ms, 0.001)
+    }
+
+    /// A setting whose share of 10 ms has a range of so much to both sides.
+    fn noisy(name: &str, set: [&str; 2], psnr_db: f64, ms: f64, half: f64) -> Tried {
+        let set =
+            [("target", set[0]), ("cutoff", set[1])].map(|(n, v)| (n.to_owned(), v.to_owned())).to_vec();
+        let setting = Setting { name: name.into(), pipeline: "splat".into(), set };
+        let median = ms / 10.0;
+        let share = match name {
+            EXACT => Share::EXACT,
+            _ => Share { median, range: Some((median - half, median + half)) },
+        };
+        Tried { setting, psnr_db: vec![psnr_db], gpu_ms: Some(ms), share: Some(share) }
+    }
+
+    fn singles() -> Vec<Tried> {
+        vec![
+            tried(EXACT, ["f", "3.33"], 80.0, 10.0),
+            tried("target = h", ["h", "3.33"], 60.0, 5.0),
+            tried("cutoff = 2", ["f", "2"], 50.0, 6.0),
+            tried("cutoff = 1", ["f", "1"], 30.0, 4.0),
+            tried("cutoff = 4", ["f", "4"], 80.0, 9.99),
+            noisy("cutoff = 5", ["f", "5"], 80.0, 9.0, 0.2),
+        ]
+    }
+
+    #[test]
+    fn combinations_come_by_their_predicted_cost_within_the_budget() {
+        let budget = Budget { psnr: Some(45.0), ms: None };
+        let (found, unsure) = combinations(&singles(), &budget);
+        let names: Vec<String> = found.into_iter().map(|s| s.name).collect();
+        // Together 49.6 dB and 3 ms; what saves nothing for sure is not combined, and 30 dB are out of the question.
+        assert_eq!(names, ["target = h, cutoff = 2", "target = h", "cutoff = 2", EXACT]);
+        assert_eq!(unsure, ["cutoff = 5"]);
+        let strict = Budget { psnr: Some(55.0), ms: None };
+        assert_eq!(combinations(&singles(), &strict).0[0].name, "target = h");
+        let fast = Budget { psnr: None, ms: Some(3.0) };
+        let (found, _) = combinations(&singles(), &fast);
+        assert_eq!(found[0].name, "target = h, cutoff = 2", "the most accurate within the time");
+        assert_eq!(
+            found[0].set,
+            [("target".to_owned(), "h".to_owned()), ("cutoff".to_owned(), "2".to_owned())]
+        );
+    }
+
+    #[test]
+    fn the_best_is_the_fastest_that_is_accurate_enough_or_the_most_accurate_that_is_fast_enough() {
+        let all = singles()[..5].to_vec();
+        let name = |psnr, ms| best(&all, &Budget { psnr, ms }).found.map(|tried| tried.setting.name.as_str());
+        assert_eq!(name(Some(45.0), None), Some("target = h"));
+        assert_eq!(name(Some(70.0), None), Some(EXACT), "a thousandth is no saving");
+        assert_eq!(name(None, Some(5.5)), Some("target = h"));
+        assert_eq!(name(Some(55.0), Some(4.0)), None);
+        assert_eq!(name(Some(81.0), None), None);
+    }
+
+    #[test]
+    fn what_noise_hides_is_told_and_the_most_accurate_is_taken() {
+        let defaults = noisy("defaults", ["h", "4"], 77.5, 7.0, 0.1);
+        // By its median, a combination is faster by a tenth, and by 20 dB less accurate.
+        let pair = noisy("target = h, cutoff = 2", ["h", "2"], 57.5, 6.3, 0.1);
+        let exact = tried(EXACT, ["f", "3.33"], 80.0, 10.0);
+        let all = [exact.clone(), pair.clone(), defaults.clone()];
+        let budget = Budget { psnr: Some(45.0), ms: None };
+        assert_eq!(best(&all, &budget), Best { found: Some(&all[2]), hidden: vec![&all[1]] });
+        // Without noise it is the fastest.
+        let quiet =
+            [exact.clone(), tried("pair", ["h", "2"], 57.5, 6.3), tried("defaults", ["h", "4"], 77.5, 7.0)];
+        assert_eq!(best(&quiet, &budget), Best { found: Some(&quiet[1]), hidden: vec![] });
+        // A limit of time within the noise.
+        let ms = Budget { psnr: None, ms: Some(7.1) };
+        assert_eq!(best(&all, &ms), Best { found: None, hidden: vec![&all[1], &all[2]] });
+        // Without ranges nothing is told.
+        let glance =
+            |tried: Tried| Tried { share: tried.share.map(|share| Share { range: None, ..share }), ..tried };
+        let glances = [exact, glance(pair), glance(defaults)];
+        let found = best(&glances, &budget);
+        assert_eq!((found.found, found.hidden.len()), (Some(&glances[0]), 2));
+    }
+}

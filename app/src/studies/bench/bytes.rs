@@ -1,0 +1,63 @@
+//! Counts the bytes that a pass must at least move.
+
+use splatgraph_framework::ir::{Pass, ResourceId, Work};
+use splatgraph_framework::plan::Plan;
+use std::collections::BTreeMap;
+
+/// Sums the buffers and images that a pass reads and those that it writes, each once, at their declared size.
+///
+/// A resource that is read and written counts twice, as in a copy; a target that is cleared is not read. A pass that reads something again moves
+/// more. One that finds less to do than there is room for, such as a sort of the visible splats alone, moves less.
+pub fn of_pass(plan: &Plan, pass: &Pass) -> u64 {
+    if let Work::Export = pass.work {
+        // The output is copied only if it is read back, which no measured frame does: of a statistic, its word is.
+        return 8 * plan.stats.len() as u64;
+    }
+    let mut touched: BTreeMap<ResourceId, (bool, bool)> = BTreeMap::new();
+    for used in &pass.uses {
+        let (read, written) = touched.entry(used.resource).or_default();
+        *read |= used.accesses.reads() && !used.discards;
+        *written |= used.accesses.writes();
+    }
+    let times = |(read, written): (bool, bool)| u64::from(read) + u64::from(written);
+    touched.into_iter().map(|(id, how)| times(how) * plan.resource(id).bytes()).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::planner::Planner;
+
+    #[test]
+    fn a_pass_moves_what_it_reads_and_what_it_writes_once_each() {
+        let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+        let scene = SceneFacts { sh_degree: 0, ..SceneFacts::NOMINAL };
+        let facts = facts::facts(&scene, &device, (640, 480));
+        let set = [("target", "rgba16f"), ("digit_bits", "8"), ("key_bits", "32"), ("block_keys", "2048")];
+        let set = set.map(|(name, value)| (name.to_owned(), value.to_owned()));
+        let plan = Planner::default().plan("splat", &set, &facts, &facts::nominal_catalog());
+        let plan = plan.unwrap_or_else(|errors| panic!("{errors}"));
+        let bytes = |name: &str| {
+            let pass = plan.passes.iter().find(|pass| pass.name == name);
+            of_pass(&plan, pass.unwrap_or_else(|| panic!("no pass {name}")))
+        };
+        let (n, args) = (1_000_000, 36);
+        let blocks = 489u64;
+        let (table, totals) = (4 * 256 * blocks, 4 * 4 * 256 * 8);
+        // Keys and values are read and written, the table is read. Its row per bin is as docs/sort.md counts it.
+        assert_eq!(bytes("order.sort.scatter[0]"), 16 * n + table + args);
+        // The totals are added to: read and written.
+        assert_eq!(bytes("order.sort.histogram[1]"), 4 * n + table + 2 * totals + args);
+        assert_eq!(bytes("order.sort.scan[2]"), 2 * table + totals + args);
+        assert_eq!(bytes("order.sort.clear"), totals);
+        let (camera, pixels) = (256, 640 * 480);
+        // The cleared target is blended into, which is writing alone as far as the memory must see it.
+        assert_eq!(bytes("back_to_front"), camera + args + 4 * n + (32 + 16) * n + 8 * pixels + LIVE);
+        assert_eq!(bytes("compose"), camera + (8 + 16) * pixels);
+        assert_eq!(bytes("export"), 2 * 2 * 4);
+    }
+
+    /// The block of live parameters that the draw reads.
+    const LIVE: u64 = 32;
+}

@@ -1,0 +1,538 @@
+//! Draws candidates interleaved, and measures time, bytes and memory of each.
+
+use super::bytes;
+use crate::draw::interleaved::{self, Effort, Figure, Rounds, Timed, Timestamps};
+use crate::draw::session::{Session, SessionError};
+use crate::draw::stats::{self, BufferSize};
+use serde::Serialize;
+use serde_json::{Map, Value as Json};
+use splatgraph_api::{BackendError, Device};
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::ir::{Fallback, PassId, Reason, Run};
+use splatgraph_framework::plan::Plan;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// A graph with the values that some of its parameters are set to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Candidate {
+    /// The graph, as `--pipeline` takes it.
+    pub pipeline: String,
+    /// Names and values, as `--set` takes them.
+    pub set: Vec<(String, String)>,
+}
+
+/// The numbers of frames of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Frames {
+    /// Rounds of frames.
+    pub rounds: u32,
+    /// Frames of each candidate in a round; `None` where the time of a frame decides.
+    pub frames: Option<u32>,
+}
+
+/// The time and the bytes of a pass, or of all passes of a phase.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Part {
+    /// The name in the plan.
+    pub name: String,
+    /// The phase of a pass.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub phase: Option<String>,
+    /// Milliseconds on the GPU; `None` if the device has no timestamps.
+    pub gpu_ms: Option<Figure>,
+    /// Bytes that it must at least move: see [`bytes::of_pass`].
+    pub bytes: u64,
+    /// These bytes by the time, in 10^9 bytes per second.
+    pub gb_per_s: Option<f64>,
+    /// The share of the device's copy limit that this is.
+    pub of_copy: Option<f64>,
+}
+
+impl Part {
+    fn new(
+        name: String,
+        phase: Option<String>,
+        gpu_ms: Option<Figure>,
+        bytes: u64,
+        copy: Option<f64>,
+    ) -> Part {
+        let gb_per_s = gpu_ms.filter(|ms| ms.median > 0.0).map(|ms| bytes as f64 / ms.median * 1e-6);
+        let of_copy = gb_per_s.zip(copy).map(|(found, limit)| found / limit);
+        Part { name, phase, gpu_ms, bytes, gb_per_s, of_copy }
+    }
+}
+
+/// The times of a candidate's frames, in one view or as the mean of several.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figures {
+    /// Milliseconds on the GPU from a frame's first command to its last; `None` if the device has no timestamps.
+    pub gpu_ms: Option<Figure>,
+    /// Milliseconds in no pass: barriers, and the device's own time between passes.
+    ///
+    /// These and the passes are of frames with timestamps of passes, which take a little longer.
+    pub between_ms: Option<Figure>,
+    /// Milliseconds on the host's clock until a frame was submitted.
+    pub submit_ms: Option<Figure>,
+    /// Milliseconds of the host for recording and submitting a frame, within `submit_ms`.
+    pub record_ms: Option<Figure>,
+    /// Milliseconds on the host's clock until a frame was done.
+    pub wall_ms: Option<Figure>,
+    /// The phases, in order of execution; each is the sum of its passes.
+    pub phases: Vec<Part>,
+    /// The passes, in order of execution.
+    pub passes: Vec<Part>,
+}
+
+/// The measurements of a candidate in a view.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct View {
+    /// The camera's name.
+    pub camera: String,
+    /// Width of the picture, in pixels.
+    pub width: u32,
+    /// Height of the picture, in pixels.
+    pub height: u32,
+    /// Frames in a round.
+    pub frames: u32,
+    /// The graph's counts, such as `visible` and `drawn`.
+    pub counts: BTreeMap<String, u32>,
+    /// The times.
+    #[serde(flatten)]
+    pub figures: Figures,
+}
+
+/// The measurements of a candidate.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Found {
+    /// The graphs of a choice that were passed over, in order.
+    pub fallbacks: Vec<Fallback>,
+    /// All parameters of the graph with their values.
+    pub parameters: Map<String, Json>,
+    /// Why parameters have their values, of those that an expression over facts or other parameters gave.
+    pub reasons: BTreeMap<String, Reason>,
+    /// The mean of the views' medians.
+    pub mean: Figures,
+    /// The views, one per camera.
+    pub views: Vec<View>,
+    /// The passes that run once, when the plan is loaded: one time each.
+    pub once: Vec<Part>,
+    /// Device memory by name, in bytes. Attributes of the scene are shared by the candidates that read them.
+    pub memory: Vec<BufferSize>,
+    /// The sum of `memory`.
+    pub memory_bytes: u64,
+}
+
+/// The result of a candidate: its measurements, or the reason that it cannot be drawn.
+pub type Outcome = Result<Found, String>;
+
+/// Says why a candidate cannot be drawn.
+///
+/// # Errors
+/// The device fails: nothing else can be drawn either.
+pub fn reason(error: SessionError) -> Result<String, SessionError> {
+    match error {
+        SessionError::Graph(errors) => Ok(errors.text(false).trim().to_owned()),
+        SessionError::Backend(
+            error @ (BackendError::Limit(_)
+            | BackendError::Unsupported(_)
+            | BackendError::OutOfMemory { .. }
+            | BackendError::Scene { .. }),
+        ) => Ok(error.to_string()),
+        error => Err(error),
+    }
+}
+
+/// A candidate that is being measured.
+struct Runner<D> {
+    session: Session<D>,
+    views: Vec<View>,
+    once: Vec<Part>,
+}
+
+/// A measurement of candidates on one scene.
+pub struct Bench<'a, D> {
+    /// The device.
+    pub device: &'a D,
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// The numbers of frames.
+    pub frames: Frames,
+    /// The copy limit in 10^9 bytes per second, if it is known.
+    pub copy: Option<f64>,
+}
+
+impl<D: Device> Bench<'_, D> {
+    /// Measures candidates from each camera, interleaved; `each` is told of the number of cameras done before each.
+    ///
+    /// Candidates that cannot be drawn do not take part; their reason is their result.
+    ///
+    /// # Errors
+    /// The device fails.
+    pub fn measure(
+        &self,
+        candidates: &[Candidate],
+        cameras: &[Camera],
+        each: &mut dyn FnMut(usize),
+    ) -> Result<Vec<Outcome>, SessionError> {
+        let mut all: Vec<Result<Runner<D>, String>> = Vec::new();
+        for candidate in candidates {
+            let context = self.device.new_context().map_err(SessionError::from);
+            let session = context.map(|context| {
+                Session::new(context, self.scene.clone(), &candidate.pipeline, &candidate.set)
+            });
+            all.push(match session {
+                Ok(session) => Ok(Runner { session, views: Vec::new(), once: Vec::new() }),
+                Err(error) => Err(reason(error)?),
+            });
+        }
+        for (at, camera) in cameras.iter().enumerate() {
+            each(at);
+            for runner in &mut all {
+                let Ok(candidate) = runner else { continue };
+                if let Err(error) = self.prepare(candidate, camera) {
+                    // Its memory is free for the others.
+                    *runner = Err(reason(error)?);
+                }
+            }
+            self.view(&mut all, camera)?;
+        }
+        let outcome = |runner: Result<Runner<D>, String>| match runner {
+            Ok(runner) => found(runner, self.copy).map(Ok),
+            Err(why) => Ok(Err(why)),
+        };
+        all.into_iter().map(outcome).collect()
+    }
+
+    /// Loads the plan for a camera, and draws the frame that runs its prologue.
+    fn prepare(&self, runner: &mut Runner<D>, camera: &Camera) -> Result<(), SessionError> {
+        let session = &mut runner.session;
+        if !session.prepare((camera.width, camera.height), &mut |_| {})? {
+            return Ok(());
+        }
+        let first = interleaved::frame(session, camera)?;
+        let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+        let once = first.result.pass_ms.iter().filter(|(id, _)| plan.pass(*id).run == Run::Once);
+        let part = |(id, ms): &(PassId, Option<f64>)| {
+            let (pass, figure) = (plan.pass(*id), ms.map(|median| Figure { median, spread: 0.0 }));
+            Part::new(
+                pass.name.clone(),
+                Some(pass.phase.clone()),
+                figure,
+                bytes::of_pass(plan, pass),
+                self.copy,
+            )
+        };
+        runner.once = once.map(part).collect();
+        Ok(())
+    }
+
+    fn view(&self, all: &mut [Result<Runner<D>, String>], camera: &Camera) -> Result<(), SessionError> {
+        let mut sessions: Vec<&mut Session<D>> =
+            all.iter_mut().flatten().map(|runner| &mut runner.session).collect();
+        if sessions.is_empty() {
+            return Ok(());
+        }
+        let turn_ms = interleaved::warm_up(&mut sessions, camera)?;
+        let usual = || interleaved::frames_of(turn_ms / sessions.len() as f64);
+        let effort = Effort { rounds: self.frames.rounds, frames: self.frames.frames.unwrap_or_else(usual) };
+        let profiled = interleaved::rounds(&mut sessions, camera, effort, Timestamps::Passes)?;
+        // A frame that is so slow that one has to do takes no time for timestamps that could be seen.
+        let mut whole = match effort.frames {
+            1 => None,
+            _ => Some(interleaved::rounds(&mut sessions, camera, effort, Timestamps::Frame)?.into_iter()),
+        };
+        for (runner, rounds) in all.iter_mut().flatten().zip(profiled) {
+            let whole = whole.as_mut().and_then(Iterator::next);
+            let plan = runner.session.plan().ok_or(SessionError::NotPrepared)?;
+            let last = rounds.last().and_then(|round| round.last());
+            runner.views.push(View {
+                camera: camera.img_name.clone(),
+                width: camera.width,
+                height: camera.height,
+                frames: effort.frames,
+                counts: last.map(|frame| frame.result.stats.iter().cloned().collect()).unwrap_or_default(),
+                figures: figures(plan, &rounds, whole.as_ref().unwrap_or(&rounds), self.copy),
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Summarises the frames of a view: `rounds` have timestamps of their passes, `whole` need not.
+///
+/// Passes that run once are left out.
+fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> Figures {
+    type Value<'a> = &'a dyn Fn(&Timed) -> Option<f64>;
+    let of_rounds =
+        |of: &Rounds, value: Value| Figure::of(of.iter().map(|round| round.iter().map(value).collect()));
+    let over = |value: Value| of_rounds(rounds, value);
+    let over_whole = |value: Value| of_rounds(whole, value);
+    let steps = || plan.frame.iter().map(|step| step.pass);
+    let ran = |id: &PassId| {
+        let first = rounds.first().and_then(|round| round.first());
+        first.is_some_and(|frame| frame.result.pass_ms.iter().any(|(pass, _)| pass == id))
+    };
+    let ids: Vec<PassId> = steps().filter(ran).collect();
+    let ms = |frame: &Timed, wanted: &dyn Fn(PassId) -> bool| {
+        frame.result.pass_ms.iter().filter(|(id, _)| wanted(*id)).map(|(_, ms)| *ms).sum::<Option<f64>>()
+    };
+    let pass = |id: PassId| {
+        let pass = plan.pass(id);
+        let figure = over(&|frame| ms(frame, &|other| other == id));
+        Part::new(pass.name.clone(), Some(pass.phase.clone()), figure, bytes::of_pass(plan, pass), copy)
+    };
+    let mut names: Vec<&str> = Vec::new();
+    for id in &ids {
+        let phase = plan.pass(*id).phase.as_str();
+        if !names.contains(&phase) {
+            names.push(phase);
+        }
+    }
+    let phase = |name: &str| {
+        let of = |id: PassId| plan.pass(id).phase == name && ids.contains(&id);
+        let bytes = ids.iter().filter(|id| of(**id)).map(|id| bytes::of_pass(plan, plan.pass(*id))).sum();
+        Part::new(name.to_owned(), None, over(&|frame| ms(frame, &of)), bytes, copy)
+    };
+    Figures {
+        gpu_ms: over_whole(&|frame| frame.result.total_ms),
+        between_ms: over(&|frame| Some(frame.result.total_ms? - ms(frame, &|_| true)?)),
+        submit_ms: over_whole(&|frame| Some(frame.submit_ms)),
+        record_ms: over_whole(&|frame| Some(frame.result.record_ms)),
+        wall_ms: over_whole(&|frame| Some(frame.wall_ms)),
+        phases: names.into_iter().map(phase).collect(),
+        passes: ids.iter().copied().map(pass).collect(),
+    }
+}
+
+/// Joins the views of a candidate.
+fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, SessionError> {
+    let plan = runner.session.plan().ok_or(SessionError::NotPrepared)?;
+    let parameters =
+        plan.params.iter().map(|param| (param.name.clone(), stats::json(&param.value))).collect();
+    let (fallbacks, reasons) = (plan.fallbacks.clone(), stats::reasons(plan));
+    let memory: Vec<BufferSize> = runner
+        .session
+        .device()
+        .memory()
+        .into_iter()
+        .map(|(name, bytes)| BufferSize { name, bytes })
+        .collect();
+    Ok(Found {
+        fallbacks,
+        reasons,
+        parameters,
+        mean: mean(&runner.views, copy),
+        views: runner.views,
+        once: runner.once,
+        memory_bytes: memory.iter().map(|size| size.bytes).sum(),
+        memory,
+    })
+}
+
+/// Takes the mean of the views' medians. Views of different sizes may have passes of their own: those that a view lacks count
+/// for the views that have them.
+fn mean(views: &[View], copy: Option<f64>) -> Figures {
+    let over = |of: fn(&Figures) -> Option<Figure>| Figure::mean(views.iter().map(|view| of(&view.figures)));
+    let parts = |of: fn(&Figures) -> &Vec<Part>| {
+        let mut names: Vec<&Part> = Vec::new();
+        for part in views.iter().flat_map(|view| of(&view.figures)) {
+            if !names.iter().any(|known| known.name == part.name) {
+                names.push(part);
+            }
+        }
+        let joined = |first: &Part| {
+            let same =
+                || views.iter().flat_map(|view| of(&view.figures)).filter(|part| part.name == first.name);
+            let bytes = same().map(|part| part.bytes).sum::<u64>() / same().count().max(1) as u64;
+            let figure = Figure::mean(same().map(|part| part.gpu_ms));
+            Part::new(first.name.clone(), first.phase.clone(), figure, bytes, copy)
+        };
+        names.into_iter().map(joined).collect()
+    };
+    Figures {
+        gpu_ms: over(|figures| figures.gpu_ms),
+        between_ms: over(|figures| figures.between_ms),
+        submit_ms: over(|figures| figures.submit_ms),
+        record_ms: over(|figures| figures.record_ms),
+        wall_ms: over(|figures| figures.wall_ms),
+        phases: parts(|figures| &figures.phases),
+        passes: parts(|figures| &figures.passes),
+    }
+}
+
+/// Measurements for tests.
+#[cfg(test)]
+pub(super) mod testing {
+    use super::*;
+
+    /// A candidate of one pass that took so long in each of two views.
+    pub fn found(gpu_ms: Option<f64>) -> Found {
+        let figure = |median| Figure { median, spread: 0.25 };
+        let ms = gpu_ms.map(figure);
+        let part = |phase| Part::new("draw".into(), phase, ms, 4_000_000, Some(2000.0));
+        let figures = Figures {
+            gpu_ms: ms,
+            between_ms: ms.map(|_| figure(0.0)),
+            submit_ms: Some(figure(1.0)),
+            record_ms: Some(figure(0.5)),
+            wall_ms: Some(figure(5.0)),
+            phases: vec![part(None)],
+            passes: vec![part(Some("draw".into()))],
+        };
+        let view = |camera: &str| View {
+            camera: camera.into(),
+            width: 64,
+            height: 48,
+            frames: 1,
+            counts: BTreeMap::new(),
+            figures: figures.clone(),
+        };
+        let views = vec![view("one"), view("two")];
+        let memory = vec![BufferSize { name: "color".into(), bytes: 1 << 20 }];
+        let mean = mean(&views, Some(2000.0));
+        Found {
+            fallbacks: Vec::new(),
+            parameters: Map::new(),
+            reasons: BTreeMap::new(),
+            mean,
+            views,
+            once: Vec::new(),
+            memory,
+            memory_bytes: 1 << 20,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::limit::GRAPH;
+    use super::*;
+    use splatgraph_assets::synth;
+    use splatgraph_null::{Call, Config, Journal, Null, limits, open};
+
+    const FRAMES: Frames = Frames { rounds: 2, frames: Some(3) };
+
+    fn device(config: &Config) -> (Null, Journal) {
+        let (device, journal) = open(config);
+        (device.expect("no fault is set"), journal)
+    }
+
+    fn candidate(pipeline: &str, set: &[(&str, &str)]) -> Candidate {
+        let set = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
+        Candidate { pipeline: pipeline.into(), set }
+    }
+
+    fn measured(device: &Null, candidates: &[Candidate], cameras: &[&str]) -> Vec<Outcome> {
+        measured_in(FRAMES, device, candidates, cameras)
+    }
+
+    fn measured_in(
+        frames: Frames,
+        device: &Null,
+        candidates: &[Candidate],
+        cameras: &[&str],
+    ) -> Vec<Outcome> {
+        let scene = synth::generate("demo", 50, 0).expect("a small scene");
+        let camera = |name: &&str| Camera { img_name: (*name).into(), ..Camera::framing(&scene, 32, 24) };
+        let cameras: Vec<Camera> = cameras.iter().map(camera).collect();
+        let bench = Bench { device, scene: scene.into(), frames, copy: Some(2.0) };
+        bench.measure(candidates, &cameras, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    #[test]
+    fn candidates_draw_one_frame_each_in_turns() {
+        let (device, journal) = device(&Config::default());
+        let outcomes = measured(&device, &[candidate("unsorted", &[]), candidate(GRAPH, &[])], &["one"]);
+        assert!(outcomes.iter().all(Result::is_ok), "{outcomes:?}");
+        let drawn = |call: Call| match call {
+            Call::BindPass { pass, .. } if ["compose", "copy"].contains(&pass.as_str()) => Some(pass),
+            _ => None,
+        };
+        let drawn: Vec<String> = journal.take().into_iter().filter_map(drawn).collect();
+        let counted = &drawn[drawn.len() - 2 * 2 * 3..];
+        assert!(counted.chunks(2).all(|turn| turn == ["compose", "copy"]), "{counted:?}");
+        assert!(
+            drawn.len() >= counted.len() + 2 * 3,
+            "a warm-up of two turns, and the prologue's: {drawn:?}"
+        );
+    }
+
+    #[test]
+    fn a_candidate_that_does_not_fit_says_why_and_the_others_are_measured() {
+        let (device, _) = device(&Config::default());
+        let outcomes = measured(
+            &device,
+            &[candidate(GRAPH, &[("mebibytes", "2000")]), candidate("unsorted", &[])],
+            &["one"],
+        );
+        let why = outcomes[0].as_ref().expect_err("a storage buffer has 1 GiB at most");
+        assert!(why.contains("`from` has 2000 MiB"), "{why}");
+        let found = outcomes[1].as_ref().expect("it fits");
+        assert_eq!(found.views[0].frames, 3);
+        assert!(
+            found.memory_bytes > 50 * (32 + 16)
+                && found.memory.iter().any(|size| size.name.contains("splats"))
+        );
+    }
+
+    #[test]
+    fn the_mean_is_that_of_the_cameras_and_a_phase_is_the_sum_of_its_passes() {
+        let (device, _) = device(&Config::default());
+        let found = measured(&device, &[candidate("splat", &[])], &["one", "two", "three"]).remove(0);
+        let found = found.expect("it is drawn");
+        assert_eq!(
+            found.views.iter().map(|view| view.camera.as_str()).collect::<Vec<_>>(),
+            ["one", "two", "three"]
+        );
+        let median = |figures: &Figures| figures.gpu_ms.expect("the device has a timer").median;
+        let mean = found.views.iter().map(|view| median(&view.figures)).sum::<f64>() / 3.0;
+        assert!((median(&found.mean) - mean).abs() < 1e-12);
+        let figures = &found.mean;
+        for phase in &figures.phases {
+            let passes = || figures.passes.iter().filter(|pass| pass.phase.as_deref() == Some(&phase.name));
+            let sum: f64 = passes().map(|pass| pass.gpu_ms.expect("timed").median).sum();
+            assert!((phase.gpu_ms.expect("timed").median - sum).abs() < 1e-12, "{phase:?}");
+            assert_eq!(phase.bytes, passes().map(|pass| pass.bytes).sum::<u64>());
+            let rate = phase.bytes as f64 / phase.gpu_ms.expect("timed").median * 1e-6;
+            assert!((phase.gb_per_s.expect("timed") - rate).abs() <= 1e-9 * rate);
+            assert!((phase.of_copy.expect("timed") - rate / 2.0).abs() <= 1e-9 * rate, "the limit is 2 GB/s");
+        }
+        let of_parts = |figures: &Figures| {
+            let phases = figures.phases.iter().map(|phase| phase.gpu_ms.expect("timed").median);
+            phases.sum::<f64>() + figures.between_ms.expect("timed").median
+        };
+        assert!(of_parts(figures) > median(figures), "timestamps of passes take time, too");
+        // One frame a round has all timestamps, and its parts are the whole.
+        let one = Frames { frames: Some(1), ..FRAMES };
+        let one = measured_in(one, &device, &[candidate("splat", &[])], &["one"]).remove(0);
+        let one = one.expect("it is drawn").mean;
+        assert!((of_parts(&one) - median(&one)).abs() < 1e-12);
+        assert_eq!(
+            found.once.iter().map(|part| part.name.as_str()).collect::<Vec<_>>(),
+            ["scene.covariance"]
+        );
+        assert!(
+            figures.passes.iter().all(|pass| pass.name != "scene.covariance"),
+            "what runs once is no part of a frame"
+        );
+    }
+
+    #[test]
+    fn without_timestamps_the_hosts_times_remain() {
+        let config = Config {
+            limits: splatgraph_runtime::Limits { timestamp_bits: 0, ..limits() },
+            ..Config::default()
+        };
+        let (device, _) = device(&config);
+        let found =
+            measured(&device, &[candidate("unsorted", &[])], &["one"]).remove(0).expect("it is drawn");
+        let figures = &found.mean;
+        assert!(figures.gpu_ms.is_none() && figures.between_ms.is_none());
+        assert!(figures.wall_ms.is_some_and(|wall| wall.median > 0.0) && figures.submit_ms.is_some());
+        assert!(
+            figures.passes.iter().any(|pass| pass.bytes > 0)
+                && figures.phases.iter().all(|p| p.of_copy.is_none())
+        );
+    }
+}

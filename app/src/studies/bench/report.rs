@@ -1,0 +1,228 @@
+//! Keeps the numbers of a run, as JSON and as CSV.
+
+use super::limit::CopyLimit;
+use super::measure::{Figures, Found, Frames, Outcome, Part};
+use crate::draw::interleaved::Figure;
+use crate::io::report::text::quoted;
+use serde::Serialize;
+use serde_json::Value as Json;
+use splatgraph_api::DeviceInfo;
+
+/// Version of the JSON: it changes when a field changes its meaning or goes.
+pub const VERSION: u32 = 1;
+
+/// The origin of the numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Origin {
+    /// [`VERSION`].
+    pub version: u32,
+    /// The program's version.
+    pub program: String,
+    /// The device's name.
+    pub device: String,
+    /// The device's driver, with its version.
+    pub driver: String,
+    /// The copy limit; `None` if the device has no timestamps, or no memory for the copy.
+    pub copy: Option<CopyLimit>,
+    /// The numbers of frames.
+    pub effort: Frames,
+    /// The parameters of `--set`.
+    pub set: Vec<(String, String)>,
+}
+
+impl Origin {
+    /// Describes a run on a device.
+    pub fn new(
+        device: &DeviceInfo,
+        copy: Option<CopyLimit>,
+        effort: Frames,
+        set: &[(String, String)],
+    ) -> Origin {
+        Origin {
+            version: VERSION,
+            program: env!("CARGO_PKG_VERSION").into(),
+            device: device.name.clone(),
+            driver: device.driver.clone(),
+            copy,
+            effort,
+            set: set.to_vec(),
+        }
+    }
+}
+
+/// A scene that was drawn.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SceneOrigin {
+    /// The file, or `demo`.
+    pub scene: String,
+    /// Number of splats in the file.
+    pub splats: u32,
+    /// The cameras, as in cameras.json.
+    pub cameras: Json,
+}
+
+/// A candidate on a scene of some splats, in one size.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// The scene's file, or `demo`.
+    pub scene: String,
+    /// Number of splats, to which the scene was enlarged if it has another.
+    pub splats: u32,
+    /// Width and height in pixels; `None` where each camera has its own.
+    pub size: Option<(u32, u32)>,
+    /// The graph.
+    pub pipeline: String,
+    /// The measurements, or the reason that there are none.
+    pub found: Outcome,
+}
+
+/// The numbers of a run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// The origin of the numbers.
+    #[serde(flatten)]
+    pub origin: Origin,
+    /// The scenes.
+    pub scenes: Vec<SceneOrigin>,
+    /// The candidates: those of one scene, number of splats and size one after the other.
+    pub rows: Vec<Row>,
+}
+
+/// Formats a size, or says that it is the cameras'.
+pub fn size_text(size: Option<(u32, u32)>) -> String {
+    size.map_or("cameras' size".into(), |(width, height)| format!("{width}x{height}"))
+}
+
+impl Report {
+    /// Writes every figure as CSV (RFC 4180), a line each, with all digits; what there is none of is empty.
+    ///
+    /// A line without a camera is the mean of the cameras' medians.
+    pub fn csv(&self) -> String {
+        let mut text = String::from(
+            "scene,splats,width,height,pipeline,camera,kind,name,median_ms,spread_ms,bytes,gb_per_s,of_copy\n",
+        );
+        for row in &self.rows {
+            let start = |size: Option<(u32, u32)>, camera: &str| {
+                let (width, height) =
+                    size.map_or(Default::default(), |(w, h)| (w.to_string(), h.to_string()));
+                let (scene, pipeline) = (quoted(&row.scene), quoted(&row.pipeline));
+                format!("{scene},{},{width},{height},{pipeline},{}", row.splats, quoted(camera))
+            };
+            match &row.found {
+                Ok(found) => {
+                    for view in &found.views {
+                        lines(
+                            &mut text,
+                            &start(Some((view.width, view.height)), &view.camera),
+                            &view.figures,
+                        );
+                    }
+                    let mean = start(row.size, "");
+                    lines(&mut text, &mean, &found.mean);
+                    for (name, bytes) in found.memory.iter().map(|size| (&size.name, size.bytes)) {
+                        text += &format!("{mean},memory,{},,,{bytes},,\n", quoted(name));
+                    }
+                    found.once.iter().for_each(|part| part_line(&mut text, &mean, "once", part));
+                }
+                Err(why) => {
+                    text += &format!("{},failed,{},,,,,\n", start(row.size, ""), quoted(first_line(why)))
+                }
+            }
+        }
+        text
+    }
+
+    /// Returns the measurements of those that were drawn.
+    pub fn drawn(&self) -> impl Iterator<Item = &Found> {
+        self.rows.iter().filter_map(|row| row.found.as_ref().ok())
+    }
+}
+
+/// Takes the first line of a message, without its label: the source text of a graph's error is for the JSON.
+pub(super) fn first_line(why: &str) -> &str {
+    let line = why.lines().next().unwrap_or_default();
+    line.strip_prefix("error: ").unwrap_or(line)
+}
+
+/// Writes a number, or nothing.
+pub(super) fn optional(value: Option<f64>) -> String {
+    value.map_or(String::new(), |v| v.to_string())
+}
+
+fn lines(text: &mut String, start: &str, figures: &Figures) {
+    for (name, figure) in [
+        ("gpu", figures.gpu_ms),
+        ("between", figures.between_ms),
+        ("submit", figures.submit_ms),
+        ("record", figures.record_ms),
+        ("wall", figures.wall_ms),
+    ] {
+        let [median, spread] = times(figure);
+        *text += &format!("{start},frame,{name},{median},{spread},,,\n");
+    }
+    figures.phases.iter().for_each(|part| part_line(text, start, "phase", part));
+    figures.passes.iter().for_each(|part| part_line(text, start, "pass", part));
+}
+
+fn part_line(text: &mut String, start: &str, kind: &str, part: &Part) {
+    let [median, spread] = times(part.gpu_ms);
+    let (name, bytes) = (quoted(&part.name), part.bytes);
+    let [rate, share] = [part.gb_per_s, part.of_copy].map(optional);
+    *text += &format!("{start},{kind},{name},{median},{spread},{bytes},{rate},{share}\n");
+}
+
+fn times(figure: Option<Figure>) -> [String; 2] {
+    [figure.map(|f| f.median), figure.map(|f| f.spread)].map(optional)
+}
+
+/// Reports for tests.
+#[cfg(test)]
+pub(super) mod testing {
+    use super::*;
+
+    /// A report of the scene `a.ply` in one size.
+    pub fn report(rows: Vec<(&str, u32, Outcome)>) -> Report {
+        let copy = CopyLimit { bytes: 1000, gpu_ms: Figure { median: 0.5, spread: 0.0 }, gb_per_s: 2000.0 };
+        let origin = Origin {
+            version: VERSION,
+            program: "1".into(),
+            device: "none".into(),
+            driver: "0".into(),
+            copy: Some(copy),
+            effort: Frames { rounds: 3, frames: None },
+            set: Vec::new(),
+        };
+        let row = |(pipeline, splats, found): (&str, u32, Outcome)| Row {
+            scene: "scenes/a.ply".into(),
+            splats,
+            size: Some((64, 48)),
+            pipeline: pipeline.into(),
+            found,
+        };
+        Report { origin, scenes: Vec::new(), rows: rows.into_iter().map(row).collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::measure::testing::found;
+    use super::testing::report;
+
+    #[test]
+    fn every_line_of_the_csv_has_the_columns_of_its_header() {
+        let rows = vec![("a", 1000, Ok(found(Some(2.0)))), ("b", 1000, Err("error: no\n --> here".into()))];
+        let csv = report(rows).csv();
+        let commas = |line: &str| line.matches(',').count();
+        let header = csv.lines().next().expect("a header");
+        assert!(csv.lines().all(|line| commas(line) == commas(header)), "{csv}");
+        // Five times of the frame, a phase and a pass in two views and in the mean; the memory; the one that failed.
+        assert_eq!(csv.lines().count(), 1 + 3 * (5 + 1 + 1) + 1 + 1, "{csv}");
+        for line in [
+            r#""scenes/a.ply",1000,64,48,"a","two",pass,"draw",2,0.25,4000000,2,0.001"#,
+            r#""scenes/a.ply",1000,64,48,"a","",memory,"color",,,1048576,,"#,
+            r#""scenes/a.ply",1000,64,48,"b","",failed,"no",,,,,"#,
+        ] {
+            assert!(csv.contains(line), "{line}:\n{csv}");
+        }
+    }
+}

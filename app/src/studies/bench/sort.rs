@@ -1,0 +1,208 @@
+//! Measures the sort alone, over numbers of pairs and widths of keys.
+
+use super::limit::no_scene;
+use super::measure::{Bench, Candidate, Found, Part};
+use super::report::{Origin, first_line, optional};
+use super::table::head;
+use crate::draw::interleaved::Figure;
+use crate::draw::session::SessionError;
+use crate::io::report::plot::{Axis, Plot, Series};
+use crate::io::report::text::{quoted, table};
+use serde::Serialize;
+use splatgraph_api::Device;
+use splatgraph_assets::{grouped, synth};
+
+/// The graph that sorts random pairs.
+pub const GRAPH: &str = "bench/pairs";
+/// The phase that is measured.
+const PHASE: &str = "sort";
+
+/// The widths of keys, in bits.
+pub const KEY_BITS: [u32; 3] = [16, 24, 32];
+
+/// The parameters of [`GRAPH`] that a run sets by itself.
+pub const OWN_PARAMETERS: [&str; 2] = ["pairs", "key_bits"];
+
+/// Lists the usual numbers of pairs: 64 Ki to 64 Mi in powers of 4.
+pub fn usual_pairs() -> Vec<u32> {
+    (8..=13).map(|power| 1 << (2 * power)).collect()
+}
+
+/// The measurements of a sort.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Sorted {
+    /// The passes together: their time on the GPU, and the bytes that they must at least move.
+    pub phase: Part,
+    /// The milliseconds with everything of the frame that is in no pass, such as barriers: the sort takes this at most. `None` if
+    /// the device has no timestamps.
+    pub at_most_ms: Option<f64>,
+    /// Milliseconds on the host's clock for the whole frame, in which the pairs are also made.
+    pub wall_ms: Option<Figure>,
+    /// The pairs by the time on the GPU, in 10^9 per second.
+    pub gkeys_per_s: Option<f64>,
+    /// The passes.
+    pub passes: Vec<Part>,
+    /// Bytes of memory on the device.
+    pub memory_bytes: u64,
+}
+
+impl Sorted {
+    /// Takes what concerns the sort; `None` if the graph has no such phase.
+    fn new(pairs: u32, found: Found) -> Option<Sorted> {
+        let mean = found.mean;
+        let phase = mean.phases.into_iter().find(|phase| phase.name == PHASE)?;
+        let ms = phase.gpu_ms.map(|ms| ms.median);
+        Some(Sorted {
+            at_most_ms: ms.zip(mean.between_ms).map(|(ms, between)| ms + between.median),
+            wall_ms: mean.wall_ms,
+            gkeys_per_s: ms.filter(|ms| *ms > 0.0).map(|ms| f64::from(pairs) / ms * 1e-6),
+            passes: mean.passes.into_iter().filter(|pass| pass.phase.as_deref() == Some(PHASE)).collect(),
+            memory_bytes: found.memory_bytes,
+            phase,
+        })
+    }
+}
+
+/// A number of pairs with keys of a width.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// Number of pairs.
+    pub pairs: u32,
+    /// Width of the keys, in bits.
+    pub key_bits: u32,
+    /// The measurements, or the reason that there are none.
+    pub found: Result<Sorted, String>,
+}
+
+/// The numbers of a run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// The origin of the numbers.
+    #[serde(flatten)]
+    pub origin: Origin,
+    /// The sorts: those of one number of pairs one after the other.
+    pub rows: Vec<Row>,
+}
+
+/// An error of measuring sorts.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The device fails.
+    // Not transparent: a graph's errors are found among the causes, and printed with their source text.
+    #[error("{0}")]
+    Session(#[from] SessionError),
+    /// There is no memory for the scene that stands for none.
+    #[error(transparent)]
+    Scene(#[from] synth::SynthError),
+}
+
+/// Measures sorts of each number of pairs, keys of different widths interleaved; `each` is told of the number before each.
+///
+/// # Errors
+/// The device fails. A sort that does not fit is a row that says why.
+pub fn measure<D: Device>(
+    device: &D,
+    pairs: &[u32],
+    origin: Origin,
+    each: &mut dyn FnMut(u32),
+) -> Result<Report, Error> {
+    let (scene, camera) = no_scene()?;
+    let copy = origin.copy.as_ref().map(|copy| copy.gb_per_s);
+    let bench = Bench { device, scene: scene.into(), frames: origin.effort, copy };
+    let mut rows = Vec::new();
+    for pairs in pairs.iter().copied() {
+        each(pairs);
+        let candidate = |key_bits: u32| {
+            let own = OWN_PARAMETERS.into_iter().zip([pairs, key_bits]);
+            let own = own.map(|(name, value)| (name.to_owned(), value.to_string()));
+            Candidate { pipeline: GRAPH.into(), set: origin.set.iter().cloned().chain(own).collect() }
+        };
+        let outcomes = bench.measure(&KEY_BITS.map(candidate), std::slice::from_ref(&camera), &mut |_| {})?;
+        rows.extend(KEY_BITS.into_iter().zip(outcomes).map(|(key_bits, found)| Row {
+            pairs,
+            key_bits,
+            found:
+                found.and_then(|found| Sorted::new(pairs, found).ok_or(format!("it has no phase `{PHASE}`"))),
+        }));
+    }
+    Ok(Report { origin, rows })
+}
+
+impl Report {
+    /// Says whether any sort was measured.
+    pub fn is_empty(&self) -> bool {
+        self.rows.iter().all(|row| row.found.is_err())
+    }
+
+    /// Sets the rates and times as a table, and says why sorts are missing.
+    pub fn table(&self) -> String {
+        let header = ["pairs, key", "GKey/s", "GPU ms", "spread", "at most", "frame ms", "MB", "of copy"];
+        let mut lines = vec![header.map(String::from).to_vec()];
+        let mut missing = String::new();
+        let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.3}"));
+        for row in &self.rows {
+            let name = format!("{}, {} bits", grouped(row.pairs.into()), row.key_bits);
+            let sorted = match &row.found {
+                Ok(sorted) => sorted,
+                Err(why) => {
+                    missing += &format!("{name}: not sorted: {}\n", first_line(why));
+                    continue;
+                }
+            };
+            let ms = sorted.phase.gpu_ms;
+            lines.push(vec![
+                name,
+                number(sorted.gkeys_per_s),
+                number(ms.map(|ms| ms.median)),
+                number(ms.map(|ms| ms.spread)),
+                number(sorted.at_most_ms),
+                number(sorted.wall_ms.map(|ms| ms.median)),
+                format!("{:.1}", sorted.phase.bytes as f64 * 1e-6),
+                sorted.phase.of_copy.map_or("-".into(), |share| format!("{:.0} %", 100.0 * share)),
+            ]);
+        }
+        let timed = self.rows.iter().flat_map(|row| &row.found).all(|sorted| sorted.phase.gpu_ms.is_some());
+        format!("{}\n{}{missing}", head(&self.origin, timed), table(&lines))
+    }
+
+    /// Writes every sort as CSV (RFC 4180), a line each, with all digits; what there is none of is empty.
+    pub fn csv(&self) -> String {
+        let mut text = String::from(
+            "pairs,key_bits,gkeys_per_s,gpu_ms,spread_ms,at_most_ms,wall_ms,bytes,of_copy,memory_bytes,failed\n",
+        );
+        for Row { pairs, key_bits, found } in &self.rows {
+            text += &match found {
+                Ok(sorted) => format!(
+                    "{pairs},{key_bits},{},{},{},{},{},{},{},{},\n",
+                    optional(sorted.gkeys_per_s),
+                    optional(sorted.phase.gpu_ms.map(|figure| figure.median)),
+                    optional(sorted.phase.gpu_ms.map(|figure| figure.spread)),
+                    optional(sorted.at_most_ms),
+                    optional(sorted.wall_ms.map(|figure| figure.median)),
+                    sorted.phase.bytes,
+                    optional(sorted.phase.of_copy),
+                    sorted.memory_bytes
+                ),
+                Err(why) => format!("{pairs},{key_bits},,,,,,,,,{}\n", quoted(first_line(why))),
+            };
+        }
+        text
+    }
+
+    /// Plots the rate over the number of pairs, a line for each width; `None` without times.
+    pub fn plot(&self) -> Option<Plot> {
+        let series = |bits: u32| {
+            let rows = self.rows.iter().filter(move |row| row.key_bits == bits);
+            let points =
+                rows.filter_map(|row| Some((f64::from(row.pairs), row.found.as_ref().ok()?.gkeys_per_s?)));
+            Series::line(&format!("keys of {bits} bits"), points)
+        };
+        let series: Vec<Series> = KEY_BITS.into_iter().map(series).collect();
+        series.iter().any(|series| !series.points.is_empty()).then(|| Plot {
+            title: format!("The sort alone, {}", self.origin.device),
+            x: Axis { label: "pairs".into(), logarithmic: true },
+            y: Axis { label: "10^9 pairs per second".into(), logarithmic: false },
+            series,
+        })
+    }
+}

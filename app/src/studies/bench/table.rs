@@ -1,0 +1,235 @@
+//! Sets the numbers of a run as tables for a terminal.
+
+use super::measure::{Found, Part};
+use super::report::{Origin, Report, Row, first_line, size_text};
+use crate::draw::interleaved::Figure;
+use crate::draw::stats::BUSY;
+use crate::io::report::text::table;
+use splatgraph_assets::grouped;
+use std::path::Path;
+
+/// Says where the numbers come from: the device, its copy limit, and its clock. `timed` is false if it gave no times.
+pub fn head(origin: &Origin, timed: bool) -> String {
+    let mut text = format!("{} ({})\n", origin.device, origin.driver);
+    if let Some(copy) = &origin.copy {
+        text += &format!(
+            "copy limit: {:.0} GB/s ({} bytes read and written in {:.3} ms)\n",
+            copy.gb_per_s,
+            grouped(copy.bytes),
+            copy.gpu_ms.median
+        );
+    }
+    text += "MB: what is read and what is written, each once, at its declared size: an upper bound where fewer splats are visible\n";
+    if !timed {
+        text += "this device has no timestamps: times are those of the host\n";
+    }
+    text
+}
+
+/// Sets all tables of a report: for each scene, number of splats and size the passes, the cameras and the candidates, and last
+/// the candidates over all numbers of splats and sizes.
+pub fn tables(report: &Report) -> String {
+    let timed = report.drawn().all(|found| found.mean.gpu_ms.is_some());
+    let mut text = head(&report.origin, timed);
+    for rows in report.rows.chunk_by(|a, b| place(a) == place(b)) {
+        let Some(first) = rows.first() else { continue };
+        text += &format!("\n{}\n", heading(first));
+        for (row, found) in drawn(rows) {
+            text += &format!("\npasses of {}\n{}", row.pipeline, passes(found));
+        }
+        if drawn(rows).any(|(_, found)| found.views.len() > 1) {
+            text += &format!("\nGPU ms of each camera\n{}", cameras(rows));
+        }
+        text += &format!("\n{}", candidates(rows));
+        for (row, found) in drawn(rows) {
+            text += &resting(row, found);
+        }
+        for (row, why) in rows.iter().filter_map(|row| Some((row, row.found.as_ref().err()?))) {
+            text += &format!("{}: not drawn: {}\n", row.pipeline, first_line(why));
+        }
+    }
+    let places = report.rows.chunk_by(|a, b| place(a) == place(b)).count();
+    if places > 1 {
+        text += &format!("\nGPU ms, mean of the cameras' medians\n{}", overview(report));
+    }
+    text
+}
+
+/// The scene, number of splats and size of a row.
+fn place(row: &Row) -> (&str, u32, Option<(u32, u32)>) {
+    (&row.scene, row.splats, row.size)
+}
+
+/// The rows that were drawn.
+fn drawn(rows: &[Row]) -> impl Iterator<Item = (&Row, &Found)> {
+    rows.iter().filter_map(|row| Some((row, row.found.as_ref().ok()?)))
+}
+
+/// Shortens the path of a scene to its stem.
+pub fn scene_name(scene: &str) -> String {
+    Path::new(scene).file_stem().map_or_else(|| scene.to_owned(), |stem| stem.to_string_lossy().into_owned())
+}
+
+fn heading(row: &Row) -> String {
+    format!("{}, {} splats, {}", scene_name(&row.scene), grouped(row.splats.into()), size_text(row.size))
+}
+
+fn cells<const N: usize>(cells: [&str; N]) -> Vec<String> {
+    cells.map(String::from).to_vec()
+}
+
+fn ms(figure: Option<Figure>) -> String {
+    figure.map_or("-".into(), |figure| format!("{:.3}", figure.median))
+}
+
+fn spread(figure: Option<Figure>) -> String {
+    figure.map_or("-".into(), |figure| format!("{:.3}", figure.spread))
+}
+
+/// The candidates of a place, one a line.
+fn candidates(rows: &[Row]) -> String {
+    let mut phases: Vec<&str> = Vec::new();
+    for part in drawn(rows).flat_map(|(_, found)| &found.mean.phases) {
+        if !phases.contains(&part.name.as_str()) {
+            phases.push(&part.name);
+        }
+    }
+    let mut header = cells(["", "GPU ms", "spread"]);
+    header.extend(phases.iter().map(|phase| (*phase).to_owned()));
+    header.extend(cells(["between", "frame ms", "submit ms", "MiB"]));
+    let line = |(row, found): (&Row, &Found)| {
+        let mean = &found.mean;
+        let mut line = vec![row.pipeline.clone(), ms(mean.gpu_ms), spread(mean.gpu_ms)];
+        let of = |phase: &str| mean.phases.iter().find(|part| part.name == phase);
+        line.extend(phases.iter().map(|phase| of(phase).map_or(String::new(), |part| ms(part.gpu_ms))));
+        let mebibytes = found.memory_bytes as f64 / f64::from(1 << 20);
+        line.extend([ms(mean.between_ms), ms(mean.wall_ms), ms(mean.submit_ms), format!("{mebibytes:.1}")]);
+        line
+    };
+    table(&std::iter::once(header).chain(drawn(rows).map(line)).collect::<Vec<_>>())
+}
+
+/// Says that the device rests between frames, if it does so for most of the time.
+fn resting(row: &Row, found: &Found) -> String {
+    let busy = found.mean.gpu_ms.zip(found.mean.wall_ms).map(|(gpu, wall)| gpu.median / wall.median);
+    match busy.filter(|busy| *busy < BUSY) {
+        Some(busy) => format!(
+            "{}: the device rests for {:.0} % of the time between frames, which are drawn alone: its clock may be lower than under load\n",
+            row.pipeline,
+            100.0 * (1.0 - busy)
+        ),
+        None => String::new(),
+    }
+}
+
+/// The passes of a candidate, then those that run once.
+fn passes(found: &Found) -> String {
+    let header = cells(["", "phase", "GPU ms", "spread", "MB", "GB/s", "of copy"]);
+    let line = |part: &Part| {
+        let rate = part.gb_per_s.map_or("-".into(), |rate| format!("{rate:.0}"));
+        let share = part.of_copy.map_or("-".into(), |share| format!("{:.0} %", 100.0 * share));
+        let phase = part.phase.clone().unwrap_or_default();
+        let megabytes = format!("{:.2}", part.bytes as f64 * 1e-6);
+        vec![part.name.clone(), phase, ms(part.gpu_ms), spread(part.gpu_ms), megabytes, rate, share]
+    };
+    let once = found.once.iter().map(|part| {
+        let mut line = line(part);
+        line[1] += " (once)";
+        line[3] = "-".into();
+        line
+    });
+    let lines = std::iter::once(header).chain(found.mean.passes.iter().map(line)).chain(once);
+    table(&lines.collect::<Vec<_>>())
+}
+
+/// The cameras of a place, one a line, with the candidates beside each other.
+fn cameras(rows: &[Row]) -> String {
+    let mut header = cells([""]);
+    header.extend(drawn(rows).map(|(row, _)| row.pipeline.clone()));
+    let names = drawn(rows).next().map_or(&[][..], |(_, found)| &found.views);
+    let line = |(at, view): (usize, &super::measure::View)| {
+        let of = |found: &Found| ms(found.views.get(at).and_then(|view| view.figures.gpu_ms));
+        std::iter::once(view.camera.clone()).chain(drawn(rows).map(|(_, found)| of(found))).collect()
+    };
+    let mean = std::iter::once("mean".to_owned()).chain(drawn(rows).map(|(_, found)| ms(found.mean.gpu_ms)));
+    let lines: Vec<Vec<String>> = std::iter::once(header)
+        .chain(names.iter().enumerate().map(line))
+        .chain(std::iter::once(mean.collect()))
+        .collect();
+    table(&lines)
+}
+
+/// Names a line of the overview: the scene, the size and the candidate.
+type Line<'a> = (&'a str, Option<(u32, u32)>, &'a str);
+
+fn line_of(row: &Row) -> Line<'_> {
+    (&row.scene, row.size, &row.pipeline)
+}
+
+/// The candidates in lines, the numbers of splats in columns.
+fn overview(report: &Report) -> String {
+    let mut columns: Vec<u32> = report.rows.iter().map(|row| row.splats).collect();
+    columns.sort_unstable();
+    columns.dedup();
+    let mut lines = vec![cells([""])];
+    lines[0].extend(columns.iter().map(|splats| grouped((*splats).into())));
+    let mut done: Vec<Line> = Vec::new();
+    for row in &report.rows {
+        let key = line_of(row);
+        if done.contains(&key) {
+            continue;
+        }
+        done.push(key);
+        let at = |splats: u32| {
+            let same = |other: &&Row| line_of(other) == key && other.splats == splats;
+            report.rows.iter().find(same).map_or(String::new(), |row| match &row.found {
+                Ok(found) => ms(found.mean.gpu_ms),
+                Err(_) => "not drawn".into(),
+            })
+        };
+        let name = format!("{}, {}, {}", scene_name(&row.scene), size_text(row.size), row.pipeline);
+        lines.push(std::iter::once(name).chain(columns.iter().map(|splats| at(*splats))).collect());
+    }
+    table(&lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::measure::testing::found;
+    use super::super::report::testing::report;
+    use super::*;
+
+    #[test]
+    fn every_place_has_its_tables_and_the_last_one_compares_all() {
+        let text = tables(&report(vec![
+            ("splat", 1000, Ok(found(Some(2.0)))),
+            ("nope", 1000, Err("error: there is none\n --> here".into())),
+            ("splat", 2000, Ok(found(Some(3.5)))),
+        ]));
+        for line in [
+            "copy limit: 2000 GB/s (1,000 bytes read and written in 0.500 ms)",
+            "a, 1,000 splats, 64x48",
+            "passes of splat",
+            "draw draw 2.000 0.250 4.00 2 0 %",
+            "GPU ms of each camera",
+            "nope: not drawn: there is none",
+            "a, 64x48, splat 2.000 3.500",
+            "a, 64x48, nope not drawn",
+        ] {
+            let cells = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+            assert!(text.lines().any(|found| cells(found) == line), "{line}:\n{text}");
+        }
+        assert!(!text.contains("no timestamps"), "{text}");
+    }
+
+    #[test]
+    fn a_device_without_timestamps_is_told_and_the_hosts_times_are_shown() {
+        let text = tables(&report(vec![("splat", 1000, Ok(found(None)))]));
+        assert!(text.contains("this device has no timestamps"), "{text}");
+        let line = text.lines().find(|line| line.starts_with("splat")).expect("a line");
+        assert_eq!(
+            line.split_whitespace().collect::<Vec<_>>(),
+            ["splat", "-", "-", "-", "-", "5.000", "1.000", "1.0"]
+        );
+    }
+}

@@ -1,0 +1,190 @@
+//! Finds the part of a picture whose colour depends most on the direction that it is seen from.
+//!
+//! A band's mean square over all directions is the sum of its squared coefficients over 4 pi: the real spherical harmonics are
+//! orthonormal (R. Ramamoorthi, P. Hanrahan, SIGGRAPH 2001, build their compression of lighting on it). The exact renderer
+//! draws the energy of each band in place of the colour. Each splat then counts by what shows of it: its opacity, its area
+//! in pixels, and what is in front of it.
+
+use crate::studies::advise::harmonics::energy;
+use splatgraph_assets::harmonics::basis;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::{Gaussian, Picture, Rules, Splats, render};
+
+/// The window is as wide and as high as this share of the picture: 1 / 3.
+pub const SHARE: u32 = 3;
+
+/// A scene whose colours are something else.
+struct Painted<'a, F> {
+    scene: &'a Scene,
+    color: F,
+}
+
+impl<F: Fn(&Gaussian) -> [f64; 3] + Sync> Splats for Painted<'_, F> {
+    fn count(&self) -> usize {
+        Splats::count(self.scene)
+    }
+
+    fn get(&self, index: usize) -> Gaussian {
+        let splat = Splats::get(self.scene, index);
+        let mut sh = [[0.0; 3]; 16];
+        // The renderer adds a half to what band 0 gives.
+        sh[0] = (self.color)(&splat).map(|channel| (channel - 0.5) / basis([0.0, 0.0, 1.0])[0]);
+        Gaussian { sh, ..splat }
+    }
+}
+
+/// A part of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Part {
+    /// First column and row, in pixels.
+    pub corner: [u32; 2],
+    /// Columns and rows.
+    pub size: [u32; 2],
+    /// The middle of its energy, in the world.
+    pub point: [f64; 3],
+    /// The mean energy of bands 1 to 3 in it, by what shows of each splat.
+    pub within: [f64; 3],
+    /// The mean energy of bands 1 to 3 in the whole picture.
+    pub whole: [f64; 3],
+}
+
+/// Finds the window of a third of the picture's sides with the most energy in bands 1 to 3; of equal ones, the first by rows.
+///
+/// `None` if nothing in the picture depends on the direction.
+pub fn find(scene: &Scene, camera: &Camera) -> Option<Part> {
+    let draw = |color: &(dyn Fn(&Gaussian) -> [f64; 3] + Sync)| -> Picture {
+        let rules = Rules { color_floor: None, sh_degree: 0, ..Rules::PUBLISHED };
+        render(&Painted { scene, color }, camera, [0.0; 3], &rules, &|_, _| {})
+    };
+    let bands = |splat: &Gaussian| {
+        let [_, bands @ ..] = energy(&splat.sh);
+        bands
+    };
+    let energies = draw(&bands).color;
+    let total = |pixel: &[f64; 3]| pixel.iter().sum::<f64>();
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let size = [width.div_ceil(SHARE as usize), height.div_ceil(SHARE as usize)];
+    let corner = richest(&energies.iter().map(total).collect::<Vec<_>>(), [width, height], size)?;
+
+    let depths = draw(&|splat| {
+        let energy: f64 = bands(splat).iter().sum();
+        [energy * camera.to_view(splat.position)[2], 0.0, 0.0]
+    });
+    let mut sums = [0.0; 4];
+    let mut within = [0.0; 3];
+    for y in corner[1]..corner[1] + size[1] {
+        for x in corner[0]..corner[0] + size[0] {
+            let at = y * width + x;
+            let energy = total(&energies[at]);
+            let terms = [energy, energy * x as f64, energy * y as f64, depths.color[at][0]];
+            sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+            within.iter_mut().zip(energies[at]).for_each(|(sum, band)| *sum += band);
+        }
+    }
+    let [energy, x, y, depth] = sums;
+    let (x, y, depth) = (x / energy, y / energy, depth / energy);
+    let mean = |sums: [f64; 3], pixels: usize| sums.map(|sum| sum / pixels as f64);
+    let all = energies.iter().fold([0.0; 3], |sums, pixel| std::array::from_fn(|i| sums[i] + pixel[i]));
+    Some(Part {
+        corner: corner.map(|v| v as u32),
+        size: size.map(|v| v as u32),
+        point: unprojected(camera, x, y, depth),
+        within: mean(within, size[0] * size[1]),
+        whole: mean(all, width * height),
+    })
+}
+
+/// Finds the corner of the window with the largest sum; `None` if all of them are 0.
+fn richest(values: &[f64], [width, height]: [usize; 2], size: [usize; 2]) -> Option<[usize; 2]> {
+    // Sums of all above and to the left: a window's sum is of four of them.
+    let mut sums = vec![0.0; (width + 1) * (height + 1)];
+    for y in 0..height {
+        for x in 0..width {
+            let at = |x: usize, y: usize| y * (width + 1) + x;
+            sums[at(x + 1, y + 1)] =
+                values[y * width + x] + sums[at(x, y + 1)] + sums[at(x + 1, y)] - sums[at(x, y)];
+        }
+    }
+    let sum = |x: usize, y: usize| {
+        let at = |x: usize, y: usize| sums[y * (width + 1) + x];
+        at(x + size[0], y + size[1]) - at(x, y + size[1]) - at(x + size[0], y) + at(x, y)
+    };
+    let corners =
+        (0..=height - size[1]).flat_map(|y| (0..=width - size[0]).map(move |x| ([x, y], sum(x, y))));
+    let best = corners.fold(None, |best: Option<([usize; 2], f64)>, (corner, sum)| match best {
+        Some((_, most)) if most >= sum => best,
+        _ => Some((corner, sum)),
+    });
+    best.filter(|(_, most)| *most > 0.0).map(|(corner, _)| corner)
+}
+
+/// Finds the point of the world at a pixel and a depth.
+fn unprojected(camera: &Camera, x: f64, y: f64, depth: f64) -> [f64; 3] {
+    let side = |at: f64, size: u32, focal: f64| (at - 0.5 * (f64::from(size) - 1.0)) / focal * depth;
+    let view = [side(x, camera.width, camera.fx), side(y, camera.height, camera.fy), depth];
+    let axes = camera.axes();
+    std::array::from_fn(|i| camera.position[i] + (0..3).map(|axis| axes[axis][i] * view[axis]).sum::<f64>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::Splat;
+
+    fn splat(position: [f32; 3], sh: &[(usize, f32)]) -> Splat {
+        let mut all = [0.0; 48];
+        sh.iter().for_each(|(at, value)| all[*at] = *value);
+        Splat { position, scale: [0.1; 3], rotation: [1.0, 0.0, 0.0, 0.0], opacity: 0.9, sh: all }
+    }
+
+    #[test]
+    fn the_energy_of_a_band_is_the_mean_square_of_what_it_adds_over_all_directions() {
+        let mut sh = [[0.0; 3]; 16];
+        for (k, coefficients) in sh.iter_mut().enumerate() {
+            *coefficients = [0.1 * k as f64, 0.3 - 0.05 * k as f64, 0.02];
+        }
+        // Directions of equal weight: equal steps of height (Archimedes) and of angle, offset from each other.
+        const STEPS: usize = 400;
+        let mut sums = [0.0; 4];
+        for i in 0..STEPS {
+            for j in 0..STEPS {
+                let z = (2.0 * i as f64 + 1.0) / STEPS as f64 - 1.0;
+                let (angle, r) = (std::f64::consts::TAU * j as f64 / STEPS as f64, (1.0 - z * z).sqrt());
+                let weights = basis([r * angle.cos(), r * angle.sin(), z]);
+                for (band, sum) in sums.iter_mut().enumerate() {
+                    let used = band * band..(band + 1) * (band + 1);
+                    let added = used.fold([0.0; 3], |added: [f64; 3], k| {
+                        std::array::from_fn(|channel| added[channel] + weights[k] * sh[k][channel])
+                    });
+                    *sum += added.iter().map(|channel| channel * channel).sum::<f64>();
+                }
+            }
+        }
+        for (band, (sum, expected)) in sums.iter().zip(energy(&sh)).enumerate() {
+            let mean = sum / (3 * STEPS * STEPS) as f64;
+            assert!((mean / expected - 1.0).abs() < 1e-4, "band {band}: {mean}, expected {expected}");
+        }
+    }
+
+    #[test]
+    fn the_part_is_around_the_splat_that_changes_with_the_direction_and_hidden_ones_do_not_count() {
+        // A plain splat at the left, a glossy one at the right, and a glossier one hidden behind the plain one.
+        let list = [
+            splat([-1.0, 0.0, 4.0], &[(0, 1.0)]),
+            splat([1.0, 0.3, 4.0], &[(3, 0.3), (12, 0.2)]),
+            splat([-2.0, 0.0, 8.0], &[(3, 0.4)]),
+        ];
+        let scene = Scene::generate(3, 3, |index| {
+            let hide = if index == 0 { 8.0 } else { 1.0 };
+            Splat { scale: [0.1 * hide; 3], ..list[index] }
+        });
+        let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (90, 60));
+        let part = find(&scene, &camera).expect("something is glossy");
+        let [x, y] = [0, 1].map(|i| part.corner[i]..part.corner[i] + part.size[i]);
+        assert!(x.contains(&64) && y.contains(&35), "{part:?}");
+        assert!((0..3).all(|i| (part.point[i] - f64::from(list[1].position[i])).abs() < 0.05), "{part:?}");
+        assert!(part.within[0] > 0.0 && part.within[1] > 0.0 && part.within[2] == 0.0, "{part:?}");
+        let plain = Scene::generate(1, 3, |_| list[0]);
+        assert_eq!(find(&plain, &camera), None);
+    }
+}

@@ -1,0 +1,360 @@
+//! Blends a scene's splats in four orders, and with keys of depth that tell fewer and fewer depths apart.
+//!
+//! The colour of a pixel is a sum in which each splat is dimmed by those in front of it. The product in it runs over an index
+//! set, and each wrong way of blending changes that set in its own manner. [`measure`] draws every way and measures how far off
+//! picture and order are; [`page`] writes it down.
+
+use super::two::{self, Two};
+use super::{ExperimentError, GAIN, decibels, draw};
+use crate::draw::capture;
+use crate::draw::session::Session;
+use crate::draw::truth::Truth;
+use crate::io::image::Image;
+use crate::io::report::page::{Figure, Page};
+use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
+use crate::studies::metrics::{self, Comparison};
+use splatgraph_api::Device;
+use splatgraph_assets::Camera;
+use splatgraph_reference::{Rules, depth_order};
+
+/// A way of blending splats.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Way {
+    /// The name on the page.
+    pub name: &'static str,
+    /// Parameters of the graph that are changed for it.
+    pub set: &'static [(&'static str, &'static str)],
+    /// True if the splats are sorted by depth.
+    pub sorted: bool,
+    /// True if the nearest splat is blended first.
+    pub nearest_first: bool,
+    /// True for `under`, which keeps a transmittance; false for `over`.
+    pub under: bool,
+    /// The sum that it computes.
+    pub sum: &'static str,
+    /// The reason of its picture.
+    pub why: &'static str,
+}
+
+/// The ways of blending, the true one second.
+pub const WAYS: [Way; 4] = [
+    Way {
+        name: "unsorted",
+        set: &[("sort", "false")],
+        sorted: false,
+        nearest_first: false,
+        under: false,
+        sum: "sum_i c_i a_i prod_{p(j) < p(i)} (1 - a_j)",
+        why: "The order of the file permutes the index set of the product: splat j dims splat i if it comes before i in the \
+              file (p is the place in the file), whichever of the two is nearer. Of each pair, chance decides which covers \
+              the other.",
+    },
+    Way {
+        name: "back to front",
+        set: &[],
+        sorted: true,
+        nearest_first: false,
+        under: false,
+        sum: "sum_i c_i a_i prod_{j < i} (1 - a_j)",
+        why: "`over`, farthest first: C <- a_i c_i + (1 - a_i) C. Each later, nearer splat multiplies everything below it \
+              by its 1 - a, so that in the end i has been dimmed by all j < i: the true product.",
+    },
+    Way {
+        name: "front to back, naive",
+        set: &[("blend", "front_to_back_naive")],
+        sorted: true,
+        nearest_first: true,
+        under: false,
+        sum: "sum_i c_i a_i prod_{j > i} (1 - a_j)",
+        why: "The same `over` on the sorted list from its other end: i is dimmed by the splats that come later, which are \
+              those behind it. The index set j < i has become j > i. That is the true sum of the same footprints seen from \
+              behind: the farthest surface is in front.",
+    },
+    Way {
+        name: "front to back",
+        set: &[("blend", "front_to_back")],
+        sorted: true,
+        nearest_first: true,
+        under: true,
+        sum: "sum_i c_i a_i T_i,  T_i = prod_{j < i} (1 - a_j)",
+        why: "`under`, nearest first: C <- C + T a_i c_i, then T <- (1 - a_i) T. The transmittance T carries the product \
+              over j < i along, so that the sum is the true one, term by term.",
+    },
+];
+
+/// Widths of the depth keys that are measured, in bits.
+const KEY_BITS: [u32; 9] = [8, 10, 12, 14, 16, 20, 24, 28, 32];
+
+/// A picture, with its distance from the exact one.
+#[derive(Clone, Debug)]
+pub struct Drawn {
+    /// The name on the page.
+    pub name: String,
+    /// The picture.
+    pub image: Image,
+    /// Its difference from the exact picture.
+    pub error: Comparison,
+    /// Pairs of splats that the order buffer has in the wrong order.
+    pub inversions: Option<u64>,
+    /// Pairs of splats that are blended in the wrong order.
+    pub wrong: Option<u64>,
+    /// Pairs of splats in all.
+    pub pairs: u64,
+}
+
+/// The measurements of the experiment.
+pub struct Order {
+    /// The scene and the view, in words.
+    pub view: String,
+    /// The exact picture.
+    pub truth: Image,
+    /// The pictures of all [`WAYS`].
+    pub ways: Vec<Drawn>,
+    /// The pictures of keys of fewer bits, with the number of bits.
+    pub keys: Vec<(u32, Drawn)>,
+    /// The worked example.
+    pub two: Two,
+}
+
+/// Draws and measures. Returns the session of the worked example, too, to be closed with the given one.
+///
+/// `report` is told how many of how many steps are done, and the name of the next one.
+///
+/// # Errors
+/// The graph has errors, or the device fails.
+pub fn measure<D: Device>(
+    session: &mut Session<D>,
+    camera: &Camera,
+    view: String,
+    report: &mut dyn FnMut(usize, usize, &str),
+) -> Result<(Order, Session<D>), ExperimentError> {
+    let of = 2 + WAYS.len() + KEY_BITS.len();
+    report(0, of, "the exact picture");
+    let truth = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::PUBLISHED).image();
+    let order = depth_order(session.scene(), camera, &Rules::PUBLISHED);
+    let exact = super::exact(session, (camera.width, camera.height))?;
+
+    let mut drawn = |name: &str, set: &[(&str, &str)], reversed: bool| -> Result<Drawn, ExperimentError> {
+        let capture = draw(session, &exact, set, camera)?;
+        let error = metrics::compare(&capture.image, &truth)?;
+        let count = capture.order.as_ref().map_or(0, |order| order.len() as u64);
+        let pairs = count * count.saturating_sub(1) / 2;
+        let inversions = capture.order.and_then(|given| capture::wrong_pairs(&order, &given));
+        let wrong = inversions.map(|found| if reversed { pairs - found } else { found });
+        Ok(Drawn { name: name.to_owned(), image: capture.image, error, inversions, wrong, pairs })
+    };
+    let mut ways = Vec::new();
+    for (at, way) in WAYS.iter().enumerate() {
+        report(1 + at, of, way.name);
+        // `over` wants the farthest first, and `under` the nearest.
+        ways.push(drawn(way.name, way.set, way.nearest_first != way.under)?);
+    }
+    let mut keys = Vec::new();
+    for (at, bits) in KEY_BITS.into_iter().enumerate() {
+        report(1 + WAYS.len() + at, of, &format!("keys of {bits} bits"));
+        let value = bits.to_string();
+        keys.push((bits, drawn(&format!("{bits} bits"), &[("key_bits", &value)], false)?));
+    }
+    report(of - 1, of, "two splats");
+    let (two, own) = two::work_out(session)?;
+    Ok((Order { view, truth, ways, keys, two }, own))
+}
+
+/// Writes the page.
+///
+/// # Errors
+/// A picture or a plot cannot be encoded.
+pub fn page(found: &Order) -> Result<Page, ExperimentError> {
+    let mut page = Page::new("The order of splats");
+    page.text(&found.view);
+    page.text(
+        "Splats are translucent, so that the order in which they are blended is part of the picture. With the splats of a pixel \
+         numbered from near to far, with alphas a_i and colours c_i, the pixel's colour is",
+    );
+    page.block("C = sum_i c_i a_i prod_{j < i} (1 - a_j)");
+    page.text(
+        "Each splat is dimmed by those in front of it. The pictures below have the same splats, the same a_i and the same c_i; \
+         only the index set of the product differs, and with it the picture.",
+    );
+    four_ways(&mut page, found)?;
+    worked_example(&mut page, &found.two)?;
+    keys(&mut page, found)?;
+    page.heading("Sources");
+    page.text(
+        "The operators `over` and `under`: T. Porter, T. Duff, Compositing Digital Images, SIGGRAPH 1984. The exact pictures are \
+         of `splatgraph render --backend reference`, in 64-bit floats; the others have every parameter of the graph `splat` at \
+         its exact value, apart from those that are named.",
+    );
+    Ok(page)
+}
+
+fn four_ways(page: &mut Page, found: &Order) -> Result<(), ExperimentError> {
+    page.heading("Four ways of blending");
+    let pictures: Vec<Figure> = found
+        .ways
+        .iter()
+        .map(|way| Figure {
+            caption: format!("{}: {} dB", way.name, decibels(way.error.psnr_db)),
+            image: &way.image,
+        })
+        .collect();
+    page.rows(2, &pictures)?;
+    let count = |count: Option<u64>| count.map_or("-".into(), |count| count.to_string());
+    let rows: Vec<Vec<String>> = found
+        .ways
+        .iter()
+        .map(|way| {
+            vec![
+                way.name.clone(),
+                decibels(way.error.psnr_db),
+                format!("{:.4}", way.error.worst.difference),
+                count(way.inversions),
+                count(way.wrong),
+                way.pairs.to_string(),
+            ]
+        })
+        .collect();
+    page.table(
+        &["way", "PSNR dB", "worst pixel", "wrong in the list", "wrong as blended", "pairs of splats"],
+        &rows,
+    );
+    let share = |way: &Drawn| match way.wrong {
+        Some(wrong) => format!("{:.0} % of them", 100.0 * wrong as f64 / way.pairs.max(1) as f64),
+        None => "some of them".into(),
+    };
+    page.text(&format!(
+        "`wrong in the list` counts the pairs of visible splats that stand in the order buffer in another order than that of \
+         their depth. `wrong as blended` counts those in which the farther splat dims the nearer: a sorted list that is blended \
+         from its wrong end has all of its pairs wrong, and the order of the file has {}. A pair matters as far as its splats \
+         overlap, so that the errors do not follow from these numbers alone. Where a sorted list has pairs wrong at all, their \
+         depths are equal or differ in the last bits of 32, which a device that rounds `fma` twice may get otherwise.",
+        share(&found.ways[0])
+    ));
+    page.text(&format!("Differences from the exact picture, {GAIN} times as large:"));
+    let differences: Vec<Image> =
+        found.ways.iter().map(|way| metrics::difference(&way.image, &found.truth, GAIN)).collect();
+    let pictures: Vec<Figure> = found
+        .ways
+        .iter()
+        .zip(&differences)
+        .map(|(way, image)| Figure {
+            caption: format!("{}, difference: at most {:.4}", way.name, way.error.worst.difference),
+            image,
+        })
+        .collect();
+    page.rows(2, &pictures)?;
+    for way in &WAYS {
+        page.text(&format!("`{}`", way.name));
+        page.block(way.sum);
+        page.text(way.why);
+    }
+    Ok(())
+}
+
+fn worked_example(page: &mut Page, two: &Two) -> Result<(), ExperimentError> {
+    let triple = |color: [f64; 3]| format!("({:.3}, {:.3}, {:.3})", color[0], color[1], color[2]);
+    page.heading("Two splats, step by step");
+    let [near, far] = two.layers;
+    page.text(&format!(
+        "An orange splat covers a part of a blue one. At the pixel in the middle of the picture the near one has a_1 = {:.4} and \
+         c_1 = {}, the far one a_2 = {:.4} and c_2 = {}; both were read from exact pictures of each splat alone. The file has the \
+         blue one first.",
+        near.alpha,
+        triple(near.color),
+        far.alpha,
+        triple(far.color),
+    ));
+    let mut pictures: Vec<Figure> =
+        two.ways.iter().map(|way| Figure { caption: way.way.name.to_owned(), image: &way.image }).collect();
+    pictures.push(Figure { caption: "the exact renderer".into(), image: &two.image });
+    page.rows(5, &pictures)?;
+    let off = |a: [f64; 3], b: [f64; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f64::max);
+    let rows: Vec<Vec<String>> = two
+        .ways
+        .iter()
+        .map(|blended| {
+            // The first is nothing yet.
+            let steps: Vec<String> = blended.steps[1..]
+                .iter()
+                .map(|(sum, left)| {
+                    triple(*sum) + &left.map_or(String::new(), |left| format!(", T {left:.3}"))
+                })
+                .collect();
+            vec![
+                blended.way.name.to_owned(),
+                steps.join(" → "),
+                triple(blended.drawn),
+                format!("{:.1e}", off(blended.computed(), blended.drawn)),
+                format!("{:.4}", off(blended.drawn, two.exact)),
+            ]
+        })
+        .collect();
+    page.table(
+        &[
+            "way",
+            "C after each step, by the formula",
+            "C as drawn",
+            "off from the formula",
+            "off from the exact",
+        ],
+        &rows,
+    );
+    page.text(&format!(
+        "The exact renderer has {}. Both right ways reach it by different steps: `over` dims what it has by the splat that it \
+         adds, `under` dims the splat that it adds by the transmittance T of what it has. Two splats have one wrong order, so \
+         that both wrong ways agree here; n splats have n! orders, and of these the naive way has the reversed one.",
+        triple(two.exact)
+    ));
+    Ok(())
+}
+
+fn keys(page: &mut Page, found: &Order) -> Result<(), ExperimentError> {
+    page.heading("How much of the order is wrong");
+    page.text(
+        "Splats are sorted by a key made of their depth. A key of fewer bits takes less time to sort, and makes equal what is \
+         close in depth: equal keys keep the order of the file. The error grows with the number of pairs that this turns around, \
+         but each of these pairs is close in depth, so that it takes many of them.",
+    );
+    let on = |drawn: &Drawn, name: &str| {
+        let (wrong, db) = (drawn.wrong?, drawn.error.psnr_db?);
+        Some(Point { x: wrong as f64, y: db, name: name.to_owned() })
+    };
+    let line = found.keys.iter().filter_map(|(_, drawn)| on(drawn, &drawn.name)).collect();
+    let others = [&found.ways[0], &found.ways[2]].into_iter().filter_map(|way| on(way, &way.name)).collect();
+    let plot = Plot {
+        title: "Wrong pairs and error, for keys of 8 to 32 bits and the two wrong ways".into(),
+        x: Axis { label: "pairs of splats blended in the wrong order".into(), logarithmic: true },
+        y: Axis { label: "PSNR against the exact picture, dB".into(), logarithmic: false },
+        series: vec![
+            Series { name: String::new(), form: Form::Line, points: line },
+            Series { name: String::new(), form: Form::Points, points: others },
+        ],
+    };
+    let right = found.keys.iter().filter(|(_, drawn)| drawn.wrong == Some(0));
+    let right: Vec<String> = right.map(|(bits, _)| bits.to_string()).collect();
+    let note = match right.as_slice() {
+        [] => String::new(),
+        widths => format!(
+            " Keys of {} bits have no pair wrong, and no place on this axis; their error is that of the quads.",
+            widths.join(", ")
+        ),
+    };
+    page.plot(&plot, &format!("Each point is a picture of the view above.{note}"))?;
+    let rows: Vec<Vec<String>> = found
+        .keys
+        .iter()
+        .map(|(bits, drawn)| {
+            vec![
+                format!("`key_bits = {bits}`"),
+                drawn.wrong.map_or("-".into(), |count| count.to_string()),
+                drawn.wrong.map_or("-".into(), |count| {
+                    format!("{:.4} %", 100.0 * count as f64 / drawn.pairs.max(1) as f64)
+                }),
+                decibels(drawn.error.psnr_db),
+                format!("{:.4}", drawn.error.worst.difference),
+            ]
+        })
+        .collect();
+    page.table(&["key", "wrong pairs", "of all pairs", "PSNR dB", "worst pixel"], &rows);
+    Ok(())
+}

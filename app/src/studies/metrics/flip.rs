@@ -1,0 +1,282 @@
+//! Measures the difference that a person sees who flips between two pictures.
+//!
+//! The source is Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, "FLIP: A Difference Evaluator for Alternating
+//! Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020; numbers in brackets are its equations. Both pictures are filtered by
+//! what an eye resolves at the display's distance, their colours are compared in a space of perceived differences, and where
+//! edges or points differ the difference counts more.
+//!
+//! [`of_floats`] takes the pictures as they are. [`of_8_bits`] rounds them to 8 bits first, as a file or a display does, and is NVIDIA's own
+//! program. Between two pictures that differ by less than a step, the two disagree: rounding hides a difference, or makes a step of it.
+
+use super::Channel;
+use crate::io::image::Image;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// Pixels to a degree of the display that FLIP assumes: a 4K display of 0.7 m at 0.7 m.
+const PIXELS_PER_DEGREE: f64 = nv_flip::DEFAULT_PIXELS_PER_DEGREE as f64;
+
+/// Computes the mean of FLIP over the pixels, 0 for equal pictures, 1 at most, of values clamped to 0..1.
+///
+/// Panics if the sizes differ.
+pub fn of_floats<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
+    assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
+    let (a, b) = (Seen::of(a), Seen::of(b));
+    // Green and blue are the farthest apart.
+    let most = distance(hunt(to_lab([0.0, 1.0, 0.0])), hunt(to_lab([0.0, 0.0, 1.0])));
+    let of = |at: usize| difference(a.colour[at], b.colour[at], most).powf(1.0 - a.feature(&b, at));
+    let sum: f64 = (0..a.colour.len()).map(of).sum();
+    sum / a.colour.len().max(1) as f64
+}
+
+/// Computes the same of the pictures in 8 bits, by NVIDIA's program.
+///
+/// Panics if the sizes differ.
+pub fn of_8_bits<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
+    assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
+    let bytes = |image: &Image<C>| {
+        let level = |value: &C| (super::shown(*value) * 255.0).round() as u8;
+        let bytes: Vec<u8> = image.rgb.as_flattened().iter().map(level).collect();
+        nv_flip::FlipImageRgb8::with_data(image.width as u32, image.height as u32, &bytes)
+    };
+    let values = nv_flip::flip(bytes(a), bytes(b), nv_flip::DEFAULT_PIXELS_PER_DEGREE).to_vec();
+    values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len().max(1) as f64
+}
+
+/// A picture as it is seen.
+struct Seen {
+    /// The filtered colours, in L*a*b* with the Hunt effect.
+    colour: Vec<[f64; 3]>,
+    /// Strength of the edge and of the point at each pixel.
+    features: Vec<[f64; 2]>,
+}
+
+impl Seen {
+    fn of<C: Channel>(image: &Image<C>) -> Seen {
+        let opponent: Vec<[f64; 3]> = image
+            .rgb
+            .par_iter()
+            .map(|pixel| to_opponent(pixel.map(|value| linear(super::shown(value)))))
+            .collect();
+        let plane = |channel: usize| Plane {
+            width: image.width,
+            height: image.height,
+            values: opponent.iter().map(|pixel| pixel[channel]).collect(),
+        };
+        let filtered = [0, 1, 2].map(|channel| contrast(&plane(channel), SENSITIVITY[channel]));
+        let inverse = glam::DMat3::from_cols_array_2d(&TO_XYZ).transpose().inverse();
+        let colour = (0..opponent.len()).into_par_iter().map(|at| {
+            let rgb = from_opponent([0, 1, 2].map(|channel| filtered[channel].values[at]), &inverse);
+            hunt(to_lab(rgb.map(|value| value.clamp(0.0, 1.0))))
+        });
+        // The features are those of the lightness, 0 to 1.
+        let mut lightness = plane(0);
+        lightness.values.iter_mut().for_each(|value| *value = (*value + 16.0) / 116.0);
+        Seen { colour: colour.collect(), features: features(&lightness) }
+    }
+
+    /// Computes the difference of the features at a pixel, 0 to 1 [16].
+    fn feature(&self, other: &Seen, at: usize) -> f64 {
+        let [edge, point] = [0, 1].map(|kind| (self.features[at][kind] - other.features[at][kind]).abs());
+        (edge.max(point) / 2f64.sqrt()).sqrt().min(1.0)
+    }
+}
+
+/// Converts a channel from display encoding (IEC 61966-2-1) to linear light.
+fn linear(value: f64) -> f64 {
+    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Matrix from linear RGB to XYZ (IEC 61966-2-1; each row sums to the white of D65).
+const TO_XYZ: [[f64; 3]; 3] = [
+    [0.412_390_8, 0.357_584_3, 0.180_480_8],
+    [0.212_639_0, 0.715_168_7, 0.072_192_3],
+    [0.019_330_8, 0.119_194_8, 0.950_532_2],
+];
+
+fn product(matrix: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|row| (0..3).map(|column| matrix[row][column] * v[column]).sum())
+}
+
+/// Computes XYZ as a share of white's.
+fn relative(rgb: [f64; 3]) -> [f64; 3] {
+    let (xyz, white) = (product(&TO_XYZ, rgb), product(&TO_XYZ, [1.0; 3]));
+    std::array::from_fn(|c| xyz[c] / white[c])
+}
+
+/// Converts linear RGB to the opponent space YCxCz, in which the eye's contrast is known.
+fn to_opponent(rgb: [f64; 3]) -> [f64; 3] {
+    let [x, y, z] = relative(rgb);
+    [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+/// Converts YCxCz to linear RGB; `inverse` is that of [`TO_XYZ`].
+fn from_opponent([lightness, x, z]: [f64; 3], inverse: &glam::DMat3) -> [f64; 3] {
+    let y = (lightness + 16.0) / 116.0;
+    let white = product(&TO_XYZ, [1.0; 3]);
+    let xyz = [y + x / 500.0, y, y - z / 200.0];
+    (*inverse * glam::DVec3::from(std::array::from_fn::<f64, 3, _>(|c| xyz[c] * white[c]))).into()
+}
+
+/// Converts linear RGB to CIE L*a*b*.
+fn to_lab(rgb: [f64; 3]) -> [f64; 3] {
+    const DELTA: f64 = 6.0 / 29.0;
+    let curve = |t: f64| if t > DELTA.powi(3) { t.cbrt() } else { t / (3.0 * DELTA * DELTA) + 4.0 / 29.0 };
+    let [x, y, z] = relative(rgb).map(curve);
+    [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+/// Scales chroma by lightness: the Hunt effect [6].
+fn hunt([lightness, a, b]: [f64; 3]) -> [f64; 3] {
+    [lightness, 0.01 * lightness * a, 0.01 * lightness * b]
+}
+
+/// Computes the distance of two colours, for large and small differences alike (HyAB) [7], to the power of 0.7.
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
+}
+
+/// Computes the difference of two colours, 0 to 1 [8].
+///
+/// Distances below 0.4 of the largest, `most`, are spread over 0 to 0.95.
+fn difference(a: [f64; 3], b: [f64; 3], most: f64) -> f64 {
+    const PART: f64 = 0.4;
+    const OF: f64 = 0.95;
+    let (found, edge) = (distance(a, b), PART * most);
+    if found < edge { OF * found / edge } else { OF + (found - edge) / (most - edge) * (1.0 - OF) }
+}
+
+/// A channel of a picture, by rows.
+struct Plane {
+    width: usize,
+    height: usize,
+    values: Vec<f64>,
+}
+
+impl Plane {
+    /// Filters rows by `across` and columns by `down`, of odd lengths. Pixels beyond an edge equal those at the edge.
+    fn filtered(&self, across: &[f64], down: &[f64]) -> Plane {
+        let (width, height) = (self.width, self.height);
+        let mut rows = vec![0.0; self.values.len()];
+        rows.par_chunks_mut(width).zip(self.values.par_chunks(width)).for_each(|(out, row)| {
+            let edge = |value: f64| std::iter::repeat_n(value, across.len() / 2);
+            let padded: Vec<f64> =
+                edge(row[0]).chain(row.iter().copied()).chain(edge(row[width - 1])).collect();
+            for (out, window) in out.iter_mut().zip(padded.windows(across.len())) {
+                *out = across.iter().zip(window).map(|(weight, value)| weight * value).sum();
+            }
+        });
+        let mut values = vec![0.0; rows.len()];
+        values.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
+            for (tap, weight) in down.iter().enumerate() {
+                let from = (y + tap).saturating_sub(down.len() / 2).min(height - 1);
+                let row = &rows[from * width..(from + 1) * width];
+                out.iter_mut().zip(row).for_each(|(out, value)| *out += weight * value);
+            }
+        });
+        Plane { width, height, values }
+    }
+}
+
+/// The contrast that an eye sees in lightness, red to green and blue to yellow: sums of Gaussians, each with its amplitude and its
+/// width in degrees squared (table 1).
+const SENSITIVITY: [&[(f64, f64)]; 3] = [&[(1.0, 0.0047)], &[(1.0, 0.0053)], &[(34.1, 0.04), (13.5, 0.025)]];
+
+/// The widest Gaussian of [`SENSITIVITY`], which decides the size of all filters.
+const WIDEST: f64 = 0.04;
+
+/// Lists the values of a function at the whole numbers from `-radius` to `radius`.
+fn taps(radius: usize, of: impl Fn(f64) -> f64) -> Vec<f64> {
+    (0..=2 * radius).map(|at| of(at as f64 - radius as f64)).collect()
+}
+
+/// Filters a channel by the contrast that an eye sees in it [4, 5].
+fn contrast(plane: &Plane, gaussians: &[(f64, f64)]) -> Plane {
+    let radius = (3.0 * (WIDEST / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as usize;
+    let of = |(amplitude, width): &(f64, f64)| {
+        let taps = taps(radius, |x| (-(PI * x / PIXELS_PER_DEGREE).powi(2) / width).exp());
+        let sum: f64 = taps.iter().sum();
+        // In two dimensions, a Gaussian is the product of one across and one down.
+        let weight = amplitude * (PI / width).sqrt() * sum * sum;
+        (taps.into_iter().map(|tap| tap / sum).collect::<Vec<f64>>(), weight)
+    };
+    let kernels: Vec<(Vec<f64>, f64)> = gaussians.iter().map(of).collect();
+    let all: f64 = kernels.iter().map(|(_, weight)| weight).sum();
+    let mut found = Plane { values: vec![0.0; plane.values.len()], ..*plane };
+    for (taps, weight) in &kernels {
+        let part = plane.filtered(taps, taps);
+        found.values.iter_mut().zip(part.values).for_each(|(sum, value)| *sum += weight / all * value);
+    }
+    found
+}
+
+/// Width of the features that are looked for, in degrees.
+const FEATURE: f64 = 0.082;
+
+/// Finds the strength of the edge and of the point at each pixel: the first and second derivatives of a Gaussian [11 to 14].
+fn features(lightness: &Plane) -> Vec<[f64; 2]> {
+    let deviation = 0.5 * FEATURE * PIXELS_PER_DEGREE;
+    let radius = (3.0 * deviation).ceil() as usize;
+    let bell = |x: f64| (-x * x / (2.0 * deviation * deviation)).exp();
+    let smooth = taps(radius, bell);
+    let sum: f64 = smooth.iter().sum();
+    let smooth: Vec<f64> = smooth.into_iter().map(|tap| tap / sum).collect();
+    // What is above 0 has the sum 1, and what is below it -1.
+    let balanced = |taps: Vec<f64>| -> Vec<f64> {
+        let of = |sign: f64| taps.iter().map(|tap| (sign * tap).max(0.0)).sum::<f64>();
+        let (above, below) = (of(1.0), of(-1.0));
+        taps.iter().map(|tap| if *tap > 0.0 { tap / above } else { tap / below }).collect()
+    };
+    let edge = balanced(taps(radius, |x| -x * bell(x)));
+    let point = balanced(taps(radius, |x| (x * x / (deviation * deviation) - 1.0) * bell(x)));
+    let strength = |kernel: &[f64]| -> Vec<f64> {
+        let (across, down) = (lightness.filtered(kernel, &smooth), lightness.filtered(&smooth, kernel));
+        across.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect()
+    };
+    let (edges, points) = (strength(&edge), strength(&point));
+    edges.into_iter().zip(points).map(|(edge, point)| [edge, point]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture with edges, points and colours, in steps of 8 bits.
+    fn pattern(width: usize, height: usize, seed: usize) -> Image {
+        Image::from_fn(width, height, |x, y| {
+            let flat = (x / 9 + y / 7 + seed) % 5;
+            std::array::from_fn(|c| {
+                let point = usize::from((x * 31 + y * 17 + seed).is_multiple_of(97)) * 90;
+                ((flat * (40 + 11 * c) + point + (x * (c + 1)) % 23) % 256) as f32 / 255.0
+            })
+        })
+    }
+
+    #[test]
+    fn in_8_bits_it_is_what_nvidias_program_computes() {
+        for (width, height) in [(48, 36), (70, 20), (3, 2), (1, 1)] {
+            let (a, b) = (pattern(width, height, 0), pattern(width, height, 3));
+            let (own, nvidia) = (of_floats(&a, &b), of_8_bits(&a, &b));
+            assert!(
+                own > 0.05 && (own - nvidia).abs() < 1e-4 * nvidia,
+                "{width} x {height}: {own} and {nvidia}"
+            );
+        }
+        let a = pattern(48, 36, 0);
+        let dark = Image::from_fn(48, 36, |x, y| a.at(x, y).map(|v| (v * 250.0).round() / 255.0));
+        let (own, nvidia) = (of_floats(&a, &dark), of_8_bits(&a, &dark));
+        assert!(own > 0.001 && (own - nvidia).abs() < 1e-3 * nvidia, "{own} and {nvidia}");
+    }
+
+    #[test]
+    fn a_difference_below_a_step_of_8_bits_is_seen_in_floats_alone() {
+        let a = Image::from_fn(20, 20, |_, _| [100.0 / 255.0; 3]);
+        let b = Image::from_fn(20, 20, |_, _| [100.3 / 255.0; 3]);
+        assert_eq!((of_floats(&a, &a), of_8_bits(&a, &b)), (0.0, 0.0));
+        assert!(of_floats(&a, &b) > 1e-4);
+        // Black and white are as far apart as can be, and values beyond them are not seen.
+        let grey = |value: f32| Image::from_fn(20, 20, |_, _| [value; 3]);
+        assert_eq!(of_floats(&grey(1.0), &grey(1.5)), 0.0);
+        assert!(of_floats(&grey(0.0), &grey(1.0)) > 0.9);
+    }
+}

@@ -1,0 +1,340 @@
+//! Measures the difference between two pictures.
+//!
+//! Each of the three numbers sees what the others miss. **PSNR** is the squared error of the whole picture; **SSIM** compares
+//! local structure, closer to perception; the **worst pixel** finds a single missing splat. [`flip`] sees what people see in two
+//! pictures that take turns. All sums are in f64.
+
+pub mod flip;
+
+use crate::io::image::Image;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// A channel of a picture: f32 or f64.
+pub trait Channel: Copy + Into<f64> + PartialEq + Send + Sync {}
+
+impl Channel for f32 {}
+impl Channel for f64 {}
+
+/// Radius of SSIM's window: 11 x 11.
+const RADIUS: usize = 5;
+/// Standard deviation of SSIM's window, in pixels.
+const SIGMA: f64 = 1.5;
+
+/// The result of [`compare`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Peak signal-to-noise ratio in decibels; `None` if the error is 0 and the ratio infinite.
+    ///
+    /// It is `10 log10(1 / MSE)`, with the mean over all pixels and channels of values clamped to 0..1.
+    pub psnr_db: Option<f64>,
+    /// Structural similarity, 1 for equal pictures. See [`ssim`]. `None` for pictures smaller than its window.
+    pub ssim: Option<f64>,
+    /// The pixel with the largest difference.
+    pub worst: WorstPixel,
+    /// True if every channel of every pixel is equal.
+    pub identical: bool,
+}
+
+impl Comparison {
+    /// Returns PSNR in decibels, infinite if the error is 0.
+    pub fn psnr(&self) -> f64 {
+        self.psnr_db.unwrap_or(f64::INFINITY)
+    }
+}
+
+/// The first pixel, by rows, with the largest absolute difference of a channel.
+///
+/// Values are not clamped, so that differences beyond white count.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct WorstPixel {
+    /// The largest absolute difference over the channels, 0 for identical pictures.
+    pub difference: f64,
+    /// Column, from 0 at the left.
+    pub x: usize,
+    /// Row, from 0 at the top.
+    pub y: usize,
+}
+
+/// A pair of pictures that cannot be compared.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MetricError {
+    /// The sizes differ.
+    #[error("expected pictures of one size, found {a_width} x {a_height} and {b_width} x {b_height}")]
+    Sizes {
+        /// Width of the first, in pixels.
+        a_width: usize,
+        /// Height of the first, in pixels.
+        a_height: usize,
+        /// Width of the second, in pixels.
+        b_width: usize,
+        /// Height of the second, in pixels.
+        b_height: usize,
+    },
+    /// A picture has NaN or infinite values, for instance from a shader that divides by zero.
+    #[error("expected finite values, found {count} others in {which}, the first at ({x}, {y})")]
+    NotFinite {
+        /// `the first picture` or `the second picture`.
+        which: &'static str,
+        /// Number of such values.
+        count: usize,
+        /// Column of the first, from 0.
+        x: usize,
+        /// Row of the first, from 0.
+        y: usize,
+    },
+}
+
+/// Computes all metrics of two pictures of one size with finite values.
+pub fn compare<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<Comparison, MetricError> {
+    comparable(a, b)?;
+    Ok(Comparison {
+        psnr_db: psnr_over(a, b, |_| true),
+        ssim: ssim(a, b),
+        worst: worst_pixel(a, b),
+        identical: a == b,
+    })
+}
+
+/// Checks that two pictures are of one size, with finite values.
+///
+/// # Errors
+/// They are not.
+pub fn comparable<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<(), MetricError> {
+    if (a.width, a.height) != (b.width, b.height) {
+        return Err(MetricError::Sizes {
+            a_width: a.width,
+            a_height: a.height,
+            b_width: b.width,
+            b_height: b.height,
+        });
+    }
+    let finite = |value: &C| (*value).into().is_finite();
+    for (which, image) in [("the first picture", a), ("the second picture", b)] {
+        let mut bad = image.rgb.iter().enumerate().filter(|(_, p)| p.iter().any(|v| !finite(v)));
+        if let Some((first, _)) = bad.next() {
+            let count = image.rgb.as_flattened().iter().filter(|v| !finite(v)).count();
+            return Err(MetricError::NotFinite {
+                which,
+                count,
+                x: first % image.width,
+                y: first / image.width,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Computes the mean squared error that a PSNR stands for; `None` is that of equal pictures.
+pub fn squared_error(psnr_db: Option<f64>) -> f64 {
+    psnr_db.map_or(0.0, |db| 10f64.powf(-db / 10.0))
+}
+
+/// Clamps a channel to its displayed value.
+fn shown<C: Channel>(value: C) -> f64 {
+    value.into().clamp(0.0, 1.0)
+}
+
+/// Computes PSNR in decibels over the pixels that `wanted` takes by their index, of pictures of one size; `None` if they are equal
+/// there, or if there are none.
+pub fn psnr_over<C: Channel>(a: &Image<C>, b: &Image<C>, wanted: impl Fn(usize) -> bool) -> Option<f64> {
+    let (mut sum, mut channels) = (0.0, 0usize);
+    for (_, (a, b)) in a.rgb.iter().zip(&b.rgb).enumerate().filter(|(index, _)| wanted(*index)) {
+        for (a, b) in a.iter().zip(b) {
+            sum += (shown(*a) - shown(*b)).powi(2);
+        }
+        channels += 3;
+    }
+    (sum > 0.0).then(|| -10.0 * (sum / channels as f64).log10())
+}
+
+fn worst_pixel<C: Channel>(a: &Image<C>, b: &Image<C>) -> WorstPixel {
+    let mut worst = WorstPixel { difference: 0.0, x: 0, y: 0 };
+    for (i, (a_pixel, b_pixel)) in a.rgb.iter().zip(&b.rgb).enumerate() {
+        for c in 0..3 {
+            let difference = (a_pixel[c].into() - b_pixel[c].into()).abs();
+            if difference > worst.difference {
+                worst = WorstPixel { difference, x: i % a.width, y: i / a.width };
+            }
+        }
+    }
+    worst
+}
+
+/// Computes the mean structural similarity (SSIM) of two pictures of one size.
+///
+/// The source is Wang, Bovik, Sheikh and Simoncelli, "Image Quality Assessment: From Error Visibility to Structural
+/// Similarity", IEEE TIP 13(4), 2004, with its constants: a Gaussian window of 11 x 11 with standard deviation 1.5 and
+/// sum 1, K1 = 0.01, K2 = 0.03, and a dynamic range of 1. Values are clamped to 0..1 first.
+///
+/// Where the paper leaves a choice: the map covers only pixels whose window is inside the picture (no padding), variances
+/// are weighted by the window (not scaled to n - 1), and a colour picture's value is the mean over its channels.
+/// scikit-image computes the same as `structural_similarity(a, b, gaussian_weights=True, sigma=1.5,
+/// use_sample_covariance=False, data_range=1, channel_axis=2)`.
+///
+/// Returns `None` for pictures with fewer than 11 columns or rows. Panics if the sizes differ.
+pub fn ssim<C: Channel>(a: &Image<C>, b: &Image<C>) -> Option<f64> {
+    assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
+    let (columns, rows) = (a.width.checked_sub(2 * RADIUS)?, a.height.checked_sub(2 * RADIUS)?);
+    if columns == 0 || rows == 0 {
+        return None;
+    }
+    let window = gaussian_window();
+    // Rows in parallel, but summed in order, so that the same pictures always give the same number.
+    let sums: Vec<f64> = (0..rows).into_par_iter().map(|y| ssim_row(a, b, y, &window)).collect();
+    Some(sums.iter().sum::<f64>() / (3 * columns * rows) as f64)
+}
+
+fn gaussian_window() -> [f64; 2 * RADIUS + 1] {
+    let mut window: [f64; 2 * RADIUS + 1] =
+        std::array::from_fn(|i| (-(i as f64 - RADIUS as f64).powi(2) / (2.0 * SIGMA * SIGMA)).exp());
+    let sum: f64 = window.iter().sum();
+    window.iter_mut().for_each(|w| *w /= sum);
+    window
+}
+
+/// Sums one row of the map over the channels; its windows begin at row `top`.
+///
+/// The window is separable: the five moments of every column are summed vertically, then horizontally.
+fn ssim_row<C: Channel>(a: &Image<C>, b: &Image<C>, top: usize, window: &[f64; 2 * RADIUS + 1]) -> f64 {
+    const C1: f64 = 0.01 * 0.01;
+    const C2: f64 = 0.03 * 0.03;
+    let mut sum = 0.0;
+    for c in 0..3 {
+        // Weighted means of a, b, a a, b b, a b.
+        let mut vertical = vec![[0.0f64; 5]; a.width];
+        for (dy, weight) in window.iter().enumerate() {
+            let start = (top + dy) * a.width;
+            let (a_row, b_row) = (&a.rgb[start..start + a.width], &b.rgb[start..start + a.width]);
+            for ((m, a), b) in vertical.iter_mut().zip(a_row).zip(b_row) {
+                let (a, b) = (shown(a[c]), shown(b[c]));
+                for (m, v) in m.iter_mut().zip([a, b, a * a, b * b, a * b]) {
+                    *m += weight * v;
+                }
+            }
+        }
+        for columns in vertical.windows(2 * RADIUS + 1) {
+            let mut m = [0.0f64; 5];
+            for (weight, column) in window.iter().zip(columns) {
+                for (m, v) in m.iter_mut().zip(column) {
+                    *m += weight * v;
+                }
+            }
+            let [a, b, aa, bb, ab] = m;
+            let (a_variance, b_variance, covariance) = (aa - a * a, bb - b * b, ab - a * b);
+            sum += ((2.0 * a * b + C1) * (2.0 * covariance + C2))
+                / ((a * a + b * b + C1) * (a_variance + b_variance + C2));
+        }
+    }
+    sum
+}
+
+/// Makes a picture of the absolute differences, times `gain`.
+pub fn difference<C: Channel>(a: &Image<C>, b: &Image<C>, gain: f32) -> Image {
+    assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
+    let rgb =
+        a.rgb.iter().zip(&b.rgb).map(|(a, b)| {
+            std::array::from_fn(|c| ((a[c].into() - b[c].into()).abs() * f64::from(gain)) as f32)
+        });
+    Image { width: a.width, height: a.height, rgb: rgb.collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Makes a picture by integer arithmetic, so that another program can make the same.
+    fn pattern(width: usize, height: usize, seed: usize) -> Image {
+        Image::from_fn(width, height, |x, y| {
+            std::array::from_fn(|c| ((x * 7 + y * 13 + c * 29 + x * y * seed) % 101) as f32 / 100.0)
+        })
+    }
+
+    fn grey(width: usize, height: usize, value: f32) -> Image {
+        Image { width, height, rgb: vec![[value; 3]; width * height] }
+    }
+
+    #[test]
+    fn a_tenth_everywhere_is_20_db_and_one_channel_of_two_pixels_is_less() {
+        let found = compare(&grey(4, 3, 0.25), &grey(4, 3, 0.35)).unwrap();
+        assert!((found.psnr() - 20.0).abs() < 1e-5, "{found:?}");
+
+        // One channel of one of two pixels is off by 0.5: MSE = 0.25 / 6.
+        let a = Image { width: 2, height: 1, rgb: vec![[0.0; 3], [0.0, 0.5, 0.0]] };
+        let found = compare(&a, &grey(2, 1, 0.0)).unwrap();
+        assert!((found.psnr() - 10.0 * 24f64.log10()).abs() < 1e-12, "{found:?}");
+        assert_eq!(found.worst, WorstPixel { difference: 0.5, x: 1, y: 0 });
+        assert!(!found.identical);
+    }
+
+    #[test]
+    fn identical_pictures_have_an_infinite_ratio() {
+        let a = pattern(20, 20, 3);
+        let found = compare(&a, &a).unwrap();
+        assert_eq!(found.psnr(), f64::INFINITY);
+        assert_eq!(found.worst.difference, 0.0);
+        assert!(found.identical);
+        assert!((found.ssim.unwrap() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_ratio_is_of_what_is_shown_and_the_worst_pixel_of_what_is_stored() {
+        let found = compare(&grey(12, 12, 1.0), &grey(12, 12, 1.5)).unwrap();
+        assert_eq!(found.psnr(), f64::INFINITY);
+        assert_eq!(found.worst.difference, 0.5);
+        assert!(!found.identical);
+    }
+
+    #[test]
+    fn constant_pictures_have_the_similarity_of_their_luminance_alone() {
+        // Variances are zero, so the value is (2 a b + C1) / (a^2 + b^2 + C1).
+        let (a, b) = (0.25f64, 0.75f64);
+        let expected = (2.0 * a * b + 1e-4) / (a * a + b * b + 1e-4);
+        let found = ssim(&grey(15, 11, a as f32), &grey(15, 11, b as f32)).unwrap();
+        assert!((found - expected).abs() < 1e-12, "{found} and {expected}");
+    }
+
+    #[test]
+    fn pictures_smaller_than_the_window_have_no_similarity() {
+        assert_eq!(ssim(&grey(10, 40, 0.5), &grey(10, 40, 0.5)), None);
+        assert!(ssim(&grey(11, 11, 0.5), &grey(11, 11, 0.5)).is_some());
+    }
+
+    // The expected values are scikit-image's for these patterns, by the call in [`ssim`]'s documentation, in float64.
+    #[test]
+    fn similarity_agrees_with_scikit_image() {
+        for (width, height, expected) in
+            [(37, 23, SKIMAGE_37_23), (11, 11, SKIMAGE_11_11), (64, 48, SKIMAGE_64_48)]
+        {
+            let (a, noise) = (pattern(width, height, 3), pattern(width, height, 4));
+            let b = Image::from_fn(width, height, |x, y| {
+                std::array::from_fn(|c| 0.75 * a.at(x, y)[c] + 0.25 * noise.at(x, y)[c])
+            });
+            let found = ssim(&a, &b).unwrap();
+            assert!((found - expected).abs() < 1e-9, "{width} x {height}: {found} and {expected}");
+        }
+    }
+    const SKIMAGE_37_23: f64 = 0.919814333876476;
+    const SKIMAGE_11_11: f64 = 0.9300667448589367;
+    const SKIMAGE_64_48: f64 = 0.9208822108055951;
+
+    #[test]
+    fn pictures_of_other_sizes_or_with_nan_cannot_be_compared() {
+        let message = compare(&grey(2, 3, 0.0), &grey(3, 2, 0.0)).unwrap_err().to_string();
+        assert_eq!(message, "expected pictures of one size, found 2 x 3 and 3 x 2");
+        let mut bad = grey(3, 2, 0.0);
+        bad.rgb[4][1] = f32::NAN;
+        bad.rgb[5][2] = f32::INFINITY;
+        let message = compare(&grey(3, 2, 0.0), &bad).unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "expected finite values, found 2 others in the second picture, the first at (1, 1)"
+        );
+    }
+
+    #[test]
+    fn the_difference_picture_is_amplified() {
+        let found = difference(&grey(2, 2, 0.5), &grey(2, 2, 0.25), 8.0);
+        assert_eq!(found.rgb, [[2.0; 3]; 4]);
+    }
+}

@@ -1,0 +1,17 @@
+//! Measures graphs and settings over many frames. Each study is a function that returns numbers or a page.
+//!
+//! - [`metrics`]: differences between pictures;
+//! - [`trade`]: the cost of each setting, in time and in accuracy;
+//! - [`mod@bench`]: time, memory and bytes of graphs, drawn interleaved;
+//! - [`sweep`]: the cost of a budget of splats;
+//! - [`advise`]: what a scene needs, and the cheapest setting within a budget;
+//! - [`experiment`]: pages that show what an equation says, on a scene;
+//! - [`popping`]: the error that changes from frame to frame.
+
+pub mod advise;
+pub mod bench;
+pub mod experiment;
+pub mod metrics;
+pub mod popping;
+pub mod sweep;
+pub mod trade;

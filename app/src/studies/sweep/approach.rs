@@ -1,0 +1,177 @@
+//! Moves a camera closer to the scene, then makes the picture smaller: splats and covered pixels change apart.
+//!
+//! Closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. If a draw is bound by
+//! fragments, all of these times lie on one line over covered pixels times overlap.
+
+use crate::draw::interleaved::Effort;
+use crate::draw::session::{Session, SessionError};
+use crate::studies::trade::measure::{self, Time};
+use serde::{Deserialize, Serialize};
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, NEAR, Scene};
+use splatgraph_reference::{Rules, render};
+
+/// A step of the approach.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Closer {
+    /// The share of the first camera's distance to the scene's middle.
+    pub distance: f64,
+    /// Width and height of the picture, in pixels.
+    pub size: (u32, u32),
+    /// Pixels that a splat shows in.
+    pub covered: u64,
+    /// Splats at a covered pixel, in the mean: the overlap.
+    pub overlap: f64,
+    /// Covered pixels times overlap: the fragments that are blended.
+    pub fragments: u64,
+    /// The time of a frame.
+    pub time: Option<Time>,
+}
+
+/// A straight line through the measurements: milliseconds of the draw = `fixed_ms` + `ns_per_fragment` * fragments.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fit {
+    /// Milliseconds without fragments.
+    pub fixed_ms: f64,
+    /// Nanoseconds of a fragment.
+    pub ns_per_fragment: f64,
+    /// The share of the times' variance that the line explains, 1 at most.
+    pub r_squared: f64,
+}
+
+/// Shares of the distance, each with the divisor of width and height.
+pub const STEPS: [(f64, u32); 8] =
+    [(1.0, 1), (0.5, 1), (0.25, 1), (0.125, 1), (0.0625, 1), (0.125, 2), (0.125, 3), (0.125, 4)];
+
+/// Makes the cameras of [`STEPS`], on the line to the middle of what the first one sees.
+pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
+    let tan = [f64::from(first.width) / first.fx, f64::from(first.height) / first.fy].map(|v| 0.5 * v);
+    let seen = |p: &[f32; 3]| {
+        let [x, y, z] = first.to_view(p.map(f64::from));
+        (z > NEAR && x.abs() < tan[0] * z && y.abs() < tan[1] * z).then_some(z)
+    };
+    let mut depths: Vec<f64> = scene.positions().iter().filter_map(seen).collect();
+    depths.sort_by(f64::total_cmp);
+    let middle = depths.get(depths.len() / 2).copied().unwrap_or(1.0);
+    let forward = first.axes()[2];
+    let at = |(share, divisor): (f64, u32)| {
+        let closer = Camera {
+            img_name: format!("{} at {share}", first.img_name),
+            position: std::array::from_fn(|i| first.position[i] + (1.0 - share) * middle * forward[i]),
+            ..first.clone()
+        };
+        closer.resized((first.width / divisor).max(1), (first.height / divisor).max(1))
+    };
+    STEPS.map(at).into()
+}
+
+/// Measures each camera of [`cameras`]; `each` is told the number done before each.
+///
+/// Fragments are counted by the exact renderer, with the early stop if the graph `stops`.
+///
+/// # Errors
+/// The device fails.
+pub fn measure<D: Device>(
+    session: &mut Session<D>,
+    cameras: &[Camera],
+    stops: bool,
+    effort: Effort,
+    each: &mut dyn FnMut(usize),
+) -> Result<Vec<Closer>, SessionError> {
+    let rules = Rules { stop: Rules::PUBLISHED.stop.filter(|_| stops), ..Rules::PUBLISHED };
+    let mut found = Vec::new();
+    for (at, (camera, (distance, _))) in cameras.iter().zip(STEPS).enumerate() {
+        each(at);
+        let size = (camera.width, camera.height);
+        session.prepare(size, &mut |_| {})?;
+        let picture = render(session.scene(), camera, [0.0; 3], &rules, &|_, _| {});
+        let fragments: u64 = picture.contributors.iter().map(|count| u64::from(*count)).sum();
+        let covered = picture.contributors.iter().filter(|count| **count > 0).count() as u64;
+        let time = measure::time_alone(session, camera, effort)?;
+        let overlap = fragments as f64 / covered.max(1) as f64;
+        found.push(Closer { distance, size, covered, overlap, fragments, time });
+    }
+    Ok(found)
+}
+
+/// The milliseconds of the phase that blends: `draw` of quads, `rasterise` of tiles.
+pub fn blending(time: &Time) -> Option<f64> {
+    time.phases.get("draw").or_else(|| time.phases.get("rasterise")).copied()
+}
+
+/// Fits a line to the times of the phase that blends, by least squares.
+///
+/// `None` with fewer than three different steps.
+pub fn fit(steps: &[Closer]) -> Option<Fit> {
+    let points: Vec<(f64, f64)> = steps
+        .iter()
+        .filter_map(|step| Some((step.fragments as f64, blending(step.time.as_ref()?)?)))
+        .collect();
+    let count = points.len() as f64;
+    let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;
+    let (x, y) = (mean(|p| p.0), mean(|p| p.1));
+    let sum = |of: &dyn Fn(f64, f64) -> f64| points.iter().map(|p| of(p.0 - x, p.1 - y)).sum::<f64>();
+    let (xx, xy, yy) = (sum(&|a, _| a * a), sum(&|a, b| a * b), sum(&|_, b| b * b));
+    if points.len() < 3 || xx <= 0.0 || yy <= 0.0 {
+        return None;
+    }
+    let slope = xy / xx;
+    Some(Fit { fixed_ms: y - slope * x, ns_per_fragment: 1e6 * slope, r_squared: xy * xy / (xx * yy) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::studies::trade::noise::Share;
+    use splatgraph_assets::synth;
+
+    #[test]
+    fn the_camera_comes_closer_to_the_middle_of_what_it_sees() {
+        let scene = synth::generate("uniform", 500, 0).unwrap();
+        let first = Camera::framing(&scene, 64, 48);
+        let all = cameras(&scene, &first);
+        assert_eq!((all[0].position, all[0].width), (first.position, first.width));
+        assert_eq!((all[7].width, all[7].height), (16, 12));
+        let distances: Vec<f64> = all
+            .iter()
+            .map(|camera| {
+                (0..3).map(|i| (camera.position[i] - first.position[i]).powi(2)).sum::<f64>().sqrt()
+            })
+            .collect();
+        let whole = distances[1] * 2.0;
+        assert!(whole > 0.0);
+        for (found, (share, _)) in distances.iter().zip(STEPS) {
+            assert!((found - (1.0 - share) * whole).abs() < 1e-9 * whole, "{distances:?}");
+        }
+    }
+
+    #[test]
+    fn a_line_is_found_again() {
+        let step = |fragments: u64, ms: f64| Closer {
+            distance: 1.0,
+            size: (1, 1),
+            covered: 1,
+            overlap: 1.0,
+            fragments,
+            time: Some(Time {
+                gpu_ms: ms,
+                spread_ms: 0.0,
+                share: Share::EXACT,
+                exact_ms: ms,
+                rounds: 8,
+                busy: 1.0,
+                phases: [("draw".into(), ms)].into(),
+                phase_spreads: [].into(),
+            }),
+        };
+        let steps = [step(1_000_000, 3.0), step(2_000_000, 5.0), step(4_000_000, 9.0)];
+        let found = fit(&steps).unwrap();
+        assert!(
+            (found.fixed_ms - 1.0).abs() < 1e-9 && (found.ns_per_fragment - 2.0).abs() < 1e-9,
+            "{found:?}"
+        );
+        assert!((found.r_squared - 1.0).abs() < 1e-9, "{found:?}");
+        assert_eq!(fit(&steps[..2]), None);
+        assert_eq!(fit(&[step(1, 1.0), step(1, 2.0), step(1, 3.0)]), None, "no slope");
+    }
+}

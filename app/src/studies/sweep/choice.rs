@@ -1,0 +1,182 @@
+//! Chooses which splats of a scene are drawn when there are too many.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use splatgraph_assets::{Camera, NEAR, Scene};
+use splatgraph_framework::ir::{Domain, Value};
+use splatgraph_framework::lower::Control;
+
+/// A way to choose the splats that are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Choice {
+    /// The first ones of the file: a naive truncation.
+    FileOrder,
+    /// Those of the largest opacity times area in the world, whatever the camera.
+    WorldSize,
+    /// Those of the largest opacity times area on the screen, among those that can show there.
+    ScreenSize,
+    /// The nearest visible ones, cut after the sort: the graph's parameter `budget`.
+    Nearest,
+}
+
+/// Name of the graphs' parameter for the share of the visible splats that is drawn.
+pub const BUDGET: &str = "budget";
+
+impl Choice {
+    /// Lists all of them.
+    pub const ALL: [Choice; 4] = [Choice::FileOrder, Choice::WorldSize, Choice::ScreenSize, Choice::Nearest];
+
+    /// The name in tables and plots.
+    pub fn name(self) -> &'static str {
+        match self {
+            Choice::FileOrder => "file order",
+            Choice::WorldSize => "opacity x world size",
+            Choice::ScreenSize => "opacity x screen size",
+            Choice::Nearest => "nearest, after the sort",
+        }
+    }
+
+    /// The name in files.
+    pub fn stem(self) -> &'static str {
+        match self {
+            Choice::FileOrder => "file-order",
+            Choice::WorldSize => "world-size",
+            Choice::ScreenSize => "screen-size",
+            Choice::Nearest => "nearest",
+        }
+    }
+}
+
+/// Lists the parameters that [`Choice::Nearest`] takes besides [`BUDGET`]; `None` if the graph has no budget.
+///
+/// A graph with the parameter `sorted` knows the nearest splats only if it sorts splats, and not their pairs with bins.
+pub fn for_nearest(controls: &[Control]) -> Option<Vec<(String, String)>> {
+    let param = |name: &str| controls.iter().map(|control| &control.param).find(|param| param.name == name);
+    param(BUDGET)?;
+    let by_splats = |names: &[String]| names.iter().any(|name| name == BY_SPLATS);
+    let sorted = param(SORTED).filter(|param| {
+        matches!(&param.domain, Domain::Choice(names) if by_splats(names))
+            && param.value != Value::Text(BY_SPLATS.into())
+    });
+    Some(sorted.map(|_| (SORTED.to_owned(), BY_SPLATS.to_owned())).into_iter().collect())
+}
+
+/// The parameter that says what is sorted by depth, and its value for splats.
+const SORTED: &str = "sorted";
+const BY_SPLATS: &str = "splats";
+
+/// Lists the splats by falling significance; `None` for [`Choice::Nearest`], which the graph chooses itself.
+///
+/// Equal ones keep the order of the file.
+pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32>> {
+    if choice == Choice::Nearest {
+        return None;
+    }
+    let weight = |index: usize| match choice {
+        Choice::FileOrder | Choice::Nearest => 0.0,
+        Choice::WorldSize => f64::from(scene.opacities()[index]) * world_area(scene, index),
+        Choice::ScreenSize => f64::from(scene.opacities()[index]) * screen_area(scene, camera, index),
+    };
+    let mut all: Vec<(f64, u32)> =
+        (0..scene.count() as usize).into_par_iter().map(|index| (weight(index), index as u32)).collect();
+    // Stable, so that equal ones stay in the order of the file.
+    all.par_sort_by(|a, b| b.0.total_cmp(&a.0));
+    Some(all.into_iter().map(|(_, index)| index).collect())
+}
+
+/// Computes the product of a splat's two longest half axes: its largest outline, in square world units over pi.
+pub fn world_area(scene: &Scene, index: usize) -> f64 {
+    let [a, b, c] = scene.scales()[index].map(f64::from);
+    (a * b).max(b * c).max(a * c)
+}
+
+/// The area on the screen, in square pixels over pi, of a splat that faces the camera; 0 for one that cannot show.
+fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
+    let [x, y, z] = camera.to_view(scene.positions()[index].map(f64::from));
+    if z <= NEAR {
+        return 0.0;
+    }
+    // Three deviations, at which a splat has 1 % of its opacity.
+    let reach = 3.0 * scene.scales()[index].map(f64::from).iter().fold(0.0, |a: f64, b| a.max(*b));
+    let outside = |at: f64, focal: f64, side: u32| focal * (at.abs() - reach) > 0.5 * f64::from(side) * z;
+    if outside(x, camera.fx, camera.width) || outside(y, camera.fy, camera.height) {
+        return 0.0;
+    }
+    world_area(scene, index) * camera.fx * camera.fy / (z * z)
+}
+
+/// Makes a scene of some splats of another, in the order of the file.
+pub fn subset(scene: &Scene, chosen: &[u32]) -> Scene {
+    let mut chosen = chosen.to_vec();
+    chosen.par_sort_unstable();
+    Scene::generate(chosen.len() as u32, scene.stored_degree(), |at| scene.splat(chosen[at] as usize))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::Splat;
+
+    /// Splats on the axis of the camera below: index, depth, deviation, opacity.
+    fn scene() -> (Scene, Camera) {
+        let at = [(2.0, 0.1, 0.9), (10.0, 0.2, 0.9), (-5.0, 9.0, 0.9), (3.0, 0.01, 0.9), (2.0, 0.1, 0.5)];
+        let splat = |i: usize| {
+            let (z, deviation, opacity) = at[i];
+            Splat {
+                position: [0.0, 0.0, z],
+                scale: [deviation; 3],
+                rotation: [1.0, 0.0, 0.0, 0.0],
+                opacity,
+                sh: [i as f32; 48],
+            }
+        };
+        let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 48));
+        (Scene::generate(5, 1, splat), camera)
+    }
+
+    #[test]
+    fn each_choice_ranks_by_its_own_measure() {
+        let (scene, camera) = scene();
+        let order = |choice| ranking(&scene, &camera, choice);
+        assert_eq!(order(Choice::FileOrder), Some(vec![0, 1, 2, 3, 4]));
+        // The large one behind the camera comes first where no camera counts, and last where one does.
+        assert_eq!(order(Choice::WorldSize), Some(vec![2, 1, 0, 4, 3]));
+        assert_eq!(order(Choice::ScreenSize), Some(vec![0, 4, 1, 3, 2]));
+        assert_eq!(order(Choice::Nearest), None);
+    }
+
+    #[test]
+    fn the_nearest_splats_are_known_where_splats_are_sorted() {
+        let presets = crate::draw::builtin::presets();
+        let needs = |name: &str| {
+            for_nearest(&presets.iter().find(|preset| preset.name == name).expect("built in").params)
+        };
+        // On a GPU, tiles sort pairs by default.
+        assert_eq!(needs("tiled"), Some(vec![("sorted".to_owned(), "splats".to_owned())]));
+        assert_eq!((needs("splat"), needs("tiled_exact")), (Some(Vec::new()), Some(Vec::new())));
+        assert_eq!(for_nearest(&[]), None);
+    }
+
+    #[test]
+    fn splats_beside_the_picture_are_the_last_to_be_chosen() {
+        let (scene, mut camera) = scene();
+        camera.position[0] = 100.0;
+        assert_eq!(ranking(&scene, &camera, Choice::ScreenSize), Some(vec![0, 1, 2, 3, 4]));
+    }
+
+    #[test]
+    fn a_subset_keeps_its_splats_unchanged_and_in_the_order_of_the_file() {
+        let (scene, _) = scene();
+        let part = subset(&scene, &[4, 1]);
+        assert_eq!((part.count(), part.stored_degree()), (2, 1));
+        for (at, index) in [(0, 1), (1, 4)] {
+            let (found, expected) = (part.splat(at), scene.splat(index));
+            assert_eq!(
+                (found.position, found.scale, found.opacity),
+                (expected.position, expected.scale, expected.opacity)
+            );
+            assert_eq!((found.rotation, found.sh), (expected.rotation, expected.sh));
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Draws a view with fewer and fewer splats, and measures time and error of each step.
+
+use super::choice::{BUDGET, Choice, ranking, subset};
+use crate::draw::interleaved::Effort;
+use crate::draw::session::{Session, SessionError};
+use crate::io::image::Image;
+use crate::studies::trade::error::Error;
+use crate::studies::trade::measure::{self, Baseline, Time, View};
+use serde::{Deserialize, Serialize};
+use splatgraph_api::Device;
+
+/// A step of the sweep in one view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// The way in which the splats are chosen; `None` where all are drawn.
+    pub choice: Option<Choice>,
+    /// The camera's name.
+    pub camera: String,
+    /// The number of splats that are kept. [`Choice::Nearest`] keeps this share of the visible ones.
+    pub count: u32,
+    /// Splats that are visible, and splats that are drawn; `None` if the graph counts none.
+    pub visible: Option<u32>,
+    /// See `visible`.
+    pub drawn: Option<u32>,
+    /// The time of a frame, and its share of that with all splats.
+    pub time: Option<Time>,
+    /// The error against the truth of the whole scene.
+    pub error: Error,
+    /// Bytes of memory on the device.
+    pub gpu_bytes: u64,
+}
+
+/// The numbers of splats of a sweep: all, a half, a quarter, ..., as many as `steps`, none below 1.
+pub fn counts(all: u32, steps: u32) -> Vec<u32> {
+    let mut counts: Vec<u32> = (0..steps).map(|step| all.checked_shr(step).unwrap_or(0).max(1)).collect();
+    counts.dedup();
+    counts
+}
+
+/// A session with all splats, from which those with fewer are made.
+pub struct Sweep<'a, D> {
+    /// The session that draws all splats, prepared in the view's size.
+    pub whole: &'a mut Session<D>,
+    /// The graph, and its parameters.
+    pub pipeline: &'a str,
+    /// See `pipeline`.
+    pub set: &'a [(String, String)],
+    /// Milliseconds of all splats, which [`Sweep::all`] finds and all other times of the view are shares of.
+    pub ms: Option<f64>,
+    /// The parameters of [`Choice::Nearest`] besides [`BUDGET`], which the graph has; `None` if it has not.
+    pub nearest: Option<&'a [(String, String)]>,
+}
+
+impl<D: Device> Sweep<'_, D> {
+    /// Measures the view with all splats.
+    ///
+    /// # Errors
+    /// The device fails. The inner error says why the picture cannot be compared.
+    pub fn all(
+        &mut self,
+        view: &View,
+        effort: Effort,
+    ) -> Result<Result<(Step, Image), String>, SessionError> {
+        let mut session = self.whole.beside(self.pipeline, self.set)?;
+        let count = session.scene().count();
+        let found = self.step(&mut session, None, count, view, effort)?;
+        self.ms = found.as_ref().ok().and_then(|(step, _)| Some(step.time.as_ref()?.exact_ms));
+        Ok(found)
+    }
+
+    /// Measures the view with each of `counts` splats; `each` gets a step with its picture.
+    ///
+    /// # Errors
+    /// The device fails, or the memory for a part of the scene is not there. The inner error says why a picture cannot be compared.
+    pub fn steps(
+        &mut self,
+        choice: Choice,
+        counts: &[u32],
+        view: &View,
+        effort: Effort,
+        each: &mut dyn FnMut(Step, Image),
+    ) -> Result<Result<(), String>, SessionError> {
+        let all = self.whole.scene().count();
+        let ranking = ranking(self.whole.scene(), &view.camera, choice);
+        for &count in counts {
+            let mut session = match &ranking {
+                Some(ranking) => {
+                    let part = subset(self.whole.scene(), &ranking[..count as usize]);
+                    self.whole.beside_with(part, self.pipeline, self.set)?
+                }
+                None => {
+                    let Some(needed) = self.nearest else { return Ok(Ok(())) };
+                    let share = f64::from(count) / f64::from(all);
+                    // Later values win.
+                    let budget = [(BUDGET.to_owned(), share.to_string())];
+                    self.whole.beside(self.pipeline, &[self.set, needed, &budget].concat())?
+                }
+            };
+            match self.step(&mut session, Some(choice), count, view, effort)? {
+                Ok((step, picture)) => each(step, picture),
+                Err(text) => return Ok(Err(text)),
+            }
+        }
+        Ok(Ok(()))
+    }
+
+    fn step(
+        &mut self,
+        session: &mut Session<D>,
+        choice: Option<Choice>,
+        count: u32,
+        view: &View,
+        effort: Effort,
+    ) -> Result<Result<(Step, Image), String>, SessionError> {
+        session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
+        let drawn = match measure::draw(session, view)? {
+            Ok(drawn) => drawn,
+            Err(text) => return Ok(Err(text)),
+        };
+        let whole = Baseline { session: &mut *self.whole, ms: self.ms };
+        let time = measure::time_in_turns(session, whole, &view.camera, effort, measure::LONGEST)?;
+        let number = |name: &str| drawn.counts.iter().find(|(n, _)| n == name).map(|(_, count)| *count);
+        let step = Step {
+            choice,
+            camera: view.camera.img_name.clone(),
+            count,
+            visible: number("visible"),
+            drawn: number("drawn"),
+            time,
+            error: drawn.error,
+            gpu_bytes: session.device().memory().iter().map(|(_, bytes)| bytes).sum(),
+        };
+        Ok(Ok((step, drawn.picture)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_step_has_half_the_splats_of_the_one_before() {
+        assert_eq!(counts(1000, 6), [1000, 500, 250, 125, 62, 31]);
+        assert_eq!(counts(3, 6), [3, 1]);
+        assert_eq!(counts(1, 40), [1]);
+    }
+}

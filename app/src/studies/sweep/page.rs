@@ -1,0 +1,386 @@
+//! Shows a sweep: the table, the plots, and a page with the pictures.
+
+use super::approach::{Closer, Fit, blending, fit};
+use super::choice::Choice;
+use super::measure::Step;
+use crate::io::image::Image;
+use crate::io::report::page::{Figure, Page};
+use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
+use crate::io::report::text;
+use crate::studies::metrics::squared_error;
+use crate::studies::trade::error::Error;
+use crate::studies::trade::measure::Time;
+use anyhow::Result;
+use serde::Serialize;
+use splatgraph_assets::grouped;
+use std::collections::BTreeSet;
+
+/// Names of the plots' files.
+pub const PLOTS: [&str; 5] = ["quality", "times", "trade", "shares", "approach"];
+
+/// A finished sweep.
+#[derive(Clone, Debug, Serialize)]
+pub struct Swept {
+    /// The scene, and its number of splats.
+    pub scene: String,
+    /// See `scene`.
+    pub splats: u32,
+    /// The graph.
+    pub pipeline: String,
+    /// The device and its driver.
+    pub device: String,
+    /// Every view with all splats, then with fewer.
+    pub steps: Vec<Step>,
+    /// The approach of the first camera.
+    pub closer: Vec<Closer>,
+    /// The line through the approach's times.
+    pub fit: Option<Fit>,
+}
+
+/// A picture of the first view.
+pub struct Shown {
+    /// `None` for all splats.
+    pub choice: Option<Choice>,
+    /// The number of splats that are kept.
+    pub count: u32,
+    /// The picture.
+    pub picture: Image,
+}
+
+/// The mean of a choice's steps with one number of splats, over the views.
+struct Mean {
+    count: u32,
+    psnr_db: f64,
+    gpu_ms: Option<f64>,
+    phases: Vec<(String, f64)>,
+}
+
+impl Swept {
+    /// The steps of a choice from the fewest splats to all of them, in the mean over the views.
+    fn means(&self, choice: Choice) -> Vec<Mean> {
+        let of = |step: &&Step| step.choice.is_none_or(|own| own == choice);
+        let counts: BTreeSet<u32> = self.steps.iter().filter(of).map(|step| step.count).collect();
+        // A choice that was not measured has the step with all splats alone.
+        if !self.steps.iter().any(|step| step.choice == Some(choice)) {
+            return Vec::new();
+        }
+        let mean = |count: u32| {
+            let steps: Vec<&Step> = self.steps.iter().filter(of).filter(|step| step.count == count).collect();
+            let over = |values: Vec<f64>| values.iter().sum::<f64>() / values.len().max(1) as f64;
+            let squared = |step: &&Step| squared_error(step.error.psnr_db);
+            let times: Option<Vec<_>> = steps.iter().map(|step| step.time.as_ref()).collect();
+            let names: BTreeSet<&String> =
+                times.iter().flatten().flat_map(|time| time.phases.keys()).collect();
+            let phase = |name: &String| {
+                let ms = times.iter().flatten().map(|time| time.phases.get(name).copied().unwrap_or(0.0));
+                (name.clone(), over(ms.collect()))
+            };
+            Mean {
+                count,
+                psnr_db: -10.0 * over(steps.iter().map(squared).collect()).log10(),
+                phases: names.into_iter().map(phase).collect(),
+                gpu_ms: times.map(|times| over(times.iter().map(|time| time.gpu_ms).collect())),
+            }
+        };
+        counts.into_iter().map(mean).collect()
+    }
+
+    fn plot(&self, title: &str, x: Axis, y: Axis, point: impl Fn(&Mean) -> Option<(f64, f64)>) -> Plot {
+        let series =
+            |choice: Choice| Series::line(choice.name(), self.means(choice).iter().filter_map(&point));
+        let series = Choice::ALL.map(series).into_iter().filter(|series| !series.points.is_empty());
+        Plot { title: title.to_owned(), x, y, series: series.collect() }
+    }
+
+    /// Plots PSNR over the number of splats. All splats are left out: their picture is the truth but for rounding.
+    pub fn quality(&self) -> Plot {
+        let point = |mean: &Mean| (mean.count < self.splats).then_some((f64::from(mean.count), mean.psnr_db));
+        self.plot("Quality of a budget of splats", splats(), psnr(), point)
+    }
+
+    /// Plots time over the number of splats.
+    pub fn times(&self) -> Plot {
+        let point = |mean: &Mean| Some((f64::from(mean.count), mean.gpu_ms?));
+        self.plot("Time of a budget of splats", splats(), milliseconds(), point)
+    }
+
+    /// Plots PSNR over time, without all splats.
+    pub fn trade(&self) -> Plot {
+        let point = |mean: &Mean| (mean.count < self.splats).then_some((mean.gpu_ms?, mean.psnr_db));
+        self.plot("What a millisecond buys", milliseconds(), psnr(), point)
+    }
+
+    /// Plots the phases' shares of a frame over the number of splats, for the first ones of the file.
+    pub fn shares(&self) -> Plot {
+        let means = self.means(Choice::FileOrder);
+        let names: BTreeSet<&String> =
+            means.iter().flat_map(|mean| mean.phases.iter().map(|(name, _)| name)).collect();
+        let series = |name: &String| {
+            let share = |mean: &Mean| {
+                let of = mean.phases.iter().map(|(_, ms)| ms).sum::<f64>();
+                let (_, ms) = mean.phases.iter().find(|(own, _)| own == name)?;
+                Some((f64::from(mean.count), 100.0 * ms / of))
+            };
+            Series::line(name, means.iter().filter_map(share))
+        };
+        Plot {
+            title: "Phases of a frame as the number of splats doubles (file order)".into(),
+            x: splats(),
+            y: Axis { label: "share of the phases' time, %".into(), logarithmic: false },
+            series: names.into_iter().map(series).collect(),
+        }
+    }
+
+    /// Plots the time of the draw over the fragments of the approach, with the line through it.
+    pub fn approach(&self) -> Plot {
+        let drawn = |step: &Closer| {
+            let (x, y) = (step.fragments as f64 / 1e6, blending(step.time.as_ref()?)?);
+            let (width, height) = step.size;
+            Some(Point { x, y, name: format!("{} of the distance, {width} x {height}", step.distance) })
+        };
+        let points: Vec<Point> = self.closer.iter().filter_map(drawn).collect();
+        let mut series = vec![Series { name: "measured".into(), form: Form::Points, points }];
+        if let Some(fit) = self.fit {
+            let fragments = self.closer.iter().map(|step| step.fragments as f64);
+            let (least, most) =
+                fragments.fold((f64::INFINITY, 0.0), |(a, b), f| (f64::min(a, f), f64::max(b, f)));
+            let on = |f: f64| (f / 1e6, fit.fixed_ms + fit.ns_per_fragment * f / 1e6);
+            series.push(Series::line("fixed cost + cost of a fragment", [on(least), on(most)]));
+        }
+        Plot {
+            title: "A camera that comes closer: cost against covered pixels x overlap".into(),
+            x: Axis { label: "fragments blended, millions".into(), logarithmic: false },
+            y: Axis { label: "GPU time of the blending, ms".into(), logarithmic: false },
+            series,
+        }
+    }
+
+    /// Lists the plots by their files' names. Those of times are left out without times.
+    pub fn plots(&self) -> Vec<(&'static str, Plot, &'static str)> {
+        let all = [
+            (
+                self.quality(),
+                "Each step has half the splats of the one to its right, the first half of all. The truth is the exact picture of all splats.",
+            ),
+            (
+                self.times(),
+                "What is chosen before the keys are made spares every phase; what is cut after the sort spares what comes after it alone.",
+            ),
+            (self.trade(), "Up and left is better."),
+            (
+                self.shares(),
+                "The phases grow with different things: the sort with splats, blending with the pixels that they cover.",
+            ),
+            (
+                self.approach(),
+                "Closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. What is bound by fragments lies on one line.",
+            ),
+        ];
+        let named = PLOTS.into_iter().zip(all).map(|(name, (plot, caption))| (name, plot, caption));
+        named.filter(|(_, plot, _)| plot.series.iter().any(|series| !series.points.is_empty())).collect()
+    }
+
+    /// Sets the table for a terminal: a step in a line, in the mean over the views.
+    pub fn table(&self) -> String {
+        text::table(&std::iter::once(self.header()).chain(self.rows()).collect::<Vec<_>>())
+    }
+
+    /// The columns of the table.
+    fn header(&self) -> Vec<String> {
+        let fixed = ["choice", "splats", "PSNR dB", "GPU ms"].map(String::from);
+        fixed.into_iter().chain(self.phases().iter().map(|name| name.to_string())).collect()
+    }
+
+    /// The phases that were measured, in the order of a frame.
+    fn phases(&self) -> Vec<&'static str> {
+        let measured = |name: &&str| {
+            self.steps.iter().flat_map(|step| &step.time).any(|time| time.phases.contains_key(*name))
+        };
+        PHASES.into_iter().filter(measured).collect()
+    }
+
+    fn rows(&self) -> Vec<Vec<String>> {
+        let mut rows = Vec::new();
+        for choice in Choice::ALL {
+            for mean in self.means(choice).iter().rev() {
+                let phase = |name: &str| mean.phases.iter().find(|(own, _)| own == name).map(|(_, ms)| *ms);
+                let ms = |ms: Option<f64>| ms.map_or("-".into(), |ms| format!("{ms:.3}"));
+                let mut row = vec![
+                    choice.name().to_owned(),
+                    grouped(mean.count.into()),
+                    if mean.psnr_db.is_finite() { format!("{:.1}", mean.psnr_db) } else { "equal".into() },
+                    ms(mean.gpu_ms),
+                ];
+                row.extend(self.phases().into_iter().map(|name| ms(phase(name))));
+                rows.push(row);
+            }
+        }
+        rows
+    }
+
+    /// Writes every step of every view as CSV (RFC 4180); a value that there is none of is empty.
+    pub fn csv(&self) -> String {
+        let phases: BTreeSet<&String> =
+            self.steps.iter().flat_map(|s| s.time.iter().flat_map(|t| t.phases.keys())).collect();
+        let mut text = String::from(
+            "choice,camera,splats,visible,drawn,psnr_db,ssim,flip,worst,gpu_bytes,gpu_ms,spread_ms,of_all",
+        );
+        for phase in &phases {
+            text += &format!(",{phase}_ms");
+        }
+        text += "\n";
+        for step in &self.steps {
+            let some = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
+            let whole = |value: Option<u32>| some(value.map(f64::from));
+            let Error { psnr_db, ssim, flip, worst, .. } = &step.error;
+            let time = step.time.as_ref();
+            let mut cells = vec![
+                step.choice.map_or("all", Choice::stem).to_owned(),
+                text::quoted(&step.camera),
+                step.count.to_string(),
+                whole(step.visible),
+                whole(step.drawn),
+                some(*psnr_db),
+                some(*ssim),
+                flip.to_string(),
+                worst.to_string(),
+                step.gpu_bytes.to_string(),
+                some(time.map(|t| t.gpu_ms)),
+                some(time.map(|t| t.spread_ms)),
+                some(time.map(|t| t.share.median)),
+            ];
+            cells.extend(phases.iter().map(|name| some(time.and_then(|t| t.phases.get(*name).copied()))));
+            text += &(cells.join(",") + "\n");
+        }
+        text
+    }
+
+    /// Writes the page, with pictures of the first view.
+    ///
+    /// # Errors
+    /// A picture or a plot cannot be encoded.
+    pub fn page(&self, shown: &[Shown]) -> Result<String> {
+        let mut page = Page::new(&format!("{}: what fewer splats cost and save", self.scene));
+        page.text(&format!(
+            "{} splats, drawn by `{}` on {}. Every step has half the splats of the one before, chosen in {} ways; the truth is \
+             the exact renderer's picture of all splats. Times are medians, interleaved with frames of all splats.",
+            grouped(self.splats.into()),
+            self.pipeline,
+            self.device,
+            self.series(),
+        ));
+        page.text(
+            "`file order` keeps the first splats of the file, which says nothing about their worth. `opacity x world size` and \
+             `opacity x screen size` are the usual heuristics for levels of detail: the product of opacity and of the two longest \
+             half axes, in the world or on the screen of each view; both are applied before keys are made. `nearest, after \
+             the sort` draws the nearest visible splats and so saves no work before the sort, which is one of splats and not of their pairs with \
+             bins there.",
+        );
+        for text in self.findings() {
+            page.text(&text);
+        }
+        for (_, plot, caption) in self.plots() {
+            page.plot(&plot, caption)?;
+        }
+        page.heading("The approach");
+        page.text("A camera moves towards the middle of what the first view sees, then its picture becomes smaller. `fragments` is covered pixels times overlap.");
+        if let Some(Fit { fixed_ms, ns_per_fragment, r_squared }) = self.fit {
+            page.text(&format!(
+                "Blending = {fixed_ms:.3} ms + {ns_per_fragment:.3} ns x fragments explains {:.1} % of the variance.",
+                100.0 * r_squared
+            ));
+        }
+        let row = |step: &Closer| {
+            let time = |of: fn(&Time) -> Option<f64>| {
+                step.time.as_ref().and_then(of).map_or("-".into(), |ms| format!("{ms:.3}"))
+            };
+            vec![
+                step.distance.to_string(),
+                format!("{} x {}", step.size.0, step.size.1),
+                grouped(step.covered),
+                format!("{:.1}", step.overlap),
+                grouped(step.fragments),
+                time(|time| Some(time.gpu_ms)),
+                time(|time| time.phases.get("sort").copied()),
+                time(blending),
+            ]
+        };
+        let rows: Vec<_> = self.closer.iter().map(row).collect();
+        page.table(
+            &["distance", "picture", "covered pixels", "overlap", "fragments", "GPU ms", "sort", "blending"],
+            &rows,
+        );
+        page.heading("All steps");
+        let header = self.header();
+        page.table(&header.iter().map(String::as_str).collect::<Vec<_>>(), &self.rows());
+        page.heading("Pictures of the first view");
+        for choice in Choice::ALL {
+            let own = |shown: &&Shown| shown.choice.is_none_or(|own| own == choice);
+            if !shown.iter().any(|shown| shown.choice == Some(choice)) {
+                continue;
+            }
+            let small: Vec<(String, Image)> = shown
+                .iter()
+                .filter(own)
+                .map(|s| {
+                    (format!("{}: {} splats", choice.name(), grouped(s.count.into())), s.picture.reduced(480))
+                })
+                .collect();
+            let figures: Vec<Figure> =
+                small.iter().map(|(caption, image)| Figure { caption: caption.clone(), image }).collect();
+            page.pictures(&figures)?;
+        }
+        Ok(page.html())
+    }
+
+    fn series(&self) -> usize {
+        Choice::ALL.iter().filter(|choice| !self.means(**choice).is_empty()).count()
+    }
+
+    /// Sentences that the numbers say: the best choice at a quarter of the splats, and what the naive one loses there.
+    fn findings(&self) -> Vec<String> {
+        let quarter = self.splats / 4;
+        let at = |choice: Choice| {
+            self.means(choice).into_iter().find(|mean| mean.count == quarter).map(|mean| (choice, mean))
+        };
+        let mut all: Vec<(Choice, Mean)> = Choice::ALL.into_iter().filter_map(at).collect();
+        all.sort_by(|(_, a), (_, b)| b.psnr_db.total_cmp(&a.psnr_db));
+        let Some((best, mean)) = all.first() else { return Vec::new() };
+        let mut text = format!(
+            "With a quarter of the splats, `{}` is the closest to the truth: {:.1} dB.",
+            best.name(),
+            mean.psnr_db
+        );
+        for (choice, other) in &all[1..] {
+            text += &format!(" `{}`: {:.1} dB.", choice.name(), other.psnr_db);
+        }
+        vec![text]
+    }
+}
+
+/// The phases of the graphs that take time that changes with the splats.
+const PHASES: [&str; 5] = ["project", "sort", "bin", "draw", "rasterise"];
+
+/// Measures the line of an approach, and gathers the sweep.
+pub fn gather(
+    (scene, splats): (String, u32),
+    pipeline: String,
+    device: String,
+    steps: Vec<Step>,
+    closer: Vec<Closer>,
+) -> Swept {
+    let fit = fit(&closer);
+    Swept { scene, splats, pipeline, device, steps, closer, fit }
+}
+
+fn splats() -> Axis {
+    Axis { label: "splats".into(), logarithmic: true }
+}
+
+fn psnr() -> Axis {
+    Axis { label: "PSNR against the truth, dB".into(), logarithmic: false }
+}
+
+fn milliseconds() -> Axis {
+    Axis { label: "GPU time of a frame, ms".into(), logarithmic: true }
+}

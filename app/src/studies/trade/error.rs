@@ -1,0 +1,75 @@
+//! Measures the error of a picture against the truth.
+
+use crate::io::image::Image;
+use crate::studies::metrics::{self, MetricError, flip};
+use serde::{Deserialize, Serialize};
+
+/// A channel that is off by more than one step of 8 bits is visible in a file.
+const STEP: f32 = 1.0 / 255.0;
+
+/// The error of a picture. All but `worst` are of values clamped to 0..1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Error {
+    /// Peak signal-to-noise ratio in decibels; `None` if the pictures are equal.
+    pub psnr_db: Option<f64>,
+    /// Structural similarity, 1 for equal pictures; `None` for pictures smaller than its window.
+    pub ssim: Option<f64>,
+    /// Mean of NVIDIA's FLIP, 0 for equal pictures, 1 at most (Andersson et al. 2020). It is of the pictures in 8 bits.
+    pub flip: f64,
+    /// The largest difference of a channel.
+    pub worst: f64,
+    /// The share of pixels that are off by more than 1/255 in a channel.
+    pub off: f64,
+    /// `psnr_db` over the covered pixels alone; `None` if they are equal, or if there are none.
+    pub covered_psnr_db: Option<f64>,
+    /// `off` over the covered pixels alone.
+    pub covered_off: f64,
+}
+
+/// Compares a picture with the truth. `covered` is true for each pixel that a splat shows in.
+///
+/// # Errors
+/// The sizes differ, or a value is not finite.
+pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error, MetricError> {
+    let found = metrics::compare(picture, truth)?;
+    Ok(Error {
+        psnr_db: found.psnr_db,
+        ssim: found.ssim,
+        flip: flip::of_8_bits(truth, picture),
+        worst: found.worst.difference,
+        off: off(picture, truth, |_| true),
+        covered_psnr_db: metrics::psnr_over(picture, truth, |pixel| covered[pixel]),
+        covered_off: off(picture, truth, |pixel| covered[pixel]),
+    })
+}
+
+/// Computes the share of the wanted pixels that are off.
+fn off(picture: &Image, truth: &Image, wanted: impl Fn(usize) -> bool) -> f64 {
+    let (mut off, mut count) = (0usize, 0usize);
+    for (_, (a, b)) in picture.rgb.iter().zip(&truth.rgb).enumerate().filter(|(pixel, _)| wanted(*pixel)) {
+        off += usize::from((0..3).any(|c| (a[c].clamp(0.0, 1.0) - b[c].clamp(0.0, 1.0)).abs() > STEP));
+        count += 1;
+    }
+    off as f64 / count.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_difference_in_one_pixel_counts_over_all_and_over_the_covered_ones() {
+        let truth = Image::from_fn(16, 16, |_, _| [0.5; 3]);
+        let mut picture = truth.clone();
+        picture.rgb[3] = [0.5, 0.75, 0.5];
+        picture.rgb[4] = [0.502, 0.5, 0.5];
+        let covered: Vec<bool> = (0..256).map(|i| i < 4).collect();
+        let error = measure(&picture, &truth, &covered).unwrap();
+        // MSE 0.0625 / (3 * 4) over the four covered ones.
+        assert!((error.covered_psnr_db.unwrap() - 10.0 * 192f64.log10()).abs() < 1e-9, "{error:?}");
+        assert_eq!((error.off, error.covered_off), (1.0 / 256.0, 0.25));
+        assert!((error.worst - 0.25).abs() < 1e-9 && error.flip > 0.0, "{error:?}");
+        let same = measure(&truth, &truth, &covered).unwrap();
+        assert_eq!((same.psnr_db, same.flip, same.off, same.ssim), (None, 0.0, 0.0, Some(1.0)));
+    }
+}

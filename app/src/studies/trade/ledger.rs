@@ -1,0 +1,463 @@
+//! Keeps the rows of a ledger in a file, and sums them up.
+
+use super::measure::{Measured, Row, Time};
+use super::noise::{self, Mark, Point, Share};
+use super::settings::EXACT;
+use crate::io::output;
+use crate::studies::metrics::squared_error;
+use serde::{Deserialize, Serialize};
+use serde_json::Value as Json;
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Everything that decides the numbers of a ledger, besides the plan of each setting ([`Row::plan`]). Rows of another origin are not
+/// mixed with it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Origin {
+    /// The program's version.
+    pub version: String,
+    /// A hash of the program's file: the exact renderer and the metrics are in it.
+    pub program: String,
+    /// The scene's file, and its number of splats.
+    pub scene: String,
+    /// See `scene`.
+    pub splats: u32,
+    /// A hash of what the scene holds.
+    pub content: String,
+    /// The cameras, as in cameras.json, with the size of their pictures.
+    pub cameras: Json,
+    /// The graph.
+    pub pipeline: String,
+    /// A hash of the plans of its exact settings, which all times are shares of.
+    pub exact: String,
+    /// The truth: `reference`, or the folder of the pictures.
+    pub truth: String,
+    /// A hash of the pixels of the folder's pictures; empty for `reference`.
+    pub truth_content: String,
+    /// The device and its driver.
+    pub device: String,
+    /// The facts of the device, and the checks that it was opened with.
+    pub opened: String,
+    /// Rounds of frames, at most.
+    pub rounds: u32,
+    /// Frames in a round; `None` where the time of a frame decides.
+    pub frames: Option<u32>,
+}
+
+impl Origin {
+    /// The scene's name and the graph's, for headings.
+    pub fn title(&self) -> String {
+        let name = Path::new(&self.scene)
+            .file_stem()
+            .map_or_else(|| self.scene.as_str().into(), |s| s.to_string_lossy());
+        format!("{name}, {}", self.pipeline)
+    }
+
+    /// Lists what differs from another origin, for people.
+    pub fn changes(&self, other: &Origin) -> Vec<&'static str> {
+        let differs = [
+            ("program", self.version != other.version || self.program != other.program),
+            (
+                "scene",
+                (&self.scene, self.splats, &self.content) != (&other.scene, other.splats, &other.content),
+            ),
+            ("cameras", self.cameras != other.cameras),
+            ("graph", (&self.pipeline, &self.exact) != (&other.pipeline, &other.exact)),
+            ("truth", (&self.truth, &self.truth_content) != (&other.truth, &other.truth_content)),
+            ("device", (&self.device, &self.opened) != (&other.device, &other.opened)),
+            ("frames", (self.rounds, self.frames) != (other.rounds, other.frames)),
+        ];
+        differs.into_iter().filter(|(_, differs)| *differs).map(|(name, _)| name).collect()
+    }
+
+    /// The number of cameras.
+    pub fn views(&self) -> usize {
+        self.cameras.as_array().map_or(0, Vec::len)
+    }
+}
+
+/// The rows of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ledger {
+    /// The origin of the numbers.
+    pub origin: Origin,
+    /// A row per setting and camera.
+    pub rows: Vec<Row>,
+}
+
+/// A ledger that is kept in a file as it grows.
+pub struct Book {
+    /// The rows so far.
+    pub ledger: Ledger,
+    path: PathBuf,
+}
+
+impl Book {
+    /// Opens the ledger in a file, with its rows of the present plans; an empty one if there is none of this origin.
+    ///
+    /// `plans` are the settings, each with the hash of its plans. The second value says which rows of the file are not kept, and why. The
+    /// file itself stays as it is until the first row is added.
+    pub fn open(path: PathBuf, origin: Origin, plans: &[(&str, Option<u64>)]) -> (Book, Option<String>) {
+        let bytes = fs::read(&path).ok();
+        let found: Option<Ledger> = bytes.as_ref().and_then(|bytes| serde_json::from_slice(bytes).ok());
+        let mut lost = bytes.is_some().then(|| "it is of another version of the program".to_owned());
+        let mut rows = Vec::new();
+        if let Some(found) = found {
+            let changes = found.origin.changes(&origin);
+            let of_another =
+                |names: Vec<&str>| format!("measured with another {}", names.join(" and another "));
+            lost = (!changes.is_empty()).then(|| of_another(changes));
+            if lost.is_none() {
+                // A setting that is not wanted now may be later.
+                let stale =
+                    |row: &Row| plans.iter().any(|(name, plan)| row.setting == *name && row.plan != *plan);
+                let all = found.rows.len();
+                rows = found.rows;
+                rows.retain(|row| !stale(row));
+                lost = (rows.len() < all).then(|| of_another(vec!["graph"]));
+            }
+        }
+        let lost =
+            lost.map(|why| format!("{}: rows of an earlier run are measured anew: {why}", path.display()));
+        (Book { ledger: Ledger { origin, rows }, path }, lost)
+    }
+
+    /// Returns true if the setting has been measured in this view.
+    pub fn has(&self, setting: &str, camera: &str) -> bool {
+        self.row(setting, camera).is_some()
+    }
+
+    /// Returns the milliseconds that the shares of a view are of; `None` before its first row, or without timestamps.
+    pub fn exact_ms(&self, camera: &str) -> Option<f64> {
+        let first = self.ledger.rows.iter().find(|row| row.camera == camera && row.found.is_ok())?;
+        Some(first.found.as_ref().ok()?.time.as_ref()?.exact_ms)
+    }
+
+    fn row(&self, setting: &str, camera: &str) -> Option<&Row> {
+        self.ledger.rows.iter().find(|row| row.setting == setting && row.camera == camera)
+    }
+
+    /// Adds a row, and writes the file.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn add(&mut self, row: Row) -> Result<(), output::OutputError> {
+        self.ledger.rows.push(row);
+        let text = serde_json::to_string_pretty(&self.ledger).unwrap_or_default();
+        output::write_bytes(&self.path, format!("{text}\n").as_bytes())
+    }
+
+    /// The path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+/// A setting over all of its views.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// The setting's name.
+    pub setting: String,
+    /// Mean of the views' times, in milliseconds.
+    pub gpu_ms: Option<f64>,
+    /// Largest spread of a view, in milliseconds.
+    pub spread_ms: Option<f64>,
+    /// Mean of the views' shares of the exact settings' time, with the range of the noise.
+    pub share: Option<Share>,
+    /// PSNR of the mean squared error of all views, in decibels; infinite for equal pictures.
+    pub psnr_db: f64,
+    /// The same, over the covered pixels.
+    pub covered_psnr_db: f64,
+    /// Least SSIM of a view.
+    pub ssim: Option<f64>,
+    /// Mean FLIP.
+    pub flip: f64,
+    /// Largest difference of a channel in any view.
+    pub worst: f64,
+    /// Mean share of pixels that are off by more than 1/255.
+    pub off: f64,
+    /// Pairs of splats in the wrong order, in all views.
+    pub inversions: Option<u64>,
+    /// Least share of the host's time of a frame in which the device drew.
+    pub busy: Option<f64>,
+    /// Most bytes on the device.
+    pub gpu_bytes: u64,
+    /// The phases: a name, the mean of the views' milliseconds, and the largest spread of a view.
+    pub phases: Vec<(String, f64, f64)>,
+    /// The place among the others.
+    pub mark: Mark,
+}
+
+impl Ledger {
+    /// Sums the rows of each setting up, in the order of the rows; settings that failed come as their message.
+    pub fn lines(&self) -> (Vec<Line>, Vec<(String, String)>) {
+        let mut names: Vec<&str> = Vec::new();
+        for row in &self.rows {
+            if !names.contains(&row.setting.as_str()) {
+                names.push(&row.setting);
+            }
+        }
+        let (mut lines, mut failed) = (Vec::new(), Vec::new());
+        for name in names {
+            let rows: Vec<&Row> = self.rows.iter().filter(|row| row.setting == name).collect();
+            match rows.iter().map(|row| row.found.as_ref()).collect::<Result<Vec<_>, _>>() {
+                Ok(views) => lines.push(line(name, &views)),
+                Err(text) => failed.push((name.to_string(), text.clone())),
+            }
+        }
+        mark(&mut lines);
+        (lines, failed)
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0u32), |(sum, count), v| (sum + v, count + 1));
+    sum / f64::from(count.max(1))
+}
+
+/// The PSNR of the mean of several mean squared errors.
+fn joint_psnr(of_views: impl Iterator<Item = Option<f64>>) -> f64 {
+    -10.0 * mean(of_views.map(squared_error)).log10()
+}
+
+fn line(name: &str, views: &[&Measured]) -> Line {
+    let times: Option<Vec<_>> = views.iter().map(|view| view.time.as_ref()).collect();
+    let errors = || views.iter().map(|view| &view.error);
+    let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    Line {
+        setting: name.to_string(),
+        gpu_ms: times.as_ref().map(|times| mean(times.iter().map(|time| time.gpu_ms))),
+        spread_ms: times.as_ref().map(|times| most(&mut times.iter().map(|time| time.spread_ms))),
+        share: times
+            .as_ref()
+            .and_then(|times| Share::mean(&times.iter().map(|time| time.share).collect::<Vec<_>>())),
+        psnr_db: joint_psnr(errors().map(|error| error.psnr_db)),
+        covered_psnr_db: joint_psnr(errors().map(|error| error.covered_psnr_db)),
+        ssim: errors().map(|error| error.ssim).reduce(|a, b| a.zip(b).map(|(a, b)| a.min(b))).flatten(),
+        flip: mean(errors().map(|error| error.flip)),
+        worst: most(&mut errors().map(|error| error.worst)),
+        off: mean(errors().map(|error| error.off)),
+        inversions: views.iter().map(|view| view.inversions).sum(),
+        busy: times.as_ref().and_then(|times| times.iter().map(|time| time.busy).reduce(f64::min)),
+        gpu_bytes: views.iter().map(|view| view.gpu_bytes).max().unwrap_or(0),
+        phases: phases(&times.unwrap_or_default()),
+        mark: if views.iter().any(|view| view.of_last_frame) { Mark::Hidden } else { Mark::Beaten },
+    }
+}
+
+/// Sums the phases of all views up.
+fn phases(times: &[&Time]) -> Vec<(String, f64, f64)> {
+    let names: BTreeSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
+    let of = |name: &String| {
+        let ms = mean(times.iter().map(|time| time.phases.get(name).copied().unwrap_or(0.0)));
+        let spreads = times.iter().filter_map(|time| time.phase_spreads.get(name).copied());
+        (name.clone(), ms, spreads.fold(0.0, f64::max))
+    };
+    names.into_iter().map(of).collect()
+}
+
+/// Lists the phases of all lines.
+pub(super) fn phase_names(lines: &[Line]) -> Vec<String> {
+    let names: BTreeSet<&String> =
+        lines.iter().flat_map(|line| line.phases.iter().map(|(name, ..)| name)).collect();
+    names.into_iter().cloned().collect()
+}
+
+/// Widens the ranges of all lines by the noise of the exact settings against themselves, and marks the Pareto front.
+fn mark(lines: &mut [Line]) {
+    let floor = lines.iter().find(|line| line.setting == EXACT).and_then(|exact| exact.share?.floor());
+    for line in lines.iter_mut() {
+        line.share = line.share.map(|share| share.widened(floor));
+    }
+    let point = |line: &Line| Point {
+        // Their time is 1 by definition; what was measured against themselves is the noise.
+        share: if line.setting == EXACT { line.share.map(|_| Share::EXACT) } else { line.share },
+        psnr_db: line.psnr_db,
+        hidden: line.mark == Mark::Hidden,
+    };
+    let points: Vec<Point> = lines.iter().map(point).collect();
+    for (line, mark) in lines.iter_mut().zip(noise::front(&points)) {
+        line.mark = mark;
+    }
+}
+
+/// Ledgers for tests.
+#[cfg(test)]
+pub(super) mod testing {
+    use super::*;
+
+    pub fn origin() -> Origin {
+        Origin {
+            version: "1".into(),
+            program: "1".into(),
+            scene: "a.ply".into(),
+            splats: 3,
+            content: "0".into(),
+            cameras: Json::Array(vec![Json::Null]),
+            pipeline: "splat".into(),
+            exact: "0".into(),
+            truth: "reference".into(),
+            truth_content: String::new(),
+            device: "none".into(),
+            opened: String::new(),
+            rounds: 1,
+            frames: None,
+        }
+    }
+
+    pub fn ledger(rows: Vec<Row>) -> Ledger {
+        Ledger { origin: origin(), rows }
+    }
+
+    pub fn line(setting: &str, gpu_ms: f64, psnr_db: f64, mark: Mark) -> Line {
+        Line {
+            setting: setting.into(),
+            gpu_ms: Some(gpu_ms),
+            spread_ms: Some(0.1),
+            share: Some(Share {
+                median: gpu_ms / 4.0,
+                range: Some((gpu_ms / 4.0 - 0.01, gpu_ms / 4.0 + 0.01)),
+            }),
+            psnr_db,
+            covered_psnr_db: psnr_db,
+            ssim: Some(0.9),
+            flip: 0.1,
+            worst: 0.5,
+            off: 0.25,
+            inversions: Some(7),
+            busy: Some(0.9),
+            gpu_bytes: 1 << 20,
+            phases: vec![("draw".into(), gpu_ms, 0.1)],
+            mark,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::error::Error;
+    use super::super::measure::Time;
+    use super::testing::{ledger, origin};
+    use super::*;
+
+    fn measured(ms: f64, psnr_db: Option<f64>) -> Measured {
+        within(ms, 0.005, psnr_db)
+    }
+
+    /// A setting whose share has a range of so much to both sides.
+    fn within(ms: f64, half: f64, psnr_db: Option<f64>) -> Measured {
+        let share = ms / 4.0;
+        let time = Time {
+            gpu_ms: ms,
+            spread_ms: 0.1,
+            share: Share { median: share, range: Some((share - half, share + half)) },
+            exact_ms: 4.0,
+            rounds: 8,
+            busy: 0.9,
+            phases: [("draw".to_string(), ms)].into(),
+            phase_spreads: [("draw".to_string(), 0.05)].into(),
+        };
+        let error = Error {
+            psnr_db,
+            ssim: Some(0.9),
+            flip: 0.1,
+            worst: 0.5,
+            off: 0.25,
+            covered_psnr_db: psnr_db,
+            covered_off: 0.5,
+        };
+        Measured { time: Some(time), error, inversions: Some(7), of_last_frame: false, gpu_bytes: 1 << 20 }
+    }
+
+    fn row(setting: &str, camera: &str, found: Result<Measured, String>) -> Row {
+        Row { setting: setting.into(), plan: Some(1), camera: camera.into(), found }
+    }
+
+    fn marks(rows: Vec<Row>) -> Vec<(String, Mark)> {
+        ledger(rows).lines().0.into_iter().map(|line| (line.setting, line.mark)).collect()
+    }
+
+    #[test]
+    fn views_are_joined_by_their_squared_errors_and_what_is_dominated_is_not_best() {
+        let rows = vec![
+            row("exact", "a", Ok(measured(4.0, None))),
+            row("exact", "b", Ok(measured(4.0, None))),
+            row("fast", "a", Ok(measured(1.0, Some(40.0)))),
+            row("fast", "b", Ok(measured(3.0, None))),
+            row("bad", "a", Ok(measured(3.0, Some(30.0)))),
+            row("bad", "b", Ok(measured(3.0, Some(30.0)))),
+            row("broken", "a", Err("error: no".into())),
+        ];
+        let (lines, failed) = ledger(rows).lines();
+        assert_eq!(failed, [("broken".to_string(), "error: no".to_string())]);
+        let found: Vec<Mark> = lines.iter().map(|line| line.mark).collect();
+        assert_eq!(found, [Mark::Best, Mark::Best, Mark::Beaten]);
+        assert!(lines[0].psnr_db.is_infinite());
+        // Half of the squared error of 40 dB.
+        assert!((lines[1].psnr_db - (40.0 + 10.0 * 2f64.log10())).abs() < 1e-9);
+        assert_eq!((lines[1].gpu_ms, lines[1].inversions), (Some(2.0), Some(14)));
+        assert_eq!(lines[1].phases, [("draw".to_string(), 2.0, 0.05)]);
+    }
+
+    #[test]
+    fn a_setting_within_the_noise_of_the_exact_ones_is_not_on_the_front_for_sure() {
+        let quiet = row("exact", "a", Ok(measured(4.0, Some(90.0))));
+        // The exact settings against themselves: 81 %.
+        let noisy = row("exact", "a", Ok(within(4.0 * 0.81, 0.05, Some(90.0))));
+        let faster = row("x", "a", Ok(measured(3.4, Some(60.0))));
+        let none = row("y", "a", Ok(measured(4.0, Some(60.0))));
+        let told = |rows: &[&Row]| marks(rows.iter().map(|row| (*row).clone()).collect()).pop().unwrap().1;
+        assert_eq!((told(&[&quiet, &faster]), told(&[&quiet, &none])), (Mark::Best, Mark::Beaten));
+        assert_eq!((told(&[&noisy, &faster]), told(&[&noisy, &none])), (Mark::Likely, Mark::Unlikely));
+    }
+
+    #[test]
+    fn a_setting_that_draws_from_the_frame_before_is_not_judged_by_still_views() {
+        let stale = Measured { of_last_frame: true, ..measured(2.0, Some(90.0)) };
+        let found = marks(vec![
+            row("exact", "a", Ok(measured(4.0, Some(90.0)))),
+            row("stale_order", "a", Ok(stale)),
+            row("fast", "a", Ok(measured(3.0, Some(80.0)))),
+        ]);
+        let found: Vec<Mark> = found.into_iter().map(|(_, mark)| mark).collect();
+        assert_eq!(found, [Mark::Best, Mark::Hidden, Mark::Best]);
+    }
+
+    #[test]
+    fn a_ledger_goes_on_where_it_stopped_unless_anything_that_its_numbers_depend_on_has_changed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ledger.json");
+        let plans = [("exact", Some(1)), ("broken", Some(1))];
+        let (mut book, lost) = Book::open(path.clone(), origin(), &plans);
+        assert_eq!(lost, None);
+        book.add(row("exact", "a", Ok(measured(4.0, Some(61.25))))).unwrap();
+        book.add(row("broken", "a", Err("no".into()))).unwrap();
+        let (again, lost) = Book::open(path.clone(), origin(), &plans);
+        assert_eq!((&again.ledger, lost), (&book.ledger, None));
+        assert!(again.has("exact", "a") && !again.has("exact", "b"));
+        assert_eq!((again.exact_ms("a"), again.exact_ms("b")), (Some(4.0), None));
+        let text = String::from("2");
+        for (other, what) in [
+            (Origin { splats: 4, ..origin() }, "scene"),
+            (Origin { content: text.clone(), ..origin() }, "scene"),
+            (Origin { truth_content: text.clone(), ..origin() }, "truth"),
+            (Origin { program: text.clone(), ..origin() }, "program"),
+            (Origin { exact: text.clone(), ..origin() }, "graph"),
+            (Origin { opened: text.clone(), ..origin() }, "device"),
+            (Origin { cameras: Json::Null, ..origin() }, "cameras"),
+            (Origin { rounds: 2, ..origin() }, "frames"),
+        ] {
+            let (found, lost) = Book::open(path.clone(), other, &plans);
+            let lost = lost.unwrap_or_default();
+            assert!(found.ledger.rows.is_empty() && lost.ends_with(&format!("another {what}")), "{lost}");
+        }
+        // A preset whose file was edited, alone.
+        let (found, lost) = Book::open(path.clone(), origin(), &[("exact", Some(1)), ("broken", Some(2))]);
+        assert!(found.has("exact", "a") && !found.has("broken", "a"));
+        assert!(lost.unwrap_or_default().ends_with("measured with another graph"));
+        fs::write(&path, "{}").unwrap();
+        let (_, lost) = Book::open(path, origin(), &plans);
+        assert!(lost.unwrap_or_default().ends_with("another version of the program"));
+    }
+}

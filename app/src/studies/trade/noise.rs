@@ -1,0 +1,288 @@
+//! Tells a difference in time from noise.
+//!
+//! A round gives one share: the median frame of a setting by that of the exact settings, drawn interleaved. The share of a setting is
+//! the median of its rounds, and its range is what that median can be with 99 % confidence, from the order of the rounds alone
+//! (the binomial interval of a median; David and Nagaraja, "Order Statistics", 3rd edition, 7.1): no distribution is assumed.
+//! (Rounds that end when the range is narrow cost a little of the confidence; the floor is there for it.)
+//! The exact settings against themselves have a share, too, which is 1 without noise: its distance from 1 is the **floor**, and no other
+//! share is taken to be known better.
+
+use crate::draw::stats::median;
+use serde::{Deserialize, Serialize};
+
+/// Rounds below which the median has no range: with 8, it lies between the least and the greatest in 99.2 % of cases.
+pub const LEAST_ROUNDS: usize = 8;
+
+/// Probability that the median is outside of its range, at most.
+const RISK: f64 = 0.01;
+
+/// Least saving that counts. Two settings closer to each other take the same time.
+pub const LEAST_SAVING: f64 = 0.02;
+
+/// Decibels by which PSNRs differ that count as equal: less than a table shows.
+const EQUAL_DB: f64 = 0.05;
+
+/// Half of the range of a share near 1 at which no more rounds are drawn, and the part that a share far from 1 adds.
+const NARROW: (f64, f64) = (0.01, 0.05);
+
+/// A share of the exact settings' time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Share {
+    /// The median of the rounds.
+    pub median: f64,
+    /// The least and the greatest that the median can be; `None` with fewer than [`LEAST_ROUNDS`] rounds.
+    pub range: Option<(f64, f64)>,
+}
+
+impl Share {
+    /// The exact settings' own, by definition.
+    pub const EXACT: Share = Share { median: 1.0, range: Some((1.0, 1.0)) };
+
+    /// Summarises the shares of rounds; `None` without rounds.
+    pub fn of(rounds: &[f64]) -> Option<Share> {
+        let mut sorted = rounds.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let outside = outside(sorted.len());
+        let range = outside.map(|outside| (sorted[outside], sorted[sorted.len() - 1 - outside]));
+        Some(Share { median: median(sorted)?, range })
+    }
+
+    /// Takes the mean over views; a range is unknown if that of one view is.
+    pub fn mean(views: &[Share]) -> Option<Share> {
+        let mean = |of: &dyn Fn(&Share) -> Option<f64>| {
+            let sum = views.iter().map(of).sum::<Option<f64>>();
+            sum.filter(|_| !views.is_empty()).map(|sum| sum / views.len() as f64)
+        };
+        let range = mean(&|view| Some(view.range?.0)).zip(mean(&|view| Some(view.range?.1)));
+        Some(Share { median: mean(&|view| Some(view.median))?, range })
+    }
+
+    /// Computes the noise that a share of the exact settings against themselves shows: its distance from 1. `None` without a range.
+    pub fn floor(&self) -> Option<f64> {
+        self.range.map(|_| (1.0 - self.median).abs())
+    }
+
+    /// Widens the range to the floor's, in proportion to the median; a floor that is unknown leaves no range.
+    pub fn widened(self, floor: Option<f64>) -> Share {
+        let range = self.range.zip(floor).map(|((low, high), floor)| {
+            let (down, up) = (self.median * (1.0 - floor), self.median * (1.0 + floor));
+            (low.min(down), high.max(up))
+        });
+        Share { range, ..self }
+    }
+
+    /// Returns true if this takes less time than `other` by [`LEAST_SAVING`] or more, false if it does not, `None` if noise hides it.
+    pub fn faster(&self, other: &Share) -> Option<bool> {
+        let ((low, high), (other_low, other_high)) = (self.range?, other.range?);
+        let kept = 1.0 - LEAST_SAVING;
+        match () {
+            () if high < kept * other_low => Some(true),
+            () if low >= kept * other_high => Some(false),
+            () => None,
+        }
+    }
+}
+
+/// Counts the values outside of the median's range on each side; `None` with too few.
+fn outside(rounds: usize) -> Option<usize> {
+    // The probability that at most so many of the rounds are below the median, from that of none.
+    let mut term = 0.5f64.powi(i32::try_from(rounds).ok()?);
+    let (mut below, mut found) = (0.0, None);
+    for count in 0..=rounds / 2 {
+        below += term;
+        if 2.0 * below > RISK {
+            break;
+        }
+        found = Some(count);
+        term *= (rounds - count) as f64 / (count + 1) as f64;
+    }
+    found
+}
+
+/// Returns true if the shares of the rounds are narrow enough for no more to be drawn.
+pub fn enough(rounds: &[f64]) -> bool {
+    let found = Share::of(rounds);
+    let narrow = |share: &Share| {
+        let wanted = NARROW.0 + NARROW.1 * (share.median - 1.0).abs();
+        share.range.is_some_and(|(low, high)| 0.5 * (high - low) <= wanted)
+    };
+    found.as_ref().is_some_and(narrow)
+}
+
+/// The place of a setting among others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mark {
+    /// On the Pareto front: every setting that is at least as accurate takes longer.
+    Best,
+    /// Noise hides whether it is on the front; by the medians, it is.
+    Likely,
+    /// Noise hides whether it is on the front; by the medians, it is not.
+    Unlikely,
+    /// Not on the front: another is at least as fast and as accurate.
+    Beaten,
+    /// Not judged: its pictures do not show what it costs.
+    Hidden,
+}
+
+/// A setting as the front sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Point {
+    /// Its share with the floor; `None` without timestamps.
+    pub share: Option<Share>,
+    /// Its PSNR in decibels; infinite for equal pictures.
+    pub psnr_db: f64,
+    /// True if its pictures do not show what it costs.
+    pub hidden: bool,
+}
+
+/// Marks the Pareto front of time and PSNR. Of settings that are equal in both, the first is on it.
+///
+/// PSNRs that differ by less than `EQUAL_DB` are equal. Without times, only PSNR counts.
+pub fn front(points: &[Point]) -> Vec<Mark> {
+    let faster = |a: &Point, b: &Point| match (a.share, b.share) {
+        (Some(a), Some(b)) => a.faster(&b),
+        _ => Some(false),
+    };
+    // By the medians alone.
+    let seems_faster = |a: &Point, b: &Point| match (a.share, b.share) {
+        (Some(a), Some(b)) => a.median < (1.0 - LEAST_SAVING) * b.median,
+        _ => false,
+    };
+    let equal = |a: f64, b: f64| a == b || (a - b).abs() < EQUAL_DB;
+    let mark = |(at, point): (usize, &Point)| {
+        if point.hidden {
+            return Mark::Hidden;
+        }
+        let (mut told, mut seems) = (true, true);
+        for (other_at, other) in points.iter().enumerate() {
+            let as_accurate = equal(other.psnr_db, point.psnr_db);
+            if other_at == at || other.hidden || (other.psnr_db < point.psnr_db && !as_accurate) {
+                continue;
+            }
+            let later_equal = as_accurate && at < other_at;
+            let (beats, seems_beaten) = match later_equal {
+                // It need not be faster than its equal; it must not be slower.
+                true => (faster(other, point).map(|slower| !slower), seems_faster(other, point)),
+                false => (faster(point, other), !seems_faster(point, other)),
+            };
+            match beats {
+                Some(false) => return Mark::Beaten,
+                Some(true) => {}
+                None => told = false,
+            }
+            seems &= !seems_beaten;
+        }
+        match (told, seems) {
+            (true, _) => Mark::Best,
+            (false, true) => Mark::Likely,
+            (false, false) => Mark::Unlikely,
+        }
+    };
+    points.iter().enumerate().map(mark).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn share(median: f64, half: f64) -> Option<Share> {
+        Some(Share { median, range: Some((median - half, median + half)) })
+    }
+
+    fn point(share: Option<Share>, psnr_db: f64) -> Point {
+        Point { share, psnr_db, hidden: false }
+    }
+
+    #[test]
+    fn a_range_holds_the_median_of_noise_in_99_of_100_runs() {
+        assert_eq!(
+            [0, 7, 8, 10, 11, 16, 20].map(outside),
+            [None, None, Some(0), Some(0), Some(0), Some(2), Some(3)]
+        );
+        // Rounds of 1 with a noise that is wide at one side, as a busy machine's: its median is 1.
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        };
+        let missed = (0..4000).filter(|_| {
+            let rounds: Vec<f64> =
+                (0..16).map(|_| random()).map(|v| 1.0 + if v > 0.0 { v } else { 0.1 * v }).collect();
+            let (low, high) = Share::of(&rounds).and_then(|share| share.range).expect("16 rounds");
+            !(low..=high).contains(&1.0)
+        });
+        assert!(missed.count() < 40);
+    }
+
+    #[test]
+    fn rounds_are_enough_when_the_range_is_narrow_and_farther_from_1_less_narrow() {
+        let near: Vec<f64> = (0..8).map(|i| 0.96 + 0.005 * f64::from(i)).collect();
+        let far: Vec<f64> = near.iter().map(|v| v + 2.0).collect();
+        assert!(!enough(&near) && enough(&far) && enough(&[1.0; 8]) && !enough(&[1.0; 7]));
+    }
+
+    #[test]
+    fn what_is_within_the_floor_is_neither_faster_nor_slower_for_sure() {
+        let floor = share(0.81, 0.05).expect("a share").floor();
+        assert_eq!(Share::of(&[1.0; 3]).expect("rounds").floor(), None);
+        assert!((floor.expect("a range") - 0.19).abs() < 1e-12);
+        let narrow = share(0.9, 0.01).expect("a share");
+        assert_eq!(narrow.faster(&Share::EXACT), Some(true));
+        assert_eq!(narrow.widened(floor).faster(&Share::EXACT), None);
+        assert_eq!(share(0.5, 0.01).expect("a share").widened(floor).faster(&Share::EXACT), Some(true));
+        assert_eq!(share(1.0, 0.01).expect("a share").faster(&Share::EXACT), Some(false), "1 % is no saving");
+        assert_eq!(
+            Share::of(&[0.5; 3]).expect("rounds").widened(floor).faster(&Share::EXACT),
+            None,
+            "3 rounds"
+        );
+    }
+
+    #[test]
+    fn the_front_holds_what_is_faster_for_sure_and_noise_is_told() {
+        let exact = point(Some(Share::EXACT), 100.0);
+        let marks = |others: &[Point]| front(&[&[exact], others].concat())[1..].to_vec();
+        assert_eq!(front(&[exact]), [Mark::Best]);
+        assert_eq!(marks(&[point(share(0.8, 0.02), 60.0)]), [Mark::Best]);
+        assert_eq!(marks(&[point(share(1.0, 0.01), 60.0)]), [Mark::Beaten], "no faster, less accurate");
+        // A setting without an effect, timed in noise.
+        assert_eq!(marks(&[point(share(0.9, 0.15), 100.0)]), [Mark::Likely]);
+        assert_eq!(marks(&[point(share(1.05, 0.15), 100.0)]), [Mark::Unlikely]);
+        assert_eq!(
+            marks(&[point(share(1.0, 0.015), 100.0)]),
+            [Mark::Beaten],
+            "the first of equals is on the front"
+        );
+        // 0.795 is no saving beside 0.8, and less accurate.
+        let close = [point(share(0.8, 0.003), 60.0), point(share(0.795, 0.003), 50.0)];
+        assert_eq!(marks(&close), [Mark::Best, Mark::Beaten]);
+        let noisy = [point(share(0.8, 0.03), 60.0), point(share(0.77, 0.03), 50.0)];
+        assert_eq!(marks(&noisy), [Mark::Best, Mark::Likely]);
+        let hidden = Point { hidden: true, ..point(share(0.5, 0.0), 200.0) };
+        assert_eq!(marks(&[hidden, close[0]]), [Mark::Hidden, Mark::Best], "it beats nothing either");
+        // A hundredth of a decibel is no accuracy, and equal pictures are equal.
+        let hair = [point(share(1.0, 0.01), 100.01), point(share(1.0, 0.01), 100.06)];
+        assert_eq!(marks(&hair[..1]), [Mark::Beaten]);
+        assert_eq!(marks(&hair[1..]), [Mark::Best]);
+        let same = [point(share(1.0, 0.01), f64::INFINITY), point(share(1.0, 0.01), f64::INFINITY)];
+        assert_eq!(marks(&same), [Mark::Best, Mark::Beaten]);
+        // Without timestamps, the most accurate.
+        assert_eq!(
+            front(&[point(None, 50.0), point(None, 60.0), point(None, 60.0)]),
+            [Mark::Beaten, Mark::Best, Mark::Beaten]
+        );
+    }
+
+    #[test]
+    fn the_mean_over_views_has_a_range_if_all_have_one() {
+        let views = [share(0.5, 0.1), share(0.7, 0.2)].map(Option::unwrap);
+        let found = Share::mean(&views).expect("views");
+        let (low, high) = found.range.expect("a range");
+        assert!(
+            (found.median - 0.6).abs() < 1e-12 && (low - 0.45).abs() < 1e-12 && (high - 0.75).abs() < 1e-12
+        );
+        assert_eq!(Share::mean(&[views[0], Share { range: None, ..views[1] }]).expect("views").range, None);
+        assert_eq!(Share::mean(&[]), None);
+    }
+}

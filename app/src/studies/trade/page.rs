@@ -1,0 +1,155 @@
+//! Shows a ledger as a plot of time against error, and as a page.
+
+use super::ledger::{Ledger, Line, phase_names};
+use super::noise::Mark;
+use super::table::{COLUMNS, cells, notes, sign};
+use crate::io::report::page::Page;
+use crate::io::report::plot::{Axis, Form, Plot, PlotError, Point, Series};
+
+/// Decibels above the most accurate picture at which a plot shows those that equal the truth.
+const ABOVE: f64 = 6.0;
+
+/// Plots time against PSNR, with the Pareto front joined and the dominated settings grey; `None` without times.
+///
+/// Time is the share of the exact settings' in the same rounds, by which the front is chosen: milliseconds of settings that were
+/// measured one after the other differ with the device's load, too.
+pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
+    let finite = lines.iter().map(|line| line.psnr_db).filter(|db| db.is_finite());
+    let top = finite.fold(0.0, f64::max) + ABOVE;
+    let point = |line: &Line| {
+        let equal = line.psnr_db.is_infinite();
+        let name = if equal { format!("{} (equal)", line.setting) } else { line.setting.clone() };
+        Some(Point { x: 100.0 * line.share?.median, y: line.psnr_db.min(top), name })
+    };
+    let points =
+        |marks: &[Mark]| lines.iter().filter(|line| marks.contains(&line.mark)).filter_map(point).collect();
+    let mut front: Vec<Point> = points(&[Mark::Best]);
+    front.sort_by(|a, b| a.x.total_cmp(&b.x));
+    let muted: Vec<Point> = points(&[Mark::Beaten, Mark::Unlikely, Mark::Hidden]);
+    let likely: Vec<Point> = points(&[Mark::Likely]);
+    let named = |name: &str| if likely.is_empty() { String::new() } else { name.to_owned() };
+    if front.is_empty() && likely.is_empty() {
+        return None;
+    }
+    Some(Plot {
+        title: format!("{}: time and error of each setting", ledger.origin.title()),
+        x: Axis {
+            label: "GPU time of a frame, % of the exact settings' in the same rounds".into(),
+            logarithmic: true,
+        },
+        y: Axis { label: "PSNR against the truth, dB".into(), logarithmic: false },
+        series: vec![
+            Series { name: "beaten in time and error by another".into(), form: Form::Muted, points: muted },
+            Series { name: "Pareto front".into(), form: Form::Line, points: front },
+            Series { name: named("too noisy to tell"), form: Form::Points, points: likely },
+        ],
+    })
+}
+
+/// Writes the page of a ledger: the plot, the table, and what the columns are. `failed` are settings with their errors.
+///
+/// # Errors
+/// The plot cannot be drawn.
+pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Result<String, PlotError> {
+    let origin = &ledger.origin;
+    let mut page = Page::new(&format!("{}: what each setting saves and costs", origin.title()));
+    page.text(&format!(
+        "`{}`, {} splats, {}, on {}. The truth is {}.",
+        origin.scene,
+        origin.splats,
+        match origin.views() {
+            1 => "one view".to_owned(),
+            views => format!("{views} views"),
+        },
+        origin.device,
+        if origin.truth == "reference" { "the exact renderer's" } else { origin.truth.as_str() },
+    ));
+    if let Some(plot) = plot(ledger, lines) {
+        page.plot(&plot, "Left is faster, up is closer to the truth. Of the grey settings, another is at least as fast and as accurate.")?;
+    }
+    let rows: Vec<Vec<String>> = lines
+        .iter()
+        .map(|line| {
+            let mut cells = cells(line).to_vec();
+            cells[0] = format!("{} {}", cells[0], sign(line.mark)).trim_end().to_owned();
+            cells
+        })
+        .collect();
+    page.table(&COLUMNS, &rows);
+    notes(lines).iter().for_each(|note| page.text(note));
+    let phases = phase_names(lines);
+    if !phases.is_empty() {
+        page.heading("Milliseconds of each phase");
+        let header: Vec<&str> = std::iter::once("setting").chain(phases.iter().map(String::as_str)).collect();
+        let row = |line: &Line| {
+            let cell = |name: &String| {
+                let phase = line.phases.iter().find(|(own, ..)| own == name);
+                phase.map_or("-".into(), |(_, ms, spread)| format!("{ms:.3} ± {:.3}", 0.5 * spread))
+            };
+            std::iter::once(line.setting.clone()).chain(phases.iter().map(cell)).collect()
+        };
+        page.table(&header, &lines.iter().map(row).collect::<Vec<Vec<String>>>());
+        page.text("The median of the rounds, mean of the views, ± half of the largest spread of a view.");
+    }
+    for (setting, why) in failed {
+        page.text(&format!("`{setting}` was not measured:"));
+        page.block(why);
+    }
+    page.heading("The columns");
+    page.text(
+        "`exact` has every parameter at its exact value; `NAME = VALUE` is one parameter away from it; `defaults` are the \
+         graph's. Frames of a setting are drawn interleaved with those of `exact`, so that a change of the device's clock \
+         concerns both. Settings whose plans are equal are measured once.",
+    );
+    page.text(
+        "`of exact`: the share of the exact settings' time in the same rounds, the median of the rounds and mean of the views, ± half \
+         of what it can be with 99 % confidence; that of `exact` is of itself, and its distance from 100 % is the noise, which the others \
+         have at least. `GPU ms`: that share of one time of the exact settings, of a warm device; `spread`: the largest of a view's \
+         rounds without the smallest, likewise. `PSNR dB`: of \
+         the mean squared error of all views, over all pixels; `covered`: over those that a splat shows in; `SSIM`: the \
+         least of the views; `FLIP`: NVIDIA's, mean, 0 is equal; `worst`: the largest difference of a channel; `off`: \
+         pixels that are off by more than 1/255; `inversions`: pairs of visible splats in the wrong order; `MiB`: memory on \
+         the device. `*`: the Pareto front: what is at least as accurate takes 2 % longer or more, beyond the noise. `?`: it may be on the front.",
+    );
+    Ok(page.html())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ledger::testing::{ledger, line};
+    use super::*;
+
+    #[test]
+    fn the_front_is_joined_from_fast_to_slow_and_the_dominated_are_grey() {
+        let lines = [
+            line("exact", 4.0, f64::INFINITY, Mark::Best),
+            line("fast", 1.0, 40.0, Mark::Best),
+            line("bad", 3.0, 30.0, Mark::Beaten),
+        ];
+        let ledger = ledger(Vec::new());
+        let plot = plot(&ledger, &lines).unwrap();
+        let names = |at: usize| plot.series[at].points.iter().map(|p| p.name.as_str()).collect::<Vec<_>>();
+        assert_eq!((names(0), names(1)), (vec!["bad"], vec!["fast", "exact (equal)"]));
+        assert_eq!((plot.series[0].form, plot.series[1].points[1].y), (Form::Muted, 46.0));
+        let html = page(&ledger, &lines, &[("broken".into(), "error: no".into())]).unwrap();
+        for text in [
+            "fast *",
+            "<td>bad</td>",
+            "<svg",
+            "<code>broken</code>",
+            "error: no",
+            "one view",
+            "4.000 ± 0.050",
+        ] {
+            assert!(html.contains(text), "{text}: {html}");
+        }
+    }
+
+    #[test]
+    fn without_times_there_is_a_table_and_no_plot() {
+        let lines = [Line { gpu_ms: None, share: None, ..line("exact", 4.0, 50.0, Mark::Best) }];
+        let ledger = ledger(Vec::new());
+        assert_eq!(plot(&ledger, &lines), None);
+        assert!(!page(&ledger, &lines, &[]).unwrap().contains("<svg"));
+    }
+}

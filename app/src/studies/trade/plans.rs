@@ -1,0 +1,115 @@
+//! Tells settings apart by their plans: what two equal plans draw, and how long it takes, can differ by noise alone.
+
+use super::settings::Setting;
+use crate::draw::session::{Session, SessionError};
+use splatgraph_api::Device;
+use splatgraph_framework::ir::Origin;
+use splatgraph_framework::plan::Plan;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+/// Hashes what a plan executes: passes, shaders' code, sizes, memory, barriers and the live values that shaders read.
+///
+/// Names of the graph, places in its files and values that entered nothing do not count.
+pub fn fingerprint(plan: &Plan) -> u64 {
+    let nowhere = || Origin { file: String::new(), line: 0, column: 0 };
+    let mut hash = DefaultHasher::new();
+    for shader in &plan.shaders {
+        shader.spirv.hash(&mut hash);
+    }
+    for pass in &plan.passes {
+        let mut pass = pass.clone();
+        pass.origin = nowhere();
+        format!("{pass:?}").hash(&mut hash);
+    }
+    for resource in &plan.resources {
+        let mut resource = resource.clone();
+        resource.origin = nowhere();
+        format!("{resource:?}").hash(&mut hash);
+    }
+    let steps = (&plan.blocks, &plan.prologue, &plan.handover, &plan.frame, plan.output, &plan.stats);
+    format!("{steps:?}").hash(&mut hash);
+    plan.live_bytes_of(plan.params.iter().filter(|param| plan.no_effect(&param.name).is_none()))
+        .hash(&mut hash);
+    hash.finish()
+}
+
+/// Returns true if a plan draws from what it kept of the frame before.
+pub fn uses_last_frame(plan: &Plan) -> bool {
+    plan.resources.iter().any(|resource| resource.history.is_some())
+}
+
+/// Hashes the plans of a setting in pictures of all `sizes`; `None` if one cannot be built, which drawing it says.
+///
+/// # Errors
+/// The device fails.
+pub fn of_setting<D: Device>(
+    session: &mut Session<D>,
+    setting: &Setting,
+    sizes: &[(u32, u32)],
+) -> Result<Option<u64>, SessionError> {
+    let mut hash = DefaultHasher::new();
+    for size in sizes {
+        match session.plan_of(&setting.pipeline, &setting.set, *size) {
+            Ok(plan) => fingerprint(&plan).hash(&mut hash),
+            Err(SessionError::Graph(_)) => return Ok(None),
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(Some(hash.finish()))
+}
+
+/// Leaves out settings whose plans are equal to those of an earlier one. Also returns a line for each.
+pub fn distinct(all: Vec<(Setting, Option<u64>)>) -> (Vec<(Setting, Option<u64>)>, Vec<String>) {
+    let mut kept: Vec<(Setting, Option<u64>)> = Vec::new();
+    let mut lines = Vec::new();
+    for (setting, plan) in all {
+        match kept.iter().find(|(_, other)| plan.is_some() && *other == plan) {
+            Some((other, _)) => {
+                lines.push(format!("not measured: `{}` has the plan of `{}`", setting.name, other.name));
+            }
+            None => kept.push((setting, plan)),
+        }
+    }
+    (kept, lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::planner::Planner;
+
+    fn plan(graph: &str, set: &[(&str, &str)]) -> Plan {
+        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
+        let set: Vec<(String, String)> =
+            set.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect();
+        Planner::default()
+            .plan(graph, &set, &facts, &facts::nominal_catalog())
+            .unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    #[test]
+    fn plans_are_equal_whatever_their_names_and_differ_by_each_value_that_is_read() {
+        let of = |graph: &str, set: &[(&str, &str)]| fingerprint(&plan(graph, set));
+        let tiled = of("tiled", &[]);
+        assert_eq!(of("tiled_cpu", &[]), of("auto", &[]), "a choice changes nothing");
+        assert_eq!(tiled, of("tiled", &[("budget", "0.5")]), "where pairs are sorted, all splats are drawn");
+        assert_eq!(of("splat", &[("order_of", "last_frame")]), of("stale_order", &[]));
+        for changed in [("alpha_cap", "0.75"), ("key_bits", "9"), ("sh_degree", "0"), ("stop", "0.05")] {
+            assert_ne!(tiled, of("tiled", &[changed]), "{changed:?}");
+        }
+        assert!(uses_last_frame(&plan("stale_order", &[])) && !uses_last_frame(&plan("splat", &[])));
+    }
+
+    #[test]
+    fn a_setting_with_the_plan_of_an_earlier_one_is_left_out_and_one_without_a_plan_is_not() {
+        let setting = |name: &str| Setting { name: name.into(), pipeline: "splat".into(), set: Vec::new() };
+        let all = [("a", Some(1)), ("b", Some(2)), ("c", Some(1)), ("d", None), ("e", None)];
+        let (kept, lines) = distinct(all.map(|(name, plan)| (setting(name), plan)).to_vec());
+        let names: Vec<&str> = kept.iter().map(|(setting, _)| setting.name.as_str()).collect();
+        assert_eq!(
+            (names, lines),
+            (vec!["a", "b", "d", "e"], vec!["not measured: `c` has the plan of `a`".to_owned()])
+        );
+    }
+}

@@ -1,0 +1,155 @@
+//! Lists the ways to draw that a ledger compares.
+
+use crate::draw::planner::without_effect;
+use serde::{Deserialize, Serialize};
+use splatgraph_framework::ir::{Domain, Param, Value};
+use splatgraph_framework::lower::Control;
+use splatgraph_framework::plan::Plan;
+
+/// A graph with the values that some of its parameters are set to.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Setting {
+    /// A short name: `exact`, `defaults`, `key_bits = 16`, or a preset's name.
+    pub name: String,
+    /// The graph, as `--pipeline` takes it.
+    pub pipeline: String,
+    /// Names and values, as `--set` takes them.
+    pub set: Vec<(String, String)>,
+}
+
+/// Name of the setting that the others are held against.
+pub const EXACT: &str = "exact";
+
+/// Lists the exact settings of a graph, then one parameter away from them at a time, the defaults, and the presets.
+///
+/// `controls` are the graph's parameters. Those without an exact value do not change the picture and keep their defaults.
+pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setting> {
+    let params = || controls.iter().map(|control| &control.param);
+    let exact: Vec<(String, String)> =
+        params().filter_map(|param| Some((param.name.clone(), param.exact.as_ref()?.to_string()))).collect();
+    let setting = |name: String, set: Vec<(String, String)>| Setting { name, pipeline: pipeline.into(), set };
+    let mut all = vec![setting(EXACT.into(), exact.clone())];
+    for param in params().filter(|param| param.exact.is_some()) {
+        for value in alternatives(param) {
+            let set = exact.iter().filter(|(name, _)| *name != param.name).cloned();
+            let set = set.chain([(param.name.clone(), value.to_string())]).collect();
+            all.push(setting(format!("{} = {value}", param.name), set));
+        }
+    }
+    all.push(setting("defaults".into(), Vec::new()));
+    let others = presets.iter().filter(|preset| **preset != pipeline);
+    all.extend(others.map(|preset| Setting {
+        name: format!("preset {preset}"),
+        pipeline: preset.to_string(),
+        set: Vec::new(),
+    }));
+    all
+}
+
+/// Leaves out the settings that change only a parameter without an effect in `plan`, that of the exact settings, the first of all.
+///
+/// Also returns a line for each of these parameters.
+pub fn with_effect(mut all: Vec<Setting>, plan: &Plan) -> (Vec<Setting>, Vec<String>) {
+    let Some(exact) = all.first().cloned() else { return (all, Vec::new()) };
+    let mut lines: Vec<String> = Vec::new();
+    all.retain(|setting| {
+        let changed: Vec<_> = setting.set.iter().filter(|pair| !exact.set.contains(pair)).cloned().collect();
+        let lengths = (setting.set.len(), changed.len());
+        let alone = setting.pipeline == exact.pipeline && lengths == (exact.set.len(), 1);
+        let Some((_, text)) = without_effect(plan, &changed).pop().filter(|_| alone) else { return true };
+        let line = format!("not measured: {text}");
+        if !lines.contains(&line) {
+            lines.push(line);
+        }
+        false
+    });
+    (all, lines)
+}
+
+/// Lists values of a parameter besides its exact one: all of a choice, five across a range.
+///
+/// The least number of a float's range is left out: there most parameters draw nothing.
+fn alternatives(param: &Param) -> Vec<Value> {
+    let mut values: Vec<Value> = match &param.domain {
+        Domain::Bool => vec![Value::Bool(false), Value::Bool(true)],
+        Domain::Choice(names) => names.iter().map(|name| Value::Text(name.clone())).collect(),
+        Domain::Int { min, max } => {
+            (0..=4).map(|i| Value::Int(min + (i128::from(max - min) * i / 4) as i64)).collect()
+        }
+        Domain::Float { min, max, .. } => {
+            // Three digits are what people would type.
+            let rounded = |v: f64| (v * 1000.0).round() / 1000.0;
+            (1..=4).map(|i| Value::Float(rounded(min + (max - min) * f64::from(i) / 4.0))).collect()
+        }
+    };
+    values.dedup();
+    values.retain(|value| Some(value) != param.exact.as_ref());
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::builtin;
+    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::planner::Planner;
+
+    #[test]
+    fn every_parameter_with_an_exact_value_leaves_it_and_the_others_stay() {
+        for (name, exact) in [("splat", ("target", "rgba32f")), ("tiled", ("sorted", "splats"))] {
+            settings_of(name, exact);
+        }
+    }
+
+    #[test]
+    fn settings_of_a_parameter_without_an_effect_are_left_out_and_it_is_named_once() {
+        let presets = builtin::presets();
+        let tiled = presets.iter().find(|preset| preset.name == "tiled").expect("it is built in");
+        let all = list("tiled", &tiled.params, &["tiled", "key16"]);
+        // Where pairs are sorted, all splats are drawn.
+        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
+        let plan = Planner::default().plan("tiled", &[], &facts, &facts::nominal_catalog());
+        let (kept, lines) = with_effect(all.clone(), &plan.expect("a plan"));
+        let left_out: Vec<&Setting> = all.iter().filter(|setting| !kept.contains(setting)).collect();
+        assert!(
+            left_out.len() > 1 && left_out.iter().all(|s| s.name.starts_with("budget = ")),
+            "{left_out:?}"
+        );
+        assert!(
+            lines.len() == 1 && lines[0].starts_with("not measured: `budget` has no effect: "),
+            "{lines:?}"
+        );
+        assert!(kept.iter().any(|s| s.name == "defaults") && kept.iter().any(|s| s.name == "preset key16"));
+    }
+
+    fn settings_of(graph: &str, (name, exactly): (&str, &str)) {
+        let presets = builtin::presets();
+        let built_in = presets.iter().find(|preset| preset.name == graph).expect("it is built in");
+        let all = list(graph, &built_in.params, &[graph, "key16"]);
+        assert_eq!((all[0].name.as_str(), all.last().unwrap().name.as_str()), (EXACT, "preset key16"));
+        let exact = &all[0].set;
+        let value = |set: &[(String, String)], name: &str| {
+            set.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone()).unwrap_or_default()
+        };
+        assert_eq!(value(exact, name), exactly);
+        assert_eq!(value(exact, "digit_bits"), "", "it changes no picture");
+        for control in built_in.params.iter().filter(|control| control.param.exact.is_some()) {
+            let name = &control.param.name;
+            let changed: Vec<&Setting> =
+                all.iter().filter(|s| s.name.split(' ').next() == Some(name.as_str())).collect();
+            assert!(!changed.is_empty(), "{name}");
+            for setting in changed {
+                let differ = exact.iter().filter(|(n, v)| value(&setting.set, n) != *v);
+                assert_eq!(differ.map(|(n, _)| n.as_str()).collect::<Vec<_>>(), [name.as_str()]);
+            }
+        }
+        let widths: Vec<&str> =
+            all.iter().filter_map(|setting| setting.name.strip_prefix("key_bits = ")).collect();
+        assert_eq!(widths, ["8", "14", "20", "26"]);
+        for name in
+            ["key_map = equalised", "sh_storage = q8", "position_storage = fixed16", "cull_margin = 0.25"]
+        {
+            assert!(all.iter().any(|setting| setting.name == name), "{graph}: {name}");
+        }
+    }
+}

@@ -1,0 +1,223 @@
+//! Prints a ledger as a table and as CSV.
+
+use super::ledger::{Line, phase_names};
+use super::noise::{LEAST_ROUNDS, LEAST_SAVING, Mark};
+use super::settings::EXACT;
+use crate::draw::stats::BUSY;
+use crate::io::report::text;
+
+/// The columns of the tables.
+pub(super) const COLUMNS: [&str; 13] = [
+    "setting",
+    "GPU ms",
+    "spread",
+    "of exact",
+    "PSNR dB",
+    "covered",
+    "SSIM",
+    "FLIP",
+    "worst",
+    "off",
+    "inversions",
+    "MiB",
+    "note",
+];
+
+/// The cells of a line, with as many digits as people read.
+pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
+    let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
+    let db = |value: f64| if value.is_finite() { format!("{value:.1}") } else { "equal".into() };
+    [
+        line.setting.clone(),
+        optional(line.gpu_ms, 3),
+        optional(line.spread_ms, 3),
+        share(line),
+        db(line.psnr_db),
+        db(line.covered_psnr_db),
+        optional(line.ssim, 5),
+        format!("{:.4}", line.flip),
+        format!("{:.4}", line.worst),
+        format!("{:.2} %", 100.0 * line.off),
+        line.inversions.map_or("-".into(), |count| count.to_string()),
+        format!("{:.1}", line.gpu_bytes as f64 / f64::from(1 << 20)),
+        note(line.mark).into(),
+    ]
+}
+
+/// Formats the share with half of its range: `70.2 ± 0.4 %`.
+fn share(line: &Line) -> String {
+    let Some(share) = line.share else { return "-".into() };
+    match share.range {
+        Some((low, high)) => format!("{:.1} ± {:.1} %", 100.0 * share.median, 50.0 * (high - low)),
+        None => format!("{:.1} ± ? %", 100.0 * share.median),
+    }
+}
+
+/// Says why a setting is not judged, or may be.
+fn note(mark: Mark) -> &'static str {
+    match mark {
+        Mark::Best | Mark::Beaten => "",
+        Mark::Likely | Mark::Unlikely => "too noisy to tell",
+        Mark::Hidden => "still views hide its cost",
+    }
+}
+
+/// The sign before a setting's name.
+pub(super) fn sign(mark: Mark) -> &'static str {
+    match mark {
+        Mark::Best => "*",
+        Mark::Likely => "?",
+        Mark::Unlikely | Mark::Beaten | Mark::Hidden => " ",
+    }
+}
+
+/// Says in sentences what the marks of a table mean that are not `*`, and how large the noise is.
+pub fn notes(lines: &[Line]) -> Vec<String> {
+    let names = |mark: Mark| -> Vec<&str> {
+        lines.iter().filter(|line| line.mark == mark).map(|line| line.setting.as_str()).collect()
+    };
+    let mut notes = Vec::new();
+    let (likely, unlikely) = (names(Mark::Likely), names(Mark::Unlikely));
+    let exact = lines.iter().find(|line| line.setting == EXACT).and_then(|line| line.share);
+    if !likely.is_empty() || !unlikely.is_empty() {
+        let noise = match exact.and_then(|share| Some((share.median, share.range?))) {
+            Some((median, (low, high))) => format!(
+                "the exact settings took {:.1} % of their own time ({:.1} to {:.1} %)",
+                100.0 * median,
+                100.0 * low,
+                100.0 * high
+            ),
+            None => format!("a range takes at least {LEAST_ROUNDS} rounds"),
+        };
+        let of = likely.len() + unlikely.len();
+        notes.push(format!(
+            "too noisy to tell whether {of} of {} settings save {:.0} % or more ({}): {noise}",
+            lines.len(),
+            100.0 * LEAST_SAVING,
+            match likely.len() {
+                0 => "by their medians, none is on the front".to_owned(),
+                count => format!("by their medians, {count} are on the front, marked `?`"),
+            }
+        ));
+    }
+    if let Some(busy) = lines.iter().filter_map(|line| line.busy).reduce(f64::min)
+        && busy < BUSY
+    {
+        notes.push(format!(
+            "the device rests for {:.0} % of the time between frames, which are drawn alone: its clock may be lower than under load, and \
+             milliseconds longer; shares are of frames interleaved, and not concerned",
+            100.0 * (1.0 - busy)
+        ));
+    }
+    for name in names(Mark::Hidden) {
+        notes.push(format!(
+            "`{name}` is not judged: it draws from what the frame before left, and still views do not show what that costs (`popping` does)"
+        ));
+    }
+    notes
+}
+
+/// Sets lines as a table for a terminal; `*` marks the Pareto front, `?` what may be on it.
+pub fn table(lines: &[Line]) -> String {
+    let marked = |mark: &str, mut row: Vec<String>| {
+        row[0].insert_str(0, mark);
+        row
+    };
+    let header = marked("  ", COLUMNS.map(String::from).to_vec());
+    let row = |line: &Line| marked(&format!("{} ", sign(line.mark)), cells(line).to_vec());
+    text::table(&std::iter::once(header).chain(lines.iter().map(row)).collect::<Vec<_>>())
+}
+
+/// Writes lines as CSV (RFC 4180), with all digits; a value that there is none of is empty.
+pub fn csv(lines: &[Line]) -> String {
+    let mut text = String::from(
+        "setting,gpu_ms,spread_ms,of_exact,of_exact_low,of_exact_high,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto",
+    );
+    let phases = phase_names(lines);
+    phases.iter().for_each(|name| text += &format!(",{name}_ms,{name}_spread_ms"));
+    text += "\n";
+    let optional = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
+    for line in lines {
+        let range = line.share.and_then(|share| share.range);
+        let mut cells = vec![
+            text::quoted(&line.setting),
+            optional(line.gpu_ms),
+            optional(line.spread_ms),
+            optional(line.share.map(|share| share.median)),
+            optional(range.map(|(low, _)| low)),
+            optional(range.map(|(_, high)| high)),
+            line.psnr_db.to_string(),
+            line.covered_psnr_db.to_string(),
+            optional(line.ssim),
+            line.flip.to_string(),
+            line.worst.to_string(),
+            line.off.to_string(),
+            line.inversions.map_or(String::new(), |count| count.to_string()),
+            line.gpu_bytes.to_string(),
+            match line.mark {
+                Mark::Best => "true",
+                Mark::Beaten => "false",
+                Mark::Likely | Mark::Unlikely => "too noisy to tell",
+                Mark::Hidden => "not judged",
+            }
+            .into(),
+        ];
+        for name in &phases {
+            let phase = line.phases.iter().find(|(own, ..)| own == name);
+            cells.push(optional(phase.map(|(_, ms, _)| *ms)));
+            cells.push(optional(phase.map(|(.., spread)| *spread)));
+        }
+        text += &(cells.join(",") + "\n");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ledger::testing::line;
+    use super::super::noise::Share;
+    use super::*;
+
+    #[test]
+    fn a_table_marks_the_front_and_says_in_the_row_why_others_are_not_judged() {
+        let lines = [
+            line("exact", 4.0, f64::INFINITY, Mark::Best),
+            line("fast", 1.0, 40.0, Mark::Likely),
+            line("bad", 3.0, 30.0, Mark::Beaten),
+            line("stale", 2.0, 50.0, Mark::Hidden),
+        ];
+        let text = table(&lines);
+        let row = |name: &str| text.lines().find(|line| line[2..].starts_with(name)).expect("a row");
+        assert!(row("exact").starts_with('*') && row("exact").contains("equal"), "{text}");
+        assert!(row("exact").contains("100.0 ± 1.0 %"), "{text}");
+        assert!(row("fast").starts_with('?') && row("fast").ends_with("too noisy to tell"), "{text}");
+        assert!(row("bad").starts_with(' ') && row("bad").ends_with("1.0"), "{text}");
+        assert!(
+            row("stale").starts_with(' ') && row("stale").ends_with("still views hide its cost"),
+            "{text}"
+        );
+        let notes = notes(&lines).join("\n");
+        assert!(
+            notes.contains("whether 1 of 4 settings")
+                && notes.contains("took 100.0 % of their own time (99.0 to 101.0 %)"),
+            "{notes}"
+        );
+        assert!(notes.contains("`stale` is not judged") && notes.contains("`popping` does"), "{notes}");
+        assert_eq!(super::notes(&lines[..1]), [""; 0]);
+        let rests = [Line { busy: Some(0.25), ..lines[0].clone() }];
+        assert!(super::notes(&rests)[0].starts_with("the device rests for 75 % of the time"));
+        let csv = csv(&lines);
+        assert_eq!(csv.lines().count(), 5);
+        assert!(csv.starts_with("setting,gpu_ms") && csv.contains(",draw_ms,draw_spread_ms\n"), "{csv}");
+        assert!(csv.contains("not judged") && csv.contains(",0.25,0.24,0.26,40,"), "{csv}");
+    }
+
+    #[test]
+    fn without_enough_rounds_nothing_is_told_of_time() {
+        let unknown = Share { median: 0.5, range: None };
+        let exact = Line { share: Some(unknown), ..line("exact", 4.0, 90.0, Mark::Best) };
+        let lines = [exact, Line { share: Some(unknown), ..line("fast", 2.0, 80.0, Mark::Unlikely) }];
+        assert!(table(&lines).contains("50.0 ± ? %"), "{}", table(&lines));
+        assert!(notes(&lines)[0].ends_with("a range takes at least 8 rounds"), "{:?}", notes(&lines));
+    }
+}

@@ -1,0 +1,630 @@
+//! Draws with a graph and keeps its plan up to date.
+//!
+//! A [`Renderer`] has a device, the name of a graph, and its settings. When a file of the graph, a constant parameter or the
+//! [`PlanInputs`] change, it builds a new plan on another thread while frames of the current plan go on, and swaps to it
+//! between frames. If the build fails, the current plan stays and the failure is reported. Live parameters need no build: they
+//! go to the device with the next frame.
+//!
+//! One plan is built at a time; changes during a build are combined into the next one, for which a build that takes long is cancelled.
+//!
+//! A frame that was drawn in part, for want of room in a list, is shown as it is, and a plan with more room is built like any other
+//! ([`crate::draw::capacity`]). The room stays until another graph or scene is chosen, or the parameter is set by hand. If the device
+//! refuses such a plan, frames stay in part ([`Renderer::crowded`]) until the next change, or the next attempt where it lacked memory.
+//!
+//! No error ends a renderer. A frame that cannot be drawn is tried again ([`RETRY`]), as is a build that lacked memory; both are
+//! shown meanwhile. A frame that the device does not finish in time is waited for with the next one ([`Renderer::patience`]). A lost
+//! device is given up with [`Renderer::release`], and its successor comes with [`Renderer::give`].
+//!
+//! A renderer draws when it is told to, and does nothing by itself: `Renderer::next` says when it must be polled although nothing
+//! called its [`Wake`].
+
+mod device;
+mod events;
+mod frames;
+mod job;
+mod room;
+
+use crate::draw::capacity::{Capacities, Overflow};
+use device::ends_device;
+use indexmap::IndexMap;
+use job::{Built, Job, builder};
+use splatgraph_api::{BackendError, Device, DeviceInfo, FrameId, FrameResult, Inspect, Loader, Running};
+use splatgraph_assets::Scene;
+use splatgraph_framework::ir::{Catalog, ParamBinding, Value};
+use splatgraph_framework::lower::{Control, parse_value};
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::reload::{
+    Attempt, FileChange, LastGood, Rebuilder, Wanted, WatchError, WatchKind, Watcher,
+};
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+pub use events::{Cause, Causes, Failure, RendererEvent, Swap};
+pub(super) use frames::collect;
+
+/// Interval of attempts to draw, or to build, what failed for want of something that may come back.
+pub const RETRY: Duration = Duration::from_millis(250);
+
+/// Default of [`Renderer::patience`]. With a longer one, a slow frame would delay the user interface; with none, short frames would
+/// wait for the next look at the device.
+const PATIENCE: Duration = Duration::from_millis(5);
+
+/// A callback for new content to draw; any thread calls it.
+pub type Wake = Arc<dyn Fn() + Send + Sync>;
+
+/// The inputs of a plan besides its files and parameters.
+#[derive(Clone)]
+pub struct PlanInputs {
+    /// The scene to draw; `None` for a graph that draws no scene, such as the window's.
+    pub scene: Option<Arc<Scene>>,
+    /// The imports of graphs.
+    pub catalog: Arc<Catalog>,
+    /// Size of the picture, in pixels.
+    pub size: (u32, u32),
+    /// See [`splatgraph_framework::ir::Request::share_memory`].
+    pub share_memory: bool,
+}
+
+impl PlanInputs {
+    /// Lists the causes of a new build; none if a plan for `former` fits.
+    fn differs(&self, former: &PlanInputs) -> Causes {
+        let identity = |inputs: &PlanInputs| inputs.scene.as_ref().map(|scene| scene.identity());
+        let all = [
+            (Cause::Scene, identity(self) != identity(former)),
+            (Cause::Size, self.size != former.size),
+            (Cause::Memory, self.share_memory != former.share_memory),
+        ];
+        all.into_iter().filter_map(|(cause, differs)| differs.then_some(cause)).collect()
+    }
+}
+
+/// A finished frame.
+pub struct FinishedFrame {
+    /// The device's results.
+    pub result: FrameResult,
+    /// The frame's plan.
+    pub plan: Arc<Plan>,
+    /// True for the first frame of the plan.
+    pub first: bool,
+    /// The requested inspections.
+    pub inspected: Vec<Inspect>,
+    /// Lists that the frame had no room for.
+    pub short: Vec<Overflow>,
+    /// Number of the frame; see [`Renderer::submitted`].
+    pub number: u64,
+}
+
+struct FrameInFlight {
+    frame: FrameId,
+    number: u64,
+    submitted: Instant,
+    plan: Arc<Plan>,
+    inspected: Vec<Inspect>,
+    first: Option<PendingSwap>,
+    /// The result, once it was waited for.
+    result: Option<FrameResult>,
+}
+
+/// A swap before the end of its first frame.
+struct PendingSwap {
+    swap: Swap,
+    asked: Instant,
+}
+
+/// The next plan to build.
+struct PendingBuild {
+    causes: Causes,
+    /// Time of the first change.
+    asked: Instant,
+    attempt: Attempt,
+}
+
+impl PendingBuild {
+    /// Combines this build with that of later changes.
+    fn with(mut self, later: PendingBuild) -> PendingBuild {
+        self.causes.add(later.causes);
+        PendingBuild { causes: self.causes, asked: self.asked.min(later.asked), attempt: later.attempt }
+    }
+}
+
+/// A failure to draw with the current plan.
+struct Trouble {
+    error: BackendError,
+    /// Time of the next attempt.
+    retry: Instant,
+}
+
+type Ready<D> = <<D as Device>::Loader as Loader>::Ready;
+
+/// A device with a graph; see the module's documentation.
+pub struct Renderer<D: Device> {
+    /// The longest wait for a frame before [`Renderer::submit`] gives up for now.
+    pub patience: Duration,
+    /// True to draw no frames for now.
+    pub(super) paused: bool,
+    /// The device; none between [`Renderer::release`] and [`Renderer::give`].
+    device: Option<D>,
+    info: DeviceInfo,
+    /// Counts the devices.
+    epoch: u64,
+    /// The device's loss, or that of its window.
+    lost: Option<BackendError>,
+    /// True if no plan is built before a change, because the device was lost again and again.
+    held: bool,
+    trouble: Option<Trouble>,
+    /// Time of the next attempt to build what failed for want of memory.
+    rebuild: Option<Instant>,
+    graph: String,
+    set: IndexMap<String, String>,
+    /// Least values of the parameters that grow.
+    capacities: Capacities,
+    /// Those of the current plan.
+    drawn_with: Capacities,
+    /// The reason why nothing grows before another change, or before the next attempt.
+    crowded: Option<room::Crowded>,
+    /// True if the newest finished frame of the current plan was whole; `None` before its first one.
+    whole: Option<bool>,
+    /// Counts the plans of other scenes and graphs.
+    subject: u64,
+    /// Number of frames that were submitted.
+    submitted: u64,
+    /// A frame is due although nothing that it shows changed.
+    redraw: bool,
+    /// Counts changes of the state that panels show.
+    changes: u64,
+    strict: bool,
+    builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
+    watcher: Watcher,
+    pending_build: Option<PendingBuild>,
+    asked: Option<PlanInputs>,
+    state: LastGood<Arc<Plan>, Failure>,
+    /// Time of the last poll.
+    now: Instant,
+    controls: Vec<Control>,
+    /// Size of the plan's pictures, and the identity of its scene.
+    size: (u32, u32),
+    scene: Option<u64>,
+    pending_swap: Option<PendingSwap>,
+    in_flight: VecDeque<FrameInFlight>,
+    /// The work that the device did not finish within the patience.
+    stalled: Option<Running>,
+    /// True if a frame ended without results.
+    forgot: bool,
+    done: Vec<FinishedFrame>,
+    events: Vec<RendererEvent>,
+    /// The last reported failure.
+    failed: Option<String>,
+    /// The attempt of the current build.
+    building: Option<Attempt>,
+    /// The device of each build that is not taken yet, in order.
+    jobs: VecDeque<u64>,
+    progress: Arc<Mutex<String>>,
+}
+
+impl<D: Device> Renderer<D> {
+    /// Creates a renderer of `graph`, a built-in one's name or a path, with the parameters in `set`.
+    pub fn new(
+        device: D,
+        graph: &str,
+        set: &[(String, String)],
+        wake: Wake,
+    ) -> Result<Renderer<D>, WatchError> {
+        let woken = wake.clone();
+        let watcher = Watcher::new(move || woken())?;
+        let woken = wake;
+        let builder = Rebuilder::new(builder, move || woken())?;
+        let mut state = LastGood::new();
+        let now = Instant::now();
+        let build = PendingBuild { causes: Cause::Start.into(), asked: now, attempt: state.asked(now) };
+        Ok(Renderer {
+            patience: PATIENCE,
+            paused: false,
+            info: device.info().clone(),
+            device: Some(device),
+            epoch: 0,
+            lost: None,
+            held: false,
+            trouble: None,
+            rebuild: None,
+            graph: graph.to_owned(),
+            set: set.iter().cloned().collect(),
+            capacities: Capacities::default(),
+            drawn_with: Capacities::default(),
+            crowded: None,
+            whole: None,
+            subject: 0,
+            submitted: 0,
+            redraw: false,
+            changes: 0,
+            strict: true,
+            builder,
+            watcher,
+            pending_build: Some(build),
+            asked: None,
+            state,
+            now,
+            controls: Vec::new(),
+            size: (0, 0),
+            scene: None,
+            pending_swap: None,
+            in_flight: VecDeque::new(),
+            stalled: None,
+            forgot: false,
+            done: Vec::new(),
+            events: Vec::new(),
+            failed: None,
+            building: None,
+            jobs: VecDeque::new(),
+            progress: Arc::default(),
+        })
+    }
+
+    /// Returns what the device was working on when a frame was not done at the last look.
+    pub fn stalled(&self) -> Option<&Running> {
+        self.stalled.as_ref()
+    }
+
+    /// Returns the error of the last attempt to draw a frame, if it failed.
+    pub fn trouble(&self) -> Option<&BackendError> {
+        self.trouble.as_ref().map(|trouble| &trouble.error)
+    }
+
+    /// Describes what is wrong, as for a terminal: the failure of the newest build and that of the last frame; none if nothing is.
+    pub fn problem(&self, colour: bool) -> Option<String> {
+        let mut texts: Vec<String> = self.failure().map(|failure| failure.text(colour)).into_iter().collect();
+        texts.extend(self.trouble().map(|error| Failure::Backend(error.clone()).text(colour)));
+        texts.dedup();
+        if texts.is_empty() { None } else { Some(texts.join("\n")) }
+    }
+
+    /// Returns the requested name of the graph.
+    pub fn graph(&self) -> &str {
+        &self.graph
+    }
+
+    /// Returns the current plan.
+    pub fn plan(&self) -> Option<&Arc<Plan>> {
+        self.state.good()
+    }
+
+    /// Returns the size of the plan's pictures, in pixels.
+    pub fn size(&self) -> (u32, u32) {
+        self.size
+    }
+
+    /// Returns true if the plan draws this scene.
+    pub fn draws(&self, scene: &Scene) -> bool {
+        self.scene == Some(scene.identity())
+    }
+
+    /// Returns the parameters with the requested values; constants may still wait for a new plan.
+    pub fn controls(&self) -> &[Control] {
+        &self.controls
+    }
+
+    /// Returns the changed parameters with their values as text, in the order of the first change.
+    pub fn set(&self) -> &IndexMap<String, String> {
+        &self.set
+    }
+
+    /// Returns the failure of the newest files and parameters, if they have no plan.
+    pub fn failure(&self) -> Option<&Failure> {
+        self.state.error(self.now)
+    }
+
+    /// Returns true while a plan is being built or waits for it.
+    pub fn busy(&self) -> bool {
+        self.pending_build.is_some() || self.building.is_some() || self.state.due(self.now).is_some()
+    }
+
+    /// Returns true if no build is running.
+    pub(super) fn is_idle(&self) -> bool {
+        !self.builder.busy()
+    }
+
+    /// Returns the number of frames that were submitted so far.
+    pub fn submitted(&self) -> u64 {
+        self.submitted
+    }
+
+    /// Returns the number of frames whose results were not taken yet.
+    pub(super) fn in_flight(&self) -> usize {
+        self.in_flight.len()
+    }
+
+    /// Counts the plans of other scenes, other graphs and other devices, the first included.
+    pub fn subject(&self) -> u64 {
+        self.subject
+    }
+
+    /// Counts changes of what panels show of a renderer, apart from finished frames: builds, failures, plans.
+    pub(super) fn changes(&self) -> u64 {
+        self.changes
+    }
+
+    /// Returns true if a frame is due although nothing that it shows changed.
+    pub(super) fn must_redraw(&self) -> bool {
+        self.redraw
+    }
+
+    /// Returns the time of the next [`Renderer::poll`] that is needed although nothing wakes the owner.
+    pub(super) fn next(&self) -> Option<Instant> {
+        let rebuild = self.rebuild.filter(|_| self.building.is_none());
+        [rebuild, self.room_again(), self.state.due(self.now)].into_iter().flatten().min()
+    }
+
+    /// Returns the time of the next attempt to draw after a [`Renderer::trouble`].
+    pub(super) fn retry(&self) -> Option<Instant> {
+        self.trouble.as_ref().map(|trouble| trouble.retry)
+    }
+
+    /// Describes the current step of the build; empty if unknown.
+    pub fn progress(&self) -> String {
+        self.progress.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Returns the kind of file watching.
+    pub fn watching(&self) -> WatchKind {
+        self.watcher.kind()
+    }
+
+    /// Changes to another graph and replaces the settings.
+    pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
+        self.graph = graph.to_owned();
+        self.set = set;
+        self.capacities = Capacities::default();
+        self.want(Cause::Graph, Instant::now());
+    }
+
+    /// Sets a parameter; `None` restores its default. An unknown name, or a value of another type, changes nothing.
+    pub fn set_param(&mut self, name: &str, value: Option<Value>) {
+        let Some(param) = self.controls.iter_mut().map(|c| &mut c.param).find(|p| p.name == name) else {
+            return;
+        };
+        let value = value.filter(|value| *value != param.default);
+        match &value {
+            Some(value) => {
+                self.set.insert(name.to_owned(), value.to_string());
+            }
+            None => {
+                self.set.shift_remove(name);
+            }
+        }
+        param.value = value.unwrap_or_else(|| param.default.clone());
+        self.capacities.forget(name);
+        if param.binding == ParamBinding::Const {
+            self.want(Cause::Parameter(name.to_owned()), Instant::now());
+        }
+    }
+
+    /// Restores the defaults of all parameters.
+    pub fn reset_params(&mut self) {
+        let names: Vec<String> = self.set.keys().cloned().collect();
+        for name in names {
+            self.set_param(&name, None);
+        }
+    }
+
+    /// Makes `set` the changed parameters; all others return to their defaults. Texts that are no values of a parameter are ignored.
+    pub fn replace_set(&mut self, set: &IndexMap<String, String>) {
+        let of = |Control { param, .. }: &Control| {
+            let value = set.get(&param.name).map(|text| parse_value(text, &param.domain)).transpose();
+            value.ok().map(|value| (param.name.clone(), value))
+        };
+        let wanted: Vec<(String, Option<Value>)> = self.controls.iter().filter_map(of).collect();
+        for (name, value) in wanted {
+            let text = value.as_ref().map(ToString::to_string);
+            if self.set.get(&name) != text.as_ref() {
+                self.set_param(&name, value);
+            }
+        }
+    }
+
+    /// Requests a build because of changes, the first of them at the time `asked`.
+    pub fn want(&mut self, causes: impl Into<Causes>, asked: Instant) {
+        let (causes, now) = (causes.into(), Instant::now());
+        self.changes += 1;
+        if !causes.is_room_alone() {
+            self.crowded = None;
+        }
+        // A file may be half written, so its errors wait for a moment.
+        let attempt = if causes.has_file() { self.state.changed(now) } else { self.state.asked(now) };
+        let later = PendingBuild { causes, asked, attempt };
+        self.pending_build = Some(match self.pending_build.take() {
+            None => later,
+            Some(former) => former.with(later),
+        });
+    }
+
+    /// Takes a finished plan, and starts a build if something changed. Must be called before every frame.
+    pub fn poll(&mut self, inputs: &PlanInputs, now: Instant) {
+        self.now = now;
+        self.take_builds();
+        if let Some(FileChange { files, first_seen }) = self.watcher.take() {
+            self.want(files.into_iter().map(Cause::File).collect::<Causes>(), first_seen);
+        }
+        let causes = self.asked.as_ref().map(|former| inputs.differs(former)).unwrap_or_default();
+        let other_scene = causes.contains(&Cause::Scene);
+        if other_scene {
+            self.capacities = Capacities::default();
+        }
+        // A graph that lost the device waits for more than another size.
+        if causes.iter().next().is_some() && (!self.held || other_scene) {
+            self.want(causes, now);
+        }
+        self.try_room_again();
+        if self.rebuild.is_some_and(|time| time <= now) && self.building.is_none() {
+            self.rebuild = None;
+            self.want(Cause::Retry, now);
+        }
+        self.builder.set_outdated(self.building.is_some() && self.pending_build.is_some());
+        // An empty size has no pictures, so the former plan stays until there is one.
+        let drawable = inputs.size.0 > 0 && inputs.size.1 > 0;
+        if drawable
+            && self.building.is_none()
+            && let Some(device) = &self.device
+            && let Some(PendingBuild { causes, asked, attempt }) = self.pending_build.take()
+        {
+            self.asked = Some(inputs.clone());
+            self.building = Some(attempt);
+            self.held = false;
+            self.rebuild = None;
+            let replaced = self.builder.submit(Job {
+                graph: self.graph.clone(),
+                set: self.set.iter().map(|(name, value)| (name.clone(), value.clone())).collect(),
+                capacities: self.capacities.clone(),
+                strict: self.strict,
+                inputs: inputs.clone(),
+                device: device.info().facts,
+                loader: device.loader(),
+                causes,
+                asked,
+                progress: self.progress.clone(),
+            });
+            if replaced.is_some() {
+                self.jobs.pop_back();
+            }
+            self.jobs.push_back(self.epoch);
+        }
+        let failure = self.problem(false);
+        self.changes += u64::from(failure != self.failed);
+        match (&failure, &self.failed) {
+            (Some(new), Some(old)) if new == old => {}
+            (Some(new), _) => self.events.push(RendererEvent::Failed(new.clone())),
+            (None, Some(_)) => self.events.push(RendererEvent::Mended),
+            (None, None) => {}
+        }
+        self.failed = failure;
+    }
+
+    /// Takes the finished builds, and drops those for a device that is lost.
+    fn take_builds(&mut self) {
+        while let Some(output) = self.builder.poll() {
+            if self.jobs.pop_front() != Some(self.epoch) {
+                continue;
+            }
+            self.changes += 1;
+            match output {
+                Ok(built) => self.take(built),
+                Err(panicked) => self.fail(Failure::Panicked(panicked.message)),
+            }
+        }
+    }
+
+    fn fail(&mut self, failure: Failure) {
+        if let Failure::Backend(error) = &failure
+            && ends_device(error)
+        {
+            self.lost = Some(error.clone());
+        }
+        self.rebuild = failure.may_pass().then(|| self.now + RETRY);
+        if let Some(attempt) = self.building.take() {
+            self.state.failed(attempt, failure);
+        }
+    }
+
+    fn take(&mut self, built: Built<Ready<D>>) {
+        self.watcher.watch(&built.wanted);
+        if !built.dropped.is_empty() {
+            for name in &built.dropped {
+                self.set.shift_remove(name);
+            }
+            self.events.push(RendererEvent::Dropped(built.dropped));
+        }
+        let (plan, controls, ready) = match built.outcome {
+            Ok(made) => made,
+            Err(Failure::Cancelled) => {
+                self.building = None;
+                // What it was cancelled for is built next, for the causes of both.
+                let former = |attempt| PendingBuild { causes: built.causes, asked: built.asked, attempt };
+                self.pending_build = Some(match self.pending_build.take() {
+                    Some(newer) => former(newer.attempt).with(newer),
+                    None => former(self.state.asked(Instant::now())),
+                });
+                return;
+            }
+            Err(failure) => return self.refuse(&built.causes, failure),
+        };
+        let Some(device) = &mut self.device else { return };
+        if let Err(error) = device.swap(ready) {
+            return self.refuse(&built.causes, Failure::Backend(error));
+        }
+        self.drawn_with = built.capacities;
+        self.whole = None;
+        let new = [Cause::Start, Cause::Scene, Cause::Graph, Cause::Device];
+        self.subject += u64::from(new.iter().any(|cause| built.causes.contains(cause)));
+        // A new plan may draw where the former could not.
+        self.trouble = None;
+        self.strict = false;
+        self.size = built.inputs.size;
+        self.scene = built.inputs.scene.map(|scene| scene.identity());
+        self.controls = controls;
+        let swap = Swap {
+            graph: plan.name.clone(),
+            causes: built.causes,
+            passes: plan.frame.len(),
+            plan_ms: built.plan_ms,
+            prepare_ms: built.prepare_ms,
+            latency_ms: 0.0,
+        };
+        self.pending_swap = Some(PendingSwap { swap, asked: built.asked });
+        if let Some(attempt) = self.building.take() {
+            self.state.succeeded(attempt, Arc::new(plan));
+        }
+        self.apply_set();
+    }
+
+    /// Applies settings that changed since the plan was requested.
+    fn apply_set(&mut self) {
+        for Control { param, .. } in &mut self.controls {
+            let text = self.set.get(&param.name);
+            if let Some(value) = text.and_then(|text| parse_value(text, &param.domain).ok()) {
+                param.value = param.with_room(value, self.capacities.values());
+            }
+        }
+    }
+
+    /// Returns true if the next frame is the first of its plan, which runs the prologue.
+    pub fn is_first_next(&self) -> bool {
+        self.pending_swap.is_some()
+    }
+
+    /// Takes the frames finished since the last call, in the order of submission.
+    pub fn take_done(&mut self) -> Vec<FinishedFrame> {
+        std::mem::take(&mut self.done)
+    }
+
+    /// Takes the events since the last call.
+    pub fn take_events(&mut self) -> Vec<RendererEvent> {
+        std::mem::take(&mut self.events)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+
+    #[test]
+    fn a_scene_and_a_size_that_are_built_at_once_are_both_told() {
+        let scene = |splats| Some(Arc::new(synth::generate("uniform", splats, 0).expect("a scene")));
+        let former =
+            PlanInputs { scene: scene(10), catalog: Arc::default(), size: (64, 36), share_memory: true };
+        let both = PlanInputs { scene: scene(20), size: (32, 18), ..former.clone() };
+        assert_eq!(former.differs(&former), Causes::default());
+        assert_eq!(both.differs(&former).to_string(), "another scene, another size");
+        // The build for the scene is cancelled for the size that follows.
+        let mut state: LastGood<(), ()> = LastGood::new();
+        let mut build = |causes: Causes, asked| PendingBuild { causes, asked, attempt: state.asked(asked) };
+        let now = Instant::now();
+        let former = build(Cause::Scene.into(), now);
+        let newer = build(Cause::Size.into(), now);
+        let attempt = newer.attempt;
+        let next = former.with(newer);
+        assert_eq!(
+            (next.causes.to_string().as_str(), next.attempt),
+            ("another scene, another size", attempt)
+        );
+    }
+}

@@ -1,0 +1,500 @@
+//! Implements the viewer without a window.
+//!
+//! A [`Viewer`] has a scene, a camera, and one or two viewports: A, and B for comparison. [`Viewer::frame`] takes the results of
+//! other threads (plans, scenes, comparisons) and draws the pictures that are due. Windows and tests drive it alike; results are
+//! reported as [`Event`]s.
+
+use super::cameras::{CameraFiles, Views};
+use super::events::{Event, RendererId};
+use super::navigation::{self, Navigation};
+use super::opening::{CameraRole, Opening};
+use super::paint::{Mode, Shown};
+use super::picking::Picker;
+use super::profile::zone;
+use super::renderer::{self, PlanInputs, Renderer, Wake};
+use super::viewport::{View, Viewport};
+use crate::draw::camera_path::{self, CameraPath, Playback};
+use crate::draw::pick::Picked;
+use indexmap::IndexMap;
+use splatgraph_api::{BackendError, Device, Running};
+use splatgraph_assets::{Camera, Scene, SceneFormat};
+use splatgraph_framework::reload::WatchError;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+mod camera;
+mod comparison;
+mod copy;
+mod scenes;
+
+pub use super::opening::cameras_of;
+use comparison::Comparing;
+pub use comparison::Comparison;
+use copy::CopyLimit;
+use scenes::Subject;
+
+/// An error of opening the viewer.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewerError {
+    /// The device failed.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+    /// Files cannot be watched.
+    #[error(transparent)]
+    Watch(#[from] WatchError),
+    /// The device is lost, and not opened again yet.
+    #[error("the device is lost")]
+    NoDevice,
+}
+
+/// A scene, a camera and one or two viewports; see the module's documentation.
+pub struct Viewer<D: Device> {
+    /// A's scene. The camera and the selectable cameras are in its coordinates.
+    subject: Subject,
+    /// B's scene, if it is not A's.
+    other: Option<Subject>,
+    /// Selectable cameras, in the scene's coordinates.
+    pub cameras: Vec<Camera>,
+    /// Index of the camera that was selected last.
+    pub camera: Option<usize>,
+    /// Position of the camera.
+    pub navigation: Navigation,
+    /// The views that were saved.
+    pub views: Views,
+    /// The path of the camera, in the world's coordinates.
+    pub path: CameraPath,
+    /// The player of the path.
+    pub play: Playback,
+    /// The camera that the player showed last.
+    played: Option<Camera>,
+    camera_files: CameraFiles,
+    /// The viewport of the picture, or of its left part.
+    pub a: Viewport<D>,
+    /// The viewport for comparison. It keeps its parameters while it is hidden.
+    pub b: Option<Viewport<D>>,
+    /// The comparison.
+    pub compare: Mode,
+    /// Position of the split line, as a share of the width.
+    pub split: f32,
+    /// Amplification of the difference.
+    pub gain: f32,
+    /// Background colour, display-encoded.
+    pub background: [f32; 3],
+    /// Pixels of the picture per pixel of the window, across and down.
+    pub scale: f32,
+    /// True to draw every frame, also while nothing changes.
+    pub continuous: bool,
+    /// Folder in which files get a name by themselves.
+    pub folder: PathBuf,
+    /// The splats of the pixel that was picked last; see [`Viewer::pick`].
+    pub picked: Option<Picked>,
+    /// The viewport in which it was picked.
+    picked_in: RendererId,
+    picker: Picker,
+    /// True if the window's device is another one, so that pictures go there through the memory of the host.
+    pub(super) to_host: bool,
+    /// True to draw no pictures for now.
+    pub(super) rests: bool,
+    /// Size of the picture that the last frame asked for, in pixels.
+    asked: (u32, u32),
+    opening: Opening,
+    /// Number of the request of the cameras, if they were opened by themselves.
+    cameras_number: u64,
+    comparing: Comparing,
+    copy: CopyLimit<D>,
+    events: Vec<Event>,
+    wake: Wake,
+}
+
+impl<D: Device> Viewer<D> {
+    /// Creates a viewer of `scene`, loaded from `path`, with `graph` and the parameters in `set`.
+    pub fn new(
+        device: D,
+        (scene, path): (Scene, PathBuf),
+        graph: &str,
+        set: &[(String, String)],
+        wake: Wake,
+    ) -> Result<Viewer<D>, ViewerError> {
+        let navigation = scenes::at_start(&scene);
+        let path_of_camera = CameraPath::new(camera_path::length_of_radian(&scene));
+        let renderer = Renderer::new(device, graph, set, wake.clone())?;
+        Ok(Viewer {
+            subject: Subject::new(scene, path),
+            other: None,
+            cameras: Vec::new(),
+            camera: None,
+            navigation,
+            views: Views::default(),
+            path: path_of_camera,
+            play: Playback::default(),
+            played: None,
+            camera_files: CameraFiles::default(),
+            a: Viewport::new(renderer),
+            b: None,
+            compare: Mode::A,
+            split: 0.5,
+            gain: 8.0,
+            background: [0.0; 3],
+            scale: 1.0,
+            continuous: false,
+            folder: PathBuf::new(),
+            picked: None,
+            picked_in: RendererId::A,
+            picker: Picker::new(wake.clone()),
+            to_host: false,
+            rests: false,
+            asked: (0, 0),
+            opening: Opening::new(wake.clone()),
+            cameras_number: 0,
+            comparing: Comparing::default(),
+            copy: CopyLimit::Unknown,
+            events: Vec::new(),
+            wake,
+        })
+    }
+
+    /// Returns a viewport; `None` for the window, and for B before the first comparison.
+    pub fn viewport(&mut self, id: RendererId) -> Option<&mut Viewport<D>> {
+        match id {
+            RendererId::A => Some(&mut self.a),
+            RendererId::B => self.b.as_mut(),
+            RendererId::Window => None,
+        }
+    }
+
+    /// Returns true while anything is being built, loaded, compared or picked, may have to be built with more room, or is not shown
+    /// yet.
+    pub fn busy(&self) -> bool {
+        self.changes_soon() || self.is_comparing() || self.picker.busy()
+    }
+
+    /// Returns true while the pictures are not those that were asked for.
+    fn changes_soon(&self) -> bool {
+        let busy = |viewport: &Viewport<D>| {
+            viewport.renderer.busy() || viewport.renderer.may_grow() || viewport.is_coming()
+        };
+        self.shown().any(busy) || self.opening.busy()
+    }
+
+    /// Iterates over A, B, and copies while they are measured.
+    fn all(&self) -> impl Iterator<Item = &Viewport<D>> {
+        [Some(&self.a), self.b.as_ref(), self.copy.viewport()].into_iter().flatten()
+    }
+
+    /// Iterates over those of them that are drawn: B is not while it is hidden.
+    fn shown(&self) -> impl Iterator<Item = &Viewport<D>> {
+        let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
+        [Some(&self.a), b, self.copy.viewport()].into_iter().flatten()
+    }
+
+    /// Returns true if frames are drawn all the time, because that was asked for, or because they differ by themselves.
+    pub(super) fn is_animated(&self) -> bool {
+        self.continuous || self.is_measuring_copy() || self.shown().any(Viewport::is_animated)
+    }
+
+    /// Returns true if a frame is due that the device could not take yet.
+    pub(super) fn waits(&self) -> bool {
+        self.shown().any(Viewport::waits)
+    }
+
+    /// Counts changes of what panels show: see [`Renderer::changes`]; finished frames count, too.
+    pub(super) fn changes(&self) -> u64 {
+        let of = |viewport: &Viewport<D>| viewport.renderer.changes() + viewport.history.frames();
+        self.all().map(of).sum()
+    }
+
+    /// Returns the time of the next frame that is due although nothing wakes the owner and no frame in flight ends.
+    pub(super) fn next(&self) -> Option<Instant> {
+        let of = |viewport: &Viewport<D>| {
+            let retry = viewport.renderer.retry().filter(|_| viewport.waits());
+            [viewport.renderer.next(), retry]
+        };
+        self.shown().flat_map(of).flatten().min()
+    }
+
+    /// Takes the results of finished frames; see [`renderer::collect`].
+    pub(super) fn collect(&mut self, patience: Duration) -> bool {
+        let all = [Some(&mut self.a), self.b.as_mut(), self.copy.viewport_mut()];
+        let mut renderers: Vec<_> =
+            all.into_iter().flatten().map(|viewport| &mut viewport.renderer).collect();
+        let ready = renderer::collect(&mut renderers, patience);
+        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+            viewport.collect(self.to_host);
+        }
+        if let Some(viewport) = self.copy.viewport_mut() {
+            viewport.collect(false);
+        }
+        ready
+    }
+
+    /// Returns the time of the newest submission in flight.
+    pub(super) fn newest(&self) -> Option<Instant> {
+        self.all().filter_map(|viewport| viewport.renderer.newest()).max()
+    }
+
+    /// Shows A alone, or both. B starts as a copy of A.
+    ///
+    /// # Errors
+    /// B cannot be created; A then stays alone.
+    pub fn set_compare(&mut self, compare: Mode) -> Result<(), ViewerError> {
+        if compare != Mode::A && self.b.is_none() {
+            let a = &self.a.renderer;
+            let device = match a.device() {
+                Some(device) => device.new_context()?,
+                None => return Err(ViewerError::NoDevice),
+            };
+            let set: Vec<_> = a.set().iter().map(|(name, value)| (name.clone(), value.clone())).collect();
+            let mut b = Renderer::new(device, a.graph(), &set, self.wake.clone())?;
+            b.patience = a.patience;
+            b.take_room_of(a);
+            self.b = Some(Viewport::new(b));
+        }
+        self.compare = compare;
+        Ok(())
+    }
+
+    /// Does the same, and reports an error as an event.
+    pub fn choose_compare(&mut self, compare: Mode) {
+        if let Err(error) = self.set_compare(compare) {
+            self.events.push(Event::Problem { text: format!("B cannot be shown: {error}") });
+        }
+    }
+
+    /// Opens a scene or a graph in A, or cameras, by extension. Scenes are loaded in the background.
+    pub fn open(&mut self, path: &Path) {
+        self.open_in(RendererId::A, path);
+    }
+
+    /// Opens a scene or a graph in a viewport, or cameras, by extension.
+    pub fn open_in(&mut self, id: RendererId, path: &Path) {
+        let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        match ending.as_str() {
+            "ron" => {
+                if let Some(viewport) = self.viewport(id) {
+                    viewport.renderer.choose(&path.to_string_lossy(), IndexMap::new());
+                }
+            }
+            "json" => self.open_cameras(path),
+            _ if SceneFormat::of_name(path).is_some() => self.open_scene_in(id, path),
+            _ => self.events.push(Event::FileFailed {
+                path: path.to_owned(),
+                error: "expected a scene (.ply, .spz, .splat, .sog), a graph (.ron) or cameras (.json)"
+                    .into(),
+            }),
+        }
+    }
+
+    /// Loads cameras on another thread and selects the first.
+    pub fn open_cameras(&mut self, path: &Path) {
+        self.open_cameras_as(CameraRole::Selectable, path);
+    }
+
+    fn take_cameras(&mut self, role: CameraRole, path: PathBuf, cameras: Result<Vec<Camera>, String>) {
+        let count = cameras.as_ref().map_or(0, Vec::len);
+        match cameras.and_then(|cameras| self.take_world_cameras(role, cameras)) {
+            Ok(()) => self.events.push(Event::Cameras { path, count }),
+            Err(error) => self.events.push(Event::FileFailed { path, error }),
+        }
+    }
+
+    /// Replaces the cameras by ones in the scene's coordinates, and selects the first. Their mean direction up becomes the viewer's.
+    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
+        if let Some(camera) = cameras.first() {
+            let up = navigation::mean_up(&cameras).unwrap_or(navigation::DEFAULT_UP);
+            self.navigation = Navigation::new(&self.scene().robust_bounds(), camera, up);
+        }
+        self.camera = if cameras.is_empty() { None } else { Some(0) };
+        self.cameras = cameras;
+    }
+
+    /// Selects a camera.
+    pub fn look_through(&mut self, index: usize) {
+        if let Some(camera) = self.cameras.get(index) {
+            self.camera = Some(index);
+            self.navigation.set_camera(camera);
+        }
+    }
+
+    /// Looks for the splats at a place of a viewport's picture, in its pixels from the top left corner, on another thread.
+    ///
+    /// They are in [`Viewer::picked`] when a later frame has taken them; the newest request replaces all before it. A place outside
+    /// of the picture picks nothing. The rules are those of [`crate::draw::pick`], whatever graph draws.
+    pub fn pick(&mut self, id: RendererId, at: [f32; 2]) {
+        let (width, height) = self.asked;
+        let inside = (0.0..width as f32).contains(&at[0]) && (0.0..height as f32).contains(&at[1]);
+        if !inside {
+            return self.forget_picked();
+        }
+        let pixel = at.map(|v| v as u32);
+        let (scene, camera) = (self.subject_of(id).scene.clone(), self.picture_camera_of(id));
+        self.picked_in = id;
+        if let Err(error) = self.picker.start(scene, camera, pixel) {
+            self.events.push(Event::Problem { text: error });
+        }
+    }
+
+    /// Returns the viewport in which splats were picked last.
+    pub fn picked_in(&self) -> RendererId {
+        self.picked_in
+    }
+
+    /// Returns true while splats are looked for.
+    pub fn is_picking(&self) -> bool {
+        self.picker.busy()
+    }
+
+    /// Drops the picked splats, and cancels the search for others.
+    pub fn forget_picked(&mut self) {
+        self.picker.cancel();
+        self.picked = None;
+    }
+
+    /// Takes finished results, and draws the pictures that are due. `size` is the view's, in pixels of the window.
+    ///
+    /// Errors are the renderers': see [`Renderer::problem`] and [`Viewer::lost`].
+    pub fn frame(&mut self, size: (u32, u32)) {
+        zone!("pictures");
+        while let Some(opened) = self.opening.take() {
+            self.take(opened);
+        }
+        self.take_comparison();
+        if let Some(picked) = self.picker.take() {
+            self.picked = Some(picked);
+        }
+        let now = Instant::now();
+        let scaled = |length: u32| match length {
+            0 => 0,
+            _ => ((length as f32 * self.scale).round() as u32).max(1),
+        };
+        let size = (scaled(size.0), scaled(size.1));
+        self.asked = size;
+        self.start_comparison();
+        let cameras = [RendererId::A, RendererId::B].map(|id| self.camera_of(id, size));
+        let ready = self.collect(self.a.renderer.patience);
+        let subjects = [&self.subject, self.other.as_ref().unwrap_or(&self.subject)];
+        let shown_b = self.b.as_mut().filter(|_| self.compare != Mode::A);
+        let viewports = [Some((RendererId::A, &mut self.a)), shown_b.map(|b| (RendererId::B, b))];
+        for ((id, viewport), (subject, camera)) in
+            viewports.into_iter().flatten().zip(subjects.into_iter().zip(&cameras))
+        {
+            let inputs = PlanInputs {
+                scene: Some(subject.scene.clone()),
+                catalog: subject.catalog.clone(),
+                size,
+                share_memory: viewport.inspection.is_none(),
+            };
+            viewport.renderer.paused = self.rests || !ready;
+            viewport.renderer.poll(&inputs, now);
+            viewport.draw(&View {
+                scene: &subject.scene,
+                camera,
+                background: self.background,
+                continuous: self.continuous,
+                to_host: self.to_host,
+            });
+            let events = viewport.renderer.take_events();
+            self.events.extend(events.into_iter().map(|event| Event::of(id, event)));
+        }
+        self.compare_pictures();
+        self.step_copy(now);
+    }
+
+    /// Returns the error that ended the device, if any did.
+    pub fn lost(&self) -> Option<&BackendError> {
+        self.a.renderer.lost().or_else(|| self.b.as_ref()?.renderer.lost())
+    }
+
+    /// Drops the device and all that is on it. The scene stays in the memory of the host.
+    pub fn release(&mut self) {
+        // Another device copies at another rate.
+        self.copy = CopyLimit::Unknown;
+        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+            viewport.release();
+        }
+    }
+
+    /// Builds nothing before a change; see [`Renderer::hold`].
+    pub fn hold(&mut self, loss: &str) {
+        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+            viewport.renderer.hold(loss);
+        }
+    }
+
+    /// Returns true if nothing of the dropped device is in use by a build.
+    pub fn is_released(&mut self) -> bool {
+        let b = self.b.as_mut().is_none_or(|b| b.renderer.is_released());
+        self.a.renderer.is_released() && b
+    }
+
+    /// Continues on another device.
+    ///
+    /// # Errors
+    /// Of B: it is not shown then.
+    pub fn give(&mut self, device: D) -> Result<(), BackendError> {
+        let b = self.b.as_ref().map(|_| device.new_context()).transpose();
+        self.a.renderer.give(device);
+        match (&mut self.b, b) {
+            (Some(viewport), Ok(Some(device))) => viewport.renderer.give(device),
+            (_, Ok(_)) => {}
+            (_, Err(error)) => {
+                (self.b, self.compare) = (None, Mode::A);
+                return Err(error);
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns true if the view of the last frame had no pixels.
+    pub fn is_empty(&self) -> bool {
+        self.asked.0 == 0 || self.asked.1 == 0
+    }
+
+    /// Returns the pictures for the window, each with a number that tells it from all others.
+    pub fn pictures(&self) -> [Option<(Shown, u64)>; 2] {
+        let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
+        [self.a.picture(), b.and_then(Viewport::picture)]
+    }
+
+    /// Reports an event of the user interface.
+    pub fn report(&mut self, event: Event) {
+        self.events.push(event);
+    }
+
+    /// Takes the events since the last call.
+    pub fn take_events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Returns A's device, after everything else is closed; `None` if it is lost.
+    pub fn into_device(self) -> Option<D> {
+        let Viewer { a, b, copy, .. } = self;
+        drop((b, copy));
+        a.renderer.into_device()
+    }
+
+    /// Waits for the frames in flight.
+    ///
+    /// # Errors
+    /// As [`Renderer::finish`].
+    pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
+        if !self.collect(within) {
+            let place = self.stalled().map_or_else(String::new, |running| running.place.clone());
+            return Err(BackendError::Stuck { place, seconds: within.as_secs() });
+        }
+        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+            viewport.renderer.finish(within)?;
+            viewport.collect(self.to_host);
+        }
+        Ok(())
+    }
+
+    /// Returns true if no build is running.
+    pub(super) fn is_idle(&self) -> bool {
+        self.a.renderer.is_idle() && self.b.as_ref().is_none_or(|b| b.renderer.is_idle())
+    }
+
+    /// Returns what the device was working on when a frame was not done at the last look.
+    pub fn stalled(&self) -> Option<&Running> {
+        self.a.renderer.stalled().or_else(|| self.b.as_ref()?.renderer.stalled())
+    }
+}

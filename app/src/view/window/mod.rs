@@ -1,0 +1,594 @@
+//! Opens the window: winit's events go into a [`Shell`], and its frames onto the display.
+//!
+//! The window sleeps until an event or the time of the next frame ([`Frame::next`]). While frames are in flight, it looks now and then
+//! whether they are done. While it is minimised or covered, it does not draw.
+//!
+//! [`Frame::next`]: super::shell::Frame::next
+//!
+//! While nothing can be drawn in the window, its title says why: the device was lost, is busy with one pass, or cannot draw the
+//! window itself. Closing never waits for longer than `CLOSING`.
+
+mod dialog;
+mod display;
+mod editor;
+mod event_log;
+
+use super::events::Event;
+use super::kept;
+use super::opening::CameraRole;
+use super::panels::Command;
+use super::recovery::Recovery;
+use super::shell::{FrameRequest, Shell};
+use super::viewer::Viewer;
+use crate::draw::backend::{Api, Backend, Options};
+use crate::draw::session::image_of;
+use crate::io::output::{Log, one_line, say};
+use anyhow::{Context as _, Result, anyhow, bail};
+pub use display::is_left_open;
+use display::own;
+use egui::RawInput;
+use event_log::EventLog;
+use splatgraph_api::{BackendError, Pixels, Windowed};
+use splatgraph_assets::{Camera, Scene};
+use std::mem::ManuallyDrop;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use winit::application::ApplicationHandler;
+use winit::dpi::PhysicalSize;
+use winit::event::WindowEvent;
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
+use winit::window::{Fullscreen, Window, WindowId};
+
+/// Interval of checks for a hidden window to reappear.
+const IDLE: Duration = Duration::from_millis(100);
+
+/// Interval of attempts to draw while the device is opened again.
+const REOPENING: Duration = Duration::from_millis(50);
+
+/// Least and greatest interval of looks at a frame in flight.
+const LOOKS: (Duration, Duration) = (Duration::from_millis(1), Duration::from_millis(50));
+
+/// Share of a frame's age that the interval of looks may have, and add to it.
+const LOOK: u32 = 16;
+
+/// The longest wait, when the window closes, for the device and for a build. What still runs then ends with the process.
+const CLOSING: Duration = Duration::from_secs(3);
+
+/// The time after which the program ends if the window's own graph never had enough memory.
+const BLIND: Duration = Duration::from_secs(3);
+
+/// The time of one pass after which the window's title names it.
+const SLOW: Duration = Duration::from_secs(1);
+
+/// Frames after which a view without pixels stays so.
+const MANY: u64 = 30;
+
+/// A function that sets the initial state of the shell in a window of this size.
+pub type Setup = Box<dyn FnOnce(&mut Shell<Backend>, (u32, u32)) -> Result<()>>;
+
+/// The options of the window.
+pub struct WindowOptions {
+    /// The scene and its file.
+    pub scene: (Scene, PathBuf),
+    /// Name or path of the graph.
+    pub pipeline: String,
+    /// Parameters to change.
+    pub set: Vec<(String, String)>,
+    /// Selectable cameras, in the scene's coordinates.
+    pub cameras: Vec<Camera>,
+    /// Size of the window's content, in pixels. The window is smaller if the display is.
+    pub size: (u32, u32),
+    /// True for this size on any display.
+    pub exact_size: bool,
+    /// The API of the device.
+    pub backend: Api,
+    /// The device, and its validation.
+    pub device: Options,
+    /// True to wait for the display's refresh.
+    pub vsync: bool,
+    /// True to draw all the time, also while nothing changes. A number of frames and a screenshot imply it.
+    pub continuous: bool,
+    /// File that keeps the arrangement from one start to the next; `None` to start anew.
+    pub kept: Option<PathBuf>,
+    /// Sets the initial state of the shell.
+    pub setup: Setup,
+    /// Destination of events, one JSON object per line.
+    pub events: Option<Log>,
+    /// File for the window's picture, saved once everything is built; the window then closes.
+    pub screenshot: Option<PathBuf>,
+    /// Least number of frames before that; without a screenshot, the number of frames after which the window closes.
+    pub frames: Option<u64>,
+}
+
+/// Opens the window and runs until it is closed. Returns the validation messages.
+///
+/// # Errors
+/// There is no display, no device that can present on it, or the device fails.
+pub fn run(options: WindowOptions) -> Result<Vec<String>> {
+    super::profile::start();
+    let events = display::event_loop()?;
+    let mut app =
+        App { proxy: events.create_proxy(), options: Some(options), running: None, outcome: Ok(Vec::new()) };
+    match display::guarded(|| events.run_app(&mut app)) {
+        Ok(ended) => {
+            ended?;
+            app.outcome
+        }
+        Err(panic) => {
+            // The display is gone, or the panic left things half done: nothing can be closed in order.
+            let _ = ManuallyDrop::new(app.running.take());
+            Err(panic.into())
+        }
+    }
+}
+
+struct App {
+    proxy: EventLoopProxy<()>,
+    options: Option<WindowOptions>,
+    running: Option<Running>,
+    outcome: Result<Vec<String>>,
+}
+
+struct Running {
+    shell: Shell<Backend>,
+    recovery: Recovery<Backend>,
+    input: egui_winit::State,
+    window: display::Handle,
+    covered: bool,
+    /// True for a minimised window, and the time of that check; not every window system reports changes.
+    minimised: (bool, Instant),
+    /// An event asks for a frame.
+    asked: bool,
+    /// The window system has lost the window's content.
+    redraw: bool,
+    /// Time of the next frame, and of the next look at frames in flight.
+    next: Option<Instant>,
+    look: Option<Instant>,
+    frames: u64,
+    closing: Closing,
+    log: Option<EventLog>,
+    /// The window's title.
+    title: String,
+    /// Start of a time in which the window's own graph could not be built.
+    blind: Option<Instant>,
+    /// The pass that the last event of a slow one named.
+    slow: Option<String>,
+    /// File that keeps the arrangement.
+    kept: Option<PathBuf>,
+    /// The dialog that asks for a file.
+    open: dialog::Dialog,
+    /// File for the next frame's picture.
+    save: Option<PathBuf>,
+    /// File for the next picture of A.
+    save_a: Option<PathBuf>,
+}
+
+/// The conditions for closing the window.
+struct Closing {
+    screenshot: Option<PathBuf>,
+    frames: Option<u64>,
+}
+
+impl App {
+    fn open(&mut self, target: &ActiveEventLoop, options: WindowOptions) -> Result<()> {
+        let size = match options.exact_size {
+            true => options.size,
+            false => display::at_most(target, options.size),
+        };
+        let title = title(&options.scene.1);
+        let attributes = Window::default_attributes()
+            .with_title(&title)
+            .with_inner_size(PhysicalSize::new(size.0, size.1));
+        let window = display::Handle::open(target, attributes)?;
+        let size = window.size();
+        let mut recovery = Recovery::new(Box::new({
+            let (api, device, window) = (options.backend, options.device, window.surface());
+            move |size, vsync| {
+                let mut canvas = Backend::open_in_window(api, &device, window.clone(), size)?;
+                canvas.set_vsync(vsync);
+                let scene = canvas.open_beside(&device)?;
+                Ok((canvas, scene))
+            }
+        }));
+        let (canvas, device) = recovery.open(size, options.vsync)?;
+        display::set_open(true);
+        let proxy = self.proxy.clone();
+        // An event loop that has ended need not wake up.
+        let wake: super::renderer::Wake = Arc::new(move || {
+            let _ = proxy.send_event(());
+        });
+        let mut viewer = Viewer::new(device, options.scene, &options.pipeline, &options.set, wake.clone())?;
+        viewer.set_cameras(options.cameras);
+        viewer.continuous = options.continuous || options.frames.is_some() || options.screenshot.is_some();
+        let mut shell = Shell::new(viewer, canvas, wake.clone())?;
+        shell.panels.vsync = options.vsync;
+        if let Some(path) = &options.kept {
+            match kept::restore(path, &mut shell.panels) {
+                Ok(None) => {}
+                Ok(Some(theme)) => shell.context().set_theme(theme),
+                Err(text) => shell.report(Event::Problem { text }),
+            }
+        }
+        (options.setup)(&mut shell, size)?;
+        let input = window.with(|window| {
+            let (context, scale) = (shell.context().clone(), window.scale_factor() as f32);
+            let id = egui::ViewportId::ROOT;
+            egui_winit::State::new(context, id, window, Some(scale), window.theme(), None)
+        });
+        self.running = Some(Running {
+            shell,
+            recovery,
+            input,
+            window,
+            covered: false,
+            minimised: (false, Instant::now()),
+            asked: true,
+            redraw: true,
+            next: None,
+            look: None,
+            frames: 0,
+            closing: Closing { screenshot: options.screenshot, frames: options.frames },
+            log: options.events.map(EventLog::new),
+            title,
+            blind: None,
+            slow: None,
+            open: dialog::Dialog::new(wake),
+            kept: options.kept,
+            save: None,
+            save_a: None,
+        });
+        Ok(())
+    }
+
+    /// Ends the program, with an error or without.
+    fn end(&mut self, target: &ActiveEventLoop, result: Result<()>) {
+        let messages = self.running.take().map(|running| running.close()).unwrap_or_default();
+        self.outcome = result.map(|()| messages);
+        target.exit();
+    }
+}
+
+impl ApplicationHandler<()> for App {
+    fn resumed(&mut self, target: &ActiveEventLoop) {
+        own(|| self.start(target));
+    }
+
+    fn user_event(&mut self, _: &ActiveEventLoop, (): ()) {
+        own(|| {
+            if let Some(running) = &mut self.running {
+                running.asked = true;
+            }
+        });
+    }
+
+    fn window_event(&mut self, target: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        own(|| self.take(target, event));
+    }
+
+    fn about_to_wait(&mut self, target: &ActiveEventLoop) {
+        own(|| self.turn(target));
+    }
+
+    fn exiting(&mut self, _: &ActiveEventLoop) {
+        own(|| self.close());
+    }
+}
+
+impl App {
+    fn start(&mut self, target: &ActiveEventLoop) {
+        if let Some(options) = self.options.take()
+            && let Err(error) = self.open(target, options)
+        {
+            self.end(target, Err(error));
+        }
+    }
+
+    fn take(&mut self, target: &ActiveEventLoop, event: WindowEvent) {
+        let Some(running) = &mut self.running else { return };
+        // The panels read the events from egui.
+        running.asked |= running.window.with(|window| running.input.on_window_event(window, &event).repaint);
+        match event {
+            WindowEvent::CloseRequested => self.end(target, Ok(())),
+            WindowEvent::Resized(size) => {
+                if let Some(canvas) = running.shell.canvas_mut() {
+                    canvas.resize_window(size.width, size.height);
+                }
+                (running.asked, running.redraw) = (true, true);
+            }
+            WindowEvent::Occluded(covered) => {
+                running.covered = covered;
+                running.asked = true;
+            }
+            WindowEvent::RedrawRequested => {
+                (running.asked, running.redraw) = (true, true);
+                // Some systems wait for this one while the user resizes the window.
+                self.turn(target);
+            }
+            _ => {}
+        }
+    }
+
+    /// Draws the frame that is due, and sleeps until the next.
+    fn turn(&mut self, target: &ActiveEventLoop) {
+        let Some(running) = &mut self.running else { return };
+        match running.turn() {
+            Ok(true) => self.end(target, Ok(())),
+            Ok(false) => target.set_control_flow(match running.wakes() {
+                Some(time) => ControlFlow::WaitUntil(time),
+                None => ControlFlow::Wait,
+            }),
+            Err(error) => self.end(target, Err(error)),
+        }
+    }
+
+    fn close(&mut self) {
+        if let Some(running) = self.running.take() {
+            let messages = running.close();
+            if let Ok(outcome) = &mut self.outcome {
+                outcome.extend(messages);
+            }
+        }
+    }
+}
+
+impl Running {
+    fn shows_nothing(&mut self) -> bool {
+        if self.minimised.1.elapsed() >= IDLE {
+            self.minimised = (self.window.with(Window::is_minimized) == Some(true), Instant::now());
+        }
+        let (width, height) = self.window.size();
+        // A picture of the window needs no display.
+        let hidden = (self.covered || self.minimised.0) && self.closing.screenshot.is_none();
+        hidden || width == 0 || height == 0
+    }
+
+    /// Draws a frame if one is due, and looks at frames in flight; returns true if the window must close.
+    fn turn(&mut self) -> Result<bool> {
+        let now = Instant::now();
+        let is_due = |time: Option<Instant>| time.is_some_and(|time| time <= now);
+        let looks = is_due(self.look);
+        if !(self.asked || is_due(self.next) || looks) {
+            return Ok(false);
+        }
+        if self.shows_nothing() {
+            (self.next, self.look) = (Some(now + IDLE), None);
+            return Ok(false);
+        }
+        let collected = looks && self.shell.collect();
+        let closes = match self.asked || is_due(self.next) || collected {
+            true => self.draw()?,
+            false => self.show_state().map(|()| false)?,
+        };
+        let pause = |since: Instant| (since.elapsed() / LOOK).clamp(LOOKS.0, LOOKS.1);
+        self.look = self.shell.in_flight().map(|since| Instant::now() + pause(since));
+        Ok(closes)
+    }
+
+    /// Returns the time at which something is to be done; `None` if only an event gives something to do.
+    fn wakes(&self) -> Option<Instant> {
+        let asked = self.asked.then(Instant::now);
+        [asked, self.next, self.look].into_iter().flatten().min()
+    }
+
+    /// Draws a frame; returns true if the window must close.
+    fn draw(&mut self) -> Result<bool> {
+        self.asked = false;
+        if let Some((path, cameras)) = self.open.take() {
+            match cameras {
+                None => self.shell.viewer.open_in(self.shell.panels.selected, &path),
+                Some(role) => self.shell.viewer.open_cameras_as(role, &path),
+            }
+        }
+        let input: RawInput = self.window.with(|window| self.input.take_egui_input(window));
+        let close = self.must_close()?;
+        if close && let Some(path) = &self.closing.screenshot {
+            self.save = Some(path.clone());
+        }
+        let request = FrameRequest {
+            size: self.window.size(),
+            pixels_per_point: self
+                .window
+                .with(|window| egui_winit::pixels_per_point(self.shell.context(), window)),
+            present: true,
+            read: self.save.is_some(),
+            redraw: self.redraw,
+        };
+        let frame = self.recovery.frame(&mut self.shell, input, request)?;
+        self.show_state()?;
+        let Some(frame) = frame else {
+            self.next = Some(Instant::now() + REOPENING);
+            self.write_events(&request, false);
+            return Ok(false);
+        };
+        self.window.with(|window| self.input.handle_platform_output(window, frame.platform));
+        if let Some(pixels) = frame.picture
+            && let Some(path) = self.save.take()
+        {
+            let saved = self.save_picture(&pixels, &path);
+            if close && saved.is_err() {
+                return saved.with_context(|| format!("{} cannot be written", path.display())).map(|()| true);
+            }
+        }
+        if let Some(path) = self.save_a.clone()
+            && let Some(picture) = self.shell.viewer.a.take_picture()
+        {
+            self.save_a = None;
+            match picture {
+                // The window shows the error.
+                Ok(pixels) => _ = self.save_picture(&pixels, &path),
+                Err(error) => self.shell.report(Event::FileFailed { path, error }),
+            }
+        }
+        for command in frame.commands {
+            self.apply(command);
+            self.asked = true;
+        }
+        self.next = frame.next;
+        self.redraw &= !frame.drawn;
+        self.frames += u64::from(frame.drawn);
+        self.write_events(&request, frame.drawn);
+        Ok(close && self.save.is_none())
+    }
+
+    /// Returns true if this frame is the last: everything is built, so that it shows the requested state.
+    ///
+    /// # Errors
+    /// The requested state cannot be shown.
+    fn must_close(&self) -> Result<bool> {
+        if self.closing.screenshot.is_none() && self.closing.frames.is_none() {
+            return Ok(false);
+        }
+        let viewer = &self.shell.viewer;
+        if viewer.is_empty() && self.frames >= MANY {
+            bail!(
+                "what was asked for cannot be shown\nerror: the window has no room for a picture beside its panels"
+            );
+        }
+        let reads = viewer.a.inspection.as_ref().is_some_and(|inspection| inspection.found.is_none());
+        let problem = self.shell.problem();
+        let settled = !viewer.busy() && (!reads || problem.is_some());
+        if self.frames < self.closing.frames.unwrap_or(3) || !settled {
+            return Ok(false);
+        }
+        match problem {
+            None => Ok(true),
+            Some(problem) => bail!("what was asked for cannot be shown\n{problem}"),
+        }
+    }
+
+    /// Names in the title what prevents that the window shows something new.
+    ///
+    /// # Errors
+    /// The window's own graph cannot be drawn, and never was.
+    fn show_state(&mut self) -> Result<()> {
+        if let Some(failure) = self.shell.is_blind() {
+            let since = *self.blind.get_or_insert_with(Instant::now);
+            if self.frames == 0 && (!failure.may_pass() || since.elapsed() > BLIND) {
+                bail!("the window's own graph cannot be drawn\n{}", failure.text(false));
+            }
+        } else {
+            self.blind = None;
+        }
+        let slow = self.shell.stalled().filter(|running| running.time >= SLOW).cloned();
+        let state = match (&slow, self.recovery.loss()) {
+            (_, Some(loss)) => Some(format!("{loss}; opening the device again")),
+            (Some(slow), _) => Some(format!("{} has been running for {} s", slow.place, slow.time.as_secs())),
+            (None, None) => self.shell.window().problem(false),
+        };
+        let slow = slow.map(|slow| slow.place);
+        if slow != self.slow {
+            if let Some(place) = slow.clone() {
+                self.shell.report(Event::Slow { place });
+            }
+            self.slow = slow;
+        }
+        let name = title(self.shell.viewer.scene_path());
+        let title = match state {
+            Some(state) => format!("{} - {name}", one_line(state.lines().next().unwrap_or_default())),
+            None => name,
+        };
+        if title != self.title {
+            self.window.with(|window| window.set_title(&title));
+            self.title = title;
+        }
+        Ok(())
+    }
+
+    /// Writes the events of a frame.
+    fn write_events(&mut self, request: &FrameRequest, drawn: bool) {
+        let events = self.shell.take_events();
+        let Some(log) = &mut self.log else { return };
+        let frame = Event::Frame { number: self.frames, busy: self.shell.viewer.busy() };
+        log.write(events, &self.shell.panels.controls, request, drawn.then_some(frame));
+    }
+
+    fn apply(&mut self, command: Command) {
+        match command {
+            Command::Screenshot => self.save = Some(fresh_name("splatgraph-window", "png")),
+            Command::SavePicture => {
+                self.shell.viewer.a.want_picture();
+                self.save_a = Some(fresh_name("splatgraph", "png"));
+            }
+            Command::Vsync(vsync) => {
+                if let Some(canvas) = self.shell.canvas_mut() {
+                    canvas.set_vsync(vsync);
+                }
+            }
+            Command::Fullscreen => {
+                self.window.with(|window| {
+                    let full = window.fullscreen().is_none();
+                    window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
+                });
+            }
+            Command::Open => self.ask(None),
+            Command::OpenCameras(role) => self.ask(Some(role)),
+            Command::Edit(origin) => {
+                if let Err(error) = editor::open(&origin) {
+                    self.shell.report(Event::Problem { text: error });
+                }
+            }
+            Command::Capture => {
+                let document = || fresh_name("splatgraph", "gputrace");
+                if let Err(error) = super::profile::capture_next_frame(document) {
+                    self.shell.report(Event::FileFailed { path: "Capture".into(), error });
+                }
+            }
+        }
+    }
+
+    /// Asks for a file, beside the scene.
+    fn ask(&mut self, cameras: Option<CameraRole>) {
+        let near = self.shell.viewer.scene_path();
+        self.window.with(|window| self.open.ask(window, near, cameras));
+    }
+
+    /// Saves a picture and reports the result.
+    fn save_picture(&mut self, pixels: &Pixels, path: &Path) -> Result<()> {
+        let saved = match image_of(pixels) {
+            Some(image) => image.save(path).map_err(Into::into),
+            None => Err(anyhow!("the graph's output has no colours")),
+        };
+        let path = path.to_owned();
+        self.shell.report(match &saved {
+            Ok(()) => Event::Screenshot { path },
+            Err(error) => Event::FileFailed { path, error: format!("{error:#}") },
+        });
+        saved
+    }
+
+    /// Closes the device, and returns the validation messages. What does not end in time is left to the end of the process.
+    fn close(mut self) -> Vec<String> {
+        if let Some(path) = &self.kept
+            && let Err(error) = kept::keep(path, &self.shell.panels, self.shell.context().theme())
+        {
+            say(format!("the arrangement of the window is not kept: {error}"));
+        }
+        let end = Instant::now() + CLOSING;
+        let finished = self.shell.finish(CLOSING);
+        let still = match finished {
+            Err(BackendError::Stuck { place, .. }) if !place.is_empty() => Some(place),
+            Err(BackendError::Stuck { .. }) => Some("a frame".to_owned()),
+            // A device that failed has nothing left to wait for.
+            Ok(()) | Err(_) => (!self.shell.is_idle(end)).then(|| "a build".to_owned()),
+        };
+        if let Some(still) = still {
+            let _ = ManuallyDrop::new(self);
+            say(format!("closed while {still} was still running"));
+            return Vec::new();
+        }
+        let messages = self.shell.into_devices().into_iter().flat_map(Backend::close).collect();
+        display::set_open(false);
+        messages
+    }
+}
+
+fn title(scene: &Path) -> String {
+    format!("{} - splatgraph", one_line(&scene.file_name().unwrap_or_default().to_string_lossy()))
+}
+
+/// Finds the first of `NAME-1.png`, `NAME-2.png`, ... that does not exist.
+fn fresh_name(stem: &str, extension: &str) -> PathBuf {
+    let name = |number: u32| PathBuf::from(format!("{stem}-{number}.{extension}"));
+    (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
+}
