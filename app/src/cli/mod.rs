@@ -16,6 +16,7 @@ mod experiment;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
 mod info;
+mod look_at;
 mod lsp;
 mod new;
 mod options;

@@ -1,5 +1,6 @@
 //! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
+use super::look_at::LookAtArgs;
 use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::{Api, Backend};
@@ -12,7 +13,7 @@ use crate::io::output::{OutputGuard, is_standard_output, one_line};
 use crate::io::progress::Progress;
 use anyhow::{Result, bail};
 use splatgraph_api::Device;
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, Scene};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -33,6 +34,8 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph render -o demo.png                                          # the demo scene
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --format npy
   splatgraph render scene.ply --cameras cameras.json#2 --size 1920x1080 -o out.exr
+  splatgraph render scene.ply --cameras garden/ -o pictures/             # the views of a COLMAP dataset
+  splatgraph render scene.ply --eye 0,-1,-4 --orbit 60 -o turn/
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.png
   splatgraph render scene.ply --repeat 100 --json -                      # times, as medians
   splatgraph render scene.ply --inspect keys@scatter=keys.npy -o out.png
@@ -51,6 +54,8 @@ pub struct Args {
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
+    #[command(flatten, next_help_heading = "A camera without a file")]
+    look: LookAtArgs,
     /// Choose the renderer: `vulkan`, on Apple's systems `metal`, or `reference`, the exact one on the CPU
     ///
     /// The first two execute the graph on a device. `null` executes nothing, for a look at what everything else costs: its pictures are
@@ -163,7 +168,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             );
         }
     }
-    let names = options::camera_names(args.scene.as_deref(), given.as_deref());
+    let own = || options::camera_names(args.scene.as_deref(), given.as_deref());
+    let names = args.look.names().unwrap_or_else(own);
     if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
         let message = format!(
             "expected one camera for the picture {}, found {}: name a folder, or one camera with --cameras FILE#INDEX",
@@ -226,8 +232,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(path) = &args.scene {
         fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
     }
-    let (scene, cameras) =
-        options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+    let (scene, cameras) = scene_and_cameras(args, given, &stems)?;
 
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     if !args.inspect.is_empty() {
@@ -277,11 +282,22 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::validated(args.device.validate, &session.into_device().close()))
 }
 
+/// Loads the scene and its cameras, in the requested size.
+fn scene_and_cameras(
+    args: &Args,
+    given: Option<Vec<Camera>>,
+    stems: &[String],
+) -> Result<(Scene, Vec<Camera>)> {
+    let (scene, cameras) =
+        options::scene_and_cameras(args.scene.as_deref(), given, stems, args.drawing.size)?;
+    let looking = args.look.cameras(&scene, args.drawing.size)?;
+    Ok((scene, looking.unwrap_or(cameras)))
+}
+
 /// Draws with the exact renderer.
 fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Result<Outcome> {
     let rules = truth::rules(&args.rule).map_err(|error| Usage(error.to_string()))?;
-    let (scene, cameras) =
-        options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+    let (scene, cameras) = scene_and_cameras(args, given, &stems)?;
     let stdout = args.stdout();
     let mut all = Vec::with_capacity(cameras.len());
     for (camera, stem) in cameras.iter().zip(&stems) {
