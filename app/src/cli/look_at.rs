@@ -66,21 +66,38 @@ impl LookAtArgs {
             return Err(Usage(format!("expected two places for --eye and --target, found one: {eye}")));
         }
         let up = DVec3::from(self.up.unwrap_or([0.0, -1.0, 0.0]));
-        let Some(axis) = up.try_normalize() else {
+        if up.try_normalize().is_none() {
             return Err(Usage("expected a direction for --up, found 0,0,0".into()));
-        };
-        let turn = std::f64::consts::TAU / names.len() as f64;
-        let camera = |(index, name): (usize, String)| {
-            let eye = target + DQuat::from_axis_angle(axis, turn * index as f64) * (eye - target);
-            let fov = self.fov.unwrap_or(60.0);
-            let camera = Camera::looking_at_upright(eye.into(), target.into(), up.into(), fov, size);
-            match camera.fault() {
-                Some(fault) => Err(Usage(format!("--eye, --target and --fov make no camera: {fault}"))),
-                None => Ok(Camera { img_name: name, id: index as i64, ..camera }),
+        }
+        let fov = self.fov.unwrap_or(60.0);
+        let mut cameras = circle(eye.into(), target.into(), up.into(), fov, size, names.len());
+        for (camera, name) in cameras.iter_mut().zip(names) {
+            if let Some(fault) = camera.fault() {
+                return Err(Usage(format!("--eye, --target and --fov make no camera: {fault}")));
             }
-        };
-        names.into_iter().enumerate().map(camera).collect::<Result<_, _>>().map(Some)
+            camera.img_name = name;
+        }
+        Ok(Some(cameras))
     }
+}
+
+/// Makes cameras on a circle about `up` through the target, the first at the eye. `fov` is horizontal, in degrees.
+pub fn circle(
+    eye: [f64; 3],
+    target: [f64; 3],
+    up: [f64; 3],
+    fov: f64,
+    size: (u32, u32),
+    count: usize,
+) -> Vec<Camera> {
+    let (eye, around) = (DVec3::from(eye), DVec3::from(target));
+    let axis = DVec3::from(up).normalize_or(DVec3::NEG_Y);
+    let camera = |index: usize| {
+        let turn = DQuat::from_axis_angle(axis, std::f64::consts::TAU * index as f64 / count as f64);
+        let eye = around + turn * (eye - around);
+        Camera { id: index as i64, ..Camera::looking_at_upright(eye.into(), target, up, fov, size) }
+    };
+    (0..count).map(camera).collect()
 }
 
 #[cfg(test)]

@@ -106,7 +106,7 @@ pub struct Args {
 
 /// Names the renderer of `--backend`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Renderer {
+pub(super) enum Renderer {
     Device(Api),
     Reference,
 }
@@ -124,7 +124,7 @@ impl fmt::Display for Renderer {
 }
 
 /// Parses the value of `--backend`.
-fn renderer(text: &str) -> Result<Renderer, String> {
+pub(super) fn renderer(text: &str) -> Result<Renderer, String> {
     match text {
         REFERENCE => Ok(Renderer::Reference),
         _ => Api::find(text).map(Renderer::Device).ok_or_else(|| Api::refusal(text, &[REFERENCE])),
@@ -324,27 +324,46 @@ fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Res
 
 /// Refuses options that have no meaning for the chosen renderer.
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
-    let device = &args.device;
-    let given = match args.backend {
-        Renderer::Device(_) => vec![("--rule", !args.rule.is_empty()), ("--map", !args.map.is_empty())],
-        Renderer::Reference => vec![
-            ("--pipeline", args.drawing.pipeline != options::DEFAULT_PIPELINE),
-            ("--set", !args.drawing.set.is_empty()),
+    if let Renderer::Reference = args.backend {
+        let more = [
             ("--repeat", args.repeat != 1),
             ("--jobs", args.jobs.is_some()),
             ("--inspect", !args.inspect.is_empty()),
-            ("--device", device.device.is_some()),
-            ("--validate", device.validate),
-            ("--no-robustness", device.no_robustness),
-        ],
-    };
-    let Some((option, _)) = given.iter().find(|(_, given)| *given) else { return Ok(()) };
-    Err(Usage(match args.backend {
-        Renderer::Device(_) => format!("{option} is for the exact renderer: add --backend reference"),
-        Renderer::Reference => format!(
-            "{option} is for graphs, and the exact renderer executes none; its rules are changed with --rule"
-        ),
-    }))
+        ];
+        refuse_for_reference(&more)?;
+        return refuse_graph_options(&args.drawing.pipeline, &args.drawing.set, &args.device);
+    }
+    let given = [("--rule", !args.rule.is_empty()), ("--map", !args.map.is_empty())];
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) => {
+            Err(Usage(format!("{option} is for the exact renderer: add --backend reference")))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Refuses the options of graphs and devices, for the exact renderer.
+pub(super) fn refuse_graph_options(
+    pipeline: &str,
+    set: &[(String, String)],
+    device: &DeviceArgs,
+) -> Result<(), Usage> {
+    refuse_for_reference(&[
+        ("--pipeline", pipeline != options::DEFAULT_PIPELINE),
+        ("--set", !set.is_empty()),
+        ("--device", device.device.is_some()),
+        ("--validate", device.validate),
+        ("--no-robustness", device.no_robustness),
+    ])
+}
+
+fn refuse_for_reference(given: &[(&str, bool)]) -> Result<(), Usage> {
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) => Err(Usage(format!(
+            "{option} is for graphs, and the exact renderer executes none; its rules are changed with --rule of `render`"
+        ))),
+        None => Ok(()),
+    }
 }
 
 impl Args {
