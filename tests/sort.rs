@@ -151,6 +151,11 @@ impl Sorter<'_> {
         let mut expected = run.pairs(self.key_bits);
         expected.sort_by_key(|(key, _)| *key);
         if let Some(at) = (0..expected.len()).find(|i| got[*i] != expected[*i]) {
+            if let Ok(_) = std::env::var("SORT_DEBUG") {
+                let wrong: Vec<usize> = (0..expected.len()).filter(|i| got[*i] != expected[*i]).collect();
+                println!("{} wrong: {:?}", wrong.len(), &wrong[..wrong.len().min(40)]);
+                for i in wrong.iter().take(40) { println!("{i}: {:x?} {:x?}", got[*i], expected[*i]); }
+            }
             panic!("{}: {run:?}: pair {at} is {:x?}, not {:x?}", self.name, got[at], expected[at]);
         }
         common::assert_silent(self.device, &self.name);
@@ -179,7 +184,7 @@ fn boundaries() {
     let lanes = bench.lanes();
     let every = common::long() || common::lanes_are_usual();
     let mut turn = 0;
-    for sorter in ["subgroup", "serial"] {
+    for sorter in ["sweep", "subgroup", "serial"] {
         for digit_bits in 1..=11 {
             for (i, key_bits) in [8, 16, 24, 32].into_iter().enumerate() {
                 if !every && digit_bits as usize % 4 != i {
@@ -222,7 +227,7 @@ fn larger_sorts_are_right_too() {
     let mut bench = Bench::new();
     let sizes = [100_003, 1 << 18, 1 << 20];
     let mut sorts = 0;
-    for sorter in ["subgroup", "serial"] {
+    for sorter in ["sweep", "subgroup", "serial"] {
         for (i, digit_bits) in (1..=11).enumerate() {
             for (j, key_bits) in [8, 16, 24, 32].into_iter().enumerate() {
                 let mut sorter_here = bench.sorter(sorter, digit_bits, key_bits, 1 << 20);
@@ -255,7 +260,7 @@ fn the_serial_sort_refuses_blocks_that_are_too_many_to_loop_over_and_is_right_wi
 #[test]
 fn sixteen_million_pairs_are_sorted_with_digits_of_4_8_and_11_bits() {
     let mut bench = Bench::new();
-    let every = ["serial", "subgroup"].into_iter().flat_map(|s| [4, 8, 11].map(|d| (s, d)));
+    let every = ["serial", "subgroup", "sweep"].into_iter().flat_map(|s| [4, 8, 11].map(|d| (s, d)));
     for (sorter, digit_bits) in every.filter(|sort| common::long() || *sort != ("serial", 4)) {
         let mut sorter = bench.sorter(sorter, digit_bits, 32, 1 << 24);
         sorter.check(Run { count: 1 << 24, seed: digit_bits, kind: Kind::Random });

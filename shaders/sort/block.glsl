@@ -3,6 +3,7 @@
 //
 // Eight subgroups, or as many of these as 256 invocations and 16 KiB of shared memory allow: see scatter.comp.
 
+#include "blocks.glsl"
 #include "digit.glsl"
 
 const uint LANES = uint(DEVICE_SUBGROUP_SIZE);

@@ -1,11 +1,4 @@
-// Definitions of all passes of the radix sort: sizes, the current digit, and the layout of the counts.
-//
-// A *block* is BLOCK_KEYS consecutive keys. The number of blocks follows from the number of keys, which only the GPU knows.
-
-#include "../args.glsl"
-#include "../groups.glsl"
-
-const uint BINS = 1u << DIGIT_BITS;
+// The current digit, and the layout of the counts.
 
 layout(push_constant) uniform Digit {
     uint shift;        // of the digit's lowest bit
@@ -22,8 +15,4 @@ uint total_index(uint bin, uint part) {
 
 uint digit_of(uint key) {
     return (key >> shift) & mask;
-}
-
-uint blocks_of(uint keys) {
-    return (keys + uint(BLOCK_KEYS) - 1u) / uint(BLOCK_KEYS);
 }

@@ -2,6 +2,7 @@
 // so it suits devices with narrow subgroups, above all those that run on the CPU: there the cache is the shared memory, and
 // communication between lanes costs more than the work.
 
+#include "blocks.glsl"
 #include "digit.glsl"
 
 layout(local_size_x = DEVICE_SUBGROUP_SIZE) in;

@@ -1,0 +1,265 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_KHR_memory_scope_semantics : require
+#extension GL_EXT_control_flow_attributes : require
+
+#include "sweep.glsl"
+#include "digit.glsl"
+#include "peers.glsl"
+
+layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
+layout(set = 0, binding = 1, std430) readonly buffer KeysIn { uint keys_in[]; };
+layout(set = 0, binding = 2, std430) readonly buffer ValuesIn { uint values_in[]; };
+layout(set = 0, binding = 3, std430) buffer Table { uint table[]; };
+layout(set = 0, binding = 4, std430) writeonly buffer NextTable { uint next_table[]; };
+layout(set = 0, binding = 5, std430) buffer Totals { uint totals[]; };
+layout(set = 0, binding = 6, std430) writeonly buffer KeysOut { uint keys_out[]; };
+layout(set = 0, binding = 7, std430) writeonly buffer ValuesOut { uint values_out[]; };
+
+// A word of the table: the count in the upper 30 bits, and what it counts.
+const uint NOTHING = 0u;
+const uint BLOCK_ALONE = 1u;
+const uint ALL_BEFORE = 2u;
+
+const uint COUNTERS = SUBGROUPS * BINS;
+const uint BINS_PER_THREAD = (BINS + THREADS - 1u) / THREADS;
+const uint WINDOW = uint(LOOK_BACK);
+
+// A counter for each subgroup and bin: the keys of the bin, then the place in the block of the next.
+// First the counters of each subgroup and bin, then the block's keys in the order of the digit, then its values.
+shared uint words[max(COUNTERS, STEPS * THREADS)];
+// The place of each bin's run, minus its offset in the block.
+shared uint bin_place[BINS];
+shared uint subgroup_sums[SUBGROUPS];
+shared uint ticket;
+shared uint stalled;
+
+void publish(uint block, uint bin, uint what, uint keys) {
+    atomicStore(table[block * BINS + bin], (keys << 2) | what, gl_ScopeDevice, 0, 0);
+}
+
+uint published(uint block, uint bin) {
+    return atomicLoad(table[block * BINS + bin], gl_ScopeDevice, 0, 0);
+}
+
+// Adds to `sum` what blocks before `next` have published of a bin, from block `next - 1` down, and lowers `next`. Returns true when all
+// blocks before are in it, false if one of them has not published for POLLS polls.
+bool look_back(uint bin, inout uint next, inout uint sum) {
+    uint polls = 0u;
+    while (next > 0u && polls < uint(POLLS)) {
+        uint found[WINDOW];
+        [[unroll]] for (uint j = 0u; j < WINDOW; j++) {
+            found[j] = j < next ? published(next - 1u - j, bin) : NOTHING;
+        }
+        uint taken = 0u;
+        bool open = true;
+        [[unroll]] for (uint j = 0u; j < WINDOW; j++) {
+            uint what = found[j] & 3u;
+            open = open && what != NOTHING;
+            sum += open ? found[j] >> 2 : 0u;
+            taken = open ? (what == ALL_BEFORE ? next : taken + 1u) : taken;
+            open = open && what != ALL_BEFORE;
+        }
+        next -= taken;
+        polls = taken == 0u ? polls + 1u : 0u;
+    }
+    return next == 0u;
+}
+
+// Sums `values` over lower bins. Must be called by the whole workgroup.
+uint sum_below(uint value) {
+    uint inclusive = subgroupInclusiveAdd(value);
+    barrier();
+    if (gl_SubgroupInvocationID == LANES - 1u) {
+        subgroup_sums[gl_SubgroupID] = inclusive;
+    }
+    barrier();
+    uint sum = inclusive - value;
+    for (uint s = 0u; s < SUBGROUPS; s++) {
+        sum += s < gl_SubgroupID ? subgroup_sums[s] : 0u;
+    }
+    return sum;
+}
+
+// Sums the keys of all lower bins. Must be called by the whole workgroup.
+void lower_bins(out uint lower[BINS_PER_THREAD]) {
+    uint total[BINS_PER_THREAD];
+    uint sum = 0u;
+    [[unroll]] for (uint j = 0u; j < BINS_PER_THREAD; j++) {
+        uint bin = thread_index() * BINS_PER_THREAD + j;
+        total[j] = 0u;
+        for (uint part = 0u; part < uint(TOTAL_PARTS) && bin < BINS; part++) {
+            total[j] += totals[total_index(bin, part)];
+        }
+        sum += total[j];
+    }
+    uint below = sum_below(sum);
+    [[unroll]] for (uint j = 0u; j < BINS_PER_THREAD; j++) {
+        lower[j] = below;
+        below += total[j];
+    }
+}
+
+void main() {
+    uint count = args[ARGS_VISIBLE];
+    uint blocks = blocks_of(count);
+    uint thread = thread_index();
+    if (thread == 0u) {
+        ticket = atomicAdd(totals[uint(DIGITS) * BINS * uint(TOTAL_PARTS) + first_total / (BINS * uint(TOTAL_PARTS))], 1u);
+        stalled = 0u;
+    }
+    [[unroll]] for (uint i = 0u; i < (COUNTERS + THREADS - 1u) / THREADS; i++) {
+        uint at = i * THREADS + thread;
+        if (COUNTERS % THREADS == 0u || at < COUNTERS) {
+            words[at] = 0u;
+        }
+    }
+    barrier();
+    uint block = ticket;
+    if (block >= blocks) {
+        return;
+    }
+    uint first = block * uint(BLOCK_KEYS);
+    uint held = min(uint(BLOCK_KEYS), count - first);
+    uint mine = gl_SubgroupID * (STEPS * LANES) + gl_SubgroupInvocationID;
+    uint own = gl_SubgroupID * BINS;
+
+    // Beyond the end, pairs of the highest bin stand after all others, and are not written.
+    uint keys[STEPS];
+    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+        uint at = mine + i * LANES;
+        keys[i] = at < held ? keys_in[first + at] : ~0u;
+    }
+
+    // Each subgroup walks its range and counts; the counter before a key is its rank among those of its bin in the range.
+#if PACK
+    uint packed[(STEPS + 1u) / 2u];
+#else
+    uint ranks[STEPS];
+#endif
+    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+        uint bin = digit_of(keys[i]);
+        LaneMask peers = peers_of(bin);
+        uint below = lanes_below(peers);
+        uint rank = words[own + bin] + below;
+        subgroupBarrier();  // all lanes read before one of them writes
+        if (below == 0u) {
+            words[own + bin] = rank + lanes_in(peers);
+        }
+        subgroupBarrier();  // the write is complete before the next read
+#if PACK
+        packed[i / 2u] = i % 2u == 0u ? rank : packed[i / 2u] | (rank << 16);
+#else
+        ranks[i] = rank;
+#endif
+    }
+    barrier();
+
+    // Of each bin: the keys of the block, told to later blocks at once, and the offset of each subgroup in the block.
+    uint in_block[BINS_PER_THREAD];
+    uint of_subgroup[BINS_PER_THREAD][SUBGROUPS];
+    uint sum = 0u;
+    [[unroll]] for (uint j = 0u; j < BINS_PER_THREAD; j++) {
+        uint bin = thread * BINS_PER_THREAD + j;
+        in_block[j] = 0u;
+        if (bin < BINS) {
+            [[unroll]] for (uint s = 0u; s < SUBGROUPS; s++) {
+                of_subgroup[j][s] = words[s * BINS + bin];
+                in_block[j] += of_subgroup[j][s];
+            }
+            if (block > 0u) {
+                publish(block, bin, BLOCK_ALONE, in_block[j]);
+            }
+            next_table[block * BINS + bin] = 0u;
+        }
+        sum += in_block[j];
+    }
+    uint start = sum_below(sum);
+    uint starts[BINS_PER_THREAD];
+    [[unroll]] for (uint j = 0u; j < BINS_PER_THREAD; j++) {
+        uint bin = thread * BINS_PER_THREAD + j;
+        starts[j] = start;
+        if (bin < BINS) {
+            [[unroll]] for (uint s = 0u; s < SUBGROUPS; s++) {
+                words[s * BINS + bin] = start;
+                start += of_subgroup[j][s];
+            }
+        }
+    }
+    barrier();
+    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+        uint offset = words[own + digit_of(keys[i])];
+#if PACK
+        packed[i / 2u] += offset << (16u * (i % 2u));
+#else
+        ranks[i] += offset;
+#endif
+    }
+    barrier();  // the keys replace the counters from here on
+#if PACK
+#define RANK(i) ((packed[(i) / 2u] >> (16u * ((i) % 2u))) & 0xffffu)
+#else
+#define RANK(i) ranks[i]
+#endif
+    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+        words[RANK(i)] = keys[i];
+    }
+#if !VALUES_LATE
+    uint values[STEPS];
+    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+        uint at = mine + i * LANES;
+        values[i] = at < held ? values_in[first + at] : 0u;
+    }
+#endif
+#include "sweep_wait.glsl"
+    barrier();
+#if DIGITS_KEPT
+    uint digits[(STEPS + 3u) / 4u];
+    [[unroll]] for (uint i = 0u; i < (STEPS + 3u) / 4u; i++) {
+        digits[i] = 0u;
+    }
+#else
+    uint places[STEPS];
+#endif
+    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+        uint at = i * THREADS + thread;
+        if (at < held) {
+            uint key = words[at];
+            uint bin = digit_of(key);
+            uint place = bin_place[bin] + at;
+            keys_out[place] = key;
+#if DIGITS_KEPT
+            digits[i / 4u] |= bin << (8u * (i % 4u));
+#else
+            places[i] = place;
+#endif
+        }
+    }
+#if VALUES_LATE
+    uint values[STEPS];
+    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+        uint at = mine + i * LANES;
+        values[i] = at < held ? values_in[first + at] : 0u;
+    }
+#endif
+    barrier();
+    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+        words[RANK(i)] = values[i];
+    }
+    barrier();
+    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+        uint at = i * THREADS + thread;
+        if (at < held) {
+#if DIGITS_KEPT
+            uint place = bin_place[(digits[i / 4u] >> (8u * (i % 4u))) & 0xffu] + at;
+#else
+            uint place = places[i];
+#endif
+            values_out[place] = words[at];
+        }
+    }
+}
