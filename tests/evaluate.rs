@@ -26,10 +26,10 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
     let views: Vec<&str> =
         exact["views"].as_array().expect("views").iter().map(|v| v["view"].as_str().unwrap()).collect();
     assert_eq!(views, ["view-0000.png", "view-0008.png"]);
-    // Rounding to 8 bits is an error of 1 / (255 sqrt(12)), 58.9 dB where no pixel is black.
+    // Rounding to 8 bits is an error of 1 / (255 sqrt(12)), 58.9 dB.
     let psnr = |found: &Value| found["mean"]["psnr_db"].as_f64().expect("a number");
-    assert!((58.0..65.0).contains(&psnr(&exact)), "{exact:#}");
-    assert!(exact["mean"]["ssim"].as_f64() > Some(0.999), "{exact:#}");
+    assert!((58.0..60.0).contains(&psnr(&exact)), "{exact:#}");
+    assert!(exact["mean"]["ssim"].as_f64() > Some(0.998), "{exact:#}");
     for name in ["renders/view-0000", "photographs/view-0008", "differences/view-0000"] {
         assert!(folder.join(format!("scores/{name}.png")).is_file(), "{name}");
     }
