@@ -52,7 +52,11 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
         (&["scene.ply", "out.xyz"][..], 2, "ends in .ply, .compressed.ply, .spz, .splat"),
         (&["scene.ply", "out.sog"], 2, "found out.sog"),
         (&["scene.ply", "./scene.ply"], 2, "would overwrite the scene"),
-        (&["cameras.json", "out.spz"], 1, "expected a scene (.ply, .spz, .splat, .sog), found JSON text"),
+        (
+            &["cameras.json", "out.spz"],
+            1,
+            "expected a scene (.ply, .spz, .splat, .ksplat, .sog), found JSON text",
+        ),
     ] {
         let output = splatgraph(folder, &[&["convert"], args].concat());
         let said = String::from_utf8_lossy(&output.stderr);

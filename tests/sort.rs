@@ -154,7 +154,9 @@ impl Sorter<'_> {
             if let Ok(_) = std::env::var("SORT_DEBUG") {
                 let wrong: Vec<usize> = (0..expected.len()).filter(|i| got[*i] != expected[*i]).collect();
                 println!("{} wrong: {:?}", wrong.len(), &wrong[..wrong.len().min(40)]);
-                for i in wrong.iter().take(40) { println!("{i}: {:x?} {:x?}", got[*i], expected[*i]); }
+                for i in wrong.iter().take(40) {
+                    println!("{i}: {:x?} {:x?}", got[*i], expected[*i]);
+                }
             }
             panic!("{}: {run:?}: pair {at} is {:x?}, not {:x?}", self.name, got[at], expected[at]);
         }

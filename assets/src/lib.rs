@@ -30,6 +30,7 @@ pub mod file;
 mod formats;
 pub mod harmonics;
 mod input;
+mod ksplat;
 pub mod memory;
 mod ply;
 mod recognise;

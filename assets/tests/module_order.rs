@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 20] = [
+const ORDER: [&str; 21] = [
     "bounds",
     "file",
     "memory",
@@ -21,6 +21,7 @@ const ORDER: [&str; 20] = [
     "input",
     "ply",
     "splat",
+    "ksplat",
     "spz",
     "sog",
     "recognise",

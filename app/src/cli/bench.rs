@@ -41,7 +41,7 @@ use std::sync::Arc;
   splatgraph bench scene.ply --splats 1000000,3000000  # enlarged
   splatgraph bench --suite sort --pairs 1048576,6000000 --set digit_bits=6")]
 pub struct Args {
-    /// Scene files: .ply, .compressed.ply, .spz, .splat or .sog
+    /// Scene files: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
     #[arg(value_name = "SCENE")]
     scenes: Vec<PathBuf>,
     /// Measure whole frames, or the sort alone

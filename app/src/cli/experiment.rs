@@ -45,7 +45,7 @@ enum Kind {
 /// The options of every experiment.
 #[derive(Debug, clap::Args)]
 struct Common {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog [default: the demo scene, which the first use generates]
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog [default: the demo scene, which the first use generates]
     scene: Option<PathBuf>,
     /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
     #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]

@@ -49,7 +49,7 @@ use std::path::{Path, PathBuf};
   splatgraph trade scene.ply --only key_bits --only key_map
   splatgraph trade scene.ply -c cameras.json --truth photographs/ --size 980x545")]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
     scene: Option<PathBuf>,
     /// The graph whose parameters are changed: the name of a built-in one, or a path
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]

@@ -6,7 +6,7 @@ use crate::memory;
 use crate::recognise::{self, HEAD, SceneFormat};
 use crate::scene::Scene;
 use crate::spz::SpzVersion;
-use crate::{ply, sog, splat, spz};
+use crate::{ksplat, ply, sog, splat, spz};
 use std::io::Write;
 use std::path::Path;
 
@@ -24,6 +24,7 @@ fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
         SceneFormat::Spz => spz::parse(input),
         SceneFormat::Splat => splat::parse(input),
         SceneFormat::Sog => sog::parse(input),
+        SceneFormat::Ksplat => ksplat::parse(input),
     }
 }
 
@@ -42,6 +43,7 @@ impl SceneHeader {
                 SceneFormat::Spz => spz::header(&source),
                 SceneFormat::Splat => splat::header(&source),
                 SceneFormat::Sog => sog::header(&source),
+                SceneFormat::Ksplat => ksplat::header(&source),
             }
         };
         inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
@@ -94,8 +96,10 @@ impl Scene {
             SceneFormat::CompressedPly => ply::pack::write(self, out),
             SceneFormat::Spz => spz::write(self, SpzVersion::default(), out),
             SceneFormat::Splat => splat::write(self, out),
-            SceneFormat::Sog => {
-                let text = "expected a format that can be written, found sog, which is read alone";
+            SceneFormat::Sog | SceneFormat::Ksplat => {
+                let found = format.extension();
+                let text =
+                    format!("expected a format that can be written, found {found}, which is read alone");
                 Err(std::io::Error::new(std::io::ErrorKind::Unsupported, text))
             }
         }

@@ -355,6 +355,34 @@ fn sog(method: CompressionMethod) -> Vec<u8> {
     zip.finish().expect("memory takes it").into_inner()
 }
 
+/// Makes a `.ksplat` of two splats of degree 1 in a bucket that is not full.
+fn ksplat(level: u16) -> Vec<u8> {
+    let mut bytes = vec![0; 4096 + 1024];
+    let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+    put(0, &[0, 1]);
+    for (at, value) in [(4, 1u32), (8, 1), (16, 2), (4096, 2), (4100, 2), (4104, 256), (4108, 1)] {
+        put(at, &value.to_le_bytes());
+    }
+    put(20, &level.to_le_bytes());
+    put(4112, &5f32.to_le_bytes());
+    put(4116, &[12, 0]);
+    put(4096 + 36, &[1, 0]);
+    put(4096 + 40, &[1, 0]);
+    bytes.extend([2, 0, 0, 0]);
+    bytes.extend([0; 12]);
+    let stride = if level == 0 { 44 + 36 } else { 24 + 9 * (3 - usize::from(level)) };
+    // Ones as half floats, and small numbers as floats.
+    bytes.extend([0x00, 0x3C].repeat(stride));
+    bytes
+}
+
+#[test]
+fn damaged_ksplat_files_are_read_or_refused() {
+    // Two in five cases hit the file's header, others mostly that of the section.
+    let seeds = [0, 1, 2].map(|level| (ksplat(level), 48));
+    run("ksplat", &seeds, 4 << 20, parse);
+}
+
 #[test]
 fn damaged_sog_files_are_read_or_refused() {
     let seeds = [CompressionMethod::Stored, CompressionMethod::Deflated].map(|method| (sog(method), 200));
