@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 21] = [
+const ORDER: [&str; 22] = [
     "bounds",
     "file",
     "memory",
@@ -15,6 +15,7 @@ const ORDER: [&str; 21] = [
     "harmonics",
     "size_breakdown",
     "scene",
+    "edit",
     "attributes",
     "camera",
     "dataset",
