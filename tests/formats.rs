@@ -67,6 +67,51 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
 }
 
 #[test]
+fn a_part_of_a_scene_is_written_and_a_moved_scene_looks_the_same_from_a_moved_camera() {
+    let folder = scene();
+    let folder = folder.path();
+    let text = done(
+        folder,
+        &["convert", "scene.ply", "part.ply", "--where", "opacity > 0.5 && y < 0", "--order", "morton"],
+    );
+    assert!(
+        text.contains(" splats, ")
+            && text.lines().nth(1).is_some_and(|line| line.contains("part.ply: ply, ")),
+        "{text}"
+    );
+    done(folder, &["convert", "part.ply", "twice.ply", "--merge", "part.ply"]);
+    let count = |name: &str| {
+        let info: Value = serde_json::from_str(&done(folder, &["info", name, "--json"])).expect("JSON");
+        info["report"]["splats"].as_u64().unwrap_or_else(|| panic!("no count in {info}"))
+    };
+    assert_eq!(count("twice.ply"), 2 * count("part.ply"));
+    // Half a turn about x takes y and z to their negatives, for the scene as for the camera.
+    done(
+        folder,
+        &[
+            "convert",
+            "scene.ply",
+            "turned.ply",
+            "--transform",
+            "rotate:1,0,0,180",
+            "--transform",
+            "move:5,0,0",
+        ],
+    );
+    let exact = ["render", "--backend", "reference", "--size", "160x90"];
+    done(
+        folder,
+        &[&exact[..], &["scene.ply", "--eye", "1,-2,-6", "--target", "0,0,0", "-o", "a.npy"]].concat(),
+    );
+    let moved = ["turned.ply", "--eye", "6,2,6", "--target", "5,0,0", "--up", "0,1,0", "-o", "b.npy"];
+    done(folder, &[&exact[..], &moved].concat());
+    done(folder, &["compare", "a.npy", "b.npy", "--min-psnr", "80"]);
+    let old = done(folder, &["convert", "scene.ply", "old.spz", "--spz-version", "3"]);
+    assert!(old.contains("old.spz: spz, "), "{old}");
+    assert!(done(folder, &["info", "old.spz"]).contains("spz, version 3, gzip"));
+}
+
+#[test]
 fn captures_in_other_formats_are_drawn_as_the_plain_capture() {
     let Some(data) = common::data("captures_in_other_formats_are_drawn_as_the_plain_capture") else { return };
     let folder = tempfile::tempdir().expect("a folder");

@@ -61,7 +61,7 @@ pub struct ColorRange {
     pub brightest: f64,
 }
 
-/// What a file says of its splats beside their values.
+/// Holds the tags of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FileNotes {
     /// The splats were trained with an anti-aliasing filter (Mip-Splatting), which not every graph applies.
