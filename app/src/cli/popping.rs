@@ -46,8 +46,8 @@ pub struct Args {
     /// Parameters of the graph `auto` that make a variant of it; may be repeated, for several variants
     #[arg(long, value_name = "NAME=VALUE,...", value_parser = variant)]
     with: Vec<Variant>,
-    /// The path: cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one
-    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
+    /// The path, as cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one
+    #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Frames of the orbit, or the first frames of the path [default: 12, or the whole path]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=10_000))]

@@ -200,7 +200,7 @@ fn version_4_has_the_splats_of_version_3() {
 #[test]
 fn both_written_versions_have_the_same_splats_and_no_stream_without_bytes() {
     for degree in 0..=3 {
-        let scene = Scene::generate(3000, degree, |index| crate::testing::splat(index));
+        let scene = Scene::generate(3000, degree, crate::testing::splat);
         let [old, new] = [SpzVersion::V3, SpzVersion::V4].map(|version| {
             let mut bytes = Vec::new();
             write(&scene, version, &mut bytes).unwrap();
