@@ -165,7 +165,7 @@ fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
 /// What draws the views.
 enum Drawer {
     Device(Box<Session<Backend>>),
-    Reference(Scene),
+    Reference(Box<Scene>),
 }
 
 impl Drawer {
@@ -193,7 +193,7 @@ impl Drawer {
 /// Loads the scene, and opens the device.
 fn drawer(args: &Args) -> Result<Drawer> {
     let Renderer::Device(api) = args.backend else {
-        return Ok(Drawer::Reference(options::load_scene(&args.scene)?));
+        return Ok(Drawer::Reference(Box::new(options::load_scene(&args.scene)?)));
     };
     let device = Backend::open(api, &args.device.options())?;
     fit::check_header(&args.scene, device.info(), &args.pipeline, &args.set)?;

@@ -126,12 +126,9 @@ impl Dataset {
         photograph::find(folder, &view.photograph)
     }
 
-    /// Writes the cameras as a COLMAP model in text: `cameras.txt`, `images.txt` and an empty `points3D.txt`.
+    /// Makes the text of a COLMAP model's files, with their names: `cameras.txt`, `images.txt` and a `points3D.txt` without points.
     ///
-    /// Each camera's `img_name` is its photograph's name and has `extension` added.
-    ///
-    /// # Errors
-    /// A file cannot be written.
+    /// A photograph's name is its camera's `img_name` and `extension`.
     pub fn colmap_text(cameras: &[Camera], extension: &str) -> [(&'static str, String); 3] {
         colmap::text::write(cameras, extension)
     }

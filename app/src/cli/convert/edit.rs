@@ -84,9 +84,9 @@ fn transform(text: &str) -> Result<Similarity, String> {
 /// Parses a value of `--crop`.
 fn crop(text: &str) -> Result<Crop, String> {
     let kinds = [("box", 6, "box:-1,-1,-1,1,1,1"), ("sphere", 4, "sphere:0,0,0,2")];
-    match numbers(text, &kinds)?.1.as_slice() {
-        &[x, y, z, radius] if radius > 0.0 => Ok(Crop::Sphere(DVec3::new(x, y, z), radius)),
-        &[a, b, c, d, e, f] => {
+    match *numbers(text, &kinds)?.1.as_slice() {
+        [x, y, z, radius] if radius > 0.0 => Ok(Crop::Sphere(DVec3::new(x, y, z), radius)),
+        [a, b, c, d, e, f] => {
             let (one, other) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
             Ok(Crop::Box([one.min(other), one.max(other)]))
         }

@@ -16,8 +16,11 @@ fn is_png(path: &Path) -> Result<bool, ImageError> {
     Ok(head == *b"\x89PNG")
 }
 
+/// A decoder whose header was read.
+type Decoder = JpegDecoder<BufReader<File>>;
+
 /// Reads the header of a JPEG file, with the picture's size.
-fn header(path: &Path) -> Result<(JpegDecoder<BufReader<File>>, (usize, usize)), ImageError> {
+fn header(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
     let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::RGB);
     let mut decoder = JpegDecoder::new_with_options(open(path)?, options);
     let wrong =
