@@ -52,7 +52,11 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
         (&["scene.ply", "out.xyz"][..], 2, "ends in .ply, .compressed.ply, .spz, .splat"),
         (&["scene.ply", "out.sog"], 2, "found out.sog"),
         (&["scene.ply", "./scene.ply"], 2, "would overwrite the scene"),
-        (&["cameras.json", "out.spz"], 1, "expected a scene (.ply, .spz, .splat, .sog), found JSON text"),
+        (
+            &["cameras.json", "out.spz"],
+            1,
+            "expected a scene (.ply, .spz, .splat, .ksplat, .sog), found JSON text",
+        ),
     ] {
         let output = splatgraph(folder, &[&["convert"], args].concat());
         let said = String::from_utf8_lossy(&output.stderr);
@@ -60,6 +64,51 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
         assert!(said.contains(expected), "{said}");
         assert!(!folder.join("out.spz").exists());
     }
+}
+
+#[test]
+fn a_part_of_a_scene_is_written_and_a_moved_scene_looks_the_same_from_a_moved_camera() {
+    let folder = scene();
+    let folder = folder.path();
+    let text = done(
+        folder,
+        &["convert", "scene.ply", "part.ply", "--where", "opacity > 0.5 && y < 0", "--order", "morton"],
+    );
+    assert!(
+        text.contains(" splats, ")
+            && text.lines().nth(1).is_some_and(|line| line.contains("part.ply: ply, ")),
+        "{text}"
+    );
+    done(folder, &["convert", "part.ply", "twice.ply", "--merge", "part.ply"]);
+    let count = |name: &str| {
+        let info: Value = serde_json::from_str(&done(folder, &["info", name, "--json"])).expect("JSON");
+        info["report"]["splats"].as_u64().unwrap_or_else(|| panic!("no count in {info}"))
+    };
+    assert_eq!(count("twice.ply"), 2 * count("part.ply"));
+    // Half a turn about x takes y and z to their negatives, for the scene as for the camera.
+    done(
+        folder,
+        &[
+            "convert",
+            "scene.ply",
+            "turned.ply",
+            "--transform",
+            "rotate:1,0,0,180",
+            "--transform",
+            "move:5,0,0",
+        ],
+    );
+    let exact = ["render", "--backend", "reference", "--size", "160x90"];
+    done(
+        folder,
+        &[&exact[..], &["scene.ply", "--eye", "1,-2,-6", "--target", "0,0,0", "-o", "a.npy"]].concat(),
+    );
+    let moved = ["turned.ply", "--eye", "6,2,6", "--target", "5,0,0", "--up", "0,1,0", "-o", "b.npy"];
+    done(folder, &[&exact[..], &moved].concat());
+    done(folder, &["compare", "a.npy", "b.npy", "--min-psnr", "80"]);
+    let old = done(folder, &["convert", "scene.ply", "old.spz", "--spz-version", "3"]);
+    assert!(old.contains("old.spz: spz, "), "{old}");
+    assert!(done(folder, &["info", "old.spz"]).contains("spz, version 3, gzip"));
 }
 
 #[test]

@@ -19,6 +19,7 @@ mod common;
 mod covariance;
 mod effects;
 mod encoders;
+mod evaluate;
 #[cfg(target_os = "linux")]
 mod exact;
 #[cfg(target_os = "linux")]

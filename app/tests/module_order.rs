@@ -35,7 +35,8 @@ const DRAW: [&str; 19] = [
 ];
 
 /// The modules of `studies`, from the ground up.
-const STUDIES: [&str; 7] = ["metrics", "trade", "bench", "sweep", "advise", "experiment", "popping"];
+const STUDIES: [&str; 8] =
+    ["metrics", "evaluation", "trade", "bench", "sweep", "advise", "experiment", "popping"];
 
 /// The modules of the viewer, from the ground up.
 const VIEW: [&str; 19] = [

@@ -25,7 +25,7 @@ pub enum SceneError {
     Empty,
 
     /// The bytes are those of no scene format.
-    #[error("expected a scene (.ply, .spz, .splat, .sog), found {found}")]
+    #[error("expected a scene (.ply, .spz, .splat, .ksplat, .sog), found {found}")]
     NotScene {
         /// The likely kind of the file.
         found: String,

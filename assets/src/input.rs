@@ -1,4 +1,7 @@
-//! Reads pieces of a scene file at given offsets, from several threads at once.
+//! Gives readers what they share: the bytes of a scene, its memory, parallel conversion, and the end of a load.
+//!
+//! [`Source`] reads pieces at given offsets, from several threads at once; [`Input::allocate`] holds a scene against the memory
+//! that there is; [`fill`] converts tables of rows; [`finish`] makes the scene.
 //!
 //! The file is not mapped into memory: a process that truncates a mapped file ends its readers with a signal. Every byte is
 //! read into a buffer instead, so that a file that becomes shorter is an error of the read. Buffers are a few mebibytes and
@@ -34,7 +37,7 @@ pub struct SceneHeader {
     pub stored_degree: u32,
 }
 
-/// What every reader gets: the bytes, the memory that it may take, and whom to tell how far it is.
+/// Holds the input of a reader: bytes, memory limit and progress callback.
 #[derive(Clone, Copy)]
 pub(crate) struct Input<'a> {
     pub source: &'a Source<'a>,

@@ -2,7 +2,7 @@
 //!
 //! [`Scene::load`] reads a scene file of any [`SceneFormat`] and converts it in parallel; [`Scene::write`] writes one;
 //! [`Report`] counts its flaws, [`SizeBreakdown`] accounts for the file's bytes, and [`Scene::write_attribute`] writes the
-//! contents of GPU buffers. [`Camera`] reads and writes the reference's `cameras.json`. [`synth`] generates scenes: one for
+//! contents of GPU buffers. [`Dataset`] reads cameras with the names of their photographs. [`synth`] generates scenes: one for
 //! demonstration, and extreme ones for tests.
 //!
 //! The crate depends on no GPU and no window. Lengths are in the scene's own unit; y points down.
@@ -24,11 +24,14 @@ mod activation;
 mod attributes;
 mod bounds;
 mod camera;
+mod dataset;
+mod edit;
 mod error;
 pub mod file;
 mod formats;
 pub mod harmonics;
 mod input;
+mod ksplat;
 pub mod memory;
 mod ply;
 mod recognise;
@@ -44,7 +47,9 @@ mod testing;
 
 pub use attributes::{ATTRIBUTES, AttributeInfo};
 pub use bounds::Bounds;
-pub use camera::{Camera, CameraError, MAX_CAMERA_BYTES};
+pub use camera::Camera;
+pub use dataset::{CameraError, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View};
+pub use edit::Similarity;
 pub use error::{LoadError, SceneError};
 pub use input::{Progress, SceneHeader};
 pub use memory::SceneMemoryError;
@@ -52,3 +57,4 @@ pub use recognise::SceneFormat;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{ALPHA_FLOOR, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene, Splat, sh_floats};
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};
+pub use spz::SpzVersion;

@@ -4,10 +4,8 @@
 //! file" helps more than "bad magic".
 
 use crate::error::SceneError;
-use crate::{sog, splat, spz};
+use crate::{ksplat, sog, splat, spz};
 use std::path::Path;
-
-const CONVERT: &str = "convert it to a plain .ply, for instance with SuperSplat or with splat-transform";
 
 /// Leading bytes of well-known files, with a description.
 const MAGIC: &[(&[u8], &str)] = &[
@@ -43,12 +41,14 @@ pub enum SceneFormat {
     Ply,
     /// PLY in PlayCanvas's compressed layout.
     CompressedPly,
-    /// Niantic's SPZ: versions 1 to 4 are read, version 3 is written.
+    /// Niantic's SPZ: versions 1 to 4 are read, 3 and 4 are written.
     Spz,
     /// antimatter15's `.splat`.
     Splat,
     /// PlayCanvas's SOG in one file, version 2. It is read alone.
     Sog,
+    /// Mark Kellogg's `.ksplat`. It is read alone.
+    Ksplat,
 }
 
 impl SceneFormat {
@@ -56,7 +56,8 @@ impl SceneFormat {
     pub const WRITTEN: [Self; 4] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat];
 
     /// All formats.
-    pub const ALL: [Self; 5] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog];
+    pub const ALL: [Self; 6] =
+        [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog, Self::Ksplat];
 
     /// Returns the extension of file names, without the first dot.
     pub fn extension(self) -> &'static str {
@@ -66,6 +67,7 @@ impl SceneFormat {
             Self::Spz => "spz",
             Self::Splat => "splat",
             Self::Sog => "sog",
+            Self::Ksplat => "ksplat",
         }
     }
 
@@ -74,9 +76,10 @@ impl SceneFormat {
         match self {
             Self::Ply => "the layout of the 3DGS reference implementation, exact",
             Self::CompressedPly => "PlayCanvas's compressed PLY, 16 bytes per splat",
-            Self::Spz => "Niantic's SPZ, versions 1 to 4, written as version 3",
+            Self::Spz => "Niantic's SPZ, versions 1 to 4, written as 4 or 3",
             Self::Splat => "antimatter15's .splat, 32 bytes per splat, without harmonics above degree 0",
             Self::Sog => "PlayCanvas's SOG, version 2, is read alone",
+            Self::Ksplat => "Mark Kellogg's .ksplat, is read alone",
         }
     }
 
@@ -90,7 +93,7 @@ impl SceneFormat {
     /// Describes what the format does not keep of a scene with harmonics of `degree`, a phrase per kind of value.
     pub fn losses(self, degree: u32) -> Vec<&'static str> {
         let mut losses = match self {
-            Self::Ply | Self::Sog => vec![],
+            Self::Ply | Self::Sog | Self::Ksplat => vec![],
             Self::CompressedPly => vec![
                 "positions and scales: 10 or 11 bits per axis, of the range in a chunk of 256 splats",
                 "rotations: 10 bits per component",
@@ -134,9 +137,6 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     if head.starts_with(spz::MAGIC) || spz::begins_as_spz(head) {
         return Ok(SceneFormat::Spz);
     }
-    if extension == "ksplat" {
-        return Err(SceneError::Unsupported { format: "a .ksplat scene", advice: CONVERT });
-    }
     // Its reader says whether it is a scene.
     if head.starts_with(sog::MAGIC) {
         return Ok(SceneFormat::Sog);
@@ -146,6 +146,9 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     // One or two bytes are too few to tell: a `.splat` begins with any.
     if let Some(magic) = magic.filter(|(magic, _)| magic.len() > 2) {
         return known(magic);
+    }
+    if extension == "ksplat" || ksplat::is_plausible(head) {
+        return Ok(SceneFormat::Ksplat);
     }
     // No magic number: the values tell it, or the name does, and then its reader says what is wrong.
     let whole = length.is_multiple_of(splat::STRIDE as u64);
@@ -176,12 +179,6 @@ mod tests {
         assert!(said("a.ply", b"\x89PNG\r\n\x1A\n").contains("a PNG image"));
         assert!(said("a.ply", b"\x1F\x8B\x08").contains("a gzip file"));
         assert!(said("a.ply", b"version https://git-lfs.github.com/spec/v1").contains("git lfs pull"));
-    }
-
-    #[test]
-    fn a_splat_format_that_is_not_read_is_refused_by_name_with_what_to_do() {
-        let said = said("a.ksplat", &[7; 64]);
-        assert!(said.starts_with("unsupported format: this is a .ksplat scene; convert it"), "{said}");
     }
 
     #[test]

@@ -21,7 +21,7 @@ const LARGEST_HALF: f64 = 65_504.0;
 /// The statistics of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// What the file says beside the splats' values.
+    /// Tags of the file.
     pub file: FileNotes,
     /// Number of splats that can be drawn.
     pub splats: u32,

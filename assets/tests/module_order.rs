@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 19] = [
+const ORDER: [&str; 22] = [
     "bounds",
     "file",
     "memory",
@@ -15,11 +15,14 @@ const ORDER: [&str; 19] = [
     "harmonics",
     "size_breakdown",
     "scene",
+    "edit",
     "attributes",
     "camera",
+    "dataset",
     "input",
     "ply",
     "splat",
+    "ksplat",
     "spz",
     "sog",
     "recognise",

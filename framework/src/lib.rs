@@ -23,7 +23,7 @@
 
 mod build;
 pub mod dump;
-mod expr;
+pub mod expr;
 pub mod ir;
 mod link;
 pub mod lower;

@@ -111,6 +111,8 @@ pub fn line(random: &mut Random) -> Vec<String> {
             "advise",
             "popping",
             "experiment",
+            "evaluate",
+            "convert",
         ]),
     };
     let mut words: Vec<String> = vec![command.into()];

@@ -44,7 +44,7 @@ use std::path::{Path, PathBuf};
   splatgraph advise scene.ply --ms 2 --size 1920x1080        # the most accurate within 2 ms
   splatgraph advise --psnr 50 --json advice.json             # the demo scene")]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog [default: the demo scene]
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog [default: the demo scene]
     scene: Option<PathBuf>,
     /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are tried as they are
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
@@ -52,8 +52,8 @@ pub struct Args {
     /// Set a parameter of the graph in every setting; it is not changed then. May be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
-    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: four around the first camera beside the scene, or around the scene]
-    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
+    /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: four around the first camera beside the scene, or around the scene]
+    #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]

@@ -42,7 +42,7 @@ use std::sync::Arc;
   splatgraph bench scene.ply --splats 1000000,3000000  # enlarged
   splatgraph bench --suite sort --pairs 1048576,6000000 --set digit_bits=6")]
 pub struct Args {
-    /// Scene files: .ply, .compressed.ply, .spz, .splat or .sog
+    /// Scene files: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
     #[arg(value_name = "SCENE")]
     scenes: Vec<PathBuf>,
     /// Measure whole frames, or the sort alone
@@ -63,9 +63,9 @@ pub struct Args {
     /// Numbers of splats: the scene is enlarged with copies inside its splats, as `synth --enlarge` does, or cut [default: as it is]
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
     splats: Vec<u32>,
-    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one. For several scenes, one
+    /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one. For several scenes, one
     /// for all, or one for each in the same order
-    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
+    #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Vec<String>,
     /// Write every number as JSON, anew after each size and number of splats; `-` is standard output
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]

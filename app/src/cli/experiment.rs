@@ -46,10 +46,10 @@ enum Kind {
 /// The options of every experiment.
 #[derive(Debug, clap::Args)]
 struct Common {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog [default: the demo scene, which the first use generates]
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog [default: the demo scene, which the first use generates]
     scene: Option<PathBuf>,
-    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
-    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
+    /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
+    #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras', at most 640 pixels wide]
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]

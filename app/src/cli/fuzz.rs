@@ -4,8 +4,8 @@
 mod words;
 
 use super::{
-    Cli, Command, Usage, advise, bench, compare, convert, dump, experiment, new, options, popping, render,
-    sweep, synth, trade, view,
+    Cli, Command, Usage, advise, bench, compare, convert, dump, evaluate, experiment, new, options, popping,
+    render, sweep, synth, trade, view,
 };
 use anyhow::Result;
 use clap::Parser;
@@ -34,6 +34,7 @@ fn check(command: &Command) -> Result<()> {
         Command::Experiment(args) => Ok(experiment::guard(args).map(drop)?),
         Command::Popping(args) => Ok(popping::guard(args).map(drop)?),
         Command::Convert(args) => Ok(convert::check_files(args).map(drop)?),
+        Command::Evaluate(args) => evaluate::prepare(args).map(drop),
         Command::New(args) => Ok(new::prepare(args).map(drop)?),
         Command::Check(_)
         | Command::Source(_)

@@ -13,11 +13,13 @@ mod compare;
 mod convert;
 mod devices;
 mod dump;
+mod evaluate;
 mod experiment;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
 mod info;
 mod known_devices;
+mod look_at;
 mod lsp;
 mod new;
 mod options;
@@ -50,6 +52,7 @@ const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a 
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
   splatgraph convert scene.ply scene.spz            # another format, and what it loses
+  splatgraph evaluate scene.ply -c garden/          # PSNR, SSIM and FLIP against photographs
   splatgraph bench scene.ply --pipelines splat,key16   # GPU time per pass, drawn interleaved
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
   splatgraph advise scene.ply --psnr 45             # the fastest setting that is accurate enough
@@ -100,6 +103,7 @@ enum Command {
     Info(info::Args),
     Compare(compare::Args),
     Convert(convert::Args),
+    Evaluate(evaluate::Args),
     Synth(synth::Args),
     Bench(bench::Args),
     Trade(trade::Args),
@@ -179,6 +183,7 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Convert(args) => convert::run(args),
+        Command::Evaluate(args) => evaluate::run(args),
         Command::Synth(args) => synth::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Trade(args) => trade::run(args),

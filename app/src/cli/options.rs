@@ -15,7 +15,7 @@ use crate::studies::trade::plans;
 use crate::studies::trade::settings::{self, Setting};
 use anyhow::{Context, Result};
 use splatgraph_api::{BackendError, Heap};
-use splatgraph_assets::{Camera, CameraError, Scene};
+use splatgraph_assets::{Camera, CameraError, Dataset, Scene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
 use splatgraph_framework::lower::Control;
 use std::collections::HashMap;
@@ -143,7 +143,7 @@ fn is_json(spec: &str) -> bool {
     spec.trim_start().starts_with(['[', '{']) && !Path::new(spec).exists()
 }
 
-/// Loads the cameras of `FILE` or `FILE#INDEX`, or parses the text of a `cameras.json`.
+/// Loads the cameras of `PATH` or `PATH#INDEX`, in any format of [`Dataset`], or parses the text of a `cameras.json`.
 pub fn cameras(spec: &str) -> Result<Vec<Camera>, CameraError> {
     if is_json(spec) {
         let name = Path::new("--cameras");
@@ -154,8 +154,20 @@ pub fn cameras(spec: &str) -> Result<Vec<Camera>, CameraError> {
     if spec.contains('#') && !Path::new(spec).exists() {
         return Camera::select(spec).map(|camera| vec![camera]);
     }
-    let cameras = Camera::load(spec)?;
+    let dataset = Dataset::load(spec)?;
+    tell_off_center(&dataset);
+    let cameras: Vec<Camera> = dataset.views.into_iter().map(|view| view.camera).collect();
     if cameras.is_empty() { Err(CameraError::Empty { path: spec.into() }) } else { Ok(cameras) }
+}
+
+/// Says that principal points are not in the middle of their pictures, where cameras have them.
+pub fn tell_off_center(dataset: &Dataset) {
+    if dataset.off_center > 0.5 {
+        say(format!(
+            "principal points are up to {:.1} pixels from the middle of the pictures; they are drawn in the middle, as by the 3DGS reference",
+            dataset.off_center
+        ));
+    }
 }
 
 /// Lists the imports of any built-in graph: those of the nominal scene and of the viewer's window.
@@ -348,10 +360,10 @@ pub struct Drawing {
     /// Set a parameter of the graph; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]
     pub set: Vec<(String, String)>,
-    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
+    /// Cameras: a COLMAP folder, a transforms.json, or the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     ///
-    /// In place of a file's name, the text of such a file: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
-    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
+    /// The contents tell the format. Lenses with distortion are refused. In place of a file's name, the text of such a file: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
+    #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     pub cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     ///

@@ -39,7 +39,7 @@ use std::path::{Path, PathBuf};
   splatgraph popping scene.ply -p splat -p unsorted --with key_bits=8 --with key_bits=8,key_map=linear
   splatgraph popping scene.ply --frames 60 --step 0.1 --json popping.json")]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
     scene: Option<PathBuf>,
     /// A graph: the name of a built-in one, or a path; may be repeated [default: all built-in ones]
     #[arg(short, long, value_name = "NAME")]
@@ -47,8 +47,8 @@ pub struct Args {
     /// Parameters of the graph `auto` that make a variant of it; may be repeated, for several variants
     #[arg(long, value_name = "NAME=VALUE,...", value_parser = variant)]
     with: Vec<Variant>,
-    /// The path: cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
-    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
+    /// The path, as cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
+    #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Frames of the orbit, or the first frames of the path [default: 12, or the whole path]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=10_000))]

@@ -1,18 +1,19 @@
 //! Runs `splatgraph synth`: generates scenes.
 
-use super::Usage;
-use super::{Outcome, options};
+use super::{Outcome, Usage, look_at, options};
+use crate::draw::truth::Truth;
 use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
-use splatgraph_assets::grouped;
-use splatgraph_assets::synth;
-use std::path::PathBuf;
+use splatgraph_assets::{Camera, Dataset, grouped, synth};
+use splatgraph_reference::Rules;
+use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph synth                                         # the list
   splatgraph synth demo -o demo.ply --cameras demo.cameras.json
   splatgraph synth uniform --count 1000000 --seed 7 -o uniform.ply
-  splatgraph synth --enlarge scene.ply --count 5000000 -o large.ply";
+  splatgraph synth --enlarge scene.ply --count 5000000 -o large.ply
+  splatgraph synth --photograph scene.ply --dataset views/ # a COLMAP dataset of its pictures";
 
 /// Generate a scene
 ///
@@ -21,7 +22,7 @@ pub const EXAMPLES: &str = "Examples:
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// Name of the scene
-    #[arg(conflicts_with = "enlarge")]
+    #[arg(conflicts_with_all = ["enlarge", "photograph"])]
     name: Option<String>,
     /// The .ply file to write, in the layout of the reference implementation; `-` is standard output
     #[arg(short, long, value_name = "OUT.ply")]
@@ -38,6 +39,18 @@ pub struct Args {
     /// Enlarge this scene to --count splats, with copies scattered inside its splats
     #[arg(long, value_name = "SCENE.ply", requires = "count")]
     enlarge: Option<PathBuf>,
+    /// Draw this scene exactly from a circle around it, into a COLMAP dataset (--dataset)
+    #[arg(long, value_name = "SCENE", requires = "dataset", conflicts_with_all = ["enlarge", "output", "cameras", "count"])]
+    photograph: Option<PathBuf>,
+    /// Folder of the COLMAP dataset: images/ and sparse/0/, as text
+    #[arg(long, value_name = "DIR", requires = "photograph")]
+    dataset: Option<PathBuf>,
+    /// Number of photographs [default: 24]
+    #[arg(long, value_name = "N", requires = "photograph", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    views: Option<u32>,
+    /// Size of the photographs [default: 480x270]
+    #[arg(long, value_name = "WIDTHxHEIGHT", requires = "photograph", value_parser = options::size)]
+    size: Option<(u32, u32)>,
 }
 
 /// Lists the scenes, for help.
@@ -53,6 +66,10 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     let mut guard = OutputGuard::default();
     if let Some(path) = &args.enlarge {
         guard.input("the scene", path)?;
+    }
+    if let (Some(path), Some(folder)) = (&args.photograph, &args.dataset) {
+        guard.input("the scene", path)?;
+        return photographs(args, folder).iter().try_for_each(|path| Ok(guard.output("--dataset", path)?));
     }
     let Some(output) = &args.output else {
         return match (&args.name, &args.enlarge) {
@@ -75,8 +92,39 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
+/// Names the photographs of a dataset.
+fn photographs(args: &Args, folder: &Path) -> Vec<PathBuf> {
+    let name = |index| folder.join("images").join(format!("view-{index:04}.png"));
+    (0..args.views.unwrap_or(24)).map(name).collect()
+}
+
+/// Draws a scene exactly from a circle around it, and writes pictures and cameras as a COLMAP dataset.
+fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
+    let scene = options::load_scene(scene)?;
+    let (width, height) = args.size.unwrap_or((480, 270));
+    let paths = photographs(args, folder);
+    let framing = Camera::framing(&scene, width, height);
+    let target = scene.robust_bounds().center();
+    let mut cameras =
+        look_at::circle(framing.position, target, [0.0, -1.0, 0.0], 60.0, (width, height), paths.len());
+    for (camera, path) in cameras.iter_mut().zip(&paths) {
+        camera.img_name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Truth::draw(&scene, camera, [0.0; 3], &Rules::PUBLISHED).image().save(path)?;
+    }
+    let world: Vec<Camera> =
+        cameras.iter().map(|camera| camera.relative_to(scene.offset().map(|v| -v))).collect();
+    for (name, text) in Dataset::colmap_text(&world, "png") {
+        output::write_bytes(&folder.join("sparse/0").join(name), text.as_bytes())?;
+    }
+    note(format!("{}: {} photographs of {width} x {height}", folder.display(), paths.len()));
+    Ok(Outcome::Done)
+}
+
 pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
+    if let (Some(scene), Some(folder)) = (&args.photograph, &args.dataset) {
+        return photograph(args, scene, folder);
+    }
     let (scene, cameras) = match (&args.name, &args.enlarge, args.count) {
         (None, Some(path), Some(count)) => (synth::enlarge(&options::load_scene(path)?, count)?, None),
         (Some(name), ..) => {

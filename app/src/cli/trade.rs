@@ -51,7 +51,7 @@ use std::path::{Path, PathBuf};
   splatgraph trade scene.ply --set sh_degree=1            # what the others save with one band of harmonics
   splatgraph trade scene.ply -c cameras.json --truth photographs/ --size 980x545")]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
     scene: Option<PathBuf>,
     /// The graph whose parameters are changed: the name of a built-in one, or a path
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
@@ -59,8 +59,8 @@ pub struct Args {
     /// Set a parameter of the graph in every setting; it is not changed then. May be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
-    /// Cameras in the format of the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
-    #[arg(short, long, value_name = "FILE[#INDEX]|JSON")]
+    /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
+    #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]

@@ -37,7 +37,7 @@ Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
     ///
     /// Without it, the demo scene is shown; the first use generates it. `cameras.json` in the scene's folder is loaded automatically.
     scene: Option<PathBuf>,

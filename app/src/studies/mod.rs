@@ -1,6 +1,7 @@
 //! Measures graphs and settings over many frames. Each study is a function that returns numbers or a page.
 //!
 //! - [`metrics`]: differences between pictures;
+//! - [`evaluation`]: scores against photographs;
 //! - [`trade`]: the cost of each setting, in time and in accuracy;
 //! - [`mod@bench`]: time, memory and bytes of graphs, drawn interleaved;
 //! - [`sweep`]: the cost of a budget of splats;
@@ -10,6 +11,7 @@
 
 pub mod advise;
 pub mod bench;
+pub mod evaluation;
 pub mod experiment;
 pub mod metrics;
 pub mod popping;

@@ -5,7 +5,8 @@ use crate::input::{Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory;
 use crate::recognise::{self, HEAD, SceneFormat};
 use crate::scene::Scene;
-use crate::{ply, sog, splat, spz};
+use crate::spz::SpzVersion;
+use crate::{ksplat, ply, sog, splat, spz};
 use std::io::Write;
 use std::path::Path;
 
@@ -23,6 +24,7 @@ fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
         SceneFormat::Spz => spz::parse(input),
         SceneFormat::Splat => splat::parse(input),
         SceneFormat::Sog => sog::parse(input),
+        SceneFormat::Ksplat => ksplat::parse(input),
     }
 }
 
@@ -41,6 +43,7 @@ impl SceneHeader {
                 SceneFormat::Spz => spz::header(&source),
                 SceneFormat::Splat => splat::header(&source),
                 SceneFormat::Sog => sog::header(&source),
+                SceneFormat::Ksplat => ksplat::header(&source),
             }
         };
         inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
@@ -73,6 +76,14 @@ impl Scene {
         parse(&Input { source: &Source::Bytes(bytes), memory: memory::available(), progress }, None)
     }
 
+    /// Writes the scene as SPZ of a version; [`Scene::write`] takes the newest.
+    ///
+    /// # Errors
+    /// The writer fails, or a coordinate is beyond 8,388,607.
+    pub fn write_spz(&self, version: SpzVersion, out: &mut impl Write) -> std::io::Result<()> {
+        spz::write(self, version, out)
+    }
+
     /// Writes the scene in a format, in the world's coordinates.
     ///
     /// All formats but [`SceneFormat::Ply`] round the values: [`SceneFormat::losses`] says how.
@@ -83,10 +94,12 @@ impl Scene {
         match format {
             SceneFormat::Ply => self.write_ply_to(out),
             SceneFormat::CompressedPly => ply::pack::write(self, out),
-            SceneFormat::Spz => spz::write(self, out),
+            SceneFormat::Spz => spz::write(self, SpzVersion::default(), out),
             SceneFormat::Splat => splat::write(self, out),
-            SceneFormat::Sog => {
-                let text = "expected a format that can be written, found sog, which is read alone";
+            SceneFormat::Sog | SceneFormat::Ksplat => {
+                let found = format.extension();
+                let text =
+                    format!("expected a format that can be written, found {found}, which is read alone");
                 Err(std::io::Error::new(std::io::ErrorKind::Unsupported, text))
             }
         }

@@ -69,7 +69,7 @@ fn steps(format: SceneFormat) -> Steps {
             dc: byte / 0.282 + 1e-5,
             rest: None,
         },
-        SceneFormat::Sog => unreachable!("it is read alone"),
+        SceneFormat::Sog | SceneFormat::Ksplat => unreachable!("it is read alone"),
     }
 }
 

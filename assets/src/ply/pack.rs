@@ -5,7 +5,6 @@
 use super::packed::{CHUNK, CHUNK_SPLATS, VERTEX};
 use crate::activation::{SH_C0, largest_positive, logarithm, quantised};
 use crate::scene::{Scene, sh_floats};
-use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 use std::io::{Result, Write};
 
@@ -56,23 +55,6 @@ fn harmonic(value: f32) -> u8 {
     ((f64::from(value) / 8.0 + 0.5) * 256.0).trunc().clamp(0.0, 255.0) as u8
 }
 
-/// Sorts the splats along a Morton curve, 21 bits per axis of the scene's box.
-fn morton_order(scene: &Scene) -> Vec<u32> {
-    let bounds = scene.bounds();
-    let spread = |value: u64| (0..21).fold(0u64, |code, bit| code | (value >> bit & 1) << (3 * bit));
-    let code = |position: &[f32; 3]| {
-        (0..3).fold(0, |code, axis| {
-            let (min, max) = (f64::from(bounds.min[axis]), f64::from(bounds.max[axis]));
-            let part = if max > min { (f64::from(position[axis]) - min) / (max - min) } else { 0.0 };
-            code | spread(u64::from(quantised(part, (1 << 21) - 1))) << axis
-        })
-    };
-    let mut order: Vec<(u64, u32)> =
-        scene.positions().par_iter().enumerate().map(|(index, p)| (code(p), index as u32)).collect();
-    order.par_sort_unstable();
-    order.into_iter().map(|(_, index)| index).collect()
-}
-
 /// Writes a scene.
 ///
 /// # Errors
@@ -80,7 +62,7 @@ fn morton_order(scene: &Scene) -> Vec<u32> {
 pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     let degree = scene.stored_degree();
     out.write_all(header(scene.count() as usize, degree).as_bytes())?;
-    let order = morton_order(scene);
+    let order = scene.morton_order();
     // The bounds of all chunks come before the first splat.
     let mut vertices = Vec::new();
     vertices.try_reserve_exact(order.len() * 16)?;

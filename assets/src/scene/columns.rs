@@ -10,7 +10,7 @@ use rayon::prelude::*;
 pub(crate) struct Columns {
     pub degree: u32,
     pub position: Vec<[f32; 3]>,
-    /// What is missing in `position`; empty where nothing is that shows.
+    /// Digits below f32 of `position`; empty if none would show.
     pub low: Vec<[f32; 3]>,
     pub scale: Vec<[f32; 3]>,
     pub rotation: Vec<[f32; 4]>,

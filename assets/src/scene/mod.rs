@@ -61,7 +61,7 @@ pub struct ColorRange {
     pub brightest: f64,
 }
 
-/// What a file says of its splats beside their values.
+/// Holds the tags of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FileNotes {
     /// The splats were trained with an anti-aliasing filter (Mip-Splatting), which not every graph applies.
@@ -142,18 +142,25 @@ impl Scene {
     ) -> Result<Self, SceneMemoryError> {
         let degree = degree.min(3);
         SceneMemoryError::check(count.into(), degree, Self::host_bytes(count.into(), degree))?;
-        let mut columns = Columns::zeroed(count as usize, degree)?;
-        let filled = columns.fill(|rows| {
+        let columns = Columns::zeroed(count as usize, degree)?;
+        Ok(Self::filled(columns, |rows| {
             for index in 0..rows.len() {
                 let mut splat = splat(rows.first() + index);
                 let (rotation, norm) = activation::unit(splat.rotation.map(f64::from));
                 splat.rotation = rotation;
                 rows.push(&splat, norm);
             }
+        }))
+    }
+
+    /// Makes a scene of columns that `fill` fills.
+    fn filled(mut columns: Columns, fill: impl Fn(&mut Rows) + Sync) -> Self {
+        let filled = columns.fill(|rows| {
+            fill(rows);
             Ok::<_, std::convert::Infallible>(())
         });
         match filled {
-            Ok(gathered) => Ok(Self::new(columns, gathered, None)),
+            Ok(gathered) => Self::new(columns, gathered, None),
             Err(never) => match never {},
         }
     }
@@ -171,18 +178,13 @@ impl Scene {
     ) -> Result<Self, SceneMemoryError> {
         let mut columns = Columns::zeroed(count as usize, degree.min(3))?;
         columns.widen()?;
-        let filled = columns.fill(|rows| {
+        Ok(Self::filled(columns, |rows| {
             for index in 0..rows.len() {
                 let (mut splat, position) = splat(rows.first() + index);
                 splat.position = position.map(|v| v as f32);
                 rows.push_wide(&splat, position, 1.0);
             }
-            Ok::<_, std::convert::Infallible>(())
-        });
-        match filled {
-            Ok(gathered) => Ok(Self::new(columns, gathered, None)),
-            Err(never) => match never {},
-        }
+        }))
     }
 
     /// Copies the scene without the harmonics above `degree`.

@@ -6,7 +6,7 @@ use crate::scene::Splat;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Frame {
     axes: [f32; 3],
-    /// Of each coefficient of the spherical harmonics.
+    /// Sign of each coefficient of the spherical harmonics.
     sh: [f32; 16],
 }
 

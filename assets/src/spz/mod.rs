@@ -1,4 +1,4 @@
-//! Reads Niantic's SPZ files, versions 1 to 4, and writes version 3.
+//! Reads Niantic's SPZ files, versions 1 to 4, and writes versions 3 and 4.
 //!
 //! To version 3, a file is a gzip stream ([`gzip`]) of a header, one array after the other, and extension records. In version 4, the
 //! header is plain and longer, and each array is a stream of its own ([`streams`]).
@@ -40,8 +40,24 @@ pub(crate) use write::write;
 /// First bytes of the header.
 pub(crate) const MAGIC: &[u8; 4] = b"NGSP";
 
-/// Bytes of the header.
+/// Bytes of the header to version 3.
 const HEADER: usize = 16;
+
+/// Bytes of the header of version 4.
+const LONG_HEADER: usize = 32;
+
+/// Bytes of an entry of the table of contents of version 4.
+const ENTRY: usize = 16;
+
+/// A version of SPZ that is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SpzVersion {
+    /// One gzip stream, which every reader of the format knows.
+    V3 = 3,
+    /// A Zstandard stream per array: smaller and faster to read, since 2026.
+    #[default]
+    V4 = 4,
+}
 
 /// Bit of `flags`: the splats were trained with an anti-aliasing filter.
 const ANTIALIASED: u8 = 1;

@@ -4,19 +4,13 @@
 //! 12 reserved bytes. An entry of the table is the stream's packed and unpacked length, 8 bytes each. Arrays without bytes have no
 //! stream. The last stream ends with the file.
 
-use super::HEADER;
 use super::header::{Header, Unpacked, append, check_memory, field, unpacked};
+use super::{ENTRY, HEADER, LONG_HEADER};
 use crate::error::SceneError;
 use crate::input::{Done, Input, Source, SourceReader, Table};
 use crate::size_breakdown::FieldSize;
 use ruzstd::decoding::StreamingDecoder;
 use std::io::Read;
-
-/// Bytes of the header.
-const LONG_HEADER: usize = 32;
-
-/// Bytes of an entry of the table of contents.
-const ENTRY: usize = 16;
 
 /// Reads the header of a file, and returns the offset of the table of contents with it.
 pub(super) fn header(source: &Source) -> Result<(Header, u64), SceneError> {

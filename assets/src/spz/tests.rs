@@ -148,11 +148,11 @@ fn a_scene_beyond_2048_units_is_written_with_coarser_steps() {
         ..crate::testing::splat(i)
     });
     let mut bytes = Vec::new();
-    write(&scene, &mut bytes).unwrap();
+    write(&scene, SpzVersion::V3, &mut bytes).unwrap();
     let back = parse(&bytes).unwrap();
     assert_eq!((back.splat(1).position, back.splat(0).position), ([5000.0, -1.25, 0.5], [0.0, -1.25, 0.5]));
     let far = scene.with_offset([1e8, 0.0, 0.0]);
-    let said = write(&far, &mut Vec::new()).unwrap_err().to_string();
+    let said = write(&far, SpzVersion::V4, &mut Vec::new()).unwrap_err().to_string();
     assert!(said.contains("expected coordinates up to 8388607"), "{said}");
 }
 
@@ -195,6 +195,22 @@ fn version_4_has_the_splats_of_version_3() {
     }
     let system = [&COORDINATE_SYSTEM.to_le_bytes()[..], &4u32.to_le_bytes(), &6u32.to_le_bytes()].concat();
     assert_eq!(parse(&streams(1, &system)).unwrap().splat(0).position, [1.0, -2.0, 3.0]);
+}
+
+#[test]
+fn both_written_versions_have_the_same_splats_and_no_stream_without_bytes() {
+    for degree in 0..=3 {
+        let scene = Scene::generate(3000, degree, crate::testing::splat);
+        let [old, new] = [SpzVersion::V3, SpzVersion::V4].map(|version| {
+            let mut bytes = Vec::new();
+            write(&scene, version, &mut bytes).unwrap();
+            if version == SpzVersion::V4 {
+                assert_eq!(bytes[15], if degree == 0 { 5 } else { 6 });
+            }
+            parse(&bytes).unwrap()
+        });
+        assert_eq!((old.count(), old.identity()), (3000, new.identity()), "degree {degree}");
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
-//! Writes SPZ version 3, with the steps of the reference writer.
+//! Writes SPZ versions 3 and 4, with the steps of the reference writer.
 
 use super::frame::Frame;
-use super::{ANTIALIASED, COLOR_SCALE, HEADER, MAGIC};
+use super::{ANTIALIASED, COLOR_SCALE, ENTRY, HEADER, LONG_HEADER, MAGIC, SpzVersion};
 use crate::activation::{largest_positive, logarithm, quantised};
 use crate::scene::{Scene, Splat, sh_floats};
 use flate2::{Compression, write::GzEncoder};
@@ -14,22 +14,63 @@ const FRACTIONAL_BITS: u32 = 12;
 /// Largest 24-bit integer.
 const MOST_FIXED: f64 = 8_388_607.0;
 
+/// Level of Zstandard, that of the reference writer.
+const LEVEL: i32 = 12;
+
 /// Writes a scene.
 ///
 /// # Errors
 /// The writer fails, or a coordinate is beyond 8,388,607, the largest that the format holds.
-pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
-    let degree = scene.stored_degree();
+pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) -> Result<()> {
     let bits = fractional_bits(scene)?;
     let flags = if scene.notes().antialiased { ANTIALIASED } else { 0 };
     let mut header = [0; HEADER];
     header[..4].copy_from_slice(MAGIC);
-    header[4..8].copy_from_slice(&3u32.to_le_bytes());
+    header[4..8].copy_from_slice(&(version as u32).to_le_bytes());
     header[8..12].copy_from_slice(&scene.count().to_le_bytes());
-    header[12..15].copy_from_slice(&[degree as u8, bits as u8, flags]);
-    let mut out = GzEncoder::new(out, Compression::default());
-    out.write_all(&header)?;
+    header[12..15].copy_from_slice(&[scene.stored_degree() as u8, bits as u8, flags]);
+    match version {
+        SpzVersion::V3 => {
+            let mut out = GzEncoder::new(out, Compression::default());
+            out.write_all(&header)?;
+            arrays(scene, bits, |_, array| array(&mut out))?;
+            out.finish()?;
+        }
+        SpzVersion::V4 => {
+            // The table of contents comes before the streams: these wait, packed.
+            let (mut table, mut streams) = (Vec::new(), Vec::new());
+            arrays(scene, bits, |stride, array| {
+                let (start, bytes) = (streams.len(), u64::from(scene.count()) * stride as u64);
+                if bytes == 0 {
+                    return Ok(());
+                }
+                let mut packer = zstd::Encoder::new(&mut streams, LEVEL)?;
+                // A reader then needs no window larger than the array.
+                packer.set_pledged_src_size(Some(bytes))?;
+                array(&mut packer)?;
+                packer.finish()?;
+                let packed = (streams.len() - start) as u64;
+                table.extend_from_slice([packed, bytes].map(u64::to_le_bytes).as_flattened());
+                Ok(())
+            })?;
+            header[15] = (table.len() / ENTRY) as u8;
+            let mut rest = [0; LONG_HEADER - HEADER];
+            rest[..4].copy_from_slice(&(LONG_HEADER as u32).to_le_bytes());
+            for bytes in [&header[..], &rest, &table, &streams] {
+                out.write_all(bytes)?;
+            }
+        }
+    }
+    Ok(())
+}
 
+/// Calls `array` for each array of a file, in order, with its bytes per splat and the function that writes it.
+fn arrays(
+    scene: &Scene,
+    bits: u32,
+    mut array: impl FnMut(usize, &dyn Fn(&mut dyn Write) -> Result<()>) -> Result<()>,
+) -> Result<()> {
+    let degree = scene.stored_degree();
     let frame = Frame::new(Frame::RUB).expect("it is a number of a coordinate system");
     let turned = |index: usize| {
         let mut splat = scene.splat(index);
@@ -37,34 +78,34 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
         splat
     };
     let steps = f64::from(1u32 << bits);
-    let mut array = |row: &dyn Fn(usize, &mut Vec<u8>)| -> Result<()> {
-        let mut bytes = Vec::new();
-        for index in 0..scene.count() as usize {
-            row(index, &mut bytes);
-            out.write_all(&bytes)?;
-            bytes.clear();
-        }
-        Ok(())
+    let mut rows = |stride: usize, row: &dyn Fn(usize, &mut Vec<u8>)| {
+        array(stride, &|out: &mut dyn Write| {
+            let mut bytes = Vec::new();
+            for index in 0..scene.count() as usize {
+                row(index, &mut bytes);
+                out.write_all(&bytes)?;
+                bytes.clear();
+            }
+            Ok(())
+        })
     };
-    array(&|index, bytes| {
+    rows(9, &|index, bytes| {
         let [x, y, z] = scene.world_position(index);
         for value in [x, -y, -z] {
             let fixed = (value * steps).round() as i32;
             bytes.extend_from_slice(&fixed.to_le_bytes()[..3]);
         }
     })?;
-    array(&|index, bytes| bytes.push(quantised(scene.opacities()[index].into(), 255) as u8))?;
-    array(&|index, bytes| bytes.extend(color(&scene.splat(index))))?;
-    array(&|index, bytes| bytes.extend(scene.scales()[index].map(scale)))?;
-    array(&|index, bytes| bytes.extend(rotation(turned(index).rotation).to_le_bytes()))?;
-    array(&|index, bytes| {
+    rows(1, &|index, bytes| bytes.push(quantised(scene.opacities()[index].into(), 255) as u8))?;
+    rows(3, &|index, bytes| bytes.extend(color(&scene.splat(index))))?;
+    rows(3, &|index, bytes| bytes.extend(scene.scales()[index].map(scale)))?;
+    rows(4, &|index, bytes| bytes.extend(rotation(turned(index).rotation).to_le_bytes()))?;
+    rows(sh_floats(degree) - 3, &|index, bytes| {
         let splat = turned(index);
         bytes.extend(
             splat.sh[..sh_floats(degree)].iter().enumerate().skip(3).map(|(at, value)| harmonic(at, *value)),
         );
-    })?;
-    out.finish()?;
-    Ok(())
+    })
 }
 
 /// Finds how many bits behind the point leave room for the largest coordinate.

@@ -8,7 +8,7 @@ use crate::numbers::Random;
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
 use image_webp::{ColorType, WebPEncoder};
 use serde_json::json;
-use splatgraph_assets::{Camera, Scene, SceneFormat, synth};
+use splatgraph_assets::{Camera, CameraError, Dataset, Scene, SceneFormat, SpzVersion, synth};
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read as _, Write as _};
 use std::path::Path;
@@ -245,6 +245,16 @@ fn packed_scenes(format: SceneFormat, head: usize) -> Vec<(Vec<u8>, usize)> {
     seeds.into_iter().map(|bytes| (bytes, head)).collect()
 }
 
+/// Makes small scenes in SPZ version 3.
+fn spz3_scenes() -> [Vec<u8>; 2] {
+    [("uniform", 6), ("demo", 3)].map(|(generator, count)| {
+        let scene = synth::generate(generator, count, 0).expect("it is generated");
+        let mut bytes = Vec::new();
+        scene.write_spz(SpzVersion::V3, &mut bytes).expect("memory takes it");
+        bytes
+    })
+}
+
 fn parse(bytes: &[u8]) -> Result<(), String> {
     match Scene::parse(bytes, &|_, _| {}) {
         Ok(scene) => {
@@ -260,10 +270,11 @@ fn parse(bytes: &[u8]) -> Result<(), String> {
 fn damaged_scenes_of_every_format_are_read_or_refused() {
     let memory = 4 << 20;
     for (format, head) in
-        [(SceneFormat::CompressedPly, 900), (SceneFormat::Splat, 64), (SceneFormat::Spz, 20)]
+        [(SceneFormat::CompressedPly, 900), (SceneFormat::Splat, 64), (SceneFormat::Spz, 128)]
     {
         run(&format!("{format:?}"), &packed_scenes(format, head), memory, parse);
     }
+    run("SPZ version 3", &spz3_scenes().map(|bytes| (bytes, 20)), memory, parse);
 }
 
 #[test]
@@ -273,8 +284,7 @@ fn damage_inside_an_spz_file_is_read_or_refused() {
         GzDecoder::new(bytes).read_to_end(&mut unpacked).expect("it is whole");
         unpacked
     };
-    let mut seeds: Vec<_> =
-        packed_scenes(SceneFormat::Spz, 16).iter().map(|(bytes, head)| (inside(bytes), *head)).collect();
+    let mut seeds: Vec<_> = spz3_scenes().iter().map(|bytes| (inside(bytes), 16)).collect();
     // Records after the arrays: the axes, and one that is not known.
     seeds[0].0[14] = 2;
     seeds[0].0.extend([3, 0, 0xBE, 0xAD, 4, 0, 0, 0, 6, 0, 0, 0, 9, 9, 9, 9, 1, 0, 0, 0, 7]);
@@ -345,6 +355,34 @@ fn sog(method: CompressionMethod) -> Vec<u8> {
     zip.finish().expect("memory takes it").into_inner()
 }
 
+/// Makes a `.ksplat` of two splats of degree 1 in a bucket that is not full.
+fn ksplat(level: u16) -> Vec<u8> {
+    let mut bytes = vec![0; 4096 + 1024];
+    let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+    put(0, &[0, 1]);
+    for (at, value) in [(4, 1u32), (8, 1), (16, 2), (4096, 2), (4100, 2), (4104, 256), (4108, 1)] {
+        put(at, &value.to_le_bytes());
+    }
+    put(20, &level.to_le_bytes());
+    put(4112, &5f32.to_le_bytes());
+    put(4116, &[12, 0]);
+    put(4096 + 36, &[1, 0]);
+    put(4096 + 40, &[1, 0]);
+    bytes.extend([2, 0, 0, 0]);
+    bytes.extend([0; 12]);
+    let stride = if level == 0 { 44 + 36 } else { 24 + 9 * (3 - usize::from(level)) };
+    // Ones as half floats, and small numbers as floats.
+    bytes.extend([0x00, 0x3C].repeat(stride));
+    bytes
+}
+
+#[test]
+fn damaged_ksplat_files_are_read_or_refused() {
+    // Two in five cases hit the file's header, others mostly that of the section.
+    let seeds = [0, 1, 2].map(|level| (ksplat(level), 48));
+    run("ksplat", &seeds, 4 << 20, parse);
+}
+
 #[test]
 fn damaged_sog_files_are_read_or_refused() {
     let seeds = [CompressionMethod::Stored, CompressionMethod::Deflated].map(|method| (sog(method), 200));
@@ -364,19 +402,68 @@ fn damaged_cameras_are_read_or_refused() {
     let seeds: Vec<_> = seeds.into_iter().map(|(head, bytes)| (bytes, head)).collect();
     run("cameras", &seeds, 1 << 20, |bytes| {
         let Ok(text) = std::str::from_utf8(bytes) else { return Err("not UTF-8".into()) };
-        match Camera::parse(text, Path::new("c.json")) {
-            Ok(cameras) => {
-                assert!(
-                    cameras
-                        .iter()
-                        .all(|camera| (camera.fx as f32).is_normal()
-                            && (camera.position[0] as f32).is_finite())
-                );
-                Ok(())
-            }
-            Err(error) => Err(kind(&error.to_string())),
-        }
+        sound(Dataset::parse(text, Path::new("c.json")))
     });
+}
+
+/// Checks that all cameras of a dataset can be drawn with.
+fn sound(read: Result<Dataset, CameraError>) -> Result<(), String> {
+    let dataset = read.map_err(|error| kind(&error.to_string()))?;
+    assert!(dataset.views.iter().all(|view| view.camera.fault().is_none()));
+    assert!(dataset.test_views().len() <= dataset.views.len());
+    Ok(())
+}
+
+#[test]
+fn damaged_transforms_are_read_or_refused() {
+    let frame = r#"{"file_path": "./a b.png", "transform_matrix": [[1,0,0,2],[0,1,0,0.5],[0,0,1,3],[0,0,0,1]], "fl_y": 7}"#;
+    let text = format!(
+        r#"{{"camera_model": "OPENCV", "fl_x": 5.0, "w": 4, "h": 2.0, "cx": 2, "k1": 0, "frames": [{frame}, {frame}], "aabb_scale": 16, "camera_angle_x": 0.9, "test_filenames": ["a"]}}"#
+    );
+    run("transforms", &[(text.clone().into_bytes(), text.len())], 1 << 20, |bytes| {
+        let Ok(text) = std::str::from_utf8(bytes) else { return Err("not UTF-8".into()) };
+        sound(Dataset::parse(text, Path::new("nowhere/transforms.json")))
+    });
+}
+
+/// Makes both files of a binary COLMAP model of two images.
+fn colmap_binary() -> [Vec<u8>; 2] {
+    let mut lenses = 1u64.to_le_bytes().to_vec();
+    lenses.extend([1u32, 1].map(u32::to_le_bytes).as_flattened());
+    lenses.extend([8u64, 6].map(u64::to_le_bytes).as_flattened());
+    lenses.extend([9.0, 9.0, 4.0, 3.0].map(f64::to_le_bytes).as_flattened());
+    let mut images = 2u64.to_le_bytes().to_vec();
+    for id in [1u32, 2] {
+        images.extend(id.to_le_bytes());
+        images.extend([1.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0].map(f64::to_le_bytes).as_flattened());
+        images.extend(1u32.to_le_bytes());
+        images.extend(b"a.png\0");
+        images.extend(3u64.to_le_bytes());
+        images.extend([7; 72]);
+    }
+    [lenses, images]
+}
+
+#[test]
+fn damaged_models_of_colmap_are_read_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = Dataset::colmap_text(&synth::demo_cameras(), "png").map(|(_, text)| text.into_bytes());
+    let [text_lenses, text_images, _] = text;
+    let [lenses, images] = colmap_binary();
+    for (form, whole) in [("txt", [text_lenses, text_images]), ("bin", [lenses, images])] {
+        for damaged in [0, 1] {
+            let below = folder.path().join(format!("{form}{damaged}"));
+            std::fs::create_dir(&below).unwrap();
+            let names = ["cameras", "images"].map(|name| below.join(format!("{name}.{form}")));
+            std::fs::write(&names[1 - damaged], &whole[1 - damaged]).unwrap();
+            let seeds = [(whole[damaged].clone(), whole[damaged].len())];
+            // A buffer, and a line.
+            run(&format!("COLMAP {form} {damaged}"), &seeds, 1 << 20, |bytes| {
+                std::fs::write(&names[damaged], bytes).unwrap();
+                sound(Dataset::load(&below))
+            });
+        }
+    }
 }
 
 #[test]

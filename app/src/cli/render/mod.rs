@@ -1,6 +1,7 @@
 //! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
 use super::cameras;
+use super::look_at::LookAtArgs;
 use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
 use super::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::{Api, Backend};
@@ -13,7 +14,7 @@ use crate::io::output::{OutputGuard, is_standard_output, one_line};
 use crate::io::progress::Progress;
 use anyhow::{Result, bail};
 use splatgraph_api::Device;
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, Scene};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -34,6 +35,8 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph render -o demo.png                                          # the demo scene
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --format npy
   splatgraph render scene.ply --cameras cameras.json#2 --size 1920x1080 -o out.exr
+  splatgraph render scene.ply --cameras garden/ -o pictures/             # the views of a COLMAP dataset
+  splatgraph render scene.ply --eye 0,-1,-4 --orbit 60 -o turn/
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.png
   splatgraph render scene.ply --repeat 100 --json -                      # times, as medians
   splatgraph render scene.ply --inspect keys@scatter=keys.npy -o out.png
@@ -48,10 +51,12 @@ pub const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat or .sog
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
+    #[command(flatten, next_help_heading = "A camera without a file")]
+    look: LookAtArgs,
     /// Choose the renderer: `vulkan`, on Apple's systems `metal`, or `reference`, the exact one on the CPU
     ///
     /// The first two execute the graph on a device. `null` executes nothing, for a look at what everything else costs: its pictures are
@@ -102,7 +107,7 @@ pub struct Args {
 
 /// Names the renderer of `--backend`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Renderer {
+pub(super) enum Renderer {
     Device(Api),
     Reference,
 }
@@ -120,7 +125,7 @@ impl fmt::Display for Renderer {
 }
 
 /// Parses the value of `--backend`.
-fn renderer(text: &str) -> Result<Renderer, String> {
+pub(super) fn renderer(text: &str) -> Result<Renderer, String> {
     match text {
         REFERENCE => Ok(Renderer::Reference),
         _ => Api::find(text).map(Renderer::Device).ok_or_else(|| Api::refusal(text, &[REFERENCE])),
@@ -164,7 +169,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             );
         }
     }
-    let names = options::camera_names(args.scene.as_deref(), given.as_deref());
+    let own = || options::camera_names(args.scene.as_deref(), given.as_deref());
+    let names = args.look.names().unwrap_or_else(own);
     if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
         let message = format!(
             "expected one camera for the picture {}, found {}: name a folder, or one camera with --cameras FILE#INDEX",
@@ -225,8 +231,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(path) = &args.scene {
         fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
     }
-    let (scene, cameras) =
-        options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+    let (scene, cameras) = scene_and_cameras(args, given, &stems)?;
 
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     if !args.inspect.is_empty() {
@@ -276,11 +281,22 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::validated(args.device.validate, &session.into_device().close()))
 }
 
+/// Loads the scene and its cameras, in the requested size.
+fn scene_and_cameras(
+    args: &Args,
+    given: Option<Vec<Camera>>,
+    stems: &[String],
+) -> Result<(Scene, Vec<Camera>)> {
+    let (scene, cameras) =
+        options::scene_and_cameras(args.scene.as_deref(), given, stems, args.drawing.size)?;
+    let looking = args.look.cameras(&scene, args.drawing.size)?;
+    Ok((scene, looking.unwrap_or(cameras)))
+}
+
 /// Draws with the exact renderer.
 fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Result<Outcome> {
     let rules = truth::rules(&args.rule).map_err(|error| Usage(error.to_string()))?;
-    let (scene, cameras) =
-        options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+    let (scene, cameras) = scene_and_cameras(args, given, &stems)?;
     let stdout = args.stdout();
     let mut all = Vec::with_capacity(cameras.len());
     for (camera, stem) in cameras.iter().zip(&stems) {
@@ -307,27 +323,46 @@ fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Res
 
 /// Refuses options that have no meaning for the chosen renderer.
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
-    let device = &args.device;
-    let given = match args.backend {
-        Renderer::Device(_) => vec![("--rule", !args.rule.is_empty()), ("--map", !args.map.is_empty())],
-        Renderer::Reference => vec![
-            ("--pipeline", args.drawing.pipeline != options::DEFAULT_PIPELINE),
-            ("--set", !args.drawing.set.is_empty()),
+    if let Renderer::Reference = args.backend {
+        let more = [
             ("--repeat", args.repeat != 1),
             ("--jobs", args.jobs.is_some()),
             ("--inspect", !args.inspect.is_empty()),
-            ("--device", device.device.is_some()),
-            ("--validate", device.validate),
-            ("--no-robustness", device.no_robustness),
-        ],
-    };
-    let Some((option, _)) = given.iter().find(|(_, given)| *given) else { return Ok(()) };
-    Err(Usage(match args.backend {
-        Renderer::Device(_) => format!("{option} is for the exact renderer: add --backend reference"),
-        Renderer::Reference => format!(
-            "{option} is for graphs, and the exact renderer executes none; its rules are changed with --rule"
-        ),
-    }))
+        ];
+        refuse_for_reference(&more)?;
+        return refuse_graph_options(&args.drawing.pipeline, &args.drawing.set, &args.device);
+    }
+    let given = [("--rule", !args.rule.is_empty()), ("--map", !args.map.is_empty())];
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) => {
+            Err(Usage(format!("{option} is for the exact renderer: add --backend reference")))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Refuses the options of graphs and devices, for the exact renderer.
+pub(super) fn refuse_graph_options(
+    pipeline: &str,
+    set: &[(String, String)],
+    device: &DeviceArgs,
+) -> Result<(), Usage> {
+    refuse_for_reference(&[
+        ("--pipeline", pipeline != options::DEFAULT_PIPELINE),
+        ("--set", !set.is_empty()),
+        ("--device", device.device.is_some()),
+        ("--validate", device.validate),
+        ("--no-robustness", device.no_robustness),
+    ])
+}
+
+fn refuse_for_reference(given: &[(&str, bool)]) -> Result<(), Usage> {
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) => Err(Usage(format!(
+            "{option} is for graphs, and the exact renderer executes none; its rules are changed with --rule of `render`"
+        ))),
+        None => Ok(()),
+    }
 }
 
 impl Args {

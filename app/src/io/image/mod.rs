@@ -11,6 +11,7 @@ mod exr;
 #[cfg(test)]
 mod fuzz;
 mod npy;
+mod photograph;
 mod png;
 
 use crate::io::output::{self, OutputError};

@@ -43,6 +43,11 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
 
 /// Loads a file, with its greatest level, and ignores its alpha: pictures here are opaque.
 pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
+    load_over(path, None)
+}
+
+/// Loads a file, with its greatest level, and blends it over a background by its alpha, if there are both.
+pub(super) fn load_over(path: &Path, background: Option<[f32; 3]>) -> Result<(Image, u16), ImageError> {
     let fail = |e: png::DecodingError| ImageError::because(path, e);
     let (decoder, (width, height)) = header(path)?;
     let mut reader = decoder.read_info().map_err(fail)?;
@@ -66,16 +71,24 @@ pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
     // Grey is that of its one channel three times.
     let [r, g, b] = if channels < 3 { [0; 3] } else { [0, 1, 2] };
     let mut rgb = room(path, width * height)?;
+    let background = background.filter(|_| channels % 2 == 0);
+    let over = |value: &dyn Fn(usize) -> f32| match background {
+        Some(background) => {
+            let (alpha, colors) = (value(channels - 1), [r, g, b].map(value));
+            std::array::from_fn(|c| alpha * colors[c] + (1.0 - alpha) * background[c])
+        }
+        None => [r, g, b].map(value),
+    };
     let greatest = match frame.bit_depth {
         png::BitDepth::Sixteen => {
-            let value = |b: &[u8]| f32::from(u16::from_be_bytes([b[0], b[1]])) / f32::from(u16::MAX);
-            let pixels = bytes.chunks_exact(2 * channels);
-            rgb.extend(pixels.map(|p| [r, g, b].map(|c| value(&p[2 * c..]))));
+            let value = |p: &[u8], c: usize| {
+                f32::from(u16::from_be_bytes([p[2 * c], p[2 * c + 1]])) / f32::from(u16::MAX)
+            };
+            rgb.extend(bytes.chunks_exact(2 * channels).map(|p| over(&|c| value(p, c))));
             u16::MAX
         }
         _ => {
-            let pixels = bytes.chunks_exact(channels);
-            rgb.extend(pixels.map(|p| [r, g, b].map(|c| f32::from(p[c]) / 255.0)));
+            rgb.extend(bytes.chunks_exact(channels).map(|p| over(&|c| f32::from(p[c]) / 255.0)));
             u8::MAX.into()
         }
     };
@@ -118,5 +131,23 @@ mod tests {
         assert_eq!(load(&path).unwrap().0.rgb, colour);
         write(&path, Indexed, Eight, &[1, 0], Some(&[255, 51, 0, 0, 51, 255]));
         assert_eq!(load(&path).unwrap().0.rgb, colour);
+    }
+
+    #[test]
+    fn over_a_background_alpha_blends_what_an_opaque_file_has_as_it_is() {
+        use png::{BitDepth::*, ColorType::*};
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let near = |pixel: [f32; 3], expected: [f32; 3]| {
+            pixel.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6)
+        };
+        write(&path, Rgba, Eight, &[255, 0, 0, 51, 0, 0, 255, 255], None);
+        let rgb = load_over(&path, Some([1.0, 1.0, 0.0])).unwrap().0.rgb;
+        assert!(near(rgb[0], [1.0, 0.8, 0.0]) && near(rgb[1], [0.0, 0.0, 1.0]), "{rgb:?}");
+        write(&path, Rgb, Eight, &[255, 0, 0, 0, 0, 255], None);
+        assert_eq!(
+            load_over(&path, Some([1.0, 1.0, 0.0])).unwrap().0.rgb,
+            [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+        );
     }
 }

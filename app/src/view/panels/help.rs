@@ -46,7 +46,10 @@ const KEYS: [(&str, &[(&str, &str)]); 4] = [
         "Files",
         &[
             ("Ctrl + O", "open a scene, a graph or cameras"),
-            ("drop a file", "open a scene (.ply, .spz, .splat, .sog), a graph (.ron), cameras (.json)"),
+            (
+                "drop a file",
+                "open a scene (.ply, .spz, .splat, .ksplat, .sog), a graph (.ron), cameras (.json)",
+            ),
         ],
     ),
 ];

@@ -277,8 +277,9 @@ impl<D: Device> Viewer<D> {
             _ if SceneFormat::of_name(path).is_some() => self.open_scene_in(id, path),
             _ => self.events.push(Event::FileFailed {
                 path: path.to_owned(),
-                error: "expected a scene (.ply, .spz, .splat, .sog), a graph (.ron) or cameras (.json)"
-                    .into(),
+                error:
+                    "expected a scene (.ply, .spz, .splat, .ksplat, .sog), a graph (.ron) or cameras (.json)"
+                        .into(),
             }),
         }
     }

@@ -1,10 +1,13 @@
 //! Runs `splatgraph convert`: writes a scene in another format, and says what that loses.
 
+mod edit;
+
 use super::{Outcome, Usage, options};
 use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use splatgraph_assets::{Scene, SceneFormat, grouped, sh_floats};
+use edit::EditArgs;
+use splatgraph_assets::{Dropped, FileNotes, Scene, SceneFormat, SpzVersion, grouped, sh_floats};
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -12,7 +15,9 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph convert scene.ply scene.spz
   splatgraph convert scene.spz scene.ply
   splatgraph convert scene.ply scene.compressed.ply --degree 1
-  splatgraph convert scene.ply - --format splat > scene.splat";
+  splatgraph convert scene.ply - --format splat > scene.splat
+  splatgraph convert scene.ply part.spz --crop sphere:0,0,0,2 --where 'opacity > 0.05'
+  splatgraph convert a.ply both.ply --merge b.ply --transform rotate:1,0,0,180";
 
 /// Write a scene in another format, and say what that loses
 ///
@@ -33,6 +38,11 @@ pub struct Args {
     /// Drop the spherical harmonics above this degree
     #[arg(long, value_name = "0..3", value_parser = clap::value_parser!(u32).range(0..=3))]
     degree: Option<u32>,
+    /// Version of SPZ [default: 4]
+    #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u8).range(3..=4))]
+    spz_version: Option<u8>,
+    #[command(flatten)]
+    edit: EditArgs,
 }
 
 /// Parses the name of a format, which is its extension.
@@ -53,12 +63,19 @@ pub fn format_list() -> String {
 pub(super) fn check_files(args: &Args) -> Result<SceneFormat, Usage> {
     let mut guard = OutputGuard::default();
     guard.input("the scene", &args.input)?;
+    for path in &args.edit.merge {
+        guard.input("a scene of --merge", path)?;
+    }
     guard.output("the output", &args.output)?;
     if is_standard_output(&args.output) {
         options::refuse_terminal("the scene")?;
     }
     let named = SceneFormat::of_name(&args.output).filter(|format| SceneFormat::WRITTEN.contains(format));
-    args.format.or(named).ok_or_else(|| {
+    let format = args.format.or(named);
+    if args.spz_version.is_some() && format.is_some_and(|format| format != SceneFormat::Spz) {
+        return Err(Usage("--spz-version is for .spz".into()));
+    }
+    format.ok_or_else(|| {
         let endings = SceneFormat::WRITTEN.map(|format| format!(".{}", format.extension())).join(", ");
         let found = args.output.display();
         Usage(format!("expected a file name that ends in {endings}, or --format, found {found}"))
@@ -83,21 +100,45 @@ impl Write for Counted<'_> {
     }
 }
 
+/// The input, as the last lines tell of it.
+struct Before {
+    format: String,
+    file_bytes: u64,
+    count: u64,
+    degree: u32,
+    dropped: Dropped,
+    notes: FileNotes,
+}
+
+impl Before {
+    fn of(scene: &Scene) -> Before {
+        let breakdown = scene.size_breakdown();
+        Before {
+            format: breakdown.format.clone(),
+            file_bytes: breakdown.file_bytes,
+            count: scene.count().into(),
+            degree: scene.stored_degree(),
+            dropped: *scene.dropped(),
+            notes: scene.notes(),
+        }
+    }
+}
+
 /// Lists what the output lacks of the input, a phrase per line.
-fn losses(loaded: &Scene, written: &Scene, format: SceneFormat) -> Vec<String> {
+fn losses(loaded: &Before, written: &Scene, format: SceneFormat) -> Vec<String> {
     let mut losses = Vec::new();
-    let dropped = loaded.dropped();
+    let dropped = &loaded.dropped;
     if dropped.total() > 0 {
         losses.push(format!("{} splats that cannot be drawn: {dropped}", grouped(dropped.total())));
     }
-    if let Some(degree) = loaded.notes().cut_degree {
+    if let Some(degree) = loaded.notes.cut_degree {
         losses.push(format!("harmonics: cut from degree {degree} to 3, the most that is read"));
     }
-    let (from, to) = (loaded.stored_degree(), written.stored_degree());
+    let (from, to) = (loaded.degree, written.stored_degree());
     if to < from {
         losses.push(format!("harmonics: cut from degree {from} to {to}"));
     }
-    if loaded.notes().antialiased && format != SceneFormat::Spz {
+    if loaded.notes.antialiased && format != SceneFormat::Spz {
         losses.push("the mark that the splats were trained with anti-aliasing".into());
     }
     let largest = match format {
@@ -117,26 +158,35 @@ fn losses(loaded: &Scene, written: &Scene, format: SceneFormat) -> Vec<String> {
 pub fn run(args: &Args) -> Result<Outcome> {
     let format = check_files(args)?;
     let loaded = options::load_scene(&args.input)?;
-    let cut = args.degree.filter(|degree| *degree < loaded.stored_degree());
-    let cut = cut.map(|degree| loaded.cut_to_degree(degree)).transpose()?;
-    let scene = cut.as_ref().unwrap_or(&loaded);
+    let before = Before::of(&loaded);
+    let edited = args.edit.apply(loaded)?;
+    let cut = args.degree.filter(|degree| *degree < edited.stored_degree());
+    let cut = cut.map(|degree| edited.cut_to_degree(degree)).transpose()?;
+    let scene = cut.as_ref().unwrap_or(&edited);
     let mut bytes = 0;
     output::write(&args.output, |out| {
         let mut counted = Counted { out, bytes: 0 };
-        scene.write(format, &mut counted)?;
+        match args.spz_version {
+            Some(3) => scene.write_spz(SpzVersion::V3, &mut counted)?,
+            _ => scene.write(format, &mut counted)?,
+        }
         bytes = counted.bytes;
         Ok(())
     })?;
 
     let tell = |line: String| if is_standard_output(&args.output) { say(line) } else { note(line) };
-    let before = loaded.size_breakdown();
-    let splats = grouped(loaded.count().into());
     let (path, from, size) = (args.input.display(), &before.format, grouped(before.file_bytes));
-    tell(format!("{path}: {from}, {splats} splats of degree {}, {size} bytes", loaded.stored_degree()));
+    tell(format!(
+        "{path}: {from}, {} splats of degree {}, {size} bytes",
+        grouped(before.count),
+        before.degree
+    ));
     let percent = 100.0 * bytes as f64 / before.file_bytes.max(1) as f64;
     let (path, to) = (args.output.display(), format.extension());
-    tell(format!("{path}: {to}, {} bytes, {percent:.1} % of them", grouped(bytes)));
-    for loss in losses(&loaded, scene, format) {
+    let count = u64::from(scene.count());
+    let splats = if count == before.count { String::new() } else { format!("{} splats, ", grouped(count)) };
+    tell(format!("{path}: {to}, {splats}{} bytes, {percent:.1} % of them", grouped(bytes)));
+    for loss in losses(&before, scene, format) {
         tell(format!("  lost: {loss}"));
     }
     Ok(Outcome::Done)

@@ -1,0 +1,283 @@
+//! Changes a scene before it is written: joins, moves, crops, selects and orders splats.
+
+use crate::cli::{Usage, options};
+use anyhow::Result;
+use glam::{DQuat, DVec3};
+use rayon::prelude::*;
+use splatgraph_assets::{Scene, Similarity};
+use splatgraph_framework::expr::{Expr, ExprError, Scope};
+use splatgraph_framework::ir::Value;
+use std::path::PathBuf;
+
+/// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
+const SH_C0: f64 = 0.282_094_791_773_878_14;
+
+/// The changes, which are made in the order of these options.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Changes, in this order")]
+pub struct EditArgs {
+    /// Append the splats of another scene; may be repeated
+    #[arg(long, value_name = "SCENE")]
+    pub merge: Vec<PathBuf>,
+    /// Move the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin) or `move:X,Y,Z`; may be repeated
+    #[arg(long, value_name = "KIND:NUMBERS", value_parser = transform)]
+    transform: Vec<Similarity>,
+    /// Keep the splats whose centres are inside: `box:X,Y,Z,X,Y,Z` (two corners) or `sphere:X,Y,Z,RADIUS`
+    #[arg(long, value_name = "KIND:NUMBERS", value_parser = crop)]
+    crop: Option<Crop>,
+    /// Keep the splats for which this is true, for instance 'opacity > 0.05 && scale_max < 0.5'
+    ///
+    /// Names: x, y, z (centre, in the world), opacity (0 to 1), scale_min, scale_max (standard deviations), red, green, blue (band 0,
+    /// 0 to 1 and beyond), index. Operators and functions are those of expressions in graphs.
+    #[arg(long = "where", value_name = "EXPRESSION", value_parser = condition)]
+    condition: Option<Condition>,
+    /// Order the splats: `file`, or `morton`, in which neighbours are near each other
+    #[arg(long, value_name = "ORDER", default_value = "file", value_parser = ["file", "morton"])]
+    order: String,
+}
+
+/// A part of space. Coordinates are the world's.
+#[derive(Clone, Copy, Debug)]
+enum Crop {
+    Box([DVec3; 2]),
+    Sphere(DVec3, f64),
+}
+
+/// A condition with its text.
+#[derive(Clone, Debug)]
+struct Condition {
+    text: String,
+    expr: Expr,
+}
+
+/// Parses `KIND:NUMBERS`, of a kind that has so many numbers.
+fn numbers<'a>(text: &'a str, kinds: &[(&str, usize, &str)]) -> Result<(&'a str, Vec<f64>), String> {
+    let parse = || {
+        let (kind, rest) = text.split_once(':')?;
+        let values: Option<Vec<f64>> =
+            rest.split(',').map(|v| v.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+        let values = values?;
+        kinds.iter().any(|(name, count, _)| *name == kind && *count == values.len()).then_some((kind, values))
+    };
+    let examples: Vec<&str> = kinds.iter().map(|(_, _, example)| *example).collect();
+    parse().ok_or_else(|| format!("expected for instance {}", examples.join(" or ")))
+}
+
+/// Parses a value of `--transform`.
+fn transform(text: &str) -> Result<Similarity, String> {
+    let kinds = [("scale", 1, "scale:0.5"), ("rotate", 4, "rotate:1,0,0,90"), ("move", 3, "move:0,-1.5,0")];
+    let (kind, values) = numbers(text, &kinds)?;
+    match (kind, values.as_slice()) {
+        ("rotate", &[x, y, z, degrees]) => {
+            let axis = DVec3::new(x, y, z).try_normalize().ok_or("expected an axis other than 0,0,0")?;
+            Ok(Similarity {
+                rotation: DQuat::from_axis_angle(axis, degrees.to_radians()),
+                ..Similarity::IDENTITY
+            })
+        }
+        ("move", &[x, y, z]) => Ok(Similarity { translation: DVec3::new(x, y, z), ..Similarity::IDENTITY }),
+        (_, &[scale]) if (1e-9..=1e9).contains(&scale) => Ok(Similarity { scale, ..Similarity::IDENTITY }),
+        _ => Err("expected a factor of 1e-9 to 1e9".into()),
+    }
+}
+
+/// Parses a value of `--crop`.
+fn crop(text: &str) -> Result<Crop, String> {
+    let kinds = [("box", 6, "box:-1,-1,-1,1,1,1"), ("sphere", 4, "sphere:0,0,0,2")];
+    match *numbers(text, &kinds)?.1.as_slice() {
+        [x, y, z, radius] if radius > 0.0 => Ok(Crop::Sphere(DVec3::new(x, y, z), radius)),
+        [a, b, c, d, e, f] => {
+            let (one, other) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
+            Ok(Crop::Box([one.min(other), one.max(other)]))
+        }
+        _ => Err("expected a radius above 0".into()),
+    }
+}
+
+impl Crop {
+    fn has(&self, point: DVec3) -> bool {
+        match self {
+            Crop::Box([min, max]) => point.cmpge(*min).all() && point.cmple(*max).all(),
+            Crop::Sphere(center, radius) => point.distance(*center) <= *radius,
+        }
+    }
+}
+
+/// The names of a condition, for a splat.
+struct Names<'a> {
+    scene: &'a Scene,
+    index: usize,
+}
+
+const NAMES: [&str; 10] =
+    ["x", "y", "z", "opacity", "scale_min", "scale_max", "red", "green", "blue", "index"];
+
+impl Scope for Names<'_> {
+    fn get(&self, name: &str) -> Option<Value> {
+        let (scene, index) = (self.scene, self.index);
+        let axis = |axis: usize| scene.world_position(index)[axis];
+        let scale = || scene.scales()[index].map(f64::from);
+        let color = |channel: usize| 0.5 + SH_C0 * f64::from(scene.splat(index).sh[channel]);
+        Some(Value::Float(match name {
+            "x" => axis(0),
+            "y" => axis(1),
+            "z" => axis(2),
+            "opacity" => scene.opacities()[index].into(),
+            "scale_min" => scale().into_iter().fold(f64::INFINITY, f64::min),
+            "scale_max" => scale().into_iter().fold(0.0, f64::max),
+            "red" => color(0),
+            "green" => color(1),
+            "blue" => color(2),
+            "index" => return Some(Value::Int(index as i64)),
+            _ => return None,
+        }))
+    }
+
+    fn names(&self) -> Vec<String> {
+        NAMES.map(str::to_owned).into()
+    }
+}
+
+/// Parses a value of `--where`.
+fn condition(text: &str) -> Result<Condition, String> {
+    let expr = Expr::parse(text).map_err(|error| place(text, &error))?;
+    Ok(Condition { text: text.to_owned(), expr })
+}
+
+/// Adds the place in the text, and a suggestion, to a mistake in an expression.
+fn place(text: &str, error: &ExprError) -> String {
+    let column = text.get(..error.start).map_or(1, |before| before.chars().count() + 1);
+    let help = error.help.as_ref().map(|help| format!("; {help}")).unwrap_or_default();
+    format!("column {column} of `{text}`: {error}{help}")
+}
+
+impl Condition {
+    /// Evaluates the condition for a splat.
+    fn holds(&self, scene: &Scene, index: usize) -> Result<bool, Usage> {
+        match self.expr.eval(&Names { scene, index }) {
+            Ok(Value::Bool(holds)) => Ok(holds),
+            Ok(other) => {
+                Err(Usage(format!("--where: expected a condition, found `{}`, which is {other}", self.text)))
+            }
+            Err(error) => Err(Usage(format!("--where: {}", place(&self.text, &error)))),
+        }
+    }
+}
+
+impl EditArgs {
+    /// Makes the changes. Returns the scene as it is without any.
+    ///
+    /// # Errors
+    /// A scene cannot be loaded or does not fit in memory, the condition cannot be evaluated, or no splat is left.
+    pub fn apply(&self, mut scene: Scene) -> Result<Scene> {
+        if !self.merge.is_empty() {
+            let mut all = vec![scene];
+            for path in &self.merge {
+                all.push(options::load_scene(path)?);
+            }
+            scene = Scene::joined(&all)?;
+        }
+        if !self.transform.is_empty() {
+            let by = self.transform.iter().fold(Similarity::IDENTITY, |all, next| all.then(*next));
+            scene = scene.transformed(&by)?;
+        }
+        if self.crop.is_some() || self.condition.is_some() {
+            let kept = |index: u32| {
+                let at = index as usize;
+                let inside = self.crop.is_none_or(|crop| crop.has(scene.world_position(at).into()));
+                let holds =
+                    || self.condition.as_ref().map_or(Ok(true), |condition| condition.holds(&scene, at));
+                Ok((inside && holds()?).then_some(index))
+            };
+            let kept: Result<Vec<Option<u32>>, Usage> =
+                (0..scene.count()).into_par_iter().map(kept).collect();
+            let kept: Vec<u32> = kept?.into_iter().flatten().collect();
+            if kept.is_empty() {
+                return Err(Usage(format!(
+                    "expected a splat that --crop and --where keep, found none of {}",
+                    scene.count()
+                ))
+                .into());
+            }
+            if kept.len() < scene.count() as usize {
+                scene = scene.picked(&kept)?;
+            }
+        }
+        if self.order == "morton" {
+            scene = scene.picked(&scene.morton_order())?;
+        }
+        Ok(scene)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use splatgraph_assets::synth;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        edit: EditArgs,
+    }
+
+    fn edit(words: &[&str]) -> Result<Scene, String> {
+        let line = Line::try_parse_from([&["convert"], words].concat()).map_err(|error| error.to_string())?;
+        let scene = synth::generate("uniform", 400, 0).expect("a small scene");
+        line.edit.apply(scene).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn splats_are_kept_by_place_and_by_condition() {
+        let whole = edit(&[]).unwrap();
+        let expected = |keep: &dyn Fn(usize) -> bool| (0..400).filter(|index| keep(*index)).count() as u32;
+        let opaque = edit(&["--where", "opacity > 0.5 && x < 0"]).unwrap();
+        assert_eq!(
+            opaque.count(),
+            expected(&|i| whole.opacities()[i] > 0.5 && whole.positions()[i][0] < 0.0)
+        );
+        assert!(opaque.count() > 0 && opaque.count() < 400);
+        let [x, y, z] = whole.positions()[7];
+        let sphere = edit(&["--crop", &format!("sphere:{x},{y},{z},0.0001")]).unwrap();
+        assert_eq!((sphere.count(), sphere.splat(0)), (1, whole.splat(7)));
+        let half = edit(&["--crop", "box:100,-100,100,-100,100,0"]).unwrap();
+        assert_eq!(half.count(), expected(&|i| whole.positions()[i][2] >= 0.0));
+        assert_eq!(edit(&["--where", "index % 2 == 0", "--order", "morton"]).unwrap().count(), 200);
+    }
+
+    #[test]
+    fn transforms_are_made_in_their_order() {
+        let whole = edit(&[]).unwrap();
+        let moved =
+            edit(&["--transform", "scale:2", "--transform", "rotate:0,0,1,90", "--transform", "move:1,0,0"])
+                .unwrap();
+        let ([x, y, z], [a, b, c]) = (whole.positions()[3], moved.positions()[3]);
+        assert!(
+            (a - (1.0 - 2.0 * y)).abs() < 1e-5 && (b - 2.0 * x).abs() < 1e-5 && (c - 2.0 * z).abs() < 1e-5
+        );
+    }
+
+    #[test]
+    fn mistakes_are_told_with_their_place() {
+        let said = |words: &[&str]| edit(words).unwrap_err();
+        assert!(said(&["--where", "opacity >"]).contains("column "), "{}", said(&["--where", "opacity >"]));
+        let unknown = said(&["--where", "true && opacty > 0.5"]);
+        assert!(
+            unknown.contains("column 9 of `true && opacty > 0.5`") && unknown.contains("opacity"),
+            "{unknown}"
+        );
+        assert!(said(&["--where", "1.5"]).contains("expected a condition, found `1.5`"));
+        assert!(
+            said(&["--where", "opacity > 2"])
+                .contains("expected a splat that --crop and --where keep, found none of 400")
+        );
+        assert!(
+            said(&["--crop", "sphere:1,2,3"])
+                .contains("expected for instance box:-1,-1,-1,1,1,1 or sphere:0,0,0,2")
+        );
+        assert!(said(&["--crop", "sphere:1,2,3,0"]).contains("expected a radius above 0"));
+        assert!(said(&["--transform", "rotate:0,0,0,90"]).contains("expected an axis other than 0,0,0"));
+        assert!(said(&["--transform", "scale:-1"]).contains("expected a factor of 1e-9 to 1e9"));
+    }
+}

@@ -1,0 +1,256 @@
+//! Runs `splatgraph evaluate`: scores a scene against the photographs of its dataset.
+
+use super::options::{self, DeviceArgs};
+use super::render::{Renderer, refuse_graph_options, renderer};
+use super::{Outcome, Usage, validated};
+use crate::draw::backend::{Api, Backend};
+use crate::draw::fit;
+use crate::draw::session::{FrameOptions, Session, image_of};
+use crate::draw::truth::Truth;
+use crate::io::image::Image;
+use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
+use crate::io::progress::Progress;
+use crate::studies::evaluation::{Evaluation, score};
+use crate::studies::metrics;
+use anyhow::{Context, Result, bail};
+use serde_json::json;
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Dataset, Scene, TEST_EVERY};
+use splatgraph_reference::Rules;
+use std::path::{Path, PathBuf};
+
+pub const EXAMPLES: &str = "Examples:
+  splatgraph evaluate point_cloud.ply -c garden/
+  splatgraph evaluate point_cloud.ply -c garden/ --downscale 4 --json
+  splatgraph evaluate point_cloud.ply -c lego/ --background 1,1,1 -o scores/
+  splatgraph evaluate point_cloud.ply -c garden/ --backend reference";
+
+/// Score a scene against photographs: PSNR, SSIM and FLIP per test view, and their means
+///
+/// Draws the test views of a dataset at the photographs' size and compares. Test views are those that the dataset names (Blender,
+/// nerfstudio), or each eighth in the order of the photographs' names, as in the 3DGS reference implementation. PSNR and SSIM are those
+/// of `compare`; the means are those of papers.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
+    scene: PathBuf,
+    /// The dataset: a COLMAP folder, a folder with transforms_test.json, or a file of cameras
+    #[arg(short, long, value_name = "DATASET")]
+    cameras: PathBuf,
+    /// Folder of the photographs [default: the dataset's]
+    #[arg(long, value_name = "DIR")]
+    photographs: Option<PathBuf>,
+    /// Compare at 1/N of the photographs' width and height
+    ///
+    /// Photographs of a folder images_N beside images/ are taken as they are. Without it, pixels are averaged.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    downscale: u32,
+    /// Score all views, not the test views alone
+    #[arg(long)]
+    all: bool,
+    /// The graph: the name of a built-in one, or a path
+    #[arg(short, long, value_name = "NAME", default_value = options::DEFAULT_PIPELINE)]
+    pipeline: String,
+    /// Set a parameter of the graph; may be repeated
+    #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
+    set: Vec<(String, String)>,
+    /// Choose the renderer: `vulkan`, on Apple's systems `metal`, or `reference`, the exact one on the CPU
+    #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
+    backend: Renderer,
+    /// Background colour, display-encoded, 0 to 1, also behind photographs with alpha
+    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
+    background: [f32; 3],
+    /// Print JSON instead of a table
+    #[arg(long)]
+    json: bool,
+    /// Also write the pictures into DIR: renders/, photographs/ and differences/ (times ten)
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+/// A view with its photograph.
+#[derive(Debug)]
+struct View {
+    name: String,
+    photograph: PathBuf,
+    /// The camera in the picture's size.
+    camera: Camera,
+}
+
+/// The views to score, and a file name for each.
+#[derive(Debug)]
+pub(super) struct Work {
+    views: Vec<View>,
+    stems: Vec<String>,
+}
+
+/// The pictures of a view in the folder of `--output`, with their folders.
+const FOLDERS: [&str; 3] = ["renders", "photographs", "differences"];
+
+/// Reads the cameras, finds the photographs and their sizes, and checks the files of the command line.
+pub(super) fn prepare(args: &Args) -> Result<Work> {
+    if let Renderer::Reference = args.backend {
+        refuse_graph_options(&args.pipeline, &args.set, &args.device)?;
+    }
+    let dataset = Dataset::load(&args.cameras)?;
+    options::tell_off_center(&dataset);
+    let chosen: Vec<_> = if args.all { dataset.views.iter().collect() } else { dataset.test_views() };
+    if chosen.is_empty() {
+        bail!(
+            "{}: expected at least one test view, found none among {} views; --all scores these",
+            args.cameras.display(),
+            dataset.views.len()
+        );
+    }
+    let Some(folder) = args.photographs.as_ref().or(dataset.photographs.as_ref()) else {
+        let text = format!(
+            "{}: expected a folder `images` near the cameras, found none: name it with --photographs",
+            args.cameras.display()
+        );
+        return Err(Usage(text).into());
+    };
+    let smaller = folder.with_file_name(format!("images_{}", args.downscale));
+    let (folder, downscale) = match args.photographs.is_none() && args.downscale > 1 && smaller.is_dir() {
+        true => (&smaller, 1),
+        false => (folder, args.downscale),
+    };
+    let mut views = Vec::with_capacity(chosen.len());
+    for view in chosen {
+        let Some(photograph) = Dataset::photograph_in(folder, view) else {
+            bail!("expected the photograph {}, found none", folder.join(&view.photograph).display());
+        };
+        let (width, height) = Image::photograph_size(&photograph)?;
+        let [width, height] =
+            [width, height].map(|side| (side as f64 / f64::from(downscale)).round().max(1.0) as u32);
+        views.push(View {
+            name: view.photograph.clone(),
+            photograph,
+            camera: view.camera.stretched(width, height),
+        });
+    }
+    let names: Vec<String> = views.iter().map(|view| view.camera.img_name.clone()).collect();
+    let stems = names::unique(&names, MAX_NAME_BYTES - ".png".len());
+    let mut guard = OutputGuard::default();
+    let mut claim = || -> Result<(), Usage> {
+        guard.input("the scene", &args.scene)?;
+        guard.input("the cameras", &args.cameras)?;
+        guard.input("the graph", Path::new(&args.pipeline))?;
+        for view in &views {
+            guard.input("a photograph", &view.photograph)?;
+        }
+        if let Some(output) = &args.output {
+            if is_standard_output(output) {
+                return Err(Usage("expected a folder for --output, found `-`".into()));
+            }
+            for (folder, stem) in
+                FOLDERS.iter().flat_map(|folder| stems.iter().map(move |stem| (folder, stem)))
+            {
+                guard.output("--output", &picture(output, folder, stem))?;
+            }
+        }
+        Ok(())
+    };
+    claim()?;
+    Ok(Work { views, stems })
+}
+
+fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
+    output.join(folder).join(format!("{stem}.png"))
+}
+
+/// What draws the views.
+enum Drawer {
+    Device(Box<Session<Backend>>),
+    Reference(Box<Scene>),
+}
+
+impl Drawer {
+    /// Draws a view, whose camera is in the world's coordinates.
+    fn draw(&mut self, camera: &Camera, background: [f32; 3]) -> Result<Image> {
+        match self {
+            Drawer::Reference(scene) => {
+                let camera = camera.relative_to(scene.offset());
+                Ok(Truth::draw(scene, &camera, background, &Rules::PUBLISHED).image())
+            }
+            Drawer::Device(session) => {
+                let camera = camera.relative_to(session.scene().offset());
+                session.prepare((camera.width, camera.height), &mut |_| {})?;
+                let frame = session.submit(
+                    &camera,
+                    &FrameOptions { background, read_output: true, ..FrameOptions::default() },
+                )?;
+                let pixels = session.wait(frame)?.output.context("the device returned no picture")?;
+                image_of(&pixels).context("the graph's output has no colours")
+            }
+        }
+    }
+}
+
+/// Loads the scene, and opens the device.
+fn drawer(args: &Args) -> Result<Drawer> {
+    let Renderer::Device(api) = args.backend else {
+        return Ok(Drawer::Reference(Box::new(options::load_scene(&args.scene)?)));
+    };
+    let device = Backend::open(api, &args.device.options())?;
+    fit::check_header(&args.scene, device.info(), &args.pipeline, &args.set)?;
+    let scene = options::load_scene(&args.scene)?;
+    Ok(Drawer::Device(Box::new(Session::new(device, scene, &args.pipeline, &args.set))))
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    // Errors of the command line and of the dataset are reported before a large scene is loaded.
+    let Work { views, stems } = prepare(args)?;
+    let mut drawer = drawer(args)?;
+    let mut progress = Progress::new("scoring");
+    let mut scores = Vec::with_capacity(views.len());
+    for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
+        progress.set(index as u64, views.len() as u64, &view.name);
+        let (width, height) = (view.camera.width as usize, view.camera.height as usize);
+        let photograph = Image::load_photograph(&view.photograph, args.background)?;
+        let same = (photograph.width, photograph.height) == (width, height);
+        let photograph = if same { photograph } else { photograph.averaged(width, height) };
+        let drawn = drawer.draw(&view.camera, args.background)?;
+        let found = score(&view.name, &drawn, &photograph);
+        scores.push(found.with_context(|| format!("{} cannot be scored", one_line(&view.name)))?);
+        if let Some(output) = &args.output {
+            let difference = metrics::difference(&drawn, &photograph, 10.0);
+            for (folder, image) in FOLDERS.into_iter().zip([&drawn, &photograph, &difference]) {
+                image.save(&picture(output, folder, stem))?;
+            }
+        }
+    }
+    if let Drawer::Device(session) = &mut drawer {
+        progress.suspend(|| session.tell_settings_without_effect());
+    }
+    drop(progress);
+    let found = Evaluation::new(scores);
+    if args.json {
+        let graph = match args.backend {
+            Renderer::Device(_) => json!(args.pipeline),
+            Renderer::Reference => json!(null),
+        };
+        options::print(&format!(
+            "{:#}",
+            json!({
+                "scene": args.scene, "dataset": args.cameras, "backend": args.backend.to_string(), "pipeline": graph,
+                "set": args.set, "downscale": args.downscale, "views": found.views, "mean": found.mean,
+            })
+        ))?;
+    } else {
+        options::print(found.table().trim_end())?;
+    }
+    if !args.all && views.len() == 1 {
+        say(format!(
+            "one view alone was scored: of fewer than {} views, the first is the test",
+            TEST_EVERY + 1
+        ));
+    }
+    Ok(match drawer {
+        Drawer::Device(session) => validated(args.device.validate, &session.into_device().close()),
+        Drawer::Reference(_) => Outcome::Done,
+    })
+}

@@ -1,0 +1,164 @@
+//! Cameras from the command line: a point to look from and one to look at, and circles of cameras.
+
+use super::Usage;
+use crate::draw::facts;
+use glam::{DQuat, DVec3};
+use splatgraph_assets::{Camera, Scene};
+
+/// Options of cameras without a file.
+#[derive(Debug, clap::Args)]
+pub struct LookAtArgs {
+    /// Look from this place, in the world's coordinates (y points down in most captures)
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
+    eye: Option<[f64; 3]>,
+    /// Look at this place [default: the middle of the scene]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
+    target: Option<[f64; 3]>,
+    /// The direction of the world that is up in the picture [default: 0,-1,0]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
+    up: Option<[f64; 3]>,
+    /// Horizontal field of view, in degrees [default: 60]
+    #[arg(long, value_name = "DEGREES", value_parser = angle, conflicts_with = "cameras")]
+    fov: Option<f64>,
+    /// Draw N pictures from a circle about --up through the eye, the first from the eye
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with = "cameras")]
+    orbit: Option<u32>,
+}
+
+/// Parses `X,Y,Z`.
+fn point(text: &str) -> Result<[f64; 3], String> {
+    let values: Option<Vec<f64>> =
+        text.split(',').map(|v| v.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let values = values.and_then(|values| <[f64; 3]>::try_from(values).ok());
+    values.ok_or_else(|| "expected three numbers, for instance 1,-0.5,2".into())
+}
+
+/// Parses a field of view.
+fn angle(text: &str) -> Result<f64, String> {
+    let angle = text.parse().ok().filter(|angle: &f64| (0.1..=179.0).contains(angle));
+    angle.ok_or_else(|| "expected 0.1 to 179 degrees".into())
+}
+
+impl LookAtArgs {
+    /// Names the cameras of the options, before the scene is loaded; `None` without any of them.
+    pub fn names(&self) -> Option<Vec<String>> {
+        let given = self.eye.is_some() || self.target.is_some() || self.up.is_some() || self.fov.is_some();
+        match self.orbit {
+            Some(count) => Some((0..count).map(|index| format!("orbit-{index:04}")).collect()),
+            None => given.then(|| vec!["eye".into()]),
+        }
+    }
+
+    /// Makes the cameras of the options, in the scene's coordinates; `None` without any of them.
+    ///
+    /// Without `--eye`, the first camera is where the one that frames the scene is.
+    ///
+    /// # Errors
+    /// Eye and target are one place, or too far away to draw with.
+    pub fn cameras(&self, scene: &Scene, size: Option<(u32, u32)>) -> Result<Option<Vec<Camera>>, Usage> {
+        let Some(names) = self.names() else { return Ok(None) };
+        let size = size.unwrap_or(facts::DEFAULT_SIZE);
+        let local = |place: [f64; 3]| DVec3::from(place) - DVec3::from(scene.offset());
+        let target = self.target.map_or_else(|| DVec3::from(scene.robust_bounds().center()), local);
+        let eye =
+            self.eye.map_or_else(|| DVec3::from(Camera::framing(scene, size.0, size.1).position), local);
+        if eye.distance(target) < 1e-9 * eye.length().max(1.0) {
+            return Err(Usage(format!("expected two places for --eye and --target, found one: {eye}")));
+        }
+        let up = DVec3::from(self.up.unwrap_or([0.0, -1.0, 0.0]));
+        if up.try_normalize().is_none() {
+            return Err(Usage("expected a direction for --up, found 0,0,0".into()));
+        }
+        let fov = self.fov.unwrap_or(60.0);
+        let mut cameras = circle(eye.into(), target.into(), up.into(), fov, size, names.len());
+        for (camera, name) in cameras.iter_mut().zip(names) {
+            if let Some(fault) = camera.fault() {
+                return Err(Usage(format!("--eye, --target and --fov make no camera: {fault}")));
+            }
+            camera.img_name = name;
+        }
+        Ok(Some(cameras))
+    }
+}
+
+/// Makes cameras on a circle about `up` through the target, the first at the eye. `fov` is horizontal, in degrees.
+pub fn circle(
+    eye: [f64; 3],
+    target: [f64; 3],
+    up: [f64; 3],
+    fov: f64,
+    size: (u32, u32),
+    count: usize,
+) -> Vec<Camera> {
+    let (eye, around) = (DVec3::from(eye), DVec3::from(target));
+    let axis = DVec3::from(up).normalize_or(DVec3::NEG_Y);
+    let camera = |index: usize| {
+        let turn = DQuat::from_axis_angle(axis, std::f64::consts::TAU * index as f64 / count as f64);
+        let eye = around + turn * (eye - around);
+        Camera { id: index as i64, ..Camera::looking_at_upright(eye.into(), target, up, fov, size) }
+    };
+    (0..count).map(camera).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use splatgraph_assets::synth;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[arg(long)]
+        cameras: Option<String>,
+        #[command(flatten)]
+        look: LookAtArgs,
+    }
+
+    fn parse(words: &str) -> Result<LookAtArgs, String> {
+        let words = ["render"].into_iter().chain(words.split_ascii_whitespace());
+        Line::try_parse_from(words).map(|line| line.look).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn an_orbit_keeps_the_target_in_the_middle_and_its_height_and_distance() {
+        let scene = synth::generate("uniform", 50, 0).unwrap();
+        let look = parse("--eye 3,-1,0 --target 0,1,0 --orbit 4 --fov 90").unwrap();
+        let cameras = look.cameras(&scene, Some((200, 100))).unwrap().unwrap();
+        let places: Vec<[i64; 3]> =
+            cameras.iter().map(|c| c.position.map(|v| (v * 1e6).round() as i64)).collect();
+        assert_eq!(places[0], [3_000_000, -1_000_000, 0]);
+        assert_eq!(places[2], [-3_000_000, -1_000_000, 0]);
+        assert_eq!(places[1][0], 0);
+        for camera in &cameras {
+            let [x, y, z] = camera.to_view([0.0, 1.0, 0.0]);
+            assert!(x.abs() < 1e-9 && y.abs() < 1e-9 && (z - 13f64.sqrt()).abs() < 1e-9);
+            assert!((camera.fx - 100.0).abs() < 1e-9 && camera.axes()[1][1] > 0.0);
+        }
+        assert_eq!(look.names().unwrap()[3], cameras[3].img_name);
+    }
+
+    #[test]
+    fn a_scene_far_from_the_origin_is_looked_at_in_the_worlds_coordinates() {
+        let scene = synth::generate("uniform", 50, 0).unwrap().with_offset([1e6, 0.0, 0.0]);
+        let look = parse("--eye 1000000,0,-5 --target 1000000,0,0").unwrap();
+        let cameras = look.cameras(&scene, None).unwrap().unwrap();
+        assert_eq!((cameras[0].position, cameras[0].axes()[2]), ([0.0, 0.0, -5.0], [0.0, 0.0, 1.0]));
+    }
+
+    #[test]
+    fn mistakes_are_told() {
+        let scene = synth::generate("uniform", 50, 0).unwrap();
+        let said = |words: &str| parse(words).unwrap().cameras(&scene, None).unwrap_err().to_string();
+        assert!(
+            said("--eye 1,2,3 --target 1,2,3")
+                .contains("expected two places for --eye and --target, found one")
+        );
+        assert!(said("--up 0,0,0 --eye 1,2,3").contains("expected a direction for --up"));
+        assert!(said("--eye 1e30,0,0").contains("expected a position within 1e18"));
+        assert!(parse("--eye 1,2").unwrap_err().contains("expected three numbers"));
+        assert!(parse("--eye 1,2,nan").unwrap_err().contains("expected three numbers"));
+        assert!(parse("--fov 180").unwrap_err().contains("expected 0.1 to 179 degrees"));
+        assert!(parse("--cameras a.json --eye 1,2,3").unwrap_err().contains("cannot be used with"));
+        assert!(parse("").unwrap().names().is_none());
+    }
+}

@@ -1,0 +1,128 @@
+//! Scores pictures of a scene against the photographs that it was trained on.
+//!
+//! The numbers are those of papers: a mean over the test views of PSNR and SSIM, and of FLIP beside them.
+
+use crate::io::image::Image;
+use crate::io::output::one_line;
+use crate::studies::metrics::{self, MetricError, flip};
+use serde::Serialize;
+
+/// The score of a view.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Score {
+    /// The photograph's name.
+    pub view: String,
+    /// Width of both pictures, in pixels.
+    pub width: usize,
+    /// Height of both pictures, in pixels.
+    pub height: usize,
+    /// Peak signal-to-noise ratio in decibels; `None` if the pictures are equal. See [`metrics::Comparison`].
+    pub psnr_db: Option<f64>,
+    /// Structural similarity, 1 for equal pictures; `None` for pictures smaller than its window.
+    pub ssim: Option<f64>,
+    /// Mean of FLIP of the pictures in 8 bits, 0 for equal pictures.
+    pub flip: f64,
+}
+
+/// The means over all views. A mean is `None` if a view has no such number.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Mean {
+    /// The mean of decibels, not of errors, as in papers.
+    pub psnr_db: Option<f64>,
+    /// See [`Score::ssim`].
+    pub ssim: Option<f64>,
+    /// See [`Score::flip`].
+    pub flip: Option<f64>,
+}
+
+/// The scores of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// A score per view, in the order of the photographs' names.
+    pub views: Vec<Score>,
+    /// The means.
+    pub mean: Mean,
+}
+
+/// Scores a picture against its photograph.
+///
+/// # Errors
+/// The sizes differ, or a value is not finite.
+pub fn score(view: &str, picture: &Image, photograph: &Image) -> Result<Score, MetricError> {
+    let found = metrics::compare(picture, photograph)?;
+    Ok(Score {
+        view: view.to_owned(),
+        width: picture.width,
+        height: picture.height,
+        psnr_db: found.psnr_db,
+        ssim: found.ssim,
+        flip: flip::of_8_bits(photograph, picture),
+    })
+}
+
+impl Evaluation {
+    /// Computes the means of scores.
+    pub fn new(views: Vec<Score>) -> Evaluation {
+        let mean = |of: &dyn Fn(&Score) -> Option<f64>| {
+            let sum = views.iter().map(of).sum::<Option<f64>>().filter(|_| !views.is_empty());
+            sum.map(|sum| sum / views.len() as f64)
+        };
+        let mean = Mean {
+            psnr_db: mean(&|score| score.psnr_db),
+            ssim: mean(&|score| score.ssim),
+            flip: mean(&|score| Some(score.flip)),
+        };
+        Evaluation { views, mean }
+    }
+
+    /// Formats the scores as a table with a row per view and the mean below.
+    pub fn table(&self) -> String {
+        let names: Vec<String> = self.views.iter().map(|score| one_line(&score.view).into_owned()).collect();
+        let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max("view".len());
+        let row = |name: &str, psnr: Option<f64>, ssim: Option<f64>, flip: Option<f64>, size: &str| {
+            let [psnr, ssim, flip] = [(psnr, 2), (ssim, 4), (flip, 4)]
+                .map(|(value, digits)| value.map_or("-".into(), |value| format!("{value:.digits$}")));
+            format!("{name:width$} {psnr:>8} {ssim:>8} {flip:>8}  {size}").trim_end().to_owned() + "\n"
+        };
+        let mut text =
+            format!("{:width$} {:>8} {:>8} {:>8}  {}\n", "view", "PSNR dB", "SSIM", "FLIP", "size");
+        for (name, score) in names.iter().zip(&self.views) {
+            let size = format!("{} x {}", score.width, score.height);
+            // Equal pictures have no finite ratio.
+            text += &row(name, score.psnr_db.or(Some(f64::INFINITY)), score.ssim, Some(score.flip), &size);
+        }
+        let Mean { psnr_db, ssim, flip } = self.mean;
+        let views =
+            if self.views.len() == 1 { "1 view".into() } else { format!("{} views", self.views.len()) };
+        text + &row("mean", psnr_db, ssim, flip, &views)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grey(value: f32) -> Image {
+        Image { width: 12, height: 12, rgb: vec![[value; 3]; 144] }
+    }
+
+    #[test]
+    fn the_mean_is_of_decibels_and_a_view_without_a_number_leaves_none() {
+        let scores = [
+            score("a.jpg", &grey(0.5), &grey(0.6)).unwrap(),
+            score("b.jpg", &grey(0.5), &grey(0.51)).unwrap(),
+        ];
+        let all = Evaluation::new(scores.to_vec());
+        // 20 and 40 dB.
+        assert!((all.mean.psnr_db.unwrap() - 30.0).abs() < 1e-4, "{all:?}");
+        let text = all.table();
+        assert!(
+            text.contains("a.jpg    20.00") && text.contains("mean     30.00") && text.ends_with("2 views\n"),
+            "{text}"
+        );
+        let equal = score("c.jpg", &grey(0.5), &grey(0.5)).unwrap();
+        let all = Evaluation::new(vec![scores[0].clone(), equal]);
+        assert_eq!((all.mean.psnr_db, all.views[1].flip), (None, 0.0));
+        assert!(all.table().contains("c.jpg      inf   1.0000   0.0000"), "{}", all.table());
+    }
+}

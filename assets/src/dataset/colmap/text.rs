@@ -1,0 +1,165 @@
+//! Reads and writes `cameras.txt` and `images.txt`. A line that begins with `#` is a comment.
+
+use super::{Fault, Lenses, MODELS, open, push};
+use crate::camera::Camera;
+use crate::dataset::{CameraError, Dataset};
+use crate::error::nearest;
+use glam::{DMat3, DQuat, DVec3};
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::str::FromStr;
+
+/// Longest line that is read, in bytes. Lines of points may be longer, and are skipped.
+const LONGEST_LINE: u64 = 64 << 10;
+
+/// The lines of a file.
+struct Lines<'a> {
+    file: BufReader<File>,
+    path: &'a Path,
+    /// The line's number, from 1.
+    number: u64,
+    line: Vec<u8>,
+}
+
+impl<'a> Lines<'a> {
+    fn open(path: &'a Path) -> Result<Self, CameraError> {
+        Ok(Self { file: open(path)?.0, path, number: 0, line: Vec::new() })
+    }
+
+    fn io(&self, source: std::io::Error) -> CameraError {
+        CameraError::Io { path: self.path.to_owned(), source }
+    }
+
+    fn fault(&self, (field, message): Fault) -> CameraError {
+        CameraError::Line { path: self.path.to_owned(), line: self.number, field, message }
+    }
+
+    /// Reads the next line that is neither empty nor a comment; false at the end of the file.
+    fn next(&mut self) -> Result<bool, CameraError> {
+        loop {
+            self.line.clear();
+            self.number += 1;
+            let mut line = (&mut self.file).take(LONGEST_LINE);
+            let read = line.read_until(b'\n', &mut self.line);
+            match read.map_err(|error| self.io(error))? as u64 {
+                0 => return Ok(false),
+                LONGEST_LINE => {
+                    return Err(
+                        self.fault(("line", format!("expected at most {LONGEST_LINE} bytes, found more")))
+                    );
+                }
+                _ if self.line.starts_with(b"#") || self.line.trim_ascii().is_empty() => {}
+                _ => return Ok(true),
+            }
+        }
+    }
+
+    /// Skips the next line, whatever it is.
+    fn skip(&mut self) -> Result<(), CameraError> {
+        self.number += 1;
+        self.file.skip_until(b'\n').map(drop).map_err(|error| self.io(error))
+    }
+
+    fn text(&self) -> Result<&str, CameraError> {
+        let text = str::from_utf8(self.line.trim_ascii());
+        text.map_err(|error| {
+            self.fault((
+                "line",
+                format!("expected UTF-8 text, found another byte in column {}", error.valid_up_to() + 1),
+            ))
+        })
+    }
+}
+
+/// Takes the next word of a line as a value.
+fn value<T: FromStr>(rest: &mut &str, field: &'static str) -> Result<T, Fault> {
+    let word = word(rest, field)?;
+    word.parse().map_err(|_| (field, format!("expected a number, found `{word}`")))
+}
+
+fn word<'a>(rest: &mut &'a str, field: &'static str) -> Result<&'a str, Fault> {
+    let text = rest.trim_ascii_start();
+    if text.is_empty() {
+        return Err((field, "expected a value, found the end of the line".into()));
+    }
+    let (word, after) = text.split_at(text.find(|c: char| c.is_ascii_whitespace()).unwrap_or(text.len()));
+    *rest = after;
+    Ok(word)
+}
+
+/// Reads `cameras.txt`.
+pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
+    let mut lines = Lines::open(path)?;
+    let mut lenses = Lenses::new();
+    while lines.next()? {
+        let mut rest = lines.text()?;
+        let mut entry = || {
+            let id = value(&mut rest, "CAMERA_ID")?;
+            let name = word(&mut rest, "MODEL")?;
+            let model = MODELS.iter().find(|model| model.name == name).ok_or_else(|| {
+                let help = nearest(name, MODELS.iter().map(|model| model.name));
+                let help = help.map(|help| format!("; did you mean {help}?")).unwrap_or_default();
+                ("MODEL", format!("expected a model of a camera, for instance PINHOLE, found `{name}`{help}"))
+            })?;
+            model.check()?;
+            let [width, height] = [value(&mut rest, "WIDTH")?, value(&mut rest, "HEIGHT")?];
+            let mut values = [0.0; 12];
+            for (number, name) in values.iter_mut().zip(model.parameters) {
+                *number = value(&mut rest, name)?;
+            }
+            Ok((id, model.lens(width, height, &values)?))
+        };
+        let (id, lens) = entry().map_err(|fault| lines.fault(fault))?;
+        lenses.insert(id, lens);
+    }
+    Ok(lenses)
+}
+
+/// Reads `images.txt` into a dataset: a line for each image, and one of its points, which may be empty.
+pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Result<(), CameraError> {
+    let mut lines = Lines::open(path)?;
+    while lines.next()? {
+        let mut rest = lines.text()?;
+        let mut entry = || {
+            let id = value(&mut rest, "IMAGE_ID")?;
+            let mut pose = [0.0; 7];
+            for (number, name) in pose.iter_mut().zip(["QW", "QX", "QY", "QZ", "TX", "TY", "TZ"]) {
+                *number = value(&mut rest, name)?;
+            }
+            let lens = value(&mut rest, "CAMERA_ID")?;
+            // Names may have blanks.
+            let name = rest.trim_ascii();
+            if name.is_empty() {
+                return Err(("NAME", "expected a value, found the end of the line".into()));
+            }
+            let [w, x, y, z, translation @ ..] = pose;
+            push(dataset, lenses, (id, lens), ([w, x, y, z], translation), name.to_owned())
+        };
+        entry().map_err(|fault| lines.fault(fault))?;
+        lines.skip()?;
+    }
+    Ok(())
+}
+
+/// Makes the files of a model, with their names: a lens for each camera.
+pub(in crate::dataset) fn write(cameras: &[Camera], extension: &str) -> [(&'static str, String); 3] {
+    let mut lenses = String::from("# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
+    let mut images = String::from(
+        "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n",
+    );
+    for (camera, id) in cameras.iter().zip(1..) {
+        let Camera { width, height, fx, fy, .. } = camera;
+        let [cx, cy] = [width, height].map(|side| 0.5 * f64::from(*side));
+        let to_camera = DMat3::from_cols_array_2d(&camera.rotation);
+        let DQuat { x, y, z, w } = DQuat::from_mat3(&to_camera);
+        let [tx, ty, tz] = (to_camera * -DVec3::from(camera.position)).to_array();
+        // Writing to a string cannot fail.
+        _ = writeln!(lenses, "{id} PINHOLE {width} {height} {fx} {fy} {cx} {cy}");
+        let name = &camera.img_name;
+        _ = writeln!(images, "{id} {w} {x} {y} {z} {tx} {ty} {tz} {id} {name}.{extension}\n");
+    }
+    let points = "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n".into();
+    [("cameras.txt", lenses), ("images.txt", images), ("points3D.txt", points)]
+}

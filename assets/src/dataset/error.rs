@@ -1,0 +1,96 @@
+//! Defines the errors of reading cameras.
+
+use std::path::PathBuf;
+
+/// Bytes of a `cameras.json` or `transforms.json` at most: enough for half a million cameras.
+pub const MAX_CAMERA_BYTES: u64 = 256 << 20;
+
+/// Most cameras of a dataset: what they take in memory stays below a gigabyte.
+pub(crate) const MOST_CAMERAS: usize = 1 << 20;
+
+/// An error of reading, writing or selecting cameras.
+#[derive(Debug, thiserror::Error)]
+pub enum CameraError {
+    /// The file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        source: std::io::Error,
+    },
+    /// The text is not a list of cameras, or not a `transforms.json`.
+    #[error("{}:{line}:{column}: {}{message}", path.display(), in_camera(.camera))]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: usize,
+        /// Column, counted from 1.
+        column: usize,
+        /// Index of the camera with the error, from 0; `None` outside of the list's entries.
+        camera: Option<usize>,
+        /// The expectation and the finding.
+        message: String,
+    },
+    /// A line of a text file, or one of its fields, is malformed.
+    #[error("{}:{line}: `{field}`: {message}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+        /// The field's name in the format's description.
+        field: &'static str,
+        /// The expectation and the finding.
+        message: String,
+    },
+    /// A field of a binary file is damaged or has a value that is not allowed.
+    #[error("{}: byte {at}, `{field}`: {message}", path.display())]
+    Byte {
+        /// The file.
+        path: PathBuf,
+        /// Offset of the field in the file.
+        at: u64,
+        /// The field's name in the format's description.
+        field: &'static str,
+        /// The expectation and the finding.
+        message: String,
+    },
+    /// The folder has no file of cameras.
+    #[error(
+        "{}: expected cameras.json, transforms.json, transforms_test.json, or COLMAP's cameras and images (.bin or .txt) here or \
+         in sparse/0, found none of them",
+        path.display()
+    )]
+    NoCameras {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// `file#camera` matches none of the cameras.
+    #[error("{} has no camera `{wanted}`: it has {count}, numbered from 0{}", path.display(), named(.names))]
+    NotFound {
+        /// The file.
+        path: PathBuf,
+        /// The requested index or name.
+        wanted: String,
+        /// Number of cameras in the file.
+        count: usize,
+        /// The first names in the file.
+        names: Vec<String>,
+    },
+    /// The list is empty.
+    #[error("{} has no cameras", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+fn in_camera(camera: &Option<usize>) -> String {
+    camera.map(|index| format!("camera {index}: ")).unwrap_or_default()
+}
+
+fn named(names: &[String]) -> String {
+    if names.is_empty() { String::new() } else { format!(" and named {}", names.join(", ")) }
+}

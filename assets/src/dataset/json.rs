@@ -1,0 +1,242 @@
+//! Reads the two forms of cameras in JSON: lists as the 3DGS reference implementation writes them, and `transforms.json`.
+//!
+//! The poses of a `transforms.json` take the camera's coordinates, whose x points right, y up and z backward, to the world's.
+//! Values of a frame take precedence over those of the file. Sources: the Blender scenes of NeRF (`camera_angle_x`), and
+//! <https://docs.nerf.studio/quickstart/data_conventions.html>.
+
+use super::colmap::UNDISTORT;
+use super::{CameraError, Dataset, MOST_CAMERAS, View, photograph, stem};
+use crate::camera::Camera;
+use serde::Deserialize;
+use serde::de::{DeserializeSeed, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use std::cell::Cell;
+use std::marker::PhantomData;
+use std::path::Path;
+
+/// Parses either form.
+pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
+    let reached = Cell::new(None);
+    let parsed = if text.trim_start().starts_with('{') {
+        transforms(text, path, &reached)
+    } else {
+        let view = |camera: Camera| Ok(View { photograph: camera.img_name.clone(), camera, test: None });
+        let views = whole(text, List { reached: &reached, view, entry: PhantomData });
+        views.map(|views| Dataset { views, photographs: None, off_center: 0.0 })
+    };
+    parsed.map_err(|error| {
+        // serde_json says the place again at the end of its message.
+        let message = error.to_string();
+        let place = format!(" at line {} column {}", error.line(), error.column());
+        CameraError::Parse {
+            path: path.to_owned(),
+            line: error.line(),
+            column: error.column(),
+            camera: reached.get(),
+            message: message.strip_suffix(&place).unwrap_or(&message).to_owned(),
+        }
+    })
+}
+
+/// Deserialises a text and refuses anything after it.
+fn whole<'de, S: DeserializeSeed<'de>>(text: &'de str, seed: S) -> serde_json::Result<S::Value> {
+    let mut json = serde_json::Deserializer::from_str(text);
+    let value = seed.deserialize(&mut json)?;
+    json.end().map(|()| value)
+}
+
+/// Deserialises a list entry by entry, so that an error has its entry's line and index.
+struct List<'a, T, F> {
+    reached: &'a Cell<Option<usize>>,
+    /// Makes the view of an entry.
+    view: F,
+    entry: PhantomData<T>,
+}
+
+impl<'de, T: Deserialize<'de>, F: FnMut(T) -> Result<View, String>> DeserializeSeed<'de> for List<'_, T, F> {
+    type Value = Vec<View>;
+
+    fn deserialize<D: serde::Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_seq(self)
+    }
+}
+
+impl<'de, T: Deserialize<'de>, F: FnMut(T) -> Result<View, String>> Visitor<'de> for List<'_, T, F> {
+    type Value = Vec<View>;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str("a list of cameras")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(mut self, mut list: A) -> Result<Self::Value, A::Error> {
+        let mut views = Vec::new();
+        self.reached.set(Some(0));
+        while let Some(entry) = list.next_element::<T>()? {
+            let view = (self.view)(entry).map_err(A::Error::custom)?;
+            if let Some(fault) = view.camera.fault() {
+                return Err(A::Error::custom(fault));
+            }
+            if views.len() == MOST_CAMERAS {
+                return Err(A::Error::custom(format!("expected at most {MOST_CAMERAS} cameras, found more")));
+            }
+            views.push(view);
+            self.reached.set(Some(views.len()));
+        }
+        self.reached.set(None);
+        Ok(views)
+    }
+}
+
+/// The values of a `transforms.json`, of the whole file or of a frame. Unknown fields are ignored.
+#[derive(Clone, Default, Deserialize)]
+#[serde(default)]
+struct Fields {
+    /// Horizontal field of view, in radians.
+    camera_angle_x: Option<f64>,
+    /// Vertical field of view, in radians.
+    camera_angle_y: Option<f64>,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    // instant-ngp writes sizes as floating-point numbers.
+    w: Option<f64>,
+    h: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+    camera_model: Option<String>,
+    is_fisheye: bool,
+    file_path: Option<String>,
+    /// Camera-to-world, row by row.
+    transform_matrix: Option<[[f64; 4]; 4]>,
+    /// The photographs kept for tests, in nerfstudio's files.
+    test_filenames: Option<Vec<String>>,
+}
+
+impl Fields {
+    /// Returns a coefficient of the lens's distortion that is not 0, with its name.
+    fn distortion(&self, of_file: &Self) -> Option<(&'static str, f64)> {
+        let all =
+            |f: &Self| [("k1", f.k1), ("k2", f.k2), ("k3", f.k3), ("k4", f.k4), ("p1", f.p1), ("p2", f.p2)];
+        let pairs = all(self).into_iter().zip(all(of_file));
+        pairs
+            .map(|((name, own), (_, file))| (name, own.or(file).unwrap_or(0.0)))
+            .find(|(_, value)| *value != 0.0)
+    }
+}
+
+/// Returns the first value of fields that is given.
+macro_rules! either {
+    ($name:ident of $frame:expr, $file:expr) => {
+        $frame.$name.or($file.$name)
+    };
+}
+
+/// Makes the view of a frame; `off_center` grows to the distance of its principal point from the middle.
+fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> Result<View, String> {
+    let photograph = frame.file_path.as_deref().ok_or("missing field `file_path`")?;
+    let matrix = frame.transform_matrix.ok_or("missing field `transform_matrix`")?;
+    let model = frame.camera_model.as_deref().or(file.camera_model.as_deref()).unwrap_or("PINHOLE");
+    let pinholes = ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"];
+    if !pinholes.contains(&model) || frame.is_fisheye || file.is_fisheye {
+        let found = if pinholes.contains(&model) { "a fisheye" } else { model };
+        return Err(format!("`camera_model`: expected a pinhole camera, found {found}; {UNDISTORT}"));
+    }
+    if let Some((name, value)) = frame.distortion(file) {
+        return Err(format!("`{name}`: expected 0, a lens without distortion, found {value}; {UNDISTORT}"));
+    }
+    let sides = [("w", either!(w of frame, file)), ("h", either!(h of frame, file))];
+    let (width, height) = match sides.map(|(_, side)| side) {
+        [None, None] => {
+            let path = photograph::find(folder, photograph).ok_or_else(|| {
+                format!(
+                    "missing field `w`, and no photograph {} has the size",
+                    folder.join(photograph).display()
+                )
+            })?;
+            photograph::size(&path).map_err(|error| format!("`file_path`: {}: {error}", path.display()))?
+        }
+        _ => {
+            let side = |(name, side): (&str, Option<f64>)| match side {
+                Some(side) if (1.0..=f64::from(u32::MAX)).contains(&side) && side.fract() == 0.0 => {
+                    Ok(side as u32)
+                }
+                Some(side) => Err(format!("`{name}`: expected a number of pixels, found {side}")),
+                None => Err(format!("missing field `{name}`")),
+            };
+            (side(sides[0])?, side(sides[1])?)
+        }
+    };
+    let of_angle = |side: u32, angle: f64| 0.5 * f64::from(side) / (0.5 * angle).tan();
+    let fx = either!(fl_x of frame, file)
+        .or_else(|| either!(camera_angle_x of frame, file).map(|angle| of_angle(width, angle)));
+    let fy = either!(fl_y of frame, file)
+        .or_else(|| either!(camera_angle_y of frame, file).map(|angle| of_angle(height, angle)));
+    let fx = fx.ok_or("missing field `fl_x`, or `camera_angle_x`")?;
+    for (center, side) in [(either!(cx of frame, file), width), (either!(cy of frame, file), height)] {
+        *off_center = off_center.max(center.map_or(0.0, |center| (center - 0.5 * f64::from(side)).abs()));
+    }
+    let camera = Camera {
+        id: 0,
+        img_name: stem(photograph),
+        width,
+        height,
+        position: [0, 1, 2].map(|row| matrix[row][3]),
+        // From up and backward to down and forward.
+        rotation: [0, 1, 2].map(|row| [matrix[row][0], -matrix[row][1], -matrix[row][2]]),
+        fx,
+        fy: fy.unwrap_or(fx),
+    };
+    let test = file.test_filenames.as_ref().map(|names| names.iter().any(|name| name == photograph));
+    Ok(View { camera, photograph: photograph.to_owned(), test })
+}
+
+/// Reads a `transforms.json` in two passes: the values of the file may stand behind its frames.
+fn transforms(text: &str, path: &Path, reached: &Cell<Option<usize>>) -> serde_json::Result<Dataset> {
+    let file: Fields = serde_json::from_str(text)?;
+    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+    let mut off_center = 0.0;
+    let view = |frame: Fields| view(&frame, &file, &folder, &mut off_center);
+    let mut views = whole(text, Frames(List { reached, view, entry: PhantomData }))?;
+    for (view, id) in views.iter_mut().zip(0..) {
+        view.camera.id = id;
+    }
+    Ok(Dataset { views, photographs: Some(folder), off_center })
+}
+
+/// Deserialises the list `frames` of an object.
+struct Frames<'a, F>(List<'a, Fields, F>);
+
+impl<'de, F: FnMut(Fields) -> Result<View, String>> DeserializeSeed<'de> for Frames<'_, F> {
+    type Value = Vec<View>;
+
+    fn deserialize<D: serde::Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_map(self)
+    }
+}
+
+impl<'de, F: FnMut(Fields) -> Result<View, String>> Visitor<'de> for Frames<'_, F> {
+    type Value = Vec<View>;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str("a list of cameras, or an object with `frames`")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+        let (mut list, mut views) = (Some(self.0), None);
+        while let Some(key) = map.next_key::<String>()? {
+            match list.take_if(|_| key == "frames") {
+                Some(list) => views = Some(map.next_value_seed(list)?),
+                None => drop(map.next_value::<IgnoredAny>()?),
+            }
+        }
+        views.ok_or_else(|| {
+            A::Error::custom(
+                "expected a list of cameras, or an object with `frames`, found an object without them",
+            )
+        })
+    }
+}

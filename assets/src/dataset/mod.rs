@@ -1,0 +1,220 @@
+//! Reads cameras with the names of their photographs: the datasets that scenes are trained on.
+//!
+//! | dataset | recognised by |
+//! |---|---|
+//! | COLMAP, text or binary | a folder with `cameras` and `images` in it, in `sparse/0` or in `sparse` |
+//! | Blender, nerfstudio, instant-ngp | a JSON object with `frames`, or a folder with `transforms*.json` |
+//! | the 3DGS reference implementation's `cameras.json` | a JSON list, or a folder with that file |
+//!
+//! Cameras are pinholes with the principal point in the middle. A lens with distortion is refused; a principal point elsewhere
+//! is moved to the middle, as the reference does, and [`Dataset::off_center`] tells by how much.
+
+mod colmap;
+mod error;
+mod json;
+mod photograph;
+
+pub(crate) use error::MOST_CAMERAS;
+pub use error::{CameraError, MAX_CAMERA_BYTES};
+
+use crate::camera::Camera;
+use crate::file;
+use std::path::{Path, PathBuf};
+
+/// Distance between the test views of a dataset that names none, as in the reference implementation (`llffhold`).
+pub const TEST_EVERY: usize = 8;
+
+/// A camera with the name of its photograph.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// The camera. Its `img_name` is `photograph` without extension.
+    pub camera: Camera,
+    /// The photograph's path, relative to [`Dataset::photographs`], perhaps without extension.
+    pub photograph: String,
+    /// True for a view that the dataset's files keep for tests; `None` if they do not say.
+    pub test: Option<bool>,
+}
+
+/// The views of a capture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dataset {
+    /// The views, in the order of their files.
+    pub views: Vec<View>,
+    /// The folder that the photographs' paths are relative to, as far as the dataset tells.
+    pub photographs: Option<PathBuf>,
+    /// Largest distance of a principal point from the middle of its picture, in pixels along an axis.
+    pub off_center: f64,
+}
+
+impl Dataset {
+    /// Reads the cameras of a folder or a file in any of the module's formats.
+    ///
+    /// # Errors
+    /// No format is recognised, the file cannot be read, or a camera is malformed or no pinhole: with the file, the line (or
+    /// byte) and the field.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, CameraError> {
+        let path = path.as_ref();
+        if path.is_dir() {
+            return Self::load_folder(path);
+        }
+        // COLMAP's files come in pairs, and each names the other.
+        let name = path.file_stem().and_then(|stem| stem.to_str());
+        if let (Some("cameras" | "images"), Some(folder)) = (name, path.parent())
+            && path.extension().is_some_and(|extension| extension == "txt" || extension == "bin")
+        {
+            let here = Path::new(".");
+            return Self::load_colmap(if folder.as_os_str().is_empty() { here } else { folder });
+        }
+        let text = file::read_text(path, MAX_CAMERA_BYTES)
+            .map_err(|source| CameraError::Io { path: path.to_owned(), source })?;
+        Self::parse(&text, path)
+    }
+
+    /// Parses the text of a `cameras.json` or a `transforms.json`. Errors name `path`, and photographs are in its folder.
+    ///
+    /// # Errors
+    /// Those of [`Dataset::load`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, CameraError> {
+        json::parse(text, path)
+    }
+
+    fn load_folder(folder: &Path) -> Result<Self, CameraError> {
+        for colmap in ["", "sparse/0", "sparse"].map(|below| folder.join(below)) {
+            if colmap::is_folder(&colmap) {
+                return Self::load_colmap(&colmap);
+            }
+        }
+        let [train, test] = ["train", "test"].map(|split| folder.join(format!("transforms_{split}.json")));
+        if test.exists() {
+            let mut dataset = Self::load(&test)?;
+            dataset.views.iter_mut().for_each(|view| view.test = Some(true));
+            if train.exists() {
+                let train = Self::load(&train)?;
+                dataset.off_center = dataset.off_center.max(train.off_center);
+                let views = train.views.into_iter().map(|view| View { test: Some(false), ..view });
+                dataset.views.extend(views);
+            }
+            return Ok(dataset);
+        }
+        let mut files = ["transforms.json", "transforms_train.json", "cameras.json"]
+            .map(|name| folder.join(name))
+            .into_iter();
+        let file = files.find(|file| file.exists());
+        file.map_or_else(|| Err(CameraError::NoCameras { path: folder.to_owned() }), Self::load)
+    }
+
+    fn load_colmap(folder: &Path) -> Result<Self, CameraError> {
+        let mut dataset = colmap::load(folder)?;
+        let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+        dataset.photographs =
+            folder.ancestors().take(3).map(|around| around.join("images")).find(|images| images.is_dir());
+        Ok(dataset)
+    }
+
+    /// Returns the views kept for tests: those that the dataset names, or each eighth in the order of their names, from the first.
+    pub fn test_views(&self) -> Vec<&View> {
+        if self.views.iter().any(|view| view.test.is_some()) {
+            return self.views.iter().filter(|view| view.test == Some(true)).collect();
+        }
+        let mut views: Vec<&View> = self.views.iter().collect();
+        views.sort_by(|a, b| a.photograph.cmp(&b.photograph));
+        views.into_iter().step_by(TEST_EVERY).collect()
+    }
+
+    /// Finds the file of a view's photograph in `folder`, where its name may have another extension or none.
+    pub fn photograph_in(folder: &Path, view: &View) -> Option<PathBuf> {
+        photograph::find(folder, &view.photograph)
+    }
+
+    /// Makes the text of a COLMAP model's files, with their names: `cameras.txt`, `images.txt` and a `points3D.txt` without points.
+    ///
+    /// A photograph's name is its camera's `img_name` and `extension`.
+    pub fn colmap_text(cameras: &[Camera], extension: &str) -> [(&'static str, String); 3] {
+        colmap::text::write(cameras, extension)
+    }
+}
+
+impl Camera {
+    /// Reads the cameras of a [`Dataset`].
+    ///
+    /// # Errors
+    /// Those of [`Dataset::load`].
+    pub fn load(path: impl AsRef<Path>) -> Result<Vec<Self>, CameraError> {
+        Dataset::load(path).map(Dataset::into_cameras)
+    }
+
+    /// Parses the text of a `cameras.json` or a `transforms.json`, as [`Dataset::parse`] does.
+    ///
+    /// # Errors
+    /// Those of [`Dataset::parse`].
+    pub fn parse(text: &str, path: &Path) -> Result<Vec<Self>, CameraError> {
+        Dataset::parse(text, path).map(Dataset::into_cameras)
+    }
+
+    /// Writes a `cameras.json`.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn save(cameras: &[Self], path: impl AsRef<Path>) -> Result<(), CameraError> {
+        let path = path.as_ref();
+        let io = |source| CameraError::Io { path: path.to_owned(), source };
+        let mut text = serde_json::to_string_pretty(cameras).map_err(|e| io(e.into()))?;
+        text.push('\n');
+        std::fs::write(path, text).map_err(io)
+    }
+
+    /// Selects the camera of `path`, `path#2` (index from 0) or `path#name` (`img_name`); without `#`, the first.
+    ///
+    /// # Errors
+    /// Those of [`Camera::load`], or there is no such camera.
+    pub fn select(spec: &str) -> Result<Self, CameraError> {
+        // A file whose own name has a `#` can be named too.
+        let (path, wanted) = match spec.rsplit_once('#') {
+            Some((path, wanted)) if !Path::new(spec).exists() => (Path::new(path), Some(wanted)),
+            _ => (Path::new(spec), None),
+        };
+        let mut cameras = Self::load(path)?;
+        if cameras.is_empty() {
+            return Err(CameraError::Empty { path: path.to_owned() });
+        }
+        let Some(wanted) = wanted else { return Ok(cameras.swap_remove(0)) };
+        let index = match wanted.parse::<usize>() {
+            Ok(index) => Some(index).filter(|i| *i < cameras.len()),
+            Err(_) => cameras.iter().position(|c| c.img_name == wanted),
+        };
+        match index {
+            Some(index) => Ok(cameras.swap_remove(index)),
+            None => Err(CameraError::NotFound {
+                path: path.to_owned(),
+                wanted: wanted.to_owned(),
+                count: cameras.len(),
+                names: cameras
+                    .iter()
+                    .map(|c| c.img_name.clone())
+                    .filter(|name| !name.is_empty())
+                    .take(8)
+                    .collect(),
+            }),
+        }
+    }
+}
+
+impl Dataset {
+    fn into_cameras(self) -> Vec<Camera> {
+        self.views.into_iter().map(|view| view.camera).collect()
+    }
+}
+
+/// Returns the path of a photograph without its extension, and without `./` before it: a camera's `img_name`.
+fn stem(photograph: &str) -> String {
+    let name = photograph.strip_prefix("./").unwrap_or(photograph);
+    let is_extension =
+        |after: &str| (1..=4).contains(&after.len()) && after.bytes().all(|b| b.is_ascii_alphanumeric());
+    match name.rsplit_once('.') {
+        Some((stem, after)) if !stem.is_empty() && is_extension(after) => stem.to_owned(),
+        _ => name.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

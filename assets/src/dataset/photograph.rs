@@ -1,0 +1,39 @@
+//! Finds photographs, and reads their sizes.
+
+use crate::file;
+use std::fs::File;
+use std::io::{BufReader, Error, ErrorKind, Read, Result};
+use std::path::{Path, PathBuf};
+use zune_jpeg::JpegDecoder;
+
+/// Extensions that a photograph's name may lack, or have in place of its own.
+const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
+
+/// Finds a photograph in a folder by its name, which may lack the extension or have another.
+pub(super) fn find(folder: &Path, name: &str) -> Option<PathBuf> {
+    let named = folder.join(name);
+    let added = EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));
+    let replaced = EXTENSIONS.iter().map(|extension| named.with_extension(extension));
+    [named.clone()].into_iter().chain(added).chain(replaced).find(|path| path.is_file())
+}
+
+/// Reads width and height in pixels from the header of a PNG or JPEG file.
+pub(super) fn size(path: &Path) -> Result<(u32, u32)> {
+    /// First bytes of a PNG file, with those of its first chunk (PNG specification, 5.2 and 11.2.1).
+    const PNG: &[u8; 16] = b"\x89PNG\r\n\x1A\n\0\0\0\x0DIHDR";
+    let mut head = [0; 24];
+    let mut file: File = file::open(path)?;
+    file.read_exact(&mut head)?;
+    if head.starts_with(PNG) {
+        let word =
+            |at: usize| u32::from_be_bytes(head[at..at + 4].try_into().expect("the slice has 4 bytes"));
+        return Ok((word(16), word(20)));
+    }
+    let mut decoder = JpegDecoder::new(BufReader::new(file::open(path)?));
+    let wrong = |found: String| {
+        Error::new(ErrorKind::InvalidData, format!("expected a PNG or JPEG photograph, found {found}"))
+    };
+    decoder.decode_headers().map_err(|error| wrong(error.to_string()))?;
+    let size = decoder.dimensions().ok_or_else(|| wrong("a JPEG without a size".into()))?;
+    Ok((size.0 as u32, size.1 as u32))
+}

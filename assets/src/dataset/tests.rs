@@ -1,0 +1,413 @@
+//! Reads the same cameras from every format, and damaged ones from each.
+
+use super::*;
+use crate::testing::{captures, golden};
+
+const ONE: &str = r#"{"id": 3, "img_name": "a", "width": 4, "height": 2, "position": [1, 2, 3.5], "lens": "x",
+    "rotation": [[1,0,0],[0,1,0],[0,0,1]], "fx": 5.0, "fy": 6.0}"#;
+
+fn error(text: &str) -> String {
+    Camera::parse(text, Path::new("c.json")).unwrap_err().to_string()
+}
+
+#[test]
+fn the_reference_form_is_read_and_fields_not_known_are_ignored() {
+    let cameras = Camera::parse(&format!("[{ONE}, {ONE}]"), Path::new("c.json")).unwrap();
+    assert_eq!(cameras.len(), 2);
+    assert_eq!((cameras[1].id, cameras[1].position, cameras[1].fy), (3, [1.0, 2.0, 3.5], 6.0));
+}
+
+#[test]
+fn errors_say_line_column_and_which_camera() {
+    let missing = error(&format!("[{ONE},\n{}]", ONE.replace("\"fx\"", "\"fz\"")));
+    assert!(
+        missing.starts_with("c.json:4:") && missing.contains("camera 1: missing field `fx`"),
+        "{missing}"
+    );
+    let skew = error(&format!("[{}]", ONE.replace("[0,1,0]", "[0,1,0.5]")));
+    assert!(
+        skew.contains("c.json:2:") && skew.contains("camera 0: the rotation is not orthonormal"),
+        "{skew}"
+    );
+    assert!(error(&format!("[{}]", ONE.replace("[1,0,0]", "[-1,0,0]"))).contains("mirrors"));
+    assert!(error(&format!("[{}]", ONE.replace("5.0", "0"))).contains("positive fx"));
+    assert!(error(&format!("[{}]", ONE.replace(": 4", ": 0"))).contains("0 x 2 pixels"));
+    for (from, to, what) in [
+        ("5.0", "1e40", "expected fx from 1e-20 to 1e20 pixels, found 1e40"),
+        ("6.0", "1e-50", "expected fy from 1e-20 to 1e20 pixels, found "),
+        ("3.5", "-1e40", "expected a position within 1e18 of the origin, found z = -1e40"),
+        ("3.5", "1e999", "number out of range"),
+    ] {
+        let said = error(&format!("[{ONE}, {}]", ONE.replace(from, to)));
+        assert!(said.contains("camera 1: ") && said.contains(what), "{said}");
+    }
+    assert!(error("{}").contains("expected a list of cameras"));
+    assert!(error(&format!("[{ONE}] x")).contains("trailing"));
+    assert!(error("").contains("EOF"));
+}
+
+#[test]
+fn a_camera_is_selected_by_number_or_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("c.json");
+    let mut cameras = vec![Camera::looking_at([0.0; 3], [1.0, 0.5, 2.0], 60.0, (64, 32)); 3];
+    for (i, camera) in cameras.iter_mut().enumerate() {
+        (camera.id, camera.img_name) = (i as i64, format!("view-{i}"));
+    }
+    Camera::save(&cameras, &path).unwrap();
+    assert_eq!(Camera::load(&path).unwrap(), cameras);
+    let select = |suffix: &str| Camera::select(&format!("{}{suffix}", path.display()));
+    assert_eq!(select("").unwrap(), cameras[0]);
+    assert_eq!(select("#2").unwrap(), cameras[2]);
+    assert_eq!(select("#view-1").unwrap(), cameras[1]);
+    let missing = select("#3").unwrap_err().to_string();
+    assert!(
+        missing.contains("no camera `3`: it has 3, numbered from 0 and named view-0, view-1"),
+        "{missing}"
+    );
+    Camera::save(&[], &path).unwrap();
+    assert!(matches!(select(""), Err(CameraError::Empty { .. })));
+}
+
+#[cfg(unix)]
+#[test]
+fn cameras_that_never_end_or_never_come_are_refused_at_once() {
+    let said = |path: &Path| Camera::load(path).unwrap_err().to_string();
+    assert_eq!(said(Path::new("/dev/zero")), "/dev/zero: expected a regular file, found a device");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("c.json");
+    assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+    assert!(said(&path).ends_with("c.json: expected a regular file, found a FIFO"), "{}", said(&path));
+    std::fs::remove_file(&path).unwrap();
+    std::fs::File::create(&path).unwrap().set_len(MAX_CAMERA_BYTES + 1).unwrap();
+    assert!(
+        said(&path).contains("expected a file of at most 268435456 bytes, found 268435457"),
+        "{}",
+        said(&path)
+    );
+}
+
+#[test]
+fn the_cameras_of_the_captures_are_read() {
+    let check = |folder: &Path, name: &str| {
+        let cameras = Camera::load(folder.join(format!("{name}.cameras.json"))).unwrap();
+        assert!(cameras.len() >= 3);
+        assert!(cameras.iter().enumerate().all(|(i, c)| c.img_name == format!("{name}-{i}")));
+    };
+    check(&golden(), "rules");
+    let Some(captures) = captures("the_cameras_of_the_captures_are_read") else { return };
+    ["biker", "playbot-31k"].iter().for_each(|name| check(&captures, name));
+}
+
+/// A point of the world, and the pixel at which the camera of these tests shows it, computed by hand.
+///
+/// The camera is at (1, 2, 3) and looks along the world's -x, with the world's +z up. Its right is then the world's +y. The point
+/// is 4 before it, 2 to the right and 1 below: at 50 + 100 * 2 / 4 and 40 + 80 * 1 / 4.
+const KNOWN: ([f64; 3], [f64; 2]) = ([-3.0, 4.0, 2.0], [100.0, 60.0]);
+
+fn pixel(camera: &Camera, point: [f64; 3]) -> [f64; 2] {
+    let [x, y, z] = camera.to_view(point);
+    [camera.fx * x / z + 0.5 * f64::from(camera.width), camera.fy * y / z + 0.5 * f64::from(camera.height)]
+}
+
+fn shows_the_known_point(camera: &Camera) {
+    let found = pixel(camera, KNOWN.0);
+    assert!((0..2).all(|axis| (found[axis] - KNOWN.1[axis]).abs() < 1e-9), "{found:?}");
+}
+
+/// The world-to-camera pose of the known camera in COLMAP's form. Rows of the rotation: right (0, 1, 0), down (0, 0, -1), forward
+/// (-1, 0, 0). It turns by 120 degrees about (1, 1, -1), so all components are 1/2, and its translation is -R (1, 2, 3).
+const POSE: [f64; 7] = [0.5, 0.5, 0.5, -0.5, -2.0, 3.0, 1.0];
+
+fn colmap_text(lens: &str, image: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let sparse = folder.path().join("sparse/0");
+    std::fs::create_dir_all(&sparse).unwrap();
+    std::fs::create_dir(folder.path().join("images")).unwrap();
+    std::fs::write(sparse.join("cameras.txt"), format!("# comment\n{lens}\n")).unwrap();
+    std::fs::write(sparse.join("images.txt"), format!("# comment\n# another\n\n{image}\n1.5 2.5 -1 3 4 9\n"))
+        .unwrap();
+    folder
+}
+
+const LENS: &str = "7 PINHOLE 100 80 100 80 50 40";
+
+fn image() -> String {
+    let pose = POSE.map(|value| value.to_string()).join(" ");
+    format!("3 {pose} 7 left/a photo.JPG")
+}
+
+#[test]
+fn colmap_text_shows_a_known_point_at_its_pixel() {
+    let folder = colmap_text(LENS, &format!("{}\n\n{}", image(), image().replace("a photo", "b")));
+    let dataset = Dataset::load(folder.path()).unwrap();
+    assert_eq!(dataset.views.len(), 2, "an empty line of points is one");
+    let view = &dataset.views[0];
+    shows_the_known_point(&view.camera);
+    assert_eq!(
+        (view.camera.id, view.camera.img_name.as_str(), view.photograph.as_str()),
+        (3, "left/a photo", "left/a photo.JPG")
+    );
+    assert_eq!(dataset.photographs, Some(folder.path().canonicalize().unwrap().join("images")));
+    // The folder of the model, and a file of it, name the same dataset.
+    for path in ["sparse/0", "sparse/0/images.txt"] {
+        assert_eq!(Dataset::load(folder.path().join(path)).unwrap(), dataset, "{path}");
+    }
+}
+
+/// Makes both binary files, of images with so many points.
+fn colmap_binary(model: u32, parameters: &[f64], points: u64) -> [Vec<u8>; 2] {
+    let mut lenses = 1u64.to_le_bytes().to_vec();
+    lenses.extend([7, model].map(u32::to_le_bytes).as_flattened());
+    lenses.extend([100u64, 80].map(u64::to_le_bytes).as_flattened());
+    lenses.extend(parameters.iter().flat_map(|value| value.to_le_bytes()));
+    let mut images = 2u64.to_le_bytes().to_vec();
+    for (id, name) in [(3u32, "a.jpg"), (4, "b.jpg")] {
+        images.extend(id.to_le_bytes());
+        images.extend(POSE.map(f64::to_le_bytes).as_flattened());
+        images.extend(7u32.to_le_bytes());
+        images.extend(name.bytes().chain([0]));
+        images.extend(points.to_le_bytes());
+        images.extend(vec![9; 24 * points as usize]);
+    }
+    [lenses, images]
+}
+
+fn write_binary(folder: &Path, [lenses, images]: [Vec<u8>; 2]) {
+    std::fs::write(folder.join("cameras.bin"), lenses).unwrap();
+    std::fs::write(folder.join("images.bin"), images).unwrap();
+}
+
+#[test]
+fn colmap_binary_shows_a_known_point_at_its_pixel() {
+    let folder = tempfile::tempdir().unwrap();
+    write_binary(folder.path(), colmap_binary(1, &[100.0, 80.0, 50.0, 40.0], 1000));
+    let dataset = Dataset::load(folder.path()).unwrap();
+    assert_eq!(dataset.views.len(), 2);
+    dataset.views.iter().for_each(|view| shows_the_known_point(&view.camera));
+    assert_eq!((dataset.views[1].camera.id, dataset.photographs), (4, None));
+}
+
+#[test]
+fn a_lens_without_distortion_is_a_pinhole_by_any_name_and_one_with_it_is_refused() {
+    for (lens, fy) in [
+        ("7 SIMPLE_PINHOLE 100 80 100 50 40", 100.0),
+        ("7 SIMPLE_RADIAL 100 80 100 50 40 0", 100.0),
+        ("7 OPENCV 100 80 100 80 50 40 0 0 0 0.0", 80.0),
+    ] {
+        let folder = colmap_text(lens, &image());
+        let [view] = Dataset::load(folder.path()).unwrap().views.try_into().unwrap();
+        assert_eq!((view.camera.fx, view.camera.fy), (100.0, fy), "{lens}");
+    }
+    for (lens, what) in [
+        (
+            "7 SIMPLE_RADIAL 100 80 100 50 40 0.01",
+            "`k`: expected 0, a lens without distortion, found 0.01; undistort",
+        ),
+        (
+            "7 OPENCV 100 80 100 80 50 40 0 0 0 1e-9",
+            "`p2`: expected 0, a lens without distortion, found 0.000000001; undistort",
+        ),
+        (
+            "7 OPENCV_FISHEYE 100 80 100 80 50 40 0 0 0 0",
+            "`MODEL`: expected a pinhole camera, found OPENCV_FISHEYE; undistort",
+        ),
+        (
+            "7 PINHOL 100 80 100 80 50 40",
+            "`MODEL`: expected a model of a camera, for instance PINHOLE, found `PINHOL`; did you mean PINHOLE?",
+        ),
+        ("7 PINHOLE 100 eighty 100 80 50 40", "`HEIGHT`: expected a number, found `eighty`"),
+        ("7 PINHOLE 100 80 100 80 50", "`cy`: expected a value, found the end of the line"),
+    ] {
+        let said = Dataset::load(colmap_text(lens, &image()).path()).unwrap_err().to_string();
+        assert!(said.contains("cameras.txt:2: ") && said.contains(what), "{said}");
+    }
+}
+
+#[test]
+fn damaged_images_of_colmap_are_told_with_line_or_byte_and_field() {
+    let said = |image: &str| Dataset::load(colmap_text(LENS, image).path()).unwrap_err().to_string();
+    for (from, to, what) in [
+        (" 7 left", " 8 left", "`CAMERA_ID`: expected one of the 1 cameras, found 8"),
+        ("left/a photo.JPG", "", "`NAME`: expected a value, found the end of the line"),
+        ("3 0.5 0.5 0.5 -0.5", "3 0 0 0 0", "`QW`: expected a quaternion other than zero, found 0 0 0 0"),
+        ("-2 3 1", "-2 3 x", "`TZ`: expected a number, found `x`"),
+        ("-2 3 1", "-2 3 nan", "`IMAGE_ID`: expected a position within 1e18 of the origin"),
+    ] {
+        let said = said(&image().replace(from, to));
+        assert!(said.contains("images.txt:4: ") && said.contains(what), "{said}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let said = |files: [Vec<u8>; 2]| {
+        write_binary(folder.path(), files);
+        Dataset::load(folder.path()).unwrap_err().to_string()
+    };
+    let whole = || colmap_binary(1, &[100.0, 80.0, 50.0, 40.0], 2);
+    let damaged = |file: usize, at: usize, bytes: &[u8]| {
+        let mut files = whole();
+        files[file][at..at + bytes.len()].copy_from_slice(bytes);
+        files
+    };
+    assert!(
+        said(damaged(0, 0, &[255; 8]))
+            .contains("cameras.bin: byte 0, `num_cameras`: expected at most 1, as the rest")
+    );
+    assert!(
+        said(damaged(0, 12, &[99]))
+            .contains("cameras.bin: byte 12, `MODEL`: expected a model of 0 to 10, found 99")
+    );
+    assert!(
+        said(damaged(0, 24, &[0; 8])).contains("images.bin: byte 8, `IMAGE_ID`: the image is 100 x 0 pixels")
+    );
+    assert!(
+        said(damaged(1, 68, &[9]))
+            .contains("images.bin: byte 68, `CAMERA_ID`: expected one of the 1 cameras, found 9")
+    );
+    assert!(
+        said(damaged(1, 78, &[255; 7])).contains("images.bin: byte 78, `num_points2D`: expected at most ")
+    );
+    assert!(said(damaged(1, 72, &[0xFF])).contains("images.bin: byte 72, `NAME`: expected UTF-8 text"));
+    let distorted = colmap_binary(2, &[100.0, 50.0, 40.0, 0.5], 2);
+    assert!(
+        said(distorted)
+            .contains("cameras.bin: byte 56, `k`: expected 0, a lens without distortion, found 0.5")
+    );
+    for file in 0..2 {
+        for end in 0..whole()[file].len() {
+            let mut files = whole();
+            files[file].truncate(end);
+            assert!(said(files).contains("byte "), "{file} {end}");
+        }
+    }
+}
+
+#[test]
+fn a_principal_point_aside_is_told() {
+    let folder = colmap_text("7 PINHOLE 100 80 100 80 51 37.5", &image());
+    assert_eq!(Dataset::load(folder.path()).unwrap().off_center, 2.5);
+    let dataset = Dataset::parse(&nerfstudio("\"cx\": 50, \"cy\": 41.25,", ""), Path::new("t.json")).unwrap();
+    assert_eq!(dataset.off_center, 1.25);
+}
+
+/// The camera-to-world pose of the known camera in the axes of OpenGL. Columns: right (0, 1, 0), up (0, 0, 1), backward
+/// (1, 0, 0), and the position.
+const MATRIX: &str = "[[0, 0, 1, 1], [1, 0, 0, 2], [0, 1, 0, 3], [0, 0, 0, 1]]";
+
+fn nerfstudio(of_file: &str, of_frame: &str) -> String {
+    format!(
+        "{{{of_file}\n\"frames\": [{{\"file_path\": \"images/f.jpg\", {of_frame}\n\"transform_matrix\": {MATRIX}}}],\n\
+         \"w\": 100, \"h\": 80.0, \"fl_x\": 100, \"fl_y\": 80, \"k1\": 0, \"camera_model\": \"OPENCV\"}}"
+    )
+}
+
+#[test]
+fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
+    let parse = |text: &str| Dataset::parse(text, Path::new("folder/transforms.json"));
+    let dataset = parse(&nerfstudio("", "")).unwrap();
+    shows_the_known_point(&dataset.views[0].camera);
+    assert_eq!(dataset.photographs, Some("folder".into()));
+    assert_eq!(dataset.views[0].camera.img_name, "images/f");
+    let own = parse(&nerfstudio("", "\"fl_x\": 55,")).unwrap();
+    assert_eq!((own.views[0].camera.fx, own.views[0].camera.fy), (55.0, 80.0));
+    for (of_frame, what) in [
+        ("\"k1\": 0.1,", "`k1`: expected 0, a lens without distortion, found 0.1; undistort"),
+        (
+            "\"camera_model\": \"OPENCV_FISHEYE\",",
+            "`camera_model`: expected a pinhole camera, found OPENCV_FISHEYE",
+        ),
+        ("\"w\": 10.5,", "`w`: expected a number of pixels, found 10.5"),
+        ("\"transform_matrix\": 1,", "invalid type: integer `1`"),
+    ] {
+        let said = parse(&nerfstudio("", of_frame)).unwrap_err().to_string();
+        assert!(said.starts_with("folder/transforms.json:") && said.contains(what), "{said}");
+    }
+    let skewed = nerfstudio("", "").replace("[1, 0, 0, 2]", "[2, 0, 0, 2]");
+    let said = parse(&skewed).unwrap_err().to_string();
+    assert!(
+        said.contains("transforms.json:3:") && said.contains("camera 0: the rotation is not orthonormal"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let png = |name: &str| {
+        let mut bytes = b"\x89PNG\r\n\x1A\n\0\0\0\x0DIHDR".to_vec();
+        bytes.extend([100u32, 80].map(u32::to_be_bytes).as_flattened());
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+    };
+    let write = |split: &str, names: &[&str]| {
+        let frame = |name: &&str| format!("{{\"file_path\": \"./{name}\", \"transform_matrix\": {MATRIX}}}");
+        let frames: Vec<String> = names.iter().map(frame).collect();
+        // Half of the tangent of 2 atan(1/2) is that of 100 pixels at a focal length of 100.
+        let text =
+            format!("{{\"camera_angle_x\": {}, \"frames\": [{}]}}", 2.0 * 0.5f64.atan(), frames.join(","));
+        std::fs::write(folder.path().join(format!("transforms_{split}.json")), text).unwrap();
+    };
+    write("train", &["r_1", "r_2", "r_3"]);
+    write("test", &["r_0"]);
+    let said = Dataset::load(folder.path()).unwrap_err().to_string();
+    assert!(
+        said.contains("transforms_test.json:1:") && said.contains("missing field `w`, and no photograph"),
+        "{said}"
+    );
+    ["r_0.png", "r_1.png", "r_2.png", "r_3.png"].into_iter().for_each(png);
+    let dataset = Dataset::load(folder.path()).unwrap();
+    assert_eq!(dataset.views.len(), 4);
+    let [test] = dataset.test_views().try_into().unwrap();
+    assert_eq!((test.camera.img_name.as_str(), test.camera.width, test.camera.height), ("r_0", 100, 80));
+    assert!((test.camera.fx - 100.0).abs() < 1e-9 && test.camera.fy == test.camera.fx);
+    assert_eq!(Dataset::photograph_in(folder.path(), test), Some(folder.path().join("./r_0.png")));
+}
+
+#[test]
+fn each_eighth_view_in_the_order_of_names_is_a_test() {
+    let view = |index: usize| View {
+        camera: Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (4, 4)),
+        photograph: format!("{:02}.png", (index * 7) % 17),
+        test: None,
+    };
+    let dataset = Dataset { views: (0..17).map(view).collect(), photographs: None, off_center: 0.0 };
+    let names: Vec<&str> = dataset.test_views().iter().map(|view| view.photograph.as_str()).collect();
+    assert_eq!(names, ["00.png", "08.png", "16.png"]);
+}
+
+#[test]
+fn a_written_model_is_read_as_it_was() {
+    let cameras: Vec<Camera> = (0..5)
+        .map(|index| {
+            let t = f64::from(index);
+            let camera =
+                Camera::looking_at([3.0 * t.sin(), -0.3 * t, 5.0 + t], [0.1, 0.2, t.cos()], 60.0, (64, 48));
+            Camera { id: i64::from(index) + 1, img_name: format!("view-{index}"), ..camera }
+        })
+        .collect();
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in Dataset::colmap_text(&cameras, "png") {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    let back = Dataset::load(folder.path()).unwrap();
+    for (a, b) in cameras.iter().zip(&back.views) {
+        let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+        assert_eq!(
+            (a.id, &a.img_name, a.width, a.fx, a.fy),
+            (b.camera.id, &b.camera.img_name, 64, b.camera.fx, b.camera.fy)
+        );
+        assert!(
+            near(&a.position, &b.camera.position)
+                && near(a.rotation.as_flattened(), b.camera.rotation.as_flattened())
+        );
+        assert_eq!(b.photograph, format!("{}.png", a.img_name));
+    }
+}
+
+#[test]
+fn a_folder_without_cameras_says_what_was_looked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = Dataset::load(folder.path()).unwrap_err().to_string();
+    assert!(
+        said.contains("expected cameras.json, transforms.json") && said.ends_with("found none of them"),
+        "{said}"
+    );
+}

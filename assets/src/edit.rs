@@ -1,0 +1,245 @@
+//! Makes scenes of the splats of others: picks, orders, moves and joins them.
+
+use crate::activation::quantised;
+use crate::harmonics::basis;
+use crate::memory::SceneMemoryError;
+use crate::scene::{Scene, sh_floats};
+use glam::{DQuat, DVec3};
+use rayon::prelude::*;
+use std::f64::consts::TAU;
+
+/// A rotation, a uniform scaling and a translation of the world: `p` goes to `scale * rotation * p + translation`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Similarity {
+    /// The rotation, of unit length.
+    pub rotation: DQuat,
+    /// The factor of all lengths, above 0.
+    pub scale: f64,
+    /// The translation, in world units.
+    pub translation: DVec3,
+}
+
+impl Similarity {
+    /// The similarity that changes nothing.
+    pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
+
+    /// Combines two similarities: this one first, then `next`.
+    pub fn then(self, next: Self) -> Self {
+        Self {
+            rotation: (next.rotation * self.rotation).normalize(),
+            scale: next.scale * self.scale,
+            translation: next.point(self.translation),
+        }
+    }
+
+    fn point(&self, point: DVec3) -> DVec3 {
+        self.rotation * point * self.scale + self.translation
+    }
+}
+
+/// Computes the matrix that turns spherical harmonics: row `j` gives coefficient `j` of the turned function.
+///
+/// Its elements are the integrals of `Y_j(d) Y_k(R^-1 d)` over the sphere. The product is a polynomial of degree 6 at most, which
+/// four nodes of Gauss and Legendre along z and eight around it integrate exactly.
+fn turned_basis(rotation: DQuat) -> [[f64; 16]; 16] {
+    /// Nodes and weights of the quadrature on -1 to 1, each also with a negative node.
+    const NODES: [(f64, f64); 2] = [
+        (0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
+        (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
+    ];
+    let mut matrix = [[0.0; 16]; 16];
+    for (z, weight) in NODES.into_iter().flat_map(|(z, weight)| [(z, weight), (-z, weight)]) {
+        for step in 0..8 {
+            let (sin, cos) = (TAU * f64::from(step) / 8.0).sin_cos();
+            let around = (1.0 - z * z).sqrt();
+            let direction = DVec3::new(around * cos, around * sin, z);
+            let (here, before) = (basis(direction.into()), basis((rotation.inverse() * direction).into()));
+            for (row, here) in matrix.iter_mut().zip(here) {
+                for (element, before) in row.iter_mut().zip(before) {
+                    *element += weight * TAU / 8.0 * here * before;
+                }
+            }
+        }
+    }
+    matrix
+}
+
+/// Spreads the lowest 21 bits of a number, two zeros between each.
+fn spread(value: u32) -> u64 {
+    (0..21).fold(0u64, |code, bit| code | (u64::from(value) >> bit & 1) << (3 * bit))
+}
+
+impl Scene {
+    /// Copies the splats of these indices, in this order.
+    ///
+    /// # Errors
+    /// The copy does not fit in memory.
+    ///
+    /// # Panics
+    /// Panics if an index is not below [`Scene::count`].
+    pub fn picked(&self, indices: &[u32]) -> Result<Self, SceneMemoryError> {
+        let (count, degree) = (indices.len() as u32, self.stored_degree());
+        let copy = match self.is_wide() {
+            true => Self::try_generate_wide(count, degree, |at| {
+                let index = indices[at] as usize;
+                (self.splat(index), self.position(index))
+            }),
+            false => Self::try_generate(count, degree, |at| self.splat(indices[at] as usize)),
+        };
+        Ok(copy?.with_offset(self.offset()).with_notes(self.notes()))
+    }
+
+    /// Sorts the splats along a Morton curve, 21 bits per axis of the scene's box, and returns their indices.
+    pub fn morton_order(&self) -> Vec<u32> {
+        let bounds = self.bounds();
+        let code = |position: &[f32; 3]| {
+            (0..3).fold(0, |code, axis| {
+                let (min, max) = (f64::from(bounds.min[axis]), f64::from(bounds.max[axis]));
+                let part = if max > min { (f64::from(position[axis]) - min) / (max - min) } else { 0.0 };
+                code | spread(quantised(part, (1 << 21) - 1)) << axis
+            })
+        };
+        let mut order: Vec<(u64, u32)> =
+            self.positions().par_iter().enumerate().map(|(index, p)| (code(p), index as u32)).collect();
+        order.par_sort_unstable();
+        order.into_iter().map(|(_, index)| index).collect()
+    }
+
+    /// Moves the scene in the world. Harmonics turn with it.
+    ///
+    /// # Errors
+    /// The copy does not fit in memory.
+    pub fn transformed(&self, by: &Similarity) -> Result<Self, SceneMemoryError> {
+        let matrix = turned_basis(by.rotation);
+        let degree = self.stored_degree();
+        // Near the scene, so that f32 holds the digits that it held.
+        let offset = by.point(DVec3::from(self.offset()));
+        let offset = if self.offset() == [0.0; 3] { DVec3::ZERO } else { offset };
+        let moved = Self::try_generate_wide(self.count(), degree, |index| {
+            let mut splat = self.splat(index);
+            let [w, x, y, z] = splat.rotation.map(f64::from);
+            let turned = (by.rotation * DQuat::from_xyzw(x, y, z, w)).normalize();
+            splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|c| c as f32);
+            splat.scale = splat.scale.map(|scale| (f64::from(scale) * by.scale) as f32);
+            let sh = splat.sh;
+            for (j, row) in matrix.iter().enumerate().take(sh_floats(degree) / 3) {
+                for channel in 0..3 {
+                    let sum: f64 =
+                        row.iter().enumerate().map(|(k, value)| value * f64::from(sh[3 * k + channel])).sum();
+                    splat.sh[3 * j + channel] = sum as f32;
+                }
+            }
+            let position = by.point(DVec3::from(self.world_position(index))) - offset;
+            (splat, position.into())
+        })?;
+        Ok(moved.with_offset(offset.into()).with_notes(self.notes()))
+    }
+
+    /// Joins scenes, one after the other. Harmonics that a scene lacks are 0. The mark of anti-aliasing stays if all have it.
+    ///
+    /// # Errors
+    /// The copy does not fit in memory, or there are more than 2^32 splats.
+    ///
+    /// # Panics
+    /// Panics without a scene.
+    pub fn joined(scenes: &[Self]) -> Result<Self, SceneMemoryError> {
+        let degree = scenes.iter().map(Self::stored_degree).max().unwrap_or(0);
+        let total: u64 = scenes.iter().map(|scene| u64::from(scene.count())).sum();
+        let count = u32::try_from(total).map_err(|_| SceneMemoryError {
+            count: total,
+            degree,
+            needed: Self::host_bytes(total, degree),
+            available: None,
+        })?;
+        let mut first = 0;
+        let mut firsts = Vec::with_capacity(scenes.len());
+        for scene in scenes {
+            firsts.push(first);
+            first += scene.count() as usize;
+        }
+        let offset = scenes[0].offset();
+        let joined = Self::try_generate_wide(count, degree, |index| {
+            let at = firsts.partition_point(|first| *first <= index) - 1;
+            let (scene, local) = (&scenes[at], index - firsts[at]);
+            let world = scene.world_position(local);
+            (scene.splat(local), std::array::from_fn(|axis| world[axis] - offset[axis]))
+        })?;
+        let mut notes = scenes[0].notes();
+        notes.antialiased = scenes.iter().all(|scene| scene.notes().antialiased);
+        Ok(joined.with_offset(offset).with_notes(notes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::splat;
+
+    fn color(sh: &[f32; 48], direction: DVec3) -> [f64; 3] {
+        let values = basis(direction.into());
+        std::array::from_fn(|c| values.iter().enumerate().map(|(k, y)| y * f64::from(sh[3 * k + c])).sum())
+    }
+
+    #[test]
+    fn a_moved_splat_looks_from_the_moved_side_as_it_did_before() {
+        let scene = Scene::generate(20, 3, |index| {
+            let mut s = splat(index);
+            s.sh = std::array::from_fn(|k| ((k * 7 + index) as f32).sin());
+            s
+        });
+        let turn = DQuat::from_axis_angle(DVec3::new(0.6, -0.48, 0.64), 1.1);
+        let by = Similarity { rotation: turn, scale: 2.5, translation: DVec3::new(1.0, -2.0, 3.0) };
+        let moved = scene.transformed(&by).unwrap();
+        for index in 0..20 {
+            let (a, b) = (scene.splat(index), moved.splat(index));
+            let expected = turn * DVec3::from(a.position.map(f64::from)) * 2.5 + by.translation;
+            assert!(DVec3::from(b.position.map(f64::from)).distance(expected) < 1e-5);
+            assert!((0..3).all(|axis| (b.scale[axis] - 2.5 * a.scale[axis]).abs() < 1e-6));
+            let quaternion =
+                |[w, x, y, z]: [f32; 4]| DQuat::from_xyzw(x.into(), y.into(), z.into(), w.into());
+            let (axis, moved_axis) = (quaternion(a.rotation) * DVec3::X, quaternion(b.rotation) * DVec3::X);
+            assert!((turn * axis).distance(moved_axis) < 1e-5);
+            for direction in [DVec3::new(0.36, 0.48, 0.8), DVec3::NEG_Y, DVec3::new(-0.6, 0.64, -0.48)] {
+                let (before, after) = (color(&a.sh, direction), color(&b.sh, turn * direction));
+                assert!((0..3).all(|c| (before[c] - after[c]).abs() < 1e-5), "{before:?} and {after:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn similarities_follow_one_another() {
+        let a = Similarity { scale: 2.0, ..Similarity::IDENTITY };
+        let b = Similarity { translation: DVec3::X, ..Similarity::IDENTITY };
+        let c = Similarity { rotation: DQuat::from_rotation_z(TAU / 4.0), ..Similarity::IDENTITY };
+        let all = a.then(b).then(c);
+        assert!(all.point(DVec3::X).distance(DVec3::new(0.0, 3.0, 0.0)) < 1e-12);
+    }
+
+    #[test]
+    fn joined_scenes_keep_their_places_in_the_world_and_their_harmonics() {
+        let near = Scene::generate(3, 1, splat).with_offset([1000.0, 0.0, 0.0]);
+        let far = Scene::generate(2, 3, splat).with_offset([2e6, 0.0, 0.0]);
+        let joined = Scene::joined(&[near, far]).unwrap();
+        assert_eq!((joined.count(), joined.stored_degree(), joined.is_wide()), (5, 3, true));
+        let far = splat(1).position;
+        assert!((joined.world_position(4)[0] - 2e6 - f64::from(far[0])).abs() < 1e-6);
+        assert_eq!(joined.splat(1).sh[12..], [0.0; 36]);
+        assert_eq!(joined.splat(4).sh, splat(1).sh);
+    }
+
+    #[test]
+    fn picked_splats_come_in_the_order_of_their_indices_and_neighbours_along_the_curve_are_near() {
+        let scene = Scene::generate(500, 0, splat);
+        let picked = scene.picked(&[7, 3, 499]).unwrap();
+        assert_eq!([0, 1, 2].map(|at| picked.splat(at)), [7, 3, 499].map(|at| scene.splat(at)));
+        let order = scene.morton_order();
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert_eq!(sorted, (0..500).collect::<Vec<u32>>());
+        let way = |scene: &Scene| -> f64 {
+            let places = scene.positions().windows(2);
+            places.map(|p| DVec3::from(p[0].map(f64::from)).distance(DVec3::from(p[1].map(f64::from)))).sum()
+        };
+        assert!(way(&scene.picked(&order).unwrap()) < 0.5 * way(&scene));
+    }
+}
