@@ -9,6 +9,9 @@
 //! is the finer of the two models, and a Metal backend maps them down.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
 
 use crate::ir::{
     Accesses, BlockId, Culled, Domain, Effect, Fallback, Hazard, Layout, Origin, Param, ParamBinding, Pass,
@@ -42,6 +45,10 @@ pub struct Plan {
     /// The memory of the transient resources. Each stands in one block, alone or with others that are never alive at the
     /// same time.
     pub blocks: Vec<Block>,
+    /// What has to come after what, in the order of the later passes' ids: see [`Plan::dependencies_of`].
+    pub dependencies: Vec<Dependency>,
+    /// Where images are needed in another layout: in the prologue, the handover, and the frame.
+    pub layout_changes: Vec<LayoutChange>,
     /// Runs once after the plan or the scene changed.
     pub prologue: Vec<Step>,
     /// Recorded once, as one call, between the prologue and the first frame: shows the frames what the prologue wrote, and
@@ -187,6 +194,13 @@ impl Plan {
         self.resources.iter().filter(|r| r.source == Source::Transient).map(Resource::bytes).sum()
     }
 
+    /// Lists the dependencies whose later pass this is.
+    pub fn dependencies_of(&self, pass: PassId) -> &[Dependency] {
+        let from = self.dependencies.partition_point(|dependency| dependency.second < pass);
+        let count = self.dependencies[from..].partition_point(|dependency| dependency.second == pass);
+        &self.dependencies[from..from + count]
+    }
+
     /// Lists the other resources in the same memory.
     pub fn aliases(&self, id: ResourceId) -> impl Iterator<Item = ResourceId> + '_ {
         let block = self.resource(id).block.map(|block| &self.blocks[block.index()]);
@@ -270,7 +284,74 @@ pub struct Barrier {
     /// Accesses that the writes become visible to.
     pub target_accesses: Accesses,
     /// The conflicts that it resolves, one entry per resource: never empty.
-    pub dependencies: Vec<Dependency>,
+    pub dependencies: Vec<Cause>,
+}
+
+/// Requires an access of a later pass to come after one of an earlier pass, and to see what that wrote.
+///
+/// Only the accesses next to each other in time are listed: a write comes after all reads since the last write, and is after that
+/// write through them. All further order follows by chains.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dependency {
+    /// The kind of conflict; [`Hazard::LayoutChange`] where only the change of an image's layout waits, and not the pass itself.
+    pub hazard: Hazard,
+    /// The earlier pass.
+    pub first: PassId,
+    /// The later pass.
+    pub second: PassId,
+    /// Tells which run of the earlier pass it is.
+    pub since: Since,
+    /// The resource that the later pass accesses.
+    pub resource: ResourceId,
+    /// The resource that the earlier pass accessed, where it is another one in the same memory.
+    pub alias: Option<ResourceId>,
+    /// The smallest range of the resource that holds all bytes of the conflict.
+    pub bytes: Range<u64>,
+    /// The earlier accesses.
+    pub source: Scope,
+    /// The later accesses.
+    pub target: Scope,
+    /// The later pass finds the image in another layout, and the change of it waits for the earlier accesses.
+    pub changes_layout: bool,
+}
+
+/// Lists stages of a pass, and accesses at these.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Scope {
+    /// The stages.
+    pub stages: Stages,
+    /// The accesses.
+    pub accesses: Accesses,
+}
+
+/// Tells which run of the earlier pass a later one depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub enum Since {
+    /// Both run in the prologue, or in one frame.
+    Same,
+    /// The earlier pass runs in the prologue, the later one in the first frame.
+    Prologue,
+    /// The earlier pass runs in the frame before that of the later one.
+    PreviousFrame,
+}
+
+/// Says that a pass needs an image in another layout than the one that the passes before it left. APIs without layouts ignore it.
+///
+/// The change counts as a write of the whole image just before the pass. [`Dependency::changes_layout`] lists what it waits for, and
+/// nothing where the image was never touched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LayoutChange {
+    /// The image.
+    pub image: ResourceId,
+    /// The layout before; [`Layout::Undefined`] where the contents are not needed.
+    pub old: Layout,
+    /// The layout after.
+    pub new: Layout,
+    /// The pass that needs it.
+    pub before: PassId,
+    /// It happens once, between the prologue and the first frame, and brings the image to where a frame leaves it; `before` is the
+    /// first pass of the frame that touches the image.
+    pub handover: bool,
 }
 
 /// Changes an image's layout. `old` is [`Layout::Undefined`] where the contents are not needed.
@@ -286,7 +367,7 @@ pub struct Transition {
 
 /// Gives one reason for a barrier: the accesses of `after` conflict with those of `before`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Dependency {
+pub struct Cause {
     /// The kind of conflict.
     pub hazard: Hazard,
     /// The pass that needs it: that of the step, or a later one that would otherwise need a call of its own. (It may be one at

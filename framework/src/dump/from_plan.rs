@@ -9,7 +9,7 @@ use crate::ir::{
     Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
     Source, Stages, Value, Work,
 };
-use crate::plan::{Barrier, Dependency, Plan, Step, Warning};
+use crate::plan::{Barrier, Cause, Plan, Step, Warning};
 use std::collections::HashMap;
 
 /// The plan with names in place of numbers.
@@ -355,7 +355,7 @@ fn barrier_of(plan: &Plan, barrier: &Barrier, before: Option<PassId>, id: u32) -
     }
 }
 
-fn dependency_of(plan: &Plan, dependency: &Dependency) -> DumpDependency {
+fn dependency_of(plan: &Plan, dependency: &Cause) -> DumpDependency {
     DumpDependency {
         hazard: dependency.hazard,
         before: pass_place(plan, dependency.before),

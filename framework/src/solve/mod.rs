@@ -10,7 +10,9 @@
 
 mod barriers;
 mod compact;
+mod dependencies;
 mod effects;
+mod extents;
 mod memory;
 mod order;
 mod usage;
@@ -75,9 +77,17 @@ pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Option<Plan
     place(&mut plan, &prologue, frame, share_memory).then_some(plan)
 }
 
+/// Lists the dependencies and the layout changes of a plan made by hand, from the accesses of its passes in their order.
+pub fn add_dependencies(plan: &mut Plan) {
+    let ids = |steps: &[Step]| steps.iter().map(|step| step.pass).collect::<Vec<_>>();
+    let (prologue, frame) = (ids(&plan.prologue), ids(&plan.frame));
+    (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan, &prologue, &frame);
+}
+
 /// Gives the plan's resources their memory, and its passes, in this order, their barriers.
 fn place(plan: &mut Plan, prologue: &[PassId], frame: &[PassId], share_memory: bool) -> bool {
     plan.blocks = memory::place(&plan.passes, frame, &mut plan.resources, share_memory);
+    (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan, prologue, frame);
     let solved = barriers::place(plan, prologue, frame);
     let Some(solved) = solved else { return false };
     (plan.prologue, plan.handover, plan.frame) = (solved.prologue, solved.handover, solved.frame);

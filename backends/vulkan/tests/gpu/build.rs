@@ -138,6 +138,8 @@ impl Build {
                 passes: Vec::new(),
                 blocks: Vec::new(),
                 prologue: Vec::new(),
+                dependencies: vec![],
+                layout_changes: vec![],
                 handover: Vec::new(),
                 frame: Vec::new(),
                 culled: Vec::new(),

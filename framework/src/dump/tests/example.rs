@@ -275,6 +275,8 @@ impl Maker {
             passes: self.passes,
             blocks: self.blocks,
             prologue: vec![],
+            dependencies: vec![],
+            layout_changes: vec![],
             handover: vec![],
             frame: vec![],
             culled: vec![Culled {
@@ -323,7 +325,7 @@ fn place(plan: &mut Plan) {
     plan.handover = handover
         .drain(..)
         .map(|(pass, _, touch)| {
-            let dependency = Dependency {
+            let dependency = Cause {
                 hazard: Hazard::ReadAfterWrite,
                 before: frame[0],
                 resource: touch.resource,
@@ -361,7 +363,7 @@ fn step(plan: &Plan, past: &mut BTreeMap<String, Past>, id: PassId, frame: u32) 
                 (false, true) => Hazard::WriteAfterRead,
                 (false, false) => Hazard::LayoutChange,
             };
-            let dependency = Dependency {
+            let dependency = Cause {
                 hazard,
                 before: id,
                 resource: touch.resource,
@@ -396,7 +398,7 @@ fn step(plan: &Plan, past: &mut BTreeMap<String, Past>, id: PassId, frame: u32) 
 }
 
 /// The union of what its dependencies ask for.
-fn barrier(image: Option<Transition>, dependencies: Vec<Dependency>) -> Barrier {
+fn barrier(image: Option<Transition>, dependencies: Vec<Cause>) -> Barrier {
     let mut all = Barrier {
         image,
         source_stages: Stages::empty(),

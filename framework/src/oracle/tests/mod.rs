@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use super::*;
 use crate::{ir::*, plan::*};
 
-mod conflicts;
 mod contents;
+mod dependencies;
 mod frames;
 mod images;
 mod memory;
@@ -40,6 +40,8 @@ impl Sketch {
             passes: vec![],
             blocks: vec![],
             prologue: vec![],
+            dependencies: vec![],
+            layout_changes: vec![],
             handover: vec![],
             frame: vec![],
             culled: vec![],

@@ -2,7 +2,7 @@
 
 use super::scopes::{Masks, Time, with_later};
 use crate::ir::{Accesses, Hazard, PassId, ResourceId, Stages};
-use crate::plan::{Barrier, Dependency};
+use crate::plan::{Barrier, Cause};
 
 /// Why: what happened before, and to what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -125,25 +125,21 @@ pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool)
 }
 
 /// The needs, one entry per resource and hazard, as a barrier's reasons.
-pub(super) fn dependencies(needs: &[Requirement]) -> Vec<Dependency> {
-    let mut dependencies: Vec<Dependency> = Vec::new();
+pub(super) fn dependencies(needs: &[Requirement]) -> Vec<Cause> {
+    let mut dependencies: Vec<Cause> = Vec::new();
     for need in needs {
         let Reason { hazard, resource, alias, after, previous_frame, before, .. } = need.reason;
         let source = need.least_source();
         // Who reads and writes what another wrote says so once, as a reader.
         let apart = hazard == Hazard::WriteAfterRead;
-        let same = |d: &&mut Dependency| {
+        let same = |d: &&mut Cause| {
             (d.before, d.resource, d.alias, d.previous_frame) == (before, resource, alias, previous_frame)
                 && (d.hazard == Hazard::WriteAfterRead) == apart
         };
         let dependency = match dependencies.iter_mut().find(same) {
             Some(dependency) => dependency,
             None => {
-                dependencies.push(Dependency {
-                    alias,
-                    previous_frame,
-                    ..dependency(hazard, before, resource)
-                });
+                dependencies.push(Cause { alias, previous_frame, ..dependency(hazard, before, resource) });
                 dependencies.last_mut().expect("just pushed")
             }
         };
@@ -163,8 +159,8 @@ pub(super) fn dependencies(needs: &[Requirement]) -> Vec<Dependency> {
 }
 
 /// A reason that asks for nothing yet.
-pub(super) fn dependency(hazard: Hazard, before: PassId, resource: ResourceId) -> Dependency {
-    Dependency {
+pub(super) fn dependency(hazard: Hazard, before: PassId, resource: ResourceId) -> Cause {
+    Cause {
         hazard,
         before,
         resource,
@@ -182,7 +178,7 @@ pub(super) fn dependency(hazard: Hazard, before: PassId, resource: ResourceId) -
 pub(super) fn barrier(
     masks: Masks,
     image: Option<crate::plan::Transition>,
-    dependencies: Vec<Dependency>,
+    dependencies: Vec<Cause>,
 ) -> Barrier {
     Barrier {
         image,
