@@ -1,12 +1,17 @@
 //! The plan: the input of a backend, as plain data.
 //!
 //! A [`Plan`] names every resource with its size and its memory, every pass with its bindings, and two sequences of steps:
-//! the prologue, which runs once after the plan or the scene changed, and the frame, which runs every time. A step is a
-//! pass and the barriers that must be recorded just before it, in one call; the [handover](Plan::handover) is one more
-//! call, between the prologue and the first frame. Every frame records the same barriers.
+//! the prologue, which runs once after the plan or the scene changed, and the frame, which runs every time.
 //!
-//! Nothing in here belongs to one graphics API: the stages and access bits are named after Vulkan's synchronization2, which
-//! is the finer of the two models, and a Metal backend maps them down.
+//! What has to come after what is a list of [`Dependency`]s, and where images need another layout a list of [`LayoutChange`]s. `solve`
+//! makes both from the accesses of the passes, and nothing else looks for conflicts. Each API makes its commands of these lists:
+//!
+//! - Vulkan's barriers are made by `solve::barriers`. A [`Step`] holds those that are recorded just before its pass, in one call; the
+//!   [handover](Plan::handover) is one more call, between the prologue and the first frame. Every frame records the same barriers.
+//! - Metal's encoders, fences and barriers are made by its backend, which ignores Vulkan's.
+//!
+//! Stages and accesses have the names of Vulkan's synchronization2, the finer of the models. Metal maps them to the two stages of a
+//! draw.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -45,7 +50,7 @@ pub struct Plan {
     /// The memory of the transient resources. Each stands in one block, alone or with others that are never alive at the
     /// same time.
     pub blocks: Vec<Block>,
-    /// What has to come after what, in the order of the later passes' ids: see [`Plan::dependencies_of`].
+    /// What has to come after what, sorted by the ids of the later passes: see [`Plan::dependencies_of`].
     pub dependencies: Vec<Dependency>,
     /// Where images are needed in another layout: in the prologue, the handover, and the frame.
     pub layout_changes: Vec<LayoutChange>,
@@ -252,7 +257,7 @@ impl Resource {
     }
 }
 
-/// Records barriers together as one call, and then a pass.
+/// Holds a pass, and Vulkan's barriers before it, which are recorded as one call.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// At most one on all memory, which comes first, and one for each image that changes its layout. Those of one call do not
@@ -289,8 +294,8 @@ pub struct Barrier {
 
 /// Requires an access of a later pass to come after one of an earlier pass, and to see what that wrote.
 ///
-/// Only the accesses next to each other in time are listed: a write comes after all reads since the last write, and is after that
-/// write through them. All further order follows by chains.
+/// Only accesses next to each other in time are listed. A read comes after the last write. A write comes after all reads since the last
+/// write, or after that write if nothing has read it. All other order follows from chains of these.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dependency {
     /// The kind of conflict; [`Hazard::LayoutChange`] where only the change of an image's layout waits, and not the pass itself.

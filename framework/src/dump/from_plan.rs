@@ -1,15 +1,15 @@
 //! From the plan to its dump: names for numbers, sums, lifetimes.
 
 use super::{
-    BarrierTotals, DUMP_VERSION, Define, Dump, DumpBarrier, DumpBinding, DumpBlock, DumpDependency,
-    DumpLeftOut, DumpParameter, DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader, DumpStat,
-    DumpTarget, DumpTouch, DumpTransition, DumpWarning, Lifetime, Masks, Place, Totals, repeats,
+    BarrierTotals, DUMP_VERSION, Define, Dump, DumpBarrier, DumpBinding, DumpBlock, DumpCause,
+    DumpDependency, DumpLeftOut, DumpParameter, DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader,
+    DumpStat, DumpTarget, DumpTouch, DumpTransition, DumpWarning, Lifetime, Masks, Place, Totals, repeats,
 };
 use crate::ir::{
     Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
     Source, Stages, Value, Work,
 };
-use crate::plan::{Barrier, Cause, Plan, Step, Warning};
+use crate::plan::{Barrier, Cause, Dependency, Plan, Step, Warning};
 use std::collections::HashMap;
 
 /// The plan with names in place of numbers.
@@ -260,6 +260,7 @@ fn pass_of(plan: &Plan, id: PassId, barriers: Vec<DumpBarrier>) -> DumpPass {
             .collect(),
         push: push(plan, pass, &shaders),
         shaders: shaders.iter().map(|id| shader_of(plan, *id)).collect(),
+        dependencies: plan.dependencies_of(id).iter().map(|d| dependency_of(plan, d)).collect(),
         barriers,
         gpu_ms: None,
         declared: pass.origin.clone(),
@@ -351,12 +352,12 @@ fn barrier_of(plan: &Plan, barrier: &Barrier, before: Option<PassId>, id: u32) -
             (barrier.source_stages, barrier.source_accesses),
             (barrier.target_stages, barrier.target_accesses),
         ),
-        dependencies: barrier.dependencies.iter().map(|d| dependency_of(plan, d)).collect(),
+        dependencies: barrier.dependencies.iter().map(|d| cause_of(plan, d)).collect(),
     }
 }
 
-fn dependency_of(plan: &Plan, dependency: &Cause) -> DumpDependency {
-    DumpDependency {
+fn cause_of(plan: &Plan, dependency: &Cause) -> DumpCause {
+    DumpCause {
         hazard: dependency.hazard,
         before: pass_place(plan, dependency.before),
         resource: resource_place(plan, dependency.resource),
@@ -367,6 +368,21 @@ fn dependency_of(plan: &Plan, dependency: &Cause) -> DumpDependency {
             (dependency.source_stages, dependency.source_accesses),
             (dependency.target_stages, dependency.target_accesses),
         ),
+    }
+}
+
+fn dependency_of(plan: &Plan, dependency: &Dependency) -> DumpDependency {
+    let Dependency { hazard, since, bytes, source, target, changes_layout, .. } = dependency;
+    DumpDependency {
+        hazard: *hazard,
+        pass: pass_place(plan, dependency.first),
+        since: *since,
+        resource: resource_place(plan, dependency.resource),
+        alias: dependency.alias.map(|id| resource_place(plan, id)),
+        start: bytes.start,
+        end: bytes.end,
+        changes_layout: *changes_layout,
+        masks: masks((source.stages, source.accesses), (target.stages, target.accesses)),
     }
 }
 

@@ -87,6 +87,11 @@ pub fn add_dependencies(plan: &mut Plan) {
 /// Gives the plan's resources their memory, and its passes, in this order, their barriers.
 fn place(plan: &mut Plan, prologue: &[PassId], frame: &[PassId], share_memory: bool) -> bool {
     plan.blocks = memory::place(&plan.passes, frame, &mut plan.resources, share_memory);
+    synchronise(plan, prologue, frame)
+}
+
+/// Gives the plan its dependencies and its barriers; its resources have their memory.
+pub(crate) fn synchronise(plan: &mut Plan, prologue: &[PassId], frame: &[PassId]) -> bool {
     (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan, prologue, frame);
     let solved = barriers::place(plan, prologue, frame);
     let Some(solved) = solved else { return false };

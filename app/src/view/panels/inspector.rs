@@ -169,6 +169,14 @@ fn show_pass<D: Device>(
             show_touch(ui, viewport, pass, touch, target);
         }
     }
+    if !pass.dependencies.is_empty() {
+        heading(ui, "Comes after");
+        for dependency in &pass.dependencies {
+            if link(ui, dump::dependency_line(dependency)).clicked() {
+                *target.selection = Some(Selection::Pass(dependency.pass.name.clone()));
+            }
+        }
+    }
     if !pass.barriers.is_empty() {
         heading(ui, "Waits at");
         for barrier in &pass.barriers {
@@ -254,7 +262,7 @@ fn show_barrier(ui: &mut Ui, barrier: &DumpBarrier, target: &mut Target) {
     fact(ui, "Holds up", masks(&barrier.masks.target_stages, &barrier.masks.target_accesses));
     heading(ui, format!("Hazards resolved: {}", barrier.dependencies.len()));
     for dependency in &barrier.dependencies {
-        let kind = dump::dependency_line(barrier, dependency);
+        let kind = dump::cause_line(barrier, dependency);
         ui.add(egui::Label::new(kind).wrap());
         ui.horizontal_wrapped(|ui| {
             let Place { name, declared } = &dependency.resource;
