@@ -54,11 +54,11 @@ fn encoder_of(plan: &Plan, encoding: &Encoding, reasons: impl Fn(Point) -> Vec<D
 }
 
 fn reason_of(plan: &Plan, reason: &Cause) -> DumpReason {
-    let pass = |id: &PassId| dump::Place {
+    let pass = |id: &PassId| dump::Declared {
         name: plan.pass(*id).name.clone(),
         declared: plan.pass(*id).origin.clone(),
     };
-    let resource = |id: ResourceId| dump::Place {
+    let resource = |id: ResourceId| dump::Declared {
         name: plan.resource(id).name.clone(),
         declared: plan.resource(id).origin.clone(),
     };

@@ -1,9 +1,9 @@
 //! From the plan to its dump: names for numbers, sums, lifetimes.
 
 use super::{
-    BarrierTotals, DUMP_VERSION, Define, Dump, DumpBarrier, DumpBinding, DumpBlock, DumpCause,
+    BarrierTotals, DUMP_VERSION, Declared, Define, Dump, DumpBarrier, DumpBinding, DumpBlock, DumpCause,
     DumpDependency, DumpLeftOut, DumpParameter, DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader,
-    DumpStat, DumpTarget, DumpTouch, DumpTransition, DumpWarning, Lifetime, Masks, Place, Totals, repeats,
+    DumpStat, DumpTarget, DumpTouch, DumpTransition, DumpWarning, Lifetime, Masks, Totals, repeats,
 };
 use crate::ir::{
     Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
@@ -386,12 +386,12 @@ fn dependency_of(plan: &Plan, dependency: &Dependency) -> DumpDependency {
     }
 }
 
-fn pass_place(plan: &Plan, id: PassId) -> Place {
-    Place { name: plan.pass(id).name.clone(), declared: plan.pass(id).origin.clone() }
+fn pass_place(plan: &Plan, id: PassId) -> Declared {
+    Declared { name: plan.pass(id).name.clone(), declared: plan.pass(id).origin.clone() }
 }
 
-fn resource_place(plan: &Plan, id: ResourceId) -> Place {
-    Place { name: plan.resource(id).name.clone(), declared: plan.resource(id).origin.clone() }
+fn resource_place(plan: &Plan, id: ResourceId) -> Declared {
+    Declared { name: plan.resource(id).name.clone(), declared: plan.resource(id).origin.clone() }
 }
 
 fn masks(source: (Stages, Accesses), target: (Stages, Accesses)) -> Masks {

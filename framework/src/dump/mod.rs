@@ -366,7 +366,7 @@ pub struct DumpPush {
 
 /// A resource or a pass, and where the graph declares it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Place {
+pub struct Declared {
     /// Name of the resource or pass, as in the dump.
     pub name: String,
     /// Position of its declaration.
@@ -379,13 +379,13 @@ pub struct DumpDependency {
     /// Kind of conflict; [`Hazard::LayoutChange`] where only the change of the image's layout waits.
     pub hazard: Hazard,
     /// The earlier pass.
-    pub pass: Place,
+    pub pass: Declared,
     /// Which run of it: in the same frame, the prologue or the frame before.
     pub since: Since,
     /// The resource that the later pass accesses.
-    pub resource: Place,
+    pub resource: Declared,
     /// The resource that the earlier pass accessed, where it is another one in the same memory.
-    pub alias: Option<Place>,
+    pub alias: Option<Declared>,
     /// First byte of the resource in the conflict.
     pub start: u64,
     /// End of these bytes, exclusive.
@@ -403,7 +403,7 @@ pub struct DumpBarrier {
     /// Counts from 1 in the order of recording: prologue, handover, frame.
     pub id: u32,
     /// The pass that follows it; `None` in the handover.
-    pub before: Option<Place>,
+    pub before: Option<Declared>,
     /// The image that changes its layout; `None` for a barrier on all memory.
     pub image: Option<DumpTransition>,
     /// Stages and accesses: the union over all dependencies.
@@ -444,15 +444,15 @@ pub struct DumpCause {
     pub hazard: Hazard,
     /// The pass that needs it: the one after the barrier, or a later one that would otherwise need a call of its own. (It may
     /// be one at the start of the next frame that depends on the last call of this one.)
-    pub before: Place,
+    pub before: Declared,
     /// The resource that this pass accesses.
-    pub resource: Place,
+    pub resource: Declared,
     /// The passes that are waited for. Empty where an image was never touched.
-    pub after: Vec<Place>,
+    pub after: Vec<Declared>,
     /// They ran in the frame before that of `before`.
     pub previous_frame: bool,
     /// The resource that they touched, where it is another one in the same memory.
-    pub alias: Option<Place>,
+    pub alias: Option<Declared>,
     /// Masks that this reason alone requires.
     #[serde(flatten)]
     pub masks: Masks,

@@ -3,8 +3,8 @@
 use std::fmt::{self, Write};
 
 use super::{
-    BarrierTotals, Dump, DumpBarrier, DumpCause, DumpDependency, DumpPass, DumpResource, Lifetime, Masks,
-    Place,
+    BarrierTotals, Declared, Dump, DumpBarrier, DumpCause, DumpDependency, DumpPass, DumpResource, Lifetime,
+    Masks,
 };
 use crate::ir::{Hazard, Run};
 use crate::plan::Since;
@@ -259,7 +259,7 @@ pub fn cause_line(barrier: &DumpBarrier, d: &DumpCause) -> String {
         line += &format!(" in the memory of {}", alias.name);
     }
     if !d.after.is_empty() {
-        let after: Vec<&str> = d.after.iter().map(|Place { name, .. }| name.as_str()).collect();
+        let after: Vec<&str> = d.after.iter().map(|Declared { name, .. }| name.as_str()).collect();
         let frame = if d.previous_frame { " of the frame before" } else { "" };
         line += &format!(", after {}{frame}", after.join(", "));
     }

@@ -150,7 +150,7 @@ pub fn dependencies(plan: &Plan) -> Vec<Objection> {
         check.pass(Occurrence { frame: None, pass: step.pass });
     }
     for frame in 0..FRAMES {
-        for (place, cells) in trace.places.iter().map(|place| (place, place.cells(0))) {
+        for (place, cells) in trace.resources.iter().map(|place| (place, place.cells(0))) {
             if place.per_frame() {
                 check.cells[cells].iter_mut().for_each(Vec::clear);
             }
@@ -188,7 +188,7 @@ impl<'a> Check<'a> {
                 }
             }
             if access.writes() {
-                for image in &trace.place(access.resource).alias_images {
+                for image in &trace.resource(access.resource).alias_images {
                     self.layouts[image.index()] = Layout::Undefined;
                 }
             }
@@ -231,7 +231,7 @@ impl<'a> Check<'a> {
         }
         self.layouts[image.index()] = new;
         let mut pairs = Vec::new();
-        for cell in self.trace.place(image).cells(0) {
+        for cell in self.trace.resource(image).cells(0) {
             for (back, event) in self.cells[cell].iter().rev().enumerate() {
                 let Event::Pass(first, accesses) = event else { break };
                 let wanted = accesses.iter().filter(|access| match access.writes() {

@@ -276,7 +276,7 @@ impl Walk<'_> {
                     || (d.hazard, d.target) == (hazard, target))
         };
         let mut known = false;
-        for dependency in found.iter_mut().filter(|d| same(&d)) {
+        for dependency in found.iter_mut().filter(|d| same(d)) {
             dependency.changes_layout |= changes_layout;
             dependency.bytes = hull(&dependency.bytes, &bytes);
             known = true;

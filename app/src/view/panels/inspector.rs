@@ -8,7 +8,7 @@ use crate::view::viewport::Viewport;
 use egui::{RichText, Ui};
 use egui_plot::{Line, Plot, PlotPoints};
 use splatgraph_api::Device;
-use splatgraph_framework::dump::{self, Dump, DumpBarrier, DumpPass, DumpResource, DumpTouch, Place};
+use splatgraph_framework::dump::{self, Declared, Dump, DumpBarrier, DumpPass, DumpResource, DumpTouch};
 use splatgraph_framework::ir::{Origin, Run};
 
 /// The state of the tool.
@@ -265,7 +265,7 @@ fn show_barrier(ui: &mut Ui, barrier: &DumpBarrier, target: &mut Target) {
         let kind = dump::cause_line(barrier, dependency);
         ui.add(egui::Label::new(kind).wrap());
         ui.horizontal_wrapped(|ui| {
-            let Place { name, declared } = &dependency.resource;
+            let Declared { name, declared } = &dependency.resource;
             if link(ui, name).clicked() {
                 *target.selection = Some(Selection::Resource(name.clone()));
             }

@@ -206,7 +206,7 @@ fn a_need_of_another_pass_is_named_with_it() {
     let line = cause_line(&barrier, &barrier.dependencies[0]);
     assert!(!line.contains(", for "), "{line}");
     barrier.dependencies[0].before =
-        Place { name: "sort.clear".into(), ..barrier.dependencies[0].before.clone() };
+        Declared { name: "sort.clear".into(), ..barrier.dependencies[0].before.clone() };
     let line = cause_line(&barrier, &barrier.dependencies[0]);
     assert!(line.contains(", for sort.clear: "), "{line}");
 }

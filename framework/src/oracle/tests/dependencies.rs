@@ -60,7 +60,9 @@ fn every_reader_since_the_last_write_has_a_dependency_and_the_write_has_none() {
 
 #[test]
 fn a_missing_dependency_is_named_by_both_passes_and_accesses() {
-    let text = found(shared(), |plan| drop(plan.dependencies.remove(1)));
+    let text = found(shared(), |plan| {
+        plan.dependencies.remove(1);
+    });
     let expected = "no dependency of `one` on `write` orders STORAGE_READ at COMPUTE after STORAGE_WRITE at COMPUTE of `x` (ReadAfterWrite)";
     assert_eq!(text, [expected]);
 }
