@@ -289,7 +289,7 @@ pub struct Barrier {
     /// Accesses that the writes become visible to.
     pub target_accesses: Accesses,
     /// The conflicts that it resolves, one entry per resource: never empty.
-    pub dependencies: Vec<Cause>,
+    pub causes: Vec<Cause>,
 }
 
 /// Requires an access of a later pass to come after one of an earlier pass, and to see what that wrote.

@@ -1,4 +1,5 @@
-//! The built-in graphs with one mistake each: every barrier of their plans taken away, and every bit of every mask.
+//! The built-in graphs with one mistake each: every barrier of their plans taken away, and every bit of every mask; and the same of
+//! every dependency, to which the check of dependencies has to object.
 //!
 //! Three judges look at them. The longest [`chain`] of a frame says how few calls there can be. The oracle of the framework has
 //! to accept each plan and to object to each mutant of it, so that nothing is missing and nothing is needless. And the
@@ -160,10 +161,10 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
         let draws = |id: &PassId| matches!(plan.pass(*id).work, Work::Draw { .. });
         let args = plan.find_resource("order.args").expect("the draw has arguments");
         for barrier in builds::calls(&plan).flatten() {
-            let after_draw = barrier.dependencies.iter().any(|dependency| {
-                dependency.resource == args
-                    && dependency.hazard == Hazard::WriteAfterRead
-                    && dependency.after.iter().any(draws)
+            let after_draw = barrier.causes.iter().any(|cause| {
+                cause.resource == args
+                    && cause.hazard == Hazard::WriteAfterRead
+                    && cause.after.iter().any(draws)
             });
             if after_draw {
                 waits += 1;

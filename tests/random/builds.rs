@@ -136,7 +136,7 @@ pub fn shown(plan: &Plan) -> String {
                             format!("{} / {}", names(stages.iter_names()), names(accesses.iter_names()))
                         },
                     );
-                let reasons: Vec<String> = (b.dependencies.iter())
+                let reasons: Vec<String> = (b.causes.iter())
                     .map(|d| {
                         let after: Vec<&str> = d.after.iter().map(|id| name(*id)).collect();
                         let resource = &plan.resource(d.resource).name;

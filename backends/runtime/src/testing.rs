@@ -114,7 +114,7 @@ pub(crate) fn on_memory(source: (Stages, Accesses), target: (Stages, Accesses)) 
         source_accesses: source.1,
         target_stages: target.0,
         target_accesses: target.1,
-        dependencies: Vec::new(),
+        causes: Vec::new(),
     }
 }
 

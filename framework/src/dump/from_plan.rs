@@ -132,7 +132,7 @@ fn call_totals(barriers: &[Barrier]) -> BarrierTotals {
         barriers: barriers.len(),
         memory_barriers: barriers.len() - images,
         image_barriers: images,
-        dependencies: barriers.iter().map(|b| b.dependencies.len()).sum(),
+        dependencies: barriers.iter().map(|b| b.causes.len()).sum(),
     }
 }
 
@@ -352,7 +352,7 @@ fn barrier_of(plan: &Plan, barrier: &Barrier, before: Option<PassId>, id: u32) -
             (barrier.source_stages, barrier.source_accesses),
             (barrier.target_stages, barrier.target_accesses),
         ),
-        dependencies: barrier.dependencies.iter().map(|d| cause_of(plan, d)).collect(),
+        dependencies: barrier.causes.iter().map(|d| cause_of(plan, d)).collect(),
     }
 }
 

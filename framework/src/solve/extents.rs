@@ -1,7 +1,7 @@
 //! Byte ranges of uses.
 //!
 //! Memory is cut into cells at every boundary: of an alias of a block, of the arguments of an indirect command, of the word of a
-//! statistic. State is tracked per cell, so that the export of one word of a buffer does not affect its other words, and the
+//! statistic. Dependencies are found per cell, so that the export of one word of a buffer does not affect its other words, and the
 //! next alias of a block does not affect bytes beyond its own end.
 
 use std::collections::BTreeSet;

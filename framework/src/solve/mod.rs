@@ -1,12 +1,13 @@
-//! The solver: turns linked passes into a plan with an order, memory and barriers.
+//! The solver: turns linked passes into a plan with an order, memory, dependencies and barriers.
 //!
 //! Each step has a file. `order` builds the dependency graph (petgraph; read-after-write, write-after-read and
 //! write-after-write), culls passes whose results are unused, and sorts the rest; ties follow the order of the file, so that
 //! the same file always gives the same plan. `compact` drops the resources that no remaining pass uses and numbers the others
 //! with the plan's ids; `usage` records the uses of each. `effects` says which
-//! passes depend on each parameter. `memory` lets resources share blocks. `barriers` walks the sorted
-//! passes with a model of the state of memory, and places a barrier exactly where there would otherwise be a hazard. `warnings` points out
-//! what is allowed and probably not meant.
+//! passes depend on each parameter. `memory` lets resources share blocks. `dependencies` walks the sorted
+//! passes with the state of every piece of memory (cut by `extents`) and lists what has to come after what. `barriers` makes Vulkan's
+//! barriers of that list: it looks at no memory, and imports nothing but the plan. `warnings` points out what is allowed and probably
+//! not meant.
 
 mod barriers;
 mod compact;
@@ -26,7 +27,7 @@ use crate::lower::{Lowered, LoweredResource, ResourceHandle};
 use crate::plan::{Plan, Resource, Step};
 use crate::source::{Diagnostic, SourceMap};
 
-/// Orders and culls the passes, and places memory (shared where `share_memory`) and barriers.
+/// Orders and culls the passes, places memory (shared where `share_memory`), and lists dependencies and barriers.
 pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
     let Linked { mut lowered, shaders, mut passes } = linked;
     passes.extend(end(&mut lowered, files));

@@ -228,7 +228,7 @@ fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
         source_accesses: source.1,
         target_stages: target.0,
         target_accesses: target.1,
-        dependencies: vec![],
+        causes: vec![],
     }
 }
 

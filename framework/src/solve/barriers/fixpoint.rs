@@ -45,9 +45,9 @@ fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     match call.iter_mut().find(|b| b.image == barrier.image) {
         Some(known) => {
             *known = Masks::of(known).with(Masks::of(&barrier)).on(known);
-            for dependency in barrier.dependencies {
-                if !known.dependencies.contains(&dependency) {
-                    known.dependencies.push(dependency);
+            for cause in barrier.causes {
+                if !known.causes.contains(&cause) {
+                    known.causes.push(cause);
                 }
             }
         }

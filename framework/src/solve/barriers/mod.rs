@@ -1,9 +1,10 @@
-//! Placement of barriers: a walk over the passes that tracks the state of every piece of memory.
+//! Vulkan's barriers, from the dependencies of a plan: a walk over the passes that tracks the effect of the barriers so far.
 //!
 //! A barrier is placed as late as possible, immediately before the pass that requires it, with as few bits as suffice. Where all
 //! causes of a requirement precede the last call, that call gets the bits instead, so that there are as few calls as possible.
 //! For each pass the walk asks which requirements the barriers so far leave unmet: `needs` represents a requirement, `state`
-//! tracks the passes and the layouts, and `scopes` tracks the effect of the barriers.
+//! tracks the passes and the layouts, and `scopes` tracks the effect of the barriers. Which accesses conflict and where layouts change
+//! is read from the plan. A dependency from before a layout change counts as one on the change, which waited for it.
 //!
 //! Every frame records the same barriers, and follows a frame that did. So the walk over the frame is repeated until the list of
 //! barriers is a fixpoint; usually two rounds find it and a third confirms it. Additional requirements of the first frame, which
@@ -95,27 +96,27 @@ struct Handover {
 impl Handover {
     fn barriers(&self) -> Vec<Barrier> {
         let of_prologue = |needs: &[Requirement]| {
-            let mut dependencies = needs::dependencies(needs);
-            dependencies.iter_mut().for_each(|d| d.previous_frame = false);
-            dependencies
+            let mut causes = needs::causes(needs);
+            causes.iter_mut().for_each(|d| d.previous_frame = false);
+            causes
         };
         let mut barriers = Vec::new();
         if self.memory != Masks::default() {
             barriers.push(needs::barrier(self.memory, None, of_prologue(&self.needs)));
         }
         for (transition, masks, needs, first) in &self.images {
-            let mut dependencies = of_prologue(needs);
-            if dependencies.is_empty() {
-                dependencies.push(needs::dependency(Hazard::LayoutChange, *first, transition.image));
+            let mut causes = of_prologue(needs);
+            if causes.is_empty() {
+                causes.push(needs::cause(Hazard::LayoutChange, *first, transition.image));
             }
-            for dependency in &mut dependencies {
-                dependency.target_stages = masks.target_stages;
-                dependency.target_accesses = masks.target_accesses;
-                if dependency.hazard == Hazard::WriteAfterWrite && masks.target_accesses.reads() {
-                    dependency.hazard = Hazard::ReadAfterWrite;
+            for cause in &mut causes {
+                cause.target_stages = masks.target_stages;
+                cause.target_accesses = masks.target_accesses;
+                if cause.hazard == Hazard::WriteAfterWrite && masks.target_accesses.reads() {
+                    cause.hazard = Hazard::ReadAfterWrite;
                 }
             }
-            barriers.push(needs::barrier(*masks, Some(*transition), dependencies));
+            barriers.push(needs::barrier(*masks, Some(*transition), causes));
         }
         barriers
     }

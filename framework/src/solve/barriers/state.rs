@@ -105,8 +105,8 @@ impl Call {
     }
 
     fn barriers(&self) -> Vec<Barrier> {
-        let dependencies = needs::dependencies(&self.reasons);
-        let memory = (!dependencies.is_empty()).then(|| needs::barrier(self.memory, None, dependencies));
+        let causes = needs::causes(&self.reasons);
+        let memory = (!causes.is_empty()).then(|| needs::barrier(self.memory, None, causes));
         memory.into_iter().chain(self.images.iter().cloned()).collect()
     }
 }
@@ -457,15 +457,15 @@ impl Change {
     fn barrier(&self) -> Barrier {
         let mut masks = needs::least_source(&self.needs);
         masks.add(self.target);
-        let mut dependencies = needs::dependencies(&self.needs);
-        if dependencies.is_empty() {
-            let first = needs::dependency(Hazard::LayoutChange, self.before, self.transition.image);
-            dependencies.push(first);
+        let mut causes = needs::causes(&self.needs);
+        if causes.is_empty() {
+            let first = needs::cause(Hazard::LayoutChange, self.before, self.transition.image);
+            causes.push(first);
         }
-        for dependency in &mut dependencies {
-            dependency.target_stages = self.target.target_stages;
-            dependency.target_accesses = self.target.target_accesses;
+        for cause in &mut causes {
+            cause.target_stages = self.target.target_stages;
+            cause.target_accesses = self.target.target_accesses;
         }
-        needs::barrier(masks, Some(self.transition), dependencies)
+        needs::barrier(masks, Some(self.transition), causes)
     }
 }
