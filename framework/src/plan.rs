@@ -6,7 +6,7 @@
 //! What has to come after what is a list of [`Dependency`]s, and where images need another layout a list of [`LayoutChange`]s. `solve`
 //! makes both from the accesses of the passes, and nothing else looks for conflicts. Each API makes its commands of these lists:
 //!
-//! - Vulkan's barriers are made by `solve::barriers`. A [`Step`] holds those that are recorded just before its pass, in one call; the
+//! - Vulkan's barriers are made by `barriers`. A [`Step`] holds those that are recorded just before its pass, in one call; the
 //!   [handover](Plan::handover) is one more call, between the prologue and the first frame. Every frame records the same barriers.
 //! - Metal's encoders, fences and barriers are made by its backend, which ignores Vulkan's.
 //!

@@ -5,11 +5,9 @@
 //! the same file always gives the same plan. `compact` drops the resources that no remaining pass uses and numbers the others
 //! with the plan's ids; `usage` records the uses of each. `effects` says which
 //! passes depend on each parameter. `memory` lets resources share blocks. `dependencies` walks the sorted
-//! passes with the state of every piece of memory (cut by `extents`) and lists what has to come after what. `barriers` makes Vulkan's
-//! barriers of that list: it looks at no memory, and imports nothing but the plan. `warnings` points out what is allowed and probably
-//! not meant.
+//! passes with the state of every piece of memory (cut by `extents`) and lists what has to come after what; [`crate::barriers`]
+//! makes Vulkan's barriers of that list. `warnings` points out what is allowed and probably not meant.
 
-mod barriers;
 mod compact;
 mod dependencies;
 mod effects;
@@ -19,6 +17,7 @@ mod order;
 mod usage;
 mod warnings;
 
+use crate::barriers;
 use crate::ir::{
     Accesses, EXPORT, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
 };

@@ -3,8 +3,9 @@
 //! A barrier is placed as late as possible, immediately before the pass that requires it, with as few bits as suffice. Where all
 //! causes of a requirement precede the last call, that call gets the bits instead, so that there are as few calls as possible.
 //! For each pass the walk asks which requirements the barriers so far leave unmet: `needs` represents a requirement, `state`
-//! tracks the passes and the layouts, and `scopes` tracks the effect of the barriers. Which accesses conflict and where layouts change
-//! is read from the plan. A dependency from before a layout change counts as one on the change, which waited for it.
+//! tracks the passes and the layouts, and `scopes` tracks the effect of the barriers. Nothing here looks at memory: which accesses
+//! conflict and where layouts change is read from the plan. A dependency on an access before a layout change counts as one on the change,
+//! which waited for that access.
 //!
 //! Every frame records the same barriers, and follows a frame that did. So the walk over the frame is repeated until the list of
 //! barriers is a fixpoint; usually two rounds find it and a third confirms it. Additional requirements of the first frame, which
@@ -21,7 +22,8 @@ use needs::Requirement;
 use scopes::Masks;
 use state::{Inputs, SyncState};
 
-pub(super) struct Solved {
+/// The barriers of a plan.
+pub(crate) struct Barriers {
     pub prologue: Vec<Step>,
     pub handover: Vec<Barrier>,
     pub frame: Vec<Step>,
@@ -32,7 +34,7 @@ const MOST_ROUNDS: usize = 8;
 
 /// Places the barriers of the prologue, the handover and the frame. Those of the plan so far are not looked at. `None` if none
 /// were found that hold, which would be a mistake in here.
-pub(super) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Option<Solved> {
+pub(crate) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Option<Barriers> {
     let inputs = Inputs::new(plan);
     let walk = |state: &mut SyncState, ids: &[PassId]| -> Vec<Step> {
         state.start_frame();
@@ -50,13 +52,13 @@ pub(super) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Optio
         let again = walk(&mut state, frame);
         if again == steps {
             let handover = handover(&start, &steps, &inputs)?;
-            return Some(Solved { prologue, handover, frame: steps });
+            return Some(Barriers { prologue, handover, frame: steps });
         }
         steps = again;
     }
     let frame = fixpoint::fixpoint(steps, walk(&mut state, frame), &inputs)?;
     let handover = handover(&start, &frame, &inputs)?;
-    Some(Solved { prologue, handover, frame })
+    Some(Barriers { prologue, handover, frame })
 }
 
 /// Computes the one call between prologue and first frame; `None` if no call suffices.
