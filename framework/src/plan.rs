@@ -292,7 +292,7 @@ pub struct Barrier {
     pub causes: Vec<Cause>,
 }
 
-/// Requires an access of a later pass to come after one of an earlier pass, and to see what that wrote.
+/// Orders an access of a later pass after one of an earlier pass, and shows it what that wrote.
 ///
 /// Only accesses next to each other in time are listed. A read comes after the last write. A write comes after all reads since the last
 /// write, or after that write if nothing has read it. All other order follows from chains of these.
@@ -340,9 +340,9 @@ pub enum Since {
     PreviousFrame,
 }
 
-/// Says that a pass needs an image in another layout than the one that the passes before it left. APIs without layouts ignore it.
+/// Says that a pass needs an image in another layout than the passes before it left.
 ///
-/// The change counts as a write of the whole image just before the pass. [`Dependency::changes_layout`] lists what it waits for, and
+/// APIs without layouts ignore it. The change counts as a write of the whole image just before the pass. [`Dependency::changes_layout`] lists what it waits for, and
 /// nothing where the image was never touched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LayoutChange {

@@ -228,7 +228,9 @@ fn too_large(planner: &mut Planner, graph: &str, set: &[(String, String)], splat
     (!fit.fits).then_some(fit)
 }
 
-/// Checks the dependencies, replays the plan with the oracle, and tries every mutation; returns the counts, or the violations and the needless parts.
+/// Checks the dependencies, replays the plan with the oracle, and tries every mutation.
+///
+/// Returns the counts, or what is missing and what is needless.
 fn verify(plan: &Plan) -> Result<String, String> {
     let objections = oracle::dependencies(plan);
     let mut problems: Vec<String> = objections.iter().map(|objection| objection.describe(plan)).collect();

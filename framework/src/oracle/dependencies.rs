@@ -357,7 +357,9 @@ impl<'a> Check<'a> {
     }
 }
 
-/// Returns true if a read is at a stage at which its pass does not also write: then only the order after the read says when it is over.
+/// Returns true if the pass of a read does not also write at that stage.
+///
+/// Otherwise the order after the write holds for the read as well.
 fn is_apart(read: &Access, accesses: &[&Access]) -> bool {
     !accesses.iter().any(|other| other.writes() && other.stage == read.stage)
 }

@@ -44,7 +44,7 @@ pub(super) fn dependencies(
     (changes, dependencies)
 }
 
-/// Lists the changes of layouts, from the uses alone: first those of the prologue, then the handover's, then those of every frame.
+/// Lists the layout changes from the uses alone: those of the prologue, of the handover, and of every frame.
 fn layout_changes(
     plan: &Plan,
     extents: &Extents,
